@@ -20,8 +20,8 @@ from benchmarks.truth_streams import Form, Samples
 from lidario.families.ldrobot.simulated import packers as ldrobot
 from lidario.families.rplidar.simulated import packers as rplidar
 from lidario.families.rplidar.simulated.device import PROFILES
+from lidario.families.rplidar.simulated.identity import pack_announcement
 from lidario.families.rplidar.simulated.profile import Mode, Profile
-from lidario.families.rplidar.simulated.responses import pack_announcement
 from lidario.families.ydlidar.models import MODELS
 from lidario.families.ydlidar.simulated import packers as ydlidar
 from lidario.families.ydlidar.simulated.profiles import PROFILES as YDLIDARS

@@ -11,33 +11,36 @@ import copy
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import NamedTuple, Self
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.samples import Samples, SteadySamples
-from lidario.families.spans import Arcs, Heads, SteadyArcs, Turning
+from lidario.families.spans import Arc, Arcs, Heads, Ints, SteadyArcs, Turning
 from lidario.wire.events import Packets
 
-__all__ = ["ArcDecoder", "Decoded", "Floats", "in_turn"]
+__all__ = ["ArcDecoder", "Floats", "Output", "at_equal_steps", "in_turn", "starts_and_arcs", "write_degrees"]
 
 Floats = NDArray[np.float32]
 
 
-class Decoded(NamedTuple):
-    """The arrays of `Samples`, shape (room + n,) each.
+@dataclass(slots=True, eq=False)
+class Output:
+    """Where samples are written: arrays of shape (packets, samples) where all packets have as many, else flat.
 
     Attributes:
         angle: Degrees.
         distance: Millimetres.
-        intensity: None where the format carries none.
+        intensity: Not looked at where the format carries none.
         last: What the next packets need of these.
     """
 
     angle: Floats
     distance: Floats
-    intensity: NDArray[np.uint8] | None
+    intensity: NDArray[np.uint8]
     last: float = 0.0
 
 
@@ -47,7 +50,12 @@ class ArcDecoder(ABC):
     Args:
         full_turn: 360 degrees in the unit of the headings.
         turning: Follows the rotor.
+
+    Attributes:
+        has_intensity: Whether the format carries intensities.
     """
+
+    has_intensity: bool = True
 
     def __init__(self, full_turn: int, turning: Turning) -> None:
         self._full_turn = full_turn
@@ -66,14 +74,14 @@ class ArcDecoder(ABC):
         arcs = self._turning.follow(heads, packets.arrivals)
         ends = self._ends(heads)
         gaps, lost = self._gaps(heads, arcs)
-        decoded = self._samples(packets, heads, arcs, ends, room)
-        self._remember(heads, decoded.last)
+        angle, distance, intensity, last = self._decoded(heads, arcs, ends, room)
+        self._remember(heads, last)
         count, turn = len(heads.first), self._full_turn / arcs.step if arcs.step else 0.0
         rpm = self._reported_rpm(heads, 0, count)
         return Samples(
-            angle_deg=decoded.angle,
-            distance_mm=decoded.distance,
-            intensity=decoded.intensity,
+            angle_deg=angle,
+            distance_mm=distance,
+            intensity=intensity,
             before_seam=ends[-1] - (0 if seam is None else self._behind_seam(heads, arcs, count - 1, seam)),
             ends=ends,
             lost=sum(lost),
@@ -97,7 +105,7 @@ class ArcDecoder(ABC):
             return None
         sample_ends = self._ends(heads)
         whole = Arcs(arcs.arc, None, arcs.steps[-1], certain=True)
-        decoded = self._samples(packets, heads, whole, sample_ends, room)
+        angle, distance, intensity, last = self._decoded(heads, whole, sample_ends, room)
         before_seam = [sample_ends[end - 1] for end in ends]
         if seam is not None:
             before_seam = [
@@ -109,12 +117,12 @@ class ArcDecoder(ABC):
 
         def settle() -> None:
             self._turning.settle(arcs, packets.arrivals)
-            self._remember(heads, decoded.last)
+            self._remember(heads, last)
 
         return SteadySamples(
-            angle_deg=decoded.angle,
-            distance_mm=decoded.distance,
-            intensity=decoded.intensity,
+            angle_deg=angle,
+            distance_mm=distance,
+            intensity=intensity,
             ends=sample_ends,
             before_seam=before_seam,
             revolution_packets=[
@@ -132,15 +140,13 @@ class ArcDecoder(ABC):
         """Where packets stand, and the one behind them."""
 
     @abstractmethod
-    def _samples(self, packets: Packets, heads: Heads, arcs: Arcs, ends: Sequence[int], room: int) -> Decoded:
-        """Degrees, millimetres and intensities of all samples behind `room` free places.
+    def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:
+        """Write degrees, millimetres and intensities of all samples.
 
         Args:
-            packets: The packets.
-            heads: Where they stand.
+            heads: Where the packets stand, and what `_heads` has read of them.
             arcs: How far the rotor turned.
-            ends: Samples up to the end of each.
-            room: Elements to leave free.
+            output: Where to write.
         """
 
     # --------------------------------------------------------------------------------- what a format may tell else
@@ -172,9 +178,23 @@ class ArcDecoder(ABC):
         return max(0, counts - math.ceil(left * steps / arc)) if arc > 0 else 0
 
     def _remember(self, heads: Heads, last: float) -> None:  # noqa: B027 - most formats need nothing
-        """Keep what the next packets need of these; `last` is what `_samples` returned."""
+        """Keep what the next packets need of these; `last` is that of their `Output`."""
 
     # ------------------------------------------------------------------------------------------------- the rest
+
+    def _decoded(
+        self, heads: Heads, arcs: Arcs, ends: Sequence[int], room: int
+    ) -> tuple[Floats, Floats, NDArray[np.uint8] | None, float]:
+        """Angles, distances and intensities behind `room` free elements, and what the next packets need of them."""
+        size = room + ends[-1]
+        angle, distance = np.empty(size, np.float32), np.empty(size, np.float32)
+        intensity = np.empty(size, np.uint8)
+        shape = (-1, heads.counts) if isinstance(heads.counts, int) else (-1,)
+        output = Output(
+            angle[room:].reshape(shape), distance[room:].reshape(shape), intensity[room:].reshape(shape)
+        )
+        self._write(heads, arcs, output)
+        return angle, distance, intensity if self.has_intensity else None, output.last
 
     @staticmethod
     def _ends(heads: Heads) -> Sequence[int]:
@@ -194,6 +214,34 @@ class ArcDecoder(ABC):
             for at in arcs.skipped.nonzero()[0].tolist()
         ]
         return [at for at, lost in found if lost], [lost for _, lost in found if lost]
+
+
+def starts_and_arcs(first: Ints, arc: Arc) -> Floats:
+    """The angle of the first sample of each packet, and how far the rotor turned, shape (packets, 2)."""
+    each = np.empty((len(first), 2), np.float32)
+    each[:, 0], each[:, 1] = first, arc
+    return each
+
+
+def at_equal_steps(each: Floats, steps: int, into: Floats) -> None:
+    """Write the angles of samples that lie at equal steps from the first one of their packet.
+
+    They are counted in units of which the unit of the headings has `steps`: whole numbers where arcs are, and below
+    2^24, which single precision holds exactly. So the last division, which makes degrees of them, alone rounds.
+
+    Args:
+        each: What `starts_and_arcs` tells of the packets.
+        steps: Steps in which the rotor turns by an arc.
+        into: Where to write, shape (packets, samples).
+    """
+    np.matmul(each, _weights(into.shape[1], steps), out=into)
+
+
+@cache
+def _weights(samples: int, steps: int) -> NDArray[np.float32]:
+    """What the first angle of a packet, and its arc, contribute to each of its samples."""
+    order = np.arange(samples, dtype=np.float32)
+    return np.stack((np.full_like(order, steps), order))
 
 
 def in_turn(angles: Floats, full_turn: int, *, back: bool) -> None:
@@ -216,3 +264,10 @@ def in_turn(angles: Floats, full_turn: int, *, back: bool) -> None:
     # Behind that, a tiny negative angle plus 360 degrees does round up.
     if np.maximum.reduce(angles, axis=None) >= full_turn:
         np.subtract(angles, full_turn, out=angles, where=angles >= full_turn)
+
+
+def write_degrees(degrees: NDArray[np.floating[Any]], into: Floats) -> None:
+    """Write angles that are at most 360 degrees outside of [0, 360), in single precision."""
+    into[...] = degrees + np.where(degrees < 0, 360.0, np.where(degrees >= 360.0, -360.0, 0.0))
+    # Just below 360 degrees, single precision rounds up to 360.
+    into[into >= 360.0] = 0.0

@@ -15,7 +15,8 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar
 
-from lidario.errors import Unsupported
+from lidario.arguments import finite
+from lidario.errors import InvalidValue, Unsupported
 from lidario.families.samples import Decoder, Samples, SteadySamples
 from lidario.families.stream import Keepalive, Known, RawStream, Stream, raw_stream
 from lidario.model import DeviceInfo, Health, NetworkAddress, SampleRate, ScanMode
@@ -40,6 +41,7 @@ __all__ = [
     "SteadySamples",
     "Stream",
     "Timing",
+    "frequency_within",
     "raw_stream",
     "told",
 ]
@@ -52,6 +54,19 @@ def told(value: T) -> Script[T]:
     """A script that asks nothing: the value is known."""
     yield from ()
     return value
+
+
+def frequency_within(hertz: object, limits: tuple[float, float], whose: str) -> float:
+    """The scan frequency in Hz, if the device takes it.
+
+    Raises:
+        InvalidValue: Not a finite number, or outside of the `limits` of the model `whose`.
+    """
+    lowest, highest = limits
+    wanted = finite(hertz, "a scan frequency")
+    if not lowest <= wanted <= highest:
+        raise InvalidValue(f"{wanted:g} Hz is outside of the {whose}'s {lowest:g} to {highest:g} Hz")
+    return wanted
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +133,7 @@ class Device(ABC):
 
     @abstractmethod
     def reset(self) -> Request:
-        """Restart the device."""
+        """Restart the device. Raises Unsupported where that cannot be done from here."""
 
     def restarted(self) -> None:  # noqa: B027 - most devices keep, or are told with each start, what matters
         """Take note that the device was restarted: what was set in it may be lost. Default: nothing."""
@@ -176,6 +191,9 @@ class Device(ABC):
         """Start the motor where that is a request of its own, then the stream.
 
         With `force` the device is asked to measure even when the motor has not reached its speed.
+
+        Raises:
+            Unsupported: The device has no such mode, or cannot be forced.
         """
 
     def sample_rate(self) -> Script[SampleRate]:
@@ -191,7 +209,12 @@ class Device(ABC):
         raise Unsupported("the scan frequency of this device cannot be set")
 
     def set_scan_frequency(self, hertz: float) -> Script[float]:  # noqa: ARG002
-        """Set the scan frequency; returns what was set, in Hz."""
+        """Set the scan frequency; returns what was set, in Hz.
+
+        Raises:
+            InvalidValue: Not a finite number, or outside of what the device can.
+            Unsupported: It cannot be set from here.
+        """
         raise Unsupported("the scan frequency of this device cannot be set from here")
 
     def retune(self) -> Request | None:
@@ -220,6 +243,9 @@ class Device(ABC):
         Args:
             baudrate: The new speed.
             present: The speed as it is, to which the port returns where the device does not follow.
+
+        Raises:
+            Unsupported: The device does not follow.
         """
         raise Unsupported("the speed of this device's line cannot be changed from here")
 
@@ -250,10 +276,8 @@ class Family:
         baudrates: Line speeds its models use, the likeliest first.
         timing: How long its devices take.
         device: Makes the object for a newly opened port.
-        stream_of: The format and the decoder of a stream, by the response type of its descriptor; None for a
-            type that is not known.
+        stream_in: The format and the decoder of a stream in a mode that was stored; None where they are not known.
         formats: Every packet format it may send.
-        simulated: Names of its simulated models.
         models: Its models that may be named, as in ``model=`` of a source, where the device cannot tell its own.
         by_dtr: Those of `models` that are dark while the control line DTR is cleared, as it is when a port opens,
             and how many seconds each may take to respond behind the request that asserts it. They are looked for
@@ -262,8 +286,6 @@ class Family:
             all speeds.
         find_stream: Finds the measurement stream in recorded bytes, by these and by what a user says of them, whose
             model, if any, is one of `models`. None where there is no stream.
-        stream_of_mode: As `stream_of`, where more than the response type must be known: by a mode, with its
-            `ScanMode.details`. None where the type is enough.
     """
 
     name: str
@@ -271,18 +293,20 @@ class Family:
     baudrates: tuple[int, ...]
     timing: Timing
     device: Callable[[], Device]
-    stream_of: Callable[[int], tuple[StreamFormat, Decoder] | None]
+    stream_in: Callable[[ScanMode], tuple[StreamFormat, Decoder] | None]
     formats: tuple[Callable[[], StreamFormat], ...]
-    simulated: tuple[str, ...]
     find_stream: Callable[[memoryview, Known], RawStream | None]
     models: Mapping[str, NamedModel] = field(default_factory=dict, hash=False)
     asked_at: tuple[int, ...] | None = None
     by_dtr: Mapping[str, float] = field(default_factory=dict, hash=False)
-    stream_of_mode: Callable[[ScanMode], tuple[StreamFormat, Decoder] | None] | None = None
 
-    def stream_in(self, mode: ScanMode) -> tuple[StreamFormat, Decoder] | None:
-        """The format and the decoder of a stream in that mode, as it was stored; None where they are not known."""
-        return self.stream_of(mode.response_type) if self.stream_of_mode is None else self.stream_of_mode(mode)
+    @property
+    def simulated(self) -> tuple[str, ...]:
+        """Names of its simulated models, which begin with its own.
+
+        Their code is loaded here, and wherever one is made: users of a real device do not load it.
+        """
+        return tuple(self._simulation().PROFILES)
 
     def make(self, model: str | None = None) -> Device:
         """A device for a newly opened port; `model` is one of `models`, None where it was not named."""
@@ -297,7 +321,7 @@ class Family:
         seed: int = 0,
         spin_up: float | None = None,
     ) -> SimulatedDevice:
-        """Make a simulated device. Its code is loaded here, so that users of a real device do not load it.
+        """Make a simulated device.
 
         Args:
             model: One of `simulated`.
@@ -309,13 +333,16 @@ class Family:
         Raises:
             ValueError: No model has that name, or the serial number is none of this family.
         """
-        module = import_module(f"lidario.families.{self.name}.simulated.device")
-        device: Chassis[Any] = module.make_simulated(model, world=world, serial=serial, seed=seed)
+        device: Chassis[Any] = self._simulation().make_simulated(model, world=world, serial=serial, seed=seed)
         if spin_up is not None:
             device.spin_up_s = spin_up
         return device
 
     def describe(self, model: str) -> str:
         """What a simulated model is, in a few words."""
-        words: str = import_module(f"lidario.families.{self.name}.simulated.device").describe(model)
+        words: str = self._simulation().PROFILES[model].about
         return words
+
+    def _simulation(self) -> Any:
+        """The module of its simulated devices."""
+        return import_module(f"lidario.families.{self.name}.simulated.device")

@@ -7,12 +7,14 @@ the first half and in the second half of what is known.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Self
 
+from lidario.families.spans import Turning
 from lidario.wire.events import Arrival
 
-__all__ = ["Pace"]
+__all__ = ["Pace", "PacedTurning"]
 
 _REMEMBERED: Final = 64
 _FEWEST: Final = 8.0
@@ -120,3 +122,34 @@ class Pace:
                 return None
             found.append(measured / arcs)
         return found[0], found[1]
+
+
+class PacedTurning(Turning):
+    """One whose speed is learned from the angles, and confirmed by the time.
+
+    Args:
+        full_turn: 360 degrees in the unit of the headings.
+        retreat: How far a heading may fall back, turns. Any more is the long way round, forwards.
+        farthest: As for `Pace`.
+        samples: Samples of a packet.
+    """
+
+    def __init__(self, full_turn: int, retreat: float, farthest: int, samples: int = 1) -> None:
+        self._full_turn = full_turn
+        self._retreat = int(full_turn * retreat)
+        self._samples = samples
+        # Nanoseconds that a packet takes; 0 where that is not known: then time tells nothing.
+        self._packet_ns = 0.0
+        # Whether a speed is known, and whether time confirms it.
+        self._certain = self._confirmed = False
+        # How long what comes has not been like that speed.
+        self._strange = 0
+        self._pace = Pace(farthest)
+
+    def tell_time(self, sample_ns: float) -> None:
+        self._packet_ns = self._samples * sample_ns
+
+    def copy(self) -> Self:
+        twin = copy.copy(self)
+        twin._pace = self._pace.copy()  # noqa: SLF001 - its own
+        return twin

@@ -50,7 +50,8 @@ def family_of_simulated(model: str) -> Family:
     """The family that has a simulated `model`; ConnectFailed (reason ``source``) when none has."""
     text_of(model, "the name of a simulated model")
     for family in FAMILIES:
-        if model in family.simulated:
+        # So that the simulated devices of other families are not loaded.
+        if model.startswith(f"{family.name}-") and model in family.simulated:
             return family
     near = _alike(model, (name for family in FAMILIES for name in family.simulated))
     if near:

@@ -93,7 +93,7 @@ class SteadySamples:
 
 
 class Decoder(Protocol):
-    """Turns packets into samples; one object follows one stream, in order."""
+    """Turns packets into samples; one object follows one stream, in order. By default it remembers nothing."""
 
     def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
         """Decode packets that follow each other.
@@ -110,16 +110,21 @@ class Decoder(Protocol):
         """
         ...
 
-    def tell_time(self, sample_ns: float) -> None:
+    def tell_time(self, sample_ns: float) -> None:  # noqa: ARG002
         """Take note of how long a sample takes, before the first packet; 0 where the device does not say."""
-        ...
+        return
 
     def fork(self) -> Self:
         """Another decoder, which goes on from here without changing what this one remembers."""
-        ...
+        return self
 
     def decode_steady(
-        self, packets: Packets, following: bytes, ends: Sequence[int], room: int = 0, seam: int | None = None
+        self,
+        packets: Packets,  # noqa: ARG002
+        following: bytes,  # noqa: ARG002
+        ends: Sequence[int],  # noqa: ARG002
+        room: int = 0,  # noqa: ARG002
+        seam: int | None = None,  # noqa: ARG002
     ) -> SteadySamples | None:
         """Decode several revolutions at once, where nothing is missing; None where something may be.
 
@@ -133,4 +138,4 @@ class Decoder(Protocol):
             room: As for `decode`.
             seam: As for `decode`, of each revolution.
         """
-        ...
+        return None

@@ -10,13 +10,13 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple, Self
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.arcs import ArcDecoder, Decoded
-from lidario.families.spans import Arcs, Heads, SteadyArcs, spans_between
+from lidario.families.arcs import ArcDecoder, Output
+from lidario.families.spans import Arcs, Heads, Turning, spans_between
 from lidario.wire.events import Arrival, Packets
 from lidario.wire.formats import HEADINGS_WORTH_AN_ARRAY, NO_PACKET, Headings
 from lidario.wire.rows import RowFormat
@@ -28,7 +28,6 @@ __all__ = [
     "DegreeDecoder",
     "DegreeFormat",
     "DegreePacket",
-    "Returns",
     "SlotDecoder",
     "SlotWheel",
 ]
@@ -40,8 +39,10 @@ FIRST: Final = 0xA0
 """The number of the first packet of a revolution, in the second byte; so it is in all known devices."""
 
 
-class SlotWheel:
-    """Judges packets of equal slots; obeys `Turning`. It remembers nothing.
+class SlotWheel(Turning):
+    """Judges packets of equal slots. It remembers nothing.
+
+    It tells no revolutions at once: what a sample takes differs from one to the next.
 
     Args:
         full_turn: 360 degrees in the unit of the headings.
@@ -53,12 +54,6 @@ class SlotWheel:
         self._slots = slots
         self._slot = full_turn // slots
 
-    def tell_time(self, sample_ns: float) -> None:
-        """As `Turning.tell_time`: it is not needed."""
-
-    def copy(self) -> Self:
-        return self
-
     def follow(self, heads: Heads, arrivals: Sequence[Arrival] = ()) -> Arcs:  # noqa: ARG002
         spans, _, greatest, _ = spans_between(heads, self._full_turn, 0)
         count = len(spans)
@@ -68,30 +63,6 @@ class SlotWheel:
             return Arcs(arcs, None, step, certain=True)
         missing = np.maximum(np.rint(spans / self._slot) - 1, 0) * heads.counts
         return Arcs(arcs, missing.astype(np.intp), step, certain=True)
-
-    def steady(
-        self,
-        heads: Heads,  # noqa: ARG002
-        ends: Sequence[int],  # noqa: ARG002
-        arrivals: Sequence[Arrival] = (),  # noqa: ARG002
-    ) -> SteadyArcs | None:
-        """As `Turning.steady`: None, since what a sample takes differs from revolution to revolution."""
-        return None
-
-    def settle(self, arcs: SteadyArcs, arrivals: Sequence[Arrival] = ()) -> None:
-        """As `Turning.settle`: nothing is remembered."""
-
-
-class Returns(NamedTuple):
-    """What packets hold, shape (packets, samples) each.
-
-    Attributes:
-        distance: Millimetres; 0 where nothing came back.
-        strength: Of the returns, 0 to 255.
-    """
-
-    distance: NDArray[np.integer[Any]]
-    strength: NDArray[np.integer[Any]]
 
 
 class SlotDecoder(ArcDecoder):
@@ -111,15 +82,15 @@ class SlotDecoder(ArcDecoder):
         self._speeds = self._counts = np.empty(0)
 
     @abstractmethod
-    def _rpm(self, read: Any) -> NDArray[np.float64]:
-        """The speed that each packet tells, revolutions a minute, by `Heads.read`."""
+    def _rpm(self, heads: Heads) -> NDArray[np.float64]:
+        """The speed that each packet tells, revolutions a minute."""
 
     def _reported_rpm(self, heads: Heads, begin: int, end: int) -> float:
-        return float(self._rpm(heads.read[begin:end]).mean())
+        return float(self._rpm(heads)[begin:end].mean())
 
     def _sample_ns(self, heads: Heads) -> float:
         count = len(heads.first)
-        self._speeds = np.concatenate((self._speeds, self._rpm(heads.read)))[-max(count, self._slots) :]
+        self._speeds = np.concatenate((self._speeds, self._rpm(heads)))[-max(count, self._slots) :]
         self._counts = np.concatenate((self._counts, np.broadcast_to(heads.counts, count)))[-len(self._speeds) :]
         turn = float(self._speeds.mean()) * float(self._counts.mean()) * self._slots
         return 60e9 / turn if turn else 0.0
@@ -168,14 +139,19 @@ class DegreeFormat(RowFormat):
     def measure(self, data: bytearray, at: int) -> int:
         return self._begun(data, at)
 
+    def _marked(self, rows: NDArray[Any]) -> NDArray[np.bool_]:
+        """Which packets begin as one must."""
+        number = rows["number"]
+        is_one = (number >= FIRST) & (number < FIRST + FULL_TURN // self.samples)
+        marked: NDArray[np.bool_] = (rows["mark"] == HEAD) & is_one
+        return marked
+
     def headings(self, packets: Packets) -> Headings:
-        """As `StreamFormat.headings`, in degrees that the rotor has turned."""
         numbers = np.frombuffer(packets.data, self.packet.layout)["number"]
         turned = (numbers.astype(np.int32) - FIRST) * self.samples
         return turned if len(turned) >= HEADINGS_WORTH_AN_ARRAY else turned.tolist()
 
     def told_sample_ns(self, packets: Packets) -> NDArray[np.float64]:
-        """As `StreamFormat.told_sample_ns`: a degree at the speed that the packet tells."""
         rpm = np.frombuffer(packets.data, self.packet.layout)["speed"] / self.packet.an_rpm
         return 60e9 / (np.maximum(rpm, 1.0) * FULL_TURN)
 
@@ -195,31 +171,19 @@ class DegreeDecoder(SlotDecoder):
         self._back = back
 
     @abstractmethod
-    def _returns(self, rows: NDArray[Any]) -> Returns:
-        """What came back."""
+    def _returns(self, rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Millimetres, 0 where nothing came back, and the strength of returns, to 255; shape (packets, samples)."""
 
-    def _rpm(self, read: NDArray[Any]) -> NDArray[np.float64]:
-        return read["speed"] / np.float64(self._packet.an_rpm)
+    def _rpm(self, heads: Heads) -> NDArray[np.float64]:
+        speeds: NDArray[np.uint16] = heads.read["speed"]
+        return speeds / np.float64(self._packet.an_rpm)
 
     def _heads(self, packets: Packets, following: bytes | None) -> Heads:
         rows = np.frombuffer(packets.data, self._packet.layout)
         after = None if following is None else (following[1] - FIRST) * self._each
         return Heads((rows["number"].astype(np.int32) - FIRST) * self._each, after, self._each, None, rows)
 
-    def _samples(
-        self,
-        packets: Packets,  # noqa: ARG002
-        heads: Heads,
-        arcs: Arcs,  # noqa: ARG002
-        ends: Sequence[int],
-        room: int,
-    ) -> Decoded:
-        size, rows = room + ends[-1], (-1, self._each)
-        angle, distance = np.empty(size, np.float32), np.empty(size, np.float32)
-        intensity = np.empty(size, np.uint8)
-        returns = self._returns(heads.read)
-        distance[room:].reshape(rows)[...] = returns.distance
-        intensity[room:].reshape(rows)[...] = returns.strength
+    def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:  # noqa: ARG002
+        output.distance[...], output.intensity[...] = self._returns(heads.read)
         turned = heads.first[:, None] + np.arange(self._each)
-        angle[room:].reshape(rows)[...] = -turned % FULL_TURN if self._back else turned
-        return Decoded(angle, distance, intensity)
+        output.angle[...] = -turned % FULL_TURN if self._back else turned

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple, Protocol, Self, TypeAlias
+from typing import Any, Final, NamedTuple, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,22 +92,26 @@ class SteadyArcs(NamedTuple):
     steps: list[float]
 
 
-class Turning(Protocol):
-    """Follows the rotor through one stream, by the heads of its packets."""
+class Turning(ABC):
+    """Follows the rotor through one stream, by the heads of its packets. By default it remembers nothing."""
 
-    def tell_time(self, sample_ns: float) -> None:
+    def tell_time(self, sample_ns: float) -> None:  # noqa: B027
         """Take note of how long a sample takes; 0 where that is not known."""
-        ...
 
     def copy(self) -> Self:
         """Another one, which goes on from here without changing what this one remembers."""
-        ...
+        return self
 
+    @abstractmethod
     def follow(self, heads: Heads, arrivals: Sequence[Arrival] = ()) -> Arcs:
         """The arc of each of the next packets, and the gaps behind them; `arrivals` as in `Packets`."""
-        ...
 
-    def steady(self, heads: Heads, ends: Sequence[int], arrivals: Sequence[Arrival] = ()) -> SteadyArcs | None:
+    def steady(
+        self,
+        heads: Heads,  # noqa: ARG002
+        ends: Sequence[int],  # noqa: ARG002
+        arrivals: Sequence[Arrival] = (),  # noqa: ARG002
+    ) -> SteadyArcs | None:
         """The arcs of several revolutions, where `follow` would find nothing missing in any; else None.
 
         None also where the times of several reads may yet tell how many packets an arc is.
@@ -118,11 +123,10 @@ class Turning(Protocol):
             ends: Packets up to the end of each revolution.
             arrivals: When they came, as in `Packets`.
         """
-        ...
+        return None
 
-    def settle(self, arcs: SteadyArcs, arrivals: Sequence[Arrival] = ()) -> None:
+    def settle(self, arcs: SteadyArcs, arrivals: Sequence[Arrival] = ()) -> None:  # noqa: B027
         """Remember revolutions that `steady` has told, as `follow` would have; the arrivals are the same."""
-        ...
 
 
 def spans_between(heads: Heads, full_turn: int, retreat: int) -> tuple[Ints, int, int, int]:

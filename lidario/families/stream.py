@@ -138,8 +138,8 @@ def raw_stream(
 ) -> RawStream:
     """A recorded stream of which nothing is known but its format, the time of a sample, and perhaps the model.
 
-    `response_type` is that of `Family.stream_of`, where it is not the one of the format, and `details` what
-    `Family.stream_of_mode` must know.
+    `response_type` is that by which `Family.stream_in` knows it, where it is not the one of the format, and
+    `details` what else that must know.
     """
     stream = Stream(
         format=wire,

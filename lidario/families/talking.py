@@ -6,12 +6,13 @@ takes is measured by the packets that are heard when the device is opened, or fo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from lidario.families.base import Decoder, Known, RawStream, raw_stream
 from lidario.families.unasked import LINKED
+from lidario.model import ScanMode
 from lidario.wire.envelope import Request
 from lidario.wire.formats import StreamFormat
 
@@ -39,7 +40,7 @@ class TalkingModel:
     """One model.
 
     Attributes:
-        name: As in ``model=`` of a source.
+        name: As in ``model=`` of a source; empty of one that no user names.
         title: For people.
         baudrate: Speed of its line.
         sample_us: What a sample takes by its data sheet, microseconds.
@@ -50,7 +51,8 @@ class TalkingModel:
         start: What starts its motor and its stream; empty where it talks for as long as it has power.
         stop: What stops both; empty likewise.
         speeds: How the motor is regulated; None where it cannot be.
-        slowest_turn_s: As in `Talkers`, where it is not that of the family; 0 where it is.
+        slowest_turn_s: Longest time that one revolution may take: at the lowest speed, and half as long
+            again. Default: at 200 revolutions a minute.
     """
 
     name: str
@@ -64,7 +66,7 @@ class TalkingModel:
     start: bytes = b""
     stop: bytes = b""
     speeds: Speeds | None = None
-    slowest_turn_s: float = 0.0
+    slowest_turn_s: float = 0.45
 
 
 class Rotor(NamedTuple):
@@ -87,34 +89,28 @@ class Talkers:
 
     Attributes:
         family: Short name of the family.
-        models: Those that a user may name.
+        all: All that is to be read in some way; those with a name are those that a user may name.
         unnamed: Which model it is, where no user has named one: by packets, of which most are in a row.
         sample_us: What a sample takes, by packets in a row; 0 where they do not tell.
         heard: Packets in a row from which both are known.
-        hear_s: How long so many may take.
-        slowest_turn_s: Longest time that one revolution may take: at the lowest speed, and half as long again.
-        others: What else `unnamed` may return, where it is read in another way.
         wires: What makes the formats in which a device may talk, the likeliest first; none for that of any model.
         rotor: Where the host powers the motor.
         linked: Packets in a row that are no chance.
     """
 
     family: str
-    models: Mapping[str, TalkingModel]
+    all: tuple[TalkingModel, ...]
     unnamed: Callable[[bytes], TalkingModel]
     sample_us: Callable[[bytes], float]
     heard: int
-    hear_s: float
-    slowest_turn_s: float
-    others: tuple[TalkingModel, ...] = ()
     wires: tuple[Callable[[], StreamFormat], ...] = ()
     rotor: Rotor | None = None
     linked: int = LINKED
 
     @property
-    def all(self) -> tuple[TalkingModel, ...]:
-        """All that is to be read in some way."""
-        return (*self.models.values(), *self.others)
+    def models(self) -> dict[str, TalkingModel]:
+        """Those that a user may name."""
+        return {model.name: model for model in self.all if model.name}
 
     def as_named(self, named: TalkingModel, packets: bytes) -> TalkingModel:
         """The model that the user has named, with a note where packets are those of another one."""
@@ -149,7 +145,7 @@ class Talkers:
                     return raw_stream(at, model.wire(), model.decoder(), sample_us, model.title, model.note)
         return None
 
-    def stream_of(self, response_type: int) -> tuple[StreamFormat, Decoder] | None:
-        """Format and decoder by the number that lidario gives each kind; None for another number."""
+    def stream_in(self, mode: ScanMode) -> tuple[StreamFormat, Decoder] | None:
+        """As `Family.stream_in`: by the number that lidario gives each kind."""
         made = ((model.wire(), model.decoder) for model in self.all)
-        return next(((wire, decoder()) for wire, decoder in made if wire.response_type == response_type), None)
+        return next(((wire, decoder()) for wire, decoder in made if wire.response_type == mode.response_type), None)

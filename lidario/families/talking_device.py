@@ -10,8 +10,7 @@ from statistics import median
 from typing import Final
 
 from lidario.errors import ResponseTimeout, StreamFailed, Unsupported
-from lidario.families.arguments import frequency_within
-from lidario.families.base import Device, Family, NamedModel, Script, Stream, Timing, told
+from lidario.families.base import Device, Family, NamedModel, Script, Stream, Timing, frequency_within, told
 from lidario.families.talking import Speeds, Talkers, TalkingModel
 from lidario.families.unasked import LINKED, NOT_STOPPED, begin, hear, hear_runs
 from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
@@ -32,6 +31,8 @@ TIMING: Final = Timing(
     probe_s=0.12,
 )
 """Of those that nothing starts or stops."""
+HEAR_S: Final = 0.5
+"""How long the packets by which a device is known may take."""
 SPIN_UP_S: Final = 3.0
 SETTLE_S: Final = 0.02
 """After a stop; no document demands it, and a packet takes less."""
@@ -55,7 +56,7 @@ class TalkingDevice(Device):
     def __init__(self, talkers: Talkers, model: TalkingModel | None = None) -> None:
         self._talkers = talkers
         self._named = model
-        self.patience_s: float = talkers.hear_s
+        self.patience_s: float = HEAR_S
         if talkers.rotor is not None:
             self.rests_s: float = talkers.rotor.rests_s
         self._model = talkers.all[0]
@@ -72,7 +73,7 @@ class TalkingDevice(Device):
         self.can_be_stopped: bool = bool(model.stop)
         if model.stop:
             self.can_keep_spinning: bool = False
-        self.patience_s = SPIN_UP_S if model.start else self._talkers.hear_s
+        self.patience_s = SPIN_UP_S if model.start else HEAR_S
 
     def wire(self) -> StreamFormat:
         """A fresh object for its packets."""
@@ -84,20 +85,15 @@ class TalkingDevice(Device):
         return Request("STOP", self._model.stop, settle=SETTLE_S, ends_stream=True)
 
     def halt(self) -> tuple[Request, ...]:
-        """As `Device.halt`: the motor stops with the stream, where it can be stopped."""
+        # Where it can be stopped, the motor stops with the stream.
         return (self.stop(),)
 
     def reset(self) -> Request:
-        """As `Device.reset`.
-
-        Raises:
-            Unsupported: Always.
-        """
         raise Unsupported("this device cannot be restarted from here: cut its power")
 
     def complete_probe(self) -> bytes:
-        """As `Device.complete_probe`: what has started it may have reached it though nothing came."""
-        # Where most models need no start, one that has got it goes on: it is heard in the next round.
+        # What has started it may have reached it though nothing came. Where most models need no start, one that has
+        # got it goes on: it is heard in the next round.
         return self._model.stop if all(model.start for model in self._talkers.all) else b""
 
     def end_search(self) -> bytes:
@@ -120,7 +116,7 @@ class TalkingDevice(Device):
         woken = self._model if self._was_heard else of.to_be_woken(self._named)
         for number, wire in enumerate(wires):
             try:
-                return (yield from hear_runs(wire, of.heard, of.hear_s, linked=of.linked))
+                return (yield from hear_runs(wire, of.heard, HEAR_S, linked=of.linked))
             except ResponseTimeout:
                 if number == len(wires) - 1 and not woken.start:
                     raise
@@ -152,16 +148,10 @@ class TalkingDevice(Device):
         return "" if rotor is None else rotor.trouble((yield hear(rotor.wire(), 1, rotor.rests_s)))
 
     def modes(self) -> Script[tuple[ScanMode, ...]]:
-        """As `Device.modes`: there is one."""
         kind = self.wire().response_type
         return told((ScanMode(0, "Standard", self._sample_us, self._model.reach, kind, typical=True),))
 
     def start(self, mode: ScanMode, *, force: bool = False) -> Script[Stream]:
-        """As `Device.start`.
-
-        Raises:
-            Unsupported: A forced scan, or another device's mode.
-        """
         wire = self.wire()
         if force or (mode.id, mode.response_type) != (0, wire.response_type):
             raise Unsupported("this device has one scan mode, 'Standard', and cannot be forced")
@@ -174,7 +164,7 @@ class TalkingDevice(Device):
             mode=mode,
             sample_ns=self._sample_us * 1e3,
             spin_up_s=SPIN_UP_S,
-            slowest_turn_s=self._model.slowest_turn_s or self._talkers.slowest_turn_s,
+            slowest_turn_s=self._model.slowest_turn_s,
         )
 
     def scan_frequency_range(self) -> Script[tuple[float, float]]:
@@ -182,12 +172,7 @@ class TalkingDevice(Device):
         return super().scan_frequency_range() if speeds is None else told((speeds.slowest, speeds.fastest))
 
     def set_scan_frequency(self, hertz: float) -> Script[float]:
-        """As `Device.set_scan_frequency`; each start sets it again, and it cannot be read back.
-
-        Raises:
-            Unsupported: No request does that.
-            InvalidValue: Not a finite number, or outside of what the model can.
-        """
+        """As `Device.set_scan_frequency`; each start sets it again, and it cannot be read back."""
         speeds = self._model.speeds
         if speeds is None:
             return super().set_scan_frequency(hertz)
@@ -200,13 +185,12 @@ class TalkingDevice(Device):
         return units * speeds.step
 
 
-def family_of(talkers: Talkers, title: str, simulated: tuple[str, ...], timing: Timing = TIMING) -> Family:
+def family_of(talkers: Talkers, title: str, timing: Timing = TIMING) -> Family:
     """The row of the registry.
 
     Args:
         talkers: The models of the family.
         title: Name for people.
-        simulated: Names of its simulated models.
         timing: How long its devices take.
     """
     named = {
@@ -219,9 +203,8 @@ def family_of(talkers: Talkers, title: str, simulated: tuple[str, ...], timing: 
         baudrates=tuple(dict.fromkeys(model.baudrate for model in talkers.all)),
         timing=timing,
         device=partial(TalkingDevice, talkers),
-        stream_of=talkers.stream_of,
+        stream_in=talkers.stream_in,
         formats=talkers.wires or tuple(dict.fromkeys(model.wire for model in talkers.all)),
-        simulated=simulated,
         find_stream=talkers.find_stream,
         models=named,
         asked_at=tuple(dict.fromkeys(model.baudrate for model in talkers.all if model.start)),

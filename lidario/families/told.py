@@ -14,12 +14,12 @@ that *jump* holds beyond was lost.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, Self
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.spans import LIKENESS, RETREAT_TURNS, Arcs, Heads, Ints, SteadyArcs
+from lidario.families.spans import LIKENESS, RETREAT_TURNS, Arcs, Heads, Ints, SteadyArcs, Turning
 from lidario.wire.events import Arrival
 
 __all__ = ["FEWEST", "ToldWheel"]
@@ -41,8 +41,8 @@ _ODD: Final = 3.0
 """Steps by which a way may be off before it is looked at whether one of its ends is wrong."""
 
 
-class ToldWheel:
-    """Judges packets that tell their own way; obeys `Turning`. It remembers nothing.
+class ToldWheel(Turning):
+    """Judges packets that tell their own way. It remembers nothing.
 
     Args:
         full_turn: 360 degrees in the unit of the headings.
@@ -53,12 +53,6 @@ class ToldWheel:
         self._full_turn = full_turn
         self._backward = int(full_turn * _BACKWARD)
         self._least = least
-
-    def tell_time(self, sample_ns: float) -> None:
-        """As `Turning.tell_time`: it is not needed."""
-
-    def copy(self) -> Self:
-        return self
 
     def follow(self, heads: Heads, arrivals: Sequence[Arrival] = ()) -> Arcs:  # noqa: ARG002
         first, way, counts = heads.first, _way_of(heads), heads.counts
@@ -88,7 +82,10 @@ class ToldWheel:
                 gaps = jumps > (1 + self._least) * step
         mean = turned / inner
         if not gaps.any():
-            return Arcs(way, None, self._mean(mean, turned, jumps, heads), certain=True)
+            if heads.following is not None:
+                # With the jumps, all of which are known, it is more exact.
+                mean = (turned + int(np.add.reduce(jumps))) / heads.samples
+            return Arcs(way, None, mean, certain=True)
         skipped = np.where(gaps, np.rint(jumps / step) - 1, 0).astype(np.intp)
         return Arcs(way, skipped, mean, certain=True)
 
@@ -121,16 +118,6 @@ class ToldWheel:
                 return None
             steps.append((way_turned + between[at]) / samples[at])
         return SteadyArcs(way, steps)
-
-    def settle(self, arcs: SteadyArcs, arrivals: Sequence[Arrival] = ()) -> None:
-        """As `Turning.settle`: nothing is remembered."""
-
-    @staticmethod
-    def _mean(mean: float, turned: int, jumps: Ints, heads: Heads) -> float:
-        """The mean step where nothing is missing: with the jumps, if the last one is known, it is more exact."""
-        if heads.following is None:
-            return mean
-        return (turned + int(np.add.reduce(jumps))) / heads.samples
 
     def _jumps(self, first: Ints, tails: Ints, following: int | None) -> Ints:
         """How far ahead of the end of each packet the next one begins; 0 where it begins a little before that.

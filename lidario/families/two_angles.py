@@ -7,13 +7,20 @@ divided by the beam, and corrected after that.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.arcs import ArcDecoder, Decoded, Floats, in_turn
+from lidario.families.arcs import (
+    ArcDecoder,
+    Floats,
+    Output,
+    at_equal_steps,
+    in_turn,
+    starts_and_arcs,
+    write_degrees,
+)
 from lidario.families.spans import Arcs, Heads
 from lidario.families.told import ToldWheel
 from lidario.wire.events import Packets
@@ -47,42 +54,25 @@ class TwoAngleDecoder(ArcDecoder):
             after = (int(np.frombuffer(following, self._packet, 1)["start"][0]) - zero) % full
         return Heads((rows["start"].astype(np.int32) - zero) % full, after, self._each, way_of(rows, full), rows)
 
-    def _samples(
-        self,
-        packets: Packets,  # noqa: ARG002
-        heads: Heads,
-        arcs: Arcs,
-        ends: Sequence[int],
-        room: int,
-    ) -> Decoded:
-        size, steps, rows = room + ends[-1], self._each - 1, (-1, self._each)
-        angle, distance = np.empty(size, np.float32), np.empty(size, np.float32)
-        intensity = np.empty(size, np.uint8)
-        self._read(heads.read["samples"], distance[room:].reshape(rows), intensity[room:].reshape(rows))
-        # Whole numbers below 2^24 until the last division, so that it alone rounds.
-        beam = angle[room:].reshape(rows)
-        np.multiply(arcs.arc[:, None], np.arange(self._each, dtype=np.float32), out=beam, casting="unsafe")
-        beam += (heads.first * steps).astype(np.float32)[:, None]
-        in_turn(beam, self._full_turn * steps, back=False)
-        return Decoded(angle, distance, intensity, self._finish(angle[room:], distance[room:]))
+    def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:
+        self._read(heads.read["samples"], output)
+        steps = self._each - 1
+        at_equal_steps(starts_and_arcs(heads.first, arcs.arc), steps, output.angle)
+        in_turn(output.angle, self._full_turn * steps, back=False)
+        self._finish(output)
 
-    def _read(self, measured: NDArray[Any], distance: Floats, intensity: NDArray[np.uint8]) -> None:
-        """Write millimetres and intensities; a number to a sample, shape (packets, samples)."""
-        distance[...] = measured["distance"]
-        intensity[...] = measured["intensity"]
+    def _read(self, measured: NDArray[Any], output: Output) -> None:
+        """Write millimetres and intensities."""
+        output.distance[...] = measured["distance"]
+        output.intensity[...] = measured["intensity"]
 
-    def _finish(self, angle: Floats, distance: Floats) -> float:  # noqa: ARG002
-        """Make degrees of the angles, which are counted in steps of a packet, in place; return what to remember."""
-        angle /= self._full_turn * (self._each - 1) / 360
-        return 0.0
+    def _finish(self, output: Output) -> None:
+        """Make degrees of the angles, which are counted in steps of a packet."""
+        output.angle /= self._full_turn * (self._each - 1) / 360
 
     def _turn_back(self, angle: Floats, shift: NDArray[np.float64]) -> None:
         """Make degrees of the angles, which are counted in steps of a packet, less `shift` degrees; in place."""
-        corrected = angle.astype(np.float64) / (self._full_turn * (self._each - 1) / 360) - shift
-        corrected += np.where(corrected < 0, 360, np.where(corrected >= 360, -360, 0))
-        angle[...] = corrected
-        # Just below 360 degrees, single precision rounds up to 360.
-        angle[angle >= 360] = 0
+        write_degrees(angle / np.float64(self._full_turn * (self._each - 1) / 360) - shift, angle)
 
 
 def way_of(rows: NDArray[Any], full_turn: int) -> NDArray[np.int32]:

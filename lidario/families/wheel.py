@@ -27,13 +27,12 @@ Without times, as in a file of bytes, spans that agree are taken for one arc eac
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
-from lidario.families.pace import Pace
+from lidario.families.pace import PacedTurning
 from lidario.families.spans import (
     LIKENESS,
     RETREAT_TURNS,
@@ -65,8 +64,8 @@ _STRANGE: Final = 4
 """Spans in a row, all far from the last arc, after which it is looked for anew."""
 
 
-class Wheel:
-    """Follows the rotor through one stream of packets that only state where they begin; obeys `Turning`.
+class Wheel(PacedTurning):
+    """Follows the rotor through one stream of packets that only state where they begin.
 
     Args:
         full_turn: 360 degrees in the unit of the headings.
@@ -74,26 +73,10 @@ class Wheel:
     """
 
     def __init__(self, full_turn: int, samples: int = 1) -> None:
-        self._full_turn = full_turn
-        self._samples = samples
-        self._retreat = int(full_turn * RETREAT_TURNS)
-        # Nanoseconds that a packet takes; 0 where that is not known: then time tells nothing.
-        self._packet_ns = 0.0
+        super().__init__(full_turn, RETREAT_TURNS, full_turn // 2, samples)
         self._arc = 0.0
-        self._certain = self._confirmed = False
-        self._strange = 0
         # Since the speed was last confirmed.
-        self._remembers = False
         self._spans: list[int] = []
-        self._pace = Pace(full_turn // 2)
-
-    def tell_time(self, sample_ns: float) -> None:
-        self._packet_ns = self._samples * sample_ns
-
-    def copy(self) -> Wheel:
-        twin = copy.copy(self)
-        twin._pace = self._pace.copy()  # noqa: SLF001 - its own
-        return twin
 
     def follow(self, heads: Heads, arrivals: Sequence[Arrival] = ()) -> Arcs:
         followed = heads.following is not None
@@ -106,7 +89,7 @@ class Wheel:
                 if not self._is_confirmed():
                     return self._among_gaps(spans, followed=True)
             self._arc, self._certain, self._strange = float(spans[-1]), True, 0
-            if self._remembers and self._confirmed:
+            if self._confirmed:
                 self._forget()
             step = total / len(spans) / self._samples
             return Arcs(spans, None, step, certain=True, first=first and not self._confirmed)
@@ -133,7 +116,7 @@ class Wheel:
         if not self._confirmed:
             self._remember(arcs.arc.tolist(), arrivals)
             self._is_confirmed()
-        elif self._remembers:
+        else:
             self._forget()
 
     def _is_steady(self, spans: Ints, shortest: int, longest: int) -> bool:
@@ -221,12 +204,12 @@ class Wheel:
         """Keep spans, and where the rotor was when packets came, while the speed is not sure."""
         if self._certain and self._confirmed and not self._strange:
             self._forget()
-        self._remembers = True
         self._pace.add(spans, arrivals)
         self._spans = [*self._spans, *spans][-REMEMBERED:]
 
     def _forget(self) -> None:
-        self._remembers, self._spans, self._pace = False, [], Pace(self._full_turn // 2)
+        self._spans = []
+        self._pace.clear()
 
     def _is_confirmed(self) -> bool:
         """Whether time does not say that spans are of several packets each. It may not say anything yet."""

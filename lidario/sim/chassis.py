@@ -17,7 +17,7 @@ from lidario.sim.motor import Motor
 from lidario.sim.rooms import make_world
 from lidario.sim.world import CheckedWorld, World, WorldLike, as_world
 
-__all__ = ["PROTECTION_STOP", "Chassis", "Maker", "maker"]
+__all__ = ["PROTECTION_STOP", "Chassis", "Maker", "by_name", "maker"]
 
 PROTECTION_STOP = 2
 """The health status of a device that has stopped because of an error; the same number in every family so far."""
@@ -26,6 +26,7 @@ _FOREVER = 1 << 62  # nanoseconds; more than a century
 
 StreamT = TypeVar("StreamT")
 DeviceT = TypeVar("DeviceT", covariant=True)
+NamedT = TypeVar("NamedT", bound="Named")
 
 
 class Chassis(ABC, Generic[StreamT]):
@@ -119,9 +120,12 @@ class Chassis(ABC, Generic[StreamT]):
     def receive(self, data: bytes, now: int) -> None:
         """Take bytes that the host has sent; `now` in nanoseconds."""
 
-    @abstractmethod
     def wakeup(self, now: int) -> int | None:
-        """When something is due next, in nanoseconds; None for never, as far as is known."""
+        """When the next response or packet will have left; None while the device is idle."""
+        at = self._queue.wakeup(now)
+        if at is None and self._stream is not None:
+            at = max(now, self._due(self._stream))
+        return at
 
     def transmit(self, now: int) -> bytes:
         """Hand out the bytes whose last bit has left the device by `now`, and forget them."""
@@ -144,16 +148,19 @@ class Chassis(ABC, Generic[StreamT]):
         self._forget(now)
         self._deaf_until, self._deaf_why = _FOREVER, "frozen"
 
-    def halt(self, now: int) -> None:
-        """End the stream and stop the motor, and be well; the packet that is made still leaves."""
-        self._end_stream(now)
-        self._motor.set_rpm(0.0, now)
+    def protection_stop(self, error_code: int) -> None:
+        """Fail: the stream and the motor stop, and health reports the error until a RESET clears it."""
+        self.health = (PROTECTION_STOP, error_code)
+        self.halt(self._now)
 
-    def _spin_at_once(self, rpm: float, since: int) -> None:
-        """Let the motor have had that speed since that time, without spinning up."""
-        spin_up, self._motor.spin_up_s = self._motor.spin_up_s, 0.0
-        self._motor.set_rpm(rpm, since)
-        self._motor.spin_up_s = spin_up
+    def halt(self, now: int) -> None:
+        """End the stream and stop the motor; the packet that is made still leaves."""
+        self._end_stream(now)
+        self._stop_motor(now)
+
+    def _stop_motor(self, now: int) -> None:
+        """Switch the motor off, where the device does that."""
+        self._motor.set_rpm(0.0, now)
 
     def _end_stream(self, now: int) -> None:
         """Stop measuring; the packets made by now still leave."""
@@ -194,9 +201,6 @@ class Chassis(ABC, Generic[StreamT]):
             else ""
         )
 
-    def _fault(self, error_code: int) -> None:
-        self.health = (PROTECTION_STOP, error_code)
-
     def _recover(self) -> None:
         """What RESET does to an error: it goes, unless the fault lasts."""
         if self.faults_cleared_by_reset:
@@ -207,8 +211,24 @@ class Chassis(ABC, Generic[StreamT]):
         """Do what is due by `now`."""
 
     @abstractmethod
+    def _due(self, stream: StreamT) -> int:
+        """When the next packet that is not made yet will be."""
+
     def _restart(self, now: int, up: int) -> None:
         """Restart at `now`, and obey nothing until `up`, when the device has booted."""
+        self._forget(now)
+        self._recover()
+        self._stop_motor(now)
+        self._deaf_until, self._deaf_why = up, "still booting"
+
+
+class Named(Protocol):
+    """What a device is."""
+
+    @property
+    def name(self) -> str:
+        """Its name in ``sim://`` sources."""
+        ...
 
 
 class Maker(Protocol[DeviceT]):
@@ -221,6 +241,11 @@ class Maker(Protocol[DeviceT]):
             ValueError: No model has that name, or the serial number is none of this family.
         """
         ...
+
+
+def by_name(*profiles: NamedT) -> dict[str, NamedT]:
+    """What the simulated devices of a family are, by their names."""
+    return {profile.name: profile for profile in profiles}
 
 
 def maker(build: Callable[..., DeviceT], profiles: Mapping[str, Any]) -> Maker[DeviceT]:

@@ -70,6 +70,12 @@ class Motor:
         if self._tau <= 0.0:
             self._rate = self._target
 
+    def spin_at_once(self, rpm: float, since: int) -> None:
+        """Have had that speed since that time, without spinning up."""
+        spin_up, self.spin_up_s = self.spin_up_s, 0.0
+        self.set_rpm(rpm, since)
+        self.spin_up_s = spin_up
+
     def rpm(self, now: int) -> float:
         """The actual speed at `now` in revolutions per minute."""
         if self._tau <= 0.0:

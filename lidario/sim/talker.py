@@ -8,7 +8,8 @@ vacuums do: a packet has its place in the revolution, and when it is made follow
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Final, Generic, Protocol, TypeVar
+from dataclasses import KW_ONLY, dataclass
+from typing import Final, Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -17,16 +18,7 @@ from lidario.sim.chassis import Chassis
 from lidario.sim.motor import Motor
 from lidario.sim.world import WorldLike
 
-__all__ = [
-    "AngleProfile",
-    "PacedByAngle",
-    "PacedByTime",
-    "Running",
-    "Talker",
-    "TalkerProfile",
-    "TimeProfile",
-    "within",
-]
+__all__ = ["PacedByAngle", "PacedByTime", "Running", "Talker", "TalkerProfile", "within"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -41,51 +33,46 @@ _NEAR: Final = 1e-6
 _SLOWEST_RPM: Final = 0.01
 
 
-class TalkerProfile(Protocol):
-    """What a profile of such a device tells at least."""
+@dataclass(frozen=True, slots=True)
+class TalkerProfile:
+    """What kind of device it is; a family derives its own where there is more to tell.
+
+    Attributes:
+        name: Its name in ``sim://`` sources.
+        model: Decides what is random.
+        baudrate: Speed of its line.
+        hertz: Revolutions a second.
+        rate: Samples a second.
+        slots: Packets of a revolution, of one that measures at angles.
+        samples: Samples of a packet, of one that measures at equal times.
+        reach_mm: Nearest and farthest distance.
+        commands: Whether it hears requests.
+        note: What else is to be told of it, for people.
+        follows: Which recording of a real device it follows, for people; empty where there is none.
+    """
+
+    name: str
+    model: int
+    _: KW_ONLY
+    baudrate: int = 115_200
+    hertz: float = 5.0
+    rate: float = 1800.0
+    slots: int = 0
+    samples: int = 0
+    reach_mm: tuple[float, float] = (100.0, 8000.0)
+    commands: bool = False
+    note: str = ""
+    follows: str = ""
 
     @property
-    def model(self) -> int:
-        """Decides what is random."""
-        ...
-
-    @property
-    def baudrate(self) -> int:
-        """Speed of its line."""
-        ...
-
-    @property
-    def hertz(self) -> float:
-        """Revolutions a second."""
-        ...
-
-
-class AngleProfile(TalkerProfile, Protocol):
-    """And of one that measures at angles."""
-
-    @property
-    def slots(self) -> int:
-        """Packets of a revolution."""
-        ...
-
-
-class TimeProfile(TalkerProfile, Protocol):
-    """And of one that measures at equal times."""
-
-    @property
-    def samples(self) -> int:
-        """Samples of a packet."""
-        ...
-
-    @property
-    def rate(self) -> float:
-        """Samples a second."""
-        ...
+    def about(self) -> str:
+        """What it is, in a few words."""
+        talks = "" if self.commands else "; only talks"
+        follows = f"; like {self.follows}" if self.follows else ""
+        return f"{self.baudrate} baud, {self.rate:.0f}/s{self.note}{talks}{follows}"
 
 
 ProfileT = TypeVar("ProfileT", bound=TalkerProfile)
-AngleT = TypeVar("AngleT", bound=AngleProfile)
-TimeT = TypeVar("TimeT", bound=TimeProfile)
 
 
 class Running:
@@ -151,17 +138,18 @@ class Talker(Chassis[Running], Generic[ProfileT]):
     def wakeup(self, now: int) -> int | None:
         """When the next packet will have left."""
         self._power(now)
-        at = self._queue.wakeup(now)
-        if at is not None:
-            return at
-        if self._stream is not None:
-            return max(now, self._stream.ready) if self._stream.ready < _BLOCKED else None
-        return self._up if self._up is not None and now < self._up < _BLOCKED else None
+        at = super().wakeup(now)
+        if at is None and self._up is not None and now < self._up:
+            at = self._up
+        return at if at is not None and at < _BLOCKED else None
+
+    def _due(self, stream: Running) -> int:
+        return stream.ready
 
     def begin_streaming(self, now: int) -> None:
         """Be in the middle of a scan, and of a packet; so it is at any time anyway."""
         self._power(now)
-        self._spin_at_once(self._rpm, now - 20_000_000)
+        self._motor.spin_at_once(self._rpm, now - 20_000_000)
         self._begin(now - 20_000_000)
         self._advance(now)
         self._queue.take(now)
@@ -175,9 +163,7 @@ class Talker(Chassis[Running], Generic[ProfileT]):
 
     def protection_stop(self, error_code: int) -> None:
         """Fail: nothing leaves until the power was cut."""
-        self._fault(error_code)
-        self._end_stream(self._now)
-        self._motor.set_rpm(0.0, self._now)
+        super().protection_stop(error_code)
         self._up = _BLOCKED
 
     def freeze(self, now: int) -> None:
@@ -195,7 +181,7 @@ class Talker(Chassis[Running], Generic[ProfileT]):
             if self.waits:
                 self._up = 0
                 return
-            self._spin_at_once(self._rpm, now - 20_000_000)
+            self._motor.spin_at_once(self._rpm, now - 20_000_000)
             # The first byte that is heard stands in the middle of a packet, wherever the seed says.
             self._begin(now - int(self._random.integers(1, 20_000_000)))
 
@@ -217,18 +203,15 @@ class Talker(Chassis[Running], Generic[ProfileT]):
 
     def _stop(self, now: int) -> None:
         """It was stopped: nothing more, until it is started."""
-        self._end_stream(now)
-        self._motor.set_rpm(0.0, now)
+        self.halt(now)
         self._up = 0
 
     def _restart(self, now: int, up: int) -> None:
-        self._forget(now)
-        self._recover()
-        self._motor.set_rpm(0.0, now)
-        self._deaf_until, self._deaf_why, self._up = up, "still booting", 0 if self.waits else up
+        super()._restart(now, up)
+        self._up = 0 if self.waits else up
 
 
-class PacedByAngle(Talker[AngleT]):
+class PacedByAngle(Talker[ProfileT]):
     """One whose packets have places in the revolution: equal slots of it."""
 
     @abstractmethod
@@ -278,7 +261,7 @@ class PacedByAngle(Talker[AngleT]):
         stream.ready = made[-1]
 
 
-class PacedByTime(Talker[TimeT]):
+class PacedByTime(Talker[ProfileT]):
     """One that takes its samples at equal times."""
 
     @abstractmethod

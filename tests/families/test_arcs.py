@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
-from lidario.families.arcs import ArcDecoder, Decoded
+from lidario.families.arcs import ArcDecoder, Output
 from lidario.families.spans import Arcs, Heads
 from lidario.families.told import ToldWheel
 from lidario.wire.blocks import Block
@@ -23,6 +22,8 @@ FULL_TURN = 360 * 64
 class ToyDecoder(ArcDecoder):
     """Eight samples, 1/64 degrees, no speed and no intensity."""
 
+    has_intensity = False
+
     def __init__(self) -> None:
         super().__init__(FULL_TURN, ToldWheel(FULL_TURN, 4))
 
@@ -32,11 +33,9 @@ class ToyDecoder(ArcDecoder):
         behind = None if following is None else int(np.frombuffer(following, PACKET)["start"][0])
         return Heads(first, behind, 8, (rows["end"] - first) % FULL_TURN, rows)
 
-    def _samples(self, packets: Packets, heads: Heads, arcs: Arcs, ends: Sequence[int], room: int) -> Decoded:
-        angle, distance = np.empty(room + ends[-1], np.float32), np.empty(room + ends[-1], np.float32)
-        grid = heads.first[:, None] + arcs.arc[:, None] * np.arange(8) / 7
-        angle[room:], distance[room:] = grid.ravel() / 64 % 360, heads.read["distance"].ravel()
-        return Decoded(angle, distance, None)
+    def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:
+        output.angle[...] = (heads.first[:, None] + arcs.arc[:, None] * np.arange(8) / 7) / 64 % 360
+        output.distance[...] = heads.read["distance"]
 
 
 def packets(count: int, first: int = 0) -> bytes:

@@ -59,7 +59,7 @@ def test_one_that_is_not_named_is_read_at_the_line_and_rate_of_one_that_is(famil
     # more_families_2.md 2: an LDS-01 has no other name.
     named = [*SHEET[family].values()] if family in SHEET else [(230_400, 1800, 3.5)]
     # Whatever a Neato or an alike sends.
-    others = [NEATO.unnamed(b"")] if family == "neato" else FAMILIES[family].others
+    others = [NEATO.unnamed(b"")] if family == "neato" else [each for each in FAMILIES[family].all if not each.name]
     assert {facts(model) for model in others} <= set(named)
 
 

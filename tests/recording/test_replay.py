@@ -14,6 +14,7 @@ import pytest
 import lidario
 from lidario.families.registry import family_named
 from lidario.families.ydlidar.simulated.device import Simulated4Ros as Simulated4Ros
+from lidario.model import ScanMode
 from lidario.recording import files
 from lidario.recording.decode_file import FileDecoder
 from lidario.recording.export import export_mcap
@@ -312,7 +313,7 @@ def test_a_replay_can_be_recorded(tmp_path: Path) -> None:
 def test_bare_bytes_are_played_as_they_are_decoded(tmp_path: Path, name: str) -> None:
     golden = load(name)
     if golden.response_type is not None:
-        found = family_named(golden.family).stream_of(golden.response_type)
+        found = family_named(golden.family).stream_in(ScanMode(0, "", 0.0, 0.0, golden.response_type))
         assert found is not None
         head = encode_descriptor(Descriptor(golden.response_type, found[0].shortest, True))
     else:

@@ -35,10 +35,10 @@ SENT = {
     "A5 91": ydlidar.GET_HEALTH,
     "A5 92": ydlidar.GET_HEALTH_92,
     "A5 93": ydlidar.GET_ZERO_OFFSET,
-    "A5 09": ydlidar.SPEED_UP_BY_01,
-    "A5 0A": ydlidar.SPEED_DOWN_BY_01,
-    "A5 0B": ydlidar.SPEED_UP_BY_1,
-    "A5 0C": ydlidar.SPEED_DOWN_BY_1,
+    "A5 09": ydlidar.STEPS[False, True],
+    "A5 0A": ydlidar.STEPS[False, False],
+    "A5 0B": ydlidar.STEPS[True, True],
+    "A5 0C": ydlidar.STEPS[True, False],
     "A5 0D": ydlidar.GET_SPEED,
     "A5 D9": ydlidar.TOGGLE_PROTECTION,
 }
@@ -139,6 +139,6 @@ def test_settle_times_are_the_manuals() -> None:
     assert rplidar.RESET.settle == 0.500
     assert all(request.ends_stream for request in (rplidar.STOP, rplidar.RESET, ydlidar.STOP, ydlidar.RESET))
     # What steps or toggles must not be asked twice.
-    for request in (ydlidar.TOGGLE_PROTECTION, ydlidar.SPEED_UP_BY_1, ydlidar.SPEED_DOWN_BY_01):
+    for request in (ydlidar.TOGGLE_PROTECTION, ydlidar.STEPS[True, True], ydlidar.STEPS[False, False]):
         assert request.attempts == 1
     assert Request("X", b"").expects is None

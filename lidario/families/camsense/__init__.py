@@ -13,8 +13,5 @@ from lidario.families.talking_device import family_of
 
 __all__ = ["FAMILY"]
 
-SIMULATED: Final = ("camsense-x1", "camsense-lds08rr")
-"""The names of `simulated.device.PROFILES`, repeated: users of a real device do not load the simulated one."""
-
-FAMILY: Final = family_of(TALKERS, "Camsense", SIMULATED)
+FAMILY: Final = family_of(TALKERS, "Camsense")
 """The family's row of the registry."""

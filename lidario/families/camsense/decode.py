@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families import two_angles
-from lidario.families.arcs import Floats
+from lidario.families.arcs import Output
 from lidario.families.camsense.formats import FULL_TURN, LDS08RR, X1, ZERO
 from lidario.families.spans import Heads
 from lidario.families.two_angles import TwoAngleDecoder
@@ -38,21 +38,20 @@ class PacketDecoder(TwoAngleDecoder):
     def __init__(self) -> None:
         super().__init__(self.layout, FULL_TURN, ZERO)
 
-    def _read(self, measured: NDArray[Any], distance: Floats, intensity: NDArray[np.uint8]) -> None:
+    def _read(self, measured: NDArray[Any], output: Output) -> None:
         words = measured["distance"]
-        distance[...] = np.where(words & _NONE, 0, words & _MILLIMETRES)
-        intensity[...] = np.minimum(measured["quality"], 255)
+        output.distance[...] = np.where(words & _NONE, 0, words & _MILLIMETRES)
+        output.intensity[...] = np.minimum(measured["quality"], 255)
 
     def _reported_rpm(self, heads: Heads, begin: int, end: int) -> float:
         return float(heads.read["speed"][begin:end].mean()) / 64
 
-    def _finish(self, angle: Floats, distance: Floats) -> float:
-        d = distance.astype(np.float64)
+    def _finish(self, output: Output) -> None:
+        d = output.distance.astype(np.float64)
         # A quarter turn where nothing came back: then it is 11 degrees past the beam, as the vendor has it.
         back = np.where(d > 0, np.degrees(np.arctan(d / _BASELINE_MM)), 90.0)
-        self._turn_back(angle, back - (_OFFSET_DEG + 90.0 - _THETA_DEG))
-        np.copyto(distance, np.hypot(d, _BASELINE_MM), where=d > 0, casting="same_kind")
-        return 0.0
+        self._turn_back(output.angle, back - (_OFFSET_DEG + 90.0 - _THETA_DEG))
+        np.copyto(output.distance, np.hypot(d, _BASELINE_MM), where=d > 0, casting="same_kind")
 
 
 class LongDecoder(PacketDecoder):

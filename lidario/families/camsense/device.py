@@ -11,21 +11,16 @@ from lidario.families.talking import Talkers, TalkingModel
 __all__ = ["TALKERS"]
 
 _SAMPLE_US: Final = 1e6 / 2080
-MODELS: Final = {
-    "x1": TalkingModel("x1", "Camsense X1", 115_200, _SAMPLE_US, 8.0, PacketFormat, PacketDecoder),
-    "lds08rr": TalkingModel("lds08rr", "LDS08RR of Camsense", 115_200, _SAMPLE_US, 8.0, LongFormat, LongDecoder),
-}
+_X1: Final = TalkingModel("x1", "Camsense X1", 115_200, _SAMPLE_US, 8.0, PacketFormat, PacketDecoder)
+_LDS08RR: Final = TalkingModel("lds08rr", "LDS08RR of Camsense", 115_200, _SAMPLE_US, 8.0, LongFormat, LongDecoder)
 
 TALKERS: Final = Talkers(
     family="camsense",
-    models=MODELS,
-    unnamed=lambda packets: MODELS["x1" if packets[2] == 3 else "lds08rr"],
+    all=(_X1, _LDS08RR),
+    unnamed=lambda packets: _X1 if packets[2] == 3 else _LDS08RR,
     sample_us=sample_us,
     # By so many the rate is known to half a percent.
     heard=24,
-    hear_s=0.5,
-    # It regulates itself to 312 revolutions a minute; no document says what is the least.
-    slowest_turn_s=0.45,
     wires=(PacketFormat, LongFormat),
 )
 """The family's models."""

@@ -91,7 +91,6 @@ class PacketFormat(RowFormat):
         return NO_PACKET if self._turns(data, at) or not self._fold.holds(data, at) else size
 
     def headings(self, packets: Packets) -> Headings:
-        """As `StreamFormat.headings`, in 1/64 degrees."""
         starts = (np.frombuffer(packets.data, self.layout)["start"].astype(np.int32) - ZERO) % FULL_TURN
         return starts if len(starts) >= HEADINGS_WORTH_AN_ARRAY else starts.tolist()
 

@@ -14,13 +14,9 @@ from lidario.families.talking_device import TIMING, family_of
 
 __all__ = ["FAMILY"]
 
-SIMULATED: Final = ("hlds-lds01", "hlds-lds01-2016")
-"""The names of `simulated.device.PROFILES`, repeated: users of a real device do not load the simulated one."""
-
 FAMILY: Final = family_of(
     TALKERS,
     "HLDS",
-    SIMULATED,
     # One that waits for its letter sends nothing before it turns evenly; no document says how long that takes.
     replace(TIMING, forget_s=0.5, starts_s=2.4),
 )

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.hlds.formats import PACKET
-from lidario.families.slots import DegreeDecoder, Returns
+from lidario.families.slots import DegreeDecoder
 
 __all__ = ["PacketDecoder"]
 
@@ -24,6 +24,6 @@ class PacketDecoder(DegreeDecoder):
     def __init__(self) -> None:
         super().__init__(PACKET)
 
-    def _returns(self, rows: NDArray[Any]) -> Returns:
+    def _returns(self, rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         samples = rows["samples"]
-        return Returns(samples["distance"], np.minimum(samples["intensity"] >> 5, 255))
+        return samples["distance"], np.minimum(samples["intensity"] >> 5, 255)

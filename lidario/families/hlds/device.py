@@ -41,14 +41,10 @@ def _model_of(packets: bytes) -> TalkingModel:
 
 TALKERS: Final = Talkers(
     family="hlds",
-    models={},
+    all=(_UNCHECKED, _CHECKED),
     unnamed=_model_of,
     sample_us=PACKET.sample_us,
     # A revolution: what holds for so many is a rule.
     heard=60,
-    hear_s=0.5,
-    # 200 revolutions a minute; no document says what is the least.
-    slowest_turn_s=0.45,
-    others=(_UNCHECKED, _CHECKED),
 )
 """The family's model, as it is read with a check value and without."""

@@ -60,16 +60,13 @@ class PacketFormat(DegreeFormat):
         return data[at + size] == HEAD and data[at + size + 1] - FIRST == (data[at + 1] - FIRST + 1) % PACKETS
 
     def _intact_rows(self, data: bytearray, at: int, count: int) -> NDArray[np.bool_]:
-        marks, numbers = (
-            np.frombuffer(bytes(data[at + place : at + place + count * SIZE + 1 : SIZE]), np.uint8)
-            for place in (0, 1)
-        )
+        rows = np.frombuffer(data, LAYOUT, count, at)
+        begun, number = self._marked(rows), rows["number"].astype(np.int32) - FIRST
         intact = np.zeros(count, np.bool_)
+        intact[:-1] = begun[:-1] & begun[1:] & (number[1:] == (number[:-1] + 1) % PACKETS)
         # Of the last one the next may not be there yet.
-        known = min(len(marks), len(numbers)) - 1
-        place = numbers[: known + 1].astype(np.int32) - FIRST
-        right = (marks[: known + 1] == HEAD) & (place >= 0) & (place < PACKETS)
-        intact[:known] = right[:-1] & right[1:] & (place[1:] == (place[:-1] + 1) % PACKETS)
+        last = at + (count - 1) * SIZE
+        intact[-1] = len(data) - last >= SIZE + 2 and begun[-1] and self.intact(data, last, SIZE)
         return intact
 
 
@@ -86,11 +83,8 @@ class CheckedFormat(PacketFormat):
         return data[at + CHECKED] == data[at + CHECKED + 1] == value or FOLD.holds(data, at)
 
     def _intact_rows(self, data: bytearray, at: int, count: int) -> NDArray[np.bool_]:
-        rows = np.frombuffer(data, np.uint8, count * SIZE, at).reshape(count, SIZE)
-        number = rows[:, 1]
-        marked = (rows[:, 0] == HEAD) & (number >= FIRST) & (number < FIRST + PACKETS)
-        intact: NDArray[np.bool_] = checked(rows) & marked
-        return intact
+        raw = np.frombuffer(data, np.uint8, count * SIZE, at)
+        return checked(raw.reshape(count, SIZE)) & self._marked(raw.view(LAYOUT))
 
 
 def checked(rows: NDArray[np.uint8]) -> NDArray[np.bool_]:

@@ -9,12 +9,9 @@ from typing import Final
 
 from lidario.families.base import Family, Timing
 from lidario.families.hokuyo.device import FORMATS, HokuyoDevice
-from lidario.families.hokuyo.raw import find_stream, stream_of, stream_of_mode
+from lidario.families.hokuyo.raw import find_stream, stream_in
 
 __all__ = ["FAMILY"]
-
-SIMULATED: Final = ("hokuyo-urg04lx", "hokuyo-ust10lx", "hokuyo-ust20lx", "hokuyo-utm30lx")
-"""The names of `simulated.PROFILES`, repeated here so that users of a real device do not load the simulated one."""
 
 FAMILY: Final = Family(
     name="hokuyo",
@@ -34,9 +31,7 @@ FAMILY: Final = Family(
     ),
     device=HokuyoDevice,
     formats=FORMATS,
-    simulated=SIMULATED,
     find_stream=find_stream,
-    stream_of=stream_of,
-    stream_of_mode=stream_of_mode,
+    stream_in=stream_in,
 )
 """The family's row of the registry."""

@@ -6,15 +6,13 @@ clockwise, so they fall. A distance below DMIN is the code of an error, one beyo
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from itertools import pairwise
-from typing import Final, Self
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from lidario.families.base import Samples, SteadySamples
+from lidario.families.arcs import write_degrees
+from lidario.families.base import Decoder, Samples
 from lidario.families.hokuyo.formats import DistanceFormat, characters, range_of, values
 from lidario.families.hokuyo.geometry import Geometry
 from lidario.wire.blocks import packet_offsets
@@ -26,8 +24,8 @@ STRENGTH_SHIFT: Final = 4
 """Intensities have up to 18 bits on the wire, of which devices use about 12: 4095 becomes 255, and so does more."""
 
 
-class BlockDecoder:
-    """Decodes the blocks of one stream; obeys `Decoder`. It remembers nothing from one to the next.
+class BlockDecoder(Decoder):
+    """Decodes the blocks of one stream. A scan needs no other, so it remembers none and decodes none together.
 
     Args:
         wire: The format of the stream.
@@ -37,12 +35,6 @@ class BlockDecoder:
     def __init__(self, wire: type[DistanceFormat], geometry: Geometry) -> None:
         self._numbers = wire.characters // 3
         self._geometry = geometry
-
-    def tell_time(self, sample_ns: float) -> None:
-        """As `Decoder.tell_time`; nothing here depends on it."""
-
-    def fork(self) -> Self:
-        return self
 
     def decode(
         self,
@@ -57,8 +49,8 @@ class BlockDecoder:
         table = values(np.concatenate([characters(each) for each in blocks]), 3).reshape(-1, self._numbers)
         ends = np.cumsum([len(each) for each in steps]).tolist()
         angle, distance = np.empty(room + ends[-1], np.float32), np.empty(room + ends[-1], np.float32)
-        angle[room:] = self._degrees(np.concatenate(steps))
         of, far = self._geometry, table[:, 0]
+        write_degrees((of.front - np.concatenate(steps)) * 360.0 / of.turn % 360.0, angle[room:])
         distance[room:] = np.where((of.nearest <= far) & (far <= of.farthest), far, 0)
         strength = None
         if self._numbers > 1:
@@ -74,22 +66,4 @@ class BlockDecoder:
             unbroken=len(blocks),
             revolution_packets=1.0,
             revolution_samples=float(of.turn),
-            reported_rpm=math.nan,
         )
-
-    def decode_steady(
-        self,
-        packets: Packets,  # noqa: ARG002
-        following: bytes,  # noqa: ARG002
-        ends: Sequence[int],  # noqa: ARG002
-        room: int = 0,  # noqa: ARG002
-        seam: int | None = None,  # noqa: ARG002
-    ) -> SteadySamples | None:
-        """As `Decoder.decode_steady`: never, for a scan needs no other."""
-        return None
-
-    def _degrees(self, steps: NDArray[np.int_]) -> NDArray[np.float32]:
-        angles = ((self._geometry.front - steps) * 360.0 / self._geometry.turn % 360.0).astype(np.float32)
-        # Just below 360 degrees, single precision rounds up to 360.
-        angles[angles >= 360.0] = 0.0
-        return angles

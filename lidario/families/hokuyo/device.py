@@ -60,25 +60,20 @@ class HokuyoDevice(Device):
         return STOP
 
     def halt(self) -> tuple[Request, ...]:
-        """As `Device.halt`: the laser goes off; the motor turns until the power is cut."""
+        # The laser goes off; the motor turns until the power is cut.
         return (STOP,)
 
     def reset(self) -> Request:
         return RESET
 
     def identify(self) -> Script[DeviceInfo]:
-        """As `Device.identify`.
-
-        Raises:
-            RemoteProtocolError: It tells a field that cannot be.
-        """
+        """As `Device.identify`; raises RemoteProtocolError where it tells a field that cannot be."""
         version = yield from ask("VV")
         field = yield from ask("PP")
-        self._geometry = geometry_of(field)
-        if self._geometry is None:
+        if geometry_of(field) is None:
             # Of damaged lines, one in 64 passes for a whole one.
             field = yield from ask("PP")
-            self._geometry = geometry_of(field)
+        self._geometry = geometry_of(field)
         if self._geometry is None:
             shown = ", ".join(f"{name}:{value}" for name, value in field.items())
             raise RemoteProtocolError(f"the device tells a field of view that cannot be: {shown[:200] or 'none'}")
@@ -108,12 +103,7 @@ class HokuyoDevice(Device):
         return tuple(mode_for(wire, geometry) for wire in known)
 
     def start(self, mode: ScanMode, *, force: bool = False) -> Script[Stream]:
-        """As `Device.start`.
-
-        Raises:
-            Unsupported: A forced scan, or another device's mode.
-            RemoteProtocolError: The device refuses.
-        """
+        """As `Device.start`; raises RemoteProtocolError where the device refuses."""
         geometry = yield from self._field()
         kind = next((each for each in FORMATS if mode_for(each, geometry) == mode), None)
         if force or kind is None:
@@ -141,7 +131,6 @@ class HokuyoDevice(Device):
         return SampleRate(geometry.sample_us, geometry.sample_us)
 
     def scan_frequency(self) -> Script[float]:
-        """As `Device.scan_frequency`: it is fixed."""
         geometry = yield from self._field()
         return geometry.rpm / 60
 

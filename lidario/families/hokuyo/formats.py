@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 
 from lidario.families.hokuyo.commands import check_of
 from lidario.families.hokuyo.geometry import MOST_STEP, Geometry
-from lidario.wire.blocks import Block, join_blocks, packet_offsets
+from lidario.wire.blocks import Block, packet_offsets
 from lidario.wire.events import Packets
-from lidario.wire.formats import BEGINS, NO_PACKET, Headings, StreamFormat, Stretch, Ticks
+from lidario.wire.formats import BEGINS, NO_PACKET, Headings, StreamFormat, Ticks
 
 __all__ = ["HEAD", "DistanceFormat", "StrengthFormat", "characters", "range_of", "values"]
 
@@ -76,7 +76,6 @@ class DistanceFormat(StreamFormat):
 
     @property
     def pitch(self) -> int:
-        """As `StreamFormat.pitch`: a turn, with what lies behind the device."""
         return self._turn
 
     def _size(self, steps: int) -> int:
@@ -85,7 +84,6 @@ class DistanceFormat(StreamFormat):
         return HEAD + count + 2 * -(-count // LINE) + 1
 
     def measure(self, data: bytearray, at: int) -> int:
-        """As `StreamFormat.measure`: the echo tells it."""
         if len(data) - at < ECHO + 4:
             return 0 if self.word.startswith(data[at : at + 2]) else NO_PACKET
         found = self._head.match(data, at)
@@ -95,7 +93,6 @@ class DistanceFormat(StreamFormat):
         return self._size(last - first + 1) if first <= last else NO_PACKET
 
     def intact(self, data: bytearray, at: int, size: int) -> bool:
-        """As `StreamFormat.intact`: every line has its check character."""
         end = at + size - 1
         time = data[at + ECHO + 4 : at + HEAD]
         if data[end] != 0x0A or time[5] != 0x0A or time[4] != check_of(time[:4]):
@@ -111,11 +108,9 @@ class DistanceFormat(StreamFormat):
         )
 
     def headings(self, packets: Packets) -> Headings:
-        """As `StreamFormat.headings`: each is the beginning of a scan."""
         return [BEGINS] * packets.count
 
     def stamps(self, packets: Packets) -> NDArray[np.int64]:
-        """As `StreamFormat.stamps`, in milliseconds."""
         begins = packet_offsets(packets.blocks)[:-1]
         times = b"".join([packets.data[at + ECHO + 4 : at + HEAD - 2] for at in begins])
         return values(np.frombuffer(times, np.uint8), 4)
@@ -127,24 +122,12 @@ class DistanceFormat(StreamFormat):
         )
 
     def other_record(self, data: bytearray, at: int) -> int:
-        """As `StreamFormat.other_record`: a block without data."""
         if len(data) - at < _RECORD:
             return 0 if self.word.startswith(data[at : at + 2]) else NO_PACKET
         status = data[at + ECHO : at + ECHO + 3]
         if self._head.match(data, at) is None or status == _DATA[:3] or check_of(status[:2]) != status[2]:
             return NO_PACKET
         return _RECORD if data[at + _RECORD - 1] == 0x0A else NO_PACKET
-
-    def run(self, data: bytearray, at: int) -> Stretch:
-        """As `StreamFormat.run`; blocks may have different sizes."""
-        blocks: list[Block] = []
-        while len(data) - at >= self.shortest:
-            size = self.measure(data, at)
-            if not 0 < size <= len(data) - at or not self.intact(data, at, size):
-                break
-            join_blocks(blocks, (Block(size, 1),))
-            at += size
-        return Stretch(tuple(blocks), at, at)
 
 
 class StrengthFormat(DistanceFormat):

@@ -57,10 +57,7 @@ class Geometry(NamedTuple):
     @property
     def text(self) -> str:
         """All of it, as `geometry_of` reads it again."""
-        return ";".join(f"{name}:{value}" for name, value in zip(_LIMITS, self._row(), strict=True))
-
-    def _row(self) -> tuple[int, ...]:
-        return self.first, self.last, self.front, self.turn, self.nearest, self.farthest, self.rpm
+        return ";".join(f"{name}:{value}" for name, value in zip(_LIMITS, self, strict=True))
 
 
 def geometry_of(told: Mapping[str, str]) -> Geometry | None:
@@ -71,7 +68,7 @@ def geometry_of(told: Mapping[str, str]) -> Geometry | None:
         if not (word.isascii() and word.isdigit() and len(word) <= 6 and least <= int(word) <= most):
             return None
         values.append(int(word))
-    first, last, front, turn, nearest, farthest, rpm = values
-    if not (first <= last < first + turn and nearest < farthest):
-        return None
-    return Geometry(first, last, front, turn, nearest, farthest, rpm)
+    found = Geometry(*values)
+    return (
+        found if found.first <= found.last < found.first + found.turn and found.nearest < found.farthest else None
+    )

@@ -18,7 +18,7 @@ from lidario.families.hokuyo.geometry import Geometry, geometry_of
 from lidario.model import ScanMode
 from lidario.wire.formats import StreamFormat
 
-__all__ = ["find_stream", "stream_of", "stream_of_mode"]
+__all__ = ["find_stream", "stream_in"]
 
 _USUAL: Final = {
     (44, 725): ("URG-04LX", Geometry(44, 725, 384, 1024, 20, 5600, 600)),
@@ -53,15 +53,8 @@ def find_stream(data: memoryview, known: Known) -> RawStream | None:
     )
 
 
-def stream_of(response_type: int) -> tuple[StreamFormat, Decoder] | None:
-    """As `Family.stream_of`: with the commonest field, where none is known."""
-    _, geometry = _USUAL[44, 725]
-    kind = next((each for each in FORMATS if each.response_type == response_type), None)
-    return None if kind is None else (kind(geometry), BlockDecoder(kind, geometry))
-
-
-def stream_of_mode(mode: ScanMode) -> tuple[StreamFormat, Decoder] | None:
-    """As `Family.stream_of_mode`: the mode tells the field."""
+def stream_in(mode: ScanMode) -> tuple[StreamFormat, Decoder] | None:
+    """As `Family.stream_in`: the mode tells the field, too."""
     kind = next((each for each in FORMATS if each.response_type == mode.response_type), None)
     told = (part.partition(":") for part in mode.details.split(";"))
     geometry = geometry_of({name: value for name, _, value in told})

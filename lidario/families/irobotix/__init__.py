@@ -14,14 +14,5 @@ from lidario.families.talking_device import family_of
 
 __all__ = ["FAMILY"]
 
-SIMULATED: Final = (
-    "irobotix-delta2a",
-    "irobotix-delta2b",
-    "irobotix-delta2d",
-    "irobotix-delta2g",
-    "irobotix-lds08rr",
-)
-"""The names of `simulated.device.PROFILES`, repeated: users of a real device do not load the simulated one."""
-
-FAMILY: Final = family_of(TALKERS, "3irobotix", SIMULATED)
+FAMILY: Final = family_of(TALKERS, "3irobotix")
 """The family's row of the registry."""

@@ -6,12 +6,10 @@ sample i of N is start + i * 360 / (16 N) degrees, 15 for a Delta-2G. So how lon
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.arcs import Decoded, in_turn
+from lidario.families.arcs import Output, in_turn
 from lidario.families.irobotix.formats import DATA, FULL_TURN, FifteenFormat, FrameFormat, head_of
 from lidario.families.slots import SlotDecoder
 from lidario.families.spans import Arcs, Heads
@@ -41,36 +39,26 @@ class FrameDecoder(SlotDecoder):
             [count for _, count in packets.blocks],
         )
         after = None if following is None else (following[DATA + 3] << 8 | following[DATA + 4]) % FULL_TURN
-        return Heads(first, after, counts, None, rows[begins + DATA])
+        return Heads(first, after, counts, None, (packets, rows[begins + DATA]))
 
-    def _samples(
-        self,
-        packets: Packets,
-        heads: Heads,
-        arcs: Arcs,  # noqa: ARG002 - each has its part of the revolution
-        ends: Sequence[int],
-        room: int,
-    ) -> Decoded:
-        size = room + ends[-1]
-        angle, distance = np.empty(size, np.float32), np.empty(size, np.float32)
-        intensity = np.empty(size, np.uint8)
+    def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:  # noqa: ARG002 - equal parts of a revolution
+        packets: Packets = heads.read[0]
         raw = np.frombuffer(packets.data, np.uint8)
-        at, place, packet = room, 0, 0
+        at = place = packet = 0
         for frame, count in packets.blocks:
             each = _samples_of(frame)
             until, behind = at + each * count, place + frame * count
             measured = raw[place:behind].reshape(count, frame)[:, head_of(frame) : -2].reshape(count, each, 3)
-            intensity[at:until].reshape(count, each)[...] = measured[:, :, 0]
+            output.intensity[at:until].reshape(count, each)[...] = measured[:, :, 0]
             quarters = measured[:, :, 1].astype(np.uint16) << 8 | measured[:, :, 2]
-            np.divide(quarters, 4, out=distance[at:until].reshape(count, each), casting="same_kind")
+            np.divide(quarters, 4, out=output.distance[at:until].reshape(count, each), casting="same_kind")
             # In parts of a sample, whole numbers below 2^24, so that the division alone rounds.
             parts = self.frames * each
             first = heads.first[packet : packet + count, None] * np.int64(parts)
             beam = (first + np.arange(each) * FULL_TURN) % (FULL_TURN * parts)
-            angle[at:until].reshape(count, each)[...] = beam / (100.0 * parts)
+            output.angle[at:until].reshape(count, each)[...] = beam / (100.0 * parts)
             at, place, packet = until, behind, packet + count
-        in_turn(angle[room:], 360, back=False)
-        return Decoded(angle, distance, intensity)
+        in_turn(output.angle, 360, back=False)
 
     def _lost(self, heads: Heads, at: int, skipped: int, step: float) -> int:  # noqa: ARG002
         assert not isinstance(heads.counts, int)
@@ -79,8 +67,9 @@ class FrameDecoder(SlotDecoder):
     def _revolution_packets(self, heads: Heads, samples: float, begin: int, end: int) -> float:  # noqa: ARG002
         return float(self.frames)
 
-    def _rpm(self, read: NDArray[np.uint8]) -> NDArray[np.float64]:
-        return read * np.float64(3.0)
+    def _rpm(self, heads: Heads) -> NDArray[np.float64]:
+        speeds: NDArray[np.uint8] = heads.read[1]
+        return speeds * np.float64(3.0)
 
 
 class FifteenDecoder(FrameDecoder):

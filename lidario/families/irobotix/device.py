@@ -11,12 +11,18 @@ from lidario.families.talking import Rotor, Talkers, TalkingModel
 __all__ = ["TALKERS"]
 
 
+_SLOWEST_S: Final = 0.4
+"""One revolution at four a second, and half as long again."""
+
+
 def _sixteen(name: str, title: str, baudrate: int, us: float) -> TalkingModel:
-    return TalkingModel(name, title, baudrate, us, 8.0, FrameFormat, FrameDecoder)
+    return TalkingModel(name, title, baudrate, us, 8.0, FrameFormat, FrameDecoder, slowest_turn_s=_SLOWEST_S)
 
 
 def _fifteen(name: str, title: str) -> TalkingModel:
-    return TalkingModel(name, title, 115_200, 1e6 / 1890, 8.0, FifteenFormat, FifteenDecoder)
+    return TalkingModel(
+        name, title, 115_200, 1e6 / 1890, 8.0, FifteenFormat, FifteenDecoder, slowest_turn_s=_SLOWEST_S
+    )
 
 
 _UNNAMED: Final = {
@@ -36,22 +42,19 @@ def _trouble(packets: bytes) -> str:
 
 TALKERS: Final = Talkers(
     family="irobotix",
-    models={
-        "delta2a": _sixteen("delta2a", "Delta-2A", 230_400, 200.0),
-        "delta2b": _sixteen("delta2b", "Delta-2B", 230_400, 200.0),
-        "delta2d": _sixteen("delta2d", "Delta-2D", 115_200, 500.0),
-        "delta2g": _fifteen("delta2g", "Delta-2G"),
-        "lds08rr": _fifteen("lds08rr", "LDS08RR of 3irobotix"),
-    },
+    all=(
+        _sixteen("delta2a", "Delta-2A", 230_400, 200.0),
+        _sixteen("delta2b", "Delta-2B", 230_400, 200.0),
+        _sixteen("delta2d", "Delta-2D", 115_200, 500.0),
+        _fifteen("delta2g", "Delta-2G"),
+        _fifteen("lds08rr", "LDS08RR of 3irobotix"),
+        *_UNNAMED.values(),
+    ),
     unnamed=lambda packets: _UNNAMED[frames_a_turn(packets)],
     sample_us=sample_us,
     heard=6,
-    hear_s=0.5,
-    # At four revolutions a second.
-    slowest_turn_s=0.4,
     # Frames are long, and each is self-evident.
     linked=1,
-    others=tuple(_UNNAMED.values()),
     # A frame, at one revolution a second.
     rotor=Rotor(AnyFrame, 0.2, _trouble),
 )

@@ -87,19 +87,15 @@ class FrameFormat(StreamFormat):
         return _sum_holds(data, at, size)
 
     def headings(self, packets: Packets) -> Headings:
-        """As `StreamFormat.headings`, in 1/100 degrees."""
-        data, begins = packets.data, packet_offsets(packets.blocks)[:-1]
-        if len(begins) >= HEADINGS_WORTH_AN_ARRAY:
-            rows, at = np.frombuffer(data, np.uint8), np.array(begins)
-            starts: NDArray[np.int32] = rows[at + DATA + 3].astype(np.int32) << 8 | rows[at + DATA + 4]
-            return starts % FULL_TURN
-        return [(data[at + DATA + 3] << 8 | data[at + DATA + 4]) % FULL_TURN for at in begins]
+        rows, at = np.frombuffer(packets.data, np.uint8), np.array(packet_offsets(packets.blocks)[:-1])
+        starts: NDArray[np.int32] = rows[at + DATA + 3].astype(np.int32) << 8 | rows[at + DATA + 4]
+        starts %= FULL_TURN
+        return starts if len(starts) >= HEADINGS_WORTH_AN_ARRAY else starts.tolist()
 
     def samples_in(self, blocks: Iterable[Block]) -> int:
         return sum([(size - head_of(size) - SUM) // SAMPLE * count for size, count in blocks])
 
     def told_sample_ns(self, packets: Packets) -> NDArray[np.float64]:
-        """As `StreamFormat.told_sample_ns`: a frame's part of a revolution at the speed that it tells."""
         begins = np.array(packet_offsets(packets.blocks))
         speeds = np.frombuffer(packets.data, np.uint8)[begins[:-1] + DATA] / 20.0
         sizes = np.diff(begins)
@@ -108,7 +104,6 @@ class FrameFormat(StreamFormat):
         return taken
 
     def other_record(self, data: bytearray, at: int) -> int:
-        """As `StreamFormat.other_record`: a frame that is no measurement."""
         size = _frame(data, at, *RECORDS)
         if size <= 0:
             return size

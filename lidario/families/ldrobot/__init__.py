@@ -14,23 +14,9 @@ from lidario.families.talking_device import TIMING, family_of
 
 __all__ = ["FAMILY"]
 
-SIMULATED: Final = (
-    "ldrobot-ld06",
-    "ldrobot-ld19",
-    "ldrobot-stl06p",
-    "ldrobot-stl19p",
-    "ldrobot-stl26",
-    "ldrobot-stl27l",
-    "ldrobot-ld08",
-    "ldrobot-ld14",
-    "ldrobot-ld14p",
-)
-"""The names of `simulated.PROFILES`, repeated here so that users of a real device do not load the simulated one."""
-
 FAMILY: Final = family_of(
     TALKERS,
     "LDROBOT",
-    SIMULATED,
     # Packets come every 5 ms at most. After power-up the first ones come within 0.7 s.
     replace(TIMING, quiet_s=0.05, forget_s=0.5),
 )

@@ -19,7 +19,7 @@ from typing import Final
 import numpy as np
 
 from lidario.families import two_angles
-from lidario.families.arcs import Floats
+from lidario.families.arcs import Output
 from lidario.families.ldrobot.formats import FULL_TURN, PACKET
 from lidario.families.spans import Heads
 from lidario.families.two_angles import TwoAngleDecoder
@@ -47,14 +47,14 @@ class TriangleDecoder(PacketDecoder):
         super().__init__()
         self._last = 0.0
 
-    def _finish(self, angle: Floats, distance: Floats) -> float:
-        d = distance.astype(np.float64)
+    def _finish(self, output: Output) -> None:
+        d = output.distance.astype(np.float64).ravel()
         shift = np.degrees(np.arctan((0.11923 * d - 18.975571) / (d + 5.9)))
         # Where nothing came back, the correction of the sample before.
         latest = np.maximum.accumulate(np.where(d > 0, np.arange(len(d)), -1))
         shift = np.where(latest >= 0, shift[latest], self._last)
-        self._turn_back(angle, shift)
-        return float(shift[-1])
+        self._turn_back(output.angle, shift.reshape(output.angle.shape))
+        output.last = float(shift[-1])
 
     def _remember(self, heads: Heads, last: float) -> None:  # noqa: ARG002
         self._last = last
@@ -63,12 +63,11 @@ class TriangleDecoder(PacketDecoder):
 class AxisDecoder(PacketDecoder):
     """Decodes the packets of one stream of an LD08."""
 
-    def _finish(self, angle: Floats, distance: Floats) -> float:
-        d = distance.astype(np.float64)
+    def _finish(self, output: Output) -> None:
+        d = output.distance.astype(np.float64)
         ahead, aside = d + 5.9, 0.11923 * d - 20.14
-        self._turn_back(angle, np.where(d > 0, np.degrees(np.arctan(aside / ahead)), 0.0))
-        np.copyto(distance, np.hypot(ahead, aside), where=d > 0, casting="same_kind")
-        return 0.0
+        self._turn_back(output.angle, np.where(d > 0, np.degrees(np.arctan(aside / ahead)), 0.0))
+        np.copyto(output.distance, np.hypot(ahead, aside), where=d > 0, casting="same_kind")
 
 
 def samples_a_second(packets: bytes) -> float:

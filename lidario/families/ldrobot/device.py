@@ -19,7 +19,9 @@ __all__ = ["AXIS", "BEAM", "TALKERS", "TRIANGLE"]
 
 
 def _model(name: str, title: str, baudrate: int, rate: float) -> TalkingModel:
-    return TalkingModel(name, f"LDROBOT {title}", baudrate, 1e6 / rate, 12.0, PacketFormat, PacketDecoder)
+    """One that turns five times a second at least."""
+    model = TalkingModel(name, f"LDROBOT {title}", baudrate, 1e6 / rate, 12.0, PacketFormat, PacketDecoder)
+    return replace(model, slowest_turn_s=0.3)
 
 
 _axis = partial(replace, reach=8.0, slowest_turn_s=0.75, wire=AxisFormat, decoder=AxisDecoder)
@@ -63,27 +65,21 @@ def _sample_us(packets: bytes) -> float:
 
 TALKERS: Final = Talkers(
     family="ldrobot",
-    models={
-        model.name: model
-        for model in (
-            BEAM,
-            _model("ld19", "LD19", 230_400, 4500),
-            _model("stl-06p", "STL-06P", 230_400, 5000),
-            _model("stl-19p", "STL-19P", 230_400, 4500),
-            _model("stl-26", "STL-26", 230_400, 5000),
-            AXIS,
-            TRIANGLE,
-            _LD14P,
-            _STL27L,
-        )
-    },
+    all=(
+        BEAM,
+        _model("ld19", "LD19", 230_400, 4500),
+        _model("stl-06p", "STL-06P", 230_400, 5000),
+        _model("stl-19p", "STL-19P", 230_400, 4500),
+        _model("stl-26", "STL-26", 230_400, 5000),
+        AXIS,
+        TRIANGLE,
+        _LD14P,
+        _STL27L,
+    ),
     unnamed=_model_of,
     sample_us=_sample_us,
     # By so many the rate is known to 0.5 % (by a recording of a real LD06). Of an LD14 they take 0.13 s.
     heard=24,
-    hear_s=0.5,
-    # At five revolutions a second.
-    slowest_turn_s=0.3,
     # Models that triangulate send the same packets.
     wires=(PacketFormat,),
 )

@@ -70,7 +70,6 @@ class PacketFormat(RowFormat):
     ticks: Ticks | None = Ticks(1_000_000, 30_000)
 
     def stamps(self, packets: Packets) -> NDArray[np.int64]:
-        """As `StreamFormat.stamps`, in milliseconds."""
         return np.frombuffer(packets.data, PACKET)["time"].astype(np.int64)
 
     def measure(self, data: bytearray, at: int) -> int:
@@ -90,7 +89,6 @@ class PacketFormat(RowFormat):
         return intact
 
     def headings(self, packets: Packets) -> Headings:
-        """As `StreamFormat.headings`, in 1/100 degrees."""
         starts = np.frombuffer(packets.data, PACKET)["start"].astype(np.int32) % FULL_TURN
         return starts if len(starts) >= HEADINGS_WORTH_AN_ARRAY else starts.tolist()
 

@@ -16,8 +16,5 @@ from lidario.families.talking_device import family_of
 
 __all__ = ["FAMILY"]
 
-SIMULATED: Final = ("neato-xv11", "neato-lds02rr", "neato-lds01rr")
-"""The names of `simulated.device.PROFILES`, repeated: users of a real device do not load the simulated one."""
-
-FAMILY: Final = family_of(TALKERS, "Neato", SIMULATED)
+FAMILY: Final = family_of(TALKERS, "Neato")
 """The family's row of the registry."""

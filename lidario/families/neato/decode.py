@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.neato.formats import PACKET
-from lidario.families.slots import DegreeDecoder, Returns
+from lidario.families.slots import DegreeDecoder
 
 __all__ = ["BackDecoder", "PacketDecoder"]
 
@@ -28,10 +28,10 @@ class PacketDecoder(DegreeDecoder):
     def __init__(self, *, back: bool = False) -> None:
         super().__init__(PACKET, back=back)
 
-    def _returns(self, rows: NDArray[Any]) -> Returns:
+    def _returns(self, rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         words = rows["samples"]["distance"]
         strength = np.minimum(rows["samples"]["strength"] >> 3, 255)
-        return Returns(np.where(words & _NONE, 0, words & _MILLIMETRES), strength)
+        return np.where(words & _NONE, 0, words & _MILLIMETRES), strength
 
 
 class BackDecoder(PacketDecoder):

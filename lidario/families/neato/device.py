@@ -38,20 +38,14 @@ def _too_slow(packets: bytes) -> str:
 
 TALKERS: Final = Talkers(
     family="neato",
-    models={
-        model.name: model
-        for model in (
-            TalkingModel("xv11", "Neato XV-11", 115_200, _USUAL_US, 0.0, BackFormat, BackDecoder),
-            TalkingModel("lds02rr", "LDS02RR", 115_200, _USUAL_US, 0.0, PacketFormat, PacketDecoder),
-            TalkingModel("lds01rr", "LDS01RR", 115_200, _USUAL_US, 9.0, PacketFormat, PacketDecoder),
-        )
-    },
+    all=(
+        TalkingModel("xv11", "Neato XV-11", 115_200, _USUAL_US, 0.0, BackFormat, BackDecoder),
+        TalkingModel("lds02rr", "LDS02RR", 115_200, _USUAL_US, 0.0, PacketFormat, PacketDecoder),
+        TalkingModel("lds01rr", "LDS01RR", 115_200, _USUAL_US, 9.0, PacketFormat, PacketDecoder),
+    ),
     unnamed=lambda packets: _UNNAMED,  # noqa: ARG005 - they tell nothing
     sample_us=PACKET.sample_us,
     heard=4,
-    hear_s=0.5,
-    # At 200 revolutions a minute.
-    slowest_turn_s=0.45,
     # Two packets a revolution at 50 revolutions a minute, as the recording has it.
     rotor=Rotor(AnySpeed, 0.8, _too_slow),
 )

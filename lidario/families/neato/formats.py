@@ -22,13 +22,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.slots import FIRST, HEAD, DegreeFormat, DegreePacket
+from lidario.families.slots import DegreeFormat, DegreePacket
 from lidario.wire.formats import NO_PACKET
 from lidario.wire.rows import Fold15
 
 __all__ = ["PACKET", "SIZE", "SLOWEST", "AnySpeed", "BackFormat", "PacketFormat"]
 
-PACKETS: Final = 90
 SIZE: Final = 22
 SAMPLES: Final = 4
 SLOWEST: Final = 200 * 64
@@ -61,24 +60,17 @@ class PacketFormat(DegreeFormat):
         return CHECK.holds(data, at)
 
     def _intact_rows(self, data: bytearray, at: int, count: int) -> NDArray[np.bool_]:
-        rows = np.frombuffer(data, np.uint8, count * SIZE, at)
-        packets, number = rows.view(LAYOUT), rows[1::SIZE]
-        marked = (packets["mark"] == HEAD) & (number >= FIRST) & (number < FIRST + PACKETS)
-        intact: NDArray[np.bool_] = (
-            marked & (packets["speed"] >= SLOWEST) & CHECK.of_rows(rows.reshape(count, SIZE))
-        )
-        return intact
+        raw = np.frombuffer(data, np.uint8, count * SIZE, at)
+        rows = raw.view(LAYOUT)
+        intact: NDArray[np.bool_] = rows["speed"] >= SLOWEST
+        return intact & self._marked(rows) & CHECK.of_rows(raw.reshape(count, SIZE))
 
     def other_record(self, data: bytearray, at: int) -> int:
         """As `StreamFormat.other_record`: a packet of a rotor that is too slow."""
-        size = self._begun(data, at, 4)
+        size = self._begun(data, at, SIZE)
         if size <= 0:
             return size
-        if _speed(data, at) >= SLOWEST:
-            return NO_PACKET
-        if len(data) - at < SIZE:
-            return 0
-        return SIZE if CHECK.holds(data, at) else NO_PACKET
+        return SIZE if _speed(data, at) < SLOWEST and CHECK.holds(data, at) else NO_PACKET
 
 
 class BackFormat(PacketFormat):

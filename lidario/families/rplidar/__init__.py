@@ -5,38 +5,9 @@ from __future__ import annotations
 from lidario.families.base import Family, Timing
 from lidario.families.rplidar.device import RplidarDevice
 from lidario.families.rplidar.formats import FORMATS
-from lidario.families.rplidar.raw import find_stream, stream_of
+from lidario.families.rplidar.raw import find_stream, stream_in
 
 __all__ = ["FAMILY"]
-
-SIMULATED = (
-    "rplidar-s2",
-    "rplidar-s1",
-    "rplidar-s3",
-    "rplidar-a1",
-    "rplidar-a2",
-    "rplidar-a3",
-    "rplidar-c1",
-    "rplidar-s2l",
-    "rplidar-s2e",
-    "rplidar-t1",
-    "rplidar-express",
-    "rplidar-hq",
-    "rplidar-ultra",
-    "rplidar-ultradense",
-    "rplidar-holes",
-    "rplidar-zero-us",
-    "rplidar-wrong-us",
-    "rplidar-other-format",
-    "rplidar-unknown-response",
-    "rplidar-no-modes",
-    "rplidar-a2-empty-list",
-    "rplidar-a2-no-board",
-    "rplidar-c1-fixed",
-    "rplidar-old-firmware",
-)
-"""The names of `simulated.profiles.PROFILES`, repeated here so that users of a real device do not load the
-simulated one."""
 
 FAMILY = Family(
     name="rplidar",
@@ -57,7 +28,6 @@ FAMILY = Family(
     ),
     device=RplidarDevice,
     formats=tuple(FORMATS.values()),
-    simulated=SIMULATED,
     find_stream=find_stream,
-    stream_of=stream_of,
+    stream_in=stream_in,
 )

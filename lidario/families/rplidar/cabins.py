@@ -37,8 +37,6 @@ _SMOOTHED_Q2: Final = 8
 """0x86: at scale 0, a step of up to 2 mm from the sample before is halved."""
 
 _FAR_Q2: Final = 100
-_ROUNDS: Final = 8
-"""0x86: rounds in which all samples are smoothed together; few chains are longer."""
 
 _PAIR: Final = np.dtype({"names": ("words", "rest"), "formats": ("<u4", "u1"), "offsets": (0, 4)})
 """A cabin of 0x82 and 0x86: two samples' words, and a byte with four more bits for each, the lower ones first."""
@@ -219,7 +217,7 @@ def _smoothed(raw: NDArray[np.int32], fine: NDArray[np.bool_], last: int) -> NDA
     from_nothing = concerned & (before == 0)
     any_from_nothing = np.count_nonzero(from_nothing)
     moved, again = np.zeros((2, len(raw) + 1), np.int8)
-    for _ in range(_ROUNDS):
+    while True:
         away = moved[:-1] - small_step
         near = np.abs(away) <= _SMOOTHED_Q2
         if any_from_nothing:
@@ -230,24 +228,3 @@ def _smoothed(raw: NDArray[np.int32], fine: NDArray[np.bool_], last: int) -> NDA
         moved, again = again, moved
         if not np.count_nonzero(changed):
             return raw + moved[1:]
-    return _smoothed_on(raw, raw + moved[1:], concerned, moved[1:] != again[1:])
-
-
-def _smoothed_on(
-    raw: NDArray[np.int32],
-    result: NDArray[np.int32],
-    concerned: NDArray[np.bool_],
-    changed: NDArray[np.bool_],
-) -> NDArray[np.int32]:
-    """Finish what `_smoothed` began: follow the few chains that are long, sample by sample."""
-    heads = np.flatnonzero(changed) + 1
-    while len(heads):
-        heads = heads[heads < len(raw)]
-        heads = heads[concerned[heads]]
-        own, earlier = raw[heads], result[heads - 1]
-        near = (earlier != 0) & (np.abs(own - earlier) <= _SMOOTHED_Q2)
-        again = np.where(near, (own + earlier) >> 1, own)
-        different = again != result[heads]
-        result[heads] = again
-        heads = heads[different] + 1
-    return result

@@ -7,13 +7,12 @@ angles of a whole stretch are one product of two small matrices. What is inside 
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.arcs import ArcDecoder, Decoded, Floats, in_turn
+from lidario.families.arcs import ArcDecoder, Output, at_equal_steps, in_turn, starts_and_arcs
 from lidario.families.rplidar.cabins import (
     express_cabins,
     near_range_corrections,
@@ -35,153 +34,111 @@ from lidario.wire.events import Packets
 
 __all__ = ["CapsuleDecoder", "DenseDecoder", "ExpressDecoder", "UltraDecoder", "UltraDenseDecoder"]
 
-Bytes = NDArray[np.uint8]
 Words = NDArray[np.uint16]
-
-
-class Capsules(NamedTuple):
-    """Packets of a capsule format, as words.
-
-    Attributes:
-        words: (packets, words of one).
-        after: The packet behind them, if known.
-    """
-
-    words: Words
-    after: bytes | None
 
 
 class CapsuleDecoder(ArcDecoder):
     """What the four capsule formats have in common: samples at equal steps from the start angle.
 
-    While it works, angles are counted in units of which a degree has 64 for each sample of a packet: whole
-    numbers, as long as no arc had to be guessed.
-
     Attributes:
-        size: Bytes of one packet.
-        start_at: Offset of the start angle.
-        samples: Samples in one packet.
+        wire: Their format.
         corrected: Whether samples have corrections, which may take an angle back over 0.
     """
 
-    size: ClassVar[int]
-    start_at: ClassVar[int] = CapsuleFormat.start_at
-    samples: ClassVar[int]
+    wire: ClassVar[type[CapsuleFormat]]
     corrected: ClassVar[bool] = False
 
     def __init__(self) -> None:
-        super().__init__(FULL_TURN_Q6, Wheel(FULL_TURN_Q6, self.samples))
-        self._units = 64.0 * self.samples
-        order = np.arange(self.samples, dtype=np.float32)
-        self._steps = np.stack((np.full_like(order, self.samples), order))
-        """What a start angle and an arc contribute to each sample of a packet."""
+        super().__init__(FULL_TURN_Q6, Wheel(FULL_TURN_Q6, self.wire.samples))
+        self._units = 64.0 * self.wire.samples
 
     def _heads(self, packets: Packets, following: bytes | None) -> Heads:
-        words = np.frombuffer(packets.data, "<u2").reshape(-1, self.size // 2)
-        at = self.start_at
-        starts = _in_range(words[:, at // 2].astype(np.int32))
-        behind = None
-        if following is not None:
-            behind = ((following[at] | following[at + 1] << 8) & ANGLE_MASK) % FULL_TURN_Q6
-        return Heads(starts, behind, self.samples, None, Capsules(words, following))
+        words = np.frombuffer(packets.data, "<u2").reshape(-1, self.wire.shortest // 2)
+        column = self.wire.start_at // 2
+        starts = _in_range(words[:, column].astype(np.int32))
+        if following is None:
+            return Heads(starts, None, self.wire.samples, None, (words, None))
+        after = np.frombuffer(following, "<u2")
+        behind = (int(after[column]) & ANGLE_MASK) % FULL_TURN_Q6
+        return Heads(starts, behind, self.wire.samples, None, (words, after))
 
-    def _samples(
-        self,
-        packets: Packets,  # noqa: ARG002
-        heads: Heads,
-        arcs: Arcs,
-        ends: Sequence[int],
-        room: int,
-    ) -> Decoded:
-        end = room + ends[-1]
-        angle, distance = np.empty(end, np.float32), np.empty(end, np.float32)
-        grid = angle[room:].reshape(-1, self.samples)
-        each = np.empty((len(heads.first), 2), np.float32)
-        each[:, 0], each[:, 1] = heads.first, arcs.arc
-        np.matmul(each, self._steps, out=grid)
-        intensity = self._payload(heads.read, arcs.skipped, distance[room:].reshape(-1, self.samples), grid)
-        in_turn(grid, FULL_TURN_Q6 * self.samples, back=self.corrected)
-        grid /= self._units
-        if intensity is not None and room:
-            intensity = np.concatenate((np.empty(room, np.uint8), intensity))
+    def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:
+        at_equal_steps(starts_and_arcs(heads.first, arcs.arc), self.wire.samples, output.angle)
+        words, after = heads.read
+        self._payload(words, after, arcs.skipped, output)
+        in_turn(output.angle, FULL_TURN_Q6 * self.wire.samples, back=self.corrected)
+        output.angle /= self._units
         is_cut = arcs.skipped is not None and arcs.skipped[-1] > 0
-        return Decoded(angle, distance, intensity, 0.0 if is_cut else float(distance[-1]))
+        output.last = 0.0 if is_cut else float(output.distance[-1, -1])
 
     @abstractmethod
-    def _payload(
-        self, capsules: Capsules, skipped: NDArray[np.intp] | None, distance: Floats, angle: Floats
-    ) -> Bytes | None:
-        """Write distances in mm, take corrections off the angles, both (packets, samples); return intensities.
+    def _payload(self, words: Words, after: Words | None, skipped: NDArray[np.intp] | None, output: Output) -> None:
+        """Write distances and intensities, and take corrections off the angles.
 
         Args:
-            capsules: The packets.
+            words: The packets, shape (packets, words of one).
+            after: The packet behind them, if known.
             skipped: Samples missing behind each, shape (packets,); None when none is.
-            distance: Where distances go.
-            angle: Where the angles stand.
+            output: Where distances go, and the angles stand.
         """
 
 
 class DenseDecoder(CapsuleDecoder):
     """0x85: the cabin is the distance in millimetres."""
 
-    size: ClassVar[int] = DenseFormat.shortest
-    samples: ClassVar[int] = 40
+    wire: ClassVar[type[CapsuleFormat]] = DenseFormat
+    has_intensity: bool = False
 
-    def _payload(self, capsules: Capsules, skipped: Any, distance: Floats, angle: Floats) -> None:  # noqa: ARG002
-        distance[...] = capsules.words[:, 2:]
+    def _payload(self, words: Words, after: Any, skipped: Any, output: Output) -> None:  # noqa: ARG002
+        output.distance[...] = words[:, 2:]
 
 
 class ExpressDecoder(CapsuleDecoder):
     """0x82: each sample carries its own correction of the angle."""
 
-    size: ClassVar[int] = ExpressFormat.shortest
-    samples: ClassVar[int] = 32
+    wire: ClassVar[type[CapsuleFormat]] = ExpressFormat
+    has_intensity: bool = False
     corrected: ClassVar[bool] = True
 
-    def _payload(self, capsules: Capsules, skipped: Any, distance: Floats, angle: Floats) -> None:  # noqa: ARG002
-        millimetres, eighths = express_cabins(np.ascontiguousarray(capsules.words[:, 2:]))
-        distance[...] = millimetres.reshape(distance.shape)
-        angle -= eighths.reshape(angle.shape) * np.float32(self._units / 8)
+    def _payload(self, words: Words, after: Any, skipped: Any, output: Output) -> None:  # noqa: ARG002
+        millimetres, eighths = express_cabins(np.ascontiguousarray(words[:, 2:]))
+        output.distance[...] = millimetres.reshape(output.distance.shape)
+        output.angle -= eighths.reshape(output.angle.shape) * np.float32(self._units / 8)
 
 
 class UltraDecoder(CapsuleDecoder):
     """0x84: scaled and predicted distances; the angle is corrected by the distance."""
 
-    size: ClassVar[int] = UltraFormat.shortest
-    samples: ClassVar[int] = 96
+    wire: ClassVar[type[CapsuleFormat]] = UltraFormat
+    has_intensity: bool = False
     corrected: ClassVar[bool] = True
 
     def __init__(self) -> None:
         super().__init__()
         self._corrections = near_range_corrections(self._units)
 
-    def _payload(self, capsules: Capsules, skipped: Any, distance: Floats, angle: Floats) -> None:
-        after = capsules.after
+    def _payload(self, words: Words, after: Any, skipped: Any, output: Output) -> None:
         # Behind the first four bytes of a capsule, each cabin has four.
-        cabins = capsules.words.view("<u4")[:, 1:].astype(np.intp)
-        millimetres = ultra_cabins(cabins, None if after is None else after[4] | after[5] << 8, skipped)
-        distance[...] = millimetres
-        angle -= self._corrections.take(millimetres)
+        cabins = words.view("<u4")[:, 1:].astype(np.intp)
+        millimetres = ultra_cabins(cabins, None if after is None else int(after[2]), skipped)
+        output.distance[...] = millimetres
+        output.angle -= self._corrections.take(millimetres)
 
 
 class UltraDenseDecoder(CapsuleDecoder):
     """0x86: 20 bits a sample, distance and intensity on a sliding scale; short distances are smoothed."""
 
-    size: ClassVar[int] = UltraDenseFormat.shortest
-    start_at: ClassVar[int] = UltraDenseFormat.start_at
-    samples: ClassVar[int] = 64
+    wire: ClassVar[type[CapsuleFormat]] = UltraDenseFormat
 
     def __init__(self) -> None:
         super().__init__()
         self._last_q2 = 0
 
-    def _payload(self, capsules: Capsules, skipped: Any, distance: Floats, angle: Floats) -> Bytes:  # noqa: ARG002
-        distance_q2, intensity = ultra_dense_cabins(
-            np.ascontiguousarray(capsules.words[:, 5:]), self._last_q2, skipped
-        )
-        distance[...] = distance_q2.reshape(distance.shape)
-        distance *= np.float32(0.25)
-        return intensity
+    def _payload(self, words: Words, after: Any, skipped: Any, output: Output) -> None:  # noqa: ARG002
+        distance_q2, intensity = ultra_dense_cabins(np.ascontiguousarray(words[:, 5:]), self._last_q2, skipped)
+        output.distance[...] = distance_q2.reshape(output.distance.shape)
+        output.distance *= np.float32(0.25)
+        output.intensity[...] = intensity.reshape(output.intensity.shape)
 
     def _remember(self, heads: Heads, last: float) -> None:  # noqa: ARG002
         # For the smoothing of the next distance.

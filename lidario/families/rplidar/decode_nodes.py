@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.arcs import ArcDecoder, Decoded
+from lidario.families.arcs import ArcDecoder, Output
 from lidario.families.rplidar.formats import FULL_TURN_Q6, FULL_TURN_Q14
 from lidario.families.rplidar.node_steps import NodeSteps
 from lidario.families.rplidar.nodes import NODE
@@ -40,23 +39,11 @@ class HqDecoder(ArcDecoder):
         way = (angles[:, -1] - angles[:, 0]).astype(np.int32)
         return Heads(angles[:, 0].astype(np.int32), after, self.samples, way, nodes)
 
-    def _samples(
-        self,
-        packets: Packets,  # noqa: ARG002
-        heads: Heads,
-        arcs: Arcs,  # noqa: ARG002 - nodes are not moved
-        ends: Sequence[int],
-        room: int,
-    ) -> Decoded:
-        nodes, size = heads.read, room + ends[-1]
-        angle, distance = np.empty(size, np.float32), np.empty(size, np.float32)
-        intensity = np.empty(size, np.uint8)
-        angle[room:].reshape(nodes.shape)[...] = nodes["angle"]
-        distance[room:].reshape(nodes.shape)[...] = nodes["distance"]
-        intensity[room:].reshape(nodes.shape)[...] = nodes["quality"]
-        angle[room:] *= 360.0 / FULL_TURN_Q14
-        distance[room:] *= 0.25
-        return Decoded(angle, distance, intensity)
+    def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:  # noqa: ARG002 - nodes are not moved
+        nodes = heads.read
+        np.multiply(nodes["angle"], np.float32(360.0 / FULL_TURN_Q14), out=output.angle)
+        np.multiply(nodes["distance"], 0.25, out=output.distance, dtype=np.float32, casting="same_kind")
+        output.intensity[...] = nodes["quality"]
 
     def _behind_seam(self, heads: Heads, arcs: Arcs | SteadyArcs, at: int, seam: int) -> int:  # noqa: ARG002
         """How many nodes of a packet, which all lie ahead of its first one, are behind the seam."""
@@ -80,22 +67,12 @@ class NodeDecoder(ArcDecoder):
         after = None if following is None else following[1] >> 1 | following[2] << 7
         return Heads((rows["angle"] >> 1).astype(np.int32), after, 1, None, rows)
 
-    def _samples(
-        self,
-        packets: Packets,  # noqa: ARG002
-        heads: Heads,
-        arcs: Arcs,  # noqa: ARG002 - nodes are not moved
-        ends: Sequence[int],
-        room: int,
-    ) -> Decoded:
-        rows, size = heads.read, room + ends[-1]
-        angle, distance = np.empty(size, np.float32), np.empty(size, np.float32)
-        intensity = np.empty(size, np.uint8)
-        np.divide(heads.first, 64.0, out=angle[room:], dtype=np.float32, casting="same_kind")
-        distance[room:] = rows["distance"]
-        distance[room:] *= 0.25
-        np.bitwise_and(rows["quality"], 0xFC, out=intensity[room:])
-        return Decoded(angle, distance, intensity)
+    def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:  # noqa: ARG002 - nodes are not moved
+        rows, distance = heads.read, output.distance[:, 0]
+        np.divide(heads.first, 64.0, out=output.angle[:, 0], dtype=np.float32, casting="same_kind")
+        distance[...] = rows["distance"]
+        distance *= 0.25
+        np.bitwise_and(rows["quality"], 0xFC, out=output.intensity[:, 0])
 
     def _behind_seam(self, heads: Heads, arcs: Arcs | SteadyArcs, at: int, seam: int) -> int:  # noqa: ARG002
         """None: a node is too short to lie across it."""

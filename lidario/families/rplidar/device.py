@@ -65,18 +65,17 @@ class RplidarDevice(Device):
         return commands.STOP
 
     def halt(self) -> tuple[Request, ...]:
-        """As `Device.halt`: the motor first, since nothing is heard for 10 ms after STOP."""
+        # The motor first, since nothing is heard for 10 ms after STOP.
         return (*self._motor.halt(), commands.STOP)
 
     def halt_unknown(self) -> tuple[Request, ...]:
-        """As `Device.halt_unknown`: what stops an A2 or A3, then what stops an A1 and makes the others deaf."""
+        # What stops an A2 or A3, then what stops an A1 and makes the others deaf.
         return () if self._major else (commands.motor_pwm(0), commands.DTR_STOPS)
 
     def reset(self) -> Request:
         return commands.RESET
 
     def identify(self) -> Script[DeviceInfo]:
-        """As `Device.identify`; asked until two responses are equal."""
         model, minor, major, hardware, serial = struct.unpack("<BBBB16s", (yield from agreed(commands.GET_INFO)))
         self._major, self._firmware = model >> 4, (major, minor)
         self._configuration.known = self._major >= FIRST_DIRECT_TOF or self._firmware >= CONF_FIRMWARE
@@ -93,7 +92,6 @@ class RplidarDevice(Device):
         )
 
     def health(self) -> Script[Health]:
-        """As `Device.health`; a status that is not defined is a warning."""
         told = yield commands.GET_HEALTH
         # For an error, the device is reset.
         return health_of((yield from agreed(commands.GET_HEALTH, told)) if any(told) else told)
@@ -116,7 +114,6 @@ class RplidarDevice(Device):
         return modes or (yield from self._legacy_modes())
 
     def load(self, mode: ScanMode) -> float:
-        """As `Device.load`, by what the mode's list foretells."""
         wire = FORMATS.get(mode.response_type)
         return 0.0 if wire is None or not mode.sample_us else mode.samples_per_second * wire.longest / wire.samples
 
@@ -129,16 +126,11 @@ class RplidarDevice(Device):
         return (LEGACY_EXPRESS, HQ_SCAN) if self._configuration.known else ()
 
     def explain_silence(self, lasted_s: float) -> Script[bool]:
-        """As `Device.explain_silence`: the motor of an A2 or A3 may not have been started."""
+        # The motor of an A2 or A3 may not have been started.
         return False if lasted_s else (yield from self._motor.board_found_late())
 
     def start(self, mode: ScanMode, *, force: bool = False) -> Script[Stream]:
-        """As `Device.start`; the descriptor decides which format is decoded, not what the mode's list foretold.
-
-        Raises:
-            Unsupported: The mode's response type is not one of the six, or a forced scan was asked for in a mode
-                other than the plain one.
-        """
+        """As `Device.start`; the descriptor decides which format is decoded, not what the mode's list foretold."""
         if mode.response_type not in FORMATS:
             known = ", ".join(f"0x{number:02X}" for number in sorted(FORMATS))
             raise Unsupported(
@@ -172,47 +164,25 @@ class RplidarDevice(Device):
         )
 
     def scan_frequency(self) -> Script[float]:
-        """As `Device.scan_frequency`: what was set here, else the device's own default.
-
-        Raises:
-            Unsupported: The model takes no speed; the text says how its motor is turned.
-        """
-        return (yield from self._motor.frequency())
+        return self._motor.frequency()
 
     def set_scan_frequency(self, hertz: float) -> Script[float]:
-        """As `Device.set_scan_frequency`; checked against the device's own limits where it tells them.
-
-        It is sent with the next start, or by `retune`: a resting rotor would be set in motion.
-
-        Raises:
-            InvalidValue: Not a finite number, or outside the device's limits.
-            Unsupported: As `scan_frequency`.
-        """
-        return (yield from self._motor.set_frequency(hertz))
+        # It is sent with the next start, or by `retune`: a resting rotor would be set in motion.
+        return self._motor.set_frequency(hertz)
 
     def retune(self) -> Request | None:
         return self._motor.retune()
 
     def scan_frequency_range(self) -> Script[tuple[float, float]]:
-        """As `Device.scan_frequency_range`; what fits in the request where the device does not tell.
-
-        Raises:
-            Unsupported: As `scan_frequency`.
-        """
-        return (yield from self._motor.frequency_range())
+        return self._motor.frequency_range()
 
     def network_address(self) -> Script[NetworkAddress]:
-        return (yield from ask_address())
+        return ask_address()
 
     def set_network_address(self, address: NetworkAddress) -> Script[None]:
-        yield from set_address(address)
+        return set_address(address)
 
     def set_baudrate(self, baudrate: int, present: int) -> Script[None]:
-        """As `Device.set_baudrate`.
-
-        Raises:
-            Unsupported: The firmware cannot do it, or the device did not follow.
-        """
         if self._major < FIRST_DIRECT_TOF and self._firmware < SPEED_FIRMWARE:
             raise Unsupported("the firmware of this device is too old to change the speed of its line")
         return change_speed(baudrate, present)

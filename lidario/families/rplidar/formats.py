@@ -69,7 +69,6 @@ class CapsuleFormat(RowFormat):
     start_at = 2
 
     def measure(self, data: bytearray, at: int) -> int:
-        """As `StreamFormat.measure`: two bytes tell."""
         if data[at] >> 4 != 0xA:
             return NO_PACKET
         if at + 1 >= len(data):
@@ -77,7 +76,6 @@ class CapsuleFormat(RowFormat):
         return self.shortest if data[at + 1] >> 4 == 0x5 else NO_PACKET
 
     def intact(self, data: bytearray, at: int, size: int) -> bool:
-        """As `StreamFormat.intact`: the XOR of all bytes behind the first two."""
         word = int.from_bytes(data[at + 2 : at + size], "little")
         # Folding one long integer in halves is several times faster than a loop over its bytes.
         for shift in (1024, 512, 256, 128, 64, 32, 16, 8):
@@ -85,7 +83,6 @@ class CapsuleFormat(RowFormat):
         return word & 0xFF == (data[at] & 0xF) | (data[at + 1] & 0xF) << 4
 
     def headings(self, packets: Packets) -> Headings:
-        """As `StreamFormat.headings`, in 1/64 degrees."""
         data = packets.data
         if len(data) >= CAPSULES_WORTH_AN_ARRAY * self.shortest:
             words = np.frombuffer(data, "<u2")[self.start_at // 2 :: self.shortest // 2].astype(np.int32)
@@ -193,7 +190,6 @@ class HqFormat(StreamFormat):
         return self.shortest if data[at] == 0xA5 else NO_PACKET
 
     def intact(self, data: bytearray, at: int, size: int) -> bool:
-        """As `StreamFormat.intact`: the CRC-32."""
         end = at + size - self._crc.size
         (stated,) = self._crc.unpack_from(data, end)
         return zlib.crc32(self._padding, zlib.crc32(data[at:end])) == int(stated)
@@ -212,7 +208,6 @@ class HqFormat(StreamFormat):
         return Stretch((Block(size, (at - begin) // size),) if at > begin else (), at, at)
 
     def mend(self, data: bytearray, at: int, size: int) -> bool:
-        """As `StreamFormat.mend`: turns a flipped bit back, if it is exactly one."""
         end = at + size - self._crc.size
         (stated,) = self._crc.unpack_from(data, end)
         bit = _single_bits(size - self._crc.size).get(
@@ -224,7 +219,6 @@ class HqFormat(StreamFormat):
         return True
 
     def headings(self, packets: Packets) -> Headings:
-        """As `StreamFormat.headings`, in 90/16384 degrees."""
         data = packets.data
         if len(data) >= HEADINGS_WORTH_AN_ARRAY * self.shortest:
             rows = np.frombuffer(data, np.uint8).reshape(-1, self.shortest)

@@ -13,14 +13,13 @@ A node has two check bits, so that a few bytes may pass for one whose angle is s
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
-from typing import Final, Self
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.pace import Pace
+from lidario.families.pace import PacedTurning
 from lidario.families.spans import Arcs, Heads, SteadyArcs, by_revolution, spans_between
 from lidario.wire.events import Arrival
 
@@ -46,29 +45,16 @@ _OFF: Final = 0.25
 """Part by which the number of steps that time tells may be off a whole number."""
 
 
-class NodeSteps:
-    """Follows the nodes of one stream; obeys `Turning`.
+class NodeSteps(PacedTurning):
+    """Follows the nodes of one stream.
 
     Args:
         full_turn: 360 degrees in the unit of the headings.
     """
 
     def __init__(self, full_turn: int) -> None:
-        self._full_turn = full_turn
-        self._retreat = int(full_turn * RETREAT_TURNS)
-        self._sample_ns = 0.0
+        super().__init__(full_turn, RETREAT_TURNS, full_turn)
         self._typical = 0.0
-        self._certain = self._confirmed = False
-        self._strange = 0
-        self._pace = Pace(full_turn)
-
-    def tell_time(self, sample_ns: float) -> None:
-        self._sample_ns = sample_ns
-
-    def copy(self) -> Self:
-        twin = copy.copy(self)
-        twin._pace = self._pace.copy()  # noqa: SLF001 - its own
-        return twin
 
     def follow(self, heads: Heads, arrivals: Sequence[Arrival] = ()) -> Arcs:
         followed = heads.following is not None
@@ -126,7 +112,7 @@ class NodeSteps:
             self._pace.clear()
             return
         self._pace.add(nodes, arrivals)
-        by_time = self._pace.measured(self._sample_ns, 1.0)
+        by_time = self._pace.measured(self._packet_ns, 1.0)
         if by_time is None:
             return
         low, high = min(by_time), max(by_time)

@@ -90,7 +90,6 @@ class NodeFormat(StreamFormat):
         self._other_mark = -FULL_TURN_Q6
 
     def measure(self, data: bytearray, at: int) -> int:
-        """As `StreamFormat.measure`: by the two check bits alone."""
         if at + 1 >= len(data):
             return 0
         first = data[at]
@@ -102,24 +101,14 @@ class NodeFormat(StreamFormat):
 
     def headings(self, packets: Packets) -> Headings:
         """As `StreamFormat.headings`, in 1/64 degrees. Only marks far from 0 are told: at 0 the angles do."""
-        data = packets.data
-        if len(data) < HEADINGS_WORTH_AN_ARRAY * SIZE:
-            few = [angle_at(data, place) for place in range(0, len(data), SIZE)]
-            if self._marked_far is False:
-                return few
-            for place, first in enumerate(data[::SIZE]):
-                if first & 1 and apart(few[place], 0) > SEAM_Q6:
-                    few[place] |= BEGINS
-            return few
-        nodes = np.frombuffer(data, NODE)
-        many = nodes["angle"].astype(np.int32)
-        many >>= 1
-        if self._marked_far is False:
-            return many
-        for place in (nodes["quality"] & 1).nonzero()[0].tolist():
-            if apart(int(many[place]), 0) > SEAM_Q6:
-                many[place] |= BEGINS
-        return many
+        nodes = np.frombuffer(packets.data, NODE)
+        angles = nodes["angle"].astype(np.int32)
+        angles >>= 1
+        if self._marked_far is not False:
+            for place in (nodes["quality"] & 1).nonzero()[0].tolist():
+                if apart(int(angles[place]), 0) > SEAM_Q6:
+                    angles[place] |= BEGINS
+        return angles if len(angles) >= HEADINGS_WORTH_AN_ARRAY else angles.tolist()
 
     def run(self, data: bytearray, at: int) -> Stretch:
         """Nodes from `at` that continue the last accepted angle, and each other."""

@@ -16,10 +16,11 @@ from typing import Final
 from lidario.families.base import Decoder, Known, RawStream, raw_stream
 from lidario.families.rplidar.decode import DECODERS
 from lidario.families.rplidar.formats import FORMATS
+from lidario.model import ScanMode
 from lidario.wire.envelope import DESCRIPTOR_MAGIC, DESCRIPTOR_SIZE, parse_descriptor
 from lidario.wire.formats import StreamFormat
 
-__all__ = ["find_stream", "stream_of"]
+__all__ = ["find_stream", "stream_in"]
 
 _USUAL_US: Final = {0x81: 62.5, 0x82: 125.0, 0x83: 100.0, 0x84: 62.5, 0x85: 31.25, 0x86: 31.25}
 _DESCRIPTORS: Final = re.compile(re.escape(DESCRIPTOR_MAGIC) + rb".{3}\x40.", re.DOTALL)
@@ -38,6 +39,7 @@ def find_stream(data: memoryview, known: Known) -> RawStream | None:
     return None
 
 
-def stream_of(response_type: int) -> tuple[StreamFormat, Decoder] | None:
-    """Format and decoder by the response type of the descriptor; None for one that is no measurement."""
-    return (FORMATS[response_type](), DECODERS[response_type]()) if response_type in FORMATS else None
+def stream_in(mode: ScanMode) -> tuple[StreamFormat, Decoder] | None:
+    """As `Family.stream_in`: by the response type of the descriptor."""
+    kind = mode.response_type
+    return (FORMATS[kind](), DECODERS[kind]()) if kind in FORMATS else None

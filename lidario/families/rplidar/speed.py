@@ -59,7 +59,6 @@ class MeasuredSpeed(StreamFormat):
         return abs(told - self._baudrate) <= TOLERANCE * self._baudrate
 
     def headings(self, packets: Packets) -> Headings:
-        """As `StreamFormat.headings`; there are none."""
         return [0] * sum(count for _, count in packets.blocks)
 
 

@@ -12,38 +12,9 @@ from lidario.families.base import Family, Timing
 from lidario.families.ydlidar.clouds import PointCloud3, PointCloud4
 from lidario.families.ydlidar.device import BY_DTR_S, NAMED, YdlidarDevice
 from lidario.families.ydlidar.formats import PointCloud
-from lidario.families.ydlidar.raw import find_stream, stream_of
+from lidario.families.ydlidar.raw import find_stream, stream_in
 
 __all__ = ["FAMILY"]
-
-SIMULATED: Final = (
-    "ydlidar-4ros",
-    "ydlidar-4ros-92",
-    "ydlidar-4ros-slow",
-    "ydlidar-4ros-stamps",
-    "ydlidar-4ros-long",
-    "ydlidar-tg15",
-    "ydlidar-tg50",
-    "ydlidar-x4",
-    "ydlidar-g1",
-    "ydlidar-g2",
-    "ydlidar-g4",
-    "ydlidar-g6",
-    "ydlidar-r2",
-    "ydlidar-f4",
-    "ydlidar-s4b",
-    "ydlidar-tmini",
-    "ydlidar-tmini-pro",
-    "ydlidar-tmini-plus",
-    "ydlidar-tmini-plus-sh",
-    "ydlidar-x2",
-    "ydlidar-x3",
-    "ydlidar-x4-pro",
-    "ydlidar-s2-pro",
-    "ydlidar-tx8",
-)
-"""The names of `simulated.PROFILES`, repeated here so that users of a real device do not load the simulated
-one."""
 
 FAMILY: Final = Family(
     name="ydlidar",
@@ -64,9 +35,8 @@ FAMILY: Final = Family(
     ),
     device=YdlidarDevice,
     formats=(PointCloud, PointCloud3, PointCloud4),
-    simulated=SIMULATED,
     find_stream=find_stream,
-    stream_of=stream_of,
+    stream_in=stream_in,
     models=NAMED,
     # The most sold of those that respond, and of those that only talk, and the only one at 153600 baud.
     # The S4 must be named.

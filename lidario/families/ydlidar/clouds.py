@@ -24,7 +24,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.arcs import Decoded
+from lidario.families.arcs import Output, write_degrees
 from lidario.families.spans import Arcs, Heads
 from lidario.families.ydlidar.decode import PointCloudDecoder
 from lidario.families.ydlidar.formats import FULL_TURN_Q6, HEADER_SIZE, MAGIC_WORD, MOST_SAMPLES, PointCloud
@@ -33,8 +33,6 @@ from lidario.wire.envelope import xor_bytes
 from lidario.wire.events import Packets
 
 __all__ = ["KINDS", "CloudDecoder", "Kind", "PointCloud3", "PointCloud4"]
-
-Floats = NDArray[np.float32]
 
 
 class PointCloud3(PointCloud):
@@ -131,39 +129,25 @@ class CloudDecoder(PointCloudDecoder):
     def __init__(self, kind: Kind) -> None:
         super().__init__()
         self.speed_base: int = kind.speed_base
+        self.has_intensity: bool = bool(kind.bits)
         self._kind = kind
 
-    def _samples(
-        self,
-        packets: Packets,
-        heads: Heads,
-        arcs: Arcs,  # noqa: ARG002 - each packet tells its own
-        ends: Sequence[int],
-        room: int,
-    ) -> Decoded:
-        kind, total = self._kind, ends[-1]
-        raw = _sample_bytes(packets, kind.sample_size, total)
+    def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:  # noqa: ARG002 - each packet tells its own
+        kind = self._kind
+        raw = _sample_bytes(heads.read.packets, kind.sample_size, len(output.angle))
         word = raw[:, -2] | raw[:, -1].astype(np.uint16) << 8
-        angle, distance = np.empty(room + total, np.float32), np.empty(room + total, np.float32)
-        np.divide(word & 0xFFFC if kind.flags else word, kind.unit, out=distance[room:], casting="unsafe")
+        np.divide(word & 0xFFFC if kind.flags else word, kind.unit, out=output.distance, casting="unsafe")
         beam = _beams(heads)
         if kind.triangle:
-            d = distance[room:].astype(np.float64)
+            d = output.distance.astype(np.float64)
             with np.errstate(divide="ignore"):
                 beam += np.where(d > 0, np.degrees(np.arctan(21.8 * (155.3 - d) / (155.3 * d))), 0.0)
-        beam += np.where(beam < 0, 360.0, np.where(beam >= 360.0, -360.0, 0.0))
-        angle[room:] = beam
-        # Just below 360 degrees, single precision rounds up to 360.
-        angle[room:][angle[room:] >= 360.0] = 0.0
-        if not kind.bits:
-            return Decoded(angle, distance, None)
-        intensity = np.empty(room + total, np.uint8)
+        write_degrees(beam, output.angle)
         if kind.bits == 10:
-            intensity[room:] = (raw[:, 0] | (word & 3) << 8) >> 2
-        else:
+            output.intensity[...] = (raw[:, 0] | (word & 3) << 8) >> 2
+        elif kind.bits:
             # Of 16 bits the upper eight.
-            intensity[room:] = raw[:, kind.sample_size - 3]
-        return Decoded(angle, distance, intensity)
+            output.intensity[...] = raw[:, kind.sample_size - 3]
 
 
 def _sample_bytes(packets: Packets, sample_size: int, total: int) -> NDArray[np.uint8]:

@@ -16,7 +16,6 @@ after a stop, and we the longer of the two.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from enum import IntEnum
 from typing import Final
 
@@ -35,10 +34,7 @@ __all__ = [
     "GET_ZERO_OFFSET",
     "KEEPALIVE",
     "RESET",
-    "SPEED_DOWN_BY_01",
-    "SPEED_DOWN_BY_1",
-    "SPEED_UP_BY_01",
-    "SPEED_UP_BY_1",
+    "STEPS",
     "STOP",
     "TOGGLE_PROTECTION",
     "ResponseType",
@@ -85,22 +81,15 @@ length and a checksum, they make A5 90 a whole request with an empty payload, wh
 GET_ZERO_OFFSET: Final = _setting("GET_ZERO_OFFSET", 0x93, 4, attempts=2)
 
 GET_SPEED: Final = _setting("GET_SPEED", 0x0D, 4, attempts=2)
-SPEED_UP_BY_01: Final = _setting("SPEED_UP (by 0.1 Hz)", 0x09, 4)
-SPEED_DOWN_BY_01: Final = _setting("SPEED_DOWN (by 0.1 Hz)", 0x0A, 4)
-SPEED_UP_BY_1: Final = _setting("SPEED_UP (by 1 Hz)", 0x0B, 4)
-SPEED_DOWN_BY_1: Final = _setting("SPEED_DOWN (by 1 Hz)", 0x0C, 4)
+STEPS: Final = {
+    (False, True): _setting("SPEED_UP (by 0.1 Hz)", 0x09, 4),
+    (False, False): _setting("SPEED_DOWN (by 0.1 Hz)", 0x0A, 4),
+    (True, True): _setting("SPEED_UP (by 1 Hz)", 0x0B, 4),
+    (True, False): _setting("SPEED_DOWN (by 1 Hz)", 0x0C, 4),
+}
+"""By whether the step is a coarse one, and whether it leads up."""
 
 TOGGLE_PROTECTION: Final = _setting("TOGGLE_PROTECTION", 0xD9, 1)
-
-_SCAN: Final = Request(
-    "SCAN",
-    encode_request(0x60),
-    Expected(0x81, 0, LARGEST, continuous=True),
-    SCAN_TIMEOUT_S,
-    # Only the first SCAN has a header as its response (manual 3.8): once packets flow, asking again would wait in
-    # vain.
-    attempts=1,
-)
 
 DTR_TURNS: Final = Request("motor on by DTR", b"", settle=0.5, dtr=True)
 """The vendor's SDK waits as long (`startMotor`)."""
@@ -111,4 +100,6 @@ KEEPALIVE: Final = Request("KEEPALIVE", encode_request(0x60), in_stream=True)
 
 def scan(stream: StreamFormat) -> Request:
     """SCAN from standstill: a header, then packets without end."""
-    return replace(_SCAN, stream=stream)
+    announced = Expected(0x81, 0, LARGEST, continuous=True)
+    # Only the first SCAN has a header as its response (manual 3.8): once packets flow, asking again is in vain.
+    return Request("SCAN", encode_request(0x60), announced, SCAN_TIMEOUT_S, attempts=1, stream=stream)

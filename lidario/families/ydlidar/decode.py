@@ -17,14 +17,12 @@ packet holds one sample: it is missed when packets pass the place where the one 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from functools import cache
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.arcs import ArcDecoder, Decoded
+from lidario.families.arcs import ArcDecoder, Output, at_equal_steps, in_turn, starts_and_arcs
 from lidario.families.spans import Arcs, Heads, Ints
 from lidario.families.told import FEWEST, ToldWheel
 from lidario.families.ydlidar.formats import FULL_TURN_Q6, HEADER_SIZE, START_BIT, packet_heads
@@ -46,11 +44,13 @@ class Control(NamedTuple):
     """What else stands before the samples of packets.
 
     Attributes:
+        packets: The packets.
         words: (packets,): the number of samples, the mark of a start packet, and there the speed.
         marked: Which of them are start packets.
         is_following_marked: Whether the packet behind them is one.
     """
 
+    packets: Packets
     words: NDArray[np.uint16]
     marked: list[int]
     is_following_marked: bool
@@ -63,6 +63,7 @@ class PointCloudDecoder(ArcDecoder):
         speed_base: Tenths of Hz that the speed 0 in a start packet stands for.
     """
 
+    has_intensity: bool = False
     speed_base: int = SPEED_BASE
 
     def __init__(self) -> None:
@@ -81,26 +82,31 @@ class PointCloudDecoder(ArcDecoder):
         way[counts == 1] = 0
         marked = (words & START_BIT).nonzero()[0].tolist()
         if following is None:
-            return Heads(first, None, counts, way, Control(words, marked, is_following_marked=False))
+            return Heads(first, None, counts, way, Control(packets, words, marked, is_following_marked=False))
         behind = (following[4] >> 1 | following[5] << 7) % FULL_TURN_Q6
-        return Heads(first, behind, counts, way, Control(words, marked, bool(following[2] & START_BIT)))
+        return Heads(first, behind, counts, way, Control(packets, words, marked, bool(following[2] & START_BIT)))
 
-    def _samples(
-        self,
-        packets: Packets,
-        heads: Heads,
-        arcs: Arcs,  # noqa: ARG002 - each packet tells its own
-        ends: Sequence[int],
-        room: int,
-    ) -> Decoded:
-        first, way = heads.first, _ints(heads.way)
-        angle, distance = np.empty(room + ends[-1], np.float32), np.empty(room + ends[-1], np.float32)
-        _fill(angle[room:], distance[room:], packets, heads)
-        for across in (first + way >= FULL_TURN_Q6).nonzero()[0].tolist():
-            samples = int(_ints(heads.counts)[across])
-            beam = _beam_deg(int(first[across]), int(way[across]), samples)
-            angle[room + ends[across] - samples : room + ends[across]] = np.where(beam < 360.0, beam, beam - 360.0)
-        return Decoded(angle, distance, None)
+    def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:  # noqa: ARG002 - each packet tells its own
+        first, way, packets = heads.first, _ints(heads.way), heads.read.packets
+        words = np.frombuffer(packets.data, "<u2")
+        each = starts_and_arcs(first, way)
+        across = (first + way >= FULL_TURN_Q6).nonzero()[0].tolist()[::-1]
+        at = place = packet = 0
+        for size, count in packets.blocks:
+            samples = (size - HEADER_SIZE) // 2
+            until, behind, end = at + count * samples, place + (count * size >> 1), packet + count
+            if count == samples == 1:
+                # Nearly always a start packet; two numbers are not worth an array.
+                output.angle[at], output.distance[at] = first[packet] / 64.0, words[place + HEADER_WORDS]
+            else:
+                grid, steps = output.angle[at:until].reshape(count, samples), max(samples - 1, 1)
+                at_equal_steps(each[packet:end], steps, grid)
+                while across and across[-1] < end:
+                    in_turn(grid[across.pop() - packet], FULL_TURN_Q6 * steps, back=False)
+                grid /= 64.0 * steps
+                measured = words[place:behind].reshape(count, -1)[:, HEADER_WORDS:]
+                output.distance[at:until].reshape(count, samples)[...] = measured
+            at, place, packet = until, behind, end
 
     def _lost(self, heads: Heads, at: int, skipped: int, step: float) -> int:
         """Packets lost behind packet `at`: a start packet holds one sample, the one before it what is left."""
@@ -162,40 +168,3 @@ def _full_packets(samples: float, ordinary: int) -> int:
 
 def _packets_before_seam(samples: float, ordinary: int) -> int:
     return 0 if samples < SLACK_SAMPLES else math.ceil((samples - SLACK_SAMPLES) / ordinary) or 1
-
-
-def _fill(angle: NDArray[np.float32], distance: NDArray[np.float32], packets: Packets, heads: Heads) -> None:
-    """Write degrees, counted on past 360, and millimetres of all samples."""
-    first, way, counts = heads.first, _ints(heads.way), _ints(heads.counts)
-    words = np.frombuffer(packets.data, "<u2")
-    # Whole numbers until the last division, so that it alone rounds; single precision holds them exactly.
-    each = np.empty((len(first), 2), np.float32)
-    np.multiply(first, np.maximum(counts - 1, 1), out=each[:, 0], casting="unsafe")
-    each[:, 1] = way
-    at = place = packet = 0
-    for size, count in packets.blocks:
-        samples = (size - HEADER_SIZE) // 2
-        until, behind, end = at + count * samples, place + (count * size >> 1), packet + count
-        if count == samples == 1:
-            # Nearly always a start packet; two numbers are not worth an array.
-            angle[at], distance[at] = first[packet] / 64.0, words[place + HEADER_WORDS]
-            at, place, packet = until, behind, end
-            continue
-        distance[at:until].reshape(count, samples)[...] = words[place:behind].reshape(count, -1)[:, HEADER_WORDS:]
-        grid = angle[at:until].reshape(count, samples)
-        np.matmul(each[packet:end], _weights(samples), out=grid)
-        grid /= 64.0 * max(samples - 1, 1)
-        at, place, packet = until, behind, end
-
-
-@cache
-def _weights(samples: int) -> NDArray[np.float32]:
-    """What the first angle of a packet, times its steps, and its way contribute to each of its samples."""
-    return np.stack((np.ones(samples, np.float32), np.arange(samples, dtype=np.float32)))
-
-
-def _beam_deg(first: int, way: int, samples: int) -> NDArray[np.float64]:
-    """Where the rotor stood at each sample of one packet, counted on past 360."""
-    steps = max(samples - 1, 1)
-    beam: NDArray[np.float64] = (first * steps + way * np.arange(samples)) / (64.0 * steps)
-    return beam

@@ -27,13 +27,13 @@ from functools import partial
 from typing import Final, TypeVar
 
 from lidario.errors import ResponseTimeout, Unsupported
-from lidario.families.arguments import frequency_within
-from lidario.families.base import Device, Keepalive, NamedModel, Script, Stream, told
+from lidario.families.base import Device, Keepalive, NamedModel, Script, Stream, frequency_within, told
 from lidario.families.responses import agreed, health_of
 from lidario.families.unasked import NOT_STOPPED, begin, hear, hear_runs
 from lidario.families.ydlidar import commands
-from lidario.families.ydlidar.formats import PointCloud, samples_a_turn
+from lidario.families.ydlidar.formats import PointCloud
 from lidario.families.ydlidar.models import FOUR_ROS, MODELS, ONE_WAY, Model, model_of
+from lidario.families.ydlidar.raw import turn_in
 from lidario.families.ydlidar.settings import ask_speed, ask_zero_offset, learn_protection, step_to, toggle_to
 from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.wire.envelope import Request
@@ -93,32 +93,26 @@ class YdlidarDevice(Device):
         self.can_keep_spinning: bool = model.one_way
 
     def scan_frequency_range(self) -> Script[tuple[float, float]]:
-        """As `Device.scan_frequency_range`: the data sheet's, since the device cannot be asked."""
+        # The data sheet's, since the device cannot be asked.
         if self._model.speeds is None:
             return super().scan_frequency_range()
         return told(self._model.speeds)
 
     def stop(self) -> Request:
-        """As `Device.stop`; the motor stops too."""
         return NOT_STOPPED if self._model.one_way else commands.STOP
 
     def halt(self) -> tuple[Request, ...]:
-        """As `Device.halt`: the forced stop that the SDK sends before each STOP, then the manual's STOP."""
+        # The forced stop that the SDK sends before each STOP, then the manual's STOP.
         stops = () if self._model.one_way else (commands.FORCED_STOP, commands.STOP)
         return (*stops, commands.DTR_STOPS) if self._model.dtr else stops or (NOT_STOPPED,)
 
     def reset(self) -> Request:
-        """As `Device.reset`. Whether settings outlast it is not documented.
-
-        Raises:
-            Unsupported: The device only talks.
-        """
         if self._model.one_way:
             raise Unsupported("this device cannot be restarted from here: cut its power")
         return commands.RESET
 
     def restarted(self) -> None:
-        """As `Device.restarted`: the next start sets speed and protection again, if the program has set them."""
+        # The next start sets speed and protection again, if the program has set them.
         self._was_restarted = True
         self._protected = False
 
@@ -137,7 +131,6 @@ class YdlidarDevice(Device):
         return bool(self._protected)
 
     def identify(self) -> Script[DeviceInfo]:
-        """As `Device.identify`; asked until two responses are equal."""
         if self._model.dtr:
             yield commands.DTR_TURNS
         if self._model.one_way:
@@ -180,7 +173,8 @@ class YdlidarDevice(Device):
     def _hear(self) -> Script[DeviceInfo]:
         model = self._named or ONE_WAY
         runs = yield from hear_runs(model.kind.wire, OVERHEARD, BY_DTR_S if model.dtr else HEAR_S)
-        if self._named is None and samples_a_turn(b"".join(runs)) > MOST_A_TURN:
+        heard = memoryview(b"".join(runs))
+        if self._named is None and turn_in(heard, model.kind.wire()).samples > MOST_A_TURN:
             raise ResponseTimeout(commands.GET_INFO.name, HEAR_S)
         self._be(model)
         return DeviceInfo("ydlidar", f"YDLIDAR {model.title}", model.code, "", 0, "")
@@ -189,7 +183,6 @@ class YdlidarDevice(Device):
         return commands.COMPLETE_INFO
 
     def health(self) -> Script[Health]:
-        """As `Device.health`; a status that is not defined is a warning, and one that talks is well."""
         if self._model.one_way:
             if self._model.dtr:
                 yield commands.DTR_TURNS
@@ -198,17 +191,9 @@ class YdlidarDevice(Device):
         return health_of((yield from self._awake(self._ask_health())))
 
     def modes(self) -> Script[tuple[ScanMode, ...]]:
-        """As `Device.modes`: there is one, and the device cannot be asked."""
-        yield from ()
-        return (self._mode,)
+        return told((self._mode,))
 
     def start(self, mode: ScanMode, *, force: bool = False) -> Script[Stream]:
-        """As `Device.start`.
-
-        Raises:
-            Unsupported: A forced scan, which the manual does not know; another device's mode; or a model
-                that measures in another unit.
-        """
         if force:
             raise Unsupported("a scan of this device cannot be forced")
         if self._named is None and self._code is not None and model_of(self._code) is None:
@@ -257,31 +242,20 @@ class YdlidarDevice(Device):
     def scan_frequency(self) -> Script[float]:
         """As `Device.scan_frequency`: the frequency that is set, not the one the motor reaches."""
         if self._model.speeds is None:
-            raise Unsupported("this device does not tell its scan frequency")
+            return (yield from super().scan_frequency())
         return (yield from self._awake(ask_speed())) / 100
 
     def set_scan_frequency(self, hertz: float) -> Script[float]:
-        """As `Device.set_scan_frequency`: in steps of 1 and 0.1 Hz, then read back.
-
-        Raises:
-            InvalidValue: Not a finite number, or outside of the range.
-            Unsupported: The motor of the model follows the supply, or a pin that is not in the cable.
-        """
+        """As `Device.set_scan_frequency`: in steps of 1 and 0.1 Hz, then read back."""
         if self._model.speeds is None:
-            raise Unsupported("the scan frequency of this device cannot be set from here")
+            # Its motor follows the supply, or a pin that is not in the cable.
+            return super().set_scan_frequency(hertz)
         wanted = frequency_within(hertz, self._model.speeds, self._model.title)
         return self._awake(self._set_speed(round(wanted * 100)))
 
     def zero_offset(self) -> Script[float]:
-        """As `Device.zero_offset`: clockwise degrees, if it counts the way the SDK takes it.
-
-        Raises:
-            RemoteProtocolError: More than 360 degrees, twice.
-            Unsupported: The model does not tell any.
-        """
-        if not self._model.offset:
-            raise Unsupported("this device knows no zero-angle offset")
-        return (yield from self._awake(ask_zero_offset()))
+        # Clockwise degrees, if it counts the way the SDK takes it.
+        return self._awake(ask_zero_offset()) if self._model.offset else super().zero_offset()
 
     def apply_zero_offset(self, on: bool) -> Script[float]:
         """As `Device.apply_zero_offset`: asks for it now, to be added to clockwise angles. Off at first."""
@@ -295,13 +269,9 @@ class YdlidarDevice(Device):
         when the host has lost its own. Streams started with protection on must be kept alive. Before this was
         called the state is not known, since it cannot be asked for; it is assumed to be off until a stream ends as
         if it were on (`explain_silence`). Without protection a SCAN in mid-scan is not documented, so none is sent.
-
-        Raises:
-            RemoteProtocolError: The device does not reach the wanted state.
-            Unsupported: It is not known of the model that it has any.
         """
         if not self._model.protection:
-            raise Unsupported("this device knows no power-down protection")
+            return (yield from super().power_down_protection(on))
         wanted = bool(on)  # 1 and numpy's True are meant as well, and are not identical to True
         yield from toggle_to(wanted, self._say_protected)
         self._wanted_protection = wanted
@@ -346,4 +316,3 @@ _SHORT_INFO: Final = replace(commands.GET_INFO, timeout=0.25, attempts=1)
 
 
 NAMED: Final = {name: NamedModel(model.baudrate, partial(YdlidarDevice, model)) for name, model in MODELS.items()}
-"""As `Family.models`."""

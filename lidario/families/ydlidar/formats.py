@@ -45,7 +45,6 @@ __all__ = [
     "START_BIT",
     "PointCloud",
     "packet_heads",
-    "samples_a_turn",
 ]
 
 HEADER_SIZE: Final = 10
@@ -127,7 +126,6 @@ class PointCloud(StreamFormat):
         return HEADER_SIZE + self.sample_size * ORDINARY_SAMPLES
 
     def measure(self, data: bytearray, at: int) -> int:
-        """As `StreamFormat.measure`: the fourth byte tells."""
         if data[at] != 0xAA:
             return NO_PACKET
         available = len(data) - at
@@ -143,7 +141,6 @@ class PointCloud(StreamFormat):
         return HEADER_SIZE + self.sample_size * samples if samples else NO_PACKET
 
     def intact(self, data: bytearray, at: int, size: int) -> bool:
-        """As `StreamFormat.intact`: the XOR of all words is 0."""
         word = int.from_bytes(data[at : at + size], "little")
         # Folding one long integer in halves is several times faster than a loop over its words.
         for shift in (4096, 2048, 1024, 512, 256, 128, 64, 32, 16):
@@ -151,7 +148,6 @@ class PointCloud(StreamFormat):
         return not word & 0xFFFF
 
     def run(self, data: bytearray, at: int) -> Stretch:
-        """As `StreamFormat.run`; many packets are checked as one array."""
         found: list[Block] = []
         end = at
         while len(data) - end >= self.shortest:
@@ -172,11 +168,9 @@ class PointCloud(StreamFormat):
         return Stretch(tuple(found), end, end)
 
     def samples_in(self, blocks: Iterable[Block]) -> int:
-        """As `StreamFormat.samples_in`: each packet has as many as its size has room for."""
         return sum([(size - HEADER_SIZE) // self.sample_size * count for size, count in blocks])
 
     def headings(self, packets: Packets) -> Headings:
-        """As `StreamFormat.headings`, in 1/64 degrees."""
         if packets.count >= HEADINGS_WORTH_AN_ARRAY:
             heads = packet_heads(packets)
             starts = heads[:, 1] & START_BIT
@@ -241,16 +235,3 @@ def _begins(blocks: Sequence[Block]) -> NDArray[np.intp]:
         found.append(np.arange(at, end, size >> 1))
         at = end
     return found[0] if len(found) == 1 else np.concatenate(found)
-
-
-def samples_a_turn(packets: bytes) -> float:
-    """By the widest packet among these, of two bytes a sample; 0 where none has several samples."""
-    at, most = 0, 0.0
-    while at < len(packets):
-        count = packets[at + 3]
-        first, last = (int.from_bytes(packets[at + place : at + place + 2], "little") >> 1 for place in (4, 6))
-        way = (last - first) % FULL_TURN_Q6
-        if count > 1 and way:
-            most = max(most, (count - 1) * FULL_TURN_Q6 / way)
-        at += 10 + 2 * count
-    return most

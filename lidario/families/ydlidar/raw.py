@@ -18,11 +18,12 @@ from lidario.families.base import Decoder, Known, RawStream, raw_stream
 from lidario.families.ydlidar.clouds import KINDS
 from lidario.families.ydlidar.formats import FULL_TURN_Q6, INFO_HEADER, START_BIT, PointCloud, packet_heads
 from lidario.families.ydlidar.models import MODELS, Model, model_of
+from lidario.model import ScanMode
 from lidario.wire.events import Packets
 from lidario.wire.formats import StreamFormat
 from lidario.wire.link import Link
 
-__all__ = ["find_stream", "stream_of"]
+__all__ = ["Turn", "find_stream", "stream_in", "turn_in"]
 
 _HEADER: Final = re.compile(rb"\xa5\x5a.{3}[\x40-\x7f]\x81", re.DOTALL)
 """The scan header; its length is to be ignored (manual 3.1)."""
@@ -42,8 +43,13 @@ _SPEEDS: Final = (4.0, 13.0)
 _USUAL_HZ: Final = 8.0
 
 
-class _Turn(NamedTuple):
-    """What the packets tell of a revolution: its samples, 0 where that is not known, and the code of its speed."""
+class Turn(NamedTuple):
+    """What packets tell of a revolution.
+
+    Attributes:
+        samples: How many it has; 0 where that is not known.
+        code: That of its speed.
+    """
 
     samples: float
     code: float
@@ -85,7 +91,7 @@ def find_stream(data: memoryview, known: Known) -> RawStream | None:
     if best is None:
         return None
     begin, size = best
-    turn = _turn(data[begin : begin + _MEASURED], _wire(size))
+    turn = turn_in(data[begin : begin + _MEASURED], _wire(size))
     guess = ""
     model = named or _told(data[:begin])
     if model is None or model.kind.sample_size != size:
@@ -121,7 +127,8 @@ def _first_packet(data: memoryview, wire: PointCloud) -> int | None:
     return None
 
 
-def _turn(data: memoryview, wire: PointCloud) -> _Turn:
+def turn_in(data: memoryview, wire: PointCloud) -> Turn:
+    """What packets tell of a revolution."""
     link = Link()
     link.enter_stream(wire)
     link.receive_data(data, 0)
@@ -135,10 +142,10 @@ def _turn(data: memoryview, wire: PointCloud) -> _Turn:
             told = heads[:, 1][(heads[:, 1] & START_BIT) != 0] & 0xFF
             codes += (told[told > START_BIT] >> 1).tolist()
     step = float(np.median(steps[1:] or steps))
-    return _Turn(FULL_TURN_Q6 / step if step else 0.0, float(np.median(codes[1:] or codes)))
+    return Turn(FULL_TURN_Q6 / step if step else 0.0, float(np.median(codes[1:] or codes)))
 
 
-def _guessed(turn: _Turn, size: int) -> tuple[Model, str]:
+def _guessed(turn: Turn, size: int) -> tuple[Model, str]:
     """The likeliest model with samples of that size, and the words that tell what it was taken for."""
     models = [*_LIKELY, *(model for model in MODELS.values() if model not in _LIKELY)]
     models = [model for model in models if model.kind.sample_size == size]
@@ -158,7 +165,7 @@ def _guessed(turn: _Turn, size: int) -> tuple[Model, str]:
     return model, f"{words}. Name the model, as in model={model.name}"
 
 
-def stream_of(response_type: int) -> tuple[StreamFormat, Decoder] | None:
-    """As `Family.stream_of`: by the number that lidario gives each kind."""
-    kind = next((kind for kind in KINDS.values() if kind.response_type == response_type), None)
+def stream_in(mode: ScanMode) -> tuple[StreamFormat, Decoder] | None:
+    """As `Family.stream_in`: by the number that lidario gives each kind."""
+    kind = next((kind for kind in KINDS.values() if kind.response_type == mode.response_type), None)
     return None if kind is None else (kind.wire(), kind.decoder())

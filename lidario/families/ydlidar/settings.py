@@ -31,12 +31,6 @@ OFFSETS_A_TURN: Final = 4 * 360
 """It is told in quarters of a degree."""
 
 _LEARN_PROTECTION: Final = replace(commands.TOGGLE_PROTECTION, timeout=LEARN_TIMEOUT_S)
-_STEPS: Final = {
-    (True, True): commands.SPEED_UP_BY_1,
-    (True, False): commands.SPEED_DOWN_BY_1,
-    (False, True): commands.SPEED_UP_BY_01,
-    (False, False): commands.SPEED_DOWN_BY_01,
-}
 
 
 def ask_speed() -> Script[int]:
@@ -53,7 +47,7 @@ def step_to(wanted: int) -> Script[float]:
             break
         coarse = abs(gap) > COARSE_BEYOND
         try:
-            reached = _hundredths((yield _STEPS[coarse, gap > 0]))
+            reached = _hundredths((yield commands.STEPS[coarse, gap > 0]))
         except ResponseTimeout:
             # Done or not, asking for the step again might do it twice.
             reached = yield from ask_speed()

@@ -31,7 +31,7 @@ def test_requests_are_two_bytes() -> None:
 
 
 def test_no_request_that_steps_or_toggles_is_repeated_by_itself() -> None:
-    steps = (commands.SPEED_UP_BY_1, commands.SPEED_DOWN_BY_1, commands.SPEED_UP_BY_01, commands.SPEED_DOWN_BY_01)
+    steps = tuple(commands.STEPS.values())
     assert all(request.attempts == 1 for request in (*steps, commands.TOGGLE_PROTECTION))
 
 

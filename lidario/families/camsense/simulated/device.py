@@ -6,16 +6,14 @@ boots or what it does when its rotor is blocked: half a second, and it falls sil
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import numpy.typing as npt
 
 from lidario.families.camsense.simulated.packers import pack_packet
-from lidario.sim.chassis import Maker, maker
-from lidario.sim.talker import PacedByTime, within
+from lidario.sim.chassis import Maker, by_name, maker
+from lidario.sim.talker import PacedByTime, TalkerProfile, within
 
-__all__ = ["PROFILES", "Profile", "SimulatedCamsense", "describe", "make_simulated"]
+__all__ = ["PROFILES", "SimulatedCamsense", "make_simulated"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -23,35 +21,13 @@ _ZERO = 0xA000
 _TURN = 360 * 64
 
 
-@dataclass(frozen=True, slots=True)
-class Profile:
-    """What kind of device it is.
-
-    Attributes:
-        name: Its name in ``sim://`` sources.
-        model: Decides what is random.
-        samples: Samples of a packet.
-        reach_mm: Nearest and farthest distance.
-        baudrate: Speed of its line.
-        rate: Samples a second.
-        hertz: Revolutions a second.
-        commands: Whether it hears requests.
-    """
-
-    name: str
-    model: int
-    samples: int
-    reach_mm: tuple[float, float] = (80.0, 8000.0)
-    baudrate: int = 115_200
-    rate: float = 2080.0
-    hertz: float = 5.2
-    commands: bool = False
+PROFILES = by_name(
+    TalkerProfile("camsense-x1", 1, samples=8, rate=2080.0, hertz=5.2, reach_mm=(80.0, 8000.0)),
+    TalkerProfile("camsense-lds08rr", 8, samples=12, rate=2080.0, hertz=5.2, reach_mm=(80.0, 8000.0)),
+)
 
 
-PROFILES = {profile.name: profile for profile in (Profile("camsense-x1", 1, 8), Profile("camsense-lds08rr", 8, 12))}
-
-
-class SimulatedCamsense(PacedByTime[Profile]):
+class SimulatedCamsense(PacedByTime[TalkerProfile]):
     """One simulated device; arguments and attributes as in `Talker`."""
 
     def _greeting(self) -> bytes:
@@ -79,10 +55,3 @@ class SimulatedCamsense(PacedByTime[Profile]):
 
 
 make_simulated: Maker[SimulatedCamsense] = maker(SimulatedCamsense, PROFILES)
-"""Builds a simulated device by the name of its profile, such as ``"camsense-x1"``."""
-
-
-def describe(model: str) -> str:
-    """What a model is, in a few words."""
-    profile = PROFILES[model]
-    return f"{profile.baudrate} baud, {profile.rate:.0f}/s; only talks"

@@ -6,49 +6,42 @@ waits for ``b``. No document says how long it boots or what it does with other b
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from lidario.families.hlds.simulated.packers import pack_packet
-from lidario.sim.chassis import Maker, maker
-from lidario.sim.talker import PacedByAngle, within
+from lidario.sim.chassis import Maker, by_name, maker
+from lidario.sim.talker import PacedByAngle, TalkerProfile, within
 
-__all__ = ["PROFILES", "Profile", "SimulatedHlds", "describe", "make_simulated"]
+__all__ = ["PROFILES", "Profile", "SimulatedHlds", "make_simulated"]
 
 Floats = npt.NDArray[np.float64]
 
 _NAMES = {ord("b"): "start", ord("e"): "stop"}
-_REACH_MM = (120.0, 3500.0)
 
 
 @dataclass(frozen=True, slots=True)
-class Profile:
+class Profile(TalkerProfile):
     """What kind of device it is.
 
     Attributes:
-        name: Its name in ``sim://`` sources.
-        model: Decides what is random.
         waits: Whether it waits for ``b`` when it has got power.
-        slots: Packets of a revolution.
-        baudrate: Speed of its line.
-        hertz: Revolutions a second.
-        commands: Whether it hears requests.
     """
 
-    name: str
-    model: int
     waits: bool = False
-    slots: int = 60
-    baudrate: int = 230_400
-    hertz: float = 5.0
-    commands: bool = True
 
 
-PROFILES = {
-    profile.name: profile for profile in (Profile("hlds-lds01", 1), Profile("hlds-lds01-2016", 2, waits=True))
-}
+_NEW = Profile("hlds-lds01", 1, baudrate=230_400, slots=60, reach_mm=(120.0, 3500.0), commands=True)
+_OLD = replace(
+    _NEW,
+    name="hlds-lds01-2016",
+    model=2,
+    waits=True,
+    note="; firmware before 2017.10, which waits to be started",
+)
+PROFILES = by_name(_NEW, _OLD)
 
 
 class SimulatedHlds(PacedByAngle[Profile]):
@@ -82,17 +75,9 @@ class SimulatedHlds(PacedByAngle[Profile]):
         return 6
 
     def _pack(self, slot: int, millimetres: Floats, rpm: float) -> bytes:
-        seen = within(millimetres, _REACH_MM)
+        seen = within(millimetres, self.profile.reach_mm)
         strength = np.where(seen > 0, np.clip(4000 - seen, 200, 4000), 0).astype(int)
         return pack_packet(slot, seen.tolist(), strength.tolist(), rpm=rpm, check=self.check)
 
 
 make_simulated: Maker[SimulatedHlds] = maker(SimulatedHlds, PROFILES)
-"""Builds a simulated device by the name of its profile, such as ``"hlds-lds01"``."""
-
-
-def describe(model: str) -> str:
-    """What a model is, in a few words."""
-    profile = PROFILES[model]
-    waits = "; firmware before 2017.10, which waits to be started" if profile.waits else ""
-    return f"{profile.baudrate} baud, 1800/s{waits}"

@@ -20,12 +20,12 @@ import numpy as np
 import numpy.typing as npt
 
 from lidario.families.hokuyo.simulated.packers import pack_block, pack_clock, pack_lines, pack_status, sealed
-from lidario.families.hokuyo.simulated.profiles import BAUDRATE, PROFILES, USB, Profile, texts_of
+from lidario.families.hokuyo.simulated.profiles import BAUDRATE, PROFILES, Profile, texts_of
 from lidario.sim.chassis import Chassis, Maker, maker
 from lidario.sim.line import TransmitQueue
 from lidario.sim.world import WorldLike
 
-__all__ = ["PROFILES", "Profile", "SimulatedHokuyo", "describe", "make_simulated"]
+__all__ = ["PROFILES", "Profile", "SimulatedHokuyo", "make_simulated"]
 
 _LONGEST_LINE = 80
 _NAMES = {
@@ -98,28 +98,16 @@ class SimulatedHokuyo(Chassis[_Stream]):
             if line:
                 self._consider(line, now)
 
-    def wakeup(self, now: int) -> int | None:
-        """When the next scan or response will have left."""
-        at = self._queue.wakeup(now)
-        if at is None and self._stream is not None:
-            at = max(now, self._ready(self._stream))
-        return at
-
     def begin_streaming(self, now: int) -> None:
         """Be in the middle of a scan, as for a program that was killed."""
         self._now = now
-        self._spin_at_once(self.profile.rpm, now)
+        self._motor.spin_at_once(self.profile.rpm, now)
         first, last = self.profile.span
         self._obey("MD", f"MD{first:04}{last:04}01000", now)
         assert self._stream is not None
         self._stream.origin = now - self._period * 5 // 4
         self._queue.take(now)
         self._advance(now)
-
-    def protection_stop(self, error_code: int) -> None:
-        """Fail: the laser goes off, and nothing is measured any more."""
-        self._fault(error_code)
-        self._laser_off(self._now)
 
     # ----------------------------------------------------------------------------------------------- its requests
 
@@ -219,8 +207,7 @@ class SimulatedHokuyo(Chassis[_Stream]):
         return "00"
 
     def _laser_off(self, now: int) -> str:
-        self._end_stream(now)
-        self._motor.set_rpm(0.0, now)
+        self.halt(now)
         return "00"
 
     def _adjust(self, *, begins: bool) -> str:
@@ -234,6 +221,7 @@ class SimulatedHokuyo(Chassis[_Stream]):
     def _reset(self, now: int) -> str:
         self._end_stream(now)
         self._restart(now, now + round(self.boot_s * 1e9))
+        self._deaf_why = "still booting after reset"
         return "00"
 
     def _respond(self, response: bytes, now: int, request: str) -> None:
@@ -244,17 +232,17 @@ class SimulatedHokuyo(Chassis[_Stream]):
     def _clock(self, now: int) -> int:
         return (now + self._clock_ns) // 1_000_000 % (1 << 24)
 
-    def _ready(self, stream: _Stream) -> int:
+    def _due(self, stream: _Stream) -> int:
         """When the next scan that is not built yet will have been measured."""
         begins = stream.origin + stream.scans * stream.every * self._period
         return begins + round((stream.last - stream.first + 1) * self._step_ns)
 
     def _advance(self, now: int) -> None:
         self._now = now = max(self._now, now)
-        while (stream := self._stream) is not None and self._ready(stream) <= now:
+        while (stream := self._stream) is not None and self._due(stream) <= now:
             left = 0 if stream.left is None else stream.left - 1
             begins = stream.origin + stream.scans * stream.every * self._period
-            self._queue.push(self._block(stream, begins, left), self._ready(stream))
+            self._queue.push(self._block(stream, begins, left), self._due(stream))
             stream.scans += 1
             if stream.left is not None:
                 stream.left = left
@@ -279,20 +267,8 @@ class SimulatedHokuyo(Chassis[_Stream]):
         return whole if cluster == 1 else np.minimum.reduceat(whole, np.arange(0, len(whole), cluster))
 
     def _restart(self, now: int, up: int) -> None:
-        self._forget(now)
+        super()._restart(now, up)
         self._begun, self._adjusting = b"", False
-        self._recover()
-        self._motor.set_rpm(0.0, now)
-        self._deaf_until, self._deaf_why = up, "still booting after reset"
 
 
 make_simulated: Maker[SimulatedHokuyo] = maker(SimulatedHokuyo, PROFILES)
-"""Builds a simulated device by the name of its profile, such as ``"hokuyo-ust10lx"``."""
-
-
-def describe(model: str) -> str:
-    """What a model is, in a few words."""
-    of = PROFILES[model]
-    line = "USB" if of.line == USB else "TCP"
-    degrees = (of.span[1] - of.span[0]) * 360 / of.turn
-    return f"{line}, {of.rpm // 60} scans/s of {of.span[1] - of.span[0] + 1} steps, {degrees:.0f} degrees"

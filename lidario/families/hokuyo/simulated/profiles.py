@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["BAUDRATE", "PROFILES", "USB", "Profile", "texts_of"]
+from lidario.sim.chassis import by_name
+
+__all__ = ["BAUDRATE", "PROFILES", "Profile", "texts_of"]
 
 USB, ETHERNET = 12_000_000, 100_000_000
 BAUDRATE = 115_200
@@ -43,19 +45,22 @@ class Profile:
     nothing: int = 65_533
     counts_semicolon: bool = False
 
+    @property
+    def about(self) -> str:
+        """What it is, in a few words."""
+        line, steps = "USB" if self.line == USB else "TCP", self.span[1] - self.span[0]
+        return f"{line}, {self.rpm // 60} scans/s of {steps + 1} steps, {steps * 360 / self.turn:.0f} degrees"
 
-PROFILES = {
-    profile.name: profile
-    for profile in (
-        Profile(
-            "hokuyo-urg04lx", 1, "URG-04LX", turn=1024, span=(44, 725), front=384, reach_mm=(20, 5600), rpm=600,
-            intensity=False, nothing=0, counts_semicolon=True,
-        ),
-        Profile("hokuyo-ust10lx", 2, "UST-10LX", line=ETHERNET),
-        Profile("hokuyo-ust20lx", 3, "UST-20LX", line=ETHERNET, reach_mm=(20, 60_000)),
-        Profile("hokuyo-utm30lx", 4, "UTM-30LX", reach_mm=(23, 60_000), nothing=1),
-    )
-}  # fmt: skip
+
+PROFILES = by_name(
+    Profile(
+        "hokuyo-urg04lx", 1, "URG-04LX", turn=1024, span=(44, 725), front=384, reach_mm=(20, 5600), rpm=600,
+        intensity=False, nothing=0, counts_semicolon=True,
+    ),
+    Profile("hokuyo-ust10lx", 2, "UST-10LX", line=ETHERNET),
+    Profile("hokuyo-ust20lx", 3, "UST-20LX", line=ETHERNET, reach_mm=(20, 60_000)),
+    Profile("hokuyo-utm30lx", 4, "UTM-30LX", reach_mm=(23, 60_000), nothing=1),
+)  # fmt: skip
 
 
 def texts_of(of: Profile, serial: str, laser: str, doing: str, clock: int, state: str) -> dict[str, list[str]]:

@@ -7,16 +7,16 @@ and above ten it sends only that it fails, and how fast it turns.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from lidario.families.irobotix.simulated.packers import pack_failure, pack_measurement
-from lidario.sim.chassis import Maker, maker
-from lidario.sim.talker import PacedByAngle, within
+from lidario.sim.chassis import Maker, by_name, maker
+from lidario.sim.talker import PacedByAngle, TalkerProfile, within
 
-__all__ = ["PROFILES", "Profile", "SimulatedIrobotix", "describe", "make_simulated"]
+__all__ = ["PROFILES", "Profile", "SimulatedIrobotix", "make_simulated"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -25,42 +25,27 @@ _MOST = 80
 
 
 @dataclass(frozen=True, slots=True)
-class Profile:
+class Profile(TalkerProfile):
     """What kind of device it is.
 
     Attributes:
-        name: Its name in ``sim://`` sources.
-        model: Decides what is random.
-        rate: Samples a second.
-        slots: Frames of a revolution.
-        hertz: Revolutions a second.
-        baudrate: Speed of its line.
         tells_end: Whether frames have the angle of their last sample, and version 10.
-        reach_mm: Nearest and farthest distance.
-        commands: Whether it hears requests.
     """
 
-    name: str
-    model: int
-    rate: float
-    slots: int = 16
-    hertz: float = 6.0
-    baudrate: int = 230_400
     tells_end: bool = False
-    reach_mm: tuple[float, float] = (150.0, 8000.0)
-    commands: bool = False
 
 
-PROFILES = {
-    profile.name: profile
-    for profile in (
-        Profile("irobotix-delta2a", 1, 5000.0),
-        Profile("irobotix-delta2b", 2, 5000.0),
-        Profile("irobotix-delta2d", 3, 2000.0, baudrate=115_200, tells_end=True),
-        Profile("irobotix-delta2g", 4, 1890.0, slots=15, hertz=5.25, baudrate=115_200),
-        Profile("irobotix-lds08rr", 5, 1890.0, slots=15, hertz=5.25, baudrate=115_200),
-    )
-}
+_REACH_MM = (150.0, 8000.0)
+_DELTA2A = Profile("irobotix-delta2a", 1, baudrate=230_400, rate=5000.0, hertz=6.0, slots=16, reach_mm=_REACH_MM)
+_DELTA2D = replace(_DELTA2A, name="irobotix-delta2d", model=3, baudrate=115_200, rate=2000.0, tells_end=True)
+_DELTA2G = Profile("irobotix-delta2g", 4, rate=1890.0, hertz=5.25, slots=15, reach_mm=_REACH_MM)
+PROFILES = by_name(
+    _DELTA2A,
+    replace(_DELTA2A, name="irobotix-delta2b", model=2),
+    _DELTA2D,
+    _DELTA2G,
+    replace(_DELTA2G, name="irobotix-lds08rr", model=5),
+)
 
 
 class SimulatedIrobotix(PacedByAngle[Profile]):
@@ -81,10 +66,3 @@ class SimulatedIrobotix(PacedByAngle[Profile]):
 
 
 make_simulated: Maker[SimulatedIrobotix] = maker(SimulatedIrobotix, PROFILES)
-"""Builds a simulated device by the name of its profile, such as ``"irobotix-delta2a"``."""
-
-
-def describe(model: str) -> str:
-    """What a model is, in a few words."""
-    profile = PROFILES[model]
-    return f"{profile.baudrate} baud, {profile.rate:.0f}/s; only talks"

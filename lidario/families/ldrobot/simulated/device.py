@@ -16,17 +16,16 @@ No document says how long a device boots, or what it does when its rotor is bloc
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from lidario.families.ldrobot.simulated.packers import check_of, pack_points, pack_response
-from lidario.sim.chassis import Maker, maker
-from lidario.sim.talker import PacedByTime, within
-from lidario.sim.world import WorldLike
+from lidario.sim.chassis import Maker, by_name, maker
+from lidario.sim.talker import PacedByTime, TalkerProfile, within
 
-__all__ = ["PROFILES", "Profile", "SimulatedLdrobot", "describe", "make_simulated"]
+__all__ = ["PROFILES", "Profile", "SimulatedLdrobot", "make_simulated"]
 
 _MARK, _REQUEST_BYTES = 0x54, 8
 _NAMES = {0xA0: "start", 0xA1: "stop", 0xA2: "set_speed", 0xA8: "get_version"}
@@ -51,64 +50,40 @@ def _axis(mm: Floats) -> tuple[Floats, Floats]:
 
 
 @dataclass(frozen=True, slots=True)
-class Profile:
+class Profile(TalkerProfile):
     """What kind of device it is.
 
     Attributes:
-        name: Its name in ``sim://`` sources.
-        model: Decides what is random.
-        baudrate: Speed of its line.
-        rate: Samples a second.
-        hertz: Revolutions a second.
-        samples: Samples of a packet.
-        reach_mm: Nearest and farthest distance.
         lens: What a model that triangulates states, by the true distance: its own, and how far the target lies
             before the beam, in degrees. None where it states the truth.
-        commands: Whether it hears requests.
-        follows: Which recording of a real device it follows, for people; empty where there is none.
     """
 
-    name: str
-    model: int
-    baudrate: int = 230_400
-    rate: float = 4500.0
-    hertz: float = 10.0
-    samples: int = 12
-    reach_mm: tuple[float, float] = (20.0, 12_000.0)
     lens: _Lens | None = None
-    commands: bool = False
-    follows: str = ""
 
 
-PROFILES = {
-    profile.name: profile
-    for profile in (
-        Profile("ldrobot-ld06", 1, rate=4546.0, follows="andyblarblar/LD06"),
-        Profile("ldrobot-ld19", 2),
-        Profile("ldrobot-stl06p", 3, rate=5000.0),
-        Profile("ldrobot-stl19p", 4),
-        Profile("ldrobot-stl26", 5, rate=5000.0),
-        Profile("ldrobot-stl27l", 6, baudrate=921_600, rate=21_600.0, reach_mm=(30.0, 25_000.0)),
-        Profile("ldrobot-ld08", 9, baudrate=115_200, rate=2300.0, hertz=5.0, reach_mm=(120.0, 8000.0), lens=_axis),
-        Profile("ldrobot-ld14", 7, baudrate=115_200, rate=2300.0, hertz=6.0, reach_mm=(100.0, 8000.0), lens=_near),
-        Profile("ldrobot-ld14p", 8, rate=4000.0, hertz=6.0, reach_mm=(100.0, 8000.0), lens=_near, commands=True),
-    )
-}
+_LD06 = Profile(
+    "ldrobot-ld06", 1, baudrate=230_400, hertz=10.0, rate=4546.0, samples=12, reach_mm=(20.0, 12_000.0),
+    follows="andyblarblar/LD06",
+)  # fmt: skip
+_LD19 = replace(_LD06, name="ldrobot-ld19", model=2, rate=4500.0, follows="")
+_LD14 = Profile("ldrobot-ld14", 7, hertz=6.0, rate=2300.0, samples=12, lens=_near)
+PROFILES = by_name(
+    _LD06,
+    _LD19,
+    replace(_LD19, name="ldrobot-stl06p", model=3, rate=5000.0),
+    replace(_LD19, name="ldrobot-stl19p", model=4),
+    replace(_LD19, name="ldrobot-stl26", model=5, rate=5000.0),
+    replace(_LD19, name="ldrobot-stl27l", model=6, baudrate=921_600, rate=21_600.0, reach_mm=(30.0, 25_000.0)),
+    replace(_LD14, name="ldrobot-ld08", model=9, hertz=5.0, reach_mm=(120.0, 8000.0), lens=_axis),
+    _LD14,
+    replace(_LD14, name="ldrobot-ld14p", model=8, baudrate=230_400, rate=4000.0, commands=True),
+)
 
 
 class SimulatedLdrobot(PacedByTime[Profile]):
     """One simulated device; arguments and attributes as in `Talker`."""
 
-    def __init__(
-        self,
-        profile: Profile,
-        *,
-        world: WorldLike | None = None,
-        serial: bytes | str | None = None,
-        seed: int = 0,
-    ) -> None:
-        super().__init__(profile, world=world, serial=serial, seed=seed)
-        self._begun = b""
+    _begun = b""
 
     def receive(self, data: bytes, now: int) -> None:
         """Take bytes that the host sent; only a model with a line for requests sees them."""
@@ -169,12 +144,3 @@ class SimulatedLdrobot(PacedByTime[Profile]):
 
 
 make_simulated: Maker[SimulatedLdrobot] = maker(SimulatedLdrobot, PROFILES)
-"""Builds a simulated device by the name of its profile, such as ``"ldrobot-ld06"``."""
-
-
-def describe(model: str) -> str:
-    """What a model is, in a few words."""
-    profile = PROFILES[model]
-    talks = "" if profile.commands else "; only talks"
-    follows = f"; like {profile.follows}" if profile.follows else ""
-    return f"{profile.baudrate} baud, {profile.rate:.0f}/s{talks}{follows}"

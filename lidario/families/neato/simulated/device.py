@@ -7,17 +7,17 @@ real XV-11 whose motor is stopped (Xevel/NXV11).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from lidario.families.neato.simulated.packers import pack_packet
-from lidario.sim.chassis import Maker, maker
-from lidario.sim.talker import PacedByAngle, within
+from lidario.sim.chassis import Maker, by_name, maker
+from lidario.sim.talker import PacedByAngle, TalkerProfile, within
 
-__all__ = ["PROFILES", "Profile", "SimulatedNeato", "describe", "make_simulated"]
+__all__ = ["PROFILES", "Profile", "SimulatedNeato", "make_simulated"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -30,40 +30,28 @@ _SLOWEST_RPM: Final = 200.0
 
 
 @dataclass(frozen=True, slots=True)
-class Profile:
+class Profile(TalkerProfile):
     """What kind of device it is.
 
     Attributes:
-        name: Its name in ``sim://`` sources.
-        model: Decides what is random.
         back: Whether it turns counter-clockwise.
-        reach_mm: Nearest and farthest distance.
-        baudrate: Speed of its line.
-        hertz: Revolutions a second.
-        commands: Whether it hears requests.
-        slots: Packets of a revolution.
-        follows: Which recording of a real device it follows, for people; empty where there is none.
     """
 
-    name: str
-    model: int
-    back: bool
-    reach_mm: tuple[float, float]
-    baudrate: int = 115_200
-    hertz: float = 5.0
-    commands: bool = False
-    slots: int = 90
-    follows: str = ""
+    back: bool = False
 
 
-PROFILES = {
-    profile.name: profile
-    for profile in (
-        Profile("neato-xv11", 11, back=True, reach_mm=(60.0, 6000.0), follows="one of NXV11"),
-        Profile("neato-lds02rr", 2, back=False, reach_mm=(150.0, 6000.0)),
-        Profile("neato-lds01rr", 1, back=False, reach_mm=(150.0, 9000.0)),
-    )
-}
+_XV11: Final = Profile(
+    "neato-xv11",
+    11,
+    slots=90,
+    reach_mm=(60.0, 6000.0),
+    note=", counter-clockwise",
+    follows="one of NXV11",
+    back=True,
+)
+_LDS02RR: Final = Profile("neato-lds02rr", 2, slots=90, reach_mm=(150.0, 6000.0), note=", clockwise")
+_LDS01RR: Final = replace(_LDS02RR, name="neato-lds01rr", model=1, reach_mm=(150.0, 9000.0))
+PROFILES = by_name(_XV11, _LDS02RR, _LDS01RR)
 
 
 class SimulatedNeato(PacedByAngle[Profile]):
@@ -88,12 +76,3 @@ class SimulatedNeato(PacedByAngle[Profile]):
 
 
 make_simulated: Maker[SimulatedNeato] = maker(SimulatedNeato, PROFILES)
-"""Builds a simulated device by the name of its profile, such as ``"neato-xv11"``."""
-
-
-def describe(model: str) -> str:
-    """What a model is, in a few words."""
-    profile = PROFILES[model]
-    sense = "counter-clockwise" if profile.back else "clockwise"
-    follows = f"; like {profile.follows}" if profile.follows else ""
-    return f"{profile.baudrate} baud, 1800/s, {sense}; only talks{follows}"

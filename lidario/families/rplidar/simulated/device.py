@@ -33,18 +33,17 @@ from collections.abc import Callable
 from typing import ClassVar
 
 from lidario.families.rplidar.simulated.drive import Drive
-from lidario.families.rplidar.simulated.identity import Identity
+from lidario.families.rplidar.simulated.identity import Identity, pack_announcement, pack_response
 from lidario.families.rplidar.simulated.profile import Mode, Profile
 from lidario.families.rplidar.simulated.profiles import PROFILES
 from lidario.families.rplidar.simulated.requests import IGNORED_IN_PROTECTION_STOP, PAYLOADS, Request, RequestReader
-from lidario.families.rplidar.simulated.responses import pack_announcement, pack_response
 from lidario.families.rplidar.simulated.speed import LineSpeed
 from lidario.families.rplidar.simulated.stream import MeasurementStream
 from lidario.sim.chassis import PROTECTION_STOP, Chassis, Maker, maker
 from lidario.sim.motor import Motor
 from lidario.sim.world import WorldLike
 
-__all__ = ["PROFILES", "Mode", "Profile", "SimulatedRplidar", "describe", "make_simulated"]
+__all__ = ["PROFILES", "Mode", "Profile", "SimulatedRplidar", "make_simulated"]
 
 _MS = 1_000_000
 SETTLE_AFTER_STOP = 10 * _MS
@@ -58,9 +57,9 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
 
     Args:
         profile: What it is.
-        world: What it sees; the furnished room by default.
+        world: As for `Chassis`, like `seed`.
         serial: Its 16-byte serial number; drawn from `seed` by default.
-        seed: Decides serial number, noise of the default world, first angle and garbled responses.
+        seed: Decides the serial number, too.
 
     Attributes:
         profile: What it is.
@@ -98,11 +97,6 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
     def is_network(self) -> bool:
         """Whether it is reached by UDP."""
         return self.profile.is_network
-
-    @property
-    def address(self) -> bytes:
-        """Of an Ethernet device: address, mask and gateway, four bytes each; all zero for DHCP."""
-        return self.identity.address
 
     @property
     def scanning(self) -> bool:
@@ -156,13 +150,8 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         super().reboot(now, off_s=off_s)
         self.line_speed.lose_power()
 
-    def wakeup(self, now: int) -> int | None:
-        """When the next response or packet will have left; None while the device is idle."""
-        at = self._queue.wakeup(now)
-        stream = self._stream
-        if at is None and stream is not None:
-            at = max(now, stream.ready + self._queue.airtime(stream.size))
-        return at
+    def _due(self, stream: MeasurementStream) -> int:
+        return stream.ready + self._queue.airtime(stream.size)
 
     def begin_streaming(self, mode_id: int, now: int) -> None:
         """Be in the middle of a scan, and of a packet, as after a program that was killed.
@@ -180,11 +169,8 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         self._advance(now)
         self._queue.take(now)
 
-    def protection_stop(self, error_code: int) -> None:
-        """Fail: the stream and the motor stop, and health reports the error until a RESET clears it."""
-        self._fault(error_code)
-        self._end_stream(self._now)
-        self.drive.protect(self._now)
+    def _stop_motor(self, now: int) -> None:
+        self.drive.protect(now)
 
     def _advance(self, now: int) -> None:
         """Do what is due by `now`: build packets, give up an incomplete request."""
@@ -251,12 +237,9 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         return ""
 
     def _restart(self, now: int, up: int) -> None:
-        self._forget(now)
+        super()._restart(now, up)
         self._reader.clear()
-        self.drive.protect(now)
-        self._recover()
         self.identity.restart()
-        self._deaf_until, self._deaf_why = up, "still booting"
         self._queue.push(self.profile.banner, up)
 
     def _scan(self, request: Request) -> str:
@@ -342,9 +325,3 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
 
 
 make_simulated: Maker[SimulatedRplidar] = maker(SimulatedRplidar, PROFILES)
-"""Builds a simulated device by the name of its profile, such as ``"rplidar-s2"``."""
-
-
-def describe(model: str) -> str:
-    """What a model is, in a few words."""
-    return PROFILES[model].about

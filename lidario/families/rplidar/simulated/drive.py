@@ -38,9 +38,7 @@ class Drive:
 
     def spin_at_once(self, since: int) -> None:
         """Let the motor have had its own speed since that time, without spinning up."""
-        spin_up, self._motor.spin_up_s = self._motor.spin_up_s, 0.0
-        self._motor.set_rpm(self._profile.own_rpm, since)
-        self._motor.spin_up_s = spin_up
+        self._motor.spin_at_once(self._profile.own_rpm, since)
 
     def scan_begins(self, now: int) -> None:
         """Start a motor that is off, where a scan does that."""

@@ -1,4 +1,4 @@
-"""What a device tells of itself: the content of every single response.
+"""What a device tells of itself: every single response, and the descriptor before it or before a stream.
 
 GET_INFO, GET_HEALTH, GET_SAMPLERATE and GET_LIDAR_CONF as in the S-series interface manual; the flag of the
 accessory board and the static address as in vendor SDK 2.1.0. An address that SET_LIDAR_CONF has set is in force
@@ -8,13 +8,19 @@ after the next RESET, as with the vendor's tool.
 from __future__ import annotations
 
 import struct
+from typing import Final
 
-from lidario.families.rplidar.simulated import responses
-from lidario.families.rplidar.simulated.profile import Profile
+from lidario.families.rplidar.simulated.profile import Mode, Profile
 from lidario.families.rplidar.simulated.requests import Request
 
-__all__ = ["Identity"]
+__all__ = ["Identity", "pack_announcement", "pack_response"]
 
+INFO, HEALTH, SAMPLERATE, CONF, CONF_SET, BOARD = 0x04, 0x06, 0x15, 0x20, 0x21, 0xFF
+"""Response types of single responses."""
+ADDRESS: Final = 0x0001CCC0
+"""Type of configuration of the static address, 12 bytes (frame_grabber of the SDK)."""
+
+_CONTINUOUS: Final = 1 << 30  # send mode in the descriptor's length word
 _DHCP = bytes(12)
 
 
@@ -48,33 +54,48 @@ class Identity:
             case "get_info":
                 major, minor = profile.firmware
                 head = bytes([profile.model, minor, major, profile.hardware])
-                return responses.INFO, head + self._serial
+                return INFO, head + self._serial
             case "get_health":
-                return responses.HEALTH, struct.pack("<BH", *health)
+                return HEALTH, struct.pack("<BH", *health)
             case "get_samplerate":
                 standard = profile.standard.said_us_q8
                 express = standard if profile.express is None else profile.express.said_us_q8
-                return responses.SAMPLERATE, struct.pack("<HH", standard >> 8, express >> 8)
+                return SAMPLERATE, struct.pack("<HH", standard >> 8, express >> 8)
             case "get_lidar_conf":
                 value = self.conf(profile, request.payload)
-                return None if value is None else (responses.CONF, request.payload[:4] + value)
+                return None if value is None else (CONF, request.payload[:4] + value)
             case "set_lidar_conf":
                 return self._set_conf(request.payload)
             case "get_acc_board_flag":
-                return responses.BOARD, struct.pack("<I", 1)
+                return BOARD, struct.pack("<I", 1)
             case _:
                 return None
 
     def conf(self, profile: Profile, payload: bytes) -> bytes | None:
         """The value that GET_LIDAR_CONF asks for; None where the firmware does not know its type."""
         kind = int.from_bytes(payload[:4], "little")
-        if kind == responses.ADDRESS and profile.is_network:
+        if kind == ADDRESS and profile.is_network:
             return self.address
         return profile.conf(kind, payload[4:])
 
     def _set_conf(self, payload: bytes) -> tuple[int, bytes] | None:
         kind = int.from_bytes(payload[:4], "little")
-        if kind != responses.ADDRESS:
+        if kind != ADDRESS:
             return None
         self._next_address = payload[4:]
-        return responses.CONF_SET, struct.pack("<II", kind, 0)
+        return CONF_SET, struct.pack("<II", kind, 0)
+
+
+def pack_response(kind: int, data: bytes) -> bytes:
+    """A single response."""
+    return _descriptor(len(data), kind) + data
+
+
+def pack_announcement(mode: Mode) -> bytes:
+    """The descriptor of a stream, before its first packet."""
+    return _descriptor(mode.packet[0] | _CONTINUOUS, mode.response_type)
+
+
+def _descriptor(length: int, kind: int) -> bytes:
+    """``A5 5A``, length of one packet with the send mode in the top bits, response type."""
+    return struct.pack("<BBIB", 0xA5, 0x5A, length, kind)

@@ -2,8 +2,7 @@
 
 These are the decoders' inverse, made from the documents alone: nothing is shared with the host's parser.
 Every function takes one packet or many (a leading axis of packets) and returns their bytes on end. Two of
-the formats cannot carry every distance: `quantise_ultra` and `quantise_ultra_dense` give what the wire can
-carry, which is what an exact decoder must return.
+the formats, 0x84 and 0x86, cannot carry every distance.
 
 Sources: response types 0x81 and 0x85 are in the S-series interface manual (SCAN and EXPRESS_SCAN); the
 others are the packed structs of vendor SDK 2.1.0. Layouts, all little-endian, "q6" = 1/64 degree:
@@ -38,8 +37,6 @@ __all__ = [
     "pack_standard",
     "pack_ultra",
     "pack_ultra_dense",
-    "quantise_ultra",
-    "quantise_ultra_dense",
 ]
 
 Ints = npt.NDArray[np.int64]
@@ -157,7 +154,9 @@ def pack_hq(
 def pack_ultra(
     start_q6: npt.ArrayLike, distances_mm: npt.ArrayLike, next_mm: float = 0.0, *, new_stream: bool = False
 ) -> bytes:
-    """Pack response type 0x84, 96 samples a packet; distances become what `quantise_ultra` gives.
+    """Pack response type 0x84, 96 samples a packet.
+
+    A distance too far from its neighbours' for a ten-bit prediction, or beyond 28656 mm, becomes 0.
 
     Args:
         start_q6: (p,) start angles, 1/64 degree.
@@ -165,27 +164,12 @@ def pack_ultra(
         next_mm: First distance of the packet that follows, on which the last cabin's predictions rest.
         new_stream: Set S in the first packet.
     """
-    code, predictions, _ = _ultra_cabins(distances_mm, next_mm)
+    code, predictions = _ultra_cabins(distances_mm, next_mm)
     words = code | ((predictions[:, 0] & 0x3FF) << 12) | ((predictions[:, 1] & 0x3FF) << 22)
     packets = np.zeros(len(words) // 32, _ULTRA)
     packets["start"] = _start(start_q6, new_stream)
     packets["cabin"] = words.reshape(-1, 32)
     return _sealed(packets)
-
-
-def quantise_ultra(distances_mm: npt.ArrayLike, next_mm: float = 0.0) -> Ints:
-    """What response type 0x84 can carry of these distances.
-
-    A distance too far from its neighbours' for a ten-bit prediction, or beyond 28656 mm, becomes 0.
-
-    Args:
-        distances_mm: (p, 96) consecutive samples; 0 = no return.
-        next_mm: First distance of the packet that follows.
-
-    Returns:
-        int64 of the same shape, millimetres.
-    """
-    return _ultra_cabins(distances_mm, next_mm)[2].reshape(np.shape(distances_mm))
 
 
 def pack_dense(start_q6: npt.ArrayLike, distances_mm: npt.ArrayLike, *, new_stream: bool = False) -> bytes:
@@ -212,17 +196,22 @@ def pack_ultra_dense(
     status: int = 0,
     new_stream: bool = False,
 ) -> bytes:
-    """Pack response type 0x86, 64 samples a packet; values become what `quantise_ultra_dense` gives.
+    """Pack response type 0x86, 64 samples a packet: distances in steps of 2 to 5 mm, quality in steps of 1 to 8.
 
     Args:
         start_q6: (p,) start angles, 1/64 degree.
-        distances_mm: (p, 64); 0 = no return.
+        distances_mm: (p, 64); 0 = no return; beyond 65522 becomes 0.
         quality: (p, 64), 0..255.
         time_us: (p,), the device's time stamp, modulo 2**32.
         status: The device's status word.
         new_stream: Set S in the first packet.
     """
-    scale, steps, strength = _ultra_dense_fields(distances_mm, quality)
+    mm = np.asarray(distances_mm, dtype=np.float64)
+    mm = np.where(mm > _SCALE_TOP[-1], 0.0, mm)
+    scale = np.searchsorted(_SCALE_TOP, mm).astype(np.int64)
+    steps = np.rint((mm - _SCALE_BASE[scale]) / _SCALE_STEP[scale]).astype(np.int64)
+    steps = np.minimum(steps, (1 << _SCALE_BITS[scale]) - 1)
+    strength = np.broadcast_to(_whole(quality, 0xFF, "quality"), mm.shape)
     word = scale | (steps << 2) | ((strength >> scale) << (12 + scale))
     pairs = word.reshape(-1, 32, 2)
     packets = np.zeros(len(pairs), _ULTRA_DENSE)
@@ -234,33 +223,8 @@ def pack_ultra_dense(
     return _sealed(packets)
 
 
-def quantise_ultra_dense(distances_mm: npt.ArrayLike, quality: npt.ArrayLike) -> tuple[Ints, Ints]:
-    """What response type 0x86 can carry: distances in steps of 2 to 5 mm, quality in steps of 1 to 8.
-
-    Args:
-        distances_mm: (p, 64); 0 = no return; beyond 65522 becomes 0.
-        quality: (p, 64), 0..255.
-
-    Returns:
-        Two int64 arrays of the same shape: millimetres as on the wire (before any smoothing), and quality.
-    """
-    scale, steps, strength = _ultra_dense_fields(distances_mm, quality)
-    mm = _SCALE_BASE[scale] + steps * _SCALE_STEP[scale]
-    return mm, (strength >> scale) << scale
-
-
-def _ultra_dense_fields(distances_mm: npt.ArrayLike, quality: npt.ArrayLike) -> tuple[Ints, Ints, Ints]:
-    """Scale, distance in the scale's steps, and quality."""
-    mm = np.asarray(distances_mm, dtype=np.float64)
-    mm = np.where(mm > _SCALE_TOP[-1], 0.0, mm)
-    scale = np.searchsorted(_SCALE_TOP, mm).astype(np.int64)
-    steps = np.rint((mm - _SCALE_BASE[scale]) / _SCALE_STEP[scale]).astype(np.int64)
-    strength = np.broadcast_to(_whole(quality, 0xFF, "quality"), mm.shape)
-    return scale, np.minimum(steps, (1 << _SCALE_BITS[scale]) - 1), strength
-
-
-def _ultra_cabins(distances_mm: npt.ArrayLike, next_mm: float) -> tuple[Ints, Ints, Ints]:
-    """Codes (c,), predictions (c, 2) and representable distances (c, 3) of c cabins of three samples."""
+def _ultra_cabins(distances_mm: npt.ArrayLike, next_mm: float) -> tuple[Ints, Ints]:
+    """Codes (c,) and predictions (c, 2) of c cabins of three samples."""
     mm = np.rint(np.asarray(distances_mm, dtype=np.float64)).astype(np.int64).reshape(-1, 32 * 3)
     cabins = mm.reshape(-1, 3)
     majors = np.append(cabins[:, 0], round(next_mm))
@@ -278,9 +242,7 @@ def _ultra_cabins(distances_mm: npt.ArrayLike, next_mm: float) -> tuple[Ints, In
     predictions = (wanted - base + ((1 << shift) >> 1)) >> shift
     decoded = (predictions << shift) + base
     carried = (wanted > 0) & (predictions > _NO_PREDICTION) & (predictions < 511) & (decoded > 0)
-    predictions = np.where(carried, predictions, _NO_PREDICTION)
-    decoded = np.where(carried, decoded, 0)
-    return code[:-1], predictions, np.column_stack([value[:-1], decoded])
+    return code[:-1], np.where(carried, predictions, _NO_PREDICTION)
 
 
 def _whole(values: npt.ArrayLike, top: int, what: str) -> Ints:

@@ -35,7 +35,7 @@ from lidario.sim.chassis import PROTECTION_STOP, Chassis, Maker, maker
 from lidario.sim.motor import Motor
 from lidario.sim.world import WorldLike
 
-__all__ = ["PROFILES", "Profile", "Simulated4Ros", "describe", "make_simulated"]
+__all__ = ["PROFILES", "Profile", "Simulated4Ros", "make_simulated"]
 
 _MS = 1_000_000
 _SETTLE_AFTER_STOP = 5 * _MS  # vendor SDK 1.2.20
@@ -139,26 +139,20 @@ class Simulated4Ros(Chassis[PointStream]):
                 self._consider(byte, now)
 
     def wakeup(self, now: int) -> int | None:
-        """When the next response or packet will have left; None while the device is idle."""
         self._talk(now)
-        at = self._queue.wakeup(now)
-        if at is None and self._stream is not None:
-            at = max(now, self._stream.ready)
-        return at
+        return super().wakeup(now)
+
+    def _due(self, stream: PointStream) -> int:
+        return stream.ready
 
     def begin_streaming(self, now: int) -> None:
         """Be in the middle of a scan, and of a packet, as after a program that was killed."""
         past = 10 * 40 * self.profile.sample_ns + self._queue.airtime(90) * 2 // 5
-        self._spin_at_once(self.set_speed * 0.6, now - past)
+        self._motor.spin_at_once(self.set_speed * 0.6, now - past)
         self.alive_until = now + _ALIVE_FOR
-        self._stream = PointStream(now - past, self._motor, self.world, self.profile)
+        self._measure_from(now - past)
         self._advance(now)
         self._queue.take(now)
-
-    def protection_stop(self, error_code: int) -> None:
-        """Fail: the stream and the motor stop, and health reports the error until a RESET clears it."""
-        self._fault(error_code)
-        self.halt(self._now)
 
     def _advance(self, now: int) -> None:
         """Do what is due by `now`: build packets, stop when the keepalive is missing."""
@@ -177,22 +171,20 @@ class Simulated4Ros(Chassis[PointStream]):
 
     def _talk(self, now: int, *, at_once: bool = True) -> None:
         """A model that only talks streams as soon as it has power, and unless it failed."""
-        if (
-            not self.profile.one_way
-            or not self.lit
-            or self._stream is not None
-            or self.health[0]
-            or now < self._deaf_until
-        ):
+        is_dark = not self.lit or self.health[0] or now < self._deaf_until
+        if not self.profile.one_way or is_dark or self._stream is not None:
             return
-        self._spin_at_once(self.set_speed * 0.6, now) if at_once and not self._deaf_until else self._motor.set_rpm(
-            self.set_speed * 0.6, now
-        )
-        # The first byte that is heard stands anywhere in a revolution.
-        past = 0 if self._deaf_until or not at_once else int(self._random.integers(1, 400)) * self.profile.sample_ns
-        self._stream = PointStream(
-            max(now, self._motor.stable_at or 0) - past, self._motor, self.world, self.profile
-        )
+        past = 0
+        if at_once and not self._deaf_until:
+            # It has been on for long: the first byte that is heard stands anywhere in a revolution.
+            self._motor.spin_at_once(self.set_speed * 0.6, now)
+            past = int(self._random.integers(1, 400)) * self.profile.sample_ns
+        else:
+            self._motor.set_rpm(self.set_speed * 0.6, now)
+        self._measure_from(max(now, self._motor.stable_at or 0) - past)
+
+    def _measure_from(self, origin: int) -> None:
+        self._stream = PointStream(origin, self._motor, self.world, self.profile)
 
     def _consider(self, command: int, now: int) -> None:
         """Obey a request or discard it, and remember which."""
@@ -258,35 +250,21 @@ class Simulated4Ros(Chassis[PointStream]):
         self._respond_with(SCAN_HEADER, announced, "scan")
         early = self.profile.early_hertz
         turning = self._motor.reaches(60 * early) if early else self._motor.stable_at
-        origin = max(announced, turning or 0)
-        self._stream = PointStream(origin, self._motor, self.world, self.profile)
+        self._measure_from(max(announced, turning or 0))
 
     def _reset(self, now: int) -> None:
         self._restart(now, now + int(self.boot_s * 1e9))
         self._deaf_why = "still booting after reset"
 
     def _restart(self, now: int, up: int) -> None:
-        self._forget(now)
+        super()._restart(now, up)
         self._begun = False
-        self._motor.set_rpm(0.0, now)
         self.set_speed, self.protected = self.profile.factory_speed, False
-        self._recover()
-        self._deaf_until, self._deaf_why = up, "still booting"
         if self.profile.announces and not self.profile.one_way:
             self._queue.push(pack_response(_SETTING, self.info()), up)
 
 
 make_simulated: Maker[Simulated4Ros] = maker(Simulated4Ros, PROFILES)
-"""Builds a simulated device by the name of its profile, such as ``"ydlidar-4ros"``."""
-
-
-def describe(model: str) -> str:
-    """What a model is, in a few words."""
-    profile = PROFILES[model]
-    talks = "; only talks" if profile.one_way else ""
-    motor = ", motor by DTR" if profile.by_dtr else ""
-    follows = f"; like {profile.follows}" if profile.follows else ""
-    return f"{profile.baudrate} baud, {1e9 / profile.sample_ns:.0f}/s{motor}{talks}{follows}"
 
 
 def _digits(serial: bytes | str | list[int]) -> bytes:

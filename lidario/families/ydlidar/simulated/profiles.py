@@ -14,6 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from lidario.families.ydlidar.simulated.packers import MILLIMETRES, Layout
+from lidario.sim.chassis import by_name
 
 __all__ = ["PROFILES", "Profile"]
 
@@ -86,6 +87,14 @@ class Profile:
         """Whether it only talks."""
         return not self.commands
 
+    @property
+    def about(self) -> str:
+        """What it is, in a few words."""
+        talks = "; only talks" if self.one_way else ""
+        motor = ", motor by DTR" if self.by_dtr else ""
+        follows = f"; like {self.follows}" if self.follows else ""
+        return f"{self.baudrate} baud, {1e9 / self.sample_ns:.0f}/s{motor}{talks}{follows}"
+
 
 def _triangle(
     name: str,
@@ -139,32 +148,29 @@ _TMINI_PLUS = replace(
 )
 _TG15 = Profile("ydlidar-tg15", model=100, seam_deg=108.05, follows="two packets in a README")
 
-PROFILES = {
-    profile.name: profile
-    for profile in (
-        Profile("ydlidar-4ros", announces=False),
-        Profile("ydlidar-4ros-92", health_command=0x92),
-        Profile("ydlidar-4ros-slow", spin_up_s=2.5),
-        Profile("ydlidar-4ros-stamps", stamps=True),
-        Profile("ydlidar-4ros-long", per_packet=200),
-        _TG15,
-        Profile("ydlidar-tg50", model=102),
-        _X4,
-        _triangle("ydlidar-g1", 19, 230_400, 9000),
-        _triangle("ydlidar-g2", 15, 230_400, 5000, Layout(3, 4, flags=True, bits=10)),
-        _triangle("ydlidar-g4", 5, 230_400, 9000),
-        _triangle("ydlidar-g6", 13, 512_000, 18_000, Layout(unit=2)),
-        _triangle("ydlidar-r2", 9, 230_400, 5000),
-        _triangle("ydlidar-f4", 1, 115_200, 4000),
-        _triangle("ydlidar-s4b", 11, 153_600, 4000, _EIGHT, _NO_SPEED),
-        _triangle("ydlidar-tmini", 140, 230_400, 4000, _EIGHT, triangle=False),
-        _TMINI_PRO,
-        _TMINI_PLUS,
-        _triangle("ydlidar-tmini-plus-sh", 152, 230_400, 4000, Layout(4, 1, bits=16), triangle=False),
-        _X2,
-        _triangle("ydlidar-x3", 6, 115_200, 3000, commands=_HEARS_NOTHING),
-        _triangle("ydlidar-x4-pro", 6, 128_000, 5000, Layout(unit=4, flags=True), _HEARS_NOTHING),
-        _triangle("ydlidar-s2-pro", 4, 115_200, 3000, commands=_HEARS_NOTHING),
-        _triangle("ydlidar-tx8", 100, 115_200, 4000, MILLIMETRES, _HEARS_NOTHING, triangle=False),
-    )
-}
+PROFILES = by_name(
+    Profile("ydlidar-4ros", announces=False),
+    Profile("ydlidar-4ros-92", health_command=0x92),
+    Profile("ydlidar-4ros-slow", spin_up_s=2.5),
+    Profile("ydlidar-4ros-stamps", stamps=True),
+    Profile("ydlidar-4ros-long", per_packet=200),
+    _TG15,
+    Profile("ydlidar-tg50", model=102),
+    _X4,
+    _triangle("ydlidar-g1", 19, 230_400, 9000),
+    _triangle("ydlidar-g2", 15, 230_400, 5000, Layout(3, 4, flags=True, bits=10)),
+    _triangle("ydlidar-g4", 5, 230_400, 9000),
+    _triangle("ydlidar-g6", 13, 512_000, 18_000, Layout(unit=2)),
+    _triangle("ydlidar-r2", 9, 230_400, 5000),
+    _triangle("ydlidar-f4", 1, 115_200, 4000),
+    _triangle("ydlidar-s4b", 11, 153_600, 4000, _EIGHT, _NO_SPEED),
+    _triangle("ydlidar-tmini", 140, 230_400, 4000, _EIGHT, triangle=False),
+    _TMINI_PRO,
+    _TMINI_PLUS,
+    _triangle("ydlidar-tmini-plus-sh", 152, 230_400, 4000, Layout(4, 1, bits=16), triangle=False),
+    _X2,
+    _triangle("ydlidar-x3", 6, 115_200, 3000, commands=_HEARS_NOTHING),
+    _triangle("ydlidar-x4-pro", 6, 128_000, 5000, Layout(unit=4, flags=True), _HEARS_NOTHING),
+    _triangle("ydlidar-s2-pro", 4, 115_200, 3000, commands=_HEARS_NOTHING),
+    _triangle("ydlidar-tx8", 100, 115_200, 4000, MILLIMETRES, _HEARS_NOTHING, triangle=False),
+)
