@@ -10,10 +10,8 @@ import numpy as np
 
 from lidario.conformance.bench import Bench
 from lidario.conformance.flow import Flow, Watch
-from lidario.conformance.rule import Broken, NotTried, Origin, Rule, known
+from lidario.conformance.rule import Broken, NotTried, Origin, known
 from lidario.scan import Scan
-
-__all__ = ["STREAMING"]
 
 MODES_S = 90.0
 """Six modes, each with 5 s for the rotor to start and 9 s for its packets and scans."""
@@ -271,11 +269,7 @@ async def _each_watch(bench: Bench, check: Callable[[Watch], tuple[bool, str]]) 
     Raises:
         Broken: Some do not pass.
     """
-    found = [(each.mode.name, *check(each)) for each in await _seen(bench)]
-    bad = [f"mode {name}: {text}" for name, held, text in found if not held]
-    if bad:
-        raise Broken("; ".join(bad))
-    return "; ".join(f"{name} {text}" if len(found) > 1 else text for name, _, text in found)
+    return _judged([(each.mode.name, *check(each)) for each in await _seen(bench)])
 
 
 async def _each_flow(bench: Bench, check: Callable[[Flow], tuple[bool, str]], *, whole: bool = False) -> str:
@@ -292,23 +286,12 @@ async def _each_flow(bench: Bench, check: Callable[[Flow], tuple[bool, str]], *,
     flows = [each.flow for each in watches if each.flow is not None and (each.is_whole or not whole)]
     if not flows:
         raise NotTried("packets of every mode were damaged or are missing, so samples are missing")
-    found = [(flow.mode.name, *check(flow)) for flow in flows]
+    return _judged([(flow.mode.name, *check(flow)) for flow in flows])
+
+
+def _judged(found: list[tuple[str, bool, str]]) -> str:
+    """What was measured, by the name of each mode, whether it passes, and that."""
     bad = [f"mode {name}: {text}" for name, held, text in found if not held]
     if bad:
         raise Broken("; ".join(bad))
     return "; ".join(f"{name} {text}" if len(found) > 1 else text for name, _, text in found)
-
-
-STREAMING: tuple[Rule, ...] = (
-    modes_start,
-    sample_time,
-    turns_clockwise,
-    packets_are_whole,
-    revolutions_follow,
-    revolutions_are_full,
-    circle_is_whole,
-    ranges_are_possible,
-    rotor_is_steady,
-    reported_speed,
-)
-"""All of them, in the order in which they are tried."""
