@@ -9,15 +9,14 @@ from __future__ import annotations
 import asyncio
 import gc
 import json
-import resource
 import sys
 import tracemalloc
-from pathlib import Path
 from typing import Any
 
 import lidario
 from benchmarks.relayed import Relayed
 from benchmarks.streams import RATES
+from benchmarks.usage import resident_mb
 from tests.support.loop import DrivenLoop
 
 __all__ = ["drive"]
@@ -64,9 +63,8 @@ async def drive(task: dict[str, Any]) -> dict[str, Any]:
 
 def _memory() -> dict[str, float]:
     gc.collect()
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
     return {
-        "rss_mb": pages * resource.getpagesize() / 2**20,
+        "rss_mb": resident_mb(),
         "blocks": sys.getallocatedblocks(),
         "objects": len(gc.get_objects()),
     }

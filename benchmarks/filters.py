@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import resource
 import subprocess
 import sys
 import time
@@ -20,6 +19,7 @@ import numpy as np
 import lidario
 from benchmarks.processes import ROOT, Failed, run_json
 from benchmarks.report import Result, Setting, Table, median, spread
+from benchmarks.usage import Usage
 from lidario import Config, LidarConfig, Mount, Scan
 from lidario.filters import (
     AngularBoundsFilter,
@@ -115,7 +115,7 @@ def _live(way: str, seconds: float) -> float:
     return float(got["cpu"])
 
 
-async def read(task: dict[str, Any]) -> dict[str, float]:
+async def read(task: dict[str, Any]) -> dict[str, Any]:
     """Read scans for a while, from the fifth one on; what that cost."""
     config = Config(default=LidarConfig(filters=EVERY if task["way"] == _WAYS[2] else ()))
     async with (
@@ -124,12 +124,10 @@ async def read(task: dict[str, Any]) -> dict[str, float]:
     ):
         for _ in range(5):
             await anext(scans)
-        start, before = time.monotonic(), resource.getrusage(resource.RUSAGE_SELF)
-        while time.monotonic() - start < task["seconds"]:
+        usage = Usage()
+        while usage.seconds() < task["seconds"]:
             await anext(scans)
-        after = resource.getrusage(resource.RUSAGE_SELF)
-        took = time.monotonic() - start
-    return {"cpu": (after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime) / took}
+        return usage.figures()
 
 
 if __name__ == "__main__":

@@ -19,7 +19,6 @@ import contextlib
 import fcntl
 import json
 import os
-import resource
 import select
 import struct
 import sys
@@ -186,13 +185,8 @@ def _report(played: list[Played], cpu: float) -> dict[str, Any]:
         "written_bytes": [each.written for each in played],
         "active_s": [each.active_ns * 1e-9 for each in played],
         "late_ms": max(each.late_ns for each in played) / 1e6,
-        "cpu_s": _cpu() - cpu,
+        "cpu_s": time.process_time() - cpu,
     }
-
-
-def _cpu() -> float:
-    used = resource.getrusage(resource.RUSAGE_SELF)
-    return used.ru_utime + used.ru_stime
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -213,7 +207,7 @@ def main(arguments: list[str] | None = None) -> None:
     print(json.dumps([each.path for each in played]), flush=True)
     by_handle = {each.master: each for each in played}
     handles = [0, *by_handle]
-    cpu = _cpu()
+    cpu = time.process_time()
     with contextlib.suppress(KeyboardInterrupt):
         while True:
             now = time.monotonic_ns()
@@ -230,7 +224,7 @@ def main(arguments: list[str] | None = None) -> None:
                     return
                 else:
                     print(json.dumps(_report(played, cpu)), flush=True)
-                    cpu = _cpu()
+                    cpu = time.process_time()
                     for each in played:
                         each.renew()
             now = time.monotonic_ns()

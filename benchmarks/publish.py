@@ -21,7 +21,6 @@ import timeit
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -29,6 +28,7 @@ import numpy as np
 from benchmarks.contest import Entry, read_live
 from benchmarks.processes import ROOT, Failed, Player
 from benchmarks.report import Result, Setting, Table, median, percentile, spread
+from benchmarks.usage import seconds_of, share_of
 from lidario import DeviceInfo, Health, HealthStatus, Scan, Stats
 from lidario.network.bus import Bus
 from lidario.network.messages import encode_scan
@@ -120,7 +120,7 @@ def _one_round(
                 assert it.stdout is not None
                 it.stdout.readline()
                 time.sleep(2 * _SETTLE_S)
-                cpu.setdefault(name, []).append(100 * _share(it.pid, window_s))
+                cpu.setdefault(name, []).append(100 * share_of(it.pid, window_s))
             finally:
                 it.terminate()
 
@@ -149,13 +149,13 @@ async def _read(address: str, seconds: float, router_pid: int) -> dict[str, Any]
                 if began:
                     break
                 began, until = now, now + seconds
-                own, router, lost = time.process_time(), _on_processor(router_pid), fleet.lost + fleet.dropped
+                own, router, lost = time.process_time(), seconds_of(router_pid), fleet.lost + fleet.dropped
             elif began:
                 late.append((time.time_ns() - each.sent_ns) * 1e-6)
         took = loop.time() - began
         return {
             "reader_cpu": 100 * (time.process_time() - own) / took,
-            "router_cpu": 100 * (_on_processor(router_pid) - router) / took,
+            "router_cpu": 100 * (seconds_of(router_pid) - router) / took,
             "p50_ms": percentile(late, 50),
             "p99_ms": percentile(late, 99),
             "scans": len(late),
@@ -219,18 +219,6 @@ def _route(address: str) -> None:
         stack.enter_context(zenoh.open(config))
         print("ready", flush=True)
         sys.stdin.read()
-
-
-def _share(pid: int, window_s: float) -> float:
-    """The share of a core that all threads of a process took."""
-    begin, before = time.perf_counter(), _on_processor(pid)
-    time.sleep(window_s)
-    return (_on_processor(pid) - before) / (time.perf_counter() - begin)
-
-
-def _on_processor(pid: int) -> float:
-    """Seconds; the kernel counts nanoseconds for each thread."""
-    return sum(int(each.read_text().split()[0]) for each in Path(f"/proc/{pid}/task").glob("*/schedstat")) * 1e-9
 
 
 if __name__ == "__main__":

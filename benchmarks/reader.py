@@ -9,15 +9,14 @@ from __future__ import annotations
 
 import asyncio
 import json
-import resource
 import sys
 import time
 from contextlib import AsyncExitStack
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 import lidario
+from benchmarks.usage import Usage
 
 __all__ = ["read"]
 
@@ -39,23 +38,18 @@ async def read(task: dict[str, Any]) -> dict[str, Any]:
             while not all(arrivals):  # noqa: ASYNC110 - an event for each would be work in the measured loop
                 await asyncio.sleep(0.02)
             await asyncio.sleep(task["settle_s"])
-            start, before = time.monotonic_ns(), resource.getrusage(resource.RUSAGE_SELF)
+            usage = Usage()
             await asyncio.sleep(task["window_s"])
-            after, end = resource.getrusage(resource.RUSAGE_SELF), time.monotonic_ns()
+            used = usage.figures()
             for reader in readers:
                 reader.cancel()
         stats = [asdict(lidar.stats) for lidar in lidars]
-    seconds = (end - start) * 1e-9
     return {
-        "cpu": (after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime) / seconds,
-        "system": (after.ru_stime - before.ru_stime) / seconds,
-        "wakeups": (after.ru_nvcsw - before.ru_nvcsw) / seconds,
+        **used,
         "samples_per_s": sum(map(_rate, arrivals, samples)),
-        "window": [start, end],
         "first_scan_s": (max(each[0] for each in arrivals) - began) * 1e-9,
         "arrivals": arrivals,
         "stats": stats,
-        "rss_mb": _most_resident_mb(),
     }
 
 
@@ -71,12 +65,6 @@ def _rate(arrivals: list[int], samples: list[int]) -> float:
     """Points a second, from the first scan to the last."""
     seconds = (arrivals[-1] - arrivals[0]) * 1e-9
     return sum(samples[1:]) / seconds if seconds else 0.0
-
-
-def _most_resident_mb() -> float:
-    """The most that was resident. `resource` would count the process that started this one."""
-    status = Path("/proc/self/status").read_text()
-    return int(status.partition("VmHWM:")[2].split()[0]) / 1024
 
 
 async def _busy(busy_s: float, every_s: float) -> None:

@@ -18,7 +18,6 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -31,6 +30,7 @@ from benchmarks.browser import Browser, find_browser
 from benchmarks.contest import Entry, read_live
 from benchmarks.processes import ROOT, Failed, Player
 from benchmarks.report import Result, Setting, Table, median, percentile, spread
+from benchmarks.usage import resident_mb, share_of
 from lidario import Scan
 from lidario.web.feed import Feed
 from lidario.web.frames import Mount
@@ -82,7 +82,7 @@ def _one_round(setting: Setting, player: Player, window_s: float, data: dict[str
             with ExitStack() as stack:
                 watching = [stack.enter_context(_viewer(url)) for _ in range(viewers)]
                 time.sleep(0.5)
-                note(f"viewers: {viewers}", _share(process.pid, window_s))
+                note(f"viewers: {viewers}", share_of(process.pid, window_s))
             data["arrival_ms"] += [late for each in watching for late in each]
 
 
@@ -130,18 +130,6 @@ def _viewer(url: str, *, confirms: bool = True) -> Iterator[list[float]]:
         thread.join()
 
 
-def _share(pid: int, window_s: float) -> float:
-    """The share of a core that all threads of a process took."""
-    begin, before = time.perf_counter(), _on_processor(pid)
-    time.sleep(window_s)
-    return (_on_processor(pid) - before) / (time.perf_counter() - begin)
-
-
-def _on_processor(pid: int) -> float:
-    """Seconds; the kernel counts nanoseconds for each thread."""
-    return sum(int(each.read_text().split()[0]) for each in Path(f"/proc/{pid}/task").glob("*/schedstat")) * 1e-9
-
-
 def _painted(path: str, window_s: float) -> list[float]:
     """Milliseconds from the end of each revolution to the end of its drawing."""
     found: list[float] = []
@@ -168,7 +156,7 @@ def _beside_a_stalled_one(path: str, window_s: float) -> dict[str, float]:
                 late = stack.enter_context(_viewer(url))
                 time.sleep(0.5)
                 before = len(late)
-                found[f"{name}, CPU"] = 100 * _share(process.pid, window_s)
+                found[f"{name}, CPU"] = 100 * share_of(process.pid, window_s)
                 found[name] = (len(late) - before) / window_s
     return found
 
@@ -204,10 +192,10 @@ async def grown(scans: int) -> tuple[float, int]:
         address = f"ws://localhost:{server.port}/live?token=token"
         options: dict[str, Any] = {"origin": Origin(host), "compression": None, "proxy": None}
         async with connect_async(address, **options) as reading, connect_async(address, **options):
-            begun = 0
+            begun = 0.0
             for number in range(-50, scans):
                 if number == 0:
-                    begun = _resident_kb()
+                    begun = resident_mb()
                 feed.latest = _scan(number + 50)
                 server.publish_scan(feed)
                 while isinstance(await reading.recv(), str):
@@ -215,7 +203,7 @@ async def grown(scans: int) -> tuple[float, int]:
                 await reading.send("a")
                 # Slower than the server lets a viewer talk.
                 await asyncio.sleep(1 / _SCANS_A_SECOND)
-            return _resident_kb() - begun, status
+            return (resident_mb() - begun) * 1024, status
 
 
 def _scan(number: int) -> Scan:
@@ -225,10 +213,6 @@ def _scan(number: int) -> Scan:
         stamp_ns=0, wall_stamp_ns=0, time_increment_ns=31250, duration_ns=100_000_000, rpm=600.0, seq=number,
         dropped_before=0, lost_packets=0, mode="DenseBoost",
     )  # fmt: skip
-
-
-def _resident_kb() -> int:
-    return int(Path("/proc/self/status").read_text().partition("VmRSS:")[2].split()[0])
 
 
 async def _page_bytes() -> int:

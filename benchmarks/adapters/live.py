@@ -10,14 +10,13 @@ import asyncio
 import contextlib
 import json
 import os
-import resource
 import sys
 import time
-from pathlib import Path
 from typing import Any
 
 from benchmarks.adapters.drivers import ASYNC, DRIVERS
 from benchmarks.adapters.plain import plain
+from benchmarks.usage import Usage
 
 _STDOUT = sys.stdout
 
@@ -30,10 +29,10 @@ class _Meter:
     """Counts scans, and measures from `settle_s` after the first to `window_s` later."""
 
     def __init__(self, settle_s: float, window_s: float) -> None:
-        self._settle_ns, self._window_ns = round(settle_s * 1e9), round(window_s * 1e9)
+        self._settle_ns, self._window_s = round(settle_s * 1e9), window_s
         self._began = time.monotonic_ns()
-        self._before: Any = None
-        self._start = self._points = 0
+        self._usage: Usage | None = None
+        self._points = 0
         self.arrivals: list[int] = []
         self.result: dict[str, Any] = {}
 
@@ -42,33 +41,19 @@ class _Meter:
         self.arrivals.append(now)
         if now < self.arrivals[0] + self._settle_ns:
             return
-        if self._before is None:
-            self._before, self._start = resource.getrusage(resource.RUSAGE_SELF), now
+        if self._usage is None:
+            self._usage = Usage()
             return
         self._points += samples
-        if now >= self._start + self._window_ns:
-            self._finish(now)
+        seconds = self._usage.seconds()
+        if seconds >= self._window_s:
+            self.result = {
+                **self._usage.figures(),
+                "samples_per_s": self._points / seconds,
+                "first_scan_s": (self.arrivals[0] - self._began) * 1e-9,
+                "arrivals": [self.arrivals],
+            }
             raise _Finished
-
-    def _finish(self, now: int) -> None:
-        before, after = self._before, resource.getrusage(resource.RUSAGE_SELF)
-        seconds = (now - self._start) * 1e-9
-        self.result = {
-            "cpu": (after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime) / seconds,
-            "system": (after.ru_stime - before.ru_stime) / seconds,
-            "wakeups": (after.ru_nvcsw - before.ru_nvcsw) / seconds,
-            "samples_per_s": self._points / seconds,
-            "window": [self._start, now],
-            "first_scan_s": (self.arrivals[0] - self._began) * 1e-9,
-            "arrivals": [self.arrivals],
-            "rss_mb": _most_resident_mb(),
-        }
-
-
-def _most_resident_mb() -> float:
-    """The most that was resident. `resource` would count the process that started this one."""
-    status = Path("/proc/self/status").read_text()
-    return int(status.partition("VmHWM:")[2].split()[0]) / 1024
 
 
 async def _read_async(scans: Any, meter: _Meter) -> None:
