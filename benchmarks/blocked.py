@@ -94,16 +94,7 @@ def _read(
             command = [sys.executable, "-m", "benchmarks.blocked_reader"]
             got = run_json(command, timeout=_TIMEOUT_S, given=task | {"family": rate.kind.family})
         else:
-            if setting.peers is None:
-                raise Failed("left out")
-            why = setting.peers.why_absent(reader)
-            if why:
-                raise Failed(why)
-            task |= {"contestant": reader, "mode": rate.kind.mode.id}
-            environment = setting.peers.environment(reader)
-            got = run_json(
-                setting.peers.command("blocked"), timeout=_TIMEOUT_S, environment=environment, given=task
-            )
+            got = setting.ask_peer(reader, "blocked", task | {"mode": rate.kind.mode.id}, timeout=_TIMEOUT_S)
     finally:
         report = player.report()
     return got, report

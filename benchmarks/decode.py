@@ -16,11 +16,12 @@ from __future__ import annotations
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
 
 import lidario
+from benchmarks.contest import RIVALS
 from benchmarks.models import FORMATS
-from benchmarks.processes import Failed, run_json
+from benchmarks.peers import package_of
+from benchmarks.processes import Failed
 from benchmarks.report import Result, Setting, Table, median, ratio, spread
 from benchmarks.streams import KINDS, Kind, capture, recording
 from lidario.revolution.pipeline import Pipeline
@@ -48,19 +49,11 @@ _FILE_BYTES = 3_000_000
 CONVERTED = "4096, converted"
 
 _PEERS = {
-    "0x81 nodes": (
-        "floor",
-        "pyrplidar",
-        "rplidar-roboticia",
-        "rplidar",
-        "adafruit-circuitpython-rplidar",
-        "rplidarc1",
-        "lds2d",
-    ),
+    "0x81 nodes": ("floor", *RIVALS["S2 Standard"]),
     "0x82 express": ("pyrplidar", "rplidar-roboticia"),
     "0x84 ultra": ("pyrplidar",),
     "0x85 dense": ("pyrplidar",),
-    "4ROS points": ("PyLidar3", "lds2d-4ros"),
+    "4ROS points": RIVALS["4ROS"],
 }
 _TIMEOUT_S = 60.0
 _PEER_ROUNDS = 3
@@ -155,26 +148,20 @@ def _peers(
     into: dict[str, list[dict[str, float]]],
     absent: dict[str, str],
 ) -> None:
-    assert setting.peers is not None
     raw = capture(kind, seconds)
     path = folder / f"{kind.name}.bin"
     path.write_bytes(raw)
     mode = 0 if kind.mode.response_type == 0x81 else 1
     for name in _PEERS.get(kind.name, ()):
-        package = name.removesuffix("-4ros")
-        why = setting.peers.why_absent(package) or absent.get(f"{package}, {kind.name}", "")
-        task: dict[str, Any] = {"contestant": name, "stream": str(path), "mode": mode}
-        if not why:
-            try:
-                environment = setting.peers.environment(package)
-                command = setting.peers.command("decode")
-                got = run_json(command, timeout=_TIMEOUT_S, environment=environment, given=task)
-                figures = _figures(got["seconds"], len(raw), got["scans"], got["samples"])
-                into.setdefault(name, []).append(figures)
-            except Failed as failed:
-                why = str(failed)
-        if why:
-            absent[f"{package}, {kind.name}"] = why
+        who = f"{package_of(name)}, {kind.name}"
+        if who in absent:
+            continue
+        try:
+            got = setting.ask_peer(name, "decode", {"stream": str(path), "mode": mode}, timeout=_TIMEOUT_S)
+        except Failed as failed:
+            absent[who] = str(failed)
+            continue
+        into.setdefault(name, []).append(_figures(got["seconds"], len(raw), got["scans"], got["samples"]))
 
 
 def _table(own: dict[str, dict[str, list[dict[str, float]]]]) -> Table:

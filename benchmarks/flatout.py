@@ -37,7 +37,7 @@ def run(setting: Setting) -> Result:
     for speed, pace in list(_SPEEDS.items())[: 1 if setting.quick else None]:
         found[pace] = {rate: {} for rate in LIVE}
         for rate, rivals in _ENTRIES.items():
-            entries = [Entry(name.removesuffix("-4ros"), name) for name in rivals] if setting.peers else []
+            entries = [Entry.of(name) for name in rivals] if setting.peers else []
             with Player(rate, every=_EVERY_S, speed=speed) as player:
                 for number in range(rounds):
                     setting.say(f"{pace}: {rate}, round {number + 1} of {rounds}")

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.peers import Peers
+from benchmarks.processes import Failed
 
 __all__ = ["Result", "Setting", "Table", "machine", "median", "percentile", "ratio", "spread", "thinned"]
 
@@ -40,6 +41,12 @@ class Setting:
     def selects(self, *names: str) -> bool:
         """Whether each of the words is in one of the names."""
         return all(any(word in name for name in names) for word in self.words)
+
+    def ask_peer(self, contestant: str, adapter: str, task: dict[str, Any], *, timeout: float) -> dict[str, Any]:
+        """As `Peers.ask`; one that is left out is absent."""
+        if self.peers is None:
+            raise Failed("left out")
+        return self.peers.ask(contestant, adapter, task, timeout=timeout)
 
     def say(self, what: str) -> None:
         """Tell what is going on, on standard error."""

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import os
-import sys
 import time
 from typing import Any
 
 from benchmarks.adapters.drivers import DRIVERS
+from benchmarks.adapters.process import respond
 from benchmarks.blocking import Blocks
 
-_STDOUT = sys.stdout
 _SETTLE_S = 0.4
 
 
@@ -30,10 +27,4 @@ def main(task: dict[str, Any]) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    sys.stdout = sys.stderr  # it talks
-    try:
-        result = main(json.loads(sys.argv[1]))
-    except Exception as error:
-        result = {"failed": f"{type(error).__name__}: {error}"}
-    print(json.dumps(result), file=_STDOUT, flush=True)
-    os._exit(0)  # its threads do not end
+    respond(main)

@@ -8,17 +8,13 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
-import os
-import sys
 import time
 from typing import Any
 
 from benchmarks.adapters.drivers import ASYNC, DRIVERS
 from benchmarks.adapters.plain import plain
+from benchmarks.adapters.process import respond
 from benchmarks.usage import Usage
-
-_STDOUT = sys.stdout
 
 
 class _Finished(Exception):
@@ -77,10 +73,4 @@ def main(task: dict[str, Any]) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    sys.stdout = sys.stderr  # some drivers talk
-    try:
-        result = main(json.loads(sys.argv[1]))
-    except Exception as error:
-        result = {"failed": f"{type(error).__name__}: {error}"}
-    print(json.dumps(result), file=_STDOUT, flush=True)
-    os._exit(0)  # some drivers have threads that do not end
+    respond(main)
