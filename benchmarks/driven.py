@@ -28,7 +28,7 @@ class _InSteps(Relayed):
     """A simulated device that has something to say only every so often."""
 
     def wakeup(self, now: int) -> int | None:
-        at: int | None = self._device.wakeup(now)
+        at: int | None = self.device.wakeup(now)
         return at if at is None or not self.scanning else -(-at // _STEP_NS) * _STEP_NS
 
 

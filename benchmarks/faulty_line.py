@@ -79,7 +79,7 @@ class Recorder(Relayed):
 
     def reconnect(self, faults: Faults) -> None:
         """A new line to the same device."""
-        self._line = MemoryLine(self._device, faults)
+        self._line = MemoryLine(self.device, faults)
 
     def intact(self) -> Intact:
         """What arrived intact up to the last `mark`, and what of it lidario's parser recognises."""

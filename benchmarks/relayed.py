@@ -10,40 +10,44 @@ __all__ = ["Relayed"]
 
 
 class Relayed:
-    """Passes everything on, both ways; obeys `lidario.sim.device.SimulatedDevice`."""
+    """Passes everything on, both ways; obeys `lidario.sim.device.SimulatedDevice`.
+
+    Attributes:
+        device: The device at the other end.
+    """
 
     def __init__(self, device: Any) -> None:
-        self._device = device
+        self.device: Any = device
 
     @property
     def baudrate(self) -> int:
         """As the device."""
-        return int(self._device.baudrate)
+        return int(self.device.baudrate)
 
     @property
     def log(self) -> list[Received]:
         """As the device."""
-        return list(self._device.log)
+        return list(self.device.log)
 
     @property
     def scanning(self) -> bool:
         """As the device."""
-        return bool(self._device.scanning)
+        return bool(self.device.scanning)
 
     @property
     def motor_on(self) -> bool:
         """As the device."""
-        return bool(self._device.motor_on)
+        return bool(self.device.motor_on)
 
     def receive(self, data: bytes, now: int) -> None:
         """As the device."""
-        self._device.receive(data, now)
+        self.device.receive(data, now)
 
     def transmit(self, now: int) -> bytes:
         """As the device."""
-        return bytes(self._device.transmit(now))
+        return bytes(self.device.transmit(now))
 
     def wakeup(self, now: int) -> int | None:
         """As the device."""
-        at: int | None = self._device.wakeup(now)
+        at: int | None = self.device.wakeup(now)
         return at

@@ -9,7 +9,7 @@ from __future__ import annotations
 import random
 from typing import Any
 
-from lidario.sim.device import Received
+from benchmarks.relayed import Relayed
 from lidario.sim.faults import Faults, parse_faults
 from lidario.sim.memory import MemoryLine
 
@@ -56,7 +56,7 @@ def draw_damage(random_: random.Random) -> str:
     return f"{first},{second}"
 
 
-class BadLine:
+class BadLine(Relayed):
     """A simulated device as the session sees it; obeys `lidario.sim.device.SimulatedDevice`.
 
     Args:
@@ -64,41 +64,20 @@ class BadLine:
         step_ns: While it scans it has something to say only so often: fewer deliveries make a day shorter.
 
     Attributes:
-        device: The device at the other end.
         fault: What is wrong at the moment, as it is typed; empty when nothing is.
     """
 
     def __init__(self, device: Any, step_ns: int) -> None:
-        self.device = device
+        super().__init__(device)
         self.fault = ""
         self._step_ns = step_ns
         self._line = MemoryLine(device)
         self._faults: Faults | None = None
 
     @property
-    def baudrate(self) -> int:
-        """As the device."""
-        return int(self.device.baudrate)
-
-    @property
-    def log(self) -> list[Received]:
-        """As the device."""
-        return list(self.device.log)
-
-    @property
-    def scanning(self) -> bool:
-        """As the device."""
-        return bool(self.device.scanning)
-
-    @property
     def protected(self) -> bool:
         """Whether a device stops by itself when its host falls silent."""
         return bool(getattr(self.device, "protected", False))
-
-    @property
-    def motor_on(self) -> bool:
-        """As the device."""
-        return bool(self.device.motor_on)
 
     def damage(self, fault: str, seed: int, now: int) -> None:
         """Begin a fault, in place of the one before."""

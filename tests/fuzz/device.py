@@ -55,14 +55,14 @@ class _Hostile(Relayed):
         self._before = b""
 
     def transmit(self, now: int) -> bytes:
-        data: bytes = self._device.transmit(now)
+        data: bytes = self.device.transmit(now)
         if data and self._honest:
             self._honest -= 1
             return data
         return self._changed(data) if data else data
 
     def wakeup(self, now: int) -> int | None:
-        at: int | None = self._device.wakeup(now)
+        at: int | None = self.device.wakeup(now)
         # Coarse while it scans: fewer deliveries, each of which can be changed.
         return at if at is None or not self.scanning else -(-at // 20_000_000) * 20_000_000
 
