@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import subprocess
 import sys
 import time
 from dataclasses import replace
@@ -17,7 +16,7 @@ from typing import Any
 import numpy as np
 
 import lidario
-from benchmarks.processes import ROOT, Failed, run_json
+from benchmarks.processes import run_json, started
 from benchmarks.report import Result, Setting, Table, median, spread
 from benchmarks.usage import Usage
 from lidario import Config, LidarConfig, Mount, Scan
@@ -99,19 +98,9 @@ def _microseconds(scan: Scan, filters: tuple[Filter, ...]) -> float:
 
 def _live(way: str, seconds: float) -> float:
     """Share of a core."""
-    with subprocess.Popen(
-        [sys.executable, "-m", "lidario", "sim", "rplidar-s2"],
-        cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
-    ) as device:  # fmt: skip
-        assert device.stdout is not None
-        try:
-            path = device.stdout.readline().strip()
-            if not path:
-                raise Failed("the simulated device ended")
-            task = json.dumps({"path": path, "way": way, "seconds": seconds})
-            got: dict[str, Any] = run_json([sys.executable, "-m", "benchmarks.filters", task], timeout=seconds + 30)
-        finally:
-            device.terminate()
+    with started("lidario", "sim", "rplidar-s2") as (_, path):
+        task = {"path": path, "way": way, "seconds": seconds}
+        got = run_json([sys.executable, "-m", "benchmarks.filters"], timeout=seconds + 30, given=task)
     return float(got["cpu"])
 
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-__all__ = ["ROOT", "Failed", "Player", "run_json"]
+__all__ = ["ROOT", "Failed", "Player", "run_json", "started"]
 
 ROOT = Path(__file__).resolve().parent.parent
 _PATIENCE_S = 20.0
@@ -78,6 +80,27 @@ class Player:
         if not line:
             raise Failed("the player ended")
         return json.loads(line)
+
+
+@contextmanager
+def started(module: str, *arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """A module that runs until the block ends, and prints a line when it has begun: the process, and that line.
+
+    Raises:
+        Failed: It ended before.
+    """
+    with subprocess.Popen(
+        [sys.executable, "-m", module, *arguments],
+        cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+    ) as process:  # fmt: skip
+        assert process.stdout is not None
+        try:
+            line = process.stdout.readline().strip()
+            if not line:
+                raise Failed(f"{' '.join((module, *arguments[:1]))} did not begin")
+            yield process, line
+        finally:
+            process.terminate()
 
 
 def run_json(

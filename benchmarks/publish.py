@@ -14,7 +14,6 @@ from __future__ import annotations
 import asyncio
 import json
 import socket
-import subprocess
 import sys
 import time
 import timeit
@@ -26,7 +25,7 @@ from typing import Any, Final
 import numpy as np
 
 from benchmarks.contest import Entry, read_live
-from benchmarks.processes import ROOT, Failed, Player
+from benchmarks.processes import Failed, Player, started
 from benchmarks.report import Result, Setting, Table, median, percentile, spread
 from benchmarks.usage import seconds_of, share_of
 from lidario import DeviceInfo, Health, HealthStatus, Scan, Stats
@@ -112,29 +111,14 @@ def _one_round(
         alone, _ = read_live(setting, entry, RATE, player, settle_s=0.5, window_s=window_s)[:2]
         cpu.setdefault("scanning alone", []).append(100 * alone["cpu"])
     for name, options in FORMS.items():
-        command = [sys.executable, "-m", "lidario", "publish", player.paths[0], *options, "--router", address]
-        with subprocess.Popen(
-            command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
-        ) as it:
-            try:
-                assert it.stdout is not None
-                it.stdout.readline()
-                time.sleep(2 * _SETTLE_S)
-                cpu.setdefault(name, []).append(100 * share_of(it.pid, window_s))
-            finally:
-                it.terminate()
+        with started("lidario", "publish", player.paths[0], *options, "--router", address) as (it, _):
+            time.sleep(2 * _SETTLE_S)
+            cpu.setdefault(name, []).append(100 * share_of(it.pid, window_s))
 
 
 def _many(count: int, address: str, seconds: float, data: dict[str, Any]) -> dict[str, Any]:
-    command = [sys.executable, "-m", "benchmarks.publish", "send", address, str(count)]
-    with subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as sender:
-        try:
-            assert sender.stdout is not None
-            sender.stdout.readline()
-            return asyncio.run(_read(address, seconds, data["router"]))
-        finally:
-            assert sender.stdin is not None
-            sender.stdin.close()
+    with started("benchmarks.publish", "send", address, str(count)):
+        return asyncio.run(_read(address, seconds, data["router"]))
 
 
 async def _read(address: str, seconds: float, router_pid: int) -> dict[str, Any]:
@@ -164,20 +148,17 @@ async def _read(address: str, seconds: float, router_pid: int) -> dict[str, Any]
 
 
 async def _send(address: str, count: int) -> None:
-    """Publish until standard input is closed; each publisher at its own moment."""
+    """Publish for ever; each publisher at its own moment."""
     buses = [await Bus.open(address) for _ in range(count)]
     outlets = [Outlet(bus.sender(f"bench/{n}/scan"), n.to_bytes(16, "little")) for n, bus in enumerate(buses)]
     message = encode_scan(_scan())
     loop = asyncio.get_running_loop()
-    ended = loop.run_in_executor(None, sys.stdin.read)
     print("ready", flush=True)
     begin, number = loop.time(), 0
-    while not ended.done():
+    while True:
         outlets[number % count].send(message)
         number += 1
         await asyncio.sleep(max(0.0, begin + number / (count * HERTZ) - loop.time()))
-    for bus in buses:
-        await bus.close()
 
 
 def _scan() -> Scan:
@@ -195,17 +176,10 @@ def _router(data: dict[str, Any] | None = None) -> Iterator[str]:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         address = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-    command = [sys.executable, "-m", "benchmarks.publish", "router", address]
-    with subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            process.stdout.readline()
-            if data is not None:
-                data["router"] = process.pid
-            yield address
-        finally:
-            assert process.stdin is not None
-            process.stdin.close()
+    with started("benchmarks.publish", "router", address) as (process, _):
+        if data is not None:
+            data["router"] = process.pid
+        yield address
 
 
 def _route(address: str) -> None:

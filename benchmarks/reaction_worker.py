@@ -121,7 +121,7 @@ def device() -> None:
     made = SimulatedRplidar(replace(PROFILES["rplidar-s2"], speed_conf=(600, 400, 1200)), world=_Surprises())
     made.spin_up_s = 0.0
     with _Noting(made, tick=0.001, chunk=64) as server:
-        print(json.dumps(server.path), flush=True)
+        print(server.path, flush=True)
         sys.stdin.readline()
         print(json.dumps(_report(server)), flush=True)
 

@@ -10,10 +10,8 @@ revolution to the end of the drawing, by the one clock of this machine.
 from __future__ import annotations
 
 import asyncio
-import signal
 import struct
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -28,7 +26,7 @@ from websockets.typing import Origin
 
 from benchmarks.browser import Browser, find_browser
 from benchmarks.contest import Entry, read_live
-from benchmarks.processes import ROOT, Failed, Player
+from benchmarks.processes import Failed, Player, started
 from benchmarks.report import Result, Setting, Table, median, percentile, spread
 from benchmarks.usage import resident_mb, share_of
 from lidario import Scan
@@ -89,19 +87,8 @@ def _one_round(setting: Setting, player: Player, window_s: float, data: dict[str
 @contextmanager
 def _viewing(path: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """``lidario view`` as a process, and its address."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "lidario", "view", f"serial://{path}?baud=1000000&family=rplidar", "--port", "0"],
-        cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
-    )  # fmt: skip
-    assert process.stdout is not None
-    with process:
-        try:
-            url = process.stdout.readline().strip()
-            if not url:
-                raise Failed("lidario view did not begin")
-            yield process, url
-        finally:
-            process.send_signal(signal.SIGINT)
+    with started("lidario", "view", f"serial://{path}?baud=1000000&family=rplidar", "--port", "0") as viewing:
+        yield viewing
 
 
 @contextmanager
