@@ -24,21 +24,13 @@ __all__ = ["drive"]
 _STEP_NS = 20_000_000
 
 
-class _InSteps(Relayed):
-    """A simulated device that has something to say only every so often."""
-
-    def wakeup(self, now: int) -> int | None:
-        at: int | None = self.device.wakeup(now)
-        return at if at is None or not self.scanning else -(-at // _STEP_NS) * _STEP_NS
-
-
 async def drive(task: dict[str, Any]) -> dict[str, Any]:
     """Scan for `minutes` of driven time; what is resident, allocated and lost at each of them."""
     rate = RATES[task["rate"]]
     loop = asyncio.get_running_loop()
     samples: list[dict[str, float]] = []
     scans = 0
-    async with lidario.open_lidar(_InSteps(rate.kind.device()), family=rate.kind.family) as lidar:
+    async with lidario.open_lidar(Relayed(rate.kind.device(), _STEP_NS), family=rate.kind.family) as lidar:
         start = loop.time()
         wanted = [60.0 * minute for minute in task["minutes"]]
         async with lidar.scans(depth=2) as stream:

@@ -12,12 +12,17 @@ __all__ = ["Relayed"]
 class Relayed:
     """Passes everything on, both ways; obeys `lidario.sim.device.SimulatedDevice`.
 
+    Args:
+        device: The device at the other end.
+        step_ns: While it scans it has something to say only so often: fewer deliveries make a day shorter.
+
     Attributes:
         device: The device at the other end.
     """
 
-    def __init__(self, device: Any) -> None:
+    def __init__(self, device: Any, step_ns: int = 1) -> None:
         self.device: Any = device
+        self._step_ns = step_ns
 
     @property
     def baudrate(self) -> int:
@@ -48,6 +53,8 @@ class Relayed:
         return bytes(self.device.transmit(now))
 
     def wakeup(self, now: int) -> int | None:
-        """As the device."""
-        at: int | None = self.device.wakeup(now)
-        return at
+        """As the device, at whole steps."""
+        return self._in_steps(self.device.wakeup(now))
+
+    def _in_steps(self, at: int | None) -> int | None:
+        return at if at is None or not self.scanning else -(-at // self._step_ns) * self._step_ns

@@ -60,17 +60,16 @@ class BadLine(Relayed):
     """A simulated device as the session sees it; obeys `lidario.sim.device.SimulatedDevice`.
 
     Args:
-        device: The device at the other end.
-        step_ns: While it scans it has something to say only so often: fewer deliveries make a day shorter.
+        device: As for `Relayed`.
+        step_ns: Likewise.
 
     Attributes:
         fault: What is wrong at the moment, as it is typed; empty when nothing is.
     """
 
     def __init__(self, device: Any, step_ns: int) -> None:
-        super().__init__(device)
+        super().__init__(device, step_ns)
         self.fault = ""
-        self._step_ns = step_ns
         self._line = MemoryLine(device)
         self._faults: Faults | None = None
 
@@ -109,8 +108,7 @@ class BadLine(Relayed):
 
     def wakeup(self, now: int) -> int | None:
         """As `SimulatedDevice.wakeup`."""
-        at = self._line.wakeup(now)
-        return at if at is None or not self.scanning else -(-at // self._step_ns) * self._step_ns
+        return self._in_steps(self._line.wakeup(now))
 
     def _check_cable(self, now: int) -> None:
         if self._line.unplugged(now) or (self._faults is not None and self._faults.unplugged(now)):

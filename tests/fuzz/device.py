@@ -48,7 +48,8 @@ class _Hostile(Relayed):
     """A simulated device whose deliveries are changed; obeys `lidario.sim.device.SimulatedDevice`."""
 
     def __init__(self, device: Any, data: bytes) -> None:
-        super().__init__(device)
+        # Coarse while it scans: fewer deliveries, each of which can be changed.
+        super().__init__(device, step_ns=20_000_000)
         # So many deliveries are left as they are: otherwise few devices would come as far as a scan.
         self._honest, self._data = (data[0] if data else 0), data[1:]
         self._at = 0
@@ -60,11 +61,6 @@ class _Hostile(Relayed):
             self._honest -= 1
             return data
         return self._changed(data) if data else data
-
-    def wakeup(self, now: int) -> int | None:
-        at: int | None = self.device.wakeup(now)
-        # Coarse while it scans: fewer deliveries, each of which can be changed.
-        return at if at is None or not self.scanning else -(-at // 20_000_000) * 20_000_000
 
     def _changed(self, data: bytes) -> bytes:
         what = self._take(1)
