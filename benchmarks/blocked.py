@@ -124,18 +124,16 @@ def _table(device: str, found: list[dict[str, Any]]) -> Table:
     table = Table(f"blocked: {device}, a line that holds {HOLDS} bytes", columns)
     for each in found:
         told = each.get("told")
-        table.rows.append(
-            [
-                each["kind"],
-                f"{each['block_ms']}",
-                each["reader"],
-                f"{each['lost_bytes']}",
-                f"{100 * each['lost_share']:.1f} %",
-                f"{each['scans']}",
-                f"{each['lost_scans']}",
-                *(("–",) * 3 if told is None else (f"{value}" for value in told.values())),
-                f"{each['stamps_off_ms']:.1f}" if told is not None else "–",
-            ]
+        table.add(
+            each["kind"],
+            f"{each['block_ms']}",
+            each["reader"],
+            f"{each['lost_bytes']}",
+            f"{100 * each['lost_share']:.1f} %",
+            f"{each['scans']}",
+            f"{each['lost_scans']}",
+            *(("–",) * 3 if told is None else (f"{value}" for value in told.values())),
+            f"{each['stamps_off_ms']:.1f}" if told is not None else "–",
         )
     late = max((each["player_late_ms"] for each in found), default=0.0)
     table.notes.append(f"the player was late by at most {late:.1f} ms")

@@ -176,7 +176,7 @@ def _table(own: dict[str, dict[str, list[dict[str, float]]]]) -> Table:
             key = {"MB/s": "mb_per_s", "Msamples/s": "samples_per_s", "µs/rev": "us_per_revolution"}[what]
             timings = (*(by_chunk[_label(chunk)] for chunk in CHUNKS), by_chunk[CONVERTED])
             cells = [spread([each[key] * scale for each in rounds], digits) for rounds in timings]
-            table.rows.append([f"{name}, {what}", *cells])
+            table.add(f"{name}, {what}", *cells)
     table.notes.append("median (smallest–largest) of the rounds; 3200 samples a revolution, 4ROS 2857")
     table.notes.append("degrees and millimetres, as the device has them; last column: and radians and metres")
     return table
@@ -189,15 +189,13 @@ def _file_table(own: dict[str, dict[str, list[dict[str, float]]]]) -> Table:
         rounds = by_chunk[FILE]
         slowest, fastest = VENDOR_MB_PER_S[name]
         speed = median([each["mb_per_s"] for each in rounds])
-        table.rows.append(
-            [
-                name,
-                spread([each["mb_per_s"] for each in rounds], 1),
-                spread([each["samples_per_s"] * 1e-6 for each in rounds], 2),
-                spread([each["us_per_revolution"] for each in rounds], 0),
-                f"{slowest}–{fastest}",
-                f"{speed / fastest:.2f}–{speed / slowest:.2f}",
-            ]
+        table.add(
+            name,
+            spread([each["mb_per_s"] for each in rounds], 1),
+            spread([each["samples_per_s"] * 1e-6 for each in rounds], 2),
+            spread([each["us_per_revolution"] for each in rounds], 0),
+            f"{slowest}–{fastest}",
+            f"{speed / fastest:.2f}–{speed / slowest:.2f}",
         )
     table.notes.append(
         "the figures of C++ are constants, from such a machine at another time: no package lets its unpackers be "
@@ -211,15 +209,13 @@ def _relatives_table(more: dict[str, dict[str, list[dict[str, float]]]]) -> Tabl
     table = Table("decode: the formats of the relatives", columns)
     for name, by_chunk in more.items():
         live, whole = by_chunk[str(BASELINE)], by_chunk[FILE]
-        table.rows.append(
-            [
-                name,
-                f"{median([each['samples'] / each['scans'] for each in whole]):.0f}",
-                spread([each["mb_per_s"] for each in live], 1),
-                spread([each["us_per_revolution"] for each in live], 0),
-                spread([each["mb_per_s"] for each in whole], 1),
-                spread([each["samples_per_s"] * 1e-6 for each in whole], 2),
-            ]
+        table.add(
+            name,
+            f"{median([each['samples'] / each['scans'] for each in whole]):.0f}",
+            spread([each["mb_per_s"] for each in live], 1),
+            spread([each["us_per_revolution"] for each in live], 0),
+            spread([each["mb_per_s"] for each in whole], 1),
+            spread([each["samples_per_s"] * 1e-6 for each in whole], 2),
         )
     return table
 
@@ -237,14 +233,12 @@ def _peer_tables(
         mine = own[name][str(BASELINE)]
         for contestant, rounds in {f"lidario, {BASELINE} B": mine, **by_peer}.items():
             speeds = [each["mb_per_s"] for each in rounds]
-            table.rows.append(
-                [
-                    f"{name}, {contestant}",
-                    spread([each["samples_per_s"] / 1e6 for each in rounds], 2),
-                    spread(speeds, 2),
-                    ratio(speeds, [each["mb_per_s"] for each in mine]),
-                    f"{median([each['scans'] for each in rounds]):.0f}",
-                ]
+            table.add(
+                f"{name}, {contestant}",
+                spread([each["samples_per_s"] / 1e6 for each in rounds], 2),
+                spread(speeds, 2),
+                ratio(speeds, [each["mb_per_s"] for each in mine]),
+                f"{median([each['scans'] for each in rounds]):.0f}",
             )
     table.notes += [
         "floor: a bare loop over read(5), which decodes nothing",

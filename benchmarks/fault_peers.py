@@ -90,7 +90,7 @@ def judge_peers(setting: Setting, rows: Sequence[str]) -> tuple[list[Table], dic
                 for name, each in told.items()
             }
             data[row] = words
-            table.rows.append([row, *words.values()])
+            table.add(row, *words.values())
     table.notes += [f"{name}: {why}" for name, why in absent.items()]
     table.notes += [
         "missing: points handed out, against the row without a fault",

@@ -108,7 +108,7 @@ def run(setting: Setting) -> Result:
             setting.say(f"faults: {row}, {model}")
             found = judge(model, row)
             data.setdefault(model, {})[row] = {name: getattr(found, name) for name in Outcome.__slots__}
-            table.rows.append([row, *_cells(found)])
+            table.add(row, *_cells(found))
         table.notes += [
             "recovered within: packets from the first intact one behind a damage to the first that is recognised",
             "lost beyond: packets that arrived intact and are in no scan, of those damaged or lost",

@@ -72,7 +72,7 @@ def _table(pace: str, found: dict[str, dict[str, list[dict[str, Any]]]]) -> Tabl
             cost = _cost(rounds)
             times = spread([each["pace"] for each in rounds], 0)
             share = f"{100 * median([each['samples_share'] for each in rounds]):.0f} %"
-            table.rows.append([f"{rate}, {name}", times, share, spread(cost, 1), ratio(cost, baseline)])
+            table.add(f"{rate}, {name}", times, share, spread(cost, 1), ratio(cost, baseline))
     table.notes.append("samples delivered: share of those written; some leave out samples without a return (2–3 %)")
     return table
 

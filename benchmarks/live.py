@@ -60,19 +60,17 @@ def _table(rate: str, found: dict[str, list[dict[str, Any]]]) -> Table:
     baseline = [each["cpu"] for each in next(iter(found.values()), [])]
     for name, rounds in found.items():
         cpu = [each["cpu"] for each in rounds]
-        table.rows.append(
-            [
-                name,
-                spread([100 * each for each in cpu], 2),
-                ratio(cpu, baseline),
-                f"{median([each['wakeups'] for each in rounds]):.0f}",
-                f"{100 * median([each['samples_share'] for each in rounds]):.0f} %",
-                f"{sum(each['scans'] for each in rounds)}",
-                "–" if name == "PyLidar3" else f"{sum(each['lost_scans'] for each in rounds)}",
-                f"{sum(each['lost_bytes'] for each in rounds)}",
-                f"{median([each['first_scan_s'] for each in rounds]):.2f}",
-                f"{median([each['rss_mb'] for each in rounds]):.0f}",
-            ]
+        table.add(
+            name,
+            spread([100 * each for each in cpu], 2),
+            ratio(cpu, baseline),
+            f"{median([each['wakeups'] for each in rounds]):.0f}",
+            f"{100 * median([each['samples_share'] for each in rounds]):.0f} %",
+            f"{sum(each['scans'] for each in rounds)}",
+            "–" if name == "PyLidar3" else f"{sum(each['lost_scans'] for each in rounds)}",
+            f"{sum(each['lost_bytes'] for each in rounds)}",
+            f"{median([each['first_scan_s'] for each in rounds]):.2f}",
+            f"{median([each['rss_mb'] for each in rounds]):.0f}",
         )
     if rate == "4ROS":
         table.notes.append("PyLidar3 delivers pieces of 6000 bytes and 360 means of each, not scans and samples")

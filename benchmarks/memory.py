@@ -52,18 +52,16 @@ def _table(driven: dict[str, dict[str, Any]], bare: dict[str, float], live: floa
     table = Table("memory: an hour, driven", columns)
     for rate, found in driven.items():
         first, last = found["samples"][0], found["samples"][-1]
-        table.rows.append(
-            [
-                rate,
-                f"{first['rss_mb']:.1f}",
-                f"{last['rss_mb']:.1f}",
-                f"{first['minute']:.1f} and {last['minute']:.1f} min",
-                f"{last['scans']:.0f}",
-                f"{(last['blocks'] - first['blocks']) / (last['scans'] - first['scans']):.4f}",
-                f"{found['left_bytes']:.0f}",
-                f"{found['peak_kib']:.0f}",
-                f"{found['scan_kib']:.0f}",
-            ]
+        table.add(
+            rate,
+            f"{first['rss_mb']:.1f}",
+            f"{last['rss_mb']:.1f}",
+            f"{first['minute']:.1f} and {last['minute']:.1f} min",
+            f"{last['scans']:.0f}",
+            f"{(last['blocks'] - first['blocks']) / (last['scans'] - first['scans']):.4f}",
+            f"{found['left_bytes']:.0f}",
+            f"{found['peak_kib']:.0f}",
+            f"{found['scan_kib']:.0f}",
         )
     table.notes += [f"{name}: {size:.1f} MB" for name, size in bare.items()]
     table.notes.append(f"a process that reads one S2 live: {live:.1f} MB at its most")

@@ -166,7 +166,7 @@ def compare_decode(
         ["format, chunk of", *(f"{chunk} B" if chunk else "whole" for chunk in chunks)],
     )
     for kind in kinds:
-        table.rows.append([kind, *(_ratio(found[kind, chunk]) for chunk in chunks)])
+        table.add(kind, *(_ratio(found[kind, chunk]) for chunk in chunks))
     table.notes.append(f"median of the ratios of {rounds} rounds, and the ratio of the least times")
     return table
 
@@ -189,7 +189,7 @@ def compare_live(old: Checkout, new: Checkout, rounds: int, window_s: float, rat
             for number in range(rounds):
                 for each in (old, new) if number % 2 else (new, old):
                     found[each].append(_read(each, rate, player, window_s))
-        table.rows.append(live_row(rate, found[old], found[new]))
+        table.add(*live_row(rate, found[old], found[new]))
     table.notes.append(
         f"each {rounds} times for {window_s:g} s, by turns; pairs are old, new; medians, delays of all scans"
     )

@@ -71,16 +71,16 @@ def _tables(data: dict[str, Any]) -> list[Table]:
     alone = median(cpu.get("scanning alone", []))
     for name, values in cpu.items():
         more = "" if name == "scanning alone" else f"{median(values) - alone:+.2f}"
-        costs.rows.append([name, spread(values, 2), more])
+        costs.add(name, spread(values, 2), more)
     many = Table(
         "Publishers of whole scans (29 kB, 10 Hz each) into one reader",
         ["publishers", "reader, CPU %", "router, CPU %", "latency p50, ms", "p99, ms", "scans", "lost"],
     )
     for count, found in data["many"].items():
-        many.rows.append([
+        many.add(
             count, f"{found['reader_cpu']:.1f}", f"{found['router_cpu']:.1f}", f"{found['p50_ms']:.2f}",
             f"{found['p99_ms']:.2f}", str(found["scans"]), str(found["lost"]),
-        ])  # fmt: skip
+        )  # fmt: skip
     made = Table(f"One scan of {SAMPLES} samples as a message, ms", ["", "best of five"])
     made.rows += [[name, f"{took:.4f}"] for name, took in data["message_ms"].items()]
     return [costs, many, made]

@@ -80,15 +80,13 @@ def _table(found: dict[str, list[dict[str, Any]]]) -> Table:
         late = [each for one in rounds for each in one["late_ms"]]
         delays = [each for one in rounds for each in one["delay_ms"]]
         shown = sum(each["shown"] for each in rounds)
-        table.rows.append(
-            [
-                name,
-                *(f"{percentile(late, percent):.1f}" for percent in (50, 99, 100)),
-                f"{shown}",
-                f"{shown - len(late)}",
-                f"{percentile(delays, 50):.1f}, {percentile(delays, 99):.1f}",
-                spread([100 * each["cpu"] for each in rounds], 2),
-            ]
+        table.add(
+            name,
+            *(f"{percentile(late, percent):.1f}" for percent in (50, 99, 100)),
+            f"{shown}",
+            f"{shown - len(late)}",
+            f"{percentile(delays, 50):.1f}, {percentile(delays, 99):.1f}",
+            spread([100 * each["cpu"] for each in rounds], 2),
         )
     for hertz in HERTZ:
         both = [found.get(f"{hertz} Hz, {how}") for how in _WAYS]

@@ -62,6 +62,10 @@ class Table:
     rows: list[list[str]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
+    def add(self, *cells: str) -> None:
+        """Add a row."""
+        self.rows.append(list(cells))
+
     def markdown(self) -> str:
         """As text that is Markdown and can be read as it is."""
         lines = [list(self.columns), *self.rows]

@@ -72,7 +72,7 @@ def _process_table(processes: dict[str, list[float]], failed: dict[str, str]) ->
     table = Table("start: processes", ["process", "ms", "python -c pass = 1"])
     for name, times in processes.items():
         baseline = processes.get("python -c pass", [])
-        table.rows.append([name, spread([1000 * each for each in times], 0), ratio(times, baseline)])
+        table.add(name, spread([1000 * each for each in times], 0), ratio(times, baseline))
     table.notes += [f"failed: {name}: {why}" for name, why in failed.items()]
     return table
 

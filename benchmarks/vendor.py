@@ -115,7 +115,7 @@ def run(setting: Setting) -> Result:
     for name in names:
         setting.say(f"vendor: {name}")
         runs[name] = _drive(setting, name)
-        table.rows.append(_row(name, runs[name]))
+        table.add(*_row(name, runs[name]))
     table.notes += [
         "discarded: requests that the device discarded, less the question for an Ethernet address (conf 0x79), to "
         "which a serial device is silent; it costs the driver 0.5 s at each start",

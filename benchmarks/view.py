@@ -217,23 +217,23 @@ def table_of(data: dict[str, Any]) -> Table:
     table = Table("view: the live page, S2 at 32 kS/s", ["what", "found", "aim"])
     cpu = data["cpu"]
     alone = cpu.get("viewers: 0", [])
-    table.rows.append(["page", f"{data['page_bytes'] / 1000:.1f} kB", "under 25 kB"])
+    table.add("page", f"{data['page_bytes'] / 1000:.1f} kB", "under 25 kB")
     aims = {"viewers: 1": "0.5 % more", "viewers: 3": "0.8 % more"}
     for name, values in cpu.items():
         more = [value - base for value, base in zip(values, alone, strict=False)]
         text = f"{spread(values, 2)} %" + (f", {median(more):+.2f} %" if name in aims else "")
-        table.rows.append([f"CPU of the server, {name}, % of a core", text, aims.get(name, "")])
+        table.add(f"CPU of the server, {name}, % of a core", text, aims.get(name, ""))
     late, paint = data["arrival_ms"], data["paint_ms"]
     arrived = f"{median(late):.1f} ms, 95 %: {percentile(late, 95):.1f}"
-    table.rows.append(["end of revolution to viewer", arrived, ""])
+    table.add("end of revolution to viewer", arrived, "")
     painted = f"{median(paint):.1f} ms, 95 %: {percentile(paint, 95):.1f}" if paint else "not run: no Chromium"
-    table.rows.append(["end of revolution to picture", painted, ""])
+    table.add("end of revolution to picture", painted, "")
     stalled = data["stalled"]
     for name in ("alone", "beside three that stopped reading"):
         text = f"{stalled[name]:.1f} scans/s, server {stalled[f'{name}, CPU']:.2f} % of a core"
-        table.rows.append([f"a viewer {name}", text, "" if name == "alone" else "as alone"])
+        table.add(f"a viewer {name}", text, "" if name == "alone" else "as alone")
     for name, status in data["refused"].items():
-        table.rows.append([f"a viewer with {name}", f"HTTP {status}", "403"])
-    table.rows.append(["memory after the scans of ten minutes", f"{data['growth_kb']:+.0f} kB", "no growth"])
+        table.add(f"a viewer with {name}", f"HTTP {status}", "403")
+    table.add("memory after the scans of ten minutes", f"{data['growth_kb']:+.0f} kB", "no growth")
     table.notes.append("the picture is drawn by Chromium without a graphics processor, on the same cores")
     return table
