@@ -214,8 +214,8 @@ async def _of_scans(source: str) -> list[Finding]:
         found = [Finding("scans", "ok", text, port=source)]
     else:
         found = [Finding("scans", "bad" if word == "damaged" else "hint", f"{word}: {text}", reason, source)]
-    if measured.line is not None and measured.line.trouble:
-        found.append(Finding("driver", "hint", f"counted {measured.line.trouble}", port=source))
+    if measured.line is not None and measured.line.line_trouble:
+        found.append(Finding("driver", "hint", f"counted {measured.line.line_trouble}", port=source))
     return found
 
 
