@@ -31,7 +31,6 @@ from benchmarks.report import Result, Setting, Table, median, percentile, spread
 from benchmarks.usage import resident_mb, share_of
 from lidario import Scan
 from lidario.web.feed import Feed
-from lidario.web.frames import Mount
 from lidario.web.server import LiveServer
 
 __all__ = ["grown", "run", "table_of"]
@@ -170,7 +169,7 @@ async def grown(scans: int) -> tuple[float, int]:
     """
     status = 101
     feed = Feed("x")
-    async with LiveServer([feed], [Mount()], host="127.0.0.1", port=0, token="token") as server:
+    async with LiveServer([feed], host="127.0.0.1", port=0, token="token") as server:
         try:
             await connect_async(f"ws://localhost:{server.port}/live?token=wrong", proxy=None)
         except InvalidStatus as error:
@@ -204,7 +203,7 @@ def _scan(number: int) -> Scan:
 
 async def _page_bytes() -> int:
     """What a browser is sent."""
-    async with LiveServer([], [], host="127.0.0.1", port=0) as server:
+    async with LiveServer([], host="127.0.0.1", port=0) as server:
         reader, writer = await asyncio.open_connection("127.0.0.1", server.port)
         writer.write(f"GET / HTTP/1.1\r\nHost: localhost:{server.port}\r\n\r\n".encode())
         _, _, body = (await reader.read()).partition(b"\r\n\r\n")
