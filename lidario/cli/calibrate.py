@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import click
 
-from lidario.cli.errors import ExitCode
+from lidario.cli.errors import ExitCode, need
 from lidario.cli.output import progress
 from lidario.cli.parameters import Place, WholeRange, complete_source
 from lidario.cli.settings import FILE, config_file, config_option, settings_of_file
@@ -65,7 +64,7 @@ def calibrate(
 
     if picture is not None and picture.suffix != ".svg":
         raise click.BadParameter(f"{str(picture)!r} does not end in .svg", param_hint="--picture")
-    _needs_small_gicp()
+    need("small_gicp", "it")
     config = settings_of_file()
     with progress("reading both lidars …"):
         (one, fixed), (two, moving) = run(lambda: _clouds((first, second), count, config))
@@ -93,12 +92,6 @@ def calibrate(
         save_config(file, two.serial, mount=mount)
         message(f"written into {file}")
     return ExitCode.OK
-
-
-def _needs_small_gicp() -> None:
-    """Before the lidars are opened: the motors need not start for nothing."""
-    if find_spec("small_gicp") is None:
-        raise click.UsageError("it needs small_gicp, which is not installed: pip install small_gicp")
 
 
 def _must_be_told_apart(one: DeviceInfo, two: DeviceInfo) -> None:

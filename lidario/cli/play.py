@@ -6,14 +6,13 @@ The only line on stdout is what a client opens. It ends with the recording, or w
 from __future__ import annotations
 
 import asyncio
-import sys
 from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from lidario.cli.errors import ExitCode, Stopped
+from lidario.cli.errors import ExitCode
 from lidario.cli.parameters import FiniteRange, complete_file
 from lidario.cli.sim import name_of, on_pty, on_tcp
 from lidario.cli.streams import emit, message
@@ -59,20 +58,16 @@ def play(file: str, rate: float, loop: bool, pty: bool, tcp: str | None) -> int:
 
 
 def _serve(server: PtyServer | TcpServer, device: PlayedDevice, file: str) -> int:
-    from lidario.cli.running import run
+    from lidario.cli.running import run_until_stopped
 
     with server:
         emit(f"{name_of(server)}\n")
         message(f"{file} at {device.baudrate} baud, until its end or Ctrl-C; for instance")
         message(f"  lidario scan {name_of(server)}")
-        try:
-            run(lambda: _until_finished(device))
+        if run_until_stopped(lambda: _until_finished(device)):
             if device.error is not None:
                 raise device.error
             message("the recording is at its end")
-        except Stopped:
-            if sys.stderr.isatty():
-                message("")  # the terminal has just echoed ^C
     for (name, why), count in Counter((each.name, each.why) for each in device.log if not each.obeyed).items():
         message(f"  no response to {name} ({count}): {why}")
     return ExitCode.OK

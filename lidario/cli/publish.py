@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import click
 
-from lidario.cli.errors import ExitCode, Stopped
+from lidario.cli.errors import ExitCode, need
 from lidario.cli.laserscans import LASERSCAN_OPTIONS, arguments_of, is_given, laserscan_options, only_with
 from lidario.cli.parameters import Duration, Place, WholeRange, complete_source, guard_option, mode_option
 from lidario.cli.settings import config_option, settings_of_file
@@ -94,19 +94,19 @@ def publish(
     machine. The key is printed. Several lidars, with their mounts, become one scan and one cloud. It waits for a
     router that is not there yet, and goes on when the router restarts.
     """
-    from lidario.cli.running import run
+    from lidario.cli.running import run_until_stopped
 
     sources = sources or ("auto",)
     stamps = of_ros.pop("stamps")
     is_recorded = _check_choice(sources, ros, key, raw, stamps, len(of_ros["mounts"]))
     made_by = _Maker(key, raw, router, robot, of_ros, is_given("frame"), stamps, is_recorded)
+    need("zenoh", "zenoh", "eclipse-zenoh")
     config = settings_of_file()
     told: list[Publisher | Share] = []
 
     async def work() -> None:
         from lidario import open_lidar
 
-        _needs_zenoh()
         async with AsyncExitStack() as opened:
             lidars = [
                 await opened.enter_async_context(open_lidar(each, reconnect=reconnect, guard=guard, config=config))
@@ -118,9 +118,7 @@ def publish(
             await _publish(publisher, mode, idle_stop, began, told)
 
     try:
-        run(work)
-    except Stopped:
-        message("")
+        run_until_stopped(work)
     finally:
         for each in told:
             message(_summary(each.scans, each.unsent))
@@ -249,16 +247,6 @@ async def _check(publisher: Publisher | Share, there: asyncio.Event) -> None:
             f"the router passes nothing on that is published under {publisher.key}: do its access rules let this "
             "robot publish there, and hear that itself?"
         )
-
-
-def _needs_zenoh() -> None:
-    """Before the lidar is opened: the motor need not start for nothing."""
-    from lidario import Unsupported
-
-    try:
-        import zenoh  # noqa: F401
-    except ModuleNotFoundError:
-        raise Unsupported("zenoh needs eclipse-zenoh, which is not installed: pip install eclipse-zenoh") from None
 
 
 def _summary(sent: int, unsent: int) -> str:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import errno
-import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -18,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from lidario.cli.errors import ExitCode, Stopped
+from lidario.cli.errors import ExitCode
 from lidario.cli.parameters import WholeRange
 from lidario.cli.streams import emit, message
 
@@ -179,7 +178,7 @@ def _listening(address: str, kind: str) -> Iterator[None]:
 
 
 def _serve(server: PtyServer | TcpServer | UdpServer, model: str) -> int:
-    from lidario.cli.running import run
+    from lidario.cli.running import run_until_stopped
     from lidario.sim.serve import UdpServer
 
     name = name_of(server)
@@ -189,12 +188,8 @@ def _serve(server: PtyServer | TcpServer | UdpServer, model: str) -> int:
         at = "" if isinstance(server, UdpServer) else f" at {server.device.baudrate} baud"
         message(f"a simulated {model}{at}, until Ctrl-C; for instance")
         message(f"  lidario scan {name}")
-        try:
-            run(lambda: _until_unplugged(server))
+        if run_until_stopped(lambda: _until_unplugged(server)):
             message("the line was unplugged, as --fault asks")
-        except Stopped:
-            if sys.stderr.isatty():
-                message("")  # the terminal has just echoed ^C
     _sum_up(server, time.monotonic() - began)
     return ExitCode.OK
 

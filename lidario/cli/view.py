@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from lidario.cli.errors import ExitCode, Stopped
+from lidario.cli.errors import ExitCode, need
 from lidario.cli.output import progress
 from lidario.cli.parameters import Place, WholeRange, complete_source, guard_option, mode_option
 from lidario.cli.settings import FILE, config_file, config_option
@@ -64,9 +64,9 @@ def view(
 
     The address of the page is printed. A lidar that is lost is opened again as soon as it is back.
     """
-    _needs_websockets()
+    need("websockets", "the page")
     from lidario import Mount, read_config
-    from lidario.cli.running import run
+    from lidario.cli.running import run_until_stopped
     from lidario.web.feed import Feed
 
     sources = sources or ("auto",)
@@ -85,23 +85,11 @@ def view(
         )  # fmt: skip
     # Whoever has the address may write it: with --lan only where the file was named.
     written = file or (None if lan else FILE)
-    try:
-        run(lambda: _serve(feeds, port, lan, written))
-    except Stopped:
-        message("")
+    run_until_stopped(lambda: _serve(feeds, port, lan, written))
     for feed in feeds:
         lost = f", lost {feed.losses} time{'s' if feed.losses > 1 else ''}" if feed.losses else ""
         message(f"{feed.source}: {feed.scans} scans{lost}")
     return ExitCode.OK
-
-
-def _needs_websockets() -> None:
-    try:
-        import websockets  # noqa: F401
-    except ImportError:
-        raise click.UsageError(
-            "the page needs websockets, which is not installed: pip install websockets"
-        ) from None
 
 
 def _check_choice(count: int, mounts: int, colours: tuple[str, ...]) -> None:
