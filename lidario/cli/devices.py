@@ -11,12 +11,10 @@ from typing import TYPE_CHECKING
 import click
 
 from lidario.cli.errors import ExitCode, exit_code_of
-from lidario.cli.output import console, dump, progress, rendered
+from lidario.cli.output import console, dump, progress, rendered, table
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from lidario import Found, PortInfo
 
 __all__ = ["devices", "show"]
@@ -57,7 +55,7 @@ def show(ports: tuple[str, ...], *, as_json: bool, next_steps: bool = False) -> 
     others = [] if ports else [port for port in list_serial_ports() if port.path not in asked]
     responding = [each for each in found if each.info is not None]
     if as_json:
-        dump([_record(each) for each in found] + [_unasked(port) for port in others])
+        dump([_record(each.port, each) for each in found] + [_record(port) for port in others])
     else:
         _print(found, others)
     if next_steps:
@@ -69,10 +67,15 @@ def show(ports: tuple[str, ...], *, as_json: bool, next_steps: bool = False) -> 
 
 
 def _print(found: list[Found], others: list[PortInfo]) -> None:
-    responding = [each for each in found if each.info is not None]
-    if responding:
-        target = console()
-        emit(rendered(target, _table(responding)))
+    rows = [
+        (each.port.path, each.info.model, each.info.serial, each.info.firmware,
+         str(each.baudrate) if each.baudrate else "", each.port.adapter or each.port.description)
+        for each in found
+        if each.info is not None
+    ]  # fmt: skip
+    if rows:
+        titles = ("port", "model", "serial number", "firmware", "baud", "adapter")
+        emit(rendered(console(), table(titles, rows, right=("baud",))))
     elif not found:
         message("no lidar found: no port has an adapter that lidars are sold with. Is it plugged in?")
     for each in found:
@@ -81,27 +84,6 @@ def _print(found: list[Found], others: list[PortInfo]) -> None:
     if others:
         emit(f"not asked, because lidars are not sold with such an adapter: {', '.join(p.path for p in others)}\n")
         message(f"`lidario devices {others[0].path}` asks it anyway")
-
-
-def _table(found: list[Found]) -> Table:
-    from rich import box
-    from rich.table import Table
-
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, header_style="bold")
-    for title in ("port", "model", "serial number", "firmware", "baud", "adapter"):
-        table.add_column(title, overflow="fold", justify="right" if title == "baud" else "left")
-    for each in found:
-        if each.info is not None:
-            baud = str(each.baudrate) if each.baudrate else ""
-            table.add_row(
-                each.port.path,
-                each.info.model,
-                each.info.serial,
-                each.info.firmware,
-                baud,
-                each.port.adapter or each.port.description,
-            )
-    return table
 
 
 def _why_none(found: Found) -> str:
@@ -136,31 +118,16 @@ def _tell_next(responding: list[str]) -> None:
         message(f"  {command:<{width}}   {purpose}")
 
 
-def _port(port: PortInfo) -> dict[str, object]:
+def _record(port: PortInfo, found: Found | None = None) -> dict[str, object]:
+    """A port that was asked, with what was found there, or one that was not."""
+    names = ("family", "model", "model_id", "firmware", "hardware", "serial")
     return {
         "port": port.path,
         "by_id": port.by_id or None,
         "adapter": port.adapter or None,
         "description": port.description or None,
+        "asked": found is not None,
+        "baudrate": (found and found.baudrate) or None,
+        **{name: found and found.info and getattr(found.info, name) for name in names},
+        "error": (found and found.error) or None,
     }
-
-
-def _record(found: Found) -> dict[str, object]:
-    info = found.info
-    return {
-        **_port(found.port),
-        "asked": True,
-        "baudrate": found.baudrate or None,
-        "family": info.family if info else None,
-        "model": info.model if info else None,
-        "model_id": info.model_id if info else None,
-        "firmware": info.firmware if info else None,
-        "hardware": info.hardware if info else None,
-        "serial": info.serial if info else None,
-        "error": found.error or None,
-    }
-
-
-def _unasked(port: PortInfo) -> dict[str, object]:
-    nothing = ("baudrate", "family", "model", "model_id", "firmware", "hardware", "serial", "error")
-    return {**_port(port), "asked": False, **dict.fromkeys(nothing)}

@@ -5,12 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from lidario.cli.errors import ExitCode
-from lidario.cli.output import console, dump, progress, rendered
+from lidario.cli.output import console, dump, progress, rendered, table
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from lidario.ros import RemoteLidar
 
 __all__ = ["show_fleet"]
@@ -26,31 +24,16 @@ def show_fleet(router: str, *, as_json: bool) -> int:
     if as_json:
         dump([_record(each) for each in found])
     elif found:
-        emit(rendered(console(), _table(found)))
+        titles = ("source", "robot", "model", "serial number", "health", "scans/s")
+        emit(rendered(console(), table(titles, map(_row, found), right=("scans/s",))))
     else:
         message(f"no lidar is published through {router}; `lidario publish --zenoh KEY` publishes one")
     return ExitCode.OK if found else ExitCode.NO_DEVICE
 
 
-def _table(found: list[RemoteLidar]) -> Table:
-    from rich import box
-    from rich.table import Table
-
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, header_style="bold")
-    # Never folded: it is to be copied.
-    table.add_column("source", no_wrap=True)
-    for title in ("robot", "model", "serial number", "health", "scans/s"):
-        table.add_column(title, overflow="fold", justify="right" if title == "scans/s" else "left")
-    for each in found:
-        table.add_row(
-            each.source,
-            each.robot,
-            each.model,
-            each.serial,
-            _health(each),
-            f"{each.rate:.1f}" if each.health is not None else "",
-        )
-    return table
+def _row(lidar: RemoteLidar) -> tuple[str, ...]:
+    rate = f"{lidar.rate:.1f}" if lidar.health is not None else ""
+    return lidar.source, lidar.robot, lidar.model, lidar.serial, _health(lidar), rate
 
 
 def _health(lidar: RemoteLidar) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from lidario.cli.errors import ExitCode
-from lidario.cli.output import console, dump, facts, progress, rendered
+from lidario.cli.output import console, dump, facts, progress, rendered, table
 from lidario.cli.parameters import complete_source
 from lidario.cli.streams import emit
 
@@ -55,8 +55,7 @@ def info(source: str, as_json: bool) -> int:
     if as_json:
         dump(_record(told))
     else:
-        target = console()
-        emit(rendered(target, _facts(told), "", _modes(told.modes)))
+        emit(rendered(console(), _facts(told), "", _modes(told.modes)))
     return ExitCode.OK
 
 
@@ -102,15 +101,9 @@ def _frequency(hertz: float | None, limits: tuple[float, float] | None) -> str:
 
 
 def _modes(modes: tuple[ScanMode, ...]) -> Table:
-    from rich import box
-    from rich.table import Table
-
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, header_style="bold")
-    titles = ("id", "scan mode", "µs/sample", "samples/s", "max. distance", "response type", "typical")
-    for title in titles:
-        table.add_column(title, justify="left" if title in ("scan mode", "typical") else "right")
-    for mode in modes:
-        table.add_row(
+    figures = ("id", "µs/sample", "samples/s", "max. distance", "response type")
+    rows = (
+        (
             str(mode.id),
             mode.name,
             f"{mode.sample_us:.2f}" if mode.sample_us else "not told",
@@ -119,7 +112,9 @@ def _modes(modes: tuple[ScanMode, ...]) -> Table:
             f"0x{mode.response_type:02X}",
             "yes" if mode.typical else "",
         )
-    return table
+        for mode in modes
+    )
+    return table((figures[0], "scan mode", *figures[1:], "typical"), rows, right=figures)
 
 
 def _record(told: _Told) -> dict[str, object]:

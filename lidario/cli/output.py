@@ -19,7 +19,7 @@ import os
 import queue
 import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Final, TextIO, cast
 
@@ -28,6 +28,7 @@ from lidario.cli.streams import CannotWrite, ReaderGone, emit, write
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
     from rich.table import Table
+    from rich.text import Text
 
 __all__ = [
     "Writer",
@@ -35,8 +36,10 @@ __all__ = [
     "dump",
     "facts",
     "introduced",
+    "judged",
     "progress",
     "rendered",
+    "table",
     "terminal",
 ]
 
@@ -151,6 +154,35 @@ def facts(rows: Iterable[tuple[str, str]]) -> Table:
     for name, value in rows:
         table.add_row(name, value)
     return table
+
+
+def table(titles: Sequence[str], rows: Iterable[Sequence[str]], *, right: Sequence[str] = ()) -> Table:
+    """A table with these titles; the columns in `right` are flush right."""
+    from rich import box
+    from rich.table import Table
+
+    made = Table(box=box.SIMPLE_HEAD, pad_edge=False, header_style="bold")
+    for title in titles:
+        # A source is never folded: it is to be copied.
+        made.add_column(
+            title, overflow="fold", no_wrap=title == "source", justify="right" if title in right else "left"
+        )
+    for row in rows:
+        made.add_row(*row)
+    return made
+
+
+def judged(rows: Iterable[tuple[str | Text, str, str | Text]]) -> Table:
+    """A table of verdicts: each with a word, what it is of, and a text."""
+    from rich.table import Table
+
+    made = Table.grid(padding=(0, 2))
+    for _ in range(2):
+        made.add_column(no_wrap=True)
+    made.add_column(overflow="fold")
+    for row in rows:
+        made.add_row(*row)
+    return made
 
 
 def terminal(stream: TextIO) -> Console:

@@ -121,8 +121,7 @@ def stats(source: str, seconds: float, mode: str | int | None, as_json: bool, gu
         if as_json:
             dump(_record(measured))
         else:
-            target = console()
-            emit(rendered(target, _table(measured)))
+            emit(rendered(console(), _table(measured)))
     elif stopped is not None:
         message("nothing was measured yet: the first revolution had not come")
     if stopped is not None:

@@ -29,8 +29,7 @@ def show_summary(file: FileSource, *, as_json: bool) -> int:
         record = asdict(summary)
         dump({**record, "began_ns": summary.began_ns or None, "damage": summary.damage or None})
     else:
-        target = console()
-        emit(rendered(target, _facts(summary)))
+        emit(rendered(console(), _facts(summary)))
     if summary.damage:
         message(f"note: {summary.damage}; everything else is there")
     return ExitCode.OK
