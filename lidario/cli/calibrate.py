@@ -155,13 +155,11 @@ def _draw(
 ) -> None:
     import numpy as np
 
-    from lidario import CannotRecord
-    from lidario.cli.chart import clouds_svg
+    from lidario.cli.chart import COLOUR, clouds_svg
+    from lidario.recording.export import write_whole
 
     cos, sin = math.cos(found.mount.yaw), math.sin(found.mount.yaw)
     placed = moving @ np.array([[cos, sin], [-sin, cos]]) + np.array([found.mount.x, found.mount.y])
     legend = f"grey: A. Blue: B, {1000 * found.residual:.1f} mm beside it"
-    try:
-        path.write_text(clouds_svg([(fixed, "#999999"), (placed, "#1b5fc1")], title, legend), encoding="utf-8")
-    except OSError as error:
-        raise CannotRecord(f"{path} cannot be written: {error.strerror or error}") from error
+    with write_whole(path, overwrite=True) as part:
+        part.write_text(clouds_svg([(fixed, "#999999"), (placed, COLOUR)], title, legend), encoding="utf-8")

@@ -8,7 +8,6 @@ from __future__ import annotations
 import io
 import os
 import time
-from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -44,6 +43,7 @@ def plot(source: str, output: str, count: int, polar: bool, force: bool, mode: s
     """
     from lidario import CannotRecord
     from lidario.cli.running import run
+    from lidario.recording.export import write_whole
     from lidario.recording.opened import not_a_file
 
     path = Path(output)
@@ -70,16 +70,8 @@ def plot(source: str, output: str, count: int, polar: bool, force: bool, mode: s
         drawn = svg(scans, title, polar=polar).encode()
     else:
         drawn = _png(scans, title, polar)
-    # Under another name first, so that there never is half of a picture, and the one before stays until then.
-    begun = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        begun.write_bytes(drawn)
-        begun.replace(path)
-    except OSError as error:
-        raise CannotRecord(f"{path} cannot be written: {error.strerror or error}") from error
-    finally:
-        with suppress(OSError):
-            begun.unlink()
+    with write_whole(path, overwrite=force) as part:
+        part.write_bytes(drawn)
     emit(f"{path}\n")
     if not any(scan.valid.any() for scan in scans):
         message("there is nothing on it: no returns in any direction")
