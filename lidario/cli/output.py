@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from rich.text import Text
 
 __all__ = [
+    "Worker",
     "Writer",
     "console",
     "dump",
@@ -51,14 +52,41 @@ PROGRESS_GRACE_S = 0.25
 SPINS_A_SECOND: Final = 12.5
 
 
-class Writer:
+class Worker:
+    """A thread that calls what it is handed, one after the other; nothing is told of errors.
+
+    Args:
+        name: Of the thread.
+        grace_s: How long `close` waits for it: a terminal may take no output.
+    """
+
+    def __init__(self, name: str, grace_s: float) -> None:
+        self._grace_s = grace_s
+        self._work: queue.SimpleQueue[Callable[[], object] | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    def put(self, work: Callable[[], object]) -> None:
+        """Have `work` called after what was handed over before, without waiting."""
+        self._work.put(work)
+
+    def close(self) -> bool:
+        """Let the thread finish; False when it cannot in time."""
+        self._work.put(None)
+        self._thread.join(self._grace_s)
+        return not self._thread.is_alive()
+
+    def _run(self) -> None:
+        while (work := self._work.get()) is not None:
+            with suppress(Exception):
+                work()
+
+
+class Writer(Worker):
     """Writes to stdout from a thread, one piece at a time."""
 
     def __init__(self) -> None:
-        self._pieces: queue.SimpleQueue[tuple[Callable[[], object], asyncio.Future[None]] | None]
-        self._pieces = queue.SimpleQueue()
-        self._thread = threading.Thread(target=self._run, name="lidario: stdout", daemon=True)
-        self._thread.start()
+        super().__init__("lidario: stdout", GRACE_S)
 
     async def write(self, text: str) -> None:
         """Write `text`, and return when the reader has taken it or there is room for it.
@@ -79,34 +107,20 @@ class Writer:
         Raises:
             Exception: What `work` raises.
         """
-        done = asyncio.get_running_loop().create_future()
-        self._pieces.put((work, done))
-        await done
+        done: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
-    def put(self, work: Callable[[], object]) -> None:
-        """Have `work` called after what was handed over before, without waiting; errors are not told."""
-        done = asyncio.get_running_loop().create_future()
-        done.add_done_callback(lambda future: future.exception())
-        self._pieces.put((work, done))
-
-    def close(self) -> bool:
-        """Let the thread finish; False when it cannot, because the reader does not read."""
-        self._pieces.put(None)
-        self._thread.join(GRACE_S)
-        return not self._thread.is_alive()
-
-    def _run(self) -> None:
-        while (piece := self._pieces.get()) is not None:
-            work, done = piece
+        def called() -> None:
             error: Exception | None = None
             try:
                 work()
             except Exception as caught:
                 # Any exception: the caller waits until this piece is done.
                 error = caught
-            # The loop is closed when the command was ended while this write was blocked.
-            with suppress(RuntimeError):
-                done.get_loop().call_soon_threadsafe(_settle, done, error)
+            # The loop is closed when the command was ended while this write was blocked: nobody hears the error.
+            done.get_loop().call_soon_threadsafe(_settle, done, error)
+
+        self.put(called)
+        await done
 
 
 def dump(value: object) -> None:
