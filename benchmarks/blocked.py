@@ -63,7 +63,7 @@ def run(setting: Setting) -> Result:
                         about = {"device": device, "kind": kind, "block_ms": block_ms, "reader": reader}
                         found.append(about | figures)
     tables = [_table(device, [each for each in found if each["device"] == device]) for device in devices]
-    tables[-1].notes += [f"absent: {who}: {why}" for who, why in absent.items()]
+    tables[-1].note_absent(absent)
     return Result("blocked", tables, {"found": found, "absent": absent, "holds": HOLDS})
 
 

@@ -245,6 +245,6 @@ def _peer_tables(
         "the other drivers are given half as long a stream; most leave out samples without a return",
         "PyLidar3 delivers 360 means for each 6000 bytes, so its samples are not samples",
         "formats without a line are read by no other driver; pyrplidarsdk opens only a real port",
-        *(f"absent: {who}: {why}" for who, why in absent.items()),
     ]
+    table.note_absent(absent)
     return [table] if absent or any(theirs.values()) else []

@@ -11,7 +11,7 @@ import platform
 import statistics
 import subprocess
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -65,6 +65,10 @@ class Table:
     def add(self, *cells: str) -> None:
         """Add a row."""
         self.rows.append(list(cells))
+
+    def note_absent(self, absent: Mapping[str, str]) -> None:
+        """Say below it who is absent, and why."""
+        self.notes += [f"absent: {who}: {why}" for who, why in absent.items()]
 
     def markdown(self) -> str:
         """As text that is Markdown and can be read as it is."""
