@@ -19,7 +19,6 @@ import time
 import timeit
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -33,6 +32,7 @@ from lidario.network.bus import Bus
 from lidario.network.messages import encode_scan
 from lidario.ros import Fleet, diagnostics, pointcloud2
 from lidario.ros.broadcast import Outlet
+from lidario.testing import make_scan
 
 __all__ = ["run"]
 
@@ -162,12 +162,8 @@ async def _send(address: str, count: int) -> None:
 
 
 def _scan() -> Scan:
-    angles = np.linspace(0, 359.9, SAMPLES, dtype=np.float32)
-    strengths = np.full(SAMPLES, 47, np.uint8)
-    made = Scan(
-        angles, np.full(SAMPLES, 3000, np.float32), strengths, 0, 0, 31250, 10**8, 600.0, 0, 0, 0, "DenseBoost"
-    )
-    return replace(made, max_range=30.0)
+    angles = np.radians(np.linspace(0, 359.9, SAMPLES))
+    return make_scan(-angles, 3.0, intensities=47, mode="DenseBoost", max_range=30.0)
 
 
 @contextmanager

@@ -30,6 +30,7 @@ from benchmarks.processes import Failed, Player, started
 from benchmarks.report import Result, Setting, Table, median, percentile, spread
 from benchmarks.usage import resident_mb, share_of
 from lidario import Scan
+from lidario.testing import make_scan
 from lidario.web.feed import Feed
 from lidario.web.server import LiveServer
 
@@ -193,12 +194,7 @@ async def grown(scans: int) -> tuple[float, int]:
 
 
 def _scan(number: int) -> Scan:
-    angles = np.linspace(0, 360, 3200, endpoint=False, dtype=np.float32)
-    return Scan(
-        device_angles=angles, device_distances=np.full(3200, 1000 + number % 100, np.float32), intensities=None,
-        stamp_ns=0, wall_stamp_ns=0, time_increment_ns=31250, duration_ns=100_000_000, rpm=600.0, seq=number,
-        dropped_before=0, lost_packets=0, mode="DenseBoost",
-    )  # fmt: skip
+    return make_scan(-np.radians(np.arange(3200) * 360 / 3200), 1.0 + number % 100 / 1000, seq=number)
 
 
 async def _page_bytes() -> int:
