@@ -70,7 +70,6 @@ class Recorder(Relayed):
         return data
 
     def wakeup(self, now: int) -> int | None:
-        """As `SimulatedDevice.wakeup`."""
         return self._line.wakeup(now)
 
     def mark(self) -> None:

@@ -26,30 +26,24 @@ class Relayed:
 
     @property
     def baudrate(self) -> int:
-        """As the device."""
         return int(self.device.baudrate)
 
     @property
     def log(self) -> list[Received]:
-        """As the device."""
         return list(self.device.log)
 
     @property
     def scanning(self) -> bool:
-        """As the device."""
         return bool(self.device.scanning)
 
     @property
     def motor_on(self) -> bool:
-        """As the device."""
         return bool(self.device.motor_on)
 
     def receive(self, data: bytes, now: int) -> None:
-        """As the device."""
         self.device.receive(data, now)
 
     def transmit(self, now: int) -> bytes:
-        """As the device."""
         return bytes(self.device.transmit(now))
 
     def wakeup(self, now: int) -> int | None:

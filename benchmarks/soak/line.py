@@ -107,7 +107,6 @@ class BadLine(Relayed):
         return data
 
     def wakeup(self, now: int) -> int | None:
-        """As `SimulatedDevice.wakeup`."""
         return self._in_steps(self._line.wakeup(now))
 
     def _check_cable(self, now: int) -> None:
