@@ -1,4 +1,4 @@
-"""``lidario devices``: the ports of this machine, and the lidars that respond on them.
+"""``lidario devices``: the ports of this machine and the lidars that respond on them, or those on the network.
 
 Unless the user names ports, only those are asked whose USB adapter is a kind that lidars are sold with: an
 unexpected byte can reset another device, such as an Arduino. The others are listed as not asked.
@@ -16,6 +16,7 @@ from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
     from lidario import Found, PortInfo
+    from lidario.ros import RemoteLidar
 
 __all__ = ["devices", "show"]
 
@@ -38,9 +39,7 @@ def devices(ports: tuple[str, ...], as_json: bool, network: bool, router: str) -
     if network:
         if ports:
             raise click.UsageError("--zenoh asks no ports", click.get_current_context())
-        from lidario.cli.fleet import show_fleet
-
-        return show_fleet(router, as_json=as_json)
+        return _show_fleet(router, as_json=as_json)
     return show(ports, as_json=as_json)
 
 
@@ -130,4 +129,47 @@ def _record(port: PortInfo, found: Found | None = None) -> dict[str, object]:
         "baudrate": (found and found.baudrate) or None,
         **{name: found and found.info and getattr(found.info, name) for name in names},
         "error": (found and found.error) or None,
+    }
+
+
+def _show_fleet(router: str, *, as_json: bool) -> int:
+    """Ask the router and print the result; returns the exit code, 3 where there is none."""
+    from lidario.cli.running import run
+    from lidario.ros import list_remote_lidars
+
+    with progress("asking the network …"):
+        found = run(lambda: list_remote_lidars(router))
+    if as_json:
+        dump([_record_of(each) for each in found])
+    elif found:
+        titles = ("source", "robot", "model", "serial number", "health", "scans/s")
+        emit(rendered(console(), table(titles, map(_row_of, found), right=("scans/s",))))
+    else:
+        message(f"no lidar is published through {router}; `lidario publish --zenoh KEY` publishes one")
+    return ExitCode.OK if found else ExitCode.NO_DEVICE
+
+
+def _row_of(lidar: RemoteLidar) -> tuple[str, ...]:
+    rate = f"{lidar.rate:.1f}" if lidar.health is not None else ""
+    return lidar.source, lidar.robot, lidar.model, lidar.serial, _health(lidar), rate
+
+
+def _health(lidar: RemoteLidar) -> str:
+    if lidar.lost:
+        return "away"
+    return lidar.health.status.value if lidar.health is not None else ""
+
+
+def _record_of(lidar: RemoteLidar) -> dict[str, object]:
+    health = lidar.health
+    return {
+        "source": lidar.source,
+        "form": lidar.form,
+        "robot": lidar.robot,
+        "model": lidar.model or None,
+        "serial": lidar.serial or None,
+        "health": None if health is None else health.status.value,
+        "health_code": None if health is None else health.code,
+        "scans_per_second": None if health is None else round(lidar.rate, 2),
+        "lost": lidar.lost or None,
     }

@@ -28,13 +28,14 @@ import json
 import math
 import struct
 import time
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
 from lidario import Scan
+from lidario.filters import AngularBoundsFilter, BoxFilter, Filter
 from lidario.web.feed import Feed
-from lidario.web.shapes import shapes_of
 
 __all__ = ["HEADER", "SCAN", "pack_scan", "pack_state"]
 
@@ -91,7 +92,7 @@ def pack_state(feeds: list[Feed], echo: float | None = None, masks: dict[str, ob
             "colour": feed.colour,
             "play": _play(feed),
             "record": _record(feed),
-            "shapes": shapes_of(feed.filters),
+            "shapes": _shapes_of(feed.filters),
         }
         for feed in feeds
     ]
@@ -110,3 +111,14 @@ def _record(feed: Feed) -> dict[str, object] | None:
         return None
     keeper = feed.keeper
     return {"on": keeper.is_on, "name": keeper.name, "scans": keeper.scans, "error": keeper.error[:_REASON]}
+
+
+def _shapes_of(filters: Sequence[Filter]) -> list[list[float]]:
+    """Among filters, the boxes (four sides, metres of the robot) and left-out sectors (two angles, radians)."""
+    shapes: list[list[float]] = []
+    for each in filters:
+        if isinstance(each, BoxFilter) and not each.invert:
+            shapes.append([each.min_x, each.max_x, each.min_y, each.max_y])
+        elif isinstance(each, AngularBoundsFilter) and each.invert:
+            shapes += [[begin, end] for begin, end in each.windows]
+    return shapes
