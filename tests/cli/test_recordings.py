@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import signal
 import time
 from pathlib import Path
 
@@ -13,7 +12,7 @@ import pytest
 import lidario
 from lidario.recording.files import open_stored
 from lidario.recording.played import PlayedDevice
-from tests.cli.processes import BOUND, invoke, invoke_driven, line_of, run, started
+from tests.cli.processes import end, invoke, invoke_driven, line_of, run, started
 from tests.support.cases import CASES, Case, named
 from tests.support.loop import run_driven
 from tests.support.recorded import Live, assert_same_scans, record
@@ -94,8 +93,7 @@ def test_ctrl_c_is_the_end_of_a_recording(tmp_path: Path) -> None:
         while not path.exists() or path.stat().st_size < 50_000:
             assert process.poll() is None
             time.sleep(0.05)  # the file is what tells
-        process.send_signal(signal.SIGINT)
-        said, told = process.communicate(timeout=BOUND)
+        said, told = end(process)
     assert (process.returncode, said) == (0, f"{path}\n"), told
     assert "Traceback" not in told
     assert open_stored(path).damage == ""
@@ -247,6 +245,5 @@ def test_play_serves_another_process(live: Live) -> None:
         done = run("scan", f"{name}?family={live.info.family}", "-n", "2", "--json")
         assert done.returncode == 0, done.stderr
         assert len(done.stdout.splitlines()) == 2
-        process.send_signal(signal.SIGINT)
-        process.communicate(timeout=BOUND)
+        end(process)
     assert process.returncode == 0

@@ -14,7 +14,7 @@ from lidario import simulate
 from lidario.cli.sim import _sum_up
 from lidario.families.registry import FAMILIES
 from lidario.sim.faults import FAULTS, Faults, parse_faults
-from tests.cli.processes import BOUND, invoke, line_of, run, started
+from tests.cli.processes import BOUND, end, invoke, line_of, run, started
 
 if TYPE_CHECKING:
     from lidario.sim.serve import PtyServer
@@ -58,8 +58,7 @@ def test_one_process_serves_and_another_scans() -> None:
         assert scanned.returncode == 0, scanned.stderr
         first, second = (json.loads(line)["seq"] for line in scanned.stdout.splitlines())
         assert first < second
-        sim.send_signal(signal.SIGINT)
-        rest, said = sim.communicate(timeout=BOUND)
+        rest, said = end(sim)
     assert sim.returncode == 0
     assert rest == ""
     assert f"lidario scan {path}" in said
@@ -148,7 +147,6 @@ def test_after_a_replug_the_new_name_is_told() -> None:
         second = line_of(sim.stdout).strip()
         assert second != first
         assert invoke("scan", second).exit_code == 0
-        sim.send_signal(signal.SIGINT)
-        _, said = sim.communicate(timeout=BOUND)
+        _, said = end(sim)
     assert sim.returncode == 0
     assert "plugged in again" in said

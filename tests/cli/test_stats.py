@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import signal
 
 import pytest
 
 from lidario.cli.record import record
 from lidario.cli.stats import Measured, stats, verdict
 from lidario.web.traffic import Traffic
-from tests.cli.processes import BOUND, invoke, invoke_driven, served, started
+from tests.cli.processes import end, invoke, invoke_driven, served, started
 from tests.support.children import until
 
 S2 = "sim://rplidar-s2?via=memory&world=circle"
@@ -148,8 +147,7 @@ def test_ctrl_c_ends_it_with_130_and_stops_the_device() -> None:
     with served("rplidar-s2") as server:
         with started("stats", server.path, "-t", "1h", "--json") as process:
             until(lambda: server.device.scanning)
-            process.send_signal(signal.SIGINT)
-            _, said = process.communicate(timeout=BOUND)
+            _, said = end(process)
         assert process.returncode == 130
         assert "Traceback" not in said
         until(lambda: not server.device.scanning)

@@ -18,7 +18,7 @@ from lidario.testing import make_scan
 from lidario.web.feed import Feed
 from lidario.web.masks import Masks
 from tests.cli.processes import invoke, line_of, started
-from tests.web.shown import S2, Open, end
+from tests.web.shown import S2, Open, end_both
 
 
 def feeds(*places: Mount) -> list[Feed]:
@@ -192,7 +192,7 @@ def test_a_box_and_a_sector_are_drawn_and_saved(
         page.key("u")
         page.until("masks.unsaved === 0")
         assert path.read_text() == kept
-        end(process, page)
+        end_both(process, page)
     own = read_config(path).of("AB" * 16)
     box, sector = own.filters
     assert isinstance(box, BoxFilter)
@@ -227,4 +227,4 @@ def test_the_network_may_not_write_unless_a_file_is_named(opened: Open) -> None:
         page = opened(url.replace(url.split("/")[2].split(":")[0], "127.0.0.1"))
         page.until("seen.painted > 1")
         assert page.ask("$('mask').hidden && !masks.may")
-        end(process, page)
+        end_both(process, page)
