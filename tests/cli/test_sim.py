@@ -93,27 +93,17 @@ def test_a_motor_that_goes_on_is_told(capsys: pytest.CaptureFixture[str]) -> Non
 
 
 @pytest.mark.long
-@pytest.mark.exhaustive("number", sample=[signal.SIGTERM], full=[signal.SIGINT, signal.SIGTERM])
-def test_over_tcp(number: signal.Signals) -> None:
-    with started("sim", "ydlidar-4ros", "--tcp", ":0") as sim:
+@pytest.mark.parametrize(
+    ("model", "way", "number"), [("ydlidar-4ros", "tcp", signal.SIGTERM), ("rplidar-s2e", "udp", signal.SIGINT)]
+)
+def test_over_a_network(model: str, way: str, number: signal.Signals) -> None:
+    with started("sim", model, f"--{way}", ":0") as sim:
         address = line_of(sim.stdout).strip()
-        assert address.startswith("tcp://127.0.0.1:")
+        assert address.startswith(f"{way}://127.0.0.1:")
         scanned = invoke("scan", address, "--json")
         assert scanned.exit_code == 0, scanned.stderr
         assert json.loads(scanned.stdout)["ranges"]
         sim.send_signal(number)
-        assert sim.wait(BOUND) == 0
-
-
-@pytest.mark.long
-def test_an_ethernet_model_by_udp() -> None:
-    with started("sim", "rplidar-s2e", "--udp", ":0") as sim:
-        address = line_of(sim.stdout).strip()
-        assert address.startswith("udp://127.0.0.1:")
-        scanned = invoke("scan", address, "--json")
-        assert scanned.exit_code == 0, scanned.stderr
-        assert json.loads(scanned.stdout)["ranges"]
-        sim.send_signal(signal.SIGINT)
         assert sim.wait(BOUND) == 0
 
 
