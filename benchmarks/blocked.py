@@ -12,16 +12,15 @@ revolutions that ended while the program was blocked do not come.
 
 from __future__ import annotations
 
-import sys
 from itertools import pairwise
 from statistics import median as middle
 from typing import Any
 
 from benchmarks.blocking import KINDS
-from benchmarks.contest import lost_scans
-from benchmarks.processes import Failed, Player, run_json
+from benchmarks.contest import Entry, lost_scans, read_live
+from benchmarks.processes import Failed, Player
 from benchmarks.report import Result, Setting, Table
-from benchmarks.streams import RATES
+from lidario.session.opening import DEFAULT_LATENCY_S
 
 __all__ = ["BLOCKS_MS", "HOLDS", "run"]
 
@@ -33,7 +32,10 @@ _BLOCKED_S = 1.0
 """Blocks are repeated until the program was blocked for so long altogether, but at most `_MOST` times."""
 _MOST = 5
 _PAUSE_S = 0.3
-_TIMEOUT_S = 40.0
+_SETTLE_S = 0.4
+_LONGEST_S = 25.0
+"""Of the slowest row; what it takes is told by its blocks."""
+_DEPTH = 400
 _LATE_MS = 15.0
 _ATTEMPTS = 4
 """A player that the machine kept waiting sends at once what it should have sent meanwhile. No device does, and the
@@ -85,33 +87,26 @@ def _measure(
 def _read(
     setting: Setting, reader: str, device: str, player: Player, kind: str, block_ms: int
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    rate = RATES[device]
     count = min(_MOST, max(1, round(_BLOCKED_S * 1000 / block_ms)))
     blocks = {"kind": kind, "block_s": block_ms / 1000, "count": count, "pause_s": _PAUSE_S}
-    task: dict[str, Any] = {"path": player.paths[0], "baudrate": rate.baudrate, "blocks": blocks}
-    try:
-        if reader == "lidario":
-            command = [sys.executable, "-m", "benchmarks.blocked_reader"]
-            got = run_json(command, timeout=_TIMEOUT_S, given=task | {"family": rate.kind.family})
-        else:
-            got = setting.ask_peer(reader, "blocked", task | {"mode": rate.kind.mode.id}, timeout=_TIMEOUT_S)
-    finally:
-        report = player.report()
-    return got, report
+    entry = Entry("lidario", latency=DEFAULT_LATENCY_S) if reader == "lidario" else Entry.of(reader)
+    return read_live(
+        setting, entry, device, player, settle_s=_SETTLE_S, window_s=_LONGEST_S, blocks=blocks, depth=_DEPTH
+    )
 
 
 def _figures(got: dict[str, Any], played: dict[str, Any]) -> dict[str, Any]:
-    stats = got.get("stats")
+    (arrivals,), stats = got["arrivals"], got.get("stats")
     figures = {
         "lost_bytes": played["lost_bytes"][0],
         "lost_share": played["lost_bytes"][0] / played["written_bytes"][0],
-        "scans": len(got["arrivals"]),
-        "lost_scans": lost_scans(got["arrivals"], played["turns"][0]),
+        "scans": len(arrivals),
+        "lost_scans": lost_scans(arrivals, played["turns"][0]),
         "player_late_ms": played["late_ms"],
     }
     if stats is not None:
-        periods = [(later - before) / 1e6 for before, later in pairwise(got["stamps"])]
-        figures["told"] = {name: stats[name] for name in ("lost_packets", "broken_scans", "dropped_scans")}
+        periods = [(later - before) / 1e6 for before, later in pairwise(got["stamps"][0])]
+        figures["told"] = {name: stats[0][name] for name in ("lost_packets", "broken_scans", "dropped_scans")}
         # A revolution that is missing is no error of the stamps around it.
         typical = middle(periods)
         figures["stamps_off_ms"] = max(abs(each - typical * max(1, round(each / typical))) for each in periods)

@@ -74,7 +74,7 @@ def read_live(
             task |= {"family": kind.family, "latency": entry.latency}
             got = run_json([sys.executable, "-m", "benchmarks.reader"], timeout=timeout, given=task)
         else:
-            task |= {"mode": 0 if kind.mode.response_type == 0x81 else kind.mode.id, "form": _FORMS[rate]}
+            task |= {"mode": 0 if kind.mode.response_type == 0x81 else kind.mode.id, "form": _FORMS.get(rate, "")}
             got = setting.ask_peer(entry.contestant, "live", task, timeout=timeout)
     finally:
         report = player.report()

@@ -14,6 +14,7 @@ from typing import Any
 from benchmarks.adapters.drivers import ASYNC, DRIVERS
 from benchmarks.adapters.plain import plain
 from benchmarks.adapters.process import respond
+from benchmarks.blocking import Blocks
 from benchmarks.usage import Usage
 
 
@@ -22,9 +23,11 @@ class _Finished(Exception):
 
 
 class _Meter:
-    """Counts scans, and measures from `settle_s` after the first to `window_s` later."""
+    """Counts scans, and measures from `settle_s` after the first to `window_s` later, or until all blocks end."""
 
-    def __init__(self, settle_s: float, window_s: float) -> None:
+    def __init__(self, settle_s: float, window_s: float, blocks: dict[str, Any] | None) -> None:
+        self._blocks: Blocks | None = None
+        self._about_blocks = blocks
         self._settle_ns, self._window_s = round(settle_s * 1e9), window_s
         self._began = time.monotonic_ns()
         self._usage: Usage | None = None
@@ -39,10 +42,12 @@ class _Meter:
             return
         if self._usage is None:
             self._usage = Usage()
+            self._blocks = None if self._about_blocks is None else Blocks(**self._about_blocks)
             return
         self._points += samples
         seconds = self._usage.seconds()
-        if seconds >= self._window_s:
+        over = seconds >= self._window_s if self._blocks is None else not self._blocks.block_if_due()
+        if over:
             self.result = {
                 **self._usage.figures(),
                 "samples_per_s": self._points / seconds,
@@ -58,7 +63,7 @@ async def _read_async(scans: Any, meter: _Meter) -> None:
 
 
 def main(task: dict[str, Any]) -> dict[str, Any]:
-    meter = _Meter(task["settle_s"], task["window_s"])
+    meter = _Meter(task["settle_s"], task["window_s"], task.get("blocks"))
     port, baudrate, mode = task["paths"][0], task["baudrate"], task["mode"]
     name = task["contestant"]
     with contextlib.suppress(_Finished):
