@@ -21,11 +21,10 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from benchmarks.contest import late_by, lost_scans
-from benchmarks.processes import ROOT, Failed, Player, run_json
+from benchmarks.processes import ROOT, Failed, Player, Responder, run_json
 from benchmarks.report import Table, machine, median, percentile
 from benchmarks.streams import KINDS, LIVE, RATES, capture
 
@@ -65,47 +64,23 @@ class Checkout:
         return os.environ | {"PYTHONPATH": str(self.root)}
 
 
-class _Decoding:
+class _Decoding(Responder):
     """A process that decodes with the code of one checkout (`benchmarks.paired_worker`)."""
 
     def __init__(self, checkout: Checkout) -> None:
         self._name = checkout.name
         # -P: the folder of the script holds modules of this checkout.
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", str(ROOT / "benchmarks" / "paired_worker.py")],
-            cwd=checkout.root,
-            env=checkout.environment,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
+        command = [sys.executable, "-P", str(ROOT / "benchmarks" / "paired_worker.py")]
+        super().__init__(command, checkout.root, checkout.environment)
 
     def seconds(self, kind: str, path: Path, chunk: int, stream_s: float) -> float:
         """The least CPU time of a few passes over a stream."""
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        assert self._process.stderr is not None
         task = {"kind": kind, "path": str(path), "chunk": chunk, "seconds": stream_s, "passes": _PASSES}
         try:
-            self._process.stdin.write(json.dumps(task) + "\n")
-            self._process.stdin.flush()
-        except BrokenPipeError:
-            pass
-        line = self._process.stdout.readline()
-        if not line:
-            complaint = self._process.stderr.read().strip().splitlines()
-            raise Refused(f"{self._name} cannot decode {kind}: {complaint[-1] if complaint else 'it ended'}")
-        least: float = min(json.loads(line)["seconds"])
+            least: float = min(self.ask(json.dumps(task))["seconds"])
+        except Failed as failed:
+            raise Refused(f"{self._name} cannot decode {kind}: {failed}") from None
         return least
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._process.communicate()
 
 
 @contextmanager
