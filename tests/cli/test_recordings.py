@@ -15,7 +15,7 @@ from lidario.recording.played import PlayedDevice
 from tests.cli.processes import end, invoke, invoke_driven, line_of, run, started
 from tests.support.cases import KINDS, Case, named
 from tests.support.loop import run_driven
-from tests.support.recorded import Live, assert_same_scans, record
+from tests.support.recorded import Live, assert_same_scans, record, same_points
 
 
 @pytest.fixture(scope="module")
@@ -198,8 +198,7 @@ def test_a_played_recording_is_a_device_like_the_recorded_one(live: Live) -> Non
                 return [await anext(stream) for _ in range(len(live.scans))]
 
     for one, other in zip(live.scans, run_driven(main), strict=True):
-        np.testing.assert_array_equal(one.device_distances, other.device_distances)
-        np.testing.assert_array_equal(one.device_angles, other.device_angles)
+        assert same_points(one, other)
     assert not device.scanning
     # The speed of the motor has no response, so it is in no recording.
     assert {each.data[1] for each in device.log if not each.obeyed} == {0xA8}

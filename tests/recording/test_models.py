@@ -18,6 +18,7 @@ from lidario.recording.offline import OfflineDecoder
 from tests.cli.processes import invoke
 from tests.reference import golden, ldrobot, ydlidar
 from tests.support.cases import ALL
+from tests.support.recorded import same_points
 
 STREAMS = {
     "ydlidar_x4_11hz": ("x4", 5000),
@@ -34,8 +35,7 @@ STREAMS = {
 def same(scans: list[lidario.Scan], others: list[lidario.Scan]) -> None:
     assert len(scans) == len(others) > 0
     for scan, other in zip(scans, others, strict=True):
-        np.testing.assert_array_equal(scan.device_angles, other.device_angles)
-        np.testing.assert_array_equal(scan.device_distances, other.device_distances)
+        assert same_points(scan, other)
         assert (scan.stamp_ns, scan.lost_packets) == (other.stamp_ns, other.lost_packets)
 
 

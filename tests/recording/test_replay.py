@@ -26,7 +26,7 @@ from lidario.wire.events import Descriptor
 from tests.reference.golden import NAMES, load
 from tests.support.cases import ALL
 from tests.support.loop import run_driven
-from tests.support.recorded import Live, assert_same_scans, record, take_scans
+from tests.support.recorded import Live, assert_same_scans, record, same_points, take_scans
 
 SOURCES = {
     "clean": "sim://rplidar-s2",
@@ -212,8 +212,7 @@ def test_a_recording_that_begins_in_mid_stream(tmp_path: Path) -> None:
         assert (one.stamp_ns, one.wall_stamp_ns, one.lost_packets) == (
             other.stamp_ns, other.wall_stamp_ns, other.lost_packets,
         )  # fmt: skip
-        np.testing.assert_array_equal(one.device_angles, other.device_angles)
-        np.testing.assert_array_equal(one.device_distances, other.device_distances)
+        assert same_points(one, other)
 
 
 @pytest.mark.parametrize("source", [SOURCES["clean"], SOURCES["other family"]])
@@ -326,8 +325,7 @@ def test_bare_bytes_are_played_as_they_are_decoded(tmp_path: Path, name: str) ->
         # their speeds are rounded by, which adds up.
         rounded_ns = 1e-3 * one.stamp_ns if name in UNEVEN_NS else 0
         assert abs(one.stamp_ns - other.stamp_ns) <= UNEVEN_NS.get(name, 1) + rounded_ns
-        np.testing.assert_array_equal(one.device_angles, other.device_angles)
-        np.testing.assert_array_equal(one.device_distances, other.device_distances)
+        assert same_points(one, other)
 
 
 def test_a_file_is_opened_beside_the_event_loop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,7 +16,7 @@ from lidario.session.lidar import Lidar
 from lidario.session.opening import open_lidar
 from tests.support.loop import run_driven
 
-__all__ = ["Live", "assert_same_scans", "record", "same_scan", "thread_takes_no_time"]
+__all__ = ["Live", "assert_same_scans", "record", "same_points", "same_scan", "thread_takes_no_time"]
 
 
 @contextmanager
@@ -80,8 +80,12 @@ def same_scan(one: Scan, other: Scan) -> bool:
              "max_range", "seam")  # fmt: skip
     if any(getattr(one, name) != getattr(other, name) for name in plain):
         return False
-    pairs = ((one.rpm, other.rpm), (one.device_angles, other.device_angles),
-             (one.device_distances, other.device_distances))  # fmt: skip
+    return np.array_equal(one.rpm, other.rpm, equal_nan=True) and same_points(one, other)
+
+
+def same_points(one: Scan, other: Scan) -> bool:
+    """Whether two scans have the same points."""
+    pairs = ((one.device_angles, other.device_angles), (one.device_distances, other.device_distances))
     if any(not np.array_equal(a, b, equal_nan=True) for a, b in pairs):
         return False
     if one.intensities is None or other.intensities is None:
