@@ -157,13 +157,12 @@ async def _session(model: str, row: str, seed: int) -> Outcome:
                 finally:
                     stats, told_at = lidar.stats, loop.time()
         found.outcome = "goes on"
-    except TimeoutError as error:
-        ours = isinstance(error, lidario.LidarError)
-        found.outcome = _ended(error, row, began, told_at if stats else loop.time()) if ours else "hangs"
     except lidario.InternalError as error:
         found.outcome = f"crashes: {error}"
     except lidario.LidarError as error:
         found.outcome = _ended(error, row, began, told_at if stats else loop.time())
+    except TimeoutError:
+        found.outcome = "hangs"
     except Exception as error:
         found.outcome = f"crashes: {error!r}"
     found.wrong = wrong / samples if samples else 0.0
