@@ -83,8 +83,8 @@ async def test_a_recording_is_played_on_from_another_place_also_behind_its_end(p
         before = feed.scans
         feed.play_from(length_s / 2, 5.0)
         assert [await changes.get(), await changes.get()] == ["scanning", "ended"]
-    # Half of them, and none of the revolutions before.
-    assert 2 <= feed.scans - before <= before / 2 + 1
+    # Half of them, and none of the revolutions before. A busy machine misses some of those that are played so fast.
+    assert 2 <= feed.scans - before <= len(list(lidario.decode_file(path))) / 2 + 1
     assert feed.rate == 5
     # Where nothing would be left to see it is a little before the end.
     async with asyncio.timeout(BOUND):
