@@ -22,6 +22,8 @@ from tests.support.loop import DrivenLoop
 __all__ = ["drive"]
 
 _STEP_NS = 20_000_000
+_TRACED = 50
+"""Revolutions."""
 
 
 async def drive(task: dict[str, Any]) -> dict[str, Any]:
@@ -42,7 +44,7 @@ async def drive(task: dict[str, Any]) -> dict[str, Any]:
                     samples.append({"minute": (loop.time() - start) / 60, "scans": scans, **_memory()})
                     if not wanted:
                         break
-            traced = await _trace(stream) if task.get("trace") else {}
+            traced = await _trace(stream)
         stats = lidar.stats
     return {
         "samples": samples,
@@ -62,7 +64,7 @@ def _memory() -> dict[str, float]:
     }
 
 
-async def _trace(stream: lidario.ScanStream, revolutions: int = 50) -> dict[str, float]:
+async def _trace(stream: lidario.ScanStream) -> dict[str, float]:
     """What one revolution allocates at most at a time, and what is left of it, in KiB and in blocks."""
     tracemalloc.start()
     for _ in range(3):
@@ -70,7 +72,7 @@ async def _trace(stream: lidario.ScanStream, revolutions: int = 50) -> dict[str,
     gc.collect()
     before, blocks = tracemalloc.get_traced_memory()[0], sys.getallocatedblocks()
     peaks = []
-    for _ in range(revolutions):
+    for _ in range(_TRACED):
         tracemalloc.reset_peak()
         held = tracemalloc.get_traced_memory()[0]
         scan = await anext(stream)
@@ -81,10 +83,10 @@ async def _trace(stream: lidario.ScanStream, revolutions: int = 50) -> dict[str,
     after, left = tracemalloc.get_traced_memory()[0], sys.getallocatedblocks()
     tracemalloc.stop()
     return {
-        "peak_kib": sorted(peaks)[revolutions // 2],
+        "peak_kib": sorted(peaks)[_TRACED // 2],
         "scan_kib": size / 1024,
-        "left_bytes": (after - before) / revolutions,
-        "left_blocks": (left - blocks) / revolutions,
+        "left_bytes": (after - before) / _TRACED,
+        "left_blocks": (left - blocks) / _TRACED,
     }
 
 
