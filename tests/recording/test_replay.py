@@ -26,7 +26,7 @@ from lidario.wire.events import Descriptor
 from tests.reference.golden import NAMES, load
 from tests.support.cases import ALL
 from tests.support.loop import run_driven
-from tests.support.recorded import Live, assert_same_scans, record, same_points, take_scans
+from tests.support.recorded import Live, assert_same_scans, record, replayed, same_points, take_scans
 
 SOURCES = {
     "clean": "sim://rplidar-s2",
@@ -39,14 +39,6 @@ UNEVEN_NS = {case.name: 4e3 * case.sample_us for case in ALL if not case.even}
 """Of streams whose packets tell the speed: a sample."""
 OTHERS = [SOURCES["other family"], SOURCES["other family, damaged"]]
 every_source = pytest.mark.parametrize("source", SOURCES.values(), ids=SOURCES)
-
-
-def replayed(path: Path, options: str = "rate=0", *, depth: int = 1) -> list[Scan]:
-    async def main() -> list[Scan]:
-        async with lidario.open_lidar(f"{path}?{options}") as lidar, lidar.scans(depth=depth) as stream:
-            return [scan async for scan in stream]
-
-    return run_driven(main)
 
 
 @every_source

@@ -16,7 +16,7 @@ from lidario.session.lidar import Lidar
 from lidario.session.opening import open_lidar
 from tests.support.loop import run_driven
 
-__all__ = ["Live", "assert_same_scans", "record", "same_points", "same_scan", "thread_takes_no_time"]
+__all__ = ["Live", "assert_same_scans", "record", "replayed", "same_points", "same_scan", "thread_takes_no_time"]
 
 
 @contextmanager
@@ -70,6 +70,16 @@ def record(
             live.modes = await lidar.get_modes()
             live.lost_bytes, live.error = recording.lost_bytes, str(recording.error or "")
             return live
+
+    return run_driven(main)
+
+
+def replayed(path: Path | str, options: str = "rate=0") -> list[Scan]:
+    """What a session gets that plays the file."""
+
+    async def main() -> list[Scan]:
+        async with open_lidar(f"{path}?{options}") as lidar, lidar.scans() as stream:
+            return [scan async for scan in stream]
 
     return run_driven(main)
 
