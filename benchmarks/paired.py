@@ -152,13 +152,13 @@ def _ratio(pairs: Sequence[tuple[float, float]]) -> str:
     return f"{median([new / old for old, new in pairs]):.2f}, {least:.2f}"
 
 
-def compare_live(old: Checkout, new: Checkout, rounds: int, window_s: float, rates: Sequence[str] = LIVE) -> Table:
+def compare_live(old: Checkout, new: Checkout, rounds: int, window_s: float) -> Table:
     """What reading costs and how late scans are, of both, for each device."""
     table = Table(
         f"paired: reading live at {_LATENCY_S * 1e3:g} ms, {new.name} and {old.name}",
         ["device", "CPU, new to old", "CPU, %: old, new", "wake-ups/s", "p50, ms", "p99, ms", "scans lost"],
     )
-    for rate in rates:
+    for rate in LIVE:
         found: dict[Checkout, list[dict[str, Any]]] = {old: [], new: []}
         with Player(rate) as player:
             for number in range(rounds):

@@ -40,10 +40,10 @@ def _text(text: str) -> bytes:
     return struct.pack("<I", len(data)) + data
 
 
-def metadata(texts: dict[str, str], name: str = "lidario") -> bytes:
+def metadata(texts: dict[str, str]) -> bytes:
     """A metadata record."""
     pairs = b"".join(_text(key) + _text(value) for key, value in texts.items())
-    return record(0x0C, _text(name) + struct.pack("<I", len(pairs)) + pairs)
+    return record(0x0C, _text("lidario") + struct.pack("<I", len(pairs)) + pairs)
 
 
 def channel(number: int, topic: str) -> bytes:
