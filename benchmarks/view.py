@@ -20,7 +20,7 @@ from typing import Any, Final
 
 import numpy as np
 from websockets.asyncio.client import connect as connect_async
-from websockets.exceptions import InvalidStatus, WebSocketException
+from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
 from websockets.typing import Origin
 
@@ -62,9 +62,8 @@ def run(setting: Setting) -> Result:
             data["paint_ms"] = _painted(player.paths[0], window_s)
         player.report()
         data["stalled"] = _beside_a_stalled_one(player.paths[0], window_s)
-        data["refused"] = _refused(player.paths[0])
     setting.say("view: ten minutes' scans")
-    data["growth_kb"], data["refused"]["a wrong token"] = asyncio.run(grown(200 if setting.quick else _TEN_MINUTES))
+    data["growth_kb"] = asyncio.run(grown(200 if setting.quick else _TEN_MINUTES))
     return Result("view", [table_of(data)], data)
 
 
@@ -148,35 +147,12 @@ def _beside_a_stalled_one(path: str, window_s: float) -> dict[str, float]:
     return found
 
 
-def _refused(path: str) -> dict[str, int]:
-    """The HTTP status that strangers get."""
-    found = {}
-    with _viewing(path) as (_, url):
-        for name, origin in (("another origin", "http://evil.example"), ("no origin", None)):
-            try:
-                with connect(
-                    "ws" + url.removeprefix("http") + "live", origin=Origin(origin) if origin else None, proxy=None
-                ):
-                    found[name] = 101
-            except InvalidStatus as error:
-                found[name] = error.response.status_code
-    return found
-
-
-async def grown(scans: int) -> tuple[float, int]:
-    """How much more memory is resident after so many scans, in kB; and the status that a wrong token gets.
-
-    One viewer reads, and one does not.
-    """
-    status = 101
+async def grown(scans: int) -> float:
+    """How much more memory is resident after so many scans, in kB, while one viewer reads and one does not."""
     feed = Feed("x")
-    async with LiveServer([feed], host="127.0.0.1", port=0, token="token") as server:
-        try:
-            await connect_async(f"ws://localhost:{server.port}/live?token=wrong", proxy=None)
-        except InvalidStatus as error:
-            status = error.response.status_code
+    async with LiveServer([feed], host="127.0.0.1", port=0) as server:
         host = f"http://localhost:{server.port}"
-        address = f"ws://localhost:{server.port}/live?token=token"
+        address = f"ws://localhost:{server.port}/live"
         options: dict[str, Any] = {"origin": Origin(host), "compression": None, "proxy": None}
         async with connect_async(address, **options) as reading, connect_async(address, **options):
             begun = 0.0
@@ -190,7 +166,7 @@ async def grown(scans: int) -> tuple[float, int]:
                 await reading.send("a")
                 # Slower than the server lets a viewer talk.
                 await asyncio.sleep(1 / _SCANS_A_SECOND)
-            return (resident_mb() - begun) * 1024, status
+            return (resident_mb() - begun) * 1024
 
 
 def _scan(number: int) -> Scan:
@@ -227,8 +203,6 @@ def table_of(data: dict[str, Any]) -> Table:
     for name in ("alone", "beside three that stopped reading"):
         text = f"{stalled[name]:.1f} scans/s, server {stalled[f'{name}, CPU']:.2f} % of a core"
         table.add(f"a viewer {name}", text, "" if name == "alone" else "as alone")
-    for name, status in data["refused"].items():
-        table.add(f"a viewer with {name}", f"HTTP {status}", "403")
     table.add("memory after the scans of ten minutes", f"{data['growth_kb']:+.0f} kB", "no growth")
     table.notes.append("the picture is drawn by Chromium without a graphics processor, on the same cores")
     return table
