@@ -12,16 +12,15 @@ revolutions that ended while the program was blocked do not come.
 
 from __future__ import annotations
 
-import sys
 from itertools import pairwise
 from statistics import median as middle
 from typing import Any
 
 from benchmarks.blocking import KINDS
-from benchmarks.contest import lost_scans
-from benchmarks.processes import Failed, Player, run_json
+from benchmarks.contest import Entry, lost_scans, read_live
+from benchmarks.processes import Failed, Player
 from benchmarks.report import Result, Setting, Table
-from benchmarks.streams import RATES
+from lidario.session.opening import DEFAULT_LATENCY_S
 
 __all__ = ["BLOCKS_MS", "HOLDS", "run"]
 
@@ -33,7 +32,10 @@ _BLOCKED_S = 1.0
 """Blocks are repeated until the program was blocked for so long altogether, but at most `_MOST` times."""
 _MOST = 5
 _PAUSE_S = 0.3
-_TIMEOUT_S = 40.0
+_SETTLE_S = 0.4
+_LONGEST_S = 25.0
+"""Of the slowest row; what it takes is told by its blocks."""
+_DEPTH = 400
 _LATE_MS = 15.0
 _ATTEMPTS = 4
 """A player that the machine kept waiting sends at once what it should have sent meanwhile. No device does, and the
@@ -63,7 +65,7 @@ def run(setting: Setting) -> Result:
                         about = {"device": device, "kind": kind, "block_ms": block_ms, "reader": reader}
                         found.append(about | figures)
     tables = [_table(device, [each for each in found if each["device"] == device]) for device in devices]
-    tables[-1].notes += [f"absent: {who}: {why}" for who, why in absent.items()]
+    tables[-1].note_absent(absent)
     return Result("blocked", tables, {"found": found, "absent": absent, "holds": HOLDS})
 
 
@@ -85,42 +87,26 @@ def _measure(
 def _read(
     setting: Setting, reader: str, device: str, player: Player, kind: str, block_ms: int
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    rate = RATES[device]
     count = min(_MOST, max(1, round(_BLOCKED_S * 1000 / block_ms)))
     blocks = {"kind": kind, "block_s": block_ms / 1000, "count": count, "pause_s": _PAUSE_S}
-    task: dict[str, Any] = {"path": player.paths[0], "baudrate": rate.baudrate, "blocks": blocks}
-    try:
-        if reader == "lidario":
-            command = [sys.executable, "-m", "benchmarks.blocked_reader"]
-            got = run_json(command, timeout=_TIMEOUT_S, given=task | {"family": rate.kind.family})
-        else:
-            if setting.peers is None:
-                raise Failed("left out")
-            why = setting.peers.why_absent(reader)
-            if why:
-                raise Failed(why)
-            task |= {"contestant": reader, "mode": rate.kind.mode.id}
-            environment = setting.peers.environment(reader)
-            got = run_json(
-                setting.peers.command("blocked"), timeout=_TIMEOUT_S, environment=environment, given=task
-            )
-    finally:
-        report = player.report()
-    return got, report
+    entry = Entry("lidario", latency=DEFAULT_LATENCY_S) if reader == "lidario" else Entry.of(reader)
+    return read_live(
+        setting, entry, device, player, settle_s=_SETTLE_S, window_s=_LONGEST_S, blocks=blocks, depth=_DEPTH
+    )
 
 
 def _figures(got: dict[str, Any], played: dict[str, Any]) -> dict[str, Any]:
-    stats = got.get("stats")
+    (arrivals,), stats = got["arrivals"], got.get("stats")
     figures = {
         "lost_bytes": played["lost_bytes"][0],
         "lost_share": played["lost_bytes"][0] / played["written_bytes"][0],
-        "scans": len(got["arrivals"]),
-        "lost_scans": lost_scans(got["arrivals"], played["turns"][0]),
+        "scans": len(arrivals),
+        "lost_scans": lost_scans(arrivals, played["turns"][0]),
         "player_late_ms": played["late_ms"],
     }
     if stats is not None:
-        periods = [(later - before) / 1e6 for before, later in pairwise(got["stamps"])]
-        figures["told"] = {name: stats[name] for name in ("lost_packets", "broken_scans", "dropped_scans")}
+        periods = [(later - before) / 1e6 for before, later in pairwise(got["stamps"][0])]
+        figures["told"] = {name: stats[0][name] for name in ("lost_packets", "broken_scans", "dropped_scans")}
         # A revolution that is missing is no error of the stamps around it.
         typical = middle(periods)
         figures["stamps_off_ms"] = max(abs(each - typical * max(1, round(each / typical))) for each in periods)
@@ -133,18 +119,16 @@ def _table(device: str, found: list[dict[str, Any]]) -> Table:
     table = Table(f"blocked: {device}, a line that holds {HOLDS} bytes", columns)
     for each in found:
         told = each.get("told")
-        table.rows.append(
-            [
-                each["kind"],
-                f"{each['block_ms']}",
-                each["reader"],
-                f"{each['lost_bytes']}",
-                f"{100 * each['lost_share']:.1f} %",
-                f"{each['scans']}",
-                f"{each['lost_scans']}",
-                *(("–",) * 3 if told is None else (f"{value}" for value in told.values())),
-                f"{each['stamps_off_ms']:.1f}" if told is not None else "–",
-            ]
+        table.add(
+            each["kind"],
+            f"{each['block_ms']}",
+            each["reader"],
+            f"{each['lost_bytes']}",
+            f"{100 * each['lost_share']:.1f} %",
+            f"{each['scans']}",
+            f"{each['lost_scans']}",
+            *(("–",) * 3 if told is None else (f"{value}" for value in told.values())),
+            f"{each['stamps_off_ms']:.1f}" if told is not None else "–",
         )
     late = max((each["player_late_ms"] for each in found), default=0.0)
     table.notes.append(f"the player was late by at most {late:.1f} ms")

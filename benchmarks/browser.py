@@ -42,8 +42,8 @@ class Browser:
         downloads: Folder in which saved files arrive.
     """
 
-    def __init__(self, program: str | None = None) -> None:
-        self._program = program or find_browser() or NAMES[0]
+    def __init__(self) -> None:
+        self._program = find_browser() or NAMES[0]
         self._profile = tempfile.TemporaryDirectory(prefix="lidario-browser-", ignore_cleanup_errors=True)
         self.downloads: Path = Path(self._profile.name) / "downloads"
         self._process: subprocess.Popen[bytes] | None = None

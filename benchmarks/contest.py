@@ -4,29 +4,26 @@ from __future__ import annotations
 
 import sys
 from bisect import bisect_left, bisect_right
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
+from benchmarks.peers import package_of
 from benchmarks.processes import Failed, Player, run_json
 from benchmarks.report import Setting
 from benchmarks.streams import RATES
 
-__all__ = ["Entry", "entries", "late_by", "lost_scans", "read_live", "take_part"]
+__all__ = ["RIVALS", "Entry", "compete", "entries", "late_by", "lost_scans", "read_live"]
 
 _MARGIN_S = 15.0
 _FORMS = {"S2 DenseBoost": "dense", "S2 Standard": "nodes", "4ROS": "points"}
-_RIVALS = {
+RIVALS = {
     "S2 DenseBoost": ("pyrplidar",),
-    "S2 Standard": (
-        "pyrplidar",
-        "rplidar-roboticia",
-        "rplidar",
-        "adafruit-circuitpython-rplidar",
-        "rplidarc1",
-        "lds2d",
-    ),
+    "S2 Standard": ("pyrplidar", "rplidar-roboticia", "rplidar", "adafruit-circuitpython-rplidar", "rplidarc1",
+                    "lds2d"),
     "4ROS": ("lds2d-4ros", "PyLidar3"),
-}
+}  # fmt: skip
+"""The other drivers that read a device, in Python."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,10 +40,10 @@ class Entry:
     contestant: str = ""
     latency: float = 0.0
 
-    @property
-    def package(self) -> str:
-        """What it is called on PyPI."""
-        return self.contestant.removesuffix("-4ros")
+    @classmethod
+    def of(cls, contestant: str) -> Self:
+        """Another driver, by what it is called on PyPI."""
+        return cls(package_of(contestant), contestant)
 
 
 def entries(rate: str, *, rivals: bool) -> list[Entry]:
@@ -56,7 +53,7 @@ def entries(rate: str, *, rivals: bool) -> list[Entry]:
         if rate != "4ROS":
             found.append(Entry("pyrplidarsdk (C++)", "pyrplidarsdk"))
         found.append(Entry("plain pyserial-asyncio", "plain"))
-        found += [Entry(name.removesuffix("-4ros"), name) for name in _RIVALS[rate]]
+        found += map(Entry.of, RIVALS[rate])
     return found
 
 
@@ -77,39 +74,44 @@ def read_live(
             task |= {"family": kind.family, "latency": entry.latency}
             got = run_json([sys.executable, "-m", "benchmarks.reader"], timeout=timeout, given=task)
         else:
-            if setting.peers is None:
-                raise Failed("left out")
-            why = setting.peers.why_absent(entry.package)
-            if why:
-                raise Failed(why)
-            mode = 0 if kind.mode.response_type == 0x81 else kind.mode.id
-            task |= {"contestant": entry.contestant, "mode": mode, "form": _FORMS[rate]}
-            environment = setting.peers.environment(entry.package)
-            got = run_json(setting.peers.command("live"), timeout=timeout, environment=environment, given=task)
+            task |= {"mode": 0 if kind.mode.response_type == 0x81 else kind.mode.id, "form": _FORMS.get(rate, "")}
+            got = setting.ask_peer(entry.contestant, "live", task, timeout=timeout)
     finally:
         report = player.report()
     return got, report
 
 
-def take_part(
+def compete(
     setting: Setting,
-    entry: Entry,
+    what: str,
     rate: str,
     player: Player,
+    taking_part: Sequence[Entry],
+    rounds: int,
+    figures: Callable[[str, dict[str, Any], dict[str, Any]], dict[str, Any]],
     absent: dict[str, str],
     *,
     settle_s: float,
     window_s: float,
-) -> tuple[dict[str, Any], dict[str, Any]] | None:
-    """As `read_live`; None for who is absent, or failed, which is noted in `absent` and not tried again."""
-    name = f"{entry.name}, {rate}"
-    if name in absent:
-        return None
-    try:
-        return read_live(setting, entry, rate, player, settle_s=settle_s, window_s=window_s)
-    except Failed as failed:
-        absent[name] = str(failed)
-        return None
+) -> dict[str, list[dict[str, Any]]]:
+    """Everybody reads, one after the other, and again; by their names, what `figures` makes of each time.
+
+    Who is absent, or fails, is noted in `absent` and not tried again.
+    """
+    found: dict[str, list[dict[str, Any]]] = {}
+    for number in range(rounds):
+        setting.say(f"{what}: {rate}, round {number + 1} of {rounds}")
+        for entry in taking_part:
+            who = f"{entry.name}, {rate}"
+            if who in absent:
+                continue
+            try:
+                both = read_live(setting, entry, rate, player, settle_s=settle_s, window_s=window_s)
+            except Failed as failed:
+                absent[who] = str(failed)
+            else:
+                found.setdefault(entry.name, []).append(figures(rate, *both))
+    return found
 
 
 def lost_scans(arrivals: list[int], turns: list[int]) -> int:

@@ -152,14 +152,12 @@ def run(setting: Setting) -> Result:
             found = outcome(kind, damage, seed=1)
             rows.append({"format": name, "case": damage, **asdict(found)})
             data.setdefault(damage, {})[name] = [getattr(found, field) for field in Outcome.__slots__]
-            table.rows.append(
-                [
-                    name,
-                    f"{100 * found.kept / found.samples:.1f} %",
-                    f"{100 * found.wrong / found.samples:.3f} %" if found.wrong else "0",
-                    f"{found.missing}, {found.told}",
-                    f"{found.missing_scans}, {found.told_scans}",
-                ]
+            table.add(
+                name,
+                f"{100 * found.kept / found.samples:.1f} %",
+                f"{100 * found.wrong / found.samples:.3f} %" if found.wrong else "0",
+                f"{found.missing}, {found.told}",
+                f"{found.missing_scans}, {found.told_scans}",
             )
         if table.rows:
             tables.append(table)

@@ -16,11 +16,12 @@ from __future__ import annotations
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
 
 import lidario
+from benchmarks.contest import RIVALS
 from benchmarks.models import FORMATS
-from benchmarks.processes import Failed, run_json
+from benchmarks.peers import package_of
+from benchmarks.processes import Failed
 from benchmarks.report import Result, Setting, Table, median, ratio, spread
 from benchmarks.streams import KINDS, Kind, capture, recording
 from lidario.revolution.pipeline import Pipeline
@@ -48,19 +49,11 @@ _FILE_BYTES = 3_000_000
 CONVERTED = "4096, converted"
 
 _PEERS = {
-    "0x81 nodes": (
-        "floor",
-        "pyrplidar",
-        "rplidar-roboticia",
-        "rplidar",
-        "adafruit-circuitpython-rplidar",
-        "rplidarc1",
-        "lds2d",
-    ),
+    "0x81 nodes": ("floor", *RIVALS["S2 Standard"]),
     "0x82 express": ("pyrplidar", "rplidar-roboticia"),
     "0x84 ultra": ("pyrplidar",),
     "0x85 dense": ("pyrplidar",),
-    "4ROS points": ("PyLidar3", "lds2d-4ros"),
+    "4ROS points": RIVALS["4ROS"],
 }
 _TIMEOUT_S = 60.0
 _PEER_ROUNDS = 3
@@ -155,26 +148,20 @@ def _peers(
     into: dict[str, list[dict[str, float]]],
     absent: dict[str, str],
 ) -> None:
-    assert setting.peers is not None
     raw = capture(kind, seconds)
     path = folder / f"{kind.name}.bin"
     path.write_bytes(raw)
     mode = 0 if kind.mode.response_type == 0x81 else 1
     for name in _PEERS.get(kind.name, ()):
-        package = name.removesuffix("-4ros")
-        why = setting.peers.why_absent(package) or absent.get(f"{package}, {kind.name}", "")
-        task: dict[str, Any] = {"contestant": name, "stream": str(path), "mode": mode}
-        if not why:
-            try:
-                environment = setting.peers.environment(package)
-                command = setting.peers.command("decode")
-                got = run_json(command, timeout=_TIMEOUT_S, environment=environment, given=task)
-                figures = _figures(got["seconds"], len(raw), got["scans"], got["samples"])
-                into.setdefault(name, []).append(figures)
-            except Failed as failed:
-                why = str(failed)
-        if why:
-            absent[f"{package}, {kind.name}"] = why
+        who = f"{package_of(name)}, {kind.name}"
+        if who in absent:
+            continue
+        try:
+            got = setting.ask_peer(name, "decode", {"stream": str(path), "mode": mode}, timeout=_TIMEOUT_S)
+        except Failed as failed:
+            absent[who] = str(failed)
+            continue
+        into.setdefault(name, []).append(_figures(got["seconds"], len(raw), got["scans"], got["samples"]))
 
 
 def _table(own: dict[str, dict[str, list[dict[str, float]]]]) -> Table:
@@ -189,7 +176,7 @@ def _table(own: dict[str, dict[str, list[dict[str, float]]]]) -> Table:
             key = {"MB/s": "mb_per_s", "Msamples/s": "samples_per_s", "µs/rev": "us_per_revolution"}[what]
             timings = (*(by_chunk[_label(chunk)] for chunk in CHUNKS), by_chunk[CONVERTED])
             cells = [spread([each[key] * scale for each in rounds], digits) for rounds in timings]
-            table.rows.append([f"{name}, {what}", *cells])
+            table.add(f"{name}, {what}", *cells)
     table.notes.append("median (smallest–largest) of the rounds; 3200 samples a revolution, 4ROS 2857")
     table.notes.append("degrees and millimetres, as the device has them; last column: and radians and metres")
     return table
@@ -202,15 +189,13 @@ def _file_table(own: dict[str, dict[str, list[dict[str, float]]]]) -> Table:
         rounds = by_chunk[FILE]
         slowest, fastest = VENDOR_MB_PER_S[name]
         speed = median([each["mb_per_s"] for each in rounds])
-        table.rows.append(
-            [
-                name,
-                spread([each["mb_per_s"] for each in rounds], 1),
-                spread([each["samples_per_s"] * 1e-6 for each in rounds], 2),
-                spread([each["us_per_revolution"] for each in rounds], 0),
-                f"{slowest}–{fastest}",
-                f"{speed / fastest:.2f}–{speed / slowest:.2f}",
-            ]
+        table.add(
+            name,
+            spread([each["mb_per_s"] for each in rounds], 1),
+            spread([each["samples_per_s"] * 1e-6 for each in rounds], 2),
+            spread([each["us_per_revolution"] for each in rounds], 0),
+            f"{slowest}–{fastest}",
+            f"{speed / fastest:.2f}–{speed / slowest:.2f}",
         )
     table.notes.append(
         "the figures of C++ are constants, from such a machine at another time: no package lets its unpackers be "
@@ -224,15 +209,13 @@ def _relatives_table(more: dict[str, dict[str, list[dict[str, float]]]]) -> Tabl
     table = Table("decode: the formats of the relatives", columns)
     for name, by_chunk in more.items():
         live, whole = by_chunk[str(BASELINE)], by_chunk[FILE]
-        table.rows.append(
-            [
-                name,
-                f"{median([each['samples'] / each['scans'] for each in whole]):.0f}",
-                spread([each["mb_per_s"] for each in live], 1),
-                spread([each["us_per_revolution"] for each in live], 0),
-                spread([each["mb_per_s"] for each in whole], 1),
-                spread([each["samples_per_s"] * 1e-6 for each in whole], 2),
-            ]
+        table.add(
+            name,
+            f"{median([each['samples'] / each['scans'] for each in whole]):.0f}",
+            spread([each["mb_per_s"] for each in live], 1),
+            spread([each["us_per_revolution"] for each in live], 0),
+            spread([each["mb_per_s"] for each in whole], 1),
+            spread([each["samples_per_s"] * 1e-6 for each in whole], 2),
         )
     return table
 
@@ -250,20 +233,18 @@ def _peer_tables(
         mine = own[name][str(BASELINE)]
         for contestant, rounds in {f"lidario, {BASELINE} B": mine, **by_peer}.items():
             speeds = [each["mb_per_s"] for each in rounds]
-            table.rows.append(
-                [
-                    f"{name}, {contestant}",
-                    spread([each["samples_per_s"] / 1e6 for each in rounds], 2),
-                    spread(speeds, 2),
-                    ratio(speeds, [each["mb_per_s"] for each in mine]),
-                    f"{median([each['scans'] for each in rounds]):.0f}",
-                ]
+            table.add(
+                f"{name}, {contestant}",
+                spread([each["samples_per_s"] / 1e6 for each in rounds], 2),
+                spread(speeds, 2),
+                ratio(speeds, [each["mb_per_s"] for each in mine]),
+                f"{median([each['scans'] for each in rounds]):.0f}",
             )
     table.notes += [
         "floor: a bare loop over read(5), which decodes nothing",
         "the other drivers are given half as long a stream; most leave out samples without a return",
         "PyLidar3 delivers 360 means for each 6000 bytes, so its samples are not samples",
         "formats without a line are read by no other driver; pyrplidarsdk opens only a real port",
-        *(f"absent: {who}: {why}" for who, why in absent.items()),
     ]
+    table.note_absent(absent)
     return [table] if absent or any(theirs.values()) else []

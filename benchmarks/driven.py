@@ -9,28 +9,21 @@ from __future__ import annotations
 import asyncio
 import gc
 import json
-import resource
 import sys
 import tracemalloc
-from pathlib import Path
 from typing import Any
 
 import lidario
 from benchmarks.relayed import Relayed
 from benchmarks.streams import RATES
+from benchmarks.usage import resident_mb
 from tests.support.loop import DrivenLoop
 
 __all__ = ["drive"]
 
 _STEP_NS = 20_000_000
-
-
-class _InSteps(Relayed):
-    """A simulated device that has something to say only every so often."""
-
-    def wakeup(self, now: int) -> int | None:
-        at: int | None = self._device.wakeup(now)
-        return at if at is None or not self.scanning else -(-at // _STEP_NS) * _STEP_NS
+_TRACED = 50
+"""Revolutions."""
 
 
 async def drive(task: dict[str, Any]) -> dict[str, Any]:
@@ -39,7 +32,7 @@ async def drive(task: dict[str, Any]) -> dict[str, Any]:
     loop = asyncio.get_running_loop()
     samples: list[dict[str, float]] = []
     scans = 0
-    async with lidario.open_lidar(_InSteps(rate.kind.device()), family=rate.kind.family) as lidar:
+    async with lidario.open_lidar(Relayed(rate.kind.device(), _STEP_NS), family=rate.kind.family) as lidar:
         start = loop.time()
         wanted = [60.0 * minute for minute in task["minutes"]]
         async with lidar.scans(depth=2) as stream:
@@ -51,7 +44,7 @@ async def drive(task: dict[str, Any]) -> dict[str, Any]:
                     samples.append({"minute": (loop.time() - start) / 60, "scans": scans, **_memory()})
                     if not wanted:
                         break
-            traced = await _trace(stream) if task.get("trace") else {}
+            traced = await _trace(stream)
         stats = lidar.stats
     return {
         "samples": samples,
@@ -64,15 +57,14 @@ async def drive(task: dict[str, Any]) -> dict[str, Any]:
 
 def _memory() -> dict[str, float]:
     gc.collect()
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
     return {
-        "rss_mb": pages * resource.getpagesize() / 2**20,
+        "rss_mb": resident_mb(),
         "blocks": sys.getallocatedblocks(),
         "objects": len(gc.get_objects()),
     }
 
 
-async def _trace(stream: lidario.ScanStream, revolutions: int = 50) -> dict[str, float]:
+async def _trace(stream: lidario.ScanStream) -> dict[str, float]:
     """What one revolution allocates at most at a time, and what is left of it, in KiB and in blocks."""
     tracemalloc.start()
     for _ in range(3):
@@ -80,7 +72,7 @@ async def _trace(stream: lidario.ScanStream, revolutions: int = 50) -> dict[str,
     gc.collect()
     before, blocks = tracemalloc.get_traced_memory()[0], sys.getallocatedblocks()
     peaks = []
-    for _ in range(revolutions):
+    for _ in range(_TRACED):
         tracemalloc.reset_peak()
         held = tracemalloc.get_traced_memory()[0]
         scan = await anext(stream)
@@ -91,10 +83,10 @@ async def _trace(stream: lidario.ScanStream, revolutions: int = 50) -> dict[str,
     after, left = tracemalloc.get_traced_memory()[0], sys.getallocatedblocks()
     tracemalloc.stop()
     return {
-        "peak_kib": sorted(peaks)[revolutions // 2],
+        "peak_kib": sorted(peaks)[_TRACED // 2],
         "scan_kib": size / 1024,
-        "left_bytes": (after - before) / revolutions,
-        "left_blocks": (left - blocks) / revolutions,
+        "left_bytes": (after - before) / _TRACED,
+        "left_blocks": (left - blocks) / _TRACED,
     }
 
 

@@ -60,9 +60,9 @@ def run(setting: Setting) -> Result:
             setting.say(f"export: {name}")
             each = found[name] = _export(files, Path(folder, "out-{}" + form), jobs)
             each["mb"] = sum(file.stat().st_size for file in files) / 1e6
-            table.rows.append(
-                [name, f"{each['mb']:.0f}", f"{each['cpu_s']:.1f}", f"{each['passed_s']:.1f}",
-                 f"{each['rss_mb']:.0f}", str(each["scans"])]
+            table.add(
+                name, f"{each['mb']:.0f}", f"{each['cpu_s']:.1f}", f"{each['passed_s']:.1f}",
+                f"{each['rss_mb']:.0f}", str(each["scans"]),
             )  # fmt: skip
             for out in Path(folder).glob("out-*"):
                 out.unlink()

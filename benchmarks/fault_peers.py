@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import lidario
-from benchmarks.processes import Failed, run_json
+from benchmarks.processes import Failed
 from benchmarks.report import Setting, Table
 from lidario.sim.faults import FAULTS, parse_faults
 from lidario.sim.serve import PtyServer
@@ -90,7 +90,7 @@ def judge_peers(setting: Setting, rows: Sequence[str]) -> tuple[list[Table], dic
                 for name, each in told.items()
             }
             data[row] = words
-            table.rows.append([row, *words.values()])
+            table.add(row, *words.values())
     table.notes += [f"{name}: {why}" for name, why in absent.items()]
     table.notes += [
         "missing: points handed out, against the row without a fault",
@@ -133,20 +133,14 @@ def _starved(told: Told) -> bool:
 
 
 def _run(setting: Setting, rival: tuple[str, str], row: str) -> Told:
-    assert setting.peers is not None
     name, model = rival
     device: Any = lidario.simulate(model, world="circle", spin_up=0)
     faults = None if row == _NOTHING else parse_faults(row, seed=1)
-    task: dict[str, Any] = {"contestant": name, "model": model, "baudrate": device.baudrate, "seconds": _SECONDS}
+    task: dict[str, Any] = {"model": model, "baudrate": device.baudrate, "seconds": _SECONDS}
     task |= {"radius_mm": _RADIUS_MM, "tolerance_mm": _TOLERANCE_MM}
     with PtyServer(device, faults=faults, chunk=64) as server:
         try:
-            told = run_json(
-                setting.peers.command("faults"),
-                timeout=_SECONDS + 15.0,
-                environment=setting.peers.environment(name),
-                given=task | {"path": server.path},
-            )
+            told = setting.ask_peer(name, "faults", task | {"path": server.path}, timeout=_SECONDS + 15.0)
         except Failed as failed:
             return Told([], {}, str(failed))
     return Told(told["scans"], told["ended"], unread=server.lost)

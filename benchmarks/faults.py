@@ -109,7 +109,7 @@ def run(setting: Setting) -> Result:
             setting.say(f"faults: {row}, {model}")
             found = judge(model, row)
             data.setdefault(model, {})[row] = {name: getattr(found, name) for name in Outcome.__slots__}
-            table.rows.append([row, *_cells(found)])
+            table.add(row, *_cells(found))
         table.notes += [
             "recovered within: packets from the first intact one behind a damage to the first that is recognised",
             "lost beyond: packets that arrived intact and are in no scan, of those damaged or lost",
@@ -158,13 +158,12 @@ async def _session(model: str, row: str, seed: int) -> Outcome:
                 finally:
                     stats, told_at = lidar.stats, loop.time()
         found.outcome = "goes on"
-    except TimeoutError as error:
-        ours = isinstance(error, lidario.LidarError)
-        found.outcome = _ended(error, row, began, told_at if stats else loop.time()) if ours else "hangs"
     except lidario.InternalError as error:
         found.outcome = f"crashes: {error}"
     except lidario.LidarError as error:
         found.outcome = _ended(error, row, began, told_at if stats else loop.time())
+    except TimeoutError:
+        found.outcome = "hangs"
     except Exception as error:
         found.outcome = f"crashes: {error!r}"
     found.wrong = wrong / samples if samples else 0.0

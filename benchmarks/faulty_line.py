@@ -70,7 +70,6 @@ class Recorder(Relayed):
         return data
 
     def wakeup(self, now: int) -> int | None:
-        """As `SimulatedDevice.wakeup`."""
         return self._line.wakeup(now)
 
     def mark(self) -> None:
@@ -79,7 +78,7 @@ class Recorder(Relayed):
 
     def reconnect(self, faults: Faults) -> None:
         """A new line to the same device."""
-        self._line = MemoryLine(self._device, faults)
+        self._line = MemoryLine(self.device, faults)
 
     def intact(self) -> Intact:
         """What arrived intact up to the last `mark`, and what of it lidario's parser recognises."""

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import resource
-import subprocess
 import sys
 import time
 from dataclasses import replace
@@ -18,8 +16,9 @@ from typing import Any
 import numpy as np
 
 import lidario
-from benchmarks.processes import ROOT, Failed, run_json
+from benchmarks.processes import run_json, started
 from benchmarks.report import Result, Setting, Table, median, spread
+from benchmarks.usage import Usage
 from lidario import Config, LidarConfig, Mount, Scan
 from lidario.filters import (
     AngularBoundsFilter,
@@ -99,23 +98,13 @@ def _microseconds(scan: Scan, filters: tuple[Filter, ...]) -> float:
 
 def _live(way: str, seconds: float) -> float:
     """Share of a core."""
-    with subprocess.Popen(
-        [sys.executable, "-m", "lidario", "sim", "rplidar-s2"],
-        cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
-    ) as device:  # fmt: skip
-        assert device.stdout is not None
-        try:
-            path = device.stdout.readline().strip()
-            if not path:
-                raise Failed("the simulated device ended")
-            task = json.dumps({"path": path, "way": way, "seconds": seconds})
-            got: dict[str, Any] = run_json([sys.executable, "-m", "benchmarks.filters", task], timeout=seconds + 30)
-        finally:
-            device.terminate()
+    with started("lidario", "sim", "rplidar-s2") as (_, path):
+        task = {"path": path, "way": way, "seconds": seconds}
+        got = run_json([sys.executable, "-m", "benchmarks.filters"], timeout=seconds + 30, given=task)
     return float(got["cpu"])
 
 
-async def read(task: dict[str, Any]) -> dict[str, float]:
+async def read(task: dict[str, Any]) -> dict[str, Any]:
     """Read scans for a while, from the fifth one on; what that cost."""
     config = Config(default=LidarConfig(filters=EVERY if task["way"] == _WAYS[2] else ()))
     async with (
@@ -124,12 +113,10 @@ async def read(task: dict[str, Any]) -> dict[str, float]:
     ):
         for _ in range(5):
             await anext(scans)
-        start, before = time.monotonic(), resource.getrusage(resource.RUSAGE_SELF)
-        while time.monotonic() - start < task["seconds"]:
+        usage = Usage()
+        while usage.seconds() < task["seconds"]:
             await anext(scans)
-        after = resource.getrusage(resource.RUSAGE_SELF)
-        took = time.monotonic() - start
-    return {"cpu": (after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime) / took}
+        return usage.figures()
 
 
 if __name__ == "__main__":

@@ -13,10 +13,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from benchmarks.contest import Entry, take_part
+from benchmarks.contest import Entry, compete
 from benchmarks.processes import Player
 from benchmarks.report import Result, Setting, Table, median, ratio, spread
-from benchmarks.streams import LIVE, RATES, recording
+from benchmarks.streams import RATES, recording
 
 __all__ = ["run"]
 
@@ -35,20 +35,16 @@ def run(setting: Setting) -> Result:
     found: dict[str, dict[str, dict[str, list[dict[str, Any]]]]] = {}
     absent: dict[str, str] = {}
     for speed, pace in list(_SPEEDS.items())[: 1 if setting.quick else None]:
-        found[pace] = {rate: {} for rate in LIVE}
+        found[pace] = {}
         for rate, rivals in _ENTRIES.items():
-            entries = [Entry(name.removesuffix("-4ros"), name) for name in rivals] if setting.peers else []
+            taking_part = [Entry("lidario"), *(map(Entry.of, rivals) if setting.peers else ())]
             with Player(rate, every=_EVERY_S, speed=speed) as player:
-                for number in range(rounds):
-                    setting.say(f"{pace}: {rate}, round {number + 1} of {rounds}")
-                    for entry in (Entry("lidario"), *entries):
-                        both = take_part(
-                            setting, entry, rate, player, absent, settle_s=window_s / 5, window_s=window_s
-                        )
-                        if both is not None:
-                            found[pace][rate].setdefault(entry.name, []).append(_figures(rate, *both))
+                found[pace][rate] = compete(
+                    setting, pace, rate, player, taking_part, rounds, _figures, absent,
+                    settle_s=window_s / 5, window_s=window_s,
+                )  # fmt: skip
     tables = [_table(pace, by_rate) for pace, by_rate in found.items()]
-    tables[-1].notes += [f"absent: {who}: {why}" for who, why in absent.items()]
+    tables[-1].note_absent(absent)
     return Result("flatout", tables, {"paces": found, "absent": absent})
 
 
@@ -72,7 +68,7 @@ def _table(pace: str, found: dict[str, dict[str, list[dict[str, Any]]]]) -> Tabl
             cost = _cost(rounds)
             times = spread([each["pace"] for each in rounds], 0)
             share = f"{100 * median([each['samples_share'] for each in rounds]):.0f} %"
-            table.rows.append([f"{rate}, {name}", times, share, spread(cost, 1), ratio(cost, baseline)])
+            table.add(f"{rate}, {name}", times, share, spread(cost, 1), ratio(cost, baseline))
     table.notes.append("samples delivered: share of those written; some leave out samples without a return (2–3 %)")
     return table
 

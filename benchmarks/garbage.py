@@ -44,16 +44,14 @@ def run(setting: Setting) -> Result:
                 for what, times in took.items():
                     times.append(cost_ms(kind, chunk, what, seed=number))
             data[f"{name}, {chunk}"] = took
-            table.rows.append(
-                [
-                    name,
-                    f"{chunk} B",
-                    spread(took["clean"], 2),
-                    spread(took["random"], 2),
-                    ratio(took["random"], took["clean"]),
-                    spread(took["half random"], 2),
-                    ratio(took["half random"], took["clean"]),
-                ]
+            table.add(
+                name,
+                f"{chunk} B",
+                spread(took["clean"], 2),
+                spread(took["random"], 2),
+                ratio(took["random"], took["clean"]),
+                spread(took["half random"], 2),
+                ratio(took["half random"], took["clean"]),
             )
     return Result("garbage", [table], data)
 

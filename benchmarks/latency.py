@@ -54,14 +54,12 @@ def _table(found: dict[str, list[dict[str, Any]]]) -> Table:
     table = Table(f"latency: {_RATE}, {RATES[_RATE].samples_per_s // 1000} kS/s", columns)
     for name, rounds in found.items():
         late = [each for one in rounds for each in one["late_ms"]]
-        table.rows.append(
-            [
-                name,
-                *(f"{percentile(late, percent):.2f}" for percent in (50, 99, 100)),
-                f"{len(late)}",
-                f"{sum(each['lost_scans'] for each in rounds)}",
-                f"{100 * median([each['cpu'] for each in rounds]):.2f}",
-            ]
+        table.add(
+            name,
+            *(f"{percentile(late, percent):.2f}" for percent in (50, 99, 100)),
+            f"{len(late)}",
+            f"{sum(each['lost_scans'] for each in rounds)}",
+            f"{100 * median([each['cpu'] for each in rounds]):.2f}",
         )
     table.notes.append("over the scans of all rounds but the first five of each; busy: 20 ms of every 50 ms")
     return table

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from benchmarks.contest import entries, lost_scans, take_part
+from benchmarks.contest import compete, entries, lost_scans
 from benchmarks.processes import Player
 from benchmarks.report import Result, Setting, Table, median, ratio, spread
 from benchmarks.streams import LIVE, RATES
@@ -27,17 +27,14 @@ def run(setting: Setting) -> Result:
     found: dict[str, dict[str, list[dict[str, Any]]]] = {}
     absent = {f"{_SLOW_TO_OPEN}, 4ROS": "left out of a quick run"} if setting.quick else {}
     for rate in LIVE:
-        found[rate] = {}
+        taking_part = entries(rate, rivals=setting.peers is not None)
         with Player(rate) as player:
-            for number in range(rounds):
-                setting.say(f"live: {rate}, round {number + 1} of {rounds}")
-                for entry in entries(rate, rivals=setting.peers is not None):
-                    both = take_part(setting, entry, rate, player, absent, settle_s=window_s / 4, window_s=window_s)
-                    if both is not None:
-                        found[rate].setdefault(entry.name, []).append(_figures(rate, *both))
+            found[rate] = compete(
+                setting, "live", rate, player, taking_part, rounds, _figures, absent,
+                settle_s=window_s / 4, window_s=window_s,
+            )  # fmt: skip
     tables = [_table(rate, rounds) for rate, rounds in found.items()]
-    if absent:
-        tables[-1].notes += [f"absent: {who}: {why}" for who, why in absent.items()]
+    tables[-1].note_absent(absent)
     return Result("live", tables, {"rates": found, "absent": absent, "window_s": window_s})
 
 
@@ -60,19 +57,17 @@ def _table(rate: str, found: dict[str, list[dict[str, Any]]]) -> Table:
     baseline = [each["cpu"] for each in next(iter(found.values()), [])]
     for name, rounds in found.items():
         cpu = [each["cpu"] for each in rounds]
-        table.rows.append(
-            [
-                name,
-                spread([100 * each for each in cpu], 2),
-                ratio(cpu, baseline),
-                f"{median([each['wakeups'] for each in rounds]):.0f}",
-                f"{100 * median([each['samples_share'] for each in rounds]):.0f} %",
-                f"{sum(each['scans'] for each in rounds)}",
-                "–" if name == "PyLidar3" else f"{sum(each['lost_scans'] for each in rounds)}",
-                f"{sum(each['lost_bytes'] for each in rounds)}",
-                f"{median([each['first_scan_s'] for each in rounds]):.2f}",
-                f"{median([each['rss_mb'] for each in rounds]):.0f}",
-            ]
+        table.add(
+            name,
+            spread([100 * each for each in cpu], 2),
+            ratio(cpu, baseline),
+            f"{median([each['wakeups'] for each in rounds]):.0f}",
+            f"{100 * median([each['samples_share'] for each in rounds]):.0f} %",
+            f"{sum(each['scans'] for each in rounds)}",
+            "–" if name == "PyLidar3" else f"{sum(each['lost_scans'] for each in rounds)}",
+            f"{sum(each['lost_bytes'] for each in rounds)}",
+            f"{median([each['first_scan_s'] for each in rounds]):.2f}",
+            f"{median([each['rss_mb'] for each in rounds]):.0f}",
         )
     if rate == "4ROS":
         table.notes.append("PyLidar3 delivers pieces of 6000 bytes and 360 means of each, not scans and samples")

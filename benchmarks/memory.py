@@ -13,11 +13,11 @@ from typing import Any
 from benchmarks.contest import Entry, read_live
 from benchmarks.processes import Player, run_json
 from benchmarks.report import Result, Setting, Table
-from benchmarks.streams import RATES
 
 __all__ = ["run"]
 
 _PATIENCE_S = 400.0
+_RATE = "S2 DenseBoost"
 _BARE = """
 import json, resource{more}
 from pathlib import Path
@@ -33,38 +33,32 @@ def run(setting: Setting) -> Result:
         name: run_json([sys.executable, "-c", _BARE.format(more=more)], timeout=30)["rss_mb"]
         for name, more in (("Python", ""), ("Python and numpy", ", numpy"), ("import lidario", ", lidario"))
     }
-    driven: dict[str, dict[str, Any]] = {}
-    for rate in list(RATES)[:1]:
-        setting.say(f"memory: {rate}, {minutes[-1]:g} minutes driven")
-        task = {"rate": rate, "minutes": minutes, "trace": True}
-        command = [sys.executable, "-m", "benchmarks.driven"]
-        driven[rate] = run_json(command, timeout=_PATIENCE_S, given=task)
-    with Player("S2 DenseBoost") as player:
+    setting.say(f"memory: {_RATE}, {minutes[-1]:g} minutes driven")
+    command = [sys.executable, "-m", "benchmarks.driven"]
+    driven = run_json(command, timeout=_PATIENCE_S, given={"rate": _RATE, "minutes": minutes})
+    with Player(_RATE) as player:
         entry = Entry("lidario", latency=0.005)
-        live, _ = read_live(setting, entry, "S2 DenseBoost", player, settle_s=0.2, window_s=1.0)
-    data = {"bare": bare, "driven": driven, "live_rss_mb": live["rss_mb"]}
+        live, _ = read_live(setting, entry, _RATE, player, settle_s=0.2, window_s=1.0)
+    data = {"bare": bare, "driven": {_RATE: driven}, "live_rss_mb": live["rss_mb"]}
     return Result("memory", [_table(driven, bare, live["rss_mb"])], data)
 
 
-def _table(driven: dict[str, dict[str, Any]], bare: dict[str, float], live: float) -> Table:
+def _table(found: dict[str, Any], bare: dict[str, float], live: float) -> Table:
     columns = ["device", "RSS, MB", "later, MB", "after", "scans", "blocks left a revolution"]
     columns += ["bytes left", "peak a revolution, KiB", "of which the scan"]
     table = Table("memory: an hour, driven", columns)
-    for rate, found in driven.items():
-        first, last = found["samples"][0], found["samples"][-1]
-        table.rows.append(
-            [
-                rate,
-                f"{first['rss_mb']:.1f}",
-                f"{last['rss_mb']:.1f}",
-                f"{first['minute']:.1f} and {last['minute']:.1f} min",
-                f"{last['scans']:.0f}",
-                f"{(last['blocks'] - first['blocks']) / (last['scans'] - first['scans']):.4f}",
-                f"{found['left_bytes']:.0f}",
-                f"{found['peak_kib']:.0f}",
-                f"{found['scan_kib']:.0f}",
-            ]
-        )
+    first, last = found["samples"][0], found["samples"][-1]
+    table.add(
+        _RATE,
+        f"{first['rss_mb']:.1f}",
+        f"{last['rss_mb']:.1f}",
+        f"{first['minute']:.1f} and {last['minute']:.1f} min",
+        f"{last['scans']:.0f}",
+        f"{(last['blocks'] - first['blocks']) / (last['scans'] - first['scans']):.4f}",
+        f"{found['left_bytes']:.0f}",
+        f"{found['peak_kib']:.0f}",
+        f"{found['scan_kib']:.0f}",
+    )
     table.notes += [f"{name}: {size:.1f} MB" for name, size in bare.items()]
     table.notes.append(f"a process that reads one S2 live: {live:.1f} MB at its most")
     return table

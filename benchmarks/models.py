@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Final
+from typing import Final
 
-from benchmarks.streams import RATES, Kind, rplidar_kind
+from benchmarks.streams import RATES, Kind, rplidar_kind, simulated
 from lidario.families.camsense import device as camsense
 from lidario.families.hlds import device as hlds
 from lidario.families.hokuyo.commands import measure
@@ -23,7 +23,6 @@ from lidario.families.irobotix import device as irobotix
 from lidario.families.ldrobot.decode import PacketDecoder, TriangleDecoder
 from lidario.families.ldrobot.formats import PacketFormat, TriangleFormat
 from lidario.families.neato import device as neato
-from lidario.families.registry import family_of_simulated
 from lidario.families.rplidar.simulated.device import PROFILES
 from lidario.families.talking import Talkers
 from lidario.families.unasked import begin
@@ -49,10 +48,6 @@ class Sufferer:
     mode: str | None = None
 
 
-def _device(model: str) -> Any:
-    return family_of_simulated(model).simulate(model, spin_up=0.0)
-
-
 def _rplidar(model: str, mode_id: int) -> Kind:
     profile = PROFILES[model]
     mode = next(each for each in profile.modes if each.id == mode_id)
@@ -63,7 +58,7 @@ def _ydlidar(model: str) -> Kind:
     about = YDLIDARS[model]
     mode = ScanMode(0, "Standard", about.sample_us, about.reach, about.kind.response_type, typical=True)
     request: Callable[[StreamFormat], Request] = begin if about.one_way else ydlidar_commands.scan
-    device = partial(_device, f"ydlidar-{model}")
+    device = partial(simulated, f"ydlidar-{model}")
     return Kind(f"{about.title} points", "ydlidar", mode, device, about.kind.wire, about.kind.decoder, request)
 
 
@@ -71,15 +66,15 @@ def _ldrobot(model: str, title: str, rate: float, *, triangle: bool = False) -> 
     wire = TriangleFormat if triangle else PacketFormat
     mode = ScanMode(0, "Standard", 1e6 / rate, 12.0, wire.response_type, typical=True)
     decoder = TriangleDecoder if triangle else PacketDecoder
-    return Kind(f"{title} packets", "ldrobot", mode, partial(_device, model), wire, decoder, begin)
+    return Kind(f"{title} packets", "ldrobot", mode, partial(simulated, model), wire, decoder, begin)
 
 
-def _talker(talkers: Talkers, simulated: str, name: str) -> Kind:
+def _talker(talkers: Talkers, name_of_device: str, name: str) -> Kind:
     """One of a family whose models a table describes; `name` is that of its packets."""
-    model = talkers.models.get(simulated.partition("-")[2], talkers.all[-1])
+    model = talkers.models.get(name_of_device.partition("-")[2], talkers.all[-1])
     mode = ScanMode(0, "Standard", model.sample_us, model.reach, model.wire().response_type, typical=True)
     request = partial(begin, data=model.start)
-    return Kind(name, talkers.family, mode, partial(_device, simulated), model.wire, model.decoder, request)
+    return Kind(name, talkers.family, mode, partial(simulated, name_of_device), model.wire, model.decoder, request)
 
 
 def _urg() -> Kind:
@@ -89,7 +84,7 @@ def _urg() -> Kind:
         "URG-04LX blocks",
         "hokuyo",
         mode,
-        partial(_device, "hokuyo-urg04lx"),
+        partial(simulated, "hokuyo-urg04lx"),
         partial(DistanceFormat, field),
         partial(BlockDecoder, DistanceFormat, field),
         partial(measure, "MD", field.first, field.last),

@@ -21,11 +21,10 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from benchmarks.contest import late_by, lost_scans
-from benchmarks.processes import ROOT, Failed, Player, run_json
+from benchmarks.processes import ROOT, Failed, Player, Responder, run_json
 from benchmarks.report import Table, machine, median, percentile
 from benchmarks.streams import KINDS, LIVE, RATES, capture
 
@@ -65,47 +64,23 @@ class Checkout:
         return os.environ | {"PYTHONPATH": str(self.root)}
 
 
-class _Decoding:
+class _Decoding(Responder):
     """A process that decodes with the code of one checkout (`benchmarks.paired_worker`)."""
 
     def __init__(self, checkout: Checkout) -> None:
         self._name = checkout.name
         # -P: the folder of the script holds modules of this checkout.
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", str(ROOT / "benchmarks" / "paired_worker.py")],
-            cwd=checkout.root,
-            env=checkout.environment,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
+        command = [sys.executable, "-P", str(ROOT / "benchmarks" / "paired_worker.py")]
+        super().__init__(command, checkout.root, checkout.environment)
 
     def seconds(self, kind: str, path: Path, chunk: int, stream_s: float) -> float:
         """The least CPU time of a few passes over a stream."""
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        assert self._process.stderr is not None
         task = {"kind": kind, "path": str(path), "chunk": chunk, "seconds": stream_s, "passes": _PASSES}
         try:
-            self._process.stdin.write(json.dumps(task) + "\n")
-            self._process.stdin.flush()
-        except BrokenPipeError:
-            pass
-        line = self._process.stdout.readline()
-        if not line:
-            complaint = self._process.stderr.read().strip().splitlines()
-            raise Refused(f"{self._name} cannot decode {kind}: {complaint[-1] if complaint else 'it ended'}")
-        least: float = min(json.loads(line)["seconds"])
+            least: float = min(self.ask(json.dumps(task))["seconds"])
+        except Failed as failed:
+            raise Refused(f"{self._name} cannot decode {kind}: {failed}") from None
         return least
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._process.communicate()
 
 
 @contextmanager
@@ -166,7 +141,7 @@ def compare_decode(
         ["format, chunk of", *(f"{chunk} B" if chunk else "whole" for chunk in chunks)],
     )
     for kind in kinds:
-        table.rows.append([kind, *(_ratio(found[kind, chunk]) for chunk in chunks)])
+        table.add(kind, *(_ratio(found[kind, chunk]) for chunk in chunks))
     table.notes.append(f"median of the ratios of {rounds} rounds, and the ratio of the least times")
     return table
 
@@ -177,19 +152,19 @@ def _ratio(pairs: Sequence[tuple[float, float]]) -> str:
     return f"{median([new / old for old, new in pairs]):.2f}, {least:.2f}"
 
 
-def compare_live(old: Checkout, new: Checkout, rounds: int, window_s: float, rates: Sequence[str] = LIVE) -> Table:
+def compare_live(old: Checkout, new: Checkout, rounds: int, window_s: float) -> Table:
     """What reading costs and how late scans are, of both, for each device."""
     table = Table(
         f"paired: reading live at {_LATENCY_S * 1e3:g} ms, {new.name} and {old.name}",
         ["device", "CPU, new to old", "CPU, %: old, new", "wake-ups/s", "p50, ms", "p99, ms", "scans lost"],
     )
-    for rate in rates:
+    for rate in LIVE:
         found: dict[Checkout, list[dict[str, Any]]] = {old: [], new: []}
         with Player(rate) as player:
             for number in range(rounds):
                 for each in (old, new) if number % 2 else (new, old):
                     found[each].append(_read(each, rate, player, window_s))
-        table.rows.append(live_row(rate, found[old], found[new]))
+        table.add(*live_row(rate, found[old], found[new]))
     table.notes.append(
         f"each {rounds} times for {window_s:g} s, by turns; pairs are old, new; medians, delays of all scans"
     )

@@ -12,10 +12,11 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from benchmarks.processes import ROOT
+from benchmarks.processes import ROOT, Failed, run_json
 
-__all__ = ["Peer", "Peers", "set_up"]
+__all__ = ["Peer", "Peers", "package_of", "set_up"]
 
 _HOME = ROOT / "benchmarks" / ".peers"
 _REQUIREMENTS = ROOT / "benchmarks" / "requirements-peers.txt"
@@ -61,10 +62,30 @@ class Peers:
         """The command that runs one of our adapters in their environment, from the root of the repository."""
         return [str(_python()), "-m", f"benchmarks.adapters.{adapter}", *arguments]
 
-    def environment(self, name: str) -> dict[str, str]:
-        """The environment in which a contestant can be imported."""
+    def ask(self, contestant: str, adapter: str, task: dict[str, Any], *, timeout: float) -> dict[str, Any]:
+        """What an adapter prints that does `task` with a driver.
+
+        Args:
+            contestant: The name of the driver, with what our adapters tell its ways apart by.
+            adapter: The adapter.
+            task: What it is to do.
+            timeout: Seconds after which it is killed.
+
+        Raises:
+            Failed: It is absent, or did not get through; the text says why.
+        """
+        name = package_of(contestant)
+        if why := self.why_absent(name):
+            raise Failed(why)
         peer = self._peers.get(name)
-        return os.environ | {"PYTHONPATH": str(peer.folder) if peer else ""}
+        environment = os.environ | {"PYTHONPATH": str(peer.folder) if peer else ""}
+        given = {**task, "contestant": contestant}
+        return run_json(self.command(adapter), timeout=timeout, environment=environment, given=given)
+
+
+def package_of(contestant: str) -> str:
+    """What it is called on PyPI: one of them reads two families, in two ways."""
+    return contestant.removesuffix("-4ros")
 
 
 def set_up() -> Peers:

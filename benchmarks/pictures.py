@@ -9,8 +9,6 @@ from __future__ import annotations
 import asyncio
 import base64
 import io
-import signal
-import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -22,7 +20,7 @@ from rich.text import Text
 
 from benchmarks.browser import Browser, Page
 from benchmarks.picture_of_filters import SIZE, filters_page
-from benchmarks.processes import ROOT
+from benchmarks.processes import ROOT, started
 from lidario.cli.watch import Frame
 from lidario.web.feed import Feed
 
@@ -121,16 +119,10 @@ def _masks(browser: Browser, *, dark: bool) -> bytes:
 @contextmanager
 def _live(browser: Browser, source: str, *, width: int, height: int, dark: bool) -> Iterator[Page]:
     """The page of ``lidario view``."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "lidario", "view", source, "--port", "0"],
-        cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
-    )  # fmt: skip
-    assert process.stdout is not None
-    with process:
-        page = browser.open(process.stdout.readline().strip(), width=width, height=height, dark=dark)
+    with started("lidario", "view", source, "--port", "0") as (_, url):
+        page = browser.open(url, width=width, height=height, dark=dark)
         yield page
         page.close()
-        process.send_signal(signal.SIGINT)
 
 
 async def _frame() -> str:

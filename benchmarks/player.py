@@ -19,7 +19,6 @@ import contextlib
 import fcntl
 import json
 import os
-import resource
 import select
 import struct
 import sys
@@ -34,15 +33,16 @@ __all__ = ["main"]
 
 _IDLE_S = 0.05
 _READ = 4096
+_DELIVERY = 64
+"""Bytes written at once."""
 
 
 class Played:
     """One device on one pseudo-terminal."""
 
-    def __init__(self, rate: Rate, delivery: int, every_ns: int, speed: int, holds: int) -> None:
+    def __init__(self, rate: Rate, every_ns: int, speed: int, holds: int) -> None:
         self._rate = rate
         self._flat_out = not speed
-        self._delivery = delivery
         self._holds = holds
         self._every_ns = every_ns
         self._recording: Recording = recording(rate.kind)
@@ -95,7 +95,7 @@ class Played:
             return None
         if self._every_ns:
             return self._began_ns + (now - self._began_ns) // self._every_ns * self._every_ns + self._every_ns
-        return self._began_ns + (self.written + self._delivery) * 1_000_000_000 // self._bytes_per_s
+        return self._began_ns + (self.written + _DELIVERY) * 1_000_000_000 // self._bytes_per_s
 
     def send(self, now: int) -> None:
         """Write what has left the device by `now`."""
@@ -125,7 +125,7 @@ class Played:
     def _play(self, now: int) -> None:
         """Catch up with `now`: whole deliveries, or in one piece whatever is there."""
         ready = (now - self._began_ns) * self._bytes_per_s // 1_000_000_000 - self.written
-        step = ready if self._every_ns else self._delivery
+        step = ready if self._every_ns else _DELIVERY
         self.active_ns = now - self._began_ns
         behind = ready * 1_000_000_000 // self._bytes_per_s - self._every_ns
         self.late_ns = max(self.late_ns, behind if self.written else 0)
@@ -186,13 +186,8 @@ def _report(played: list[Played], cpu: float) -> dict[str, Any]:
         "written_bytes": [each.written for each in played],
         "active_s": [each.active_ns * 1e-9 for each in played],
         "late_ms": max(each.late_ns for each in played) / 1e6,
-        "cpu_s": _cpu() - cpu,
+        "cpu_s": time.process_time() - cpu,
     }
-
-
-def _cpu() -> float:
-    used = resource.getrusage(resource.RUSAGE_SELF)
-    return used.ru_utime + used.ru_stime
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -200,7 +195,6 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.player")
     parser.add_argument("rate", choices=sorted(RATES))
     parser.add_argument("--count", type=int, default=1)
-    parser.add_argument("--delivery", type=int, default=64, help="bytes written at once")
     parser.add_argument("--every", type=float, default=0.0, help="seconds: write all there is that often instead")
     parser.add_argument("--speed", type=int, default=1, help="times the true pace; 0: as fast as it is read")
     parser.add_argument(
@@ -209,11 +203,11 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     every_ns = round(options.every * 1e9)
     rate = RATES[options.rate]
-    played = [Played(rate, options.delivery, every_ns, options.speed, options.holds) for _ in range(options.count)]
+    played = [Played(rate, every_ns, options.speed, options.holds) for _ in range(options.count)]
     print(json.dumps([each.path for each in played]), flush=True)
     by_handle = {each.master: each for each in played}
     handles = [0, *by_handle]
-    cpu = _cpu()
+    cpu = time.process_time()
     with contextlib.suppress(KeyboardInterrupt):
         while True:
             now = time.monotonic_ns()
@@ -230,7 +224,7 @@ def main(arguments: list[str] | None = None) -> None:
                     return
                 else:
                     print(json.dumps(_report(played, cpu)), flush=True)
-                    cpu = _cpu()
+                    cpu = time.process_time()
                     for each in played:
                         each.renew()
             now = time.monotonic_ns()

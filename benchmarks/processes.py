@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-__all__ = ["ROOT", "Failed", "Player", "run_json"]
+__all__ = ["ROOT", "Failed", "Player", "Responder", "run_json", "started"]
 
 ROOT = Path(__file__).resolve().parent.parent
 _PATIENCE_S = 20.0
@@ -19,50 +22,40 @@ class Failed(Exception):
     """A process ended without a response; the text says why, on one line."""
 
 
-class Player:
-    """A process that plays devices of one kind; see `benchmarks.player`.
+class Responder:
+    """A process that responds to each line on its standard input with one of JSON, and ends with it.
 
-    Attributes:
-        paths: The pseudo-terminals, one a device.
+    Args:
+        command: The command.
+        folder: Its working directory.
+        environment: Its environment; None for ours.
     """
 
-    def __init__(
-        self,
-        rate: str,
-        count: int = 1,
-        *,
-        delivery: int = 64,
-        every: float = 0.0,
-        speed: int = 1,
-        holds: int = 0,
-    ) -> None:
-        command = [sys.executable, "-m", "benchmarks.player", rate, "--count", str(count)]
-        command += ["--delivery", str(delivery), "--every", str(every), "--speed", str(speed)]
-        command += ["--holds", str(holds)]
+    def __init__(self, command: list[str], folder: Path = ROOT, environment: dict[str, str] | None = None) -> None:
         self._process = subprocess.Popen(
-            command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1
-        )
-        self.paths: list[str] = self._response()
+            command, cwd=folder, env=environment, bufsize=1, text=True,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        )  # fmt: skip
 
-    def report(self) -> dict[str, Any]:
-        """What was played since the last report; afterwards all devices are as new."""
-        assert self._process.stdin is not None
-        self._process.stdin.write("\n")
-        self._process.stdin.flush()
-        report: dict[str, Any] = self._response()
-        return report
+    def ask(self, line: str = "") -> Any:
+        """What it responds to a line.
 
-    def close(self) -> None:
-        """End the process."""
+        Raises:
+            Failed: It has ended.
+        """
         assert self._process.stdin is not None
+        with contextlib.suppress(BrokenPipeError):
+            self._process.stdin.write(line + "\n")
+        return self.response()
+
+    def response(self) -> Any:
+        """The next line that it says; Failed: it has ended."""
         assert self._process.stdout is not None
-        self._process.stdin.close()
-        try:
-            self._process.wait(_PATIENCE_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-        self._process.stdout.close()
+        assert self._process.stderr is not None
+        line = self._process.stdout.readline()
+        if not line:
+            raise Failed(["it ended", *self._process.stderr.read().strip().splitlines()][-1])
+        return json.loads(line)
 
     def __enter__(self) -> Self:
         return self
@@ -70,14 +63,50 @@ class Player:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.close()
+        try:
+            self._process.communicate(timeout=_PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.communicate()
 
-    def _response(self) -> Any:
-        assert self._process.stdout is not None
-        line = self._process.stdout.readline()
-        if not line:
-            raise Failed("the player ended")
-        return json.loads(line)
+
+class Player(Responder):
+    """A process that plays devices of one kind; see `benchmarks.player`.
+
+    Attributes:
+        paths: The pseudo-terminals, one a device.
+    """
+
+    def __init__(self, rate: str, count: int = 1, *, every: float = 0.0, speed: int = 1, holds: int = 0) -> None:
+        told = [rate, "--count", str(count), "--every", str(every), "--speed", str(speed), "--holds", str(holds)]
+        super().__init__([sys.executable, "-m", "benchmarks.player", *told])
+        self.paths: list[str] = self.response()
+
+    def report(self) -> dict[str, Any]:
+        """What was played since the last report; afterwards all devices are as new."""
+        report: dict[str, Any] = self.ask()
+        return report
+
+
+@contextmanager
+def started(module: str, *arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """A module that runs until the block ends, and prints a line when it has begun: the process, and that line.
+
+    Raises:
+        Failed: It ended before.
+    """
+    with subprocess.Popen(
+        [sys.executable, "-m", module, *arguments],
+        cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+    ) as process:  # fmt: skip
+        assert process.stdout is not None
+        try:
+            line = process.stdout.readline().strip()
+            if not line:
+                raise Failed(f"{' '.join((module, *arguments[:1]))} did not begin")
+            yield process, line
+        finally:
+            process.terminate()
 
 
 def run_json(

@@ -14,26 +14,25 @@ from __future__ import annotations
 import asyncio
 import json
 import socket
-import subprocess
 import sys
 import time
 import timeit
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import replace
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from benchmarks.contest import Entry, read_live
-from benchmarks.processes import ROOT, Failed, Player
+from benchmarks.processes import Failed, Player, started
 from benchmarks.report import Result, Setting, Table, median, percentile, spread
+from benchmarks.usage import seconds_of, share_of
 from lidario import DeviceInfo, Health, HealthStatus, Scan, Stats
 from lidario.network.bus import Bus
 from lidario.network.messages import encode_scan
 from lidario.ros import Fleet, diagnostics, pointcloud2
 from lidario.ros.broadcast import Outlet
+from lidario.testing import make_scan
 
 __all__ = ["run"]
 
@@ -72,16 +71,16 @@ def _tables(data: dict[str, Any]) -> list[Table]:
     alone = median(cpu.get("scanning alone", []))
     for name, values in cpu.items():
         more = "" if name == "scanning alone" else f"{median(values) - alone:+.2f}"
-        costs.rows.append([name, spread(values, 2), more])
+        costs.add(name, spread(values, 2), more)
     many = Table(
         "Publishers of whole scans (29 kB, 10 Hz each) into one reader",
         ["publishers", "reader, CPU %", "router, CPU %", "latency p50, ms", "p99, ms", "scans", "lost"],
     )
     for count, found in data["many"].items():
-        many.rows.append([
+        many.add(
             count, f"{found['reader_cpu']:.1f}", f"{found['router_cpu']:.1f}", f"{found['p50_ms']:.2f}",
             f"{found['p99_ms']:.2f}", str(found["scans"]), str(found["lost"]),
-        ])  # fmt: skip
+        )  # fmt: skip
     made = Table(f"One scan of {SAMPLES} samples as a message, ms", ["", "best of five"])
     made.rows += [[name, f"{took:.4f}"] for name, took in data["message_ms"].items()]
     return [costs, many, made]
@@ -112,29 +111,14 @@ def _one_round(
         alone, _ = read_live(setting, entry, RATE, player, settle_s=0.5, window_s=window_s)[:2]
         cpu.setdefault("scanning alone", []).append(100 * alone["cpu"])
     for name, options in FORMS.items():
-        command = [sys.executable, "-m", "lidario", "publish", player.paths[0], *options, "--router", address]
-        with subprocess.Popen(
-            command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
-        ) as it:
-            try:
-                assert it.stdout is not None
-                it.stdout.readline()
-                time.sleep(2 * _SETTLE_S)
-                cpu.setdefault(name, []).append(100 * _share(it.pid, window_s))
-            finally:
-                it.terminate()
+        with started("lidario", "publish", player.paths[0], *options, "--router", address) as (it, _):
+            time.sleep(2 * _SETTLE_S)
+            cpu.setdefault(name, []).append(100 * share_of(it.pid, window_s))
 
 
 def _many(count: int, address: str, seconds: float, data: dict[str, Any]) -> dict[str, Any]:
-    command = [sys.executable, "-m", "benchmarks.publish", "send", address, str(count)]
-    with subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as sender:
-        try:
-            assert sender.stdout is not None
-            sender.stdout.readline()
-            return asyncio.run(_read(address, seconds, data["router"]))
-        finally:
-            assert sender.stdin is not None
-            sender.stdin.close()
+    with started("benchmarks.publish", "send", address, str(count)):
+        return asyncio.run(_read(address, seconds, data["router"]))
 
 
 async def _read(address: str, seconds: float, router_pid: int) -> dict[str, Any]:
@@ -149,13 +133,13 @@ async def _read(address: str, seconds: float, router_pid: int) -> dict[str, Any]
                 if began:
                     break
                 began, until = now, now + seconds
-                own, router, lost = time.process_time(), _on_processor(router_pid), fleet.lost + fleet.dropped
+                own, router, lost = time.process_time(), seconds_of(router_pid), fleet.lost + fleet.dropped
             elif began:
                 late.append((time.time_ns() - each.sent_ns) * 1e-6)
         took = loop.time() - began
         return {
             "reader_cpu": 100 * (time.process_time() - own) / took,
-            "router_cpu": 100 * (_on_processor(router_pid) - router) / took,
+            "router_cpu": 100 * (seconds_of(router_pid) - router) / took,
             "p50_ms": percentile(late, 50),
             "p99_ms": percentile(late, 99),
             "scans": len(late),
@@ -164,29 +148,22 @@ async def _read(address: str, seconds: float, router_pid: int) -> dict[str, Any]
 
 
 async def _send(address: str, count: int) -> None:
-    """Publish until standard input is closed; each publisher at its own moment."""
+    """Publish for ever; each publisher at its own moment."""
     buses = [await Bus.open(address) for _ in range(count)]
     outlets = [Outlet(bus.sender(f"bench/{n}/scan"), n.to_bytes(16, "little")) for n, bus in enumerate(buses)]
     message = encode_scan(_scan())
     loop = asyncio.get_running_loop()
-    ended = loop.run_in_executor(None, sys.stdin.read)
     print("ready", flush=True)
     begin, number = loop.time(), 0
-    while not ended.done():
+    while True:
         outlets[number % count].send(message)
         number += 1
         await asyncio.sleep(max(0.0, begin + number / (count * HERTZ) - loop.time()))
-    for bus in buses:
-        await bus.close()
 
 
 def _scan() -> Scan:
-    angles = np.linspace(0, 359.9, SAMPLES, dtype=np.float32)
-    strengths = np.full(SAMPLES, 47, np.uint8)
-    made = Scan(
-        angles, np.full(SAMPLES, 3000, np.float32), strengths, 0, 0, 31250, 10**8, 600.0, 0, 0, 0, "DenseBoost"
-    )
-    return replace(made, max_range=30.0)
+    angles = np.radians(np.linspace(0, 359.9, SAMPLES))
+    return make_scan(-angles, 3.0, intensities=47, mode="DenseBoost", max_range=30.0)
 
 
 @contextmanager
@@ -195,17 +172,10 @@ def _router(data: dict[str, Any] | None = None) -> Iterator[str]:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         address = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-    command = [sys.executable, "-m", "benchmarks.publish", "router", address]
-    with subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            process.stdout.readline()
-            if data is not None:
-                data["router"] = process.pid
-            yield address
-        finally:
-            assert process.stdin is not None
-            process.stdin.close()
+    with started("benchmarks.publish", "router", address) as (process, _):
+        if data is not None:
+            data["router"] = process.pid
+        yield address
 
 
 def _route(address: str) -> None:
@@ -219,18 +189,6 @@ def _route(address: str) -> None:
         stack.enter_context(zenoh.open(config))
         print("ready", flush=True)
         sys.stdin.read()
-
-
-def _share(pid: int, window_s: float) -> float:
-    """The share of a core that all threads of a process took."""
-    begin, before = time.perf_counter(), _on_processor(pid)
-    time.sleep(window_s)
-    return (_on_processor(pid) - before) / (time.perf_counter() - begin)
-
-
-def _on_processor(pid: int) -> float:
-    """Seconds; the kernel counts nanoseconds for each thread."""
-    return sum(int(each.read_text().split()[0]) for each in Path(f"/proc/{pid}/task").glob("*/schedstat")) * 1e-9
 
 
 if __name__ == "__main__":

@@ -8,13 +8,12 @@ sees it when the revolution is whole. One that reads sectors sees it when the ro
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 from bisect import bisect_left
 from typing import Any
 
 from benchmarks.contest import late_by
-from benchmarks.processes import ROOT, Failed, run_json
+from benchmarks.processes import run_json, started
 from benchmarks.report import Result, Setting, Table, median, percentile, spread
 
 __all__ = ["HERTZ", "run"]
@@ -26,7 +25,7 @@ _EARLY_NS = 30_000_000
 _LATEST_NS = 240_000_000
 _SKIP = 8
 """First records that do not count: caches are cold, and nothing is known of the rotor yet."""
-_WORKER = (sys.executable, "-m", "benchmarks.reaction_worker")
+_WORKER = "benchmarks.reaction_worker"
 
 
 def run(setting: Setting) -> Result:
@@ -42,19 +41,10 @@ def run(setting: Setting) -> Result:
 
 
 def _measure(hertz: int, how: str, window_s: float) -> dict[str, Any]:
-    with subprocess.Popen(
-        [*_WORKER, "device"], cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1
-    ) as device:
-        assert device.stdin is not None
-        assert device.stdout is not None
-        try:
-            path = json.loads(device.stdout.readline() or "null")
-            if path is None:
-                raise Failed("the simulated device ended")
-            task = {"path": path, "hertz": hertz, "how": how, "window_s": window_s}
-            got = run_json([*_WORKER, "reader", json.dumps(task)], timeout=window_s + 30)
-        finally:
-            told = json.loads(device.communicate("\n", timeout=30)[0] or "{}")
+    with started(_WORKER, "device") as (device, path):
+        task = {"path": path, "hertz": hertz, "how": how, "window_s": window_s}
+        got = run_json([sys.executable, "-m", _WORKER, "reader"], timeout=window_s + 30, given=task)
+        told = json.loads(device.communicate("\n", timeout=30)[0])
     begin, end = got["window"][0], min(got["window"][1], *told["noted"])
     within = [at for at in told["shown"] if begin < at < end - _LATEST_NS]
     late = [reaction for at in within if (reaction := _reaction(at, got["stops"])) is not None]
@@ -90,15 +80,13 @@ def _table(found: dict[str, list[dict[str, Any]]]) -> Table:
         late = [each for one in rounds for each in one["late_ms"]]
         delays = [each for one in rounds for each in one["delay_ms"]]
         shown = sum(each["shown"] for each in rounds)
-        table.rows.append(
-            [
-                name,
-                *(f"{percentile(late, percent):.1f}" for percent in (50, 99, 100)),
-                f"{shown}",
-                f"{shown - len(late)}",
-                f"{percentile(delays, 50):.1f}, {percentile(delays, 99):.1f}",
-                spread([100 * each["cpu"] for each in rounds], 2),
-            ]
+        table.add(
+            name,
+            *(f"{percentile(late, percent):.1f}" for percent in (50, 99, 100)),
+            f"{shown}",
+            f"{shown - len(late)}",
+            f"{percentile(delays, 50):.1f}, {percentile(delays, 99):.1f}",
+            spread([100 * each["cpu"] for each in rounds], 2),
         )
     for hertz in HERTZ:
         both = [found.get(f"{hertz} Hz, {how}") for how in _WAYS]

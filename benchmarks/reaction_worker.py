@@ -12,11 +12,9 @@ from __future__ import annotations
 import asyncio
 import json
 import random
-import resource
 import sys
 import time
 from bisect import bisect_left
-from collections.abc import AsyncIterator
 from dataclasses import replace
 from typing import Any
 
@@ -24,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 import lidario
+from benchmarks.usage import Usage
 from lidario.families.rplidar.simulated.device import SimulatedRplidar
 from lidario.families.rplidar.simulated.profiles import PROFILES
 from lidario.sim.serve import PtyServer
@@ -122,7 +121,7 @@ def device() -> None:
     made = SimulatedRplidar(replace(PROFILES["rplidar-s2"], speed_conf=(600, 400, 1200)), world=_Surprises())
     made.spin_up_s = 0.0
     with _Noting(made, tick=0.001, chunk=64) as server:
-        print(json.dumps(server.path), flush=True)
+        print(server.path, flush=True)
         sys.stdin.readline()
         print(json.dumps(_report(server)), flush=True)
 
@@ -135,22 +134,16 @@ async def read(task: dict[str, Any]) -> dict[str, Any]:
         await lidar.set_scan_frequency(task["hertz"], verify=False)
         stream: Any = lidar.sectors() if task["how"] == "sectors" else lidar.scans()
         await anext(stream)
-        start, before = time.monotonic_ns(), resource.getrusage(resource.RUSAGE_SELF)
-        async for record in _until(stream, start + round(task["window_s"] * 1e9)):
+        usage = Usage()
+        while usage.seconds() < task["window_s"]:
+            record = await anext(stream)
             arrivals.append(time.monotonic_ns())
             nearest = record.nearest()
             if nearest and nearest.range < NEAR_M:
                 stops.append(time.monotonic_ns())
-        after, end = resource.getrusage(resource.RUSAGE_SELF), time.monotonic_ns()
+        used = usage.figures()
         await stream.aclose()
-    used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    seconds = (end - start) * 1e-9
-    return {"stops": stops, "arrivals": arrivals, "cpu": used / seconds, "window": [start, end]}
-
-
-async def _until(stream: Any, end_ns: int) -> AsyncIterator[Any]:
-    while time.monotonic_ns() < end_ns:
-        yield await anext(stream)
+    return {"stops": stops, "arrivals": arrivals, **used}
 
 
 def main(words: list[str]) -> None:

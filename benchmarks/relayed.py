@@ -10,40 +10,45 @@ __all__ = ["Relayed"]
 
 
 class Relayed:
-    """Passes everything on, both ways; obeys `lidario.sim.device.SimulatedDevice`."""
+    """Passes everything on, both ways; obeys `lidario.sim.device.SimulatedDevice`.
 
-    def __init__(self, device: Any) -> None:
-        self._device = device
+    Args:
+        device: The device at the other end.
+        step_ns: While it scans it has something to say only so often: fewer deliveries make a day shorter.
+
+    Attributes:
+        device: The device at the other end.
+    """
+
+    def __init__(self, device: Any, step_ns: int = 1) -> None:
+        self.device: Any = device
+        self._step_ns = step_ns
 
     @property
     def baudrate(self) -> int:
-        """As the device."""
-        return int(self._device.baudrate)
+        return int(self.device.baudrate)
 
     @property
     def log(self) -> list[Received]:
-        """As the device."""
-        return list(self._device.log)
+        return list(self.device.log)
 
     @property
     def scanning(self) -> bool:
-        """As the device."""
-        return bool(self._device.scanning)
+        return bool(self.device.scanning)
 
     @property
     def motor_on(self) -> bool:
-        """As the device."""
-        return bool(self._device.motor_on)
+        return bool(self.device.motor_on)
 
     def receive(self, data: bytes, now: int) -> None:
-        """As the device."""
-        self._device.receive(data, now)
+        self.device.receive(data, now)
 
     def transmit(self, now: int) -> bytes:
-        """As the device."""
-        return bytes(self._device.transmit(now))
+        return bytes(self.device.transmit(now))
 
     def wakeup(self, now: int) -> int | None:
-        """As the device."""
-        at: int | None = self._device.wakeup(now)
-        return at
+        """As the device, at whole steps."""
+        return self._in_steps(self.device.wakeup(now))
+
+    def _in_steps(self, at: int | None) -> int | None:
+        return at if at is None or not self.scanning else -(-at // self._step_ns) * self._step_ns

@@ -11,7 +11,7 @@ import platform
 import statistics
 import subprocess
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.peers import Peers
+from benchmarks.processes import Failed
 
 __all__ = ["Result", "Setting", "Table", "machine", "median", "percentile", "ratio", "spread", "thinned"]
 
@@ -41,6 +42,12 @@ class Setting:
         """Whether each of the words is in one of the names."""
         return all(any(word in name for name in names) for word in self.words)
 
+    def ask_peer(self, contestant: str, adapter: str, task: dict[str, Any], *, timeout: float) -> dict[str, Any]:
+        """As `Peers.ask`; one that is left out is absent."""
+        if self.peers is None:
+            raise Failed("left out")
+        return self.peers.ask(contestant, adapter, task, timeout=timeout)
+
     def say(self, what: str) -> None:
         """Tell what is going on, on standard error."""
         os.write(2, f"[{time.strftime('%H:%M:%S')}] {what}\n".encode())
@@ -54,6 +61,14 @@ class Table:
     columns: Sequence[str]
     rows: list[list[str]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+
+    def add(self, *cells: str) -> None:
+        """Add a row."""
+        self.rows.append(list(cells))
+
+    def note_absent(self, absent: Mapping[str, str]) -> None:
+        """Say below it who is absent, and why."""
+        self.notes += [f"absent: {who}: {why}" for who, why in absent.items()]
 
     def markdown(self) -> str:
         """As text that is Markdown and can be read as it is."""

@@ -71,17 +71,15 @@ def _table(found: dict[str, list[dict[str, Any]]], broken: dict[str, str]) -> Ta
     for name, rounds in found.items():
         late = [each for one in rounds for each in one["late_ms"]]
         cpu = [100 * each["cpu"] for each in rounds]
-        table.rows.append(
-            [
-                name,
-                spread(cpu, 1),
-                f"{median(cpu) / rounds[0]['lidars']:.2f}",
-                f"{median([each['wakeups'] for each in rounds]):.0f}",
-                *(f"{percentile(late, percent):.1f}" for percent in (50, 99, 100)),
-                *(f"{sum(each[key] for each in rounds)}" for key in _SUMS),
-                f"{median([each['rss_mb'] for each in rounds]):.0f}",
-                f"{max(each['player_late_ms'] for each in rounds):.1f}",
-            ]
+        table.add(
+            name,
+            spread(cpu, 1),
+            f"{median(cpu) / rounds[0]['lidars']:.2f}",
+            f"{median([each['wakeups'] for each in rounds]):.0f}",
+            *(f"{percentile(late, percent):.1f}" for percent in (50, 99, 100)),
+            *(f"{sum(each[key] for each in rounds)}" for key in _SUMS),
+            f"{median([each['rss_mb'] for each in rounds]):.0f}",
+            f"{max(each['player_late_ms'] for each in rounds):.1f}",
         )
     table.notes.append("latency counts from the write of the delivery that completes a revolution")
     table.notes += [f"{name}: {why}" for name, why in broken.items()]

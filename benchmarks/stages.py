@@ -187,13 +187,11 @@ def _table(found: dict[str, dict[str, list[float]]]) -> Table:
     for name, stages in found.items():
         medians = [median(stages[stage]) for stage in STAGES]
         whole = sum(medians)
-        table.rows.append(
-            [
-                name,
-                f"{whole:.0f}",
-                *(f"{each:.0f}" for each in medians),
-                *(f"{100 * each / whole:.0f}" for each in medians),
-            ]
+        table.add(
+            name,
+            f"{whole:.0f}",
+            *(f"{each:.0f}" for each in medians),
+            *(f"{100 * each / whole:.0f}" for each in medians),
         )
     return table
 

@@ -13,8 +13,8 @@ import sys
 import time
 
 from benchmarks import opening
-from benchmarks.contest import Entry, read_live
-from benchmarks.processes import ROOT, Failed, Player
+from benchmarks.contest import Entry, compete
+from benchmarks.processes import ROOT, Player
 from benchmarks.report import Result, Setting, Table, ratio, spread
 from benchmarks.streams import LIVE
 
@@ -41,17 +41,14 @@ def run(setting: Setting) -> Result:
                 _time_process(name, arguments, processes, failed)
     opened: dict[str, list[float]] = {}
     for rate in list(LIVE)[: 1 if setting.quick else None]:
-        setting.say(f"start: {rate}")
         rivals = [Entry("pyrplidarsdk (C++)", "pyrplidarsdk")] if setting.peers and rate != "4ROS" else []
+        taking_part = [Entry("lidario", latency=0.005), *rivals]
         with Player(rate) as player:
-            for _ in range(rounds if rounds < 5 else 5):
-                for entry in (Entry("lidario", latency=0.005), *rivals):
-                    try:
-                        got, _ = read_live(setting, entry, rate, player, settle_s=0.0, window_s=0.1)
-                    except Failed as error:
-                        failed[f"{entry.name}, {rate}"] = str(error)
-                        continue
-                    opened.setdefault(f"{rate}, {entry.name}", []).append(got["first_scan_s"])
+            found = compete(
+                setting, "start", rate, player, taking_part, min(rounds, 5), lambda _, got, __: got, failed,
+                settle_s=0.0, window_s=0.1,
+            )  # fmt: skip
+        opened |= {f"{rate}, {name}": [each["first_scan_s"] for each in times] for name, times in found.items()}
     driven, driven_s = opening.table()
     tables = [_process_table(processes, failed), _open_table(opened), driven]
     data = {"processes": processes, "first_scan_s": opened, "driven_first_scan_s": driven_s, "failed": failed}
@@ -72,7 +69,7 @@ def _process_table(processes: dict[str, list[float]], failed: dict[str, str]) ->
     table = Table("start: processes", ["process", "ms", "python -c pass = 1"])
     for name, times in processes.items():
         baseline = processes.get("python -c pass", [])
-        table.rows.append([name, spread([1000 * each for each in times], 0), ratio(times, baseline)])
+        table.add(name, spread([1000 * each for each in times], 0), ratio(times, baseline))
     table.notes += [f"failed: {name}: {why}" for name, why in failed.items()]
     return table
 

@@ -17,6 +17,7 @@ from itertools import pairwise
 from typing import Any
 
 from lidario.families.base import Decoder, Stream
+from lidario.families.registry import family_of_simulated
 from lidario.families.rplidar import commands as rplidar_commands
 from lidario.families.rplidar.decode import DECODERS
 from lidario.families.rplidar.formats import FORMATS
@@ -24,7 +25,6 @@ from lidario.families.rplidar.simulated.device import PROFILES, Mode, Profile, S
 from lidario.families.ydlidar import commands as ydlidar_commands
 from lidario.families.ydlidar.decode import PointCloudDecoder
 from lidario.families.ydlidar.formats import PointCloud
-from lidario.families.ydlidar.simulated.device import make_simulated as make_4ros
 from lidario.model import ScanMode
 from lidario.wire.blocks import Block, join_blocks, packet_offsets
 from lidario.wire.envelope import DESCRIPTOR_SIZE, Request
@@ -32,7 +32,18 @@ from lidario.wire.events import Packets
 from lidario.wire.formats import BEGINS, StreamFormat
 from lidario.wire.link import Link
 
-__all__ = ["KINDS", "LIVE", "RATES", "Kind", "Rate", "Recording", "capture", "recording", "rplidar_kind"]
+__all__ = [
+    "KINDS",
+    "LIVE",
+    "RATES",
+    "Kind",
+    "Rate",
+    "Recording",
+    "capture",
+    "recording",
+    "rplidar_kind",
+    "simulated",
+]
 
 _STEP_NS = 10_000_000
 _NAMES = {0x81: "nodes", 0x82: "express", 0x83: "HQ", 0x84: "ultra", 0x85: "dense", 0x86: "ultra-dense"}
@@ -116,10 +127,9 @@ def _rplidar(profile: Profile) -> SimulatedRplidar:
     return device
 
 
-def _4ros() -> Any:
-    device = make_4ros("ydlidar-4ros")
-    device.spin_up_s = 0.0
-    return device
+def simulated(model: str) -> Any:
+    """A simulated device of that name, whose rotor needs no time to speed up."""
+    return family_of_simulated(model).simulate(model, spin_up=0.0)
 
 
 def rplidar_kind(name: str, profile: Profile, mode: Mode) -> Kind:
@@ -132,7 +142,8 @@ def rplidar_kind(name: str, profile: Profile, mode: Mode) -> Kind:
 
 def _4ros_kind(name: str) -> Kind:
     about = ScanMode(0, "Standard", 50.0, 30.0, 0x81, typical=True)
-    return Kind(name, "ydlidar", about, _4ros, PointCloud, PointCloudDecoder, ydlidar_commands.scan)
+    device = partial(simulated, "ydlidar-4ros")
+    return Kind(name, "ydlidar", about, device, PointCloud, PointCloudDecoder, ydlidar_commands.scan)
 
 
 def _kinds() -> dict[str, Kind]:

@@ -52,7 +52,7 @@ def run(setting: Setting) -> Result:
         for form in FORMATS.values():
             ways = [way for way in WAYS if setting.selects(form.name, case.name, way)]
             for way, found, vendor in judged(case, form, ways):
-                table.rows.append([f"{form.name}, {case.name}, {way}", *_cells(found, vendor)])
+                table.add(f"{form.name}, {case.name}, {way}", *_cells(found, vendor))
                 rows.append({"format": form.name, "case": case.name, "way": way, **found.row(), "vendor": vendor})
     table.notes += [
         "wrong: samples more than a degree off; mixed: of another revolution than their scan; twice: once more",
@@ -72,15 +72,13 @@ def _summed(rows: list[dict[str, Any]]) -> Table:
         whole = Counter({name: value for name, value in row.items() if isinstance(value, int)})
         sums.setdefault((row["case"], row["way"]), Counter()).update(whole)
     for names, each in sums.items():
-        table.rows.append(
-            [
-                ", ".join(names),
-                f"{100 * each['kept'] / each['samples']:.1f} %",
-                f"{each['wrong']}, {each['mixed']}, {each['twice']}",
-                f"{each['delivered']} of {each['revolutions']}",
-                f"{each['missing']}, {each['told']}",
-                f"{each['missing_revolutions']}, {each['told_revolutions']}",
-            ]
+        table.add(
+            ", ".join(names),
+            f"{100 * each['kept'] / each['samples']:.1f} %",
+            f"{each['wrong']}, {each['mixed']}, {each['twice']}",
+            f"{each['delivered']} of {each['revolutions']}",
+            f"{each['missing']}, {each['told']}",
+            f"{each['missing_revolutions']}, {each['told_revolutions']}",
         )
     return table
 

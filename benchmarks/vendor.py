@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from statistics import median
 from typing import Any
 
-from benchmarks.processes import Failed, run_json
+from benchmarks.processes import Failed
 from benchmarks.report import Result, Setting, Table
 from lidario import LidarError, open_lidar
 from lidario.families.rplidar.simulated.device import PROFILES, Mode, Profile, SimulatedRplidar
@@ -115,7 +115,7 @@ def run(setting: Setting) -> Result:
     for name in names:
         setting.say(f"vendor: {name}")
         runs[name] = _drive(setting, name)
-        table.rows.append(_row(name, runs[name]))
+        table.add(*_row(name, runs[name]))
     table.notes += [
         "discarded: requests that the device discarded, less the question for an Ethernet address (conf 0x79), to "
         "which a serial device is silent; it costs the driver 0.5 s at each start",
@@ -127,7 +127,6 @@ def run(setting: Setting) -> Result:
 
 
 def _drive(setting: Setting, name: str) -> Run:
-    assert setting.peers is not None
     device = SimulatedRplidar(PROFILES[name], world=make_world("circle"))
     with _served(device) as server:
         task: dict[str, Any] = {"baudrate": device.baudrate, "scans": 10, "patience_s": 8.0}
@@ -136,12 +135,7 @@ def _drive(setting: Setting, name: str) -> Run:
         else:
             task["host"], task["port"] = server.address
         try:
-            told = run_json(
-                setting.peers.command("vendor"),
-                timeout=40.0,
-                environment=setting.peers.environment(_PEER),
-                given=task,
-            )
+            told = setting.ask_peer(_PEER, "vendor", task, timeout=40.0)
         except Failed as failed:
             return Run(device, {}, str(failed), _ours(name))
     return Run(device, told, ours=_ours(name))

@@ -10,30 +10,28 @@ revolution to the end of the drawing, by the one clock of this machine.
 from __future__ import annotations
 
 import asyncio
-import signal
 import struct
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from websockets.asyncio.client import connect as connect_async
-from websockets.exceptions import InvalidStatus, WebSocketException
+from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
 from websockets.typing import Origin
 
 from benchmarks.browser import Browser, find_browser
 from benchmarks.contest import Entry, read_live
-from benchmarks.processes import ROOT, Failed, Player
+from benchmarks.processes import Failed, Player, started
 from benchmarks.report import Result, Setting, Table, median, percentile, spread
+from benchmarks.usage import resident_mb, share_of
 from lidario import Scan
+from lidario.testing import make_scan
 from lidario.web.feed import Feed
-from lidario.web.frames import Mount
 from lidario.web.server import LiveServer
 
 __all__ = ["grown", "run", "table_of"]
@@ -64,9 +62,8 @@ def run(setting: Setting) -> Result:
             data["paint_ms"] = _painted(player.paths[0], window_s)
         player.report()
         data["stalled"] = _beside_a_stalled_one(player.paths[0], window_s)
-        data["refused"] = _refused(player.paths[0])
     setting.say("view: ten minutes' scans")
-    data["growth_kb"], data["refused"]["a wrong token"] = asyncio.run(grown(200 if setting.quick else _TEN_MINUTES))
+    data["growth_kb"] = asyncio.run(grown(200 if setting.quick else _TEN_MINUTES))
     return Result("view", [table_of(data)], data)
 
 
@@ -82,26 +79,15 @@ def _one_round(setting: Setting, player: Player, window_s: float, data: dict[str
             with ExitStack() as stack:
                 watching = [stack.enter_context(_viewer(url)) for _ in range(viewers)]
                 time.sleep(0.5)
-                note(f"viewers: {viewers}", _share(process.pid, window_s))
+                note(f"viewers: {viewers}", share_of(process.pid, window_s))
             data["arrival_ms"] += [late for each in watching for late in each]
 
 
 @contextmanager
 def _viewing(path: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """``lidario view`` as a process, and its address."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "lidario", "view", f"serial://{path}?baud=1000000&family=rplidar", "--port", "0"],
-        cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
-    )  # fmt: skip
-    assert process.stdout is not None
-    with process:
-        try:
-            url = process.stdout.readline().strip()
-            if not url:
-                raise Failed("lidario view did not begin")
-            yield process, url
-        finally:
-            process.send_signal(signal.SIGINT)
+    with started("lidario", "view", f"serial://{path}?baud=1000000&family=rplidar", "--port", "0") as viewing:
+        yield viewing
 
 
 @contextmanager
@@ -130,18 +116,6 @@ def _viewer(url: str, *, confirms: bool = True) -> Iterator[list[float]]:
         thread.join()
 
 
-def _share(pid: int, window_s: float) -> float:
-    """The share of a core that all threads of a process took."""
-    begin, before = time.perf_counter(), _on_processor(pid)
-    time.sleep(window_s)
-    return (_on_processor(pid) - before) / (time.perf_counter() - begin)
-
-
-def _on_processor(pid: int) -> float:
-    """Seconds; the kernel counts nanoseconds for each thread."""
-    return sum(int(each.read_text().split()[0]) for each in Path(f"/proc/{pid}/task").glob("*/schedstat")) * 1e-9
-
-
 def _painted(path: str, window_s: float) -> list[float]:
     """Milliseconds from the end of each revolution to the end of its drawing."""
     found: list[float] = []
@@ -168,46 +142,23 @@ def _beside_a_stalled_one(path: str, window_s: float) -> dict[str, float]:
                 late = stack.enter_context(_viewer(url))
                 time.sleep(0.5)
                 before = len(late)
-                found[f"{name}, CPU"] = 100 * _share(process.pid, window_s)
+                found[f"{name}, CPU"] = 100 * share_of(process.pid, window_s)
                 found[name] = (len(late) - before) / window_s
     return found
 
 
-def _refused(path: str) -> dict[str, int]:
-    """The HTTP status that strangers get."""
-    found = {}
-    with _viewing(path) as (_, url):
-        for name, origin in (("another origin", "http://evil.example"), ("no origin", None)):
-            try:
-                with connect(
-                    "ws" + url.removeprefix("http") + "live", origin=Origin(origin) if origin else None, proxy=None
-                ):
-                    found[name] = 101
-            except InvalidStatus as error:
-                found[name] = error.response.status_code
-    return found
-
-
-async def grown(scans: int) -> tuple[float, int]:
-    """How much more memory is resident after so many scans, in kB; and the status that a wrong token gets.
-
-    One viewer reads, and one does not.
-    """
-    status = 101
+async def grown(scans: int) -> float:
+    """How much more memory is resident after so many scans, in kB, while one viewer reads and one does not."""
     feed = Feed("x")
-    async with LiveServer([feed], [Mount()], host="127.0.0.1", port=0, token="token") as server:
-        try:
-            await connect_async(f"ws://localhost:{server.port}/live?token=wrong", proxy=None)
-        except InvalidStatus as error:
-            status = error.response.status_code
+    async with LiveServer([feed], host="127.0.0.1", port=0) as server:
         host = f"http://localhost:{server.port}"
-        address = f"ws://localhost:{server.port}/live?token=token"
+        address = f"ws://localhost:{server.port}/live"
         options: dict[str, Any] = {"origin": Origin(host), "compression": None, "proxy": None}
         async with connect_async(address, **options) as reading, connect_async(address, **options):
-            begun = 0
+            begun = 0.0
             for number in range(-50, scans):
                 if number == 0:
-                    begun = _resident_kb()
+                    begun = resident_mb()
                 feed.latest = _scan(number + 50)
                 server.publish_scan(feed)
                 while isinstance(await reading.recv(), str):
@@ -215,25 +166,16 @@ async def grown(scans: int) -> tuple[float, int]:
                 await reading.send("a")
                 # Slower than the server lets a viewer talk.
                 await asyncio.sleep(1 / _SCANS_A_SECOND)
-            return _resident_kb() - begun, status
+            return (resident_mb() - begun) * 1024
 
 
 def _scan(number: int) -> Scan:
-    angles = np.linspace(0, 360, 3200, endpoint=False, dtype=np.float32)
-    return Scan(
-        device_angles=angles, device_distances=np.full(3200, 1000 + number % 100, np.float32), intensities=None,
-        stamp_ns=0, wall_stamp_ns=0, time_increment_ns=31250, duration_ns=100_000_000, rpm=600.0, seq=number,
-        dropped_before=0, lost_packets=0, mode="DenseBoost",
-    )  # fmt: skip
-
-
-def _resident_kb() -> int:
-    return int(Path("/proc/self/status").read_text().partition("VmRSS:")[2].split()[0])
+    return make_scan(-np.radians(np.arange(3200) * 360 / 3200), 1.0 + number % 100 / 1000, seq=number)
 
 
 async def _page_bytes() -> int:
     """What a browser is sent."""
-    async with LiveServer([], [], host="127.0.0.1", port=0) as server:
+    async with LiveServer([], host="127.0.0.1", port=0) as server:
         reader, writer = await asyncio.open_connection("127.0.0.1", server.port)
         writer.write(f"GET / HTTP/1.1\r\nHost: localhost:{server.port}\r\n\r\n".encode())
         _, _, body = (await reader.read()).partition(b"\r\n\r\n")
@@ -246,23 +188,21 @@ def table_of(data: dict[str, Any]) -> Table:
     table = Table("view: the live page, S2 at 32 kS/s", ["what", "found", "aim"])
     cpu = data["cpu"]
     alone = cpu.get("viewers: 0", [])
-    table.rows.append(["page", f"{data['page_bytes'] / 1000:.1f} kB", "under 25 kB"])
+    table.add("page", f"{data['page_bytes'] / 1000:.1f} kB", "under 25 kB")
     aims = {"viewers: 1": "0.5 % more", "viewers: 3": "0.8 % more"}
     for name, values in cpu.items():
         more = [value - base for value, base in zip(values, alone, strict=False)]
         text = f"{spread(values, 2)} %" + (f", {median(more):+.2f} %" if name in aims else "")
-        table.rows.append([f"CPU of the server, {name}, % of a core", text, aims.get(name, "")])
+        table.add(f"CPU of the server, {name}, % of a core", text, aims.get(name, ""))
     late, paint = data["arrival_ms"], data["paint_ms"]
     arrived = f"{median(late):.1f} ms, 95 %: {percentile(late, 95):.1f}"
-    table.rows.append(["end of revolution to viewer", arrived, ""])
+    table.add("end of revolution to viewer", arrived, "")
     painted = f"{median(paint):.1f} ms, 95 %: {percentile(paint, 95):.1f}" if paint else "not run: no Chromium"
-    table.rows.append(["end of revolution to picture", painted, ""])
+    table.add("end of revolution to picture", painted, "")
     stalled = data["stalled"]
     for name in ("alone", "beside three that stopped reading"):
         text = f"{stalled[name]:.1f} scans/s, server {stalled[f'{name}, CPU']:.2f} % of a core"
-        table.rows.append([f"a viewer {name}", text, "" if name == "alone" else "as alone"])
-    for name, status in data["refused"].items():
-        table.rows.append([f"a viewer with {name}", f"HTTP {status}", "403"])
-    table.rows.append(["memory after the scans of ten minutes", f"{data['growth_kb']:+.0f} kB", "no growth"])
+        table.add(f"a viewer {name}", text, "" if name == "alone" else "as alone")
+    table.add("memory after the scans of ten minutes", f"{data['growth_kb']:+.0f} kB", "no growth")
     table.notes.append("the picture is drawn by Chromium without a graphics processor, on the same cores")
     return table

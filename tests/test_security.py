@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from lidario import simulate
-from lidario.cli.sim import on_tcp
+from lidario.cli.sim import name_of, server_of
 from lidario.sim.serve import TcpServer
 from tests.support.devices import both_families, change_info, make_rig
 from tests.support.loop import driven
@@ -39,8 +39,8 @@ def test_a_served_device_listens_on_the_loopback_interface() -> None:
     device = simulate()
     with TcpServer(device) as server:
         assert server.address[0] == "127.0.0.1"
-    with on_tcp(device, ":0", None) as server:
-        assert server.address[0] == "127.0.0.1"
+    with server_of(device, pty=False, tcp=":0") as served:
+        assert name_of(served).startswith("tcp://127.0.0.1:")
 
 
 @pytest.mark.long

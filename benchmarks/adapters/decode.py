@@ -9,9 +9,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
-import os
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -19,12 +16,12 @@ from typing import Any
 import serial
 
 from benchmarks.adapters.memory_port import EndOfStream, MemorySerial
+from benchmarks.adapters.process import respond
 
 serial.Serial = MemorySerial
 
 from benchmarks.adapters.drivers import ASYNC, DRIVERS  # noqa: E402 - they must find the exchanged port
 
-_STDOUT = sys.stdout
 _UNBUFFERED = {"rplidar-roboticia": False, "rplidar": 0, "adafruit-circuitpython-rplidar": 0}
 
 
@@ -72,10 +69,4 @@ def main(task: dict[str, Any]) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    sys.stdout = sys.stderr  # some drivers talk
-    try:
-        result = main(json.loads(sys.argv[1]))
-    except Exception as error:
-        result = {"failed": f"{type(error).__name__}: {error}"}
-    print(json.dumps(result), file=_STDOUT, flush=True)
-    os._exit(0)
+    respond(main)

@@ -5,17 +5,14 @@ A thread reads; the main thread tells what there is when the time is up, also wh
 
 from __future__ import annotations
 
-import json
-import os
-import sys
 import threading
 import time
 from collections.abc import Iterator
 from typing import Any
 
 import benchmarks.adapters.drivers  # noqa: F401 - makes pyserial open a pseudo-terminal
+from benchmarks.adapters.process import respond
 
-_STDOUT = sys.stdout
 _WAIT_S = 0.05
 
 Distances = Iterator[list[float]]
@@ -111,7 +108,4 @@ def main(task: dict[str, Any]) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    sys.stdout = sys.stderr  # some drivers talk
-    answer = main(json.loads(sys.argv[1]))
-    print(json.dumps(answer), file=_STDOUT, flush=True)
-    os._exit(0)  # some drivers have threads that do not end
+    respond(main)

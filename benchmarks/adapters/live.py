@@ -8,18 +8,14 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
-import os
-import resource
-import sys
 import time
-from pathlib import Path
 from typing import Any
 
 from benchmarks.adapters.drivers import ASYNC, DRIVERS
 from benchmarks.adapters.plain import plain
-
-_STDOUT = sys.stdout
+from benchmarks.adapters.process import respond
+from benchmarks.blocking import Blocks
+from benchmarks.usage import Usage
 
 
 class _Finished(Exception):
@@ -27,13 +23,15 @@ class _Finished(Exception):
 
 
 class _Meter:
-    """Counts scans, and measures from `settle_s` after the first to `window_s` later."""
+    """Counts scans, and measures from `settle_s` after the first to `window_s` later, or until all blocks end."""
 
-    def __init__(self, settle_s: float, window_s: float) -> None:
-        self._settle_ns, self._window_ns = round(settle_s * 1e9), round(window_s * 1e9)
+    def __init__(self, settle_s: float, window_s: float, blocks: dict[str, Any] | None) -> None:
+        self._blocks: Blocks | None = None
+        self._about_blocks = blocks
+        self._settle_ns, self._window_s = round(settle_s * 1e9), window_s
         self._began = time.monotonic_ns()
-        self._before: Any = None
-        self._start = self._points = 0
+        self._usage: Usage | None = None
+        self._points = 0
         self.arrivals: list[int] = []
         self.result: dict[str, Any] = {}
 
@@ -42,33 +40,21 @@ class _Meter:
         self.arrivals.append(now)
         if now < self.arrivals[0] + self._settle_ns:
             return
-        if self._before is None:
-            self._before, self._start = resource.getrusage(resource.RUSAGE_SELF), now
+        if self._usage is None:
+            self._usage = Usage()
+            self._blocks = None if self._about_blocks is None else Blocks(**self._about_blocks)
             return
         self._points += samples
-        if now >= self._start + self._window_ns:
-            self._finish(now)
+        seconds = self._usage.seconds()
+        over = seconds >= self._window_s if self._blocks is None else not self._blocks.block_if_due()
+        if over:
+            self.result = {
+                **self._usage.figures(),
+                "samples_per_s": self._points / seconds,
+                "first_scan_s": (self.arrivals[0] - self._began) * 1e-9,
+                "arrivals": [self.arrivals],
+            }
             raise _Finished
-
-    def _finish(self, now: int) -> None:
-        before, after = self._before, resource.getrusage(resource.RUSAGE_SELF)
-        seconds = (now - self._start) * 1e-9
-        self.result = {
-            "cpu": (after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime) / seconds,
-            "system": (after.ru_stime - before.ru_stime) / seconds,
-            "wakeups": (after.ru_nvcsw - before.ru_nvcsw) / seconds,
-            "samples_per_s": self._points / seconds,
-            "window": [self._start, now],
-            "first_scan_s": (self.arrivals[0] - self._began) * 1e-9,
-            "arrivals": [self.arrivals],
-            "rss_mb": _most_resident_mb(),
-        }
-
-
-def _most_resident_mb() -> float:
-    """The most that was resident. `resource` would count the process that started this one."""
-    status = Path("/proc/self/status").read_text()
-    return int(status.partition("VmHWM:")[2].split()[0]) / 1024
 
 
 async def _read_async(scans: Any, meter: _Meter) -> None:
@@ -77,7 +63,7 @@ async def _read_async(scans: Any, meter: _Meter) -> None:
 
 
 def main(task: dict[str, Any]) -> dict[str, Any]:
-    meter = _Meter(task["settle_s"], task["window_s"])
+    meter = _Meter(task["settle_s"], task["window_s"], task.get("blocks"))
     port, baudrate, mode = task["paths"][0], task["baudrate"], task["mode"]
     name = task["contestant"]
     with contextlib.suppress(_Finished):
@@ -92,10 +78,4 @@ def main(task: dict[str, Any]) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    sys.stdout = sys.stderr  # some drivers talk
-    try:
-        result = main(json.loads(sys.argv[1]))
-    except Exception as error:
-        result = {"failed": f"{type(error).__name__}: {error}"}
-    print(json.dumps(result), file=_STDOUT, flush=True)
-    os._exit(0)  # some drivers have threads that do not end
+    respond(main)

@@ -5,14 +5,11 @@ It runs in a process of its own, since some devices make the driver crash.
 
 from __future__ import annotations
 
-import json
-import os
-import sys
 import time
 from statistics import median
 from typing import Any
 
-_STDOUT = sys.stdout
+from benchmarks.adapters.process import respond
 
 
 def main(task: dict[str, Any]) -> dict[str, Any]:
@@ -46,10 +43,4 @@ def main(task: dict[str, Any]) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    sys.stdout = sys.stderr
-    try:
-        result = main(json.loads(sys.argv[1]))
-    except Exception as error:
-        result = {"failed": f"{type(error).__name__}: {error}"}
-    print(json.dumps(result), file=_STDOUT, flush=True)
-    os._exit(0)  # the driver has a thread
+    respond(main)

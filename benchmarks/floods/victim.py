@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import asyncio
 import json
-import re
 import resource
 import sys
 import time
 from pathlib import Path
 
 import lidario
+from benchmarks.usage import resident_mb
 from lidario.errors import LidarError
 from lidario.ros.fleet import Fleet
 
@@ -49,17 +49,10 @@ class Ticker:
         self._loop.call_at(self._due, self._tick)
 
 
-def resident_mb(what: str) -> float:
-    """``VmRSS`` or ``VmHWM``."""
-    match = re.search(rf"{what}:\s+(\d+)", Path("/proc/self/status").read_text())
-    assert match is not None
-    return int(match[1]) / 1024
-
-
 def begun_mb() -> float:
     """``VmRSS`` now; ``VmHWM`` counts from here on."""
     Path("/proc/self/clear_refs").write_text("5")
-    return resident_mb("VmRSS")
+    return resident_mb()
 
 
 async def beside(seconds: float) -> dict[str, float]:

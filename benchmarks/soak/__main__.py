@@ -10,17 +10,16 @@ from __future__ import annotations
 import argparse
 import asyncio
 import gc
-import resource
 import sys
 import time
 import warnings
 from collections import Counter
 from collections.abc import Sequence
-from pathlib import Path
 
 from benchmarks.soak.hour import Hour
 from benchmarks.soak.life import MODELS, Life
 from benchmarks.soak.watch import Broken
+from benchmarks.usage import resident_mb
 from tests.support.loop import DrivenLoop
 
 __all__ = ["live", "main"]
@@ -60,7 +59,8 @@ def main(arguments: list[str] | None = None) -> int:
                 print(f"BROKEN: {error}\n  again: {command}", flush=True)
                 continue
             _add(whole, lived)
-        memory.append(_resident_mb())
+        gc.collect()
+        memory.append(resident_mb())
         print(
             f"hour {hour}: {whole.steps} steps, {whole.sessions} sessions, {whole.scans} scans, "
             f"{memory[-1]:.1f} MB, {len(gc.get_objects())} objects, {time.monotonic() - began:.0f} s",
@@ -91,12 +91,6 @@ def _add(whole: Hour, lived: Hour) -> None:
 
 def _told(counts: Counter[str]) -> str:
     return ", ".join(f"{name} {count}" for name, count in counts.most_common()) or "none"
-
-
-def _resident_mb() -> float:
-    gc.collect()
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * resource.getpagesize() / 2**20
 
 
 def _growth_mb(memory: list[float]) -> float:

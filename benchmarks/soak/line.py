@@ -9,7 +9,7 @@ from __future__ import annotations
 import random
 from typing import Any
 
-from lidario.sim.device import Received
+from benchmarks.relayed import Relayed
 from lidario.sim.faults import Faults, parse_faults
 from lidario.sim.memory import MemoryLine
 
@@ -56,49 +56,27 @@ def draw_damage(random_: random.Random) -> str:
     return f"{first},{second}"
 
 
-class BadLine:
+class BadLine(Relayed):
     """A simulated device as the session sees it; obeys `lidario.sim.device.SimulatedDevice`.
 
     Args:
-        device: The device at the other end.
-        step_ns: While it scans it has something to say only so often: fewer deliveries make a day shorter.
+        device: As for `Relayed`.
+        step_ns: Likewise.
 
     Attributes:
-        device: The device at the other end.
         fault: What is wrong at the moment, as it is typed; empty when nothing is.
     """
 
     def __init__(self, device: Any, step_ns: int) -> None:
-        self.device = device
+        super().__init__(device, step_ns)
         self.fault = ""
-        self._step_ns = step_ns
         self._line = MemoryLine(device)
         self._faults: Faults | None = None
-
-    @property
-    def baudrate(self) -> int:
-        """As the device."""
-        return int(self.device.baudrate)
-
-    @property
-    def log(self) -> list[Received]:
-        """As the device."""
-        return list(self.device.log)
-
-    @property
-    def scanning(self) -> bool:
-        """As the device."""
-        return bool(self.device.scanning)
 
     @property
     def protected(self) -> bool:
         """Whether a device stops by itself when its host falls silent."""
         return bool(getattr(self.device, "protected", False))
-
-    @property
-    def motor_on(self) -> bool:
-        """As the device."""
-        return bool(self.device.motor_on)
 
     def damage(self, fault: str, seed: int, now: int) -> None:
         """Begin a fault, in place of the one before."""
@@ -129,9 +107,7 @@ class BadLine:
         return data
 
     def wakeup(self, now: int) -> int | None:
-        """As `SimulatedDevice.wakeup`."""
-        at = self._line.wakeup(now)
-        return at if at is None or not self.scanning else -(-at // self._step_ns) * self._step_ns
+        return self._in_steps(self._line.wakeup(now))
 
     def _check_cable(self, now: int) -> None:
         if self._line.unplugged(now) or (self._faults is not None and self._faults.unplugged(now)):

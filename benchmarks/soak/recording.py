@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import asyncio
 import random
-import resource
 import sys
 import tempfile
 import time
@@ -26,6 +25,7 @@ from rosbags.rosbag2 import Reader
 
 import lidario
 from benchmarks.soak.line import BadLine
+from benchmarks.usage import resident_mb
 from lidario.recording.decode_file import FileDecoder
 from tests.support.cable import Cable, cable_to
 from tests.support.devices import make_rig
@@ -150,7 +150,7 @@ async def _read(
             day.largest = max(day.largest, _size_of(folder))
         if passed >= 3600 * hour:
             hour += 1
-            day.memory_mb.append(_resident_mb())
+            day.memory_mb.append(resident_mb())
             print(f"hour {hour - 1}: {day.scans} scans, {day.memory_mb[-1]:.0f} MB", file=sys.stderr)
         if passed >= seconds:
             break
@@ -194,13 +194,6 @@ def sum_of(scan: lidario.Scan) -> int:
     found = blake2b(scan.device_angles.tobytes(), digest_size=8)
     found.update(scan.device_distances.tobytes())
     return int.from_bytes(found.digest(), "little")
-
-
-def _resident_mb() -> float:
-    statm = Path("/proc/self/statm")
-    if statm.exists():
-        return int(statm.read_text().split()[1]) * resource.getpagesize() / 1e6
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def main() -> int:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import click
 
-from lidario.cli.errors import ExitCode
+from lidario.cli.errors import ExitCode, need
 from lidario.cli.output import progress
 from lidario.cli.parameters import Place, WholeRange, complete_source
 from lidario.cli.settings import FILE, config_file, config_option, settings_of_file
@@ -65,7 +64,7 @@ def calibrate(
 
     if picture is not None and picture.suffix != ".svg":
         raise click.BadParameter(f"{str(picture)!r} does not end in .svg", param_hint="--picture")
-    _needs_small_gicp()
+    need("small_gicp", "it")
     config = settings_of_file()
     with progress("reading both lidars …"):
         (one, fixed), (two, moving) = run(lambda: _clouds((first, second), count, config))
@@ -93,12 +92,6 @@ def calibrate(
         save_config(file, two.serial, mount=mount)
         message(f"written into {file}")
     return ExitCode.OK
-
-
-def _needs_small_gicp() -> None:
-    """Before the lidars are opened: the motors need not start for nothing."""
-    if find_spec("small_gicp") is None:
-        raise click.UsageError("it needs small_gicp, which is not installed: pip install small_gicp")
 
 
 def _must_be_told_apart(one: DeviceInfo, two: DeviceInfo) -> None:
@@ -162,13 +155,11 @@ def _draw(
 ) -> None:
     import numpy as np
 
-    from lidario import CannotRecord
-    from lidario.cli.chart import clouds_svg
+    from lidario.cli.chart import COLOUR, clouds_svg
+    from lidario.recording.export import write_whole
 
     cos, sin = math.cos(found.mount.yaw), math.sin(found.mount.yaw)
     placed = moving @ np.array([[cos, sin], [-sin, cos]]) + np.array([found.mount.x, found.mount.y])
     legend = f"grey: A. Blue: B, {1000 * found.residual:.1f} mm beside it"
-    try:
-        path.write_text(clouds_svg([(fixed, "#999999"), (placed, "#1b5fc1")], title, legend), encoding="utf-8")
-    except OSError as error:
-        raise CannotRecord(f"{path} cannot be written: {error.strerror or error}") from error
+    with write_whole(path, overwrite=True) as part:
+        part.write_text(clouds_svg([(fixed, "#999999"), (placed, COLOUR)], title, legend), encoding="utf-8")

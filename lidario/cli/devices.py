@@ -1,4 +1,4 @@
-"""``lidario devices``: the ports of this machine, and the lidars that respond on them.
+"""``lidario devices``: the ports of this machine and the lidars that respond on them, or those on the network.
 
 Unless the user names ports, only those are asked whose USB adapter is a kind that lidars are sold with: an
 unexpected byte can reset another device, such as an Arduino. The others are listed as not asked.
@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING
 import click
 
 from lidario.cli.errors import ExitCode, exit_code_of
-from lidario.cli.output import console, dump, progress, rendered
+from lidario.cli.output import console, dump, progress, rendered, table
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from lidario import Found, PortInfo
+    from lidario.ros import RemoteLidar
 
 __all__ = ["devices", "show"]
 
@@ -40,9 +39,7 @@ def devices(ports: tuple[str, ...], as_json: bool, network: bool, router: str) -
     if network:
         if ports:
             raise click.UsageError("--zenoh asks no ports", click.get_current_context())
-        from lidario.cli.fleet import show_fleet
-
-        return show_fleet(router, as_json=as_json)
+        return _show_fleet(router, as_json=as_json)
     return show(ports, as_json=as_json)
 
 
@@ -57,7 +54,7 @@ def show(ports: tuple[str, ...], *, as_json: bool, next_steps: bool = False) -> 
     others = [] if ports else [port for port in list_serial_ports() if port.path not in asked]
     responding = [each for each in found if each.info is not None]
     if as_json:
-        dump([_record(each) for each in found] + [_unasked(port) for port in others])
+        dump([_record(each.port, each) for each in found] + [_record(port) for port in others])
     else:
         _print(found, others)
     if next_steps:
@@ -69,10 +66,15 @@ def show(ports: tuple[str, ...], *, as_json: bool, next_steps: bool = False) -> 
 
 
 def _print(found: list[Found], others: list[PortInfo]) -> None:
-    responding = [each for each in found if each.info is not None]
-    if responding:
-        target = console()
-        emit(rendered(target, _table(responding)))
+    rows = [
+        (each.port.path, each.info.model, each.info.serial, each.info.firmware,
+         str(each.baudrate) if each.baudrate else "", each.port.adapter or each.port.description)
+        for each in found
+        if each.info is not None
+    ]  # fmt: skip
+    if rows:
+        titles = ("port", "model", "serial number", "firmware", "baud", "adapter")
+        emit(rendered(console(), table(titles, rows, right=("baud",))))
     elif not found:
         message("no lidar found: no port has an adapter that lidars are sold with. Is it plugged in?")
     for each in found:
@@ -81,27 +83,6 @@ def _print(found: list[Found], others: list[PortInfo]) -> None:
     if others:
         emit(f"not asked, because lidars are not sold with such an adapter: {', '.join(p.path for p in others)}\n")
         message(f"`lidario devices {others[0].path}` asks it anyway")
-
-
-def _table(found: list[Found]) -> Table:
-    from rich import box
-    from rich.table import Table
-
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, header_style="bold")
-    for title in ("port", "model", "serial number", "firmware", "baud", "adapter"):
-        table.add_column(title, overflow="fold", justify="right" if title == "baud" else "left")
-    for each in found:
-        if each.info is not None:
-            baud = str(each.baudrate) if each.baudrate else ""
-            table.add_row(
-                each.port.path,
-                each.info.model,
-                each.info.serial,
-                each.info.firmware,
-                baud,
-                each.port.adapter or each.port.description,
-            )
-    return table
 
 
 def _why_none(found: Found) -> str:
@@ -136,31 +117,59 @@ def _tell_next(responding: list[str]) -> None:
         message(f"  {command:<{width}}   {purpose}")
 
 
-def _port(port: PortInfo) -> dict[str, object]:
+def _record(port: PortInfo, found: Found | None = None) -> dict[str, object]:
+    """A port that was asked, with what was found there, or one that was not."""
+    names = ("family", "model", "model_id", "firmware", "hardware", "serial")
     return {
         "port": port.path,
         "by_id": port.by_id or None,
         "adapter": port.adapter or None,
         "description": port.description or None,
+        "asked": found is not None,
+        "baudrate": (found and found.baudrate) or None,
+        **{name: found and found.info and getattr(found.info, name) for name in names},
+        "error": (found and found.error) or None,
     }
 
 
-def _record(found: Found) -> dict[str, object]:
-    info = found.info
+def _show_fleet(router: str, *, as_json: bool) -> int:
+    """Ask the router and print the result; returns the exit code, 3 where there is none."""
+    from lidario.cli.running import run
+    from lidario.ros import list_remote_lidars
+
+    with progress("asking the network …"):
+        found = run(lambda: list_remote_lidars(router))
+    if as_json:
+        dump([_record_of(each) for each in found])
+    elif found:
+        titles = ("source", "robot", "model", "serial number", "health", "scans/s")
+        emit(rendered(console(), table(titles, map(_row_of, found), right=("scans/s",))))
+    else:
+        message(f"no lidar is published through {router}; `lidario publish --zenoh KEY` publishes one")
+    return ExitCode.OK if found else ExitCode.NO_DEVICE
+
+
+def _row_of(lidar: RemoteLidar) -> tuple[str, ...]:
+    rate = f"{lidar.rate:.1f}" if lidar.health is not None else ""
+    return lidar.source, lidar.robot, lidar.model, lidar.serial, _health(lidar), rate
+
+
+def _health(lidar: RemoteLidar) -> str:
+    if lidar.lost:
+        return "away"
+    return lidar.health.status.value if lidar.health is not None else ""
+
+
+def _record_of(lidar: RemoteLidar) -> dict[str, object]:
+    health = lidar.health
     return {
-        **_port(found.port),
-        "asked": True,
-        "baudrate": found.baudrate or None,
-        "family": info.family if info else None,
-        "model": info.model if info else None,
-        "model_id": info.model_id if info else None,
-        "firmware": info.firmware if info else None,
-        "hardware": info.hardware if info else None,
-        "serial": info.serial if info else None,
-        "error": found.error or None,
+        "source": lidar.source,
+        "form": lidar.form,
+        "robot": lidar.robot,
+        "model": lidar.model or None,
+        "serial": lidar.serial or None,
+        "health": None if health is None else health.status.value,
+        "health_code": None if health is None else health.code,
+        "scans_per_second": None if health is None else round(lidar.rate, 2),
+        "lost": lidar.lost or None,
     }
-
-
-def _unasked(port: PortInfo) -> dict[str, object]:
-    nothing = ("baudrate", "family", "model", "model_id", "firmware", "hardware", "serial", "error")
-    return {**_port(port), "asked": False, **dict.fromkeys(nothing)}

@@ -16,13 +16,15 @@ import click
 
 from lidario.cli.errors import ExitCode, exit_code
 from lidario.cli.machine import ADAPTERS, Machine
-from lidario.cli.output import console, dump, introduced, progress, rendered
+from lidario.cli.output import console, dump, introduced, judged, progress, rendered
 from lidario.cli.parameters import complete_source
 from lidario.cli.streams import emit
 from lidario.cli.udev import is_unique
 
 if TYPE_CHECKING:
-    from rich.table import Table
+    from collections.abc import Iterator
+
+    from rich.text import Text
 
     from lidario import LidarError, PortInfo
 
@@ -86,8 +88,7 @@ def doctor(source: str, as_json: bool) -> int:
     if as_json:
         dump([asdict(finding) for finding in findings])
     else:
-        target = console()
-        emit(rendered(target, _table(findings)))
+        emit(rendered(console(), judged(_rows(findings))))
     # Several ports, and a lidar on one of them: that one is what `auto` opens.
     return ExitCode.OK if ExitCode.OK in codes else codes[0]
 
@@ -214,8 +215,8 @@ async def _of_scans(source: str) -> list[Finding]:
         found = [Finding("scans", "ok", text, port=source)]
     else:
         found = [Finding("scans", "bad" if word == "damaged" else "hint", f"{word}: {text}", reason, source)]
-    if measured.line is not None and measured.line.trouble:
-        found.append(Finding("driver", "hint", f"counted {measured.line.trouble}", port=source))
+    if measured.line is not None and measured.line.line_trouble:
+        found.append(Finding("driver", "hint", f"counted {measured.line.line_trouble}", port=source))
     return found
 
 
@@ -241,21 +242,15 @@ def _nothing_plugged(ports: list[PortInfo]) -> Finding:
     return Finding("port", "bad", "no port has an adapter that lidars are sold with", cure)
 
 
-def _table(findings: list[Finding]) -> Table:
-    from rich.table import Table
+def _rows(findings: list[Finding]) -> Iterator[tuple[str | Text, str, str | Text]]:
     from rich.text import Text
 
     colours = {"ok": "green", "hint": "yellow", "bad": "bold red"}
-    table = Table.grid(padding=(0, 2))
-    for _ in range(2):
-        table.add_column(no_wrap=True)
-    table.add_column(overflow="fold")
     place = ""
     for finding in findings:
         if finding.port != place:
             place = finding.port
-            table.add_row("", "", Text(place, "bold"))
-        table.add_row(Text(finding.state, colours[finding.state]), finding.what, finding.text)
+            yield "", "", Text(place, "bold")
+        yield Text(finding.state, colours[finding.state]), finding.what, finding.text
         if finding.cure:
-            table.add_row("", "", Text("→ " + finding.cure.replace("\n", "\n  ")))
-    return table
+            yield "", "", "→ " + finding.cure.replace("\n", "\n  ")

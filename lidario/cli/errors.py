@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import traceback
 from enum import IntEnum
+from importlib.util import find_spec
 
 import click
 
@@ -39,7 +40,7 @@ from lidario import (
 )
 from lidario.cli.streams import CannotWrite, ReaderGone, message, say
 
-__all__ = ["ExitCode", "Stopped", "exit_code", "exit_code_of", "report"]
+__all__ = ["ExitCode", "Stopped", "exit_code", "exit_code_of", "need", "report"]
 
 _PREFIX = "error: "
 
@@ -95,6 +96,23 @@ _KINDS: tuple[tuple[type[BaseException], ExitCode], ...] = (
     (click.Abort, ExitCode.INTERRUPTED),
     (KeyboardInterrupt, ExitCode.INTERRUPTED),
 )
+
+
+def need(module: str, what: str, package: str = "", otherwise: str = "") -> None:
+    """Say it before a lidar is opened where a package is missing: the motor need not start for nothing.
+
+    Args:
+        module: What is imported of it.
+        what: What needs it.
+        package: Its name for pip, where that is another one.
+        otherwise: What else can be done.
+
+    Raises:
+        Unsupported: It is not installed.
+    """
+    if find_spec(module) is None:
+        name = package or module
+        raise Unsupported(f"{what} needs {name}, which is not installed: pip install {name}{otherwise}")
 
 
 def exit_code_of(reason: ConnectReason) -> int:

@@ -5,6 +5,8 @@ A single long recording is divided (`lidario.recording.divided`); the files are 
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -90,22 +92,16 @@ _Task = tuple[str, str, _Known, dict[str, Any], bool, Any, int]
 def _all(tasks: list[_Task], jobs: int) -> list[Exception]:
     """Export everything; what fails does not keep the others from being exported."""
     from lidario import LidarError
-
-    failures: list[Exception] = []
-    if jobs == 1:
-        for task in tasks:
-            try:
-                _tell(task, export_one(*task))
-            except LidarError as error:
-                failures.append(error)
-        return failures
     from lidario.recording.divided import processes
 
-    with processes(jobs) as pool:
-        running = [(task, pool.submit(export_one, *task)) for task in tasks]
-        for task, future in running:
+    failures: list[Exception] = []
+    with processes(jobs) if jobs > 1 else nullcontext() as pool:
+        running = [
+            partial(export_one, *task) if pool is None else pool.submit(export_one, *task).result for task in tasks
+        ]
+        for task, done in zip(tasks, running, strict=True):
             try:
-                _tell(task, future.result())
+                _tell(task, done())
             except LidarError as error:
                 failures.append(error)
     return failures

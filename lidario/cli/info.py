@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 import click
 
 from lidario.cli.errors import ExitCode
-from lidario.cli.output import console, dump, facts, progress, rendered
+from lidario.cli.output import console, dump, facts, progress, rendered, table
 from lidario.cli.parameters import complete_source
-from lidario.cli.streams import emit
+from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from lidario import DeviceInfo, Health, ScanMode
+    from lidario import DeviceInfo, Health, RecordingSummary, ScanMode
+    from lidario.recording.files import FileSource
 
 __all__ = ["info"]
 
@@ -43,20 +45,18 @@ def info(source: str, as_json: bool) -> int:
     it; the whole file is decoded for that.
     """
     from lidario.cli.running import run
-    from lidario.cli.summary import show_summary
     from lidario.recording.files import file_source
 
     file = file_source(source)
     if file is not None:
-        return show_summary(file, as_json=as_json)
+        return _show_summary(file, as_json=as_json)
 
     with progress(f"asking {source} …" if source != "auto" else "looking for a lidar …"):
         told = run(lambda: _ask(source))
     if as_json:
         dump(_record(told))
     else:
-        target = console()
-        emit(rendered(target, _facts(told), "", _modes(told.modes)))
+        emit(rendered(console(), _facts(told), "", _modes(told.modes)))
     return ExitCode.OK
 
 
@@ -102,15 +102,9 @@ def _frequency(hertz: float | None, limits: tuple[float, float] | None) -> str:
 
 
 def _modes(modes: tuple[ScanMode, ...]) -> Table:
-    from rich import box
-    from rich.table import Table
-
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, header_style="bold")
-    titles = ("id", "scan mode", "µs/sample", "samples/s", "max. distance", "response type", "typical")
-    for title in titles:
-        table.add_column(title, justify="left" if title in ("scan mode", "typical") else "right")
-    for mode in modes:
-        table.add_row(
+    figures = ("id", "µs/sample", "samples/s", "max. distance", "response type")
+    rows = (
+        (
             str(mode.id),
             mode.name,
             f"{mode.sample_us:.2f}" if mode.sample_us else "not told",
@@ -119,7 +113,9 @@ def _modes(modes: tuple[ScanMode, ...]) -> Table:
             f"0x{mode.response_type:02X}",
             "yes" if mode.typical else "",
         )
-    return table
+        for mode in modes
+    )
+    return table((figures[0], "scan mode", *figures[1:], "typical"), rows, right=figures)
 
 
 def _record(told: _Told) -> dict[str, object]:
@@ -139,3 +135,41 @@ def _record(told: _Told) -> dict[str, object]:
             for mode in told.modes
         ],
     }
+
+
+def _show_summary(file: FileSource, *, as_json: bool) -> int:
+    """Decode a recording and print what it holds; returns the exit code."""
+    from lidario import summarize
+
+    with progress(f"decoding {file.path} …"):
+        summary = summarize(file.path, **file.known._asdict())
+    if as_json:
+        record = asdict(summary)
+        dump({**record, "began_ns": summary.began_ns or None, "damage": summary.damage or None})
+    else:
+        emit(rendered(console(), _facts_of_file(summary)))
+    if summary.damage:
+        message(f"note: {summary.damage}; everything else is there")
+    return ExitCode.OK
+
+
+def _facts_of_file(summary: RecordingSummary) -> Table:
+    info = summary.info
+    rows = [("file", f"{summary.path} ({summary.size / 1e6:.1f} MB)"), ("model", info.model)]
+    if info.serial:
+        rows += [("serial number", info.serial), ("firmware", info.firmware)]
+    if summary.timed:
+        began = datetime.fromtimestamp(summary.began_ns * 1e-9, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+        rows += [("recorded from", summary.source), ("began", began if summary.began_ns else "no scan")]
+    samples = f"{summary.samples} samples, {summary.returns} with a return"
+    rows += [
+        ("lasts", f"{summary.duration_s:.1f} s" + ("" if summary.timed else ", by the usual rate of its format")),
+        ("scan mode", ", ".join(summary.modes)),
+        ("scans", f"{summary.scans}: {samples}"),
+        ("packets", f"{summary.packets}, and {summary.lost_packets} damaged or lost"),
+        ("noise", f"{summary.skipped_bytes} bytes that belong to no packet"),
+        ("gaps", f"{summary.missed_scans} revolutions missing, {summary.streams - 1} interruptions"),
+    ]
+    if summary.losses:
+        rows.append(("away", f"{summary.losses} times, {summary.away_s:.1f} s: the line to the lidar was lost"))
+    return facts(rows)

@@ -8,13 +8,12 @@ the warnings and errors here. Where the program has chosen a handler of its own,
 from __future__ import annotations
 
 import logging
-import queue
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 
-from lidario.cli.output import PROGRESS_GRACE_S
-from lidario.cli.streams import say
+from lidario.cli.output import PROGRESS_GRACE_S, Worker
+from lidario.cli.streams import message
 
 __all__ = ["log_beside", "nothing_logged"]
 
@@ -24,26 +23,18 @@ class _Beside(logging.Handler):
 
     def __init__(self) -> None:
         super().__init__(logging.WARNING)
-        self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
-        self._thread = threading.Thread(target=self._run, name="lidario: log", daemon=True)
-        self._thread.start()
+        self._worker = Worker("lidario: log", PROGRESS_GRACE_S)
 
     def emit(self, record: logging.LogRecord) -> None:
         try:
-            self._lines.put(self.format(record) + "\n")
+            self._worker.put(partial(message, self.format(record)))
         except Exception:
             self.handleError(record)
 
     def close(self) -> None:
         """Let the thread write what is left, for at most `PROGRESS_GRACE_S`."""
         super().close()
-        self._lines.put(None)
-        self._thread.join(PROGRESS_GRACE_S)
-
-    def _run(self) -> None:
-        while (line := self._lines.get()) is not None:
-            # The next line may find a reader again, or space on the disk.
-            say(line)
+        self._worker.close()
 
 
 @contextmanager

@@ -19,7 +19,7 @@ import os
 import queue
 import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Final, TextIO, cast
 
@@ -28,15 +28,19 @@ from lidario.cli.streams import CannotWrite, ReaderGone, emit, write
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
     from rich.table import Table
+    from rich.text import Text
 
 __all__ = [
+    "Worker",
     "Writer",
     "console",
     "dump",
     "facts",
     "introduced",
+    "judged",
     "progress",
     "rendered",
+    "table",
     "terminal",
 ]
 
@@ -48,14 +52,41 @@ PROGRESS_GRACE_S = 0.25
 SPINS_A_SECOND: Final = 12.5
 
 
-class Writer:
+class Worker:
+    """A thread that calls what it is handed, one after the other; nothing is told of errors.
+
+    Args:
+        name: Of the thread.
+        grace_s: How long `close` waits for it: a terminal may take no output.
+    """
+
+    def __init__(self, name: str, grace_s: float) -> None:
+        self._grace_s = grace_s
+        self._work: queue.SimpleQueue[Callable[[], object] | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    def put(self, work: Callable[[], object]) -> None:
+        """Have `work` called after what was handed over before, without waiting."""
+        self._work.put(work)
+
+    def close(self) -> bool:
+        """Let the thread finish; False when it cannot in time."""
+        self._work.put(None)
+        self._thread.join(self._grace_s)
+        return not self._thread.is_alive()
+
+    def _run(self) -> None:
+        while (work := self._work.get()) is not None:
+            with suppress(Exception):
+                work()
+
+
+class Writer(Worker):
     """Writes to stdout from a thread, one piece at a time."""
 
     def __init__(self) -> None:
-        self._pieces: queue.SimpleQueue[tuple[Callable[[], object], asyncio.Future[None]] | None]
-        self._pieces = queue.SimpleQueue()
-        self._thread = threading.Thread(target=self._run, name="lidario: stdout", daemon=True)
-        self._thread.start()
+        super().__init__("lidario: stdout", GRACE_S)
 
     async def write(self, text: str) -> None:
         """Write `text`, and return when the reader has taken it or there is room for it.
@@ -76,34 +107,20 @@ class Writer:
         Raises:
             Exception: What `work` raises.
         """
-        done = asyncio.get_running_loop().create_future()
-        self._pieces.put((work, done))
-        await done
+        done: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
-    def put(self, work: Callable[[], object]) -> None:
-        """Have `work` called after what was handed over before, without waiting; errors are not told."""
-        done = asyncio.get_running_loop().create_future()
-        done.add_done_callback(lambda future: future.exception())
-        self._pieces.put((work, done))
-
-    def close(self) -> bool:
-        """Let the thread finish; False when it cannot, because the reader does not read."""
-        self._pieces.put(None)
-        self._thread.join(GRACE_S)
-        return not self._thread.is_alive()
-
-    def _run(self) -> None:
-        while (piece := self._pieces.get()) is not None:
-            work, done = piece
+        def called() -> None:
             error: Exception | None = None
             try:
                 work()
             except Exception as caught:
                 # Any exception: the caller waits until this piece is done.
                 error = caught
-            # The loop is closed when the command was ended while this write was blocked.
-            with suppress(RuntimeError):
-                done.get_loop().call_soon_threadsafe(_settle, done, error)
+            # The loop is closed when the command was ended while this write was blocked: nobody hears the error.
+            done.get_loop().call_soon_threadsafe(_settle, done, error)
+
+        self.put(called)
+        await done
 
 
 def dump(value: object) -> None:
@@ -151,6 +168,35 @@ def facts(rows: Iterable[tuple[str, str]]) -> Table:
     for name, value in rows:
         table.add_row(name, value)
     return table
+
+
+def table(titles: Sequence[str], rows: Iterable[Sequence[str]], *, right: Sequence[str] = ()) -> Table:
+    """A table with these titles; the columns in `right` are flush right."""
+    from rich import box
+    from rich.table import Table
+
+    made = Table(box=box.SIMPLE_HEAD, pad_edge=False, header_style="bold")
+    for title in titles:
+        # A source is never folded: it is to be copied.
+        made.add_column(
+            title, overflow="fold", no_wrap=title == "source", justify="right" if title in right else "left"
+        )
+    for row in rows:
+        made.add_row(*row)
+    return made
+
+
+def judged(rows: Iterable[tuple[str | Text, str, str | Text]]) -> Table:
+    """A table of verdicts: each with a word, what it is of, and a text."""
+    from rich.table import Table
+
+    made = Table.grid(padding=(0, 2))
+    for _ in range(2):
+        made.add_column(no_wrap=True)
+    made.add_column(overflow="fold")
+    for row in rows:
+        made.add_row(*row)
+    return made
 
 
 def terminal(stream: TextIO) -> Console:

@@ -6,21 +6,20 @@ The only line on stdout is what a client opens. It ends with the recording, or w
 from __future__ import annotations
 
 import asyncio
-import sys
 from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from lidario.cli.errors import ExitCode, Stopped
+from lidario.cli.errors import ExitCode
 from lidario.cli.parameters import FiniteRange, complete_file
-from lidario.cli.sim import name_of, on_pty, on_tcp
+from lidario.cli.sim import name_of, pty_option, server_of, tcp_option
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
     from lidario.recording.played import PlayedDevice
-    from lidario.sim.serve import PtyServer, TcpServer
+    from lidario.sim.serve import PtyServer, TcpServer, UdpServer
 
 __all__ = ["play"]
 
@@ -34,10 +33,8 @@ LINGER_S = 0.5
 @click.option("--rate", type=FiniteRange(min=0.001, max=1000), default=1.0, show_default=True,
               metavar="FACTOR", help="How many times as fast as it was recorded.")  # fmt: skip
 @click.option("--loop", is_flag=True, help="Begin anew at the end.")
-@click.option("--pty", is_flag=True, help="On a pseudo-terminal: the default on Linux.")
-@click.option(
-    "--tcp", metavar="[HOST]:PORT", help="On a TCP port of this machine, or of that address; port 0 is any."
-)
+@pty_option
+@tcp_option
 def play(file: str, rate: float, loop: bool, pty: bool, tcp: str | None) -> int:
     """Play a recording as a device, for any driver.
 
@@ -45,7 +42,6 @@ def play(file: str, rate: float, loop: bool, pty: bool, tcp: str | None) -> int:
     """
     from lidario.recording.files import FileSource, file_source, open_stored
     from lidario.recording.played import PlayedDevice
-    from lidario.sim.serve import usual_way
 
     if pty and tcp is not None:
         raise click.UsageError("--pty and --tcp exclude each other", click.get_current_context())
@@ -53,26 +49,20 @@ def play(file: str, rate: float, loop: bool, pty: bool, tcp: str | None) -> int:
     if not recording.responses:
         message("note: the recording holds no responses, so a driver that asks what the device is gets none")
     device = PlayedDevice(recording, rate=rate, loop=loop)
-    if tcp is not None or not (pty or usual_way() == "pty"):
-        return _serve(on_tcp(device, tcp or ":0", None), device, file)
-    return _serve(on_pty(device, None), device, file)
+    return _serve(server_of(device, pty=pty, tcp=tcp), device, file)
 
 
-def _serve(server: PtyServer | TcpServer, device: PlayedDevice, file: str) -> int:
-    from lidario.cli.running import run
+def _serve(server: PtyServer | TcpServer | UdpServer, device: PlayedDevice, file: str) -> int:
+    from lidario.cli.running import run_until_stopped
 
     with server:
         emit(f"{name_of(server)}\n")
         message(f"{file} at {device.baudrate} baud, until its end or Ctrl-C; for instance")
         message(f"  lidario scan {name_of(server)}")
-        try:
-            run(lambda: _until_finished(device))
+        if run_until_stopped(lambda: _until_finished(device)):
             if device.error is not None:
                 raise device.error
             message("the recording is at its end")
-        except Stopped:
-            if sys.stderr.isatty():
-                message("")  # the terminal has just echoed ^C
     for (name, why), count in Counter((each.name, each.why) for each in device.log if not each.obeyed).items():
         message(f"  no response to {name} ({count}): {why}")
     return ExitCode.OK

@@ -8,15 +8,13 @@ from __future__ import annotations
 import io
 import os
 import time
-from contextlib import suppress
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from lidario.cli.errors import ExitCode
+from lidario.cli.errors import ExitCode, need
 from lidario.cli.output import progress
 from lidario.cli.parameters import WholeRange, complete_source, mode_option
 from lidario.cli.settings import config_option, settings_of_file
@@ -45,6 +43,7 @@ def plot(source: str, output: str, count: int, polar: bool, force: bool, mode: s
     """
     from lidario import CannotRecord
     from lidario.cli.running import run
+    from lidario.recording.export import write_whole
     from lidario.recording.opened import not_a_file
 
     path = Path(output)
@@ -60,7 +59,7 @@ def plot(source: str, output: str, count: int, polar: bool, force: bool, mode: s
     if os.path.exists(path) and not force:
         raise CannotRecord(f"{path} exists already: --force replaces it")
     if kind == ".png":
-        _needs_matplotlib()
+        need("matplotlib", "a PNG", otherwise=", or write an .svg")
     settings = settings_of_file()
     with progress(f"waiting for {source} …"):
         info, scans = run(lambda: _read(source, count, mode, settings))
@@ -71,16 +70,8 @@ def plot(source: str, output: str, count: int, polar: bool, force: bool, mode: s
         drawn = svg(scans, title, polar=polar).encode()
     else:
         drawn = _png(scans, title, polar)
-    # Under another name first, so that there never is half of a picture, and the one before stays until then.
-    begun = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        begun.write_bytes(drawn)
-        begun.replace(path)
-    except OSError as error:
-        raise CannotRecord(f"{path} cannot be written: {error.strerror or error}") from error
-    finally:
-        with suppress(OSError):
-            begun.unlink()
+    with write_whole(path, overwrite=force) as part:
+        part.write_bytes(drawn)
     emit(f"{path}\n")
     if not any(scan.valid.any() for scan in scans):
         message("there is nothing on it: no returns in any direction")
@@ -107,18 +98,11 @@ def _title(info: DeviceInfo, scans: list[Scan]) -> str:
     return f"{info.model} ({info.serial[:8]}), {scans[0].mode}, {what}, {when}"
 
 
-def _needs_matplotlib() -> None:
-    # Drawn into a file, never on a screen; and without it, matplotlib may look for one.
-    os.environ.setdefault("MPLBACKEND", "Agg")
-    if find_spec("matplotlib") is None:
-        raise click.UsageError(
-            "a PNG needs matplotlib, which is not installed: pip install matplotlib, or write an .svg"
-        )
-
-
 def _png(scans: list[Scan], title: str, polar: bool) -> bytes:
     from lidario.cli.chart import COLOUR, legend_of, opacities, reach_of
 
+    # Drawn into a file, never on a screen; and without it, matplotlib may look for one.
+    os.environ.setdefault("MPLBACKEND", "Agg")
     plt = import_module("matplotlib.pyplot")
     reach = reach_of(scans, polar=polar)
     figure = plt.figure(figsize=(8, 8), dpi=150)

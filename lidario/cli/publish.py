@@ -8,11 +8,11 @@ from __future__ import annotations
 import asyncio
 import math
 from contextlib import AsyncExitStack, suppress
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from lidario.cli.errors import ExitCode, Stopped
+from lidario.cli.errors import ExitCode, need
 from lidario.cli.laserscans import LASERSCAN_OPTIONS, arguments_of, is_given, laserscan_options, only_with
 from lidario.cli.parameters import Duration, Place, WholeRange, complete_source, guard_option, mode_option
 from lidario.cli.settings import config_option, settings_of_file
@@ -94,86 +94,74 @@ def publish(
     machine. The key is printed. Several lidars, with their mounts, become one scan and one cloud. It waits for a
     router that is not there yet, and goes on when the router restarts.
     """
-    from lidario.cli.running import run
+    from lidario.cli.running import run_until_stopped
 
     sources = sources or ("auto",)
     stamps = of_ros.pop("stamps")
     is_recorded = _check_choice(sources, ros, key, raw, stamps, len(of_ros["mounts"]))
-    made_by = _Maker(key, raw, router, robot, of_ros, is_given("frame"), stamps, is_recorded)
+    has_frame = is_given("frame")
+    need("zenoh", "zenoh", "eclipse-zenoh")
     config = settings_of_file()
     told: list[Publisher | Share] = []
 
     async def work() -> None:
         from lidario import open_lidar
+        from lidario.ros import Share
 
-        _needs_zenoh()
         async with AsyncExitStack() as opened:
             lidars = [
                 await opened.enter_async_context(open_lidar(each, reconnect=reconnect, guard=guard, config=config))
                 for each in sources
             ]
-            publisher = made_by.publisher_of(lidars)
+            publisher: Publisher | Share
+            if key is not None:
+                publisher = Share(lidars[0], key, raw=raw, router=router, robot=robot)
+            else:
+                options = {**of_ros, "router": router, "robot": robot}
+                publisher = _ros_publisher(lidars, options, stamps, has_frame=has_frame, is_recorded=is_recorded)
             names = " and ".join(f"{lidar.info.model} {lidar.info.serial}" for lidar in lidars)
             began = f"publishing {names} through {router}; Ctrl-C ends it"
             await _publish(publisher, mode, idle_stop, began, told)
 
     try:
-        run(work)
-    except Stopped:
-        message("")
+        run_until_stopped(work)
     finally:
         for each in told:
             message(_summary(each.scans, each.unsent))
     return ExitCode.OK
 
 
-class _Maker(NamedTuple):
-    """What makes the publisher.
+def _ros_publisher(
+    lidars: list[Lidar], options: dict[str, Any], stamps: str | None, *, has_frame: bool, is_recorded: bool
+) -> Publisher:
+    """The publisher of these lidars on topics of ROS 2.
 
-    Attributes:
-        key: Where it is said with --zenoh.
-        raw: Whether the bytes of the device are sent.
-        router: Address of the router.
-        robot: Name of this robot.
-        of_ros: The options that belong to --ros.
-        has_frame: Whether the user has said which frame it is.
+    Args:
+        lidars: The lidars.
+        options: All that belong to --ros, router and name of the robot.
         stamps: What is said with --stamps.
+        has_frame: Whether the user has said which frame it is.
         is_recorded: Whether a recording is published.
     """
+    from lidario import Mount
+    from lidario.ros import MergedPublisher, Publisher
 
-    key: str | None
-    raw: bool
-    router: str
-    robot: str | None
-    of_ros: dict[str, Any]
-    has_frame: bool
-    stamps: str | None
-    is_recorded: bool
-
-    def publisher_of(self, lidars: list[Lidar]) -> Publisher | Share:
-        """The publisher of these lidars."""
-        from lidario import Mount
-        from lidario.ros import MergedPublisher, Publisher, Share
-
-        (lidar, *others), options = lidars, dict(self.of_ros)
-        if self.key is not None:
-            return Share(lidar, self.key, raw=self.raw, router=self.router, robot=self.robot)
-        mounts, cloud = options.pop("mounts"), options.pop("cloud")
-        options |= arguments_of(options) | {"router": self.router, "robot": self.robot}
-        places = [(x, y, math.radians(yaw)) for x, y, yaw in mounts]
-        if others:
-            for name in ("order", "preset", "mount_yaw"):
-                options.pop(name)
-            options["frame_id"] = options.pop("base_frame")
-            options["beams"] = options["beams"] or BEAMS
-            where = [Mount(*place) for place in places] or None
-            return MergedPublisher(lidars, mounts=where, cloud_topic=cloud, **options)
-        own = lidar.config
-        options["mount"] = places[0] if places else own.mount and (own.mount.x, own.mount.y, own.mount.yaw)
-        if own.frame and not self.has_frame:
-            options["frame_id"] = own.frame
-        options["stamps"] = "now" if self.is_recorded and self.stamps != "recorded" else "measured"
-        return Publisher(lidar, clock=self.stamps == "recorded", **options)
+    (lidar, *others), own = lidars, lidars[0].config
+    mounts, cloud = options.pop("mounts"), options.pop("cloud")
+    options |= arguments_of(options)
+    places = [(x, y, math.radians(yaw)) for x, y, yaw in mounts]
+    if others:
+        for name in ("order", "preset", "mount_yaw"):
+            options.pop(name)
+        options["frame_id"] = options.pop("base_frame")
+        options["beams"] = options["beams"] or BEAMS
+        where = [Mount(*place) for place in places] or None
+        return MergedPublisher(lidars, mounts=where, cloud_topic=cloud, **options)
+    options["mount"] = places[0] if places else own.mount and (own.mount.x, own.mount.y, own.mount.yaw)
+    if own.frame and not has_frame:
+        options["frame_id"] = own.frame
+    options["stamps"] = "now" if is_recorded and stamps != "recorded" else "measured"
+    return Publisher(lidar, clock=stamps == "recorded", **options)
 
 
 async def _publish(
@@ -249,16 +237,6 @@ async def _check(publisher: Publisher | Share, there: asyncio.Event) -> None:
             f"the router passes nothing on that is published under {publisher.key}: do its access rules let this "
             "robot publish there, and hear that itself?"
         )
-
-
-def _needs_zenoh() -> None:
-    """Before the lidar is opened: the motor need not start for nothing."""
-    from lidario import Unsupported
-
-    try:
-        import zenoh  # noqa: F401
-    except ModuleNotFoundError:
-        raise Unsupported("zenoh needs eclipse-zenoh, which is not installed: pip install eclipse-zenoh") from None
 
 
 def _summary(sent: int, unsent: int) -> str:

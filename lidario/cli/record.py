@@ -30,7 +30,7 @@ from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
-    from lidario import Config, LaserScans, Recording
+    from lidario import Recording, ScanStream
 
 __all__ = ["record"]
 
@@ -94,28 +94,25 @@ def record(
             "whole files are removed: --split says when the next one begins", param_hint="--keep"
         )
     told, (split_s, split_bytes) = _Told(), split or (None, None)
-    parts = split_s, split_bytes, keep
-    messages = laserscans_of(of_scans) if scans else False
+    messages = laserscans_of(of_scans) if scans else None
     config, has_frame = settings_of_file(), is_given("frame")
+
+    async def work() -> None:
+        from lidario import open_lidar
+
+        with progress(f"opening {source} …") as show:
+            async with open_lidar(source, guard=guard, reconnect=reconnect, config=config) as lidar:
+                if lidar.config.frame and messages is not None and not has_frame:
+                    messages.frame_id = lidar.config.frame
+                told.recording = lidar.record(
+                    path, scans=messages or False, overwrite=force, sync=sync,
+                    split_s=split_s, split_bytes=split_bytes, keep_bytes=keep,
+                )  # fmt: skip
+                async with told.recording, lidar.scans(mode) as stream:
+                    await _follow(told, told.recording, stream, seconds, count, show)
+
     try:
-        run(
-            lambda: _record(
-                told,
-                source,
-                path,
-                seconds,
-                count,
-                mode,
-                messages,
-                force,
-                sync,
-                reconnect,
-                parts,
-                guard,
-                config,
-                has_frame,
-            )
-        )
+        run(work)
     except Stopped:
         if seconds is not None or count is not None:
             raise
@@ -127,53 +124,30 @@ def record(
     return ExitCode.OK
 
 
-async def _record(
+async def _follow(
     told: _Told,
-    source: str,
-    path: str,
+    recording: Recording,
+    stream: ScanStream,
     seconds: float | None,
     count: int | None,
-    mode: str | int | None,
-    scans: LaserScans | bool,
-    force: bool,
-    sync: bool,
-    reconnect: bool,
-    parts: tuple[float | None, int | None, int | None],
-    guard: bool,
-    config: Config,
-    has_frame: bool,
+    show: Callable[[str], None],
 ) -> None:
-    from lidario import open_lidar
-
-    with progress(f"opening {source} …") as show:
-        async with open_lidar(source, guard=guard, reconnect=reconnect, config=config) as lidar:
-            if lidar.config.frame and not isinstance(scans, bool) and not has_frame:
-                scans.frame_id = lidar.config.frame
-            recording = lidar.record(
-                path,
-                scans=scans,
-                overwrite=force,
-                sync=sync,
-                split_s=parts[0],
-                split_bytes=parts[1],
-                keep_bytes=parts[2],
-            )
-            async with recording, lidar.scans(mode) as stream:
-                told.recording, told.began = recording, time.monotonic()
-                showing = asyncio.create_task(_show(show, told))
-                try:
-                    async with asyncio.timeout(None) as limit:
-                        async for _ in stream:
-                            if seconds is not None and limit.when() is None:
-                                # Not before: until the motor is at its speed, there is nothing to record.
-                                told.began = time.monotonic()
-                                limit.reschedule(asyncio.get_running_loop().time() + seconds)
-                            if recording.error is not None or (count is not None and recording.scans >= count):
-                                return
-                except TimeoutError:
+    """Read until there is as much as was asked for, or the recording has ended."""
+    told.began = time.monotonic()
+    showing = asyncio.create_task(_show(show, told))
+    try:
+        async with asyncio.timeout(None) as limit:
+            async for _ in stream:
+                if seconds is not None and limit.when() is None:
+                    # Not before: until the motor is at its speed, there is nothing to record.
+                    told.began = time.monotonic()
+                    limit.reschedule(asyncio.get_running_loop().time() + seconds)
+                if recording.error is not None or (count is not None and recording.scans >= count):
                     return
-                finally:
-                    showing.cancel()
+    except TimeoutError:
+        return
+    finally:
+        showing.cancel()
 
 
 async def _show(show: Callable[[str], None], told: _Told) -> None:

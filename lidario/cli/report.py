@@ -17,14 +17,14 @@ import click
 from lidario.cli.errors import ExitCode
 from lidario.cli.log import nothing_logged
 from lidario.cli.machine import Machine
-from lidario.cli.output import console, dump, facts, introduced, progress, rendered
+from lidario.cli.output import console, dump, facts, introduced, judged, progress, rendered
 from lidario.cli.parameters import complete_source
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
-    from rich.table import Table
+    from rich.text import Text
 
     from lidario.conformance import Report, Reporter, Rule
 
@@ -197,27 +197,21 @@ def _show(report: Report, news: list[str], as_json: bool) -> None:
     target = console()
     figures = [(each.name, str(each)) for one in report.tried for each in one.figures]
     parts = [facts(rows), *(["", facts(figures)] if figures else ())]
-    emit(rendered(target, *parts, *(["", _verdicts(report)] if report.tried else ())))
+    emit(rendered(target, *parts, *(["", judged(_verdicts(report))] if report.tried else ())))
 
 
-def _verdicts(report: Report) -> Table:
-    from rich.table import Table
+def _verdicts(report: Report) -> Iterator[tuple[str | Text, str, str | Text]]:
     from rich.text import Text
 
     from lidario.conformance import RULES, Outcome
 
     colours = {Outcome.HELD: "green", Outcome.BROKEN: "bold red", Outcome.NOT_TRIED: "dim"}
     rules = {rule.name: rule for rule in RULES}
-    table = Table.grid(padding=(0, 2))
-    for _ in range(2):
-        table.add_column(no_wrap=True)
-    table.add_column(overflow="fold")
     for each in report.tried:
-        table.add_row(Text(each.outcome.value, colours[each.outcome]), each.rule, each.text)
+        yield Text(each.outcome.value, colours[each.outcome]), each.rule, each.text
         rule = rules.get(each.rule)
         if each.outcome is Outcome.BROKEN and rule is not None:
-            table.add_row("", "", Text(f"→ {rule.sentence} ({rule.origin.value}: {rule.known_from})"))
+            yield "", "", f"→ {rule.sentence} ({rule.origin.value}: {rule.known_from})"
     counts = ", ".join(f"{len(report.with_outcome(outcome))} {outcome.value}" for outcome in Outcome)
-    table.add_row("", "", "")
-    table.add_row("", "", Text(counts, "bold"))
-    return table
+    yield "", "", ""
+    yield "", "", Text(counts, "bold")

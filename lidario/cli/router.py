@@ -8,7 +8,7 @@ from ipaddress import ip_address
 
 import click
 
-from lidario.cli.errors import ExitCode, Stopped
+from lidario.cli.errors import ExitCode
 from lidario.cli.streams import emit, message
 
 __all__ = ["is_private", "router"]
@@ -28,7 +28,7 @@ def router(addresses: tuple[str, ...], config: str | None) -> int:
     Until Ctrl-C. For this machine alone unless --listen or a configuration says otherwise. Nodes of ROS 2 find it
     as their own rmw_zenohd. Where it listens is printed.
     """
-    from lidario.cli.running import run
+    from lidario.cli.running import run_until_stopped
 
     async def work() -> None:
         from lidario.ros import Router
@@ -43,10 +43,7 @@ def router(addresses: tuple[str, ...], config: str | None) -> int:
                 message(f"everybody who reaches {open_to_all[0]} may publish and read: --config FILE names who may")
             await asyncio.Event().wait()
 
-    try:
-        run(work)
-    except Stopped:
-        message("")
+    run_until_stopped(work)
     return ExitCode.OK
 
 

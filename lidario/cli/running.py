@@ -6,18 +6,31 @@ The verbs have their own exit codes, so here a signal becomes an exception of th
 from __future__ import annotations
 
 import signal
+import sys
 from collections.abc import Awaitable, Callable
 from typing import TypeVar
 
 import lidario
 from lidario.cli.errors import Stopped
 from lidario.cli.log import log_beside
+from lidario.cli.streams import message
 
-__all__ = ["run"]
+__all__ = ["run", "run_until_stopped"]
 
 T = TypeVar("T")
 _BY_SIGNAL = 128
 """`lidario.run` adds the number of the signal to it."""
+
+
+def run_until_stopped(work: Callable[[], Awaitable[object]]) -> bool:
+    """As `run`, of what a signal may end at any time: whether it came to its own end."""
+    try:
+        run(work)
+    except Stopped:
+        if sys.stderr.isatty():
+            message("")  # the terminal has just echoed ^C
+        return False
+    return True
 
 
 def run(work: Callable[[], Awaitable[T]]) -> T:

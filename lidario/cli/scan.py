@@ -24,23 +24,9 @@ from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
-    from lidario import Config, Lidar, Scan
+    from lidario import Lidar, Scan, ScanStream
 
 __all__ = ["scan"]
-
-
-@dataclass
-class _Order:
-    """What was asked for; `count` 0 is endless, `form` is ``people``, ``json`` or ``csv``."""
-
-    source: str
-    count: int
-    mode: str | int | None
-    form: str
-    keep_spinning: bool
-    reconnect: bool
-    guard: bool
-    config: Config
 
 
 @dataclass
@@ -81,64 +67,59 @@ def scan(
     """
     if as_json and as_csv:
         raise click.UsageError("--json and --csv exclude each other", click.get_current_context())
-    form = "json" if as_json else "csv" if as_csv else "people"
-    return _run_order(_Order(source, count, mode, form, keep_spinning, reconnect, guard, settings_of_file()))
-
-
-def _run_order(order: _Order) -> int:
-    from lidario import LidarError
+    from lidario import LidarError, open_lidar
     from lidario.cli.running import run
 
-    tally = _Tally()
-    writer = Writer()
+    form = "json" if as_json else "csv" if as_csv else "people"
+    config, tally, writer = settings_of_file(), _Tally(), Writer()
     failure: Exception | None = None
+
+    async def work() -> None:
+        opening = open_lidar(source, keep_spinning=keep_spinning, reconnect=reconnect, guard=guard, config=config)
+        with ExitStack() as waiting:
+            waiting.enter_context(progress(f"waiting for {source if source != 'auto' else 'the first scan'} …"))
+            async with opening as lidar:
+                tally.lidar, tally.began = lidar, time.monotonic()
+                async with lidar.scans(mode) as stream:
+                    await _write(stream, count, form, tally, writer, waiting)
+
     try:
-        run(lambda: _read(order, tally, writer))
+        run(work)
     except Stopped as stopped:
-        failure = stopped if order.count else None
+        failure = stopped if count else None
     except LidarError as error:
         failure = error
     finally:
         taken = writer.close()
     if tally.last is not None:
-        if order.form == "people" and failure is None and taken:
+        if form == "people" and failure is None and taken:
             _draw(tally.last)
-        if order.count != 1:
+        if count != 1:
             _sum_up(tally)
     if failure is not None:
         raise failure
     return ExitCode.OK
 
 
-async def _read(order: _Order, tally: _Tally, writer: Writer) -> None:
-    from lidario import open_lidar
+async def _write(
+    stream: ScanStream, count: int, form: str, tally: _Tally, writer: Writer, waiting: ExitStack
+) -> None:
+    """Write so many scans, 0 for all that come, in one form: ``people``, ``json`` or ``csv``."""
     from lidario.cli import formats
 
-    form = {"json": formats.as_json, "csv": formats.as_csv, "people": formats.as_row}[order.form]
-    header = {"json": "", "csv": formats.CSV_HEADER, "people": formats.ROW_HEADER}[order.form]
-    where = order.source if order.source != "auto" else "the first scan"
-    with ExitStack() as waiting:
-        waiting.enter_context(progress(f"waiting for {where} …"))
-        opened = open_lidar(
-            order.source,
-            keep_spinning=order.keep_spinning,
-            reconnect=order.reconnect,
-            guard=order.guard,
-            config=order.config,
-        )
-        async with opened as lidar:
-            tally.lidar, tally.began = lidar, time.monotonic()
-            async with lidar.scans(order.mode) as stream:
-                async for scan in stream:
-                    if not tally.count:
-                        waiting.close()
-                        if order.form == "people":
-                            message(f"{introduced(lidar.info.model, lidar.info.serial)}, mode {scan.mode}")
-                        await writer.write(header)
-                    await writer.write(form(scan))
-                    tally.last, tally.count = scan, tally.count + 1
-                    if tally.count == order.count:
-                        return
+    written = {"json": formats.as_json, "csv": formats.as_csv, "people": formats.as_row}[form]
+    header = {"json": "", "csv": formats.CSV_HEADER, "people": formats.ROW_HEADER}[form]
+    async for scan in stream:
+        if not tally.count:
+            waiting.close()
+            if form == "people" and tally.lidar is not None:
+                info = tally.lidar.info
+                message(f"{introduced(info.model, info.serial)}, mode {scan.mode}")
+            await writer.write(header)
+        await writer.write(written(scan))
+        tally.last, tally.count = scan, tally.count + 1
+        if tally.count == count:
+            return
 
 
 def _draw(last: Scan) -> None:

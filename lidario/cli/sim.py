@@ -8,17 +8,14 @@ received, and which of them a real device would have discarded, and why; this he
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import errno
-import sys
 import time
 from collections import Counter
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import click
 
-from lidario.cli.errors import ExitCode, Stopped
+from lidario.cli.errors import ExitCode
 from lidario.cli.parameters import WholeRange
 from lidario.cli.streams import emit, message
 
@@ -28,17 +25,21 @@ if TYPE_CHECKING:
     from lidario.sim.faults import Faults
     from lidario.sim.serve import PtyServer, TcpServer, UdpServer
 
-__all__ = ["name_of", "on_pty", "on_tcp", "on_udp", "sim", "sum_up"]
+    _Server = TypeVar("_Server", TcpServer, UdpServer)
+
+__all__ = ["name_of", "pty_option", "server_of", "sim", "sum_up", "tcp_option"]
 
 POLL_S = 0.1
+pty_option = click.option("--pty", is_flag=True, help="On a pseudo-terminal: the default on Linux.")
+tcp_option = click.option(
+    "--tcp", metavar="[HOST]:PORT", help="On a TCP port of this machine, or of that address; port 0 is any."
+)
 
 
 @click.command()
 @click.argument("model", required=False)
-@click.option("--pty", is_flag=True, help="On a pseudo-terminal: the default on Linux.")
-@click.option(
-    "--tcp", metavar="[HOST]:PORT", help="On a TCP port of this machine, or of that address; port 0 is any."
-)
+@pty_option
+@tcp_option
 @click.option("--udp", metavar="[HOST]:PORT", help="On a UDP port: the default for an Ethernet model.")
 @click.option("--fault", "faults", multiple=True, metavar="NAME[:VALUE]",
               help="What goes wrong, for instance drop:1% or reboot:5s. May be given several times.")  # fmt: skip
@@ -71,8 +72,6 @@ def sim(
     """
     from lidario import simulate
     from lidario.families.registry import FAMILIES
-    from lidario.sim.device import is_network
-    from lidario.sim.serve import usual_way
 
     if list_models:
         emit(_model_table())
@@ -84,12 +83,7 @@ def sim(
         raise click.UsageError("--pty, --tcp and --udp exclude each other", click.get_current_context())
     model = model or FAMILIES[0].simulated[0]
     device = simulate(model, world=world or "room", serial=serial, seed=seed)
-    happening = _faults(faults, seed)
-    if udp is not None or (is_network(device) and tcp is None and not pty):
-        return _serve(on_udp(device, udp or ":0", happening), model)
-    if tcp is not None or not (pty or usual_way() == "pty"):
-        return _serve(on_tcp(device, tcp or ":0", happening), model)
-    return _serve(on_pty(device, happening), model)
+    return _serve(server_of(device, pty=pty, tcp=tcp, udp=udp, faults=_faults(faults, seed)), model)
 
 
 def _model_table() -> str:
@@ -121,11 +115,18 @@ def _faults(words: tuple[str, ...], seed: int) -> Faults | None:
         raise click.BadParameter(str(error), param_hint="--fault") from None
 
 
-def on_pty(device: SimulatedDevice, faults: Faults | None) -> PtyServer:
-    """Serve a device on a pseudo-terminal."""
+def server_of(
+    device: SimulatedDevice, *, pty: bool, tcp: str | None, udp: str | None = None, faults: Faults | None = None
+) -> PtyServer | TcpServer | UdpServer:
+    """Serve a device in the way that was asked for, else in the usual one."""
     from lidario import ConnectFailed
-    from lidario.sim.serve import PtyServer
+    from lidario.sim.device import is_network
+    from lidario.sim.serve import PtyServer, TcpServer, UdpServer, usual_way
 
+    if udp is not None or (is_network(device) and tcp is None and not pty):
+        return _listening(UdpServer, "udp", udp or ":0", device, faults)
+    if tcp is not None or not (pty or usual_way() == "pty"):
+        return _listening(TcpServer, "tcp", tcp or ":0", device, faults)
     try:
         return PtyServer(device, faults=faults)
     except OSError as error:
@@ -134,39 +135,17 @@ def on_pty(device: SimulatedDevice, faults: Faults | None) -> PtyServer:
         ) from error
 
 
-def on_tcp(device: SimulatedDevice, address: str, faults: Faults | None) -> TcpServer:
+def _listening(
+    make: type[_Server], kind: str, address: str, device: SimulatedDevice, faults: Faults | None
+) -> _Server:
     """Listen on the loopback interface, unless the address names another."""
-    from lidario.sim.serve import TcpServer
+    from lidario import ConnectFailed
 
-    host, number = _address(address, "tcp")
-    with _listening(address, "tcp"):
-        return TcpServer(device, host, number, faults=faults)
-
-
-def on_udp(device: SimulatedDevice, address: str, faults: Faults | None) -> UdpServer:
-    """As `on_tcp`, by UDP."""
-    from lidario.sim.serve import UdpServer
-
-    host, number = _address(address, "udp")
-    with _listening(address, "udp"):
-        return UdpServer(device, host, number, faults=faults)
-
-
-def _address(address: str, kind: str) -> tuple[str, int]:
-    """Host and port; the loopback interface where no host is named."""
     host, _, port = address.rpartition(":")
     if not port.isdecimal() or int(port) > 0xFFFF:
         raise click.BadParameter(f"{address!r} is not [HOST]:PORT, such as :2000", param_hint=f"--{kind}")
-    return host or "127.0.0.1", int(port)
-
-
-@contextlib.contextmanager
-def _listening(address: str, kind: str) -> Iterator[None]:
-    """Say why an address cannot be listened on."""
-    from lidario import ConnectFailed
-
     try:
-        yield
+        return make(device, host or "127.0.0.1", int(port), faults=faults)
     except OSError as error:
         why: ConnectReason = "source"
         if error.errno == errno.EADDRINUSE:
@@ -179,7 +158,7 @@ def _listening(address: str, kind: str) -> Iterator[None]:
 
 
 def _serve(server: PtyServer | TcpServer | UdpServer, model: str) -> int:
-    from lidario.cli.running import run
+    from lidario.cli.running import run_until_stopped
     from lidario.sim.serve import UdpServer
 
     name = name_of(server)
@@ -189,12 +168,8 @@ def _serve(server: PtyServer | TcpServer | UdpServer, model: str) -> int:
         at = "" if isinstance(server, UdpServer) else f" at {server.device.baudrate} baud"
         message(f"a simulated {model}{at}, until Ctrl-C; for instance")
         message(f"  lidario scan {name}")
-        try:
-            run(lambda: _until_unplugged(server))
+        if run_until_stopped(lambda: _until_unplugged(server)):
             message("the line was unplugged, as --fault asks")
-        except Stopped:
-            if sys.stderr.isatty():
-                message("")  # the terminal has just echoed ^C
     sum_up(server, time.monotonic() - began)
     return ExitCode.OK
 

@@ -121,8 +121,7 @@ def stats(source: str, seconds: float, mode: str | int | None, as_json: bool, gu
         if as_json:
             dump(_record(measured))
         else:
-            target = console()
-            emit(rendered(target, _table(measured)))
+            emit(rendered(console(), _table(measured)))
     elif stopped is not None:
         message("nothing was measured yet: the first revolution had not come")
     if stopped is not None:
@@ -182,12 +181,15 @@ def verdict(measured: Measured) -> tuple[str, str]:
             "it read when the buffer was full. Close other programs, or use a mode with fewer samples"
         )
     if line.overruns and not line.framing_errors and (line.missed_scans or line.damaged > TOLERABLE_DAMAGE):
-        return "slow", f"{percent(line.damaged)} of the packets lost, with {line.trouble}. Close other programs"
+        return (
+            "slow",
+            f"{percent(line.damaged)} of the packets lost, with {line.line_trouble}. Close other programs",
+        )
     if line.missed_scans or line.damaged > TOLERABLE_DAMAGE:
         missed = f" and {line.missed_scans} revolutions lost" if line.missed_scans else ""
         cure = "Check the cable, the plug, and the power supply (5 V, 1.5 A)"
-        if line.trouble:
-            cure = f"The driver counted {line.trouble}"
+        if line.line_trouble:
+            cure = f"The driver counted {line.line_trouble}"
         elif measured.simulated:
             cure = "Its simulated faults do that, or this computer is too busy; a real one has a cable to check"
         return "damaged", f"{percent(line.damaged)} of the packets damaged{missed}. {cure}"
@@ -224,7 +226,7 @@ def _table(measured: Measured) -> Table:
     assert line is not None
     word, reason = verdict(measured)
     load = f", {percent(line.load)} of the line" if line.load is not None else ""
-    trouble = [("driver", f"counted {line.trouble}")] if line.trouble else []
+    trouble = [("driver", f"counted {line.line_trouble}")] if line.line_trouble else []
     return facts(
         [
             ("lidar", f"{introduced(measured.model, measured.serial)}, mode {measured.mode}"),

@@ -9,24 +9,25 @@ from __future__ import annotations
 import asyncio
 import errno
 import getpass
+import math
 import os
 import re
 import secrets
 import socket
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import click
 
-from lidario.cli.errors import ExitCode, Stopped
+from lidario.cli.errors import ExitCode, need
 from lidario.cli.output import progress
-from lidario.cli.parameters import WholeRange, complete_source, guard_option, mode_option
+from lidario.cli.parameters import Place, WholeRange, complete_source, guard_option, mode_option
 from lidario.cli.settings import FILE, config_file, config_option
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
     from lidario.web.feed import Feed
-    from lidario.web.frames import Mount
     from lidario.web.server import LiveServer
 
 __all__ = ["view"]
@@ -39,7 +40,7 @@ MOST_LIDARS: Final = 16
 @click.option("--port", default=8080, show_default=True, type=WholeRange(0, 65535), metavar="N",
               help="Port of the page; 0 for any that is free.")  # fmt: skip
 @click.option("--lan", is_flag=True, help="Open to the network, for those who have the printed address.")
-@click.option("--mount", "mounts", multiple=True, metavar="X,Y,YAW",
+@click.option("--mount", "mounts", type=Place(), multiple=True, metavar="X,Y,YAW",
               help="Where a lidar is mounted: metres forward, metres left, degrees counter-clockwise. "
                    "Once for each SOURCE, in their order.")  # fmt: skip
 @click.option("--colour", "colours", multiple=True, metavar="#RRGGBB",
@@ -53,7 +54,7 @@ def view(
     sources: tuple[str, ...],
     port: int,
     lan: bool,
-    mounts: tuple[str, ...],
+    mounts: tuple[tuple[float, float, float], ...],
     colours: tuple[str, ...],
     folder: str | None,
     mode: str | int | None,
@@ -63,68 +64,52 @@ def view(
 
     The address of the page is printed. A lidar that is lost is opened again as soon as it is back.
     """
-    _needs_websockets()
-    from lidario import read_config
-    from lidario.cli.running import run
+    need("websockets", "the page")
+    from lidario import Mount, read_config
+    from lidario.cli.running import run_until_stopped
     from lidario.web.feed import Feed
 
     sources = sources or ("auto",)
-    if len(sources) > MOST_LIDARS:
-        raise click.UsageError(f"a page shows {MOST_LIDARS} lidars at most", click.get_current_context())
+    _check_choice(len(sources), len(mounts), colours)
     where = Path(folder or ".") if folder or not lan else None
     file = config_file()
     if file is not None:
         read_config(file)
-    feeds = [Feed(source, mode=mode, guard=guard, stays=True, folder=where, config=file) for source in sources]
+    feeds = []
+    for source, place, colour in zip_longest(sources, mounts, colours):
+        x, y, yaw = place or (0.0, 0.0, 0.0)
+        mount = Mount(x, y, math.radians(yaw))
+        feeds.append(
+            Feed(source, mode=mode, guard=guard, stays=True, folder=where, config=file, mount=mount,
+                 colour=colour or "")
+        )  # fmt: skip
     # Whoever has the address may write it: with --lan only where the file was named.
     written = file or (None if lan else FILE)
-    places = _places(len(sources), mounts, colours)
-    try:
-        run(lambda: _serve(feeds, places, port, lan, written))
-    except Stopped:
-        message("")
+    run_until_stopped(lambda: _serve(feeds, port, lan, written))
     for feed in feeds:
         lost = f", lost {feed.losses} time{'s' if feed.losses > 1 else ''}" if feed.losses else ""
         message(f"{feed.source}: {feed.scans} scans{lost}")
     return ExitCode.OK
 
 
-def _needs_websockets() -> None:
-    try:
-        import websockets  # noqa: F401
-    except ImportError:
-        raise click.UsageError(
-            "the page needs websockets, which is not installed: pip install websockets"
-        ) from None
-
-
-def _places(count: int, mounts: tuple[str, ...], colours: tuple[str, ...]) -> list[Mount]:
-    from lidario.web.frames import Mount
-
+def _check_choice(count: int, mounts: int, colours: tuple[str, ...]) -> None:
     context = click.get_current_context()
-    if len(mounts) > count or len(colours) > count:
+    if count > MOST_LIDARS:
+        raise click.UsageError(f"a page shows {MOST_LIDARS} lidars at most", context)
+    if mounts > count or len(colours) > count:
         raise click.UsageError("more mounts or colours than sources", context)
-    found = []
-    for number in range(count):
-        text = mounts[number] if number < len(mounts) else "0,0,0"
-        colour = colours[number] if number < len(colours) else ""
+    for colour in colours:
         if colour and not re.fullmatch(r"#[0-9a-fA-F]{6}", colour):
             raise click.BadParameter(f"{colour!r} is not a colour such as #1b5fc1", param_hint="--colour")
-        try:
-            x, y, yaw = map(float, text.split(","))
-            found.append(Mount(x, y, yaw, colour))
-        except ValueError:
-            raise click.BadParameter(f"{text!r} is not X,Y,YAW, such as 0.3,0,90", param_hint="--mount") from None
-    return found
 
 
-async def _serve(feeds: list[Feed], places: list[Mount], port: int, lan: bool, config: str | None) -> None:
+async def _serve(feeds: list[Feed], port: int, lan: bool, config: str | None) -> None:
     """Read all feeds, and serve them from the first scan of each on; the first error of an opening ends it."""
     from lidario.web.server import LiveServer
 
     token = secrets.token_urlsafe(16) if lan else ""
     # Binding to all interfaces is what --lan asks for.
-    server = LiveServer(feeds, places, host="0.0.0.0" if lan else "127.0.0.1", port=port, token=token,
+    server = LiveServer(feeds, host="0.0.0.0" if lan else "127.0.0.1", port=port, token=token,
                         config=config)  # fmt: skip
     try:
         await server.__aenter__()

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from lidario.conformance.bench import Bench
-from lidario.conformance.rule import Broken, Need, NotTried, Origin, Rule, known
+from lidario.conformance.rule import Broken, Need, NotTried, Origin, known
 from lidario.model import HealthStatus
-
-__all__ = ["ASKING"]
 
 QUESTIONS = 5
 
@@ -122,15 +120,3 @@ async def speed_within_range(bench: Bench) -> str:
 def _longest(times: dict[str, float]) -> str:
     name = max(times, key=lambda each: times[each])
     return f"{times[name] * 1e3:.0f} ms at most, {name}"
-
-
-ASKING: tuple[Rule, ...] = (
-    identity_in_time,
-    health_in_time,
-    identity_is_one,
-    questions_in_a_row,
-    silent_at_rest,
-    modes_are_listed,
-    speed_within_range,
-)
-"""All of them, in the order in which they are tried."""

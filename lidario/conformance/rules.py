@@ -3,20 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import ModuleType
 
 from lidario.arguments import shown
-from lidario.conformance.asking import ASKING
+from lidario.conformance import asking, settings, stopping, streaming
 from lidario.conformance.rule import Need, Rule
-from lidario.conformance.settings import SETTINGS
-from lidario.conformance.stopping import STOPPING
-from lidario.conformance.streaming import STREAMING
 from lidario.errors import InvalidValue
 
-__all__ = ["RULES", "rule_named"]
+__all__ = ["RULES", "rule_named", "rules_in"]
 
-_MOVING = tuple(replace(rule, needs=(Need.HEALTH, *rule.needs)) for rule in (*STREAMING, *SETTINGS, *STOPPING))
+
+def rules_in(module: ModuleType) -> tuple[Rule, ...]:
+    """The rules of a module, in the order in which they stand there."""
+    return tuple(each for each in vars(module).values() if isinstance(each, Rule))
+
+
+_MOVING = (
+    replace(rule, needs=(Need.HEALTH, *rule.needs))
+    for module in (streaming, settings, stopping)
+    for rule in rules_in(module)
+)
 """They start the motor, or restart the device; repeated Protection Stops may damage it."""
-RULES: tuple[Rule, ...] = (*ASKING, *_MOVING)
+RULES: tuple[Rule, ...] = (*rules_in(asking), *_MOVING)
 """Every rule."""
 
 

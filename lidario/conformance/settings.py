@@ -6,10 +6,8 @@ import asyncio
 
 from lidario.conformance.bench import Bench
 from lidario.conformance.flow import steady
-from lidario.conformance.rule import Broken, Need, Origin, Rule, known
+from lidario.conformance.rule import Broken, Need, Origin, known
 from lidario.errors import RemoteProtocolError, StreamFailed
-
-__all__ = ["PAUSE_S", "SETTINGS"]
 
 PAUSE_S = 0.4
 """How long the program pauses: longer than the kernel's buffer lasts for the fastest device."""
@@ -126,12 +124,3 @@ async def pause_is_told(bench: Bench) -> str:
     if abs(turns - told) > max(0.5, 0.1 * told):
         raise Broken(f"{turns:.1f} revolutions passed, and {told} are told of")
     return f"{told} revolutions in {turns:.1f} turns"
-
-
-SETTINGS: tuple[Rule, ...] = (
-    speed_is_reached,
-    protection_keeps,
-    protection_stops,
-    pause_is_told,
-)
-"""All of them, in the order in which they are tried."""

@@ -6,10 +6,8 @@ import asyncio
 from contextlib import suppress
 
 from lidario.conformance.bench import Bench
-from lidario.conformance.rule import Broken, Need, Origin, Rule, known
+from lidario.conformance.rule import Broken, Need, Origin, known
 from lidario.errors import ResponseTimeout
-
-__all__ = ["STOPPING"]
 
 HELD_BACK_S = 0.06
 """How late bytes may come that were sent in time: a USB adapter holds them for 16 ms, a network for some more."""
@@ -212,17 +210,3 @@ async def stands_at_the_end(bench: Bench) -> str:
     if simulated is not None and (simulated.motor_on or simulated.scanning):
         raise Broken("the motor goes on")
     return text
-
-
-STOPPING: tuple[Rule, ...] = (
-    stop_ends_stream,
-    request_after_stop,
-    stop_at_rest,
-    stop_while_asking,
-    question_in_stream,
-    starts_again,
-    reset_boots,
-    reset_in_stream,
-    stands_at_the_end,
-)
-"""All of them, in the order in which they are tried."""

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 
 from lidario.conformance.bench import Bench
 from lidario.conformance.flow import Flow, Watch
-from lidario.conformance.rule import Broken, NotTried, Origin, Rule, known
+from lidario.conformance.rule import Broken, NotTried, Origin, known
 from lidario.scan import Scan
-
-__all__ = ["STREAMING"]
 
 MODES_S = 90.0
 """Six modes, each with 5 s for the rotor to start and 9 s for its packets and scans."""
@@ -34,12 +33,13 @@ WIDEST_GAP_DEG = 15.0
 FAR_SHARE = 1.05
 """Devices report echoes from a little beyond the range of the data sheet."""
 
+_of_modes = partial(known, limit_s=MODES_S)
 
-@known(
+
+@_of_modes(
     "Each scan mode that it lists starts, and brings packets and full revolutions in the time its rotor needs.",
     Origin.MANUAL,
     "scan requests, start of the motor",
-    limit_s=MODES_S,
 )
 async def modes_start(bench: Bench) -> str:
     """Start every mode; what is seen is kept for the rules that follow."""
@@ -57,11 +57,10 @@ async def modes_start(bench: Bench) -> str:
     return "first packets after " + ", ".join(seen)
 
 
-@known(
+@_of_modes(
     "A sample takes the time that the device tells.",
     Origin.MANUAL,
     "scan modes: time of a sample; where it is not told, the data sheet's rate",
-    limit_s=MODES_S,
 )
 async def sample_time(bench: Bench) -> str:
     """Compare with the times at which packets came."""
@@ -77,11 +76,10 @@ async def sample_time(bench: Bench) -> str:
     return await _each_flow(bench, off, whole=True)
 
 
-@known(
+@_of_modes(
     "Angles increase clockwise from packet to packet, as the model says.",
     Origin.MANUAL,
     "packets: start angle; direction of rotation",
-    limit_s=MODES_S,
 )
 async def turns_clockwise(bench: Bench) -> str:
     """Compare the beginnings of neighbouring packets: a mirrored device goes backward."""
@@ -94,11 +92,10 @@ async def turns_clockwise(bench: Bench) -> str:
     return await _each_flow(bench, forward)
 
 
-@known(
+@_of_modes(
     "On a line without faults every byte of a stream belongs to an intact packet, and none is missing.",
     Origin.MANUAL,
     "packets: check values; and what you can rely on: losses counted",
-    limit_s=MODES_S,
 )
 async def packets_are_whole(bench: Bench) -> str:
     """Compare the counters before and behind some scans."""
@@ -112,11 +109,10 @@ async def packets_are_whole(bench: Bench) -> str:
     return await _each_watch(bench, whole)
 
 
-@known(
+@_of_modes(
     "Revolutions follow each other: none is missing, and their time stamps meet.",
     Origin.PROMISE,
     "what you can rely on: losses counted",
-    limit_s=MODES_S,
 )
 async def revolutions_follow(bench: Bench) -> str:
     """Compare numbers and times of scans. One stamp may be late; behind a missing revolution all are."""
@@ -136,11 +132,10 @@ async def revolutions_follow(bench: Bench) -> str:
     return await _each_watch(bench, follow)
 
 
-@known(
+@_of_modes(
     "Revolutions have about as many samples each, and as many as speed and time of a sample say.",
     Origin.PROMISE,
     "full revolutions",
-    limit_s=MODES_S,
 )
 async def revolutions_are_full(bench: Bench) -> str:
     """Count the samples."""
@@ -161,11 +156,10 @@ async def revolutions_are_full(bench: Bench) -> str:
     return await _each_watch(bench, alike)
 
 
-@known(
+@_of_modes(
     "The samples of a revolution go round the whole circle, or what of it the device sees.",
     Origin.PROMISE,
     "full revolutions",
-    limit_s=MODES_S,
 )
 async def circle_is_whole(bench: Bench) -> str:
     """Look for the widest gap between neighbouring angles."""
@@ -181,11 +175,10 @@ async def circle_is_whole(bench: Bench) -> str:
     return await _each_watch(bench, covered)
 
 
-@known(
+@_of_modes(
     "Distances lie within the range of the scan mode, and something is seen at all.",
     Origin.MANUAL,
     "scan modes: farthest distance; the data sheet's range",
-    limit_s=MODES_S,
 )
 async def ranges_are_possible(bench: Bench) -> str:
     """Look at the farthest return."""
@@ -201,11 +194,10 @@ async def ranges_are_possible(bench: Bench) -> str:
     return await _each_watch(bench, possible)
 
 
-@known(
+@_of_modes(
     "The rotor turns steadily.",
     Origin.MANUAL,
     "data sheet: scan frequency; a revolution lasts as long as its neighbours, within 5 %",
-    limit_s=MODES_S,
 )
 async def rotor_is_steady(bench: Bench) -> str:
     """Compare what neighbouring revolutions took by their samples: when they are read, depends on the computer."""
@@ -228,11 +220,10 @@ async def rotor_is_steady(bench: Bench) -> str:
     return await _each_watch(bench, steady)
 
 
-@known(
+@_of_modes(
     "The speed that stands in the packets is the one measured.",
     Origin.MANUAL,
     "packets: scan frequency, or speed",
-    limit_s=MODES_S,
 )
 async def reported_speed(bench: Bench) -> str:
     """Compare the speed in the packets with the measured one."""
@@ -277,11 +268,7 @@ async def _each_watch(bench: Bench, check: Callable[[Watch], tuple[bool, str]]) 
     Raises:
         Broken: Some do not pass.
     """
-    found = [(each.mode.name, *check(each)) for each in await _seen(bench)]
-    bad = [f"mode {name}: {text}" for name, held, text in found if not held]
-    if bad:
-        raise Broken("; ".join(bad))
-    return "; ".join(f"{name} {text}" if len(found) > 1 else text for name, _, text in found)
+    return _judged([(each.mode.name, *check(each)) for each in await _seen(bench)])
 
 
 async def _each_flow(bench: Bench, check: Callable[[Flow], tuple[bool, str]], *, whole: bool = False) -> str:
@@ -298,23 +285,12 @@ async def _each_flow(bench: Bench, check: Callable[[Flow], tuple[bool, str]], *,
     flows = [each.flow for each in watches if each.flow is not None and (each.is_whole or not whole)]
     if not flows:
         raise NotTried("packets of every mode were damaged or are missing, so samples are missing")
-    found = [(flow.mode.name, *check(flow)) for flow in flows]
+    return _judged([(flow.mode.name, *check(flow)) for flow in flows])
+
+
+def _judged(found: list[tuple[str, bool, str]]) -> str:
+    """What was measured, by the name of each mode, whether it passes, and that."""
     bad = [f"mode {name}: {text}" for name, held, text in found if not held]
     if bad:
         raise Broken("; ".join(bad))
     return "; ".join(f"{name} {text}" if len(found) > 1 else text for name, _, text in found)
-
-
-STREAMING: tuple[Rule, ...] = (
-    modes_start,
-    sample_time,
-    turns_clockwise,
-    packets_are_whole,
-    revolutions_follow,
-    revolutions_are_full,
-    circle_is_whole,
-    ranges_are_possible,
-    rotor_is_steady,
-    reported_speed,
-)
-"""All of them, in the order in which they are tried."""

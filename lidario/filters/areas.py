@@ -58,7 +58,6 @@ class BoxFilter(MaskFilter):
         _check_place(self)
 
     def leaves_out(self, record: MeasuredSamples, /) -> NDArray[np.bool_]:
-        """Which samples lie where nothing is wanted; bool, shape (n,)."""
         x, y = _mounted(record, self.mount)
         inside = (x >= self.min_x) & (x <= self.max_x) & (y >= self.min_y) & (y <= self.max_y)
         return record.valid & ~inside if self.invert else inside
@@ -97,7 +96,6 @@ class PolygonFilter(MaskFilter):
         _check_place(self)
 
     def leaves_out(self, record: MeasuredSamples, /) -> NDArray[np.bool_]:
-        """Which samples lie where nothing is wanted; bool, shape (n,)."""
         x, y = _mounted(record, self.mount)
         inside = np.zeros(len(record), np.bool_)
         corners = tuple(self.polygon)

@@ -72,7 +72,6 @@ class ShadowsFilter(MaskFilter):
         object.__setattr__(self, "remove_shadow_start_point", start)
 
     def leaves_out(self, record: MeasuredSamples, /) -> NDArray[np.bool_]:
-        """Which samples their neighbours contradict; bool, shape (n,)."""
         count, ranges = len(record), record.ranges
         # A return at the begin may be next to one at the end, `neighbors` further.
         closed = _is_closed(record, max(self.window, self.neighbors))
@@ -140,7 +139,6 @@ class RadiusOutlierFilter(MaskFilter):
         _check_count(self, "window", 1, MOST_WINDOW)
 
     def leaves_out(self, record: MeasuredSamples, /) -> NDArray[np.bool_]:
-        """Which samples their neighbours contradict; bool, shape (n,)."""
         count, window = len(record), self.window
         closed = _is_closed(record, window)
         cos, sin = record.directions()

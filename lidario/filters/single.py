@@ -56,7 +56,6 @@ class AngularBoundsFilter(MaskFilter):
         object.__setattr__(self, "invert", yes_or_no(self.invert, "invert"))
 
     def leaves_out(self, record: MeasuredSamples, /) -> NDArray[np.bool_]:
-        """Which samples are out of bounds by themselves; bool, shape (n,)."""
         inside = np.zeros(len(record), np.bool_)
         for window in self.windows:
             inside |= is_between(record.angles, window)
@@ -82,7 +81,6 @@ class RangeFilter(MaskFilter):
         _check_thresholds(self)
 
     def leaves_out(self, record: MeasuredSamples, /) -> NDArray[np.bool_]:
-        """Which samples are out of bounds by themselves; bool, shape (n,)."""
         lower, upper = (
             min(max(each, -_BEYOND_M), _BEYOND_M) for each in (self.lower_threshold, self.upper_threshold)
         )
@@ -109,7 +107,6 @@ class IntensityFilter(MaskFilter):
         _check_thresholds(self)
 
     def leaves_out(self, record: MeasuredSamples, /) -> NDArray[np.bool_]:
-        """Which samples are out of bounds by themselves; bool, shape (n,)."""
         if record.intensities is None:
             return np.zeros(len(record), np.bool_)
         # Whole numbers are compared with whole numbers, which are in the range of a byte.

@@ -13,9 +13,10 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 from lidario.arguments import printable
+from lidario.families.stream import Stream
 from lidario.model import ScanMode
 
 __all__ = [
@@ -77,6 +78,25 @@ class StreamBegan:
     zero_offset_deg: float
     may_take_ns: tuple[float, ...] = ()
     continues: bool = False
+
+    @classmethod
+    def of(
+        cls, stream: Stream, at: int, request: bytes, baudrate: int, wall_offset_ns: int, *, continues: bool = False
+    ) -> Self:
+        """What is known of a stream that begins now; the arguments are those of the class."""
+        return cls(
+            at=at,
+            request=request,
+            mode=stream.mode,
+            packet_size=stream.format.shortest,
+            sample_ns=stream.sample_ns,
+            slowest_turn_s=stream.slowest_turn_s,
+            baudrate=baudrate,
+            wall_offset_ns=wall_offset_ns,
+            zero_offset_deg=stream.zero_offset_deg,
+            may_take_ns=stream.may_take_ns,
+            continues=continues,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,33 +204,10 @@ class Chronicle:
         self._started_by = request
 
     def began(
-        self,
-        at: int,
-        mode: ScanMode,
-        packet_size: int,
-        sample_ns: float,
-        slowest_turn_s: float,
-        baudrate: int,
-        wall_offset_ns: int,
-        zero_offset_deg: float,
-        may_take_ns: tuple[float, ...],
-        *,
-        continues: bool = False,
+        self, stream: Stream, at: int, baudrate: int, wall_offset_ns: int, *, continues: bool = False
     ) -> None:
         """A stream is delivered from now on; the arguments are those of `StreamBegan`."""
-        self.running = StreamBegan(
-            at,
-            self._started_by,
-            mode,
-            packet_size,
-            sample_ns,
-            slowest_turn_s,
-            baudrate,
-            wall_offset_ns,
-            zero_offset_deg,
-            may_take_ns,
-            continues,
-        )
+        self.running = StreamBegan.of(stream, at, self._started_by, baudrate, wall_offset_ns, continues=continues)
         self._tell(self.running)
 
     def zero_offset_set(self, at: int, degrees: float, *, behind: bool) -> None:

@@ -47,7 +47,6 @@ class RecordedDevice(Device):
         self._offset_deg: float | None = None
 
     def stop(self) -> Request:
-        """The request that stops it; nobody hears it."""
         return self._device.stop()
 
     def halt(self) -> tuple[Request, ...]:
@@ -103,15 +102,12 @@ class RecordedDevice(Device):
         return replace(stream, zero_offset_deg=self.offset_of(stream.zero_offset_deg))
 
     def sample_rate(self) -> Script[SampleRate]:
-        """What it had said; raises Unsupported where it was not asked."""
         return self._recall(self._device.sample_rate(), "its sample rate")
 
     def scan_frequency(self) -> Script[float]:
-        """What it had said; raises Unsupported where it was not asked."""
         return self._recall(self._device.scan_frequency(), "its scan frequency")
 
     def scan_frequency_range(self) -> Script[tuple[float, float]]:
-        """What it had said; raises Unsupported where it was not asked."""
         return self._recall(self._device.scan_frequency_range(), "its range of scan frequencies")
 
     def set_scan_frequency(self, hertz: float) -> Script[float]:  # noqa: ARG002
@@ -119,7 +115,6 @@ class RecordedDevice(Device):
         raise Unsupported("the scan frequency of a recording cannot be set; ?rate=2 plays it faster")
 
     def zero_offset(self) -> Script[float]:
-        """What it had said; raises Unsupported where it was not asked."""
         return self._recall(self._device.zero_offset(), "its zero-angle offset")
 
     def apply_zero_offset(self, on: bool) -> Script[float]:
@@ -132,11 +127,9 @@ class RecordedDevice(Device):
         return recorded_deg if self._offset_deg is None else self._offset_deg
 
     def network_address(self) -> Script[NetworkAddress]:
-        """What it had said; raises Unsupported where it was not asked."""
         return self._recall(self._device.network_address(), "its network address")
 
     def set_network_address(self, address: NetworkAddress) -> Script[None]:  # noqa: ARG002
-        """Raises Unsupported."""
         raise Unsupported("a recording has no network address to be set")
 
     def power_down_protection(self, on: bool) -> Script[bool]:  # noqa: ARG002

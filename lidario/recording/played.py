@@ -77,7 +77,6 @@ class PlayedDevice:
         return self._scanning
 
     def receive(self, data: bytes, now: int) -> None:
-        """Take bytes that the host has sent; `now` in nanoseconds."""
         self._incoming += data
         while self._incoming:
             begin = self._incoming.find(REQUEST_MAGIC)
@@ -96,7 +95,6 @@ class PlayedDevice:
                     self._note(unknown, now, "the recording holds no response to it")
 
     def transmit(self, now: int) -> bytes:
-        """The bytes that are due by `now`, in nanoseconds."""
         self._talk()
         while self._scanning and (due := self._due(now)) is not None and due <= now:
             piece = self._peek()
@@ -108,7 +106,6 @@ class PlayedDevice:
         return data
 
     def wakeup(self, now: int) -> int | None:
-        """When something is due next, in nanoseconds; None for never, as far as is known."""
         self._talk()
         if self._outgoing:
             return now

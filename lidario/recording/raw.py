@@ -62,17 +62,8 @@ class RawRecording(StoredStreams):
         model = (decoder.title or f"{found.title} (model not recorded)") + (" (a guess)" if decoder.guess else "")
         info = DeviceInfo(found.name, model, 0, "", 0, "")
         self.about: About = About(info, source=str(path))
-        began = StreamBegan(
-            at=decoder.begin,
-            request=b"",
-            mode=replace(stream.mode, typical=True),
-            packet_size=stream.format.shortest,
-            sample_ns=stream.sample_ns,
-            slowest_turn_s=stream.slowest_turn_s,
-            baudrate=0,
-            wall_offset_ns=0,
-            zero_offset_deg=0.0,
-        )
+        began = StreamBegan.of(stream, decoder.begin, b"", 0, 0)
+        began = replace(began, mode=replace(stream.mode, typical=True))
         self.streams: tuple[StoredStream, ...] = (StoredStream(found, began, timed=False),)
 
     def pieces(self) -> Iterator[Piece]:

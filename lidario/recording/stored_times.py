@@ -46,7 +46,6 @@ class StoredTimes:
 
     @property
     def is_told(self) -> bool:
-        """As `Clock.is_told`."""
         return self._reader is not None
 
     def dated(self, packets: Packets) -> Packets:

@@ -79,17 +79,14 @@ class Chassis(ABC, Generic[StreamT]):
 
     @property
     def baudrate(self) -> int:
-        """Speed of the line in bits a second."""
         return self._baudrate
 
     @property
     def log(self) -> list[Received]:
-        """Every request so far, oldest first, the discarded ones included."""
         return self._log.entries
 
     @property
     def scanning(self) -> bool:
-        """Whether a measurement stream runs, or waits for the motor."""
         return self._stream is not None
 
     @property
@@ -99,7 +96,6 @@ class Chassis(ABC, Generic[StreamT]):
 
     @property
     def motor_on(self) -> bool:
-        """Whether the motor is powered."""
         return self._motor.target_rpm > 0.0
 
     @property
@@ -128,7 +124,6 @@ class Chassis(ABC, Generic[StreamT]):
         return at
 
     def transmit(self, now: int) -> bytes:
-        """Hand out the bytes whose last bit has left the device by `now`, and forget them."""
         self._advance(now)
         data = self._queue.take(now)
         return b"" if self.mute else data

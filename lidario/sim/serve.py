@@ -66,15 +66,10 @@ class PtyServer(Server):
     ) -> None:
         if sys.platform == "win32":
             raise OSError("this system has no pseudo-terminals; serve the device over TCP")
-        import tty
-
         super().__init__(device, tick, faults, chunk)
         self._link: str | None = None
-        self._master, self._slave = os.openpty()
         self._held = -1
-        tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
-        self.path: str = os.ttyname(self._slave)
+        self._plug_in()
         self._thread.start()
 
     def _sources(self) -> list[int | socket.socket]:
@@ -108,7 +103,7 @@ class PtyServer(Server):
             self._master, self._slave = os.openpty()
             tty.setraw(self._slave)
             os.set_blocking(self._master, False)
-            self.path = os.ttyname(self._slave)
+            self.path: str = os.ttyname(self._slave)
             if self._link is not None:
                 os.symlink(self.path, self._link)
 

@@ -167,7 +167,6 @@ class Talker(Chassis[Running], Generic[ProfileT]):
         self._up = _BLOCKED
 
     def freeze(self, now: int) -> None:
-        """From `now` on neither send nor obey anything, until the next `reboot`."""
         super().freeze(now)
         self._up = _BLOCKED
 

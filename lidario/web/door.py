@@ -108,18 +108,15 @@ class Connection(ServerConnection):
         self._head = 0
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """As ``asyncio.Protocol``."""
         super().connection_made(transport)
         peer = transport.get_extra_info("peername")
         self._door.enter(self, str(peer[0]) if peer else "")
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """As ``asyncio.Protocol``."""
         self._door.leave(self)
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
-        """As ``asyncio.Protocol``."""
         for at in range(0, len(data), _STEP):
             if self.transport.is_closing():
                 return
@@ -134,7 +131,6 @@ class Connection(ServerConnection):
             self.transport.pause_reading()
 
     def resume_writing(self) -> None:
-        """As ``asyncio.Protocol``."""
         super().resume_writing()
         if not self.recv_messages.paused:
             self.transport.resume_reading()
@@ -189,7 +185,6 @@ class Listening(socket.socket):
             raise BlockingIOError from error
 
     def close(self) -> None:
-        """As ``socket``."""
         self._let_go()
         super().close()
 

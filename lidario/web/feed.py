@@ -22,6 +22,7 @@ from lidario import (
     Lidar,
     LidarConfig,
     LidarError,
+    Mount,
     RecordingError,
     Scan,
     Stats,
@@ -54,6 +55,8 @@ class Feed:
         stays: Whether it waits behind the end of a recording, to be played again.
         folder: Where it may be recorded; None for nowhere.
         config: The file of settings; None for none. It is read at each opening.
+        mount: Where it is mounted; at the origin unless its settings say otherwise.
+        colour: As ``#rrggbb``; empty for one that the page chooses.
 
     Attributes:
         source: Where it was asked for.
@@ -69,6 +72,7 @@ class Feed:
         length_s: Seconds that a recording lasts; None of a lidar, and before it was opened.
         rate: How many times as fast as it was recorded it is played.
         keeper: Records it; None where it may not be recorded, as a recording.
+        colour: In which it is shown.
         config: Its settings, once it was opened.
         saved: The filters of its settings.
         drawn: Filters that viewers have added, and have not saved.
@@ -86,6 +90,8 @@ class Feed:
         stays: bool = False,
         folder: Path | None = None,
         config: str | None = None,
+        mount: Mount = Mount(),  # noqa: B008 - it cannot be changed
+        colour: str = "",
     ) -> None:
         self.source = source
         self.mode = mode
@@ -97,6 +103,8 @@ class Feed:
         self.saved: tuple[Filter, ...] = ()
         self.drawn: list[Filter] = []
         self.removed: list[Filter] = []
+        self.colour = colour
+        self._mount = mount
         self._config = config
         self.latest: Scan | None = None
         self.line: Traffic | None = None
@@ -119,6 +127,12 @@ class Feed:
     def filters(self) -> tuple[Filter, ...]:
         """What its scans pass."""
         return tuple(each for each in (*self.saved, *self.drawn) if each not in self.removed)
+
+    @property
+    def place(self) -> Mount:
+        """Where it is on the robot: as the caller says, else as its settings say."""
+        own = self.config.mount
+        return self._mount if own is None or self._mount != Mount() else own
 
     @property
     def reached_s(self) -> float:

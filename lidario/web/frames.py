@@ -28,48 +28,22 @@ import json
 import math
 import struct
 import time
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
-from lidario import InvalidValue, Scan
+from lidario import Scan
+from lidario.filters import AngularBoundsFilter, BoxFilter, Filter
 from lidario.web.feed import Feed
-from lidario.web.shapes import shapes_of
 
-__all__ = ["HEADER", "SCAN", "Mount", "pack_scan", "pack_state", "place_of"]
+__all__ = ["HEADER", "SCAN", "pack_scan", "pack_state"]
 
 SCAN: Final = 1
 HEADER: Final = struct.Struct("<BBHIdIfII")
 _FARTHEST: Final = 0xFFFF
 _REASON: Final = 200
 """Longest reason that is sent; the text of an error may have any length."""
-
-
-@dataclass(frozen=True, slots=True)
-class Mount:
-    """Where a lidar is mounted, and its colour.
-
-    Attributes:
-        x: Metres forward.
-        y: Metres to the left.
-        yaw: Degrees counter-clockwise.
-        colour: As ``#rrggbb``; empty for one that the page chooses.
-    """
-
-    x: float = 0.0
-    y: float = 0.0
-    yaw: float = 0.0
-    colour: str = ""
-
-    def __post_init__(self) -> None:
-        """Refuse what is no place.
-
-        Raises:
-            InvalidValue: A number is not finite.
-        """
-        if not all(map(math.isfinite, (self.x, self.y, self.yaw))):
-            raise InvalidValue(f"a lidar is mounted at finite x, y and yaw, not {self.x}, {self.y}, {self.yaw}")
 
 
 def pack_scan(number: int, scan: Scan) -> bytes:
@@ -94,22 +68,11 @@ def pack_scan(number: int, scan: Scan) -> bytes:
     return b"".join(parts)
 
 
-def place_of(feed: Feed, mount: Mount) -> Mount:
-    """Where a lidar is shown: as the command line says, else as its settings say."""
-    own = feed.config.mount
-    if own is None or (mount.x, mount.y, mount.yaw) != (0.0, 0.0, 0.0):
-        return mount
-    return Mount(own.x, own.y, math.degrees(own.yaw), mount.colour)
-
-
-def pack_state(
-    feeds: list[Feed], mounts: list[Mount], echo: float | None = None, masks: dict[str, object] | None = None
-) -> str:
+def pack_state(feeds: list[Feed], echo: float | None = None, masks: dict[str, object] | None = None) -> str:
     """The states of all lidars as JSON.
 
     Args:
         feeds: What is shown.
-        mounts: Where, as `place_of` gives it.
         echo: A viewer's own time, sent back so that it can compare clocks.
         masks: What became of that which viewers have drawn.
     """
@@ -123,15 +86,15 @@ def pack_state(
             "reason": feed.reason[:_REASON],
             "damaged": None if feed.line is None else round(feed.line.damaged, 5),
             "load": None if feed.line is None or feed.line.load is None else round(feed.line.load, 3),
-            "x": mount.x,
-            "y": mount.y,
-            "yaw": mount.yaw,
-            "colour": mount.colour,
+            "x": feed.place.x,
+            "y": feed.place.y,
+            "yaw": round(math.degrees(feed.place.yaw), 6),
+            "colour": feed.colour,
             "play": _play(feed),
             "record": _record(feed),
-            "shapes": shapes_of(feed.filters),
+            "shapes": _shapes_of(feed.filters),
         }
-        for feed, mount in zip(feeds, mounts, strict=True)
+        for feed in feeds
     ]
     state = {"now": time.time() * 1000, "echo": echo, "lidars": lidars, "masks": masks}
     return json.dumps(state, ensure_ascii=False, allow_nan=False)
@@ -148,3 +111,14 @@ def _record(feed: Feed) -> dict[str, object] | None:
         return None
     keeper = feed.keeper
     return {"on": keeper.is_on, "name": keeper.name, "scans": keeper.scans, "error": keeper.error[:_REASON]}
+
+
+def _shapes_of(filters: Sequence[Filter]) -> list[list[float]]:
+    """Among filters, the boxes (four sides, metres of the robot) and left-out sectors (two angles, radians)."""
+    shapes: list[list[float]] = []
+    for each in filters:
+        if isinstance(each, BoxFilter) and not each.invert:
+            shapes.append([each.min_x, each.max_x, each.min_y, each.max_y])
+        elif isinstance(each, AngularBoundsFilter) and each.invert:
+            shapes += [[begin, end] for begin, end in each.windows]
+    return shapes

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from os import PathLike
 from typing import Any, Final
 
-from lidario import InvalidValue, LidarError, Mount, read_config, save_config
+from lidario import InvalidValue, LidarError, read_config, save_config
 from lidario.filters import AngularBoundsFilter, BoxFilter, Filter
 from lidario.web.feed import Feed
 
@@ -36,19 +36,15 @@ class Masks:
 
     Args:
         feeds: What is shown.
-        places: Where each lidar is shown, for those whose settings do not say it.
         path: The file of settings to write; None where a viewer may not.
 
     Attributes:
         said: What became of the last wish to save; empty before one.
     """
 
-    def __init__(
-        self, feeds: Sequence[Feed], places: Callable[[Feed], Mount], path: str | PathLike[str] | None
-    ) -> None:
+    def __init__(self, feeds: Sequence[Feed], path: str | PathLike[str] | None) -> None:
         self.said: str = ""
         self._feeds = tuple(feeds)
-        self._place_of = places
         self._path = path
         self._changes: list[list[_Change]] = []
 
@@ -59,7 +55,7 @@ class Masks:
         if box := _BOX.fullmatch(message):
             x1, x2, y1, y2 = map(float, box.groups())
             sides = min(x1, x2), max(x1, x2), min(y1, y2), max(y1, y2)
-            self._add([(feed.drawn, BoxFilter(*sides, mount=self._place_of(feed))) for feed in self._feeds])
+            self._add([(feed.drawn, BoxFilter(*sides, mount=feed.place)) for feed in self._feeds])
         elif box := _NO_BOX.fullmatch(message):
             gone = tuple(map(float, box.groups()))
             self._add(
@@ -107,7 +103,7 @@ class Masks:
                 if not feed.info.serial and len(self._feeds) > 1:
                     raise InvalidValue(f"{feed.source} tells no serial number: settings cannot tell it from others")
                 # Boxes were drawn from where the lidar is shown; without that place they would be elsewhere.
-                save_config(self._path, feed.info.serial, mount=self._place_of(feed), filters=drawn, without=gone)
+                save_config(self._path, feed.info.serial, mount=feed.place, filters=drawn, without=gone)
             config = read_config(self._path)
         except LidarError as error:
             self.said = str(error).partition("\n")[0]

@@ -12,7 +12,6 @@ import asyncio
 import base64
 import hashlib
 import logging
-import math
 import re
 from collections.abc import Sequence
 from contextlib import suppress
@@ -26,12 +25,11 @@ from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
-import lidario
 from lidario import Scan
 from lidario.web.access import AccessRules, Refusal
 from lidario.web.door import BACKLOG, Connection, Door, Listening
 from lidario.web.feed import Feed
-from lidario.web.frames import Mount, pack_scan, pack_state, place_of
+from lidario.web.frames import pack_scan, pack_state
 from lidario.web.masks import Masks
 
 __all__ = ["LiveServer"]
@@ -112,7 +110,6 @@ class LiveServer:
 
     Args:
         feeds: What is shown.
-        mounts: Where each of them is mounted.
         host: Address to listen at.
         port: Port to listen at; 0 for any.
         token: What everyone must know who connects; empty for none.
@@ -126,7 +123,6 @@ class LiveServer:
     def __init__(
         self,
         feeds: Sequence[Feed],
-        mounts: Sequence[Mount],
         *,
         host: str,
         port: int,
@@ -135,10 +131,10 @@ class LiveServer:
     ) -> None:
         self.url: str = ""
         self.sent: int = 0
-        self._feeds, self._mounts = list(feeds), list(mounts)
+        self._feeds = list(feeds)
         self._host, self._port = host, port
         self._rules = AccessRules(token)
-        self._masks = Masks(self._feeds, self._mount_of, config)
+        self._masks = Masks(self._feeds, config)
         self._viewers: set[_Viewer] = set()
         self._door = Door()
         self._packed: dict[int, tuple[Scan, bytes]] = {}
@@ -257,7 +253,7 @@ class LiveServer:
                 if viewer.states:
                     viewer.states, echo = False, viewer.echo
                     viewer.echo = None
-                    await viewer.connection.send(self._state(echo))
+                    await viewer.connection.send(pack_state(self._feeds, echo, self._masks.state()))
                 while viewer.waiting and viewer.unconfirmed < AHEAD:
                     # In turn: the first one goes, and stands last when it is there again.
                     number = next(iter(viewer.waiting))
@@ -265,14 +261,6 @@ class LiveServer:
                     viewer.unconfirmed += 1
                     self.sent += 1
                     await viewer.connection.send(self._bytes_of(number, scan))
-
-    def _state(self, echo: float | None) -> str:
-        places = [place_of(feed, mount) for feed, mount in zip(self._feeds, self._mounts, strict=True)]
-        return pack_state(self._feeds, places, echo, self._masks.state())
-
-    def _mount_of(self, feed: Feed) -> lidario.Mount:
-        place = place_of(feed, self._mounts[self._feeds.index(feed)])
-        return lidario.Mount(place.x, place.y, math.radians(place.yaw))
 
     def _bytes_of(self, number: int, scan: Scan) -> bytes:
         packed = self._packed.get(number)

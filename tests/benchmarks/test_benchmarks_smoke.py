@@ -139,11 +139,9 @@ def test_what_the_vendors_driver_read_is_compared_with_the_device(
 
 
 @pytest.mark.long
-async def test_viewers_of_the_page_leave_no_memory_behind_and_a_wrong_token_is_refused() -> None:
-    more_kb, status = await view.grown(300)
-    assert status == 403
+async def test_viewers_of_the_page_leave_no_memory_behind() -> None:
     # 300 scans are 3800 kB, and two viewers may hold two each.
-    assert more_kb < 1000
+    assert await view.grown(300) < 1000
 
 
 def test_the_table_of_the_page_is_markdown() -> None:
@@ -152,7 +150,7 @@ def test_the_table_of_the_page_is_markdown() -> None:
     }
     data = {
         "page_bytes": 1, "cpu": {"viewers: 0": [1.0], "viewers: 1": [1.5]}, "paint_ms": [], "arrival_ms": [1.0],
-        "stalled": stalled, "refused": {"no origin": 403}, "growth_kb": 4.0,
+        "stalled": stalled, "growth_kb": 4.0,
     }  # fmt: skip
     lines = [line for line in view.table_of(data).markdown().splitlines() if line.startswith("|")]
     assert len({line.count("|") for line in lines}) == 1

@@ -16,7 +16,7 @@ def unread(handle: int) -> int:
 
 
 def test_a_line_that_holds_4_kib_loses_what_is_beyond() -> None:
-    played = player.Played(RATES["S2 DenseBoost"], 64, 0, 1, holds=4096)
+    played = player.Played(RATES["S2 DenseBoost"], 0, 1, holds=4096)
     slave = os.open(played.path, os.O_RDWR | os.O_NOCTTY)
     try:
         written = 0

@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import os
 import select
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -29,7 +30,8 @@ from tests.support.loop import DrivenLoop
 from tests.support.speeds import SpeedPtyServer
 
 __all__ = [
-    "BOUND", "ROOT", "in_memory", "invoke", "invoke_driven", "line_of", "run", "served", "started", "write_at_once",
+    "BOUND", "ROOT", "end", "in_memory", "invoke", "invoke_driven", "line_of", "run", "served", "started",
+    "write_at_once",
 ]  # fmt: skip
 
 BOUND = 60.0
@@ -89,6 +91,12 @@ def served(model: str) -> Iterator[PtyServer]:
     device.spin_up_s = 0.0  # type: ignore[attr-defined]
     with SpeedPtyServer(device) as server:
         yield server
+
+
+def end(process: subprocess.Popen[str], number: signal.Signals = signal.SIGINT) -> tuple[str, str]:
+    """End a process by a signal; what else it printed, to stdout and to stderr."""
+    process.send_signal(number)
+    return process.communicate(timeout=BOUND)
 
 
 def line_of(stream: IO[str] | None) -> str:

@@ -13,10 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from lidario.sim.device import Received
-from lidario.sim.serve import PtyServer
-from tests.cli.processes import BOUND, invoke, line_of, served, started
-from tests.support.children import until
+from tests.cli.processes import BOUND, end, invoke, line_of, served, started
+from tests.support.children import requests, until, was_stopped
 from tests.support.ports import impatient
 
 FIRST, SECOND = "rplidar-s2", "ydlidar-4ros"
@@ -29,19 +27,6 @@ SIGNALS = [
 ]
 
 
-def requests(server: PtyServer) -> list[Received]:
-    with server.lock:
-        return list(server.device.log)
-
-
-def stopped(server: PtyServer) -> bool:
-    """Whether the device does nothing, because it was told so after it was told to scan."""
-    with server.lock:
-        obeyed = [each.name for each in server.device.log if each.obeyed]
-        began = max(at for at, name in enumerate(obeyed) if "scan" in name)
-        return "stop" in obeyed[began:] and not server.device.scanning and not server.device.motor_on
-
-
 @pytest.mark.long
 @pytest.mark.exhaustive("ended", sample=[SIGNALS[0], SIGNALS[-1]], full=SIGNALS)
 def test_a_signal_ends_an_endless_stream_as_it_is_meant_to_end(ended: tuple[str, signal.Signals]) -> None:
@@ -51,14 +36,13 @@ def test_a_signal_ends_an_endless_stream_as_it_is_meant_to_end(ended: tuple[str,
             seqs = [json.loads(line_of(process.stdout))["seq"] for _ in range(3)]
             # On a busy machine a scan may be dropped between two of them.
             assert seqs[0] < seqs[1] < seqs[2]
-            process.send_signal(number)
-            rest, said = process.communicate(timeout=BOUND)
+            rest, said = end(process, number)
         assert process.returncode == 0
         for line in rest.splitlines():
             json.loads(line)
         assert "scans in" in said
         assert "Traceback" not in said
-        until(lambda: stopped(server))
+        until(lambda: was_stopped(server))
 
 
 @pytest.mark.long
@@ -68,7 +52,7 @@ def test_the_motor_is_commanded_to_rest_before_stop() -> None:
             line_of(process.stdout)
             process.send_signal(signal.SIGTERM)
             assert process.wait(BOUND) == 0
-        until(lambda: stopped(server))
+        until(lambda: was_stopped(server))
         obeyed = [each for each in requests(server) if each.obeyed]
         began = max(at for at, each in enumerate(obeyed) if "scan" in each.name)
         motor = next(each for each in obeyed[began:] if each.name == "motor_speed_ctrl")
@@ -80,8 +64,7 @@ def test_people_get_the_picture_after_ctrl_c() -> None:
     with served(FIRST) as server, started("scan", server.path, "-n", "0") as process:
         for _ in range(3):
             line_of(process.stdout)
-        process.send_signal(signal.SIGINT)
-        rest, _ = process.communicate(timeout=BOUND)
+        rest, _ = end(process)
         assert process.returncode == 0
         assert "▲" in rest
 
@@ -92,10 +75,9 @@ def test_a_number_of_scans_that_is_not_reached(number: signal.Signals, code: int
     with served(FIRST) as server:
         with started("scan", server.path, "-n", "100000", "--json") as process:
             line_of(process.stdout)
-            process.send_signal(number)
-            process.communicate(timeout=BOUND)
+            end(process, number)
         assert process.returncode == code
-        until(lambda: stopped(server))
+        until(lambda: was_stopped(server))
 
 
 def test_ctrl_c_in_a_question() -> None:
@@ -104,8 +86,7 @@ def test_ctrl_c_in_a_question() -> None:
             server.device.mute = True  # type: ignore[attr-defined]
         with started("info", server.path) as process:
             until(lambda: any(each.name == "get_info" for each in requests(server)))
-            process.send_signal(signal.SIGINT)
-            out, said = process.communicate(timeout=BOUND)
+            out, said = end(process)
     assert process.returncode == 130
     assert out == ""
     assert "Traceback" not in said
@@ -126,7 +107,7 @@ def test_a_reader_that_goes_away_ends_it_without_a_word(form: str) -> None:
         words = [line for line in said.splitlines() if not line.endswith(" so far")]
         assert len(words) == (0 if form else 1)
         assert "rror" not in said
-        until(lambda: stopped(server))
+        until(lambda: was_stopped(server))
 
 
 @pytest.mark.long
@@ -144,7 +125,7 @@ def test_a_reader_that_reads_nothing_keeps_no_signal_from_stopping_the_motor() -
             until(lambda: server.device.scanning and hangs_in_a_write(process.pid))
             process.send_signal(signal.SIGTERM)
             assert process.wait(BOUND) == 0
-        until(lambda: stopped(server))
+        until(lambda: was_stopped(server))
 
 
 def hangs_in_a_write(pid: int) -> bool:
@@ -168,7 +149,7 @@ def test_keep_spinning_leaves_the_motor_on_and_the_laser_off() -> None:
 def test_a_finished_scan_leaves_nothing_running() -> None:
     with served(FIRST) as server:
         assert invoke("scan", server.path, "--csv").exit_code == 0
-        until(lambda: stopped(server))
+        until(lambda: was_stopped(server))
 
 
 @pytest.mark.exhaustive("verb", sample=["scan"], full=["scan", "info"])

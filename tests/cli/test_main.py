@@ -23,11 +23,15 @@ from lidario.cli.watch import watch
 from tests.cli.processes import BOUND, ROOT, invoke, run
 
 
-def test_version_is_told_without_loading_what_verbs_need() -> None:
-    told = subprocess.run(
-        [sys.executable, "-X", "importtime", "-m", "lidario", "--version"],
-        cwd=ROOT, capture_output=True, text=True, timeout=BOUND, check=False,
+def python(*arguments: str, environment: dict[str, str] | None = None) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, *arguments],
+        cwd=ROOT, env=environment, capture_output=True, text=True, timeout=BOUND, check=False,
     )  # fmt: skip
+
+
+def test_version_is_told_without_loading_what_verbs_need() -> None:
+    told = python("-X", "importtime", "-m", "lidario", "--version")
     assert (told.returncode, told.stdout) == (0, f"lidario {lidario.__version__}\n")
     loaded = {line.rpartition("|")[2].strip().partition(".")[0] for line in told.stderr.splitlines()}
     assert "lidario" in loaded
@@ -44,10 +48,7 @@ def test_numpy_starts_no_threads_unless_asked_to(asked: str) -> None:
     )
     environment = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
     environment |= {"OPENBLAS_NUM_THREADS": asked} if asked else {}
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        cwd=ROOT, env=environment, capture_output=True, text=True, timeout=BOUND, check=False,
-    )  # fmt: skip
+    done = python("-c", program, environment=environment)
     assert done.stdout.splitlines()[-1] == (asked or "1"), done.stderr
 
 
@@ -58,45 +59,18 @@ def test_a_missing_extra_is_one_sentence_that_names_the_cure(missing: str) -> No
         "from lidario.__main__ import main\n"
         "sys.exit(main())"
     )
-    ended = subprocess.run(
-        [sys.executable, "-c", program],
-        cwd=ROOT, capture_output=True, text=True, timeout=BOUND, check=False,
-    )  # fmt: skip
+    ended = python("-c", program)
     assert ended.returncode == 2
     assert ended.stdout == ""
     assert ended.stderr.count("\n") == 1
     assert "pip install click rich websockets mcap" in ended.stderr
 
 
-def test_version_needs_no_extra() -> None:
-    program = (
-        "import sys; sys.modules['click'] = sys.modules['rich'] = None; sys.argv = ['lidario', '--version']\n"
-        "from lidario.__main__ import main\n"
-        "sys.exit(main())"
-    )
-    subprocess.run([sys.executable, "-c", program], cwd=ROOT, check=True, timeout=BOUND, capture_output=True)
-
-
 def test_help_names_every_verb() -> None:
     told = invoke("--help")
     assert told.exit_code == 0
-    for verb in (
-        "devices",
-        "info",
-        "scan",
-        "view",
-        "watch",
-        "plot",
-        "stats",
-        "publish",
-        "router",
-        "doctor",
-        "report",
-        "udev",
-        "motor",
-        "sim",
-        "completion",
-    ):
+    verbs = "devices info scan view watch plot stats publish router doctor report udev motor sim completion"
+    for verb in verbs.split():
         assert f"\n  {verb} " in told.stdout
     # What does not fit in its line is cut.
     assert "...\n" not in told.stdout.partition("\nCommands:")[2]

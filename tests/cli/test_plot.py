@@ -167,7 +167,7 @@ class Drawn:
 def test_a_png_has_the_points_where_they_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, polar: bool) -> None:
     """All but matplotlib itself, which is not installed for the tests."""
     drawn = Drawn()
-    monkeypatch.setattr("lidario.cli.plot.find_spec", lambda name: object())
+    monkeypatch.setattr("lidario.cli.errors.find_spec", lambda name: object())
     monkeypatch.setattr("lidario.cli.plot.import_module", lambda name: drawn)
     path = tmp_path / "x.png"
     ended = invoke_driven("plot", S2 + "&world=circle", "-o", str(path), "-n", "2", *(["--polar"] if polar else []))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import signal
 import time
 from pathlib import Path
 
@@ -13,12 +12,10 @@ import pytest
 import lidario
 from lidario.recording.files import open_stored
 from lidario.recording.played import PlayedDevice
-from tests.cli.processes import BOUND, invoke, invoke_driven, line_of, run, started
-from tests.support.cases import CASES, Case, named
+from tests.cli.processes import end, invoke, invoke_driven, line_of, run, started
+from tests.support.cases import KINDS, Case, named
 from tests.support.loop import run_driven
-from tests.support.recorded import Live, assert_same_scans, record
-from tests.support.streams import SINGLE_DEG
-from tests.test_golden import Q6_TURN, golden_q6
+from tests.support.recorded import Live, assert_same_scans, record, same_points
 
 
 @pytest.fixture(scope="module")
@@ -94,8 +91,7 @@ def test_ctrl_c_is_the_end_of_a_recording(tmp_path: Path) -> None:
         while not path.exists() or path.stat().st_size < 50_000:
             assert process.poll() is None
             time.sleep(0.05)  # the file is what tells
-        process.send_signal(signal.SIGINT)
-        said, told = process.communicate(timeout=BOUND)
+        said, told = end(process)
     assert (process.returncode, said) == (0, f"{path}\n"), told
     assert "Traceback" not in told
     assert open_stored(path).damage == ""
@@ -177,31 +173,18 @@ def test_export_says_what_is_wrong_with_its_words(words: tuple[str, ...], what: 
     assert what in done.stderr
 
 
-@pytest.mark.parametrize("case", CASES, ids=named)
-def test_golden_streams_are_exported_exactly(case: Case, tmp_path: Path) -> None:
-    (tmp_path / "raw.bin").write_bytes(case.told + case.descriptor + case.raw)
-    done = invoke(
-        "export", str(tmp_path / "raw.bin"), str(tmp_path / "out.npz"),
-        "--family", case.truth.family, "--sample-us", str(case.sample_us),
-        *(["--model", "ld08"] if "ld08" in case.name else []),
-    )  # fmt: skip
+@pytest.mark.parametrize("case", KINDS, ids=named)
+def test_bare_bytes_are_exported_as_they_are_decoded(case: Case, tmp_path: Path) -> None:
+    """Of what a user says of them, too; tests/test_golden.py tells that the scans are right."""
+    data, known = case.told + case.descriptor + case.raw, (case.truth.family, str(1.5 * case.sample_us))
+    (tmp_path / "raw.bin").write_bytes(data)
+    target = tmp_path / "out.npz"
+    done = invoke("export", str(tmp_path / "raw.bin"), str(target), "--family", known[0], "--sample-us", known[1])
     assert done.exit_code == 0, done.stderr
-    with np.load(tmp_path / "out.npz") as out:
-        angles, distances, starts = out["device_angles"], out["device_distances"], out["starts"]
-    assert np.diff(starts).tolist() == [len(turn) for turn in case.turns]
-    flat = [sample for turn in case.turns for sample in turn]
-    np.testing.assert_array_equal(distances, [sample.distance_mm for sample in flat])
-    first = next(number for number, sample in enumerate(case.samples) if sample is flat[0])
-    same = slice(first, first + len(flat))
-    np.testing.assert_array_equal(distances, case.truth.distance_mm[same])
-    wanted = np.array([sample.angle_deg for sample in flat])
-    allowed = SINGLE_DEG + 1 / 65536 if case.response_type == 0x84 else SINGLE_DEG
-    assert np.abs((angles - wanted + 180) % 360 - 180).max() <= allowed + 4e-5
-    if case.response_type != 0x83 and not case.told and case.descriptor:
-        off = np.floor(angles * 64).astype(np.int64) - golden_q6(case)[same]
-        off = (off + Q6_TURN // 2) % Q6_TURN - Q6_TURN // 2
-        assert off.min() >= -1
-        assert off.max() <= 1
+    right = lidario.decode_arrays(data, family=known[0], sample_us=float(known[1]))
+    with np.load(target) as out:
+        for name in ("device_angles", "device_distances", "starts", "stamps_ns", "lost_packets"):
+            np.testing.assert_array_equal(out[name], getattr(right, name))
 
 
 def test_a_played_recording_is_a_device_like_the_recorded_one(live: Live) -> None:
@@ -215,8 +198,7 @@ def test_a_played_recording_is_a_device_like_the_recorded_one(live: Live) -> Non
                 return [await anext(stream) for _ in range(len(live.scans))]
 
     for one, other in zip(live.scans, run_driven(main), strict=True):
-        np.testing.assert_array_equal(one.device_distances, other.device_distances)
-        np.testing.assert_array_equal(one.device_angles, other.device_angles)
+        assert same_points(one, other)
     assert not device.scanning
     # The speed of the motor has no response, so it is in no recording.
     assert {each.data[1] for each in device.log if not each.obeyed} == {0xA8}
@@ -247,6 +229,5 @@ def test_play_serves_another_process(live: Live) -> None:
         done = run("scan", f"{name}?family={live.info.family}", "-n", "2", "--json")
         assert done.returncode == 0, done.stderr
         assert len(done.stdout.splitlines()) == 2
-        process.send_signal(signal.SIGINT)
-        process.communicate(timeout=BOUND)
+        end(process)
     assert process.returncode == 0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import signal
 from pathlib import Path
 
 import pytest
@@ -13,9 +12,8 @@ import lidario
 from lidario.cli.machine import Machine
 from lidario.conformance import RULES, Outcome, read_report
 from lidario.sim.serve import PtyServer
-from tests.cli.processes import BOUND, invoke, invoke_driven, run, served, started
-from tests.cli.test_ending import requests, stopped
-from tests.support.children import until
+from tests.cli.processes import BOUND, end, invoke, invoke_driven, run, served, started
+from tests.support.children import requests, until, was_stopped
 from tests.support.drivers import SPEED_FLAG, FakeDriver
 
 PACKET_NS = 20_000_000
@@ -80,10 +78,9 @@ def test_ctrl_c_leaves_what_was_tried(path: Path) -> None:
         with started("report", server.path, "-o", str(path)) as process:
             # The first rules only ask; all of them take half a minute.
             until(lambda: any("scan" in each.name for each in requests(server)))
-            process.send_signal(signal.SIGINT)
-            stdout, stderr = process.communicate(timeout=BOUND)
+            stdout, stderr = end(process)
         assert process.returncode == 130, stderr
-        until(lambda: stopped(server))
+        until(lambda: was_stopped(server))
     assert f"wrote {path}" in stderr
     assert server.path not in stdout
     report = read_report(path)

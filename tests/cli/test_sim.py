@@ -14,7 +14,7 @@ from lidario import simulate
 from lidario.cli.sim import sum_up
 from lidario.families.registry import FAMILIES
 from lidario.sim.faults import FAULTS, Faults, parse_faults
-from tests.cli.processes import BOUND, invoke, line_of, run, started
+from tests.cli.processes import BOUND, end, invoke, line_of, run, started
 
 if TYPE_CHECKING:
     from lidario.sim.serve import PtyServer
@@ -58,8 +58,7 @@ def test_one_process_serves_and_another_scans() -> None:
         assert scanned.returncode == 0, scanned.stderr
         first, second = (json.loads(line)["seq"] for line in scanned.stdout.splitlines())
         assert first < second
-        sim.send_signal(signal.SIGINT)
-        rest, said = sim.communicate(timeout=BOUND)
+        rest, said = end(sim)
     assert sim.returncode == 0
     assert rest == ""
     assert f"lidario scan {path}" in said
@@ -94,27 +93,17 @@ def test_a_motor_that_goes_on_is_told(capsys: pytest.CaptureFixture[str]) -> Non
 
 
 @pytest.mark.long
-@pytest.mark.exhaustive("number", sample=[signal.SIGTERM], full=[signal.SIGINT, signal.SIGTERM])
-def test_over_tcp(number: signal.Signals) -> None:
-    with started("sim", "ydlidar-4ros", "--tcp", ":0") as sim:
+@pytest.mark.parametrize(
+    ("model", "way", "number"), [("ydlidar-4ros", "tcp", signal.SIGTERM), ("rplidar-s2e", "udp", signal.SIGINT)]
+)
+def test_over_a_network(model: str, way: str, number: signal.Signals) -> None:
+    with started("sim", model, f"--{way}", ":0") as sim:
         address = line_of(sim.stdout).strip()
-        assert address.startswith("tcp://127.0.0.1:")
+        assert address.startswith(f"{way}://127.0.0.1:")
         scanned = invoke("scan", address, "--json")
         assert scanned.exit_code == 0, scanned.stderr
         assert json.loads(scanned.stdout)["ranges"]
         sim.send_signal(number)
-        assert sim.wait(BOUND) == 0
-
-
-@pytest.mark.long
-def test_an_ethernet_model_by_udp() -> None:
-    with started("sim", "rplidar-s2e", "--udp", ":0") as sim:
-        address = line_of(sim.stdout).strip()
-        assert address.startswith("udp://127.0.0.1:")
-        scanned = invoke("scan", address, "--json")
-        assert scanned.exit_code == 0, scanned.stderr
-        assert json.loads(scanned.stdout)["ranges"]
-        sim.send_signal(signal.SIGINT)
         assert sim.wait(BOUND) == 0
 
 
@@ -148,7 +137,6 @@ def test_after_a_replug_the_new_name_is_told() -> None:
         second = line_of(sim.stdout).strip()
         assert second != first
         assert invoke("scan", second).exit_code == 0
-        sim.send_signal(signal.SIGINT)
-        _, said = sim.communicate(timeout=BOUND)
+        _, said = end(sim)
     assert sim.returncode == 0
     assert "plugged in again" in said

@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 import json
-import signal
 
 import pytest
 
-import lidario
 from lidario.cli.record import record
 from lidario.cli.stats import Measured, stats, verdict
-from lidario.web.traffic import Traffic, traffic
-from tests.cli.processes import BOUND, invoke, invoke_driven, served, started
+from lidario.web.traffic import Traffic
+from tests.cli.processes import end, invoke, invoke_driven, served, started
 from tests.support.children import until
 
 S2 = "sim://rplidar-s2?via=memory&world=circle"
 
 
 def line(**changes: float) -> Traffic:
-    usual = {
-        "packets": 800, "lost_packets": 0, "missed_scans": 0, "dropped_scans": 0, "skipped_bytes": 0,
-        "discarded_bytes": 0, "late_reads": 0, "framing_errors": 0, "parity_errors": 0, "overruns": 0, "breaks": 0,
-        "bytes_a_second": 67_000.0, "load": 0.67,
-    }  # fmt: skip
+    usual = {"packets": 800, "bytes_a_second": 67_000.0, "load": 0.67}
     return Traffic(**{**usual, **changes})  # type: ignore[arg-type]
 
 
@@ -49,11 +43,6 @@ def test_a_clean_line_is_good_and_every_figure_is_right() -> None:
     assert told["bytes_per_second"] == pytest.approx(84 / 40 * 32000, rel=0.02)
     assert told["link_load"] == pytest.approx(0.672, rel=0.02)
     assert 0 < told["jitter_ms"] < 2
-
-
-def test_a_line_without_a_speed_has_no_load() -> None:
-    assert traffic(lidario.Stats(), lidario.Stats(bytes_received=1000), 2.0, 0).load is None
-    assert traffic(lidario.Stats(), lidario.Stats(bytes_received=1000), 2.0, 10_000).load == 0.5
 
 
 def test_damage_is_told_with_its_cure() -> None:
@@ -158,8 +147,7 @@ def test_ctrl_c_ends_it_with_130_and_stops_the_device() -> None:
     with served("rplidar-s2") as server:
         with started("stats", server.path, "-t", "1h", "--json") as process:
             until(lambda: server.device.scanning)
-            process.send_signal(signal.SIGINT)
-            _, said = process.communicate(timeout=BOUND)
+            _, said = end(process)
         assert process.returncode == 130
         assert "Traceback" not in said
         until(lambda: not server.device.scanning)

@@ -77,28 +77,21 @@ def begins(device: SimulatedDevice) -> Callable[[], bool]:
 
 
 @pytest.mark.long
-def test_watch_is_ended_while_its_terminal_takes_nothing() -> None:
+@pytest.mark.parametrize("typed", [False, True])
+def test_watch_is_ended_while_its_terminal_takes_nothing(typed: bool) -> None:
+    """A typed Ctrl-C makes a terminal take output again, and it is restored."""
     with served("rplidar-s2") as server, on_terminal("watch", server.path) as (process, screen, terminal):
         screen.until("\x1b[H", lambda text: "forward is up" in text)
         os.write(terminal, STOP)
         goes_on(server.device)
-        process.send_signal(signal.SIGINT)
+        if typed:
+            os.write(terminal, INTERRUPT)
+            screen.until(LEFT)
+            screen.until("\n", lambda text: "scans of" in text)
+        else:
+            process.send_signal(signal.SIGINT)
         until(lambda: not server.device.scanning)
         assert process.wait(BOUND) == 0
-
-
-@pytest.mark.long
-def test_ctrl_c_on_a_stopped_terminal_restores_it() -> None:
-    """A typed Ctrl-C makes a terminal take output again."""
-    with served("rplidar-s2") as server, on_terminal("watch", server.path) as (process, screen, terminal):
-        screen.until("\x1b[H", lambda text: "forward is up" in text)
-        os.write(terminal, STOP)
-        goes_on(server.device)
-        os.write(terminal, INTERRUPT)
-        screen.until(LEFT)
-        screen.until("\n", lambda text: "scans of" in text)
-        assert process.wait(BOUND) == 0
-        until(lambda: not server.device.scanning)
 
 
 def test_watch_says_that_a_terminal_cannot_draw() -> None:

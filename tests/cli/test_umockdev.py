@@ -14,73 +14,48 @@ from pathlib import Path
 
 import pytest
 
+ADAPTER = """\
+P: {at}/{place}:1.0/ttyUSB{number}/tty/ttyUSB{number}
+N: ttyUSB{number}
+E: DEVNAME=/dev/ttyUSB{number}
+E: MAJOR=188
+E: MINOR={number}
+E: SUBSYSTEM=tty
+A: dev=188:{number}\\n
+L: device=../../../ttyUSB{number}
+
+P: {at}/{place}:1.0/ttyUSB{number}
+E: DRIVER={driver}
+E: SUBSYSTEM=usb-serial
+A: {port}\\n
+
+P: {at}/{place}:1.0
+E: DEVTYPE=usb_interface
+E: DRIVER={driver}
+E: SUBSYSTEM=usb
+A: bInterfaceNumber=00\\n
+
+P: {at}
+E: DEVTYPE=usb_device
+E: DRIVER=usb
+E: SUBSYSTEM=usb
+E: PRODUCT={product}
+A: idVendor={vendor}\\n
+A: idProduct={kind}\\n
+A: serial={serial}\\n
+A: product={name}\\n
+A: bNumInterfaces= 1\\n
+A: power/control={power}\\n
+"""
 USB = "/devices/pci0000:00/0000:00:14.0/usb1"
-FTDI = f"""\
-P: {USB}/1-2/1-2:1.0/ttyUSB0/tty/ttyUSB0
-N: ttyUSB0
-E: DEVNAME=/dev/ttyUSB0
-E: MAJOR=188
-E: MINOR=0
-E: SUBSYSTEM=tty
-A: dev=188:0\\n
-L: device=../../../ttyUSB0
-
-P: {USB}/1-2/1-2:1.0/ttyUSB0
-E: DRIVER=ftdi_sio
-E: SUBSYSTEM=usb-serial
-A: latency_timer=16\\n
-
-P: {USB}/1-2/1-2:1.0
-E: DEVTYPE=usb_interface
-E: DRIVER=ftdi_sio
-E: SUBSYSTEM=usb
-A: bInterfaceNumber=00\\n
-
-P: {USB}/1-2
-E: DEVTYPE=usb_device
-E: DRIVER=usb
-E: SUBSYSTEM=usb
-E: PRODUCT=403/6001/600
-A: idVendor=0403\\n
-A: idProduct=6001\\n
-A: serial=AH06W0EQ\\n
-A: product=FT232R USB UART\\n
-A: bNumInterfaces= 1\\n
-A: power/control=auto\\n
-"""
-CP2102 = f"""\
-P: {USB}/1-4/1-4.1/1-4.1:1.0/ttyUSB1/tty/ttyUSB1
-N: ttyUSB1
-E: DEVNAME=/dev/ttyUSB1
-E: MAJOR=188
-E: MINOR=1
-E: SUBSYSTEM=tty
-A: dev=188:1\\n
-L: device=../../../ttyUSB1
-
-P: {USB}/1-4/1-4.1/1-4.1:1.0/ttyUSB1
-E: DRIVER=cp210x
-E: SUBSYSTEM=usb-serial
-A: port_number=0\\n
-
-P: {USB}/1-4/1-4.1/1-4.1:1.0
-E: DEVTYPE=usb_interface
-E: DRIVER=cp210x
-E: SUBSYSTEM=usb
-A: bInterfaceNumber=00\\n
-
-P: {USB}/1-4/1-4.1
-E: DEVTYPE=usb_device
-E: DRIVER=usb
-E: SUBSYSTEM=usb
-E: PRODUCT=10c4/ea60/100
-A: idVendor=10c4\\n
-A: idProduct=ea60\\n
-A: serial=0001\\n
-A: product=CP2102 USB to UART Bridge Controller\\n
-A: bNumInterfaces= 1\\n
-A: power/control=on\\n
-"""
+FTDI = ADAPTER.format(
+    at=f"{USB}/1-2", place="1-2", number=0, driver="ftdi_sio", port="latency_timer=16", product="403/6001/600",
+    vendor="0403", kind="6001", serial="AH06W0EQ", name="FT232R USB UART", power="auto",
+)  # fmt: skip
+CP2102 = ADAPTER.format(
+    at=f"{USB}/1-4/1-4.1", place="1-4.1", number=1, driver="cp210x", port="port_number=0", product="10c4/ea60/100",
+    vendor="10c4", kind="ea60", serial="0001", name="CP2102 USB to UART Bridge Controller", power="on",
+)  # fmt: skip
 PATIENCE_S = 120
 
 

@@ -10,7 +10,7 @@ from urllib.request import urlopen
 
 import pytest
 
-from tests.cli.processes import BOUND, invoke, line_of, served, started
+from tests.cli.processes import BOUND, end, invoke, line_of, served, started
 from tests.support.children import until
 
 MEMORY = "sim://rplidar-s2?via=memory"
@@ -25,8 +25,7 @@ def test_it_prints_the_address_serves_the_page_and_ends_with_everything_off() ->
             with urlopen(url, timeout=BOUND) as page:
                 assert b"<canvas" in page.read()
             assert server.device.scanning
-            process.send_signal(signal.SIGINT)
-            rest, said = process.communicate(timeout=BOUND)
+            rest, said = end(process)
         assert (process.returncode, rest) == (0, "")
         assert re.search(r": \d+ scans\n", said)
         assert "Traceback" not in said
@@ -46,8 +45,7 @@ def test_what_is_printed(monkeypatch: pytest.MonkeyPatch, reached: tuple[str, bo
     monkeypatch.setenv("LOGNAME", "robot")
     with started("view", MEMORY, "--port", "0", *["--lan"] * lan) as process:
         url = line_of(process.stdout).strip()
-        process.send_signal(signal.SIGTERM)
-        _, said = process.communicate(timeout=BOUND)
+        _, said = end(process, signal.SIGTERM)
     assert process.returncode == 0
     found = re.fullmatch(r"http://([\w.-]+):(\d+)/(\?token=[\w-]{20,})?", url)
     assert found is not None

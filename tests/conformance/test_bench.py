@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 import lidario
-from lidario.conformance import RULES, Bench, Origin, Outcome, Rule, open_bench, rule_named
-from lidario.conformance.streaming import STREAMING
+from lidario.conformance import RULES, Bench, Origin, Outcome, Rule, open_bench, rule_named, streaming
+from lidario.conformance.rules import rules_in
 from lidario.testing import SimulatedLidar
 from tests.conformance.bench import broken, judge
 from tests.conformance.wrapped import HeldBack, ReadLate
@@ -49,7 +49,7 @@ def test_bytes_that_are_held_back_are_no_stream_that_goes_on(model: str) -> None
 )
 def test_no_rule_about_streams_depends_on_when_bytes_are_read(model: str) -> None:
     device: Any = ReadLate(lidario.simulate(model))
-    assert broken(judge(device, STREAMING)) == {}
+    assert broken(judge(device, rules_in(streaming))) == {}
 
 
 @pytest.mark.parametrize("after_s", [0.2, 0.4, 1.0, 4.0, 7.9, 12.6])

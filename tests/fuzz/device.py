@@ -48,23 +48,19 @@ class _Hostile(Relayed):
     """A simulated device whose deliveries are changed; obeys `lidario.sim.device.SimulatedDevice`."""
 
     def __init__(self, device: Any, data: bytes) -> None:
-        super().__init__(device)
+        # Coarse while it scans: fewer deliveries, each of which can be changed.
+        super().__init__(device, step_ns=20_000_000)
         # So many deliveries are left as they are: otherwise few devices would come as far as a scan.
         self._honest, self._data = (data[0] if data else 0), data[1:]
         self._at = 0
         self._before = b""
 
     def transmit(self, now: int) -> bytes:
-        data: bytes = self._device.transmit(now)
+        data: bytes = self.device.transmit(now)
         if data and self._honest:
             self._honest -= 1
             return data
         return self._changed(data) if data else data
-
-    def wakeup(self, now: int) -> int | None:
-        at: int | None = self._device.wakeup(now)
-        # Coarse while it scans: fewer deliveries, each of which can be changed.
-        return at if at is None or not self.scanning else -(-at // 20_000_000) * 20_000_000
 
     def _changed(self, data: bytes) -> bytes:
         what = self._take(1)

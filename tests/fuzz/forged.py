@@ -40,10 +40,10 @@ def _text(text: str) -> bytes:
     return struct.pack("<I", len(data)) + data
 
 
-def metadata(texts: dict[str, str], name: str = "lidario") -> bytes:
+def metadata(texts: dict[str, str]) -> bytes:
     """A metadata record."""
     pairs = b"".join(_text(key) + _text(value) for key, value in texts.items())
-    return record(0x0C, _text(name) + struct.pack("<I", len(pairs)) + pairs)
+    return record(0x0C, _text("lidario") + struct.pack("<I", len(pairs)) + pairs)
 
 
 def channel(number: int, topic: str) -> bytes:
@@ -172,6 +172,10 @@ ATTACKS: dict[str, Callable[[], Iterable[Part]]] = {
     ),
     "many channels": lambda: (MAGIC, *(channel(at, "x" * 200) for at in range(4_000)), *_honest()),
     "a bomb": lambda: (MAGIC, _about(_BEGAN), chunk(bytes(1000), 0, "zstd", 1 << 50)),
+    "a chunk that claims 4 EB": lambda: (MAGIC, _about(_BEGAN), record(0x06, bytes(60), 1 << 62)),
+    "a message that claims 8 EB": lambda: (MAGIC, _about(_BEGAN), record(0x05, b"\0", 1 << 63)),
+    "a name that claims 4 GB": lambda: (MAGIC, record(0x0C, struct.pack("<I", (1 << 32) - 1))),
+    "texts that claim 4 GB": lambda: (MAGIC, record(0x0C, _text("lidario") + struct.pack("<I", (1 << 32) - 1))),
     "one time of 146 years": lambda: _clock(lambda number: _times(number) + YEARS_NS * (number == 20)),
     "from then on 146 years": lambda: _clock(lambda number: _times(number) + YEARS_NS * (number >= 20)),
     "a time before all others": lambda: _clock(lambda number: _times(number) * (number != 20)),

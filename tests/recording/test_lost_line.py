@@ -12,7 +12,7 @@ from lidario.recording.decode_file import FileDecoder
 from lidario.recording.read import McapRecording
 from lidario.scan import Scan
 from tests.support.loop import run_driven
-from tests.support.recorded import assert_same_scans, thread_takes_no_time
+from tests.support.recorded import assert_same_scans, replayed, thread_takes_no_time
 
 MODELS = ["rplidar-s2", "rplidar-a1", "ydlidar-4ros", "ldrobot-ld06"]
 SCANS = 80
@@ -31,16 +31,6 @@ def record(path: Path, source: str) -> tuple[list[Scan], lidario.Stats]:
 
     with thread_takes_no_time():
         return run_driven(main)
-
-
-def replayed(path: Path) -> list[Scan]:
-    """What a session gets that plays the file."""
-
-    async def main() -> list[Scan]:
-        async with lidario.open_lidar(f"{path}?rate=0") as lidar, lidar.scans() as stream:
-            return [scan async for scan in stream]
-
-    return run_driven(main)
 
 
 @pytest.mark.long

@@ -18,6 +18,7 @@ from lidario.recording.offline import OfflineDecoder
 from tests.cli.processes import invoke
 from tests.reference import golden, ldrobot, ydlidar
 from tests.support.cases import ALL
+from tests.support.recorded import replayed, same_points
 
 STREAMS = {
     "ydlidar_x4_11hz": ("x4", 5000),
@@ -34,8 +35,7 @@ STREAMS = {
 def same(scans: list[lidario.Scan], others: list[lidario.Scan]) -> None:
     assert len(scans) == len(others) > 0
     for scan, other in zip(scans, others, strict=True):
-        np.testing.assert_array_equal(scan.device_angles, other.device_angles)
-        np.testing.assert_array_equal(scan.device_distances, other.device_distances)
+        assert same_points(scan, other)
         assert (scan.stamp_ns, scan.lost_packets) == (other.stamp_ns, other.lost_packets)
 
 
@@ -137,13 +137,7 @@ def by_function(path: Path, **known: Any) -> list[lidario.Scan]:
 
 
 def by_source(path: Path, **known: Any) -> list[lidario.Scan]:
-    options = "&".join(f"{name}={value}" for name, value in known.items())
-
-    async def main() -> list[lidario.Scan]:
-        async with lidario.open_lidar(f"{path}?rate=0&{options}") as lidar:
-            return [scan async for scan in lidar.scans()]
-
-    return lidario.run(main())
+    return replayed(path, "&".join(["rate=0", *(f"{name}={value}" for name, value in known.items())]))
 
 
 @pytest.mark.parametrize("read", [by_function, by_source])

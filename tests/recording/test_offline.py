@@ -34,7 +34,7 @@ from lidario.wire.envelope import DESCRIPTOR_SIZE
 from tests.support.cases import CASES, EVEN, KINDS, Case, named
 from tests.support.ledger import PACKETS, assert_link_closes
 from tests.support.loop import run_driven
-from tests.support.recorded import record
+from tests.support.recorded import record, same_points
 from tests.support.streams import assembled
 
 every_case = pytest.mark.parametrize("case", CASES, ids=named)
@@ -55,11 +55,7 @@ def test_scans_are_those_of_the_live_way(case: Case) -> None:
     scans = list(lidario.decode(whole(case), model=model, sample_us=case.sample_us))
     assert len(scans) == len(expected) >= 2
     for scan, live in zip(scans, expected, strict=True):
-        np.testing.assert_array_equal(scan.device_angles, live.device_angles)
-        np.testing.assert_array_equal(scan.device_distances, live.device_distances)
-        assert (scan.intensities is None) == (live.intensities is None)
-        if scan.intensities is not None and live.intensities is not None:
-            np.testing.assert_array_equal(scan.intensities, live.intensities)
+        assert same_points(scan, live)
         assert (scan.seq, scan.lost_packets) == (live.seq, 0)
 
 

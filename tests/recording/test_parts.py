@@ -21,7 +21,7 @@ from lidario.recording.write import RAW_TOPIC
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
 from tests.support.loop import run_driven
-from tests.support.recorded import assert_same_scans, thread_takes_no_time
+from tests.support.recorded import assert_same_scans, replayed, thread_takes_no_time
 
 MODELS = ["rplidar-s2", "rplidar-a1", "ydlidar-4ros", "ldrobot-ld06"]
 SCANS = 60
@@ -78,14 +78,6 @@ def record(
         assert made.files == len(made.paths)
         assert made.size == sum(path.stat().st_size for path in made.paths)
     return made
-
-
-def replayed(source: str) -> list[Scan]:
-    async def main() -> list[Scan]:
-        async with lidario.open_lidar(f"{source}?rate=0") as lidar, lidar.scans() as stream:
-            return [scan async for scan in stream]
-
-    return run_driven(main)
 
 
 def received_in(path: Path) -> bytes:

@@ -27,7 +27,15 @@ from lidario.wire.events import Descriptor
 from tests.reference.golden import NAMES, load
 from tests.support.cases import ALL
 from tests.support.loop import run_driven
-from tests.support.recorded import Live, assert_same_scans, record, take_scans
+from tests.support.recorded import (
+    Live,
+    assert_same_scans,
+    record,
+    replayed,
+    same_points,
+    take_scans,
+    thread_takes_no_time,
+)
 
 SOURCES = {
     "clean": "sim://rplidar-s2",
@@ -40,14 +48,6 @@ UNEVEN_NS = {case.name: 4e3 * case.sample_us for case in ALL if not case.even}
 """Of streams whose packets tell the speed: a sample."""
 OTHERS = [SOURCES["other family"], SOURCES["other family, damaged"]]
 every_source = pytest.mark.parametrize("source", SOURCES.values(), ids=SOURCES)
-
-
-def replayed(path: Path, options: str = "rate=0", *, depth: int = 1) -> list[Scan]:
-    async def main() -> list[Scan]:
-        async with lidario.open_lidar(f"{path}?{options}") as lidar, lidar.scans(depth=depth) as stream:
-            return [scan async for scan in stream]
-
-    return run_driven(main)
 
 
 @every_source
@@ -183,7 +183,8 @@ def test_a_recording_that_begins_behind_another_zero_offset(tmp_path: Path) -> N
             async with lidar.record(tmp_path / "a.mcap"):
                 return [before], [await anext(stream) for _ in range(4)]
 
-    before, live = run_driven(main)
+    with thread_takes_no_time():
+        before, live = run_driven(main)
     assert before[0].seam != live[-1].seam
     stored = list(lidario.decode_file(tmp_path / "a.mcap"))
     assert {scan.seam for scan in stored} == {live[-1].seam}
@@ -213,8 +214,7 @@ def test_a_recording_that_begins_in_mid_stream(tmp_path: Path) -> None:
         assert (one.stamp_ns, one.wall_stamp_ns, one.lost_packets) == (
             other.stamp_ns, other.wall_stamp_ns, other.lost_packets,
         )  # fmt: skip
-        np.testing.assert_array_equal(one.device_angles, other.device_angles)
-        np.testing.assert_array_equal(one.device_distances, other.device_distances)
+        assert same_points(one, other)
 
 
 @pytest.mark.parametrize("source", [SOURCES["clean"], SOURCES["other family"]])
@@ -327,8 +327,7 @@ def test_bare_bytes_are_played_as_they_are_decoded(tmp_path: Path, name: str) ->
         # their speeds are rounded by, which adds up.
         rounded_ns = 1e-3 * one.stamp_ns if name in UNEVEN_NS else 0
         assert abs(one.stamp_ns - other.stamp_ns) <= UNEVEN_NS.get(name, 1) + rounded_ns
-        np.testing.assert_array_equal(one.device_angles, other.device_angles)
-        np.testing.assert_array_equal(one.device_distances, other.device_distances)
+        assert same_points(one, other)
 
 
 def test_a_file_is_opened_beside_the_event_loop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

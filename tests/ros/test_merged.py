@@ -67,11 +67,10 @@ def settings(tmp_path: Path) -> Path:
     """What a viewer has saved: all on the left of the robot is left out, and all in front on the right is not."""
     path = tmp_path / "lidario.toml"
     path.write_text("".join(f'[lidars.{each * 32}]\nframe = "front"\n' for each in "AB"))
-    mounts = {"A": Mount(0.2), "B": Mount(-0.2, 0.0, math.pi)}
-    feeds = [Feed(each) for each in mounts]
+    feeds = [Feed("A", mount=Mount(0.2)), Feed("B", mount=Mount(-0.2, 0.0, math.pi))]
     for feed in feeds:
         feed.info = DeviceInfo("rplidar", "C1M1", 1, "1.0", 1, feed.source * 32)
-    masks = Masks(feeds, lambda feed: mounts[feed.source], path)
+    masks = Masks(feeds, path)
     assert masks.receive("b-3.000 3.000 0.000 9.000")
     assert masks.receive("save")
     assert masks.said == f"saved in {path}"

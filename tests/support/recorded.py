@@ -16,7 +16,7 @@ from lidario.session.lidar import Lidar
 from lidario.session.opening import open_lidar
 from tests.support.loop import run_driven
 
-__all__ = ["Live", "assert_same_scans", "record", "same_scan", "thread_takes_no_time"]
+__all__ = ["Live", "assert_same_scans", "record", "replayed", "same_points", "same_scan", "thread_takes_no_time"]
 
 
 @contextmanager
@@ -74,6 +74,16 @@ def record(
     return run_driven(main)
 
 
+def replayed(path: Path | str, options: str = "rate=0") -> list[Scan]:
+    """What a session gets that plays the file."""
+
+    async def main() -> list[Scan]:
+        async with open_lidar(f"{path}?{options}") as lidar, lidar.scans() as stream:
+            return [scan async for scan in stream]
+
+    return run_driven(main)
+
+
 def same_scan(one: Scan, other: Scan) -> bool:
     """Whether two scans are equal in everything but what a reader missed before."""
     plain = ("stamp_ns", "wall_stamp_ns", "time_increment_ns", "duration_ns", "seq", "lost_packets", "mode",
@@ -81,10 +91,13 @@ def same_scan(one: Scan, other: Scan) -> bool:
     if any(getattr(one, name) != getattr(other, name) for name in plain):
         return False
     # Where sectors were handed out, the step of the angle is the mean of several pieces.
-    if not np.isclose(one.rpm, other.rpm, rtol=1e-12, atol=0.0, equal_nan=True):
-        return False
+    return bool(np.isclose(one.rpm, other.rpm, rtol=1e-12, atol=0.0, equal_nan=True)) and same_points(one, other)
+
+
+def same_points(one: Scan, other: Scan) -> bool:
+    """Whether two scans have the same points."""
     pairs = ((one.device_angles, other.device_angles), (one.device_distances, other.device_distances))
-    if any(not np.array_equal(a, b) for a, b in pairs):
+    if any(not np.array_equal(a, b, equal_nan=True) for a, b in pairs):
         return False
     if one.intensities is None or other.intensities is None:
         return one.intensities is other.intensities

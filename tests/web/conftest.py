@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Iterator
 
 import pytest
 
 from benchmarks.browser import Browser, Page
-from tests.cli.processes import BOUND, line_of, started
+from tests.cli.processes import end, line_of, started
 from tests.web.shown import S2, Open
 
 
@@ -38,5 +37,4 @@ def url() -> Iterator[str]:
     """The page of one simulated lidar, for all tests that only look."""
     with started("view", S2, "--port", "0") as process:
         yield line_of(process.stdout).strip()
-        process.send_signal(signal.SIGINT)
-        process.communicate(timeout=BOUND)
+        end(process)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import signal
 import subprocess
 from collections.abc import Callable
 
 from benchmarks.browser import Page
-from tests.cli.processes import BOUND
+from tests.cli.processes import end
 
-__all__ = ["S2", "Open", "end", "ink"]
+__all__ = ["S2", "Open", "end_both", "ink"]
 
 S2 = "sim://rplidar-s2?via=memory&serial=" + "AB" * 16
 Open = Callable[..., Page]
@@ -26,10 +25,9 @@ def ink(page: Page) -> int:
     )
 
 
-def end(process: subprocess.Popen[str], page: Page) -> None:
+def end_both(process: subprocess.Popen[str], page: Page) -> None:
     """End the program as Ctrl-C does; what the browser says of a server that is gone is no complaint."""
-    process.send_signal(signal.SIGINT)
-    process.communicate(timeout=BOUND)
+    end(process)
     page.until("!connected")
     page.close()
     page.complaints.clear()

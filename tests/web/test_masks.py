@@ -18,19 +18,19 @@ from lidario.testing import make_scan
 from lidario.web.feed import Feed
 from lidario.web.masks import Masks
 from tests.cli.processes import invoke, line_of, started
-from tests.web.shown import S2, Open, end
+from tests.web.shown import S2, Open, end_both
 
 
-def feeds(count: int) -> list[Feed]:
-    made = [Feed(f"lidar {number}") for number in range(count)]
+def feeds(*places: Mount) -> list[Feed]:
+    made = [Feed(f"lidar {number}", mount=place) for number, place in enumerate(places)]
     for number, feed in enumerate(made):
         feed.info = DeviceInfo("f", "m", 1, "1.0", 1, f"S{number}")
     return made
 
 
 def test_boxes_are_for_all_and_sectors_for_one(tmp_path: Path) -> None:
-    shown, path = feeds(2), tmp_path / "a.toml"
-    masks = Masks(shown, lambda feed: Mount(1.0 if feed is shown[1] else 0.0), path)
+    shown, path = feeds(Mount(), Mount(1.0)), tmp_path / "a.toml"
+    masks = Masks(shown, path)
     assert masks.receive("b0.5 -0.5 -1.000 1.25")
     assert masks.receive("s1 10.00 30.00")
     box, sector = (-0.5, 0.5, -1.0, 1.25), AngularBoundsFilter([(math.radians(10), math.radians(30))], invert=True)
@@ -51,10 +51,10 @@ def test_what_stands_in_the_file_is_taken_away(tmp_path: Path) -> None:
     posts = AngularBoundsFilter([(1.0, 1.2), (-2.0, -1.5)], invert=True)
     save_config(path, "", filters=[body, shadows])
     save_config(path, "S0", mount=Mount(0.2), filters=[posts])
-    shown = feeds(2)
+    shown = feeds(Mount(0.2), Mount())
     for number, feed in enumerate(shown):
         feed.saved = read_config(path).of(f"S{number}").filters
-    masks = Masks(shown, lambda feed: Mount(0.2) if feed is shown[0] else Mount(), path)
+    masks = Masks(shown, path)
     assert masks.receive("x-0.500 0.500 -0.250 0.250")
     assert masks.receive(f"x0 {math.degrees(1.0):.2f} {math.degrees(1.2):.2f}")
     left = AngularBoundsFilter([(-2.0, -1.5)], invert=True)
@@ -85,8 +85,8 @@ def test_sectors_of_a_lidar_that_is_turned_on_the_robot(
     tmp_path: Path, told: str, window: tuple[float, float] | None
 ) -> None:
     """The page counts on beyond a turn there."""
-    shown = feeds(1)
-    assert Masks(shown, lambda _: Mount(yaw=3.0), tmp_path / "a.toml").receive(f"s0 {told}")
+    shown = feeds(Mount(yaw=3.0))
+    assert Masks(shown, tmp_path / "a.toml").receive(f"s0 {told}")
     scan = make_scan(np.radians(np.arange(-179.5, 180.0)), 2.0).filtered(*shown[0].filters)
     degrees = np.degrees(scan.angles)
     inside = np.ones(360, bool) if window is None else (degrees - window[0]) % 360 < (window[1] - window[0]) % 360
@@ -111,16 +111,16 @@ def test_sectors_of_a_lidar_that_is_turned_on_the_robot(
     ],
 )
 def test_strange_messages_are_refused(tmp_path: Path, message: str) -> None:
-    assert not Masks(feeds(1), lambda _: Mount(), tmp_path / "a.toml").receive(message)
-    assert not Masks(feeds(1), lambda _: Mount(), None).receive("b1 2 3 4")
+    assert not Masks(feeds(Mount()), tmp_path / "a.toml").receive(message)
+    assert not Masks(feeds(Mount()), None).receive("b1 2 3 4")
 
 
 def test_a_lidar_that_tells_no_serial_number(tmp_path: Path) -> None:
     path = tmp_path / "a.toml"
     for count, said in ((1, f"saved in {path}"), (2, "lidar 0 tells no serial number")):
-        shown = feeds(count)
+        shown = feeds(*[Mount()] * count)
         shown[0].info = DeviceInfo("f", "m", 1, "1.0", 1, "")
-        masks = Masks(shown, lambda _: Mount(), path)
+        masks = Masks(shown, path)
         masks.receive("b0 1 0 1")
         masks.receive("save")
         assert masks.said.startswith(said)
@@ -128,8 +128,8 @@ def test_a_lidar_that_tells_no_serial_number(tmp_path: Path) -> None:
 
 
 def test_no_more_than_fifty_and_a_file_that_cannot_be_written(tmp_path: Path) -> None:
-    shown = feeds(1)
-    masks = Masks(shown, lambda _: Mount(), tmp_path / "none" / "a.toml")
+    shown = feeds(Mount())
+    masks = Masks(shown, tmp_path / "none" / "a.toml")
     for _ in range(60):
         assert masks.receive("b0 1 0 1")
     assert len(shown[0].drawn) == 50
@@ -192,7 +192,7 @@ def test_a_box_and_a_sector_are_drawn_and_saved(
         page.key("u")
         page.until("masks.unsaved === 0")
         assert path.read_text() == kept
-        end(process, page)
+        end_both(process, page)
     own = read_config(path).of("AB" * 16)
     box, sector = own.filters
     assert isinstance(box, BoxFilter)
@@ -227,4 +227,4 @@ def test_the_network_may_not_write_unless_a_file_is_named(opened: Open) -> None:
         page = opened(url.replace(url.split("/")[2].split(":")[0], "127.0.0.1"))
         page.until("seen.painted > 1")
         assert page.ask("$('mask').hidden && !masks.may")
-        end(process, page)
+        end_both(process, page)

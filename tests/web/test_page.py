@@ -6,14 +6,13 @@ Where no Chromium is installed these tests are not run, and the summary says so:
 from __future__ import annotations
 
 import json
-import signal
 
 import pytest
 
 from benchmarks.browser import Browser
-from tests.cli.processes import BOUND, line_of, started
+from tests.cli.processes import end, line_of, started
 from tests.support.children import until
-from tests.web.shown import S2, Open, end, ink
+from tests.web.shown import S2, Open, end_both, ink
 
 EDGES = (
     "() => { const xs = [], ys = []; latest((scan, lidar) => cloud(scan, lidar, 1, (x, y) => {"
@@ -183,8 +182,7 @@ def test_an_empty_scan_and_damage_are_said_in_words(opened: Open) -> None:
         page = opened(line_of(process.stdout).strip())
         page.until("document.body.innerText.includes('no returns in any direction')")
         page.until("/[\\d.]+ % damaged/.test(document.body.innerText)")
-        process.send_signal(signal.SIGINT)
-        process.communicate(timeout=BOUND)
+        end(process)
         page.until("document.body.innerText.includes('no connection to lidario, trying again')")
         assert "scanning" not in page.text()
         # The refused attempts to connect are the browser's complaints, not the page's; a closed one makes no more.
@@ -204,7 +202,7 @@ def test_two_lidars_stand_where_they_are_mounted(opened: Open) -> None:
             spot = f"place(lidars[{number}].x, lidars[{number}].y)"
             drawn = page.ask(f"[...pen.getImageData(...{spot}.map(Math.round), 1, 1).data].slice(0, 3)")
             assert drawn == colour
-        end(process, page)
+        end_both(process, page)
 
 
 ROW = "[...document.querySelectorAll('dt')].find(each => each.textContent === '%s').nextSibling.textContent"
@@ -242,8 +240,7 @@ def test_after_unplugging_it_says_so_and_comes_back(opened: Open) -> None:
         page.until("seen.painted > 0 && !isOld(lidars[0]) && !dirty")
         assert page.ask(STRONGEST) > pale + 60
         assert page.ask(ROW % "rate").endswith(" Hz")
-        process.send_signal(signal.SIGINT)
-        process.communicate(timeout=BOUND)
+        end(process)
         assert process.returncode == 0
         page.until("!connected")
         page.close()

@@ -12,7 +12,7 @@ import pytest
 import lidario
 from tests.cli.processes import line_of, started
 from tests.support.recorded import record
-from tests.web.shown import S2, Open, end, ink
+from tests.web.shown import S2, Open, end_both, ink
 
 
 @pytest.mark.long
@@ -42,7 +42,7 @@ def test_intensity_is_shown_where_there_is_one(opened: Open) -> None:
         page.key("c")
         page.until("document.querySelector('#hue').textContent === 'Colour: intensity' && !dirty")
         assert ink(page) > 300
-        end(process, page)
+        end_both(process, page)
 
 
 def test_the_pointer_tells_distance_and_angle_and_the_ruler_measures(url: str, opened: Open) -> None:
@@ -103,7 +103,7 @@ def test_what_is_shown_is_recorded(opened: Open, tmp_path: Path) -> None:
         (path,) = tmp_path.glob("*.mcap")
         assert len(list(lidario.decode_file(path))) >= 5
         assert lidario.summarize(path).damage == ""
-        end(process, page)
+        end_both(process, page)
 
 
 @pytest.mark.long
@@ -128,4 +128,4 @@ def test_a_recording_is_moved_through_and_played_at_another_speed(opened: Open, 
         page.ask("$('at').value = 1, $('rate').value = '0.5', play()")
         page.until("lidars[0].state === 'scanning' && lidars[0].play.rate === 0.5 && lidars[0].play.at > 1.2")
         assert page.ask("lidars[0].play.at") < 4
-        end(process, page)
+        end_both(process, page)

@@ -16,7 +16,6 @@ import lidario
 from lidario.cli.watch import figures
 from lidario.web import server as module
 from lidario.web.feed import Feed
-from lidario.web.frames import Mount
 from lidario.web.server import LiveServer
 from tests.support.cases import CASES
 from tests.support.recorded import record
@@ -52,7 +51,7 @@ async def test_a_recording_at_full_speed_closes_no_viewer(path: Path, monkeypatc
     monkeypatch.setattr(module, "STATE_S", 3600.0)
     monkeypatch.setattr(module, "MOST_MESSAGES", 10)
     feed = Feed(f"{path}?rate=0&loop=1")
-    async with LiveServer([feed], [Mount()], host="127.0.0.1", port=0) as server:
+    async with LiveServer([feed], host="127.0.0.1", port=0) as server:
         feed.on_scan = server.publish_scan
         own = Origin(f"http://localhost:{server.port}")
         url = f"ws://localhost:{server.port}/live"
@@ -84,8 +83,8 @@ async def test_a_recording_is_played_on_from_another_place_also_behind_its_end(p
         before = feed.scans
         feed.play_from(length_s / 2, 5.0)
         assert [await changes.get(), await changes.get()] == ["scanning", "ended"]
-    # Half of them, and none of the revolutions before.
-    assert 2 <= feed.scans - before <= before / 2 + 1
+    # Half of them, and none of the revolutions before. A busy machine misses some of those that are played so fast.
+    assert 2 <= feed.scans - before <= len(list(lidario.decode_file(path))) / 2 + 1
     assert feed.rate == 5
     # Where nothing would be left to see it is a little before the end.
     async with asyncio.timeout(BOUND):
@@ -99,7 +98,7 @@ async def test_a_recording_is_played_on_from_another_place_also_behind_its_end(p
 async def test_viewers_move_recordings_and_start_the_recording_of_lidars(path: Path, tmp_path: Path) -> None:
     played = Feed(str(path), stays=True, folder=tmp_path)
     live = Feed("sim://rplidar-s2?via=memory", stays=True, folder=tmp_path)
-    async with LiveServer([played, live], [Mount(), Mount()], host="127.0.0.1", port=0) as server:
+    async with LiveServer([played, live], host="127.0.0.1", port=0) as server:
         for feed in (played, live):
             feed.on_change = server.publish_states
         reading = [asyncio.create_task(feed.run()) for feed in (played, live)]

@@ -16,7 +16,7 @@ from websockets.typing import Origin
 from lidario import Scan
 from lidario.web import server as module
 from lidario.web.feed import Feed
-from lidario.web.frames import Mount, pack_scan
+from lidario.web.frames import pack_scan
 from lidario.web.server import AHEAD, LiveServer
 from tests.web.test_frames import scan
 
@@ -26,7 +26,7 @@ BOUND = 20.0
 @asynccontextmanager
 async def serving(count: int = 1, token: str = "") -> AsyncIterator[tuple[LiveServer, list[Feed]]]:
     feeds = [Feed(f"lidar {number}") for number in range(count)]
-    async with LiveServer(feeds, [Mount()] * count, host="127.0.0.1", port=0, token=token) as server:
+    async with LiveServer(feeds, host="127.0.0.1", port=0, token=token) as server:
         yield server, feeds
 
 

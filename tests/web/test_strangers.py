@@ -192,13 +192,12 @@ FULL = """
 import asyncio, logging, os, sys, time
 import resource
 from lidario.web.feed import Feed
-from lidario.web.frames import Mount
 from lidario.web.server import LiveServer
 
 logging.basicConfig(format="%(name)s %(message)s")
 
 async def main():
-    async with LiveServer([Feed("lidar")], [Mount()], host="127.0.0.1", port=0) as server:
+    async with LiveServer([Feed("lidar")], host="127.0.0.1", port=0) as server:
         resource.setrlimit(resource.RLIMIT_NOFILE, (64, 64))
         kept = []
         try:

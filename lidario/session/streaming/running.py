@@ -149,15 +149,10 @@ class Running:
         """Take the packets over, and watch them."""
         stream = self._stream
         self._dialogue.chronicle.began(
+            stream,
             self._dialogue.link.stream_at,
-            stream.mode,
-            stream.format.shortest,
-            stream.sample_ns,
-            stream.slowest_turn_s,
             self._baudrate,
             self._wall_offset_ns,
-            stream.zero_offset_deg,
-            stream.may_take_ns,
             continues=self._totals.assembled.left_off is not None,
         )
         self._delivered = True
