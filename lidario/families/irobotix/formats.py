@@ -87,12 +87,10 @@ class FrameFormat(StreamFormat):
         return _sum_holds(data, at, size)
 
     def headings(self, packets: Packets) -> Headings:
-        data, begins = packets.data, packet_offsets(packets.blocks)[:-1]
-        if len(begins) >= HEADINGS_WORTH_AN_ARRAY:
-            rows, at = np.frombuffer(data, np.uint8), np.array(begins)
-            starts: NDArray[np.int32] = rows[at + DATA + 3].astype(np.int32) << 8 | rows[at + DATA + 4]
-            return starts % FULL_TURN
-        return [(data[at + DATA + 3] << 8 | data[at + DATA + 4]) % FULL_TURN for at in begins]
+        rows, at = np.frombuffer(packets.data, np.uint8), np.array(packet_offsets(packets.blocks)[:-1])
+        starts: NDArray[np.int32] = rows[at + DATA + 3].astype(np.int32) << 8 | rows[at + DATA + 4]
+        starts %= FULL_TURN
+        return starts if len(starts) >= HEADINGS_WORTH_AN_ARRAY else starts.tolist()
 
     def samples_in(self, blocks: Iterable[Block]) -> int:
         return sum([(size - head_of(size) - SUM) // SAMPLE * count for size, count in blocks])
