@@ -16,7 +16,6 @@ after a stop, and we the longer of the two.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from enum import IntEnum
 from typing import Final
 
@@ -92,16 +91,6 @@ STEPS: Final = {
 
 TOGGLE_PROTECTION: Final = _setting("TOGGLE_PROTECTION", 0xD9, 1)
 
-_SCAN: Final = Request(
-    "SCAN",
-    encode_request(0x60),
-    Expected(0x81, 0, LARGEST, continuous=True),
-    SCAN_TIMEOUT_S,
-    # Only the first SCAN has a header as its response (manual 3.8): once packets flow, asking again would wait in
-    # vain.
-    attempts=1,
-)
-
 DTR_TURNS: Final = Request("motor on by DTR", b"", settle=0.5, dtr=True)
 """The vendor's SDK waits as long (`startMotor`)."""
 DTR_STOPS: Final = Request("motor off by DTR", b"", dtr=False)
@@ -111,4 +100,6 @@ KEEPALIVE: Final = Request("KEEPALIVE", encode_request(0x60), in_stream=True)
 
 def scan(stream: StreamFormat) -> Request:
     """SCAN from standstill: a header, then packets without end."""
-    return replace(_SCAN, stream=stream)
+    announced = Expected(0x81, 0, LARGEST, continuous=True)
+    # Only the first SCAN has a header as its response (manual 3.8): once packets flow, asking again is in vain.
+    return Request("SCAN", encode_request(0x60), announced, SCAN_TIMEOUT_S, attempts=1, stream=stream)
