@@ -82,7 +82,10 @@ class ToldWheel(Turning):
                 gaps = jumps > (1 + self._least) * step
         mean = turned / inner
         if not gaps.any():
-            return Arcs(way, None, self._mean(mean, turned, jumps, heads), certain=True)
+            if heads.following is not None:
+                # With the jumps, all of which are known, it is more exact.
+                mean = (turned + int(np.add.reduce(jumps))) / heads.samples
+            return Arcs(way, None, mean, certain=True)
         skipped = np.where(gaps, np.rint(jumps / step) - 1, 0).astype(np.intp)
         return Arcs(way, skipped, mean, certain=True)
 
@@ -115,13 +118,6 @@ class ToldWheel(Turning):
                 return None
             steps.append((way_turned + between[at]) / samples[at])
         return SteadyArcs(way, steps)
-
-    @staticmethod
-    def _mean(mean: float, turned: int, jumps: Ints, heads: Heads) -> float:
-        """The mean step where nothing is missing: with the jumps, if the last one is known, it is more exact."""
-        if heads.following is None:
-            return mean
-        return (turned + int(np.add.reduce(jumps))) / heads.samples
 
     def _jumps(self, first: Ints, tails: Ints, following: int | None) -> Ints:
         """How far ahead of the end of each packet the next one begins; 0 where it begins a little before that.

@@ -7,7 +7,7 @@ angles of a whole stretch are one product of two small matrices. What is inside 
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,18 +37,6 @@ __all__ = ["CapsuleDecoder", "DenseDecoder", "ExpressDecoder", "UltraDecoder", "
 Words = NDArray[np.uint16]
 
 
-class Capsules(NamedTuple):
-    """Packets of a capsule format, as words.
-
-    Attributes:
-        words: (packets, words of one).
-        after: The packet behind them, if known.
-    """
-
-    words: Words
-    after: Words | None
-
-
 class CapsuleDecoder(ArcDecoder):
     """What the four capsule formats have in common: samples at equal steps from the start angle.
 
@@ -69,25 +57,27 @@ class CapsuleDecoder(ArcDecoder):
         column = self.wire.start_at // 2
         starts = _in_range(words[:, column].astype(np.int32))
         if following is None:
-            return Heads(starts, None, self.wire.samples, None, Capsules(words, None))
+            return Heads(starts, None, self.wire.samples, None, (words, None))
         after = np.frombuffer(following, "<u2")
         behind = (int(after[column]) & ANGLE_MASK) % FULL_TURN_Q6
-        return Heads(starts, behind, self.wire.samples, None, Capsules(words, after))
+        return Heads(starts, behind, self.wire.samples, None, (words, after))
 
     def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:
         at_equal_steps(starts_and_arcs(heads.first, arcs.arc), self.wire.samples, output.angle)
-        self._payload(heads.read, arcs.skipped, output)
+        words, after = heads.read
+        self._payload(words, after, arcs.skipped, output)
         in_turn(output.angle, FULL_TURN_Q6 * self.wire.samples, back=self.corrected)
         output.angle /= self._units
         is_cut = arcs.skipped is not None and arcs.skipped[-1] > 0
         output.last = 0.0 if is_cut else float(output.distance[-1, -1])
 
     @abstractmethod
-    def _payload(self, capsules: Capsules, skipped: NDArray[np.intp] | None, output: Output) -> None:
+    def _payload(self, words: Words, after: Words | None, skipped: NDArray[np.intp] | None, output: Output) -> None:
         """Write distances and intensities, and take corrections off the angles.
 
         Args:
-            capsules: The packets.
+            words: The packets, shape (packets, words of one).
+            after: The packet behind them, if known.
             skipped: Samples missing behind each, shape (packets,); None when none is.
             output: Where distances go, and the angles stand.
         """
@@ -99,8 +89,8 @@ class DenseDecoder(CapsuleDecoder):
     wire: ClassVar[type[CapsuleFormat]] = DenseFormat
     has_intensity: bool = False
 
-    def _payload(self, capsules: Capsules, skipped: Any, output: Output) -> None:  # noqa: ARG002
-        output.distance[...] = capsules.words[:, 2:]
+    def _payload(self, words: Words, after: Any, skipped: Any, output: Output) -> None:  # noqa: ARG002
+        output.distance[...] = words[:, 2:]
 
 
 class ExpressDecoder(CapsuleDecoder):
@@ -110,8 +100,8 @@ class ExpressDecoder(CapsuleDecoder):
     has_intensity: bool = False
     corrected: ClassVar[bool] = True
 
-    def _payload(self, capsules: Capsules, skipped: Any, output: Output) -> None:  # noqa: ARG002
-        millimetres, eighths = express_cabins(np.ascontiguousarray(capsules.words[:, 2:]))
+    def _payload(self, words: Words, after: Any, skipped: Any, output: Output) -> None:  # noqa: ARG002
+        millimetres, eighths = express_cabins(np.ascontiguousarray(words[:, 2:]))
         output.distance[...] = millimetres.reshape(output.distance.shape)
         output.angle -= eighths.reshape(output.angle.shape) * np.float32(self._units / 8)
 
@@ -127,10 +117,9 @@ class UltraDecoder(CapsuleDecoder):
         super().__init__()
         self._corrections = near_range_corrections(self._units)
 
-    def _payload(self, capsules: Capsules, skipped: Any, output: Output) -> None:
-        after = capsules.after
+    def _payload(self, words: Words, after: Any, skipped: Any, output: Output) -> None:
         # Behind the first four bytes of a capsule, each cabin has four.
-        cabins = capsules.words.view("<u4")[:, 1:].astype(np.intp)
+        cabins = words.view("<u4")[:, 1:].astype(np.intp)
         millimetres = ultra_cabins(cabins, None if after is None else int(after[2]), skipped)
         output.distance[...] = millimetres
         output.angle -= self._corrections.take(millimetres)
@@ -145,10 +134,8 @@ class UltraDenseDecoder(CapsuleDecoder):
         super().__init__()
         self._last_q2 = 0
 
-    def _payload(self, capsules: Capsules, skipped: Any, output: Output) -> None:
-        distance_q2, intensity = ultra_dense_cabins(
-            np.ascontiguousarray(capsules.words[:, 5:]), self._last_q2, skipped
-        )
+    def _payload(self, words: Words, after: Any, skipped: Any, output: Output) -> None:  # noqa: ARG002
+        distance_q2, intensity = ultra_dense_cabins(np.ascontiguousarray(words[:, 5:]), self._last_q2, skipped)
         output.distance[...] = distance_q2.reshape(output.distance.shape)
         output.distance *= np.float32(0.25)
         output.intensity[...] = intensity.reshape(output.intensity.shape)
