@@ -150,7 +150,7 @@ class Simulated4Ros(Chassis[PointStream]):
         past = 10 * 40 * self.profile.sample_ns + self._queue.airtime(90) * 2 // 5
         self._motor.spin_at_once(self.set_speed * 0.6, now - past)
         self.alive_until = now + _ALIVE_FOR
-        self._stream = PointStream(now - past, self._motor, self.world, self.profile)
+        self._measure_from(now - past)
         self._advance(now)
         self._queue.take(now)
 
@@ -171,22 +171,20 @@ class Simulated4Ros(Chassis[PointStream]):
 
     def _talk(self, now: int, *, at_once: bool = True) -> None:
         """A model that only talks streams as soon as it has power, and unless it failed."""
-        if (
-            not self.profile.one_way
-            or not self.lit
-            or self._stream is not None
-            or self.health[0]
-            or now < self._deaf_until
-        ):
+        is_dark = not self.lit or self.health[0] or now < self._deaf_until
+        if not self.profile.one_way or is_dark or self._stream is not None:
             return
-        self._motor.spin_at_once(
-            self.set_speed * 0.6, now
-        ) if at_once and not self._deaf_until else self._motor.set_rpm(self.set_speed * 0.6, now)
-        # The first byte that is heard stands anywhere in a revolution.
-        past = 0 if self._deaf_until or not at_once else int(self._random.integers(1, 400)) * self.profile.sample_ns
-        self._stream = PointStream(
-            max(now, self._motor.stable_at or 0) - past, self._motor, self.world, self.profile
-        )
+        past = 0
+        if at_once and not self._deaf_until:
+            # It has been on for long: the first byte that is heard stands anywhere in a revolution.
+            self._motor.spin_at_once(self.set_speed * 0.6, now)
+            past = int(self._random.integers(1, 400)) * self.profile.sample_ns
+        else:
+            self._motor.set_rpm(self.set_speed * 0.6, now)
+        self._measure_from(max(now, self._motor.stable_at or 0) - past)
+
+    def _measure_from(self, origin: int) -> None:
+        self._stream = PointStream(origin, self._motor, self.world, self.profile)
 
     def _consider(self, command: int, now: int) -> None:
         """Obey a request or discard it, and remember which."""
@@ -252,8 +250,7 @@ class Simulated4Ros(Chassis[PointStream]):
         self._respond_with(SCAN_HEADER, announced, "scan")
         early = self.profile.early_hertz
         turning = self._motor.reaches(60 * early) if early else self._motor.stable_at
-        origin = max(announced, turning or 0)
-        self._stream = PointStream(origin, self._motor, self.world, self.profile)
+        self._measure_from(max(announced, turning or 0))
 
     def _reset(self, now: int) -> None:
         self._restart(now, now + int(self.boot_s * 1e9))
