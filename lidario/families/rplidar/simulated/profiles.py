@@ -43,6 +43,7 @@ than 1.24, which has no GET_LIDAR_CONF.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 from lidario.families.rplidar.simulated.profile import Mode, Profile
 from lidario.sim.chassis import by_name
@@ -58,14 +59,14 @@ def _mode(mode_id: int, name: str, response_type: int, samples_per_s: float, met
     return Mode(mode_id, name, response_type, _q8(1e6 / samples_per_s), _q8(metres), **more)
 
 
+def _device(name: str, model: int, baudrate: int, *modes: Mode, **more: Any) -> Profile:
+    """A device whose last mode is the typical one."""
+    return Profile(name, model, baudrate, modes, typical=modes[-1].id, **more)
+
+
 def _s_series(name: str, model: int, standard_m: float, dense_m: float) -> Profile:
     modes = (_mode(0, "Standard", 0x81, 16000, standard_m), _mode(1, "DenseBoost", 0x85, 32000, dense_m))
-    return Profile(name, model, 1_000_000, modes, typical=1, kind="sold", firmware=(1, 2))
-
-
-def _of_format(name: str, model: int, baudrate: int, *modes: Mode, hq_scan: bool = False) -> Profile:
-    """A device that stands for the format of its last mode, which is also the typical one."""
-    return Profile(name, model, baudrate, modes, typical=modes[-1].id, kind="format", hq_scan=hq_scan)
+    return _device(name, model, 1_000_000, *modes, kind="sold", firmware=(1, 2))
 
 
 _BANNER = b"RP LIDAR System.\r\nFirmware 1.29, hardware 7\r\nsimulated, ok\r\n"
@@ -126,12 +127,12 @@ _A1 = Profile(
     banner=_BANNER,
     follows="an A1M8",
 )
-_C1 = Profile(
+_C1 = _device(
     "rplidar-c1",
     0x41,
     460_800,
-    (_mode(0, "Standard", 0x81, 5000, 16), _mode(1, "DenseBoost", 0x85, 5000, 40)),
-    typical=1,
+    _mode(0, "Standard", 0x81, 5000, 16),
+    _mode(1, "DenseBoost", 0x85, 5000, 40),
     kind="sold",
     firmware=(1, 2),
     speed_conf=(600, 480, 720),
@@ -140,12 +141,12 @@ _A2 = _a_series("rplidar-a2", 0x2C, 16)
 
 _SOLD = (
     _s_series("rplidar-s2", 0x71, 30, 30),
-    Profile(
+    _device(
         "rplidar-s1",
         0x61,
         256_000,
-        (_mode(0, "Standard", 0x81, 1e6 / 244, 40), _mode(1, "DenseBoost", 0x85, 1e6 / 108, 40)),
-        typical=1,
+        _mode(0, "Standard", 0x81, 1e6 / 244, 40),
+        _mode(1, "DenseBoost", 0x85, 1e6 / 108, 40),
         kind="sold",
         firmware=(1, 28),
         boot_s=2.0,
@@ -161,95 +162,89 @@ _SOLD = (
 )
 
 _FORMATS = (
-    _of_format(
+    _device(
         "rplidar-express",
         0x62,
         256_000,
         _mode(0, "Standard", 0x81, 4000, 16),
         _mode(1, "Express", 0x82, 8000, 16),
+        kind="format",
     ),
-    _of_format(
+    _device(
         "rplidar-hq",
         0x72,
         1_000_000,
         _mode(0, "Standard", 0x81, 8000, 30),
         _mode(1, "HQ", 0x83, 10000, 30),
+        kind="format",
         hq_scan=True,
     ),
-    _of_format(
+    _device(
         "rplidar-ultra",
         0x63,
         256_000,
         _mode(0, "Standard", 0x81, 4000, 25),
         _mode(1, "Express", 0x82, 8000, 16),
         _mode(2, "Boost", 0x84, 16000, 25),
+        kind="format",
     ),
-    _of_format(
+    _device(
         "rplidar-ultradense",
         0x82,
         1_000_000,
         _mode(0, "Standard", 0x81, 16000, 40),
         _mode(1, "UltraDense", 0x86, 32000, 40),
+        kind="format",
     ),
 )
 
 _AWKWARD = (
-    Profile(
+    _device(
         "rplidar-holes",
         0x72,
         1_000_000,
-        (_mode(0, f"Standard {'with a long name ' * 5}", 0x81, 8000, 30), _mode(40, "HQ", 0x83, 10000, 30)),
-        typical=40,
+        _mode(0, f"Standard {'with a long name ' * 5}", 0x81, 8000, 30),
+        _mode(40, "HQ", 0x83, 10000, 30),
         speed_conf=(),
         oddity="mode numbers with holes, and a long name",
     ),
-    Profile(
+    _device(
         "rplidar-zero-us",
         0x81,
         1_000_000,
-        (
-            _mode(0, "Standard", 0x81, 16000, 40, reported_us_q8=0),
-            _mode(1, "DenseBoost", 0x85, 32000, 40, reported_us_q8=0),
-        ),
-        typical=1,
+        _mode(0, "Standard", 0x81, 16000, 40, reported_us_q8=0),
+        _mode(1, "DenseBoost", 0x85, 32000, 40, reported_us_q8=0),
         oddity="says 0 µs a sample",
     ),
-    Profile(
+    _device(
         "rplidar-wrong-us",
         0x71,
         1_000_000,
-        (
-            _mode(0, "Standard", 0x81, 16000, 30, reported_us_q8=_q8(125)),
-            _mode(1, "DenseBoost", 0x85, 32000, 30, reported_us_q8=_q8(62.5)),
-        ),
-        typical=1,
+        _mode(0, "Standard", 0x81, 16000, 30, reported_us_q8=_q8(125)),
+        _mode(1, "DenseBoost", 0x85, 32000, 30, reported_us_q8=_q8(62.5)),
         oddity="tells twice its µs a sample",
     ),
-    Profile(
+    _device(
         "rplidar-other-format",
         0x71,
         1_000_000,
-        (
-            _mode(0, "Standard", 0x81, 16000, 30),
-            _mode(1, "DenseBoost", 0x85, 32000, 30, reported_type=0x84, reported_us_q8=_q8(62.5)),
-        ),
-        typical=1,
+        _mode(0, "Standard", 0x81, 16000, 30),
+        _mode(1, "DenseBoost", 0x85, 32000, 30, reported_type=0x84, reported_us_q8=_q8(62.5)),
         oddity="foretells another format",
     ),
-    Profile(
+    _device(
         "rplidar-unknown-response",
         0x83,
         1_000_000,
-        (_mode(0, "Standard", 0x81, 16000, 40), _mode(6, "Mystery", 0x8E, 32000, 40, layout=0x85)),
-        typical=6,
+        _mode(0, "Standard", 0x81, 16000, 40),
+        _mode(6, "Mystery", 0x8E, 32000, 40, layout=0x85),
         oddity="a format unknown to hosts",
     ),
-    Profile(
+    _device(
         "rplidar-no-modes",
         0x71,
         1_000_000,
-        (_mode(0, "Standard", 0x81, 16000, 30),),
-        typical=0,
+        _mode(0, "Standard", 0x81, 16000, 30),
         listed=False,
         oddity="lists no modes",
     ),
