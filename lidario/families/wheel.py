@@ -76,7 +76,6 @@ class Wheel(PacedTurning):
         super().__init__(full_turn, RETREAT_TURNS, full_turn // 2, samples)
         self._arc = 0.0
         # Since the speed was last confirmed.
-        self._remembers = False
         self._spans: list[int] = []
 
     def follow(self, heads: Heads, arrivals: Sequence[Arrival] = ()) -> Arcs:
@@ -90,7 +89,7 @@ class Wheel(PacedTurning):
                 if not self._is_confirmed():
                     return self._among_gaps(spans, followed=True)
             self._arc, self._certain, self._strange = float(spans[-1]), True, 0
-            if self._remembers and self._confirmed:
+            if self._confirmed:
                 self._forget()
             step = total / len(spans) / self._samples
             return Arcs(spans, None, step, certain=True, first=first and not self._confirmed)
@@ -117,7 +116,7 @@ class Wheel(PacedTurning):
         if not self._confirmed:
             self._remember(arcs.arc.tolist(), arrivals)
             self._is_confirmed()
-        elif self._remembers:
+        else:
             self._forget()
 
     def _is_steady(self, spans: Ints, shortest: int, longest: int) -> bool:
@@ -205,12 +204,11 @@ class Wheel(PacedTurning):
         """Keep spans, and where the rotor was when packets came, while the speed is not sure."""
         if self._certain and self._confirmed and not self._strange:
             self._forget()
-        self._remembers = True
         self._pace.add(spans, arrivals)
         self._spans = [*self._spans, *spans][-REMEMBERED:]
 
     def _forget(self) -> None:
-        self._remembers, self._spans = False, []
+        self._spans = []
         self._pace.clear()
 
     def _is_confirmed(self) -> bool:
