@@ -18,8 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.arguments import callable_of, finite, number, shown
-from lidario.beams import FARTHEST_STATED_M, NO_RETURN, NoReturn, beam_count, check_options
+from lidario.arguments import callable_of, finite, shown
+from lidario.beams import FARTHEST_STATED_M, NO_RETURN, BeamOptions, NoReturn, beam_count
 from lidario.errors import InvalidValue
 from lidario.laserscan import LaserScan
 from lidario.points import Motion, Mount, Points, Velocity, merge, place
@@ -87,9 +87,8 @@ class Merged:
             InvalidValue: One of them cannot be right.
         """
         beams = beam_count(beams)
-        check_options("counter-clockwise", frame_id, range_min, range_max, no_return, 0.0, "rep103", filtered)
-        near = finite(range_min, "range_min")
-        far = math.inf if range_max is None else number(range_max, "range_max")
+        chosen = BeamOptions("counter-clockwise", frame_id, range_min, range_max, no_return, filtered)
+        near, far = float(range_min), chosen.farthest
         xy = self.points.xy.astype(np.float64)
         ranges = np.hypot(xy[:, 0], xy[:, 1])
         kept = np.flatnonzero((ranges >= near) & (ranges <= far))

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lidario.arguments import finite, nanoseconds
-from lidario.beams import BeamOrder, NoReturn, Preset, resample
+from lidario.beams import BeamOptions, BeamOrder, NoReturn, Preset, resample
 from lidario.laserscan import LaserScan
 from lidario.measured import MeasuredSamples, Return
 from lidario.plain import plain_of
@@ -310,25 +310,22 @@ class Scan(MeasuredSamples):
                 `no_return`, `filtered` or `preset` is not one of the words, `frame_id` is no text, `mount_yaw` or
                 `begin_deg` is not finite, or `range_min` and `range_max` are not a range.
         """
+        options = BeamOptions(order, frame_id, range_min, range_max, no_return, filtered, mount_yaw, preset)
+        return self._resampled(beams, None if begin_deg is None else finite(begin_deg, "begin_deg"), options)
+
+    def _resampled(self, beams: SupportsIndex | None, begin_deg: float | None, options: BeamOptions) -> LaserScan:
         scan = self._in_time_order()
         rotor = scan._follow_rotor()  # noqa: SLF001 - another scan
         return resample(
             scan.device_angles,
             scan.ranges,
             scan.intensities,
-            rotor if begin_deg is None else rotor.beginning_at(finite(begin_deg, "begin_deg")),
+            rotor if begin_deg is None else rotor.beginning_at(begin_deg),
             scan.wall_stamp_ns,
+            options,
             beams=beams,
-            order=order,
-            frame_id=frame_id,
-            range_min=range_min,
-            range_max=range_max,
             max_range=scan.max_range,
-            no_return=no_return,
-            filtered=filtered,
             left_out=scan._left_out,  # noqa: SLF001 - another scan
-            mount_yaw=mount_yaw,
-            preset=preset,
         )
 
 

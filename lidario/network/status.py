@@ -15,11 +15,12 @@ from lidario.model import ScanMode
 from lidario.recording.about import About
 from lidario.recording.chronicle import StreamBegan, mode_of
 
-__all__ = ["Status", "mode_record"]
+__all__ = ["AWAY", "Status", "mode_record"]
 
 LARGEST: Final = 1 << 18
 """Bytes of a status that is read; real ones have a few thousand."""
 _MOST_MODES: Final = 64
+AWAY: Final = "the lidar is away from its publisher"
 
 
 @dataclass(frozen=True, slots=True)

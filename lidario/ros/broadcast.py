@@ -28,7 +28,7 @@ from lidario.network.bus import DEFAULT_ROUTER, Bus
 from lidario.network.heard import what_is_heard
 from lidario.network.keys import Attachment, Token, parse_token, status_key, token_key, tokens_of
 from lidario.network.sender import Sender
-from lidario.network.status import Status
+from lidario.network.status import AWAY, Status
 from lidario.recording.about import About
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
@@ -241,7 +241,7 @@ class Broadcast(Entered):
             modes=self._modes,
             mode=lidar.mode,
             rate=self.rate,
-            lost="" if lidar.is_connected else "the lidar is away from its publisher",
+            lost="" if lidar.is_connected else AWAY,
             sender=self._status.gid.hex() if self._status is not None else "",
         )
 

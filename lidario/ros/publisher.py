@@ -19,7 +19,7 @@ from lidario.errors import InvalidValue
 from lidario.laserscan import LaserScan
 from lidario.laserscans import LaserScans
 from lidario.network.bus import DEFAULT_ROUTER, Bus
-from lidario.network.status import Status
+from lidario.network.status import AWAY, Status
 from lidario.ros.broadcast import Broadcast, Outlet
 from lidario.ros.diagnostics import diagnostics
 from lidario.ros.names import (
@@ -192,15 +192,18 @@ class Publisher(Broadcast):
         return outlet
 
     def _each_second(self, status: Status) -> None:
-        lidar = self.lidar
+        self._diagnose(self.lidar, self._topic.lstrip("/"), status.rate)
+
+    def _diagnose(self, lidar: Lidar, what: str, rate: float) -> None:
+        """Say on ``/diagnostics`` how a lidar is."""
         message = diagnostics(
             time.time_ns(),
-            f"{self._node.name}: {self._topic.lstrip('/')}",
+            f"{self._node.name}: {what}",
             lidar.info,
             lidar.health,
             stats=lidar.stats,
-            rate=status.rate,
-            lost=status.lost,
+            rate=rate,
+            lost="" if lidar.is_connected else AWAY,
         )
         if self._diagnostics is not None:
             self._diagnostics.send(message.to_cdr())
