@@ -14,10 +14,9 @@ import os
 import select
 import threading
 from collections.abc import Callable
+from dataclasses import dataclass
 
-from lidario.port.line import Late
-
-__all__ = ["INBOX_BYTES", "Inbox", "Read", "make_read"]
+__all__ = ["INBOX_BYTES", "Inbox", "Late", "Read", "make_read"]
 
 INBOX_BYTES = 1024 * 1024
 """Most bytes that are kept: 15 s of the fastest stream."""
@@ -58,6 +57,19 @@ def make_read() -> Read:
         return bytes(view[:count])
 
     return read
+
+
+@dataclass(slots=True)
+class Late:
+    """What was lost, or may have been, because this computer read a line too late.
+
+    Attributes:
+        overflow_bytes: Bytes that were read and dropped, because the program did not take them for too long.
+        full_reads: Reads that found the system's buffer full: bytes that came since may be lost.
+    """
+
+    overflow_bytes: int = 0
+    full_reads: int = 0
 
 
 class Inbox:

@@ -117,8 +117,8 @@ class Simulation:
                 raise failed from failed.__cause__
             raise
         port.name = self._name
-        port.on_loss(self._why_lost)
-        port.on_close(self._closed)
+        port.explain_loss = self._why_lost
+        port.on_close = self._closed
         self._ports += 1
         return port
 

@@ -73,7 +73,6 @@ class _TcpLine(SocketLine[asyncio.Transport]):
                     self._socket.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
 
     def write(self, data: bytes) -> None:
-        self._wrote(data)
         if os.name == "posix" and not self._transport.get_write_buffer_size():
             # An error is left to the transport, which meets it too and ends the connection.
             with contextlib.suppress(OSError):

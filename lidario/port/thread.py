@@ -5,7 +5,8 @@ computes for longer on its event loop would lose bytes. So while a stream runs, 
 was not read for `Watched.interval`. It only moves bytes into the port's `Inbox` and notes when they came. The
 event loop takes them from there when it needs them, at the end of a revolution, and reads what came since. On a
 loop that is free no thread wakes the other one; a loop that is late finds everything in the inbox. What must be
-written again and again to keep a device going it writes likewise, when the loop is late with it.
+written again and again to keep a device going, and the loop is late with, is written likewise
+(`lidario.port.repeat`).
 
 The thread goes its own steps, of one interval each, and does not look whether the loop was in time: at 10 Hz and an
 interval of 43 ms it would be woken three times a revolution for that, and so it is woken 2.3 times.
@@ -29,7 +30,6 @@ from typing import Protocol
 
 from lidario.latch import Latch
 from lidario.port.inbox import Inbox
-from lidario.port.repeat import Repeat
 
 __all__ = ["ReadingThread", "Served", "Watched", "reading_thread", "start_thread"]
 
@@ -107,21 +107,16 @@ class Watched:
 
     Attributes:
         interval: May be changed at any time, from any thread.
-        repeat: A request to write where the loop is late with it; None for none.
     """
 
     def __init__(self, inbox: Inbox, interval: float, on_error: Callable[[], None]) -> None:
         self.interval: float = interval
-        self.repeat: Repeat | None = None
         self.inbox: Inbox = inbox
         self._on_error = on_error
         self._next_at = 0.0
 
     def serve(self, now: float, late: float) -> float:
         """As `Served`: read the port if it is due."""
-        repeat = self.repeat
-        if repeat is not None:
-            repeat.serve()
         interval = self.interval
         if now >= self._next_at - TOGETHER_SHARE * interval:
             last = self.inbox.last_ns * 1e-9

@@ -102,7 +102,6 @@ class _UdpLine(SocketLine[asyncio.DatagramTransport]):
             self._transport.abort()
 
     def write(self, data: bytes) -> None:
-        self._wrote(data)
         if os.name != "posix":
             self._transport.sendto(data)
             return
