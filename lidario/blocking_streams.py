@@ -1,20 +1,22 @@
-"""What is read in ``for``: the streams and iterators that `lidario.SyncLidar` makes."""
+"""What `lidario.SyncLidar` makes: streams and iterators for ``for``, and recordings for ``with``."""
 
 from __future__ import annotations
 
 from collections.abc import AsyncIterator
 from contextlib import suppress
+from types import TracebackType
 from typing import Generic, Self, TypeVar
 
 from lidario.entered import Closing
 from lidario.errors import LidarError, SessionClosed
+from lidario.recording.record import Recording
 from lidario.scan import Scan
 from lidario.sector import Sector
 from lidario.session.loop_thread import LoopThread
 from lidario.session.streaming.line_changes import LineChange, LineChanges
 from lidario.session.streaming.stream import ReaderStream
 
-__all__ = ["SyncLineChanges", "SyncScanStream", "SyncSectorStream"]
+__all__ = ["SyncLineChanges", "SyncRecording", "SyncScanStream", "SyncSectorStream"]
 
 T = TypeVar("T")
 
@@ -83,7 +85,8 @@ class SyncSectorStream(SyncReaderStream[Sector]):
 class SyncLineChanges:
     """An iterator of `LineChange`; as `LineChanges`, with ``for``. Ctrl-C ends only the waiting."""
 
-    def __init__(self, thread: LoopThread, changes: LineChanges) -> None:
+    def __init__(self, thread: LoopThread, changes: LineChanges, lidar: object) -> None:  # noqa: ARG002
+        # The session is not held: who only looks at its line does not keep it open.
         self._thread = thread
         self._changes = changes
 
@@ -98,6 +101,31 @@ class SyncLineChanges:
         if change is None:
             raise StopIteration
         return change
+
+
+class SyncRecording:
+    """A recording that is made while its ``with`` block runs; made by `SyncLidar.record`.
+
+    Attributes:
+        recording: The same as `Lidar.record` makes: its size, its counts, and what ended it early.
+    """
+
+    def __init__(self, thread: LoopThread, recording: Recording, lidar: object) -> None:
+        self.recording: Recording = recording
+        self._thread = thread
+        # Held, so that it is not closed meanwhile.
+        self._lidar = lidar
+
+    def __enter__(self) -> Recording:
+        self._thread.call(self.recording.start)
+        return self.recording
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        # A session that was closed in the block has ended its recordings.
+        with suppress(SessionClosed):
+            self._thread.call(self.recording.close)
 
 
 async def _next(stream: AsyncIterator[T]) -> T | None:
