@@ -24,10 +24,7 @@ T = TypeVar("T")
 class SyncReaderStream(Closing, Generic[T]):
     """What `SyncScanStream` and `SyncSectorStream` are: a stream that is read in the session's own thread.
 
-    Args:
-        thread: Where the session lives.
-        stream: The stream there.
-        lidar: The session; held, so that it is not closed while somebody reads.
+    It holds the session, so that that is not closed while somebody reads.
     """
 
     def __init__(self, thread: LoopThread, stream: ReaderStream[T], lidar: object) -> None:

@@ -44,13 +44,7 @@ _UNKNOWN: Final = Health(HealthStatus.WARNING, 0, "the publisher does not tell")
 
 @dataclass(frozen=True, slots=True)
 class Remote:
-    """A lidar of another machine.
-
-    Attributes:
-        port: Where it is received.
-        device: What it has told.
-        family: Whose code understands it.
-    """
+    """A lidar of another machine: where it is received, what it has told, and whose code understands it."""
 
     port: RemotePort
     device: RemoteDevice
@@ -59,9 +53,6 @@ class Remote:
 
 async def open_remote(source: Source) -> Remote:
     """Connect to the router, and to the publisher. Cancelling leaves nothing open.
-
-    Args:
-        source: Its kind is ``zenoh``.
 
     Raises:
         ConnectFailed: The key or the address of the router cannot be right (``source``), no router (``refused``),

@@ -62,12 +62,7 @@ class Senders:
 
 
 class OneSender:
-    """The one that is listened to, of all who send under a key: the first one, as long as it sends.
-
-    Args:
-        gid: What tells it; empty where that is not known yet.
-        now: The time in seconds.
-    """
+    """The one that is listened to, of all who send under a key: the first one, as long as it sends."""
 
     def __init__(self, gid: bytes, now: float) -> None:
         self._gid: bytes | None = gid or None

@@ -125,9 +125,6 @@ class Adapter(serial.Serial):  # type: ignore[misc]
 def count_errors(handle: int) -> LineErrors:
     """What the driver has counted since the adapter was plugged in; zeros where it does not count.
 
-    Args:
-        handle: The descriptor of the open port.
-
     Raises:
         OSError: The driver cannot tell, or the port is gone.
     """

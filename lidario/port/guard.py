@@ -77,9 +77,6 @@ def check_guard() -> None:
 async def start_guard(port: str) -> Guard:
     """Start the process, in a thread. Cancelling ends it again.
 
-    Args:
-        port: What it will guard, for messages.
-
     Raises:
         Unsupported: The system cannot do it, or has no room for one more process.
     """
@@ -91,9 +88,6 @@ async def start_guard(port: str) -> Guard:
 
 class Guard:
     """The guard of one line. Made in a thread, since it waits until the process runs.
-
-    Args:
-        port: What it guards, for messages.
 
     Raises:
         Unsupported: The process could not be started.

@@ -26,9 +26,6 @@ latest, on the monotonic clock."""
 class Tapped:
     """The base of `Port`: its taps.
 
-    Args:
-        name: What was opened, for messages.
-
     Attributes:
         name: What was opened, for messages.
         taps: Who sees the chunks, in the order in which they were added.
@@ -70,11 +67,7 @@ class Tapped:
 
 
 class Guarded(Tapped):
-    """The base of `Port`: its guard.
-
-    Args:
-        name: What was opened, for messages.
-    """
+    """The base of `Port`: its guard."""
 
     def __init__(self, name: str) -> None:
         super().__init__(name)

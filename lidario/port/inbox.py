@@ -73,13 +73,7 @@ class Late:
 
 
 class Inbox:
-    """Reads a terminal and keeps what came; any thread may call it.
-
-    Args:
-        handle: File descriptor of the terminal, non-blocking.
-        clock: The time in nanoseconds.
-        read: Reads a descriptor, as `make_read` makes it; by default one of its own.
-        late: Where it is counted what was dropped because the inbox was full, and how often the buffer was.
+    """Reads a terminal, whose descriptor does not block, and keeps what came; any thread may call it.
 
     Attributes:
         last_ns: When it was read last, whether or not anything was there.

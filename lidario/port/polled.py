@@ -28,11 +28,7 @@ class _Device(Protocol):
 
 
 class Polled:
-    """Reads and writes a port of pyserial that never blocks.
-
-    Args:
-        device: The port, with both its timeouts at 0 from the first call on.
-    """
+    """Reads and writes a port of pyserial that never blocks: both its timeouts are 0."""
 
     def __init__(self, device: _Device) -> None:
         self._device = device

@@ -40,11 +40,7 @@ of it."""
 class PolledLine(Line):
     """A terminal, as it is read; the base of a serial port's line.
 
-    Args:
-        loop: The event loop.
-        port: Is shown each read and handed what was read.
-        handle: File descriptor of the terminal, non-blocking; below 0 where the event loop cannot wait for it.
-        read: Reads from the handle, as `make_read` makes it; by default a descriptor.
+    Its `handle` does not block; it is below 0 where the event loop cannot wait for it.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop, port: Port, handle: int, read: Read | None = None) -> None:

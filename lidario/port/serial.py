@@ -53,10 +53,6 @@ async def open_serial(path: str, baudrate: int) -> Port:
     It is opened in a thread, since that takes up to tens of milliseconds. Cancelling leaves nothing open: a device
     that opens too late is closed. The guard of a program that was killed just now is waited for.
 
-    Args:
-        path: The device, as in ``/dev/ttyUSB0`` or ``COM3``.
-        baudrate: Speed in bits a second.
-
     Raises:
         ConnectFailed: Missing, forbidden, busy, or no serial port; the text says which.
     """

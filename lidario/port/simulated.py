@@ -171,11 +171,6 @@ def _way(source: Source) -> str:
 def connect_in_memory(device: SimulatedDevice, faults: Faults | None = None, *, name: str = "memory") -> Port:
     """A port on `device`, without a kernel between them; needs a running event loop.
 
-    Args:
-        device: The device; any object that offers what `SimulatedDevice` does.
-        faults: What happens to its bytes on the way.
-        name: For messages.
-
     Raises:
         ConnectFailed: Another session has it open (reason ``busy``), as with a serial port.
     """

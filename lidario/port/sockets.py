@@ -40,14 +40,8 @@ async def connected(
 ) -> None:
     """Await `connect`, and translate what the system says.
 
-    Args:
-        name: What is opened, for messages.
-        host: Name or address.
-        number: Number of the port.
-        connect: Connects to them.
-        seconds: How long it may take.
-        late: What to say when it takes longer.
-        unreachable: What to ask where there is no way to the host.
+    Where it takes longer than so many seconds, the error says `late`; where there is no way to the host, it asks
+    `unreachable`.
 
     Raises:
         ConnectFailed: It could not be done; the reason is ``refused``. Cancelling leaves nothing open.
@@ -80,12 +74,7 @@ def _why(error: Exception, unreachable: str) -> str:
 
 
 class SocketLine(Line, Generic[T]):
-    """asyncio's transport of a socket.
-
-    Args:
-        transport: The transport.
-        port: The port.
-    """
+    """asyncio's transport of a socket."""
 
     def __init__(self, transport: T, port: Port) -> None:
         self._transport: T = transport

@@ -27,12 +27,6 @@ _KEEPALIVE = (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 3))
 async def open_tcp(name: str, host: str, number: int, baudrate: int = 0) -> Port:
     """Connect to a serial line that is served over TCP.
 
-    Args:
-        name: What is opened, for messages.
-        host: Name or address.
-        number: Number of the TCP port.
-        baudrate: Speed of the serial line behind it, in bits a second; 0 when unknown.
-
     Raises:
         ConnectFailed: Unknown host, refused, impossible address, or no response within five seconds. Cancelling
             leaves nothing open.

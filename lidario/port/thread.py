@@ -58,10 +58,6 @@ def start_thread(work: Callable[[], None], name: str) -> threading.Thread:
     Where Ctrl-C ends the waiting, the thread does its work all the same, or was never started. So `work` must find
     out itself whether anybody still needs it.
 
-    Args:
-        work: What it does.
-        name: Its name.
-
     Raises:
         RuntimeError: The system allows no more threads.
     """
@@ -100,10 +96,7 @@ class Served(Protocol):
 class Watched:
     """One port that the thread reads.
 
-    Args:
-        inbox: Where the bytes go.
-        interval: Seconds for which the port may stay unread.
-        on_error: Called in the thread each time the port cannot be read; it must not block or raise.
+    `on_error` is called in the thread each time the port cannot be read; it must not block or raise.
 
     Attributes:
         interval: May be changed at any time, from any thread.
@@ -136,11 +129,7 @@ class Watched:
 
 
 class ReadingThread:
-    """The thread, and the ports that it serves.
-
-    Args:
-        clock: The time in seconds.
-    """
+    """The thread, and the ports that it serves."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock

@@ -31,11 +31,6 @@ BUFFER = 1 << 20
 async def open_udp(name: str, host: str, number: int) -> Port:
     """Open a line to a lidar in the network; nothing is sent.
 
-    Args:
-        name: What is opened, for messages.
-        host: Name or address.
-        number: Number of the UDP port.
-
     Raises:
         ConnectFailed: Unknown host, impossible address, or no way to it. Cancelling leaves nothing open.
     """

@@ -33,13 +33,7 @@ FASTEST_LINE = 4_000_000
 
 
 class Questions(ABC):
-    """What `Lidar` asks and sets.
-
-    Args:
-        at: Where the device is reached.
-        scanner: Its stream.
-        reconnector: Brings the session back, where that was asked for.
-    """
+    """What `Lidar` asks and sets."""
 
     def __init__(self, at: At, scanner: Scanner, reconnector: Reconnector | None) -> None:
         self._at = at

@@ -27,9 +27,6 @@ class HalfOpen:
     Ctrl-C is raised wherever the interpreter is, also between two statements that belong together. So this is made
     before anything is written, and lives in the frames that open the device; when they are gone, its finalizer
     writes the stop requests. The session lets go of it as soon as it has a finalizer of its own.
-
-    Args:
-        dialogue: The dialogue with the device.
     """
 
     def __init__(self, dialogue: Dialogue) -> None:

@@ -41,11 +41,7 @@ class _Port(NamedTuple):
 
 
 class Places:
-    """The places of one device.
-
-    Args:
-        source: What was opened; not ``auto`` or ``id``.
-    """
+    """The places of one device, whose source is neither ``auto`` nor ``id``."""
 
     def __init__(self, source: Source) -> None:
         self._named = source

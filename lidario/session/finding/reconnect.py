@@ -98,12 +98,6 @@ class Step(Enum):
 class Reconnector:
     """Brings one session back, as often as it is needed.
 
-    Args:
-        policy: How patient it is.
-        source: What was opened; not ``auto`` or ``id``.
-        simulation: The device of a ``sim://`` source.
-        keep_spinning: Whether the motor goes on when the session ends.
-
     Attributes:
         step: What it does at the moment.
         count: How often the session has come back.

@@ -39,14 +39,6 @@ class NotWanted(LidarError):
 class StreamControl:
     """The stream of one device.
 
-    Args:
-        at: Where the device is reached.
-        latency: As for `Running`.
-        trouble: As for `Running`.
-        publish: Called with each scan.
-        failed: Called once if a stream falls silent or makes no revolutions.
-        publish_sector: As for `Running`.
-
     Attributes:
         totals: Counters since the session was opened.
         state: What becomes of the stream at the moment.

@@ -39,14 +39,6 @@ _CURABLE = (DeviceLost, StreamFailed, ResponseTimeout, DeviceFault, RemoteProtoc
 class Failures:
     """Judges what has failed.
 
-    Args:
-        control: The stream.
-        at: Where the device is reached.
-        readers: Who is told.
-        inquiry: Asks the device.
-        trouble: Where it is logged.
-        line: Where it is told to those who show it.
-
     Attributes:
         over: What ended the session, if anything did.
         come_back: Called with the reason, and the number of scans so far, when the line to the device is no good

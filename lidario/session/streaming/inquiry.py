@@ -43,11 +43,6 @@ MOST_RESTARTS = 3
 class Inquiry:
     """Asks one device what is wrong with it.
 
-    Args:
-        at: Where it is reached.
-        totals: Where restarts are counted.
-        trouble: Where they are logged.
-
     Attributes:
         health: What the device last said.
     """
@@ -77,9 +72,7 @@ class Inquiry:
         """Whether the device is to be asked before a stream is started, as the vendors' manuals have it.
 
         It need not where it has said how it is, or has sent a stream that did not fail, a moment ago.
-
-        Args:
-            ran_until: When the last stream was left off, seconds of the loop's clock.
+        `ran_until` is when the last stream was left off.
         """
         return self._doubtful or self._loop.time() - max(self._well_at, ran_until) > WELL_S
 

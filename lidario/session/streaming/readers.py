@@ -31,10 +31,7 @@ class Joining(NamedTuple):
 
 
 class Readers:
-    """The readers of one device's stream.
-
-    Args:
-        deserted: Called when the last reader has been gone for `LINGER_S`.
+    """The readers of one device's stream; `deserted` is called when the last one has been gone for `LINGER_S`.
 
     Attributes:
         hub: Those who are in.

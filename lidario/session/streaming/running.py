@@ -91,18 +91,7 @@ class Failure:
 
 
 class Running:
-    """A stream that the device sends.
-
-    Args:
-        stream: The stream, as its family described it.
-        dialogue: Where its packets come from.
-        latency: Seconds by which a scan may be late because the port is polled only from time to time.
-        totals: Counters to add to.
-        trouble: Where discarded revolutions are logged.
-        publish: Called with each scan.
-        failed: Called once if the stream falls silent or makes no revolutions.
-        publish_sector: Called with how many sectors of its size a revolution has, and the sector.
-    """
+    """A stream that the device sends; `failed` is called once if it falls silent or makes no revolutions."""
 
     def __init__(
         self,

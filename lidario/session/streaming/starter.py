@@ -24,16 +24,7 @@ _log = logging.getLogger("lidario")
 
 
 class Starter:
-    """Lets readers in, and starts the stream they want.
-
-    Args:
-        control: The stream.
-        at: Where the device is reached.
-        readers: Who wants scans.
-        inquiry: Asks the device before a start that may fail.
-        failures: Judges what has failed.
-        lock: Held while the device is talked to.
-    """
+    """Lets readers in, and starts the stream they want."""
 
     def __init__(
         self,

@@ -42,12 +42,8 @@ _AWAITING = LinkState.AWAIT_RESPONSE
 async def play(script: Script[T], ask: Callable[[Request], Awaitable[bytes]], first: Request | None = None) -> T:
     """Play `script` to its end: each request that it yields is asked, and the payload is sent back into it.
 
-    Cancelling closes the script.
-
-    Args:
-        script: A script of a family.
-        ask: Sends a request and returns the payload of its response. Its ResponseTimeout is raised in the script.
-        first: Its first request, where it was advanced to that one already.
+    `first` is its first request, where it was advanced to that one already. A ResponseTimeout of `ask` is raised in
+    the script. Cancelling closes it.
 
     Returns:
         The result of the script.
@@ -247,9 +243,6 @@ class Dialogue(Intake, Waiting):
         """Leave the device still, then close the port; without waiting. Nothing is delivered any more.
 
         After the event loop was closed no timer can do that, so it blocks as `abandon` does.
-
-        Args:
-            patient: As for `Stopper.hang_up`.
         """
         if self._loop.is_closed():
             self.abandon()

@@ -67,11 +67,7 @@ async def healthy(dialogue: Dialogue, device: Device) -> Health:
 async def cured(dialogue: Dialogue, device: Device, health: Health, when: str) -> Health:
     """Reset a device that reports the error `health`, and return its health afterwards; `note` tells of the error.
 
-    Args:
-        dialogue: The conversation with it.
-        device: The device as its family sees it.
-        health: The error.
-        when: When it was noticed, for the log.
+    The log says `when` it was noticed.
 
     Raises:
         DeviceFault: It still reports an error after the reset.

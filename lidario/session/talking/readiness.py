@@ -24,9 +24,6 @@ _MARGIN_S = 0.005
 class Readiness:
     """What is known of one device's readiness to hear.
 
-    Args:
-        link: Knows whether a response is outstanding.
-
     Attributes:
         late_until: Until when a response that was given up may still come, on the loop's clock; 0 for none.
         has_responded: Whether the device has ever responded.
