@@ -111,7 +111,7 @@ class Broadcast(Entered):
         self._times: deque[float] = deque(maxlen=64)
         self._ticking: asyncio.Task[None] | None = None
         self._status: Outlet | None = None
-        self._trouble = Trouble(_log)
+        self._trouble = Trouble()
         self._readers = asyncio.Event()
 
     @property

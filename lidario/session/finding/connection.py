@@ -7,13 +7,14 @@ looked at in `lidario.session.finding.connect`.
 from __future__ import annotations
 
 import weakref
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from lidario.families.base import Device, Family
 from lidario.model import DeviceInfo
 from lidario.port.background import run_in_thread
 from lidario.port.port import Port
 from lidario.session.talking.dialogue import Dialogue
+from lidario.session.talking.trouble import Trouble
 from lidario.source import Source
 
 __all__ = ["At", "Connection", "HalfOpen", "connect_recording", "connect_remote"]
@@ -66,11 +67,13 @@ class At:
         dialogue: The conversation with the device.
         device: The device as its family sees it.
         info: What it last said it is.
+        trouble: Tells of what is wrong with it, in the log.
     """
 
     dialogue: Dialogue
     device: Device
     info: DeviceInfo
+    trouble: Trouble = field(default_factory=Trouble)
 
 
 async def connect_recording(source: Source, family: str | None) -> Connection:

@@ -9,19 +9,16 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from collections.abc import Callable
 
 from lidario.errors import DeviceLost, LidarError, ResponseTimeout, StreamFailed, Unsupported
 from lidario.model import ScanMode
 from lidario.port.diagnose import is_pseudo_terminal
 from lidario.revolution.assemble import AssemblerStats
 from lidario.scan import Scan
-from lidario.sector import Sector
 from lidario.session.finding.connection import At
 from lidario.session.streaming.modes import Wanted, does_not_fit
-from lidario.session.streaming.running import Failure, Running, Totals
+from lidario.session.streaming.running import Failure, Outlets, Running, Totals
 from lidario.session.streaming.states import TRANSITIONS, Event, State
-from lidario.session.talking.trouble import Trouble
 from lidario.wire.states import LinkState
 
 __all__ = ["NotWanted", "StreamControl"]
@@ -51,15 +48,7 @@ class StreamControl:
         starting: Whether the operation in progress is a start: it ends when no stream is wanted any more.
     """
 
-    def __init__(
-        self,
-        at: At,
-        latency: float,
-        trouble: Trouble,
-        publish: Callable[[Scan], None],
-        failed: Callable[[Failure], None],
-        publish_sector: Callable[[int, Sector], None],
-    ) -> None:
+    def __init__(self, at: At, latency: float, outlets: Outlets) -> None:
         self.totals: Totals = Totals(AssemblerStats())
         self.state: State = State.IDLE
         self.wanted: Wanted | None = None
@@ -71,10 +60,7 @@ class StreamControl:
         self.starting: bool = False
         self._at = at
         self._latency = latency
-        self._trouble = trouble
-        self._publish = publish
-        self._failed = failed
-        self._publish_sector = publish_sector
+        self._outlets = outlets
         self._parts: frozenset[int] = frozenset()
         self._loop = asyncio.get_running_loop()
         self._running: Running | None = None
@@ -157,16 +143,7 @@ class StreamControl:
             raise Unsupported(misfit)
         self.go(Event.STARTED)
         self.ran = True
-        self._running = Running(
-            stream,
-            self._at.dialogue,
-            latency=self._latency,
-            totals=self.totals,
-            trouble=self._trouble,
-            publish=self._publish,
-            failed=self._failed,
-            publish_sector=self._publish_sector,
-        )
+        self._running = Running(stream, self._at, self._latency, self.totals, self._outlets)
         if self._parts:
             self._running.divide(self._parts)
         self._running.begin()

@@ -28,7 +28,6 @@ from lidario.session.streaming.inquiry import Inquiry
 from lidario.session.streaming.line_changes import LineWatch
 from lidario.session.streaming.readers import Readers
 from lidario.session.streaming.running import Failure
-from lidario.session.talking.trouble import Trouble
 
 __all__ = ["Failures"]
 
@@ -45,22 +44,13 @@ class Failures:
             any more. None where such an error ends the streams or the session.
     """
 
-    def __init__(
-        self,
-        control: StreamControl,
-        at: At,
-        readers: Readers,
-        inquiry: Inquiry,
-        trouble: Trouble,
-        line: LineWatch,
-    ) -> None:
+    def __init__(self, control: StreamControl, at: At, readers: Readers, inquiry: Inquiry, line: LineWatch) -> None:
         self.over: LidarError | None = None
         self.come_back: Callable[[LidarError, int], None] | None = None
         self._control = control
         self._at = at
         self._readers = readers
         self._inquiry = inquiry
-        self._trouble = trouble
         self._line = line
         at.dialogue.on_lost = self._lost
 
@@ -132,7 +122,7 @@ class Failures:
         """End the stream for everybody, unless the session comes back; the session goes on."""
         if self._depart(error):
             return
-        self._trouble.tell("the stream ended: %s", error)
+        self._at.trouble.tell("the stream ended: %s", error)
         self._readers.end(error)
         self._control.unwant()
 
@@ -140,7 +130,7 @@ class Failures:
         """The port died, or we failed: the session is over, unless it comes back."""
         if self._depart(error):
             return
-        self._trouble.tell("the session ended: %s", error)
+        self._at.trouble.tell("the session ended: %s", error)
         self._readers.end(error)
         self._control.close()
         self._end_line(error)

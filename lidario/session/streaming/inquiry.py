@@ -25,7 +25,6 @@ from lidario.model import Health, HealthStatus
 from lidario.session.finding.connection import At
 from lidario.session.streaming.running import Failure, Totals
 from lidario.session.talking.handshake import cured, fault_of
-from lidario.session.talking.trouble import Trouble
 
 __all__ = ["Inquiry"]
 
@@ -47,13 +46,12 @@ class Inquiry:
         health: What the device last said.
     """
 
-    def __init__(self, at: At, totals: Totals, trouble: Trouble) -> None:
+    def __init__(self, at: At, totals: Totals) -> None:
         self._doubtful = False
         self._well_at = -math.inf
         self.health: Health = Health(HealthStatus.OK, 0)
         self._at = at
         self._totals = totals
-        self._trouble = trouble
         self._loop = asyncio.get_running_loop()
         self._reset_at: float | None = None
         self._restarts: deque[float] = deque(maxlen=MOST_RESTARTS)
@@ -110,7 +108,7 @@ class Inquiry:
             )
         self._restarts.append(now)
         self._totals.restarts += 1
-        self._trouble.tell("the stream is started again: %s", failure.what)
+        self._at.trouble.tell("the stream is started again: %s", failure.what)
         self._doubtful = False
 
     async def beforehand(self) -> None:

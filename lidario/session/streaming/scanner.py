@@ -16,7 +16,6 @@ session: operations fail, readers wait, and `adopt` has the stream started again
 from __future__ import annotations
 
 import asyncio
-import logging
 from collections.abc import Awaitable, Callable
 from typing import TypeVar
 
@@ -33,19 +32,18 @@ from lidario.session.streaming.failures import Failures
 from lidario.session.streaming.inquiry import Inquiry
 from lidario.session.streaming.line_changes import LineWatch
 from lidario.session.streaming.readers import Readers
-from lidario.session.streaming.running import Failure, Totals
+from lidario.session.streaming.running import Failure, Outlets, Totals
 from lidario.session.streaming.sectors import sectors_of
 from lidario.session.streaming.starter import Starter
 from lidario.session.streaming.states import State
 from lidario.session.streaming.stream import Hub, Mailbox
 from lidario.session.talking.dialogue import play
 from lidario.session.talking.handshake import come_back
-from lidario.session.talking.trouble import Trouble, twin_of
+from lidario.session.talking.trouble import twin_of
 
 __all__ = ["Scanner"]
 
 T = TypeVar("T")
-_log = logging.getLogger("lidario")
 
 WRITE_AGAIN_S = 0.005
 """How often it is tried to write a request in mid-scan, while the device does not listen."""
@@ -68,22 +66,20 @@ class Scanner:
     """
 
     def __init__(self, at: At, latency: float) -> None:
-        trouble = Trouble(_log)
         self._readers = Readers(self._deserted)
         self.hub: Hub = self._readers.hub
-        self.control: StreamControl = StreamControl(
-            at, latency, trouble, self._publish, self._suspect, self.hub.publish_sector
-        )
+        outlets = Outlets(self._publish, self.hub.publish_sector, self._suspect)
+        self.control: StreamControl = StreamControl(at, latency, outlets)
         self.hub.on_parts = self.control.divide
         self.totals: Totals = self.control.totals
         self.latest: Scan | None = None
         self.usual_mode: str | int | None = None
         self.line: LineWatch = LineWatch()
-        self.inquiry: Inquiry = Inquiry(at, self.totals, trouble)
+        self.inquiry: Inquiry = Inquiry(at, self.totals)
         self._at = at
         self._lock = asyncio.Lock()
         self._loop = asyncio.get_running_loop()
-        self.failures: Failures = Failures(self.control, at, self._readers, self.inquiry, trouble, self.line)
+        self.failures: Failures = Failures(self.control, at, self._readers, self.inquiry, self.line)
         self._starter = Starter(self.control, at, self._readers, self.inquiry, self.failures, self._lock)
         self._watchers: tuple[Callable[[Scan], None], ...] = ()
 
