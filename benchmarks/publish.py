@@ -33,7 +33,6 @@ from lidario import DeviceInfo, Health, HealthStatus, Scan, Stats
 from lidario.network.bus import Bus
 from lidario.network.messages import encode_scan
 from lidario.ros import Fleet, diagnostics, pointcloud2
-from lidario.ros.broadcast import Outlet
 
 __all__ = ["run"]
 
@@ -166,7 +165,7 @@ async def _read(address: str, seconds: float, router_pid: int) -> dict[str, Any]
 async def _send(address: str, count: int) -> None:
     """Publish until standard input is closed; each publisher at its own moment."""
     buses = [await Bus.open(address) for _ in range(count)]
-    outlets = [Outlet(bus.sender(f"bench/{n}/scan"), n.to_bytes(16, "little")) for n, bus in enumerate(buses)]
+    outlets = [bus.sender(f"bench/{n}/scan", n.to_bytes(16, "little")) for n, bus in enumerate(buses)]
     message = encode_scan(_scan())
     loop = asyncio.get_running_loop()
     ended = loop.run_in_executor(None, sys.stdin.read)

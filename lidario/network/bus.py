@@ -124,24 +124,29 @@ class Bus:
         """The id of this session, as zenoh prints it."""
         return str(self._session.zid())
 
-    def sender(self, key: str, *, keeps_last: bool = False) -> Sender:
+    def sender(self, key: str, gid: bytes, *, keeps_last: bool = False) -> Sender:
         """Publish under `key`. Where a router does not keep up, messages are lost: the lidar does not wait.
 
         Args:
             key: Where it goes.
+            gid: 16 bytes that tell the publisher.
             keeps_last: Whether those who come later and ask for it get the last message, too: transient local, in
                 the words of ROS 2.
         """
         with self._told():
             publisher = declare(self._session, key, keeps_last=keeps_last)
         self._held.append(publisher)
-        return Sender(publisher)
+        return Sender(publisher, gid)
 
     def watch_readers(self, sender: Sender, changed: Callable[[bool], None]) -> None:
         """Call `changed` on the event loop when the first reader of `sender` comes, and when the last one goes."""
         with self._told():
-            listener = sender.watch(lambda status: self._call(changed, bool(status.matching)))
-        self._held.append(listener)
+            # Called in a thread of zenoh.
+            self._held.append(
+                sender.publisher.declare_matching_listener(
+                    lambda status: self._call(changed, bool(status.matching))
+                )
+            )
 
     def token(self, key: str) -> None:
         """Show that we are alive: the token is there until this is closed, or its process or line has died."""

@@ -15,10 +15,10 @@ from lidario.errors import InvalidValue
 from lidario.merging import Merged
 from lidario.model import HealthStatus
 from lidario.network.bus import DEFAULT_ROUTER, Bus
+from lidario.network.sender import Sender
 from lidario.network.status import Status
 from lidario.points import Motion, Mount
 from lidario.recording.about import About
-from lidario.ros.broadcast import Outlet
 from lidario.ros.names import POINTCLOUD2, Distro
 from lidario.ros.pointcloud import POINT, PointCloud2
 from lidario.ros.publisher import Publisher
@@ -103,7 +103,7 @@ class MergedPublisher(Publisher):
             no_return=no_return, filtered=filtered,
         )  # fmt: skip
         self._cloud_topic = self._node.topic(cloud_topic)
-        self._cloud: Outlet | None = None
+        self._cloud: Sender | None = None
 
     def publish(self, scan: Scan | Merged) -> None:
         """Publish a cloud of `lidario.merged`. Never waits: without a router it is lost.

@@ -16,9 +16,10 @@ from lidario.errors import Unsupported
 from lidario.network.bus import DEFAULT_ROUTER, Bus
 from lidario.network.keys import check_key
 from lidario.network.messages import MOST_RAW_BYTES, Entry, encode_raw_message, encode_scan
+from lidario.network.sender import Sender
 from lidario.recording.about import About
 from lidario.recording.chronicle import Responded, StreamBegan, StreamEnded, event_of
-from lidario.ros.broadcast import Broadcast, Outlet
+from lidario.ros.broadcast import Broadcast
 from lidario.ros.names import gid_of
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
@@ -67,7 +68,7 @@ class Share(Broadcast):
         raw = yes_or_no(raw, "raw")
         self.form = "raw" if raw else "scan"
         self._key = check_key(key)
-        self._outlet: Outlet | None = None
+        self._outlet: Sender | None = None
         self._raw = _RawFeed(lidar, self) if raw else None
 
     @property
@@ -84,7 +85,7 @@ class Share(Broadcast):
 
     def _declare(self, bus: Bus) -> bytes:
         gid = gid_of(f"{bus.id}/{self._key}")
-        self._outlet = Outlet(bus.sender(self._key), gid)
+        self._outlet = bus.sender(self._key, gid)
         self._watch_readers(bus, self._outlet)
         if self._raw is not None:
             self._raw.begin()

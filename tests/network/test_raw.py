@@ -18,12 +18,12 @@ from lidario.network.device import RemoteStreams
 from lidario.network.keys import Attachment, parse_attachment
 from lidario.network.messages import MOST_RAW_BYTES, Entry, encode_raw_message, parse_raw_message
 from lidario.network.raw import RawDecoder
-from lidario.network.senders import RIVAL_S, Known, OneSender, Senders
+from lidario.network.sender import Sender
+from lidario.network.senders import RIVAL_S, OneSender, Senders
 from lidario.network.status import Status
 from lidario.recording.chronicle import MOST_NS, Responded, StreamBegan, StreamEnded, text_of
 from lidario.revolution.together import join_reads
 from lidario.ros import waiting
-from lidario.ros.broadcast import Outlet
 from lidario.ros.share import Share
 from lidario.ros.waiting import FleetScan, WaitingScans
 from lidario.scan import Scan
@@ -50,7 +50,7 @@ class Sent:
     async def _run(self, model: str, count: int) -> None:
         async with lidario.open_lidar(lidario.simulate(model, spin_up=0)) as lidar:
             share = Share(lidar, "a", raw=True)
-            share._outlet = Outlet(self, bytes(16))  # type: ignore[arg-type]
+            share._outlet = Sender(self, bytes(16))
             feed = feed_of(share)
             feed.begin()
             async with lidar.scans() as scans:
@@ -163,10 +163,11 @@ def test_gaps_are_counted_for_each_publisher() -> None:
 
 
 def test_the_publishers_that_were_not_heard_for_longest_are_forgotten() -> None:
-    known: Known[int] = Known(2)
-    for key in ("a", "b", "a", "c"):
-        known.put(key, b"", 1)
-    assert [key for key, _ in known] == ["a", "c"]
+    senders = Senders(2)
+    for number, key in enumerate(("a", "b", "a", "c", "a", "b")):
+        sample = Sample(key, b"", Attachment(10 * number, 0, bytes(16)).to_bytes())
+        # Of one that is forgotten no gap is seen.
+        assert senders.follow(sample)[1] == {2: 19, 4: 19}.get(number, 0)
 
 
 def test_a_slow_reader_sees_the_latest_of_every_lidar_and_what_is_missing() -> None:

@@ -9,8 +9,8 @@ from typing import Any
 
 import lidario
 from lidario.network.bus import Bus
+from lidario.network.sender import Sender
 from lidario.ros import Publisher, Share
-from lidario.ros.broadcast import Outlet
 from lidario.scan import Scan
 from tests.support.router import Router
 
@@ -35,7 +35,7 @@ def zid_of(publisher: Publisher) -> str:
     return bus.id if bus else ""
 
 
-def outlet_of(publisher: Publisher | Share) -> Outlet:
+def outlet_of(publisher: Publisher | Share) -> Sender:
     """What sends its scans."""
     outlet = publisher._scans if isinstance(publisher, Publisher) else publisher._outlet
     assert outlet is not None
