@@ -135,7 +135,7 @@ class OpenLidar(AsyncOnly):
                 _log.warning(
                     "this %s cannot be stopped from here: its motor turns while it has power", connection.info.model
                 )
-            health = await healthy(connection.dialogue, connection.device)
+            health = await healthy(connection.dialogue)
             # A recording is what it was, and another machine's lidar is set there.
             own = config_of(self._config, connection.info.serial, is_driven=source.kind not in ("file", "zenoh"))
             lidar = Lidar(connection, health, source.text, self._latency, self._keep_spinning, reconnector, own)

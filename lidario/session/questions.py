@@ -231,8 +231,8 @@ class Questions(ABC):
         return health
 
     async def _reset(self) -> Health:
-        await restart(self._at.dialogue, self._at.device)
-        return await healthy(self._at.dialogue, self._at.device)
+        await restart(self._at.dialogue)
+        return await healthy(self._at.dialogue)
 
     async def _turns_at(self, hertz: float) -> None:
         measured, stream = float("nan"), ScanStream(self._scanner, None, 1, False, self._check_open)

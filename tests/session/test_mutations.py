@@ -35,7 +35,7 @@ def without_the_pause_behind_a_request(patch: pytest.MonkeyPatch) -> None:
     async def not_drained(self: Dialogue, *, stop: bool = True) -> bool:
         if stop:
             await self._until_it_listens()
-            self.write((self._device.stop(),))
+            self.write((self.device.stop(),))
         self.link.drained()
         return True
 

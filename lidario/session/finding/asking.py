@@ -182,7 +182,7 @@ async def _try(
     try:
         usual_s = QUICK_S if quick else family.timing.probe_s
         dialogue.hurry(usual_s if patience_s is None else patience_s)
-        info = await introduce(dialogue, device, patience=0, quiet=quick)
+        info = await introduce(dialogue, patience=0, quiet=quick)
         dialogue.hurry()
     except ResponseTimeout:
         half_open.release()

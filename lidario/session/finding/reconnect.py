@@ -290,7 +290,7 @@ class Reconnector:
                 raise ConnectFailed(
                     f"another lidar responds, {found}, and not {known.info.serial}", reason="missing"
                 )
-            health = await healthy(dialogue, connection.device)
+            health = await healthy(dialogue)
             for setting in list(self.settings.values()):
                 await dialogue.run(setting(connection.device))
             if dialogue.fatal is not None:

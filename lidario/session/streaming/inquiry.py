@@ -125,7 +125,7 @@ class Inquiry:
 
     async def _cure(self, health: Health, when: str) -> None:
         try:
-            self.take_note(await cured(self._at.dialogue, self._at.device, health, when))
+            self.take_note(await cured(self._at.dialogue, health, when))
         except ResponseTimeout as error:
             raise fault_of(health, f"and did not come back from a reset: {error}") from error
         except DeviceFault as error:

@@ -197,7 +197,7 @@ class Scanner:
                     self.control.pause()
                     await self.control.silence()
                 if dialogue.reset_at is not None:
-                    await come_back(dialogue, self._at.device)
+                    await come_back(dialogue)
                 return await action()
             except LidarError as error:
                 if vital:

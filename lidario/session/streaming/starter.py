@@ -73,7 +73,7 @@ class Starter:
                     control.starting = True
                     try:
                         if self._at.dialogue.reset_at is not None:
-                            await come_back(self._at.dialogue, self._at.device)
+                            await come_back(self._at.dialogue)
                         await self._failures.judge()
                         await self._let_in()
                         if control.state is State.STARTING and control.wanted is not None:

@@ -71,6 +71,7 @@ class Dialogue(Intake, Waiting):
     """Talks to one device over one port.
 
     Attributes:
+        device: The device as its family sees it.
         timing: How long the device takes for what.
         stopper: Writes the stop requests.
         on_lost: Called once, with the error, when the dialogue is over for good before it was closed.
@@ -90,7 +91,7 @@ class Dialogue(Intake, Waiting):
         self.protection_stops: int = 0
         self.reset_at: float | None = None
         self.dtr: bool | None = None
-        self._device = device
+        self.device: Device = device
         self._longest = self._until = math.inf
         self._readiness = Readiness(self.link)
         self.stopper: Stopper = Stopper(self, self._readiness, device, timing.quiet_s)
@@ -204,7 +205,7 @@ class Dialogue(Intake, Waiting):
         """
         if stop:
             await self._until_it_listens()
-            self.write((self._device.stop(),))
+            self.write((self.device.stop(),))
         await self._until_it_listens()
         deadline = self._loop.time() + self.timing.drain_s
         while self.link.state is LinkState.DRAINING:

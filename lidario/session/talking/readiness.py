@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import asyncio
 
-from lidario.session.talking.stopper import CLOCK_S
 from lidario.wire.link import Link
 from lidario.wire.states import LinkState
 
-__all__ = ["Readiness"]
+__all__ = ["CLOCK_S", "Readiness"]
 
+CLOCK_S = 1e-6
+"""A timer may fire that little early, by the resolution of the loop's clock: its time has come all the same."""
 LATEST_RESPONSE_S = 2.0
 """Behind its request, a response may come so late from a device that takes its time; none is waited for longer."""
 _AWAITING = LinkState.AWAIT_RESPONSE

@@ -27,17 +27,16 @@ from typing import Protocol
 
 from lidario.errors import Unsupported
 from lidario.families.base import Device
+from lidario.session.talking.readiness import CLOCK_S, Readiness
 from lidario.wire.envelope import Request
 
-__all__ = ["CLOCK_S", "PATIENCE_S", "Hearing", "Stopper", "Writer"]
+__all__ = ["PATIENCE_S", "Stopper", "Writer"]
 
 _log = logging.getLogger("lidario")
 
 PATIENCE_S = 0.1
 """How long the stop requests wait for a response that is outstanding. Healthy devices respond within a few
 milliseconds; one that does not may be unable to, and its motor must not go on turning for that."""
-CLOCK_S = 1e-6
-"""A timer may fire that little early, by the resolution of the loop's clock: its time has come all the same."""
 ATTEMPTS = 3
 """How often the stop requests are written when bytes go on coming after them."""
 
@@ -68,23 +67,6 @@ class Writer(Protocol):
         ...
 
 
-class Hearing(Protocol):
-    """Tells a `Stopper` when the device listens; all times are seconds of the loop's clock."""
-
-    @property
-    def owes_until(self) -> float:
-        """Until when the device may be busy with a response that has not come; 0 for none."""
-        ...
-
-    def free_at(self, patient_until: float) -> float:
-        """When the device listens; a response is not waited for beyond `patient_until`."""
-        ...
-
-    def forget(self) -> None:
-        """Wait no more for the response that is owed."""
-        ...
-
-
 class Stopper:
     """Writes the stop requests of one device, until it is seen that they were heard.
 
@@ -94,7 +76,7 @@ class Stopper:
         wanted: Whether they are still to be written, or it is not seen yet that they were heard.
     """
 
-    def __init__(self, writer: Writer, hearing: Hearing, device: Device, quiet_s: float) -> None:
+    def __init__(self, writer: Writer, hearing: Readiness, device: Device, quiet_s: float) -> None:
         self.keep_spinning: bool = False
         self.still: bool = False
         # Since the stop requests were written last.
