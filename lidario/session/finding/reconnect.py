@@ -2,15 +2,15 @@
 
 ::
 
-    CONNECTED ──begin──> LEAVING ──> TRYING <──> WAITING ──limit──> GAVE_UP
+    connected ──begin──> leaving ──> trying <──> waiting ──limit──> given up
         ^                               │
-        └──────────── adopt ────────────┘        cancel leads from everywhere to ENDED
+        └──────────── adopt ────────────┘
 
-* LEAVING: the old line is closed. Where it still works, the stop requests are written first.
-* TRYING: the places are tried where the device may be (`Places`). It is known by its own serial number. It is asked
+* Leaving: the old line is closed. Where it still works, the stop requests are written first.
+* Trying: the places are tried where the device may be (`Places`). It is known by its own serial number. It is asked
   how it is, reset if it protects itself, and gets its settings back.
-* WAITING: nothing was found; the next attempt follows later each time.
-* GAVE_UP: the user's limit has passed. The session ends with `DeviceLost`, whose cause is the first error.
+* Waiting: nothing was found; the next attempt follows later each time.
+* Given up: the user's limit has passed. The session ends with `DeviceLost`, whose cause is the first error.
 
 Unplugging, a TCP connection that is reset, a device that restarts or freezes and one that stops to protect itself
 all take this one way. So it needs no judgement of what has happened, which nobody can make from a silent line.
@@ -27,7 +27,6 @@ import math
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from enum import Enum
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -46,7 +45,7 @@ from lidario.source import Source
 if TYPE_CHECKING:
     from lidario.port.simulated import Simulation
 
-__all__ = ["Reconnect", "Reconnector", "Step"]
+__all__ = ["Reconnect", "Reconnector"]
 
 _log = logging.getLogger("lidario")
 
@@ -84,22 +83,10 @@ class Reconnect:
         object.__setattr__(self, "limit_s", limit_s)  # clocks cannot add a whole number of any size
 
 
-class Step(Enum):
-    """What a `Reconnector` does at the moment."""
-
-    CONNECTED = "connected"
-    LEAVING = "leaving the line"
-    TRYING = "looking for the device"
-    WAITING = "waiting for the next attempt"
-    GAVE_UP = "gave up"
-    ENDED = "ended"
-
-
 class Reconnector:
     """Brings one session back, as often as it is needed.
 
     Attributes:
-        step: What it does at the moment.
         count: How often the session has come back.
         settings: What the user has set, in the order of setting: each makes the script that sets it again.
     """
@@ -112,7 +99,6 @@ class Reconnector:
         *,
         keep_spinning: bool = False,
     ) -> None:
-        self.step: Step = Step.CONNECTED
         self.count: int = 0
         self.settings: dict[str, Callable[[Device], Script[object]]] = {}
         self._policy = policy
@@ -120,6 +106,8 @@ class Reconnector:
         self._simulation = simulation
         self._keep_spinning = keep_spinning
         self._loop = asyncio.get_running_loop()
+        # Whether it may come back: not while it does, nor when it has given up or was cancelled.
+        self._is_ready = True
         self._task: asyncio.Task[None] | None = None
         self._known: Connection | None = None
         self._dialogue: Dialogue | None = None
@@ -162,7 +150,7 @@ class Reconnector:
         Where none of the session's `scans` came since it was back the last time, that was not a success: the time
         goes on counting, and the waits go on growing.
         """
-        if self.step is not Step.CONNECTED or self._known is None:
+        if not self._is_ready or self._known is None:
             return
         if scans > self._scans:
             self._proven, self._scans = True, scans
@@ -170,7 +158,7 @@ class Reconnector:
             self._first, self._since, self._attempts = error, self._loop.time(), 0
             self._wait_s, self._told = self._policy.first_wait_s, ""
             _log.warning("the line to the lidar is lost, and the session comes back: %s", error)
-        self.step = Step.LEAVING
+        self._is_ready = False
         self._task = self._loop.create_task(self._run(), name="lidario: come back")
 
     def proven(self) -> None:
@@ -188,7 +176,7 @@ class Reconnector:
 
     def cancel(self) -> None:
         """Come back no more. What is half connected is left still and closed by the task, see `ended`."""
-        self.step = Step.ENDED
+        self._is_ready = False
         if self._task is not None:
             self._task.cancel()
 
@@ -251,14 +239,12 @@ class Reconnector:
         if not self._proven:
             await self._wait()
         while True:
-            self.step = Step.TRYING
             found = await self._attempt()
             if found is not None:
                 return found
             await self._wait()
 
     async def _wait(self) -> None:
-        self.step = Step.WAITING
         wait, self._wait_s = self._wait_s, min(2 * self._wait_s, self._policy.longest_wait_s)
         await asyncio.sleep(wait)
 
@@ -311,7 +297,7 @@ class Reconnector:
         return not set(self._known.info.serial) - _NO_SERIAL and not self._places.is_own(place)
 
     def _take_over(self, connection: Connection, health: Health) -> None:
-        self.step = Step.CONNECTED
+        self._is_ready = True
         self.count += 1
         self._known, self._proven = connection, False
         away = self._loop.time() - self._since
@@ -322,7 +308,6 @@ class Reconnector:
             connection.dialogue.hang_up()
 
     def _give_up(self) -> None:
-        self.step = Step.GAVE_UP
         error = DeviceLost(
             f"the lidar did not come back within {self._policy.limit_s:g} s ({self._attempts} attempts)"
             + (f"; the last one: {self._told}" if self._told else "")
@@ -331,7 +316,6 @@ class Reconnector:
         self._end_with(error)
 
     def _end_with(self, error: LidarError) -> None:
-        self.step = Step.GAVE_UP
         _log.warning("the session ended: %s", error)
         self.release()
         if self._gave_up is not None:
