@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator
 from contextlib import suppress
-from types import TracebackType
 from typing import Generic, Self, TypeVar
 
 from lidario.entered import Closing
@@ -117,9 +116,7 @@ class SyncRecording:
         self._thread.call(self.recording.start)
         return self.recording
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         # A session that was closed in the block has ended its recordings.
         with suppress(SessionClosed):
             self._thread.call(self.recording.close)

@@ -16,7 +16,6 @@ import asyncio
 import os
 import weakref
 from collections.abc import Callable
-from types import TracebackType
 from typing import NoReturn, Self
 
 from lidario.arguments import callable_of, path_of, yes_or_no
@@ -259,9 +258,7 @@ class Lidar(Streams, AsyncOnly):
     def __aiter__(self) -> NoReturn:
         raise LocalProtocolError("a lidar may have several streams: write `async for scan in lidar.scans():`")
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         await self.close()
 
     def _adopt(self, connection: Connection, health: Health) -> None:

@@ -6,7 +6,6 @@ import asyncio
 import weakref
 from collections.abc import Sequence
 from contextlib import AsyncExitStack, suppress
-from types import TracebackType
 from typing import Self
 
 from lidario.arguments import shown
@@ -45,9 +44,7 @@ class MergedStream(AsyncOnly):
         await self._begin()
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         await self.close()
 
     def __aiter__(self) -> Self:

@@ -7,7 +7,6 @@ import logging
 import os
 from collections.abc import Generator
 from dataclasses import replace
-from types import TracebackType
 from typing import TYPE_CHECKING, NoReturn
 
 from lidario.arguments import finite, shown, whole, yes_or_no
@@ -76,9 +75,7 @@ class OpenLidar(AsyncOnly):
             raise
         return self._lidar
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         lidar, self._lidar, self._entered = self._lidar, None, False
         if lidar is not None:
             await lidar.close()

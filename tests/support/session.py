@@ -4,23 +4,15 @@ from __future__ import annotations
 
 from lidario import Lidar
 from lidario.session.finding.connection import At
-from lidario.session.finding.reconnect import Reconnector
 from lidario.session.recorded import RecordedSession
 from lidario.session.streaming.scanner import Scanner
 
-__all__ = ["inside_of", "reconnector_of", "recorded_of", "scanner_of"]
+__all__ = ["inside_of", "recorded_of", "scanner_of"]
 
 
 def inside_of(lidar: Lidar) -> At:
     """The device as the session knows it, and the dialogue with it."""
     return lidar._at
-
-
-def reconnector_of(lidar: Lidar) -> Reconnector:
-    """What brings the session back."""
-    found = lidar._reconnector
-    assert found is not None
-    return found
 
 
 def recorded_of(lidar: Lidar) -> RecordedSession:

@@ -15,7 +15,6 @@ import weakref
 from collections import deque
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from types import TracebackType
 from typing import Any, Generic, Protocol, Self, TypeVar, cast
 
 from lidario.arguments import callable_of, shown, whole, yes_or_no
@@ -281,9 +280,7 @@ class ReaderStream(AsyncOnly, Generic[T]):
         self._check_open()
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         await self.aclose()
 
     async def aclose(self) -> None:
