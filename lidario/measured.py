@@ -17,7 +17,7 @@ from lidario.errors import InvalidValue
 from lidario.rotor import Gaps
 from lidario.samples import is_between, metres_of, nearest_return, radians_of, read_only
 
-__all__ = ["MeasuredSamples", "Return", "changed", "later", "with_distances", "with_dropped", "with_gaps"]
+__all__ = ["MeasuredSamples", "Return", "changed", "later", "with_distances", "with_gaps"]
 
 _RecordT = TypeVar("_RecordT", bound="MeasuredSamples")
 
@@ -173,11 +173,6 @@ def later(record: _RecordT, by_ns: int) -> _RecordT:
     """The same record, measured so much later."""
     fields: Any = record
     return changed(record, stamp_ns=fields.stamp_ns + by_ns, wall_stamp_ns=fields.wall_stamp_ns + by_ns)
-
-
-def with_dropped(record: _RecordT, dropped: int) -> _RecordT:
-    """The same record, with so many dropped before it."""
-    return changed(record, dropped_before=dropped)
 
 
 _OF_TIME_AND_ANGLE = ("_angles", "_directions", "_gaps", "_times_ns", "_rotor")

@@ -36,6 +36,8 @@ class Paper:
     """Notes the requests that it is to write, and listens a little later than now."""
 
     def __init__(self, listens_in: float) -> None:
+        self.port: Any = self
+        self.stats: Any = self
         self.is_open = True
         self.bytes_received = 0
         self.owes_until = 0.0
@@ -55,7 +57,7 @@ class Paper:
     def settled(self, still: bool) -> None:
         self.told.append(still)
 
-    def close_port(self) -> None:
+    def close_soon(self) -> None:
         self.is_open = False
 
 

@@ -45,6 +45,7 @@ class StreamControl:
         failure: What is known of a stream that has failed, until the device was asked.
         ran: Whether a stream has run since one was wanted.
         ran_until: When the last stream was left off, seconds of the loop's clock.
+        running: The stream that runs, if one does.
         starting: Whether the operation in progress is a start: it ends when no stream is wanted any more.
     """
 
@@ -63,7 +64,7 @@ class StreamControl:
         self._outlets = outlets
         self._parts: frozenset[int] = frozenset()
         self._loop = asyncio.get_running_loop()
-        self._running: Running | None = None
+        self.running: Running | None = None
         at.dialogue.on_still = self._still
 
     @property
@@ -81,11 +82,6 @@ class StreamControl:
         """The scan mode that runs or is about to, if it is known."""
         return self.wanted.mode if self.wanted is not None and self.is_scanning else None
 
-    @property
-    def scans(self) -> int:
-        """Scans since the session was opened."""
-        return self.totals.assembled.scans
-
     def go(self, event: Event) -> None:
         """Take the one step that the table knows for `event`; raises RuntimeError where it knows none."""
         before = self.state
@@ -102,16 +98,11 @@ class StreamControl:
         if self._at.device.modes_note:
             _log.warning("%s", self._at.device.modes_note)
 
-    def set_zero_offset(self, degrees: float, *, behind: bool) -> None:
-        """Have the stream that runs add another zero-angle offset, as `Assembler.set_zero_offset`."""
-        if self._running is not None:
-            self._running.set_zero_offset(degrees, behind=behind)
-
     def divide(self, parts: frozenset[int]) -> None:
         """Have the stream that runs, and each later one, publish so many sectors of each revolution."""
         self._parts = parts
-        if self._running is not None:
-            self._running.divide(parts)
+        if self.running is not None:
+            self.running.divide(parts)
 
     # ------------------------------------------------------------------------------------------------ start, pause
 
@@ -143,10 +134,10 @@ class StreamControl:
             raise Unsupported(misfit)
         self.go(Event.STARTED)
         self.ran = True
-        self._running = Running(stream, self._at, self._latency, self.totals, self._outlets)
+        self.running = Running(stream, self._at, self._latency, self.totals, self._outlets)
         if self._parts:
-            self._running.divide(self._parts)
-        self._running.begin()
+            self.running.divide(self._parts)
+        self.running.begin()
 
     def pause(self) -> None:
         """The stream that runs is not read any more, and is wanted all the same."""
@@ -198,7 +189,7 @@ class StreamControl:
 
     def rest(self) -> None:
         """The stream runs no more; the device is not told."""
-        running, self._running = self._running, None
+        running, self.running = self.running, None
         if running is not None:
             self.ran_until = self._loop.time()
             running.end()

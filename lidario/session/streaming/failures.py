@@ -153,5 +153,5 @@ class Failures:
             return False
         self._control.lose(error)
         self._line.tell("away", str(error))
-        self.come_back(error, self._control.scans)
+        self.come_back(error, self._control.totals.assembled.scans)
         return True

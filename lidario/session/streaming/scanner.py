@@ -235,7 +235,8 @@ class Scanner:
 
     def set_zero_offset(self, degrees: float, *, behind: bool = False) -> None:
         """Have the stream that runs add another zero-angle offset, as `Assembler.set_zero_offset`."""
-        self.control.set_zero_offset(degrees, behind=behind)
+        if self.control.running is not None:
+            self.control.running.set_zero_offset(degrees, behind=behind)
 
     # ------------------------------------------------------------------------------------------------ the session
 

@@ -20,7 +20,7 @@ from typing import Any, Generic, Protocol, Self, TypeVar, cast
 from lidario.arguments import callable_of, shown, whole, yes_or_no
 from lidario.entered import AsyncOnly
 from lidario.errors import Busy, InvalidValue, LidarError, LocalProtocolError
-from lidario.measured import with_dropped
+from lidario.measured import changed
 from lidario.scan import Scan
 from lidario.sector import Sector
 from lidario.session.talking.trouble import again, twin_of
@@ -124,7 +124,7 @@ class Mailbox:
         if self.on_taken is not None:
             self.on_taken()
         if self.dropped:
-            scan = with_dropped(scan, self.dropped)
+            scan = changed(scan, dropped_before=self.dropped)
             self.dropped = 0
         return scan
 

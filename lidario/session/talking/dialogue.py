@@ -97,16 +97,6 @@ class Dialogue(Intake, Waiting):
         self.stopper: Stopper = Stopper(self, self._readiness, device, timing.quiet_s)
         port.attach(self, self.stopper.unseen)
 
-    @property
-    def is_open(self) -> bool:
-        """As `Writer`: whether requests can still be written."""
-        return self.port.is_open
-
-    @property
-    def bytes_received(self) -> int:
-        """As `Writer`: all bytes that came in so far."""
-        return self.stats.bytes_received
-
     # ------------------------------------------------------------------------------------------------ receiving
 
     def responded(self, payload: bytes) -> None:
@@ -289,10 +279,6 @@ class Dialogue(Intake, Waiting):
             if self.on_still is not None:
                 self.on_still()
         self.wake(Awaited.CHANGE)
-
-    def close_port(self) -> None:
-        """Begin to close the port."""
-        self.port.close_soon()
 
     def write(self, requests: Sequence[Request]) -> None:
         """Write requests, now; the pause that they demand counts from now."""

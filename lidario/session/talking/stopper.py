@@ -27,8 +27,10 @@ from typing import Protocol
 
 from lidario.errors import Unsupported
 from lidario.families.base import Device
+from lidario.port.port import Port
 from lidario.session.talking.readiness import CLOCK_S, Readiness
 from lidario.wire.envelope import Request
+from lidario.wire.stats import LinkStats
 
 __all__ = ["PATIENCE_S", "Stopper", "Writer"]
 
@@ -44,15 +46,8 @@ ATTEMPTS = 3
 class Writer(Protocol):
     """What a `Stopper` needs of the dialogue."""
 
-    @property
-    def is_open(self) -> bool:
-        """Whether requests can still be written."""
-        ...
-
-    @property
-    def bytes_received(self) -> int:
-        """All bytes that came in so far."""
-        ...
+    port: Port
+    stats: LinkStats
 
     def write(self, requests: Sequence[Request]) -> None:
         """Write requests now."""
@@ -60,10 +55,6 @@ class Writer(Protocol):
 
     def settled(self, still: bool) -> None:
         """The stop requests are done with; the device is `still`, or goes on sending."""
-        ...
-
-    def close_port(self) -> None:
-        """Begin to close the port."""
         ...
 
 
@@ -83,6 +74,7 @@ class Stopper:
         self._moved = False
         self.wanted: bool = False
         self._writer = writer
+        self._port = writer.port
         self._hearing = hearing
         self._device = device
         self._quiet_s = quiet_s
@@ -137,7 +129,7 @@ class Stopper:
     def stop(self) -> None:
         """Write the stop requests as soon as the device listens, now if it does. Never blocks or raises."""
         under_way = self.wanted and not self._moved
-        if self.still or under_way or not self._writer.is_open or self._loop.is_closed():
+        if self.still or under_way or not self._port.is_open or self._loop.is_closed():
             return
         self.wanted, self._attempts = True, 0
         self._patient_until = self._loop.time() + PATIENCE_S
@@ -162,7 +154,7 @@ class Stopper:
     async def written(self) -> None:
         """Return when the stop requests are written, or the port is dead; after 0.6 s at most."""
         # A timer that is late or put off makes another round; nothing can wake this too early or never.
-        while self.to_be_written and self._timer is not None and self._writer.is_open:  # noqa: ASYNC110
+        while self.to_be_written and self._timer is not None and self._port.is_open:  # noqa: ASYNC110
             await asyncio.sleep(max(0.0, self._due - self._loop.time()))
 
     async def surely_settled(self) -> None:
@@ -172,7 +164,7 @@ class Stopper:
         on, and no timer writes anything after that.
         """
         cancelled: asyncio.CancelledError | None = None
-        while self.wanted and self._timer is not None and self._writer.is_open:
+        while self.wanted and self._timer is not None and self._port.is_open:
             try:
                 await asyncio.sleep(max(0.0, self._due - self._loop.time()))
                 if self.wanted and self._timer is not None and self._due - self._loop.time() <= CLOCK_S:
@@ -192,7 +184,7 @@ class Stopper:
             return
         self._hanging_up, self._patient = True, patient
         self._doubtful = self._doubtful and patient
-        if self.still or not self._writer.is_open:
+        if self.still or not self._port.is_open:
             self._settle(still=self.still)
         else:
             self.stop()
@@ -226,10 +218,10 @@ class Stopper:
 
     def _listen(self) -> None:
         self._come_back(self._loop.time() + self._quiet_s, self._after_listening)
-        self._seen = self._writer.bytes_received
+        self._seen = self._writer.stats.bytes_received
 
     def _after_listening(self) -> None:
-        if self._writer.bytes_received != self._seen:
+        if self._writer.stats.bytes_received != self._seen:
             # Whatever the device owed is among that.
             self._hearing.forget()
             if self._attempts < ATTEMPTS:
@@ -238,7 +230,7 @@ class Stopper:
                 _log.warning("the device goes on sending after %d stop requests", ATTEMPTS)
                 self._settle(still=False)
         elif self._doubtful and (owed := self._hearing.owes_until) - self._loop.time() > CLOCK_S:
-            self._seen = self._writer.bytes_received
+            self._seen = self._writer.stats.bytes_received
             self._come_back(min(owed, self._loop.time() + self._quiet_s), self._after_listening)
         elif self._doubtful:
             self.try_now()
@@ -250,5 +242,5 @@ class Stopper:
         self.wanted, self.still = False, still
         if self._hanging_up:
             self._write_all(self._device.halt_unknown())
-            self._writer.close_port()
+            self._port.close_soon()
         self._writer.settled(still)
