@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, SupportsIndex, cast
+from typing import Any, Final, SupportsIndex
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +20,7 @@ from lidario.laserscan import LaserScan
 from lidario.measured import MeasuredSamples, Return
 from lidario.plain import plain_of
 from lidario.points import Motion, Mount, Points, place
-from lidario.rotor import Gaps, Rotor, rotor_of, times_of
+from lidario.rotor import Gaps, Rotor, rotor_of
 from lidario.samples import mask_of, nearest_to, read_only
 
 __all__ = ["Return", "Scan", "read_only"]
@@ -116,22 +116,6 @@ class Scan(MeasuredSamples):
         object.__setattr__(made, "_times_ns", read_only(self.times_ns[order]))
         _mark(made, self._left_out, order)
         return made
-
-    @property
-    def times_ns(self) -> NDArray[np.int64]:
-        """When each sample was measured, on the clock of `stamp_ns`; int64, shape (n,).
-
-        Where no packet is missing, sample ``i`` is at ``stamp_ns + i * time_increment_ns``. Otherwise the samples
-        that are missing are counted too, as far as the angles tell how many they are.
-        """
-        if self._times_ns is None:
-            if self.lost_packets:
-                rotor = self._follow_rotor()
-                offsets = times_of(self.device_angles, self.time_increment_ns, rotor, self._gaps)
-            else:
-                offsets = np.arange(len(self), dtype=np.int64) * self.time_increment_ns
-            object.__setattr__(self, "_times_ns", read_only(offsets + self.stamp_ns))
-        return cast("NDArray[np.int64]", self._times_ns)
 
     def at(self, angle: float, *, within: float = math.radians(1.0)) -> Return | None:
         """The sample nearest to an angle; its range is NaN where nothing came back.
