@@ -12,16 +12,19 @@ loop can do that; there the port is polled always.
 from __future__ import annotations
 
 import asyncio
+import os
 import time
 import weakref
 from abc import abstractmethod
+from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from operator import itemgetter
 
 from lidario.port.inbox import Inbox, Read
 from lidario.port.line import Line, Schedule
 from lidario.port.port import Port
-from lidario.port.thread import ReadingThread, Watched, reading_thread
+from lidario.port.thread import Watched, reading_thread
 
 __all__ = ["PolledLine"]
 
@@ -55,7 +58,11 @@ class PolledLine(Line):
         self._timer: asyncio.TimerHandle | None = None
         self._inbox = Inbox(handle, time.monotonic_ns if port.is_real_time else port.now, read, port.late)
         self._shown = 0
-        self._guard: _Guard | None = None
+        # It does not refer to the line: one that is dropped without being stopped is not read for ever.
+        failing = partial(_failing, loop, weakref.WeakMethod(self._thread_failed))
+        self._watched = Watched(self._inbox, 0.0, failing)
+        self._is_watched = False
+        weakref.finalize(self, _forget, self._watched, os.getpid()).atexit = False
 
     @abstractmethod
     def lose(self, error: Exception) -> None:
@@ -82,7 +89,7 @@ class PolledLine(Line):
         """Stop reading, also in the thread: from now on the descriptor may be closed."""
         if self.repeat is not None:
             self.repeat.set(b"", 0.0)
-        self._guard_until_removed(None)
+        self._watch_in_thread(None)
         if not self._port.is_forked:
             self._inbox.close()
 
@@ -91,7 +98,7 @@ class PolledLine(Line):
         self._latency = latency
         self._schedule = schedule
         self._stop_timer()
-        self._guard_until_removed(schedule)
+        self._watch_in_thread(schedule)
         self.hand_over()
         self._wait()
 
@@ -172,10 +179,10 @@ class PolledLine(Line):
         now = self._port.now() * 1e-9
         pause = 0.0 if self._schedule is None else self._schedule.rest(now)
         if pause > 0 and self._schedule is not None:
-            if self._guard is None:
-                pause = min(pause, self._schedule.interval)
+            if self._is_watched:
+                self._watched.interval = self._schedule.interval
             else:
-                self._guard.interval = self._schedule.interval
+                pause = min(pause, self._schedule.interval)
         if pause <= 0:
             pause = max(self._latency - _TIMER_S, self._latency / 2)
         if pause <= 0 and self._handle < 0:
@@ -202,70 +209,40 @@ class PolledLine(Line):
             self._timer.cancel()
             self._timer = None
 
-    def thread_failed(self) -> None:
+    def _thread_failed(self) -> None:
         """The thread could not read: end the port, if it is so."""
-        if self._guard is not None:
-            self._guard.told = False
         if not self._port.is_forked:
             self._read()
 
-    def _guard_until_removed(self, schedule: Schedule | None) -> None:
+    def _watch_in_thread(self, schedule: Schedule | None) -> None:
         """Have the thread read beside the loop while there is a schedule; None for no longer."""
-        if self._guard is not None and not self._port.is_forked:
-            self._guard.remove()
+        if self._is_watched and not self._port.is_forked:
+            reading_thread().remove(self._watched)
             # What the thread has read is in the inbox now; a response that comes next must not lie there unseen.
             self._inbox.share(False)
         # Not earlier: Ctrl-C may come anywhere above, and then `stop` removes it.
-        self._guard = None
+        self._is_watched = False
         if schedule is not None and self._port.is_real_time and not self._closing:
             self._inbox.share(True)
             # Noted before it is read, as above.
-            self._guard = _Guard(self, self._loop, self._inbox, schedule.interval)
+            self._is_watched, self._watched.interval = True, schedule.interval
             try:
-                self._guard.add()
+                reading_thread().add(self._watched)
             except RuntimeError:
                 # A system that allows no more threads: the loop polls more often instead.
-                self._guard = None
+                self._is_watched = False
 
 
-class _Guard(Watched):
-    """A port that the thread reads for a `PolledLine`.
-
-    It holds no reference to the line, so that a line that is dropped without being stopped is not read for ever.
-
-    Attributes:
-        told: Whether the loop was told of an error, and has not handled it yet.
-    """
-
-    def __init__(self, line: PolledLine, loop: asyncio.AbstractEventLoop, inbox: Inbox, interval: float) -> None:
-        super().__init__(inbox, interval, self._fail)
-        self.told = False
-        self._loop = loop
-        self._failed = weakref.WeakMethod(line.thread_failed)
-        self._thread: ReadingThread = reading_thread()
-        self._finalizer = weakref.finalize(line, _forget, weakref.ref(self))
-        self._finalizer.atexit = False
-
-    def add(self) -> None:
-        """Have the thread read it. Raises RuntimeError where the system allows no more threads."""
-        self._thread.add(self)
-
-    def remove(self) -> None:
-        """Stop the thread reading it."""
-        self._thread.remove(self)
-        self._finalizer.detach()
-
-    def _fail(self) -> None:
-        failed = self._failed()
-        if failed is not None and not self.told:
-            self.told = True
-            with suppress(RuntimeError):  # the loop was closed
-                self._loop.call_soon_threadsafe(failed)
+def _failing(loop: asyncio.AbstractEventLoop, failed: weakref.WeakMethod[Callable[[], None]]) -> None:
+    """In the thread: have the loop see that the terminal of a line cannot be read."""
+    callback = failed()
+    if callback is not None:
+        with suppress(RuntimeError):  # the loop was closed
+            loop.call_soon_threadsafe(callback)
 
 
-def _forget(reference: weakref.ref[_Guard]) -> None:
-    """The line is garbage, and its terminal will be closed."""
-    guard = reference()
-    if guard is not None:
-        guard.inbox.close()
-        guard.remove()
+def _forget(watched: Watched, pid: int) -> None:
+    """The line is garbage, and its terminal will be closed; in a forked child it is the parent's."""
+    if os.getpid() == pid:
+        watched.inbox.close()
+        reading_thread().remove(watched)

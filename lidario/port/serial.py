@@ -102,8 +102,11 @@ def _open(path: str, baudrate: int) -> Adapter:
     return device
 
 
-class _SerialLine(PolledLine):
-    """One open serial port: pyserial-asyncio's transport, with reading, direct writing and closing of our own."""
+class _SerialLine(PolledLine, asyncio.Protocol):
+    """One open serial port: pyserial-asyncio's transport, with reading, direct writing and closing of our own.
+
+    The transport tells it what it has read before it was told to pause, and when it has ended.
+    """
 
     def __init__(self, loop: asyncio.AbstractEventLoop, port: Port, device: Adapter) -> None:
         self._device = device
@@ -127,7 +130,7 @@ class _SerialLine(PolledLine):
             self._errors = self._errors_before = count_errors(device.fileno())
             self._counts = True
         self._drain_timer: asyncio.TimerHandle | None = None
-        self._transport = serial_asyncio.SerialTransport(loop, _Events(self), device)
+        self._transport = serial_asyncio.SerialTransport(loop, self, device)
         # The transport has just queued its own start of reading; these two run after it.
         loop.call_soon(self._transport.pause_reading)
         loop.call_soon(self.start)
@@ -256,31 +259,14 @@ class _SerialLine(PolledLine):
                 duplicate = os.dup(self._device.fileno())
                 threading.Thread(target=os.close, args=(duplicate,), name="lidario: close", daemon=True).start()
 
-    def lost(self, error: Exception | None) -> None:
+    def connection_lost(self, exc: Exception | None) -> None:
         """The transport has ended: hand over what was held, close the port, and report it."""
         self.hand_over()
         self._count()
         with contextlib.suppress(*FOREIGN):
             self._device.close()
         self._closing = True
-        self._port.connection_lost(self._error or error)
-
-    def received(self, data: bytes) -> None:
-        """The transport has read, before it was told to pause."""
-        self._port.data_received(data)
-
-
-class _Events(asyncio.Protocol):
-    """What pyserial-asyncio tells of its transport."""
-
-    def __init__(self, line: _SerialLine) -> None:
-        self._line = line
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        pass
+        self._port.connection_lost(self._error or exc)
 
     def data_received(self, data: bytes) -> None:
-        self._line.received(data)
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        self._line.lost(exc)
+        self._port.data_received(data)
