@@ -19,9 +19,9 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
 
-from lidario.errors import ConnectFailed, InvalidValue, Unsupported
+from lidario.errors import ConnectFailed, InvalidValue
 from lidario.network.handover import ITEM_BYTES, Handover
-from lidario.network.router import check_router, why_no_router, words_of
+from lidario.network.router import check_router, the_package, why_no_router, words_of
 from lidario.network.sender import Sender, declare
 from lidario.port.background import run_in_thread
 
@@ -45,7 +45,6 @@ MOST_REPLY_BYTES: Final = 16 << 20
 """Of all responses to one query, and of all tokens that are listed: those of some thousand lidars."""
 QUERY_BYTES: Final = 4096
 """What a query that waits for its response takes, about."""
-MISSING: Final = "zenoh needs eclipse-zenoh, which is not installed: pip install eclipse-zenoh"
 
 
 class Sample(NamedTuple):
@@ -99,10 +98,7 @@ class Bus:
             InvalidValue: The address is none.
             Unsupported: The package is not installed.
         """
-        try:
-            import zenoh
-        except ModuleNotFoundError:
-            raise Unsupported(MISSING) from None
+        zenoh = the_package()
         check_router(router)
         try:
             config = _config(zenoh, router)
@@ -114,7 +110,7 @@ class Bus:
             ) from error
         try:
             async with asyncio.timeout(OPEN_S):
-                session = await run_in_thread(lambda: zenoh.open(config), _discard)
+                session = await run_in_thread(lambda: zenoh.open(config), lambda session: session.close())
         except (zenoh.ZError, TimeoutError) as error:
             raise await run_in_thread(lambda: why_no_router(router)) from error
         return cls(session, router)
@@ -217,8 +213,8 @@ class Bus:
 
     async def query(self, key: str, seconds: float) -> list[Sample]:
         """Ask everybody who responds to `key`. Cancelling ends the waiting."""
-        everybody = _zenoh().QueryTarget.ALL
-        none = _zenoh().ConsolidationMode.NONE
+        everybody = the_package().QueryTarget.ALL
+        none = the_package().ConsolidationMode.NONE
         return await self._gather(
             lambda: self._session.get(key, timeout=seconds, target=everybody, consolidation=none)
         )
@@ -233,7 +229,7 @@ class Bus:
         try:
             async with asyncio.timeout(CLOSE_S):
                 await run_in_thread(session.close)
-        except (TimeoutError, _zenoh().ZError) as error:
+        except (TimeoutError, the_package().ZError) as error:
             _log.debug("the session with %s did not close in time or order: %r", self.router, error)
 
     def close_soon(self) -> None:
@@ -241,7 +237,7 @@ class Bus:
         if not self._closed:
             self._closed = True
             self._held = []
-            with suppress(_zenoh().ZError):
+            with suppress(the_package().ZError):
                 self._session.close()
 
     # ------------------------------------------------------------------------------------------ inside
@@ -269,7 +265,7 @@ class Bus:
         """No exception of zenoh leaves this module."""
         try:
             yield
-        except _zenoh().ZError as error:
+        except the_package().ZError as error:
             raise ConnectFailed(
                 f"the zenoh session with {self.router} failed: {words_of(error)}", reason="refused"
             ) from error
@@ -305,16 +301,6 @@ def _collected(replies: Iterable[Any]) -> list[Sample]:
                 break
             found.append(Sample(name, payload.to_bytes(), b""))
     return found
-
-
-def _discard(session: Any) -> None:
-    session.close()
-
-
-def _zenoh() -> Any:
-    import zenoh
-
-    return zenoh
 
 
 def _config(module: Any, router: str) -> zenoh.Config:

@@ -23,7 +23,7 @@ from lidario.network.keys import LASERSCAN_IN_KEY, check_key, parse_attachment, 
 from lidario.network.messages import parse_scan
 from lidario.network.port import RemotePort
 from lidario.network.router import check_router
-from lidario.network.status import Status
+from lidario.network.status import Status, statuses
 from lidario.recording.about import About
 from lidario.recording.chronicle import StreamBegan
 from lidario.source import Source
@@ -38,7 +38,6 @@ TOKENS_S: Final = 1.0
 """How long the router has to list tokens."""
 ASK_AGAIN_S: Final = 0.5
 """How often publishers are asked meanwhile."""
-_STATUS: Final = status_key("")
 _UNKNOWN: Final = Health(HealthStatus.WARNING, 0, "the publisher does not tell")
 
 
@@ -126,12 +125,7 @@ def _of_message(bus: Bus, first: Sample) -> Remote:
 
 async def _ask(bus: Bus, key: str) -> dict[str, Status]:
     found: dict[str, Status] = {}
-    for reply in await bus.query(status_key(key), ASK_S):
-        # Each may take milliseconds, and how many there are is for the network to say.
-        await asyncio.sleep(0)
-        place, status = reply.key.removesuffix(_STATUS), Status.of(reply.payload)
-        if status is None:
-            continue
+    for place, status in await statuses(bus, key, ASK_S):
         if place in found and found[place].sender != status.sender:
             names = " and ".join(sorted({found[place].robot, status.robot}))
             raise ConnectFailed(
