@@ -169,9 +169,6 @@ def resample(
         beams: Number of beams; None for as many as there are samples.
         max_range: Metres; what the message states as `range_max` when that is None; 0 or NaN when not known.
         left_out: Which samples filters took out, shape (n,); None for none.
-
-    Raises:
-        InvalidValue: `beams` is no whole number above 0.
     """
     count = beam_count(len(device_angles) if beams is None else beams)
     nearest, farthest = float(options.range_min), options.farthest
@@ -225,11 +222,7 @@ def resample(
 
 
 def beam_count(beams: SupportsIndex) -> int:
-    """The number of beams, if a grid may have so many.
-
-    Raises:
-        InvalidValue: It is no whole number from 1 to 1000000.
-    """
+    """The number of beams, if a grid may have so many: 1 to 1000000."""
     count = whole(beams, "beams")
     if not 1 <= count <= _MOST_BEAMS:
         raise InvalidValue(f"a grid has 1 to {_MOST_BEAMS} beams, not {shown(count)}")

@@ -126,10 +126,6 @@ class MergedScans:
         mounts: Where each lidar is on the robot.
         motion: How the robot moves, as for `Scan.points`; None for not at all.
         oldest_s: Seconds after its end from which a scan is too old.
-
-    Raises:
-        InvalidValue: There are none, or more than 256; a mount is none, `motion` is no motion, or `oldest_s` is not
-            above 0.
     """
 
     def __init__(self, mounts: Sequence[Mount], motion: Motion | None = None, oldest_s: float = OLDEST_S) -> None:

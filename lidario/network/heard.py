@@ -23,10 +23,6 @@ async def what_is_heard(router: str, keys: Sequence[str], gid: bytes, seconds: f
 
     It returns as soon as something comes under the first key, and after so many seconds at most. Cancelling leaves
     nothing open.
-
-    Raises:
-        ConnectFailed: The router cannot be reached.
-        Unsupported: The package that is needed is not installed.
     """
     heard, enough = set[str](), asyncio.Event()
 

@@ -50,10 +50,6 @@ class Polled:
         return bytes(data)
 
     def write(self, data: bytes) -> int:
-        """Return how many bytes the system took.
-
-        Raises:
-            OSError: The port is dead.
-        """
+        """Return how many bytes the system took; OSError where the port is dead."""
         with self._lock:
             return self._device.write(data) or 0

@@ -79,11 +79,7 @@ def _open_when_free(path: str, baudrate: int) -> Adapter:
 
 
 def _open(path: str, baudrate: int) -> Adapter:
-    """Open and configure; blocks.
-
-    Raises:
-        ConnectFailed: As `open_serial`.
-    """
+    """Open and configure; blocks, and fails as `open_serial`."""
     device = Adapter()
     try:
         # A pseudo-terminal is held open by its other end.

@@ -67,9 +67,6 @@ class Simulation:
 
     Attributes:
         server: What serves it; None in memory.
-
-    Raises:
-        ConnectFailed: The source is no good.
     """
 
     def __init__(self, source: Source, *, lasting: bool) -> None:
@@ -150,12 +147,7 @@ class Simulation:
 
 
 async def open_simulated(source: Source) -> Port:
-    """Start a simulated device and open the line to it; closing the port ends it.
-
-    Raises:
-        ConnectFailed: The source is no good, or the line could not be opened.
-        DeviceLost: The simulated device failed already.
-    """
+    """Start a simulated device and open the line to it; closing the port ends it."""
     return await Simulation(source, lasting=False).open()
 
 

@@ -149,12 +149,9 @@ class ReadingThread:
         return self._thread is not None
 
     def add(self, watched: Served) -> None:
-        """Serve this port from now on; starts the thread where it does not run.
+        """Serve this port from now on; starts the thread where it does not run, as `start_thread`.
 
         Where Ctrl-C ends it, the port may be read all the same, until `remove` is called.
-
-        Raises:
-            RuntimeError: The system allows no more threads.
         """
         with self._lock:
             self._ports.append(watched)

@@ -101,12 +101,7 @@ async def connect_recording(source: Source, family: str | None) -> Connection:
 
 
 async def connect_remote(source: Source) -> Connection:
-    """Another machine's lidar: its publisher says what it is, and drives it.
-
-    Raises:
-        ConnectFailed: No router, nobody publishes under that key, or several do.
-        Unsupported: The package that is needed is not installed.
-    """
+    """Another machine's lidar: its publisher says what it is, and drives it."""
     from lidario.network.connect import open_remote  # for those who need it
 
     remote = await open_remote(source)

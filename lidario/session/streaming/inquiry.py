@@ -112,11 +112,7 @@ class Inquiry:
         self._doubtful = False
 
     async def beforehand(self) -> None:
-        """Ask the device before a stream is started.
-
-        Raises:
-            DeviceFault: It has stopped to protect itself, and a RESET did not help.
-        """
+        """Ask the device before a stream is started; DeviceFault where a RESET does not help."""
         health = await self._health()
         if health is not None and not health.ok:
             self._reset_at = self._loop.time()

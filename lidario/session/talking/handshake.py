@@ -66,11 +66,7 @@ async def healthy(dialogue: Dialogue) -> Health:
 async def cured(dialogue: Dialogue, health: Health, when: str) -> Health:
     """Reset a device that reports the error `health`, and return its health afterwards; `note` tells of the error.
 
-    The log says `when` it was noticed.
-
-    Raises:
-        DeviceFault: It still reports an error after the reset.
-        ResponseTimeout: It does not respond any more after the reset.
+    The log says `when` it was noticed. It fails as `healthy`.
     """
     dialogue.protection_stops += 1
     what = f"the device had stopped to protect itself ({_code(health)})"
@@ -107,11 +103,7 @@ async def _health(dialogue: Dialogue) -> Health:
 
 
 async def restart(dialogue: Dialogue) -> None:
-    """Reset the device and wait until it responds, however long it boots and whatever it prints meanwhile.
-
-    Raises:
-        ResponseTimeout: It does not come back.
-    """
+    """Reset the device and wait until it responds, however long it boots and whatever it prints meanwhile."""
     await dialogue.ask(dialogue.device.reset())
     await come_back(dialogue)
 
