@@ -60,7 +60,7 @@ async def test_who_keeps_the_error_of_a_cancelled_setting_keeps_no_stream(family
     async with rig.open() as lidar:
         await lidar.scan()
         setting = asyncio.ensure_future(lidar.set_scan_frequency(8.0))
-        while not (scanner_of(lidar).hub or setting.done()):
+        while not (scanner_of(lidar).hub.is_read or setting.done()):
             await asyncio.sleep(0.001)
         setting.cancel()
         error = (await asyncio.gather(setting, return_exceptions=True))[0]

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from lidario import Busy, DeviceLost, InvalidValue, Scan
-from lidario.session.streaming.stream import Hub, Mailbox
+from lidario.session.streaming.readers import Hub
+from lidario.session.streaming.stream import Mailbox
 from tests.support.loop import driven
 
 
@@ -73,9 +74,9 @@ async def test_a_reader_that_only_the_loop_holds_is_not_collected() -> None:
 
 @driven
 async def test_the_hub_hands_scans_to_those_it_holds() -> None:
-    hub, kept, other = Hub(), Mailbox(1), Mailbox(1)
-    hub.add(kept)
-    hub.add(other)
+    hub, kept, other = Hub(print), Mailbox(1), Mailbox(1)
+    hub.let_in(kept)
+    hub.let_in(other)
     hub.discard(other)
     assert len(hub) == 1
     hub.publish(numbered(0))
@@ -88,9 +89,9 @@ async def test_the_hub_hands_scans_to_those_it_holds() -> None:
 
 @driven
 async def test_each_reader_gets_an_error_of_its_own() -> None:
-    hub, mailboxes = Hub(), [Mailbox(1), Mailbox(1)]
+    hub, mailboxes = Hub(print), [Mailbox(1), Mailbox(1)]
     for mailbox in mailboxes:
-        hub.add(mailbox)
+        hub.let_in(mailbox)
     cause = DeviceLost("gone")
     hub.end(cause)
     errors = []

@@ -26,7 +26,7 @@ from lidario.session.finding.connection import At
 from lidario.session.streaming.control import StreamControl
 from lidario.session.streaming.inquiry import Inquiry
 from lidario.session.streaming.line_changes import LineWatch
-from lidario.session.streaming.readers import Readers
+from lidario.session.streaming.readers import Hub
 from lidario.session.streaming.running import Failure
 
 __all__ = ["Failures"]
@@ -44,12 +44,12 @@ class Failures:
             any more. None where such an error ends the streams or the session.
     """
 
-    def __init__(self, control: StreamControl, at: At, readers: Readers, inquiry: Inquiry, line: LineWatch) -> None:
+    def __init__(self, control: StreamControl, at: At, hub: Hub, inquiry: Inquiry, line: LineWatch) -> None:
         self.over: LidarError | None = None
         self.come_back: Callable[[LidarError, int], None] | None = None
         self._control = control
         self._at = at
-        self._readers = readers
+        self._hub = hub
         self._inquiry = inquiry
         self._line = line
         at.dialogue.on_lost = self._lost
@@ -105,7 +105,7 @@ class Failures:
             failure = StreamFailed(f"the stream could not be started again: {error}")
             failure.__cause__ = error
             error = failure
-        self._readers.end(error)
+        self._hub.end(error)
         if self._control.is_scanning:
             self._control.unwant()
 
@@ -113,7 +113,7 @@ class Failures:
         """The session is over: end every reader and operation with `error`. The device is not told."""
         if self.over is None:
             self.over = error
-            self._readers.end(error)
+            self._hub.end(error)
             self._control.close()
             self._at.dialogue.interrupt(error)
         self._end_line(error)
@@ -123,7 +123,7 @@ class Failures:
         if self._depart(error):
             return
         self._at.trouble.tell("the stream ended: %s", error)
-        self._readers.end(error)
+        self._hub.end(error)
         self._control.unwant()
 
     def _lost(self, error: LidarError) -> None:
@@ -131,7 +131,7 @@ class Failures:
         if self._depart(error):
             return
         self._at.trouble.tell("the session ended: %s", error)
-        self._readers.end(error)
+        self._hub.end(error)
         self._control.close()
         self._end_line(error)
 

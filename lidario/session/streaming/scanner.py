@@ -31,12 +31,12 @@ from lidario.session.streaming.control import StreamControl
 from lidario.session.streaming.failures import Failures
 from lidario.session.streaming.inquiry import Inquiry
 from lidario.session.streaming.line_changes import LineWatch
-from lidario.session.streaming.readers import Readers
+from lidario.session.streaming.readers import Hub
 from lidario.session.streaming.running import Failure, Outlets, Totals
 from lidario.session.streaming.sectors import sectors_of
 from lidario.session.streaming.starter import Starter
 from lidario.session.streaming.states import State
-from lidario.session.streaming.stream import Hub, Mailbox
+from lidario.session.streaming.stream import Mailbox
 from lidario.session.talking.dialogue import play
 from lidario.session.talking.handshake import come_back
 from lidario.session.talking.trouble import twin_of
@@ -66,8 +66,7 @@ class Scanner:
     """
 
     def __init__(self, at: At, latency: float) -> None:
-        self._readers = Readers(self._deserted)
-        self.hub: Hub = self._readers.hub
+        self.hub: Hub = Hub(self._deserted)
         outlets = Outlets(self._publish, self.hub.publish_sector, self._suspect)
         self.control: StreamControl = StreamControl(at, latency, outlets)
         self.hub.on_parts = self.control.divide
@@ -79,28 +78,28 @@ class Scanner:
         self._at = at
         self._lock = asyncio.Lock()
         self._loop = asyncio.get_running_loop()
-        self.failures: Failures = Failures(self.control, at, self._readers, self.inquiry, self.line)
-        self._starter = Starter(self.control, at, self._readers, self.inquiry, self.failures, self._lock)
+        self.failures: Failures = Failures(self.control, at, self.hub, self.inquiry, self.line)
+        self._starter = Starter(self.control, at, self.hub, self.inquiry, self.failures, self._lock)
         self._watchers: tuple[Callable[[Scan], None], ...] = ()
 
     # ------------------------------------------------------------------------------------------------ readers
 
     def join(self, mailbox: Mailbox, mode: str | int | None, force: bool) -> None:
         usual = self.usual_mode if not self.control.is_scanning else None
-        self._readers.add(mailbox, usual if mode is None else mode, force)
+        self.hub.add(mailbox, usual if mode is None else mode, force)
         self.control.want()
         self._starter.work_soon()
 
     def leave(self, mailbox: Mailbox) -> None:
-        self._readers.discard(mailbox)
-        if not len(self._readers) and self.control.is_scanning:
-            self._readers.cancel_linger()
+        self.hub.discard(mailbox)
+        if not len(self.hub) and self.control.is_scanning:
+            self.hub.cancel_linger()
             self.control.unwant()
 
     def linger(self, mailbox: Mailbox) -> None:
-        self._readers.discard(mailbox)
-        if not len(self._readers) and self.control.is_scanning:
-            self._readers.linger()
+        self.hub.discard(mailbox)
+        if not len(self.hub) and self.control.is_scanning:
+            self.hub.linger()
 
     async def left(self) -> None:
         if self._loop.is_closed():
@@ -152,7 +151,7 @@ class Scanner:
 
     def finish(self) -> None:
         if self.control.is_scanning:
-            self._readers.end(None)
+            self.hub.end(None)
             self.control.unwant()
 
     # ------------------------------------------------------------------------------------------------ operations
@@ -219,7 +218,7 @@ class Scanner:
 
     async def stop(self) -> None:
         """Stop laser and motor, end every stream, and return when the line is quiet. The session is open."""
-        self._readers.end(None)
+        self.hub.end(None)
         self.control.unwant()
         await self.left()
         async with self._lock:
@@ -242,7 +241,7 @@ class Scanner:
 
     def abandon(self) -> None:
         """Nobody holds the session any more: let go of every timer. The device is not told."""
-        self._readers.cancel_linger()
+        self.hub.cancel_linger()
         self.control.rest()
         self.line.end()
 
@@ -276,7 +275,7 @@ class Scanner:
 
     def _resume(self) -> None:
         """The device is free again: have the stream started again, if it has readers."""
-        if self.control.state is State.INTERRUPTED and len(self.hub):
+        if self.control.state is State.INTERRUPTED and self.hub.is_read:
             self.control.resume()
         self._starter.work_soon()
 

@@ -23,9 +23,9 @@ from lidario.errors import Busy, InvalidValue, LidarError, LocalProtocolError
 from lidario.measured import changed
 from lidario.scan import Scan
 from lidario.sector import Sector
-from lidario.session.talking.trouble import again, twin_of
+from lidario.session.talking.trouble import again
 
-__all__ = ["Hub", "Mailbox", "ReaderStream", "ScanSource", "ScanStream", "filters_of"]
+__all__ = ["Mailbox", "ReaderStream", "ScanSource", "ScanStream", "filters_of"]
 
 T = TypeVar("T")
 
@@ -132,75 +132,6 @@ class Mailbox:
         waiter = None if self._waiter is None else self._waiter()
         if waiter is not None and not waiter.done() and not waiter.get_loop().is_closed():
             waiter.set_result(None)
-
-
-class Hub:
-    """Hands every scan to every mailbox for scans, and every sector to those for sectors of its size.
-
-    Attributes:
-        dropped: Scans that slow readers missed, summed over all of them.
-        parts: The numbers of sectors that revolutions have for the readers here.
-        on_parts: Called when that has changed.
-    """
-
-    def __init__(self) -> None:
-        # In the order in which they came: a run is repeated exactly.
-        self._mailboxes: dict[Mailbox, None] = {}
-        self._on_taken: Callable[[], None] | None = None
-        self.dropped: int = 0
-        self.parts: frozenset[int] = frozenset()
-        self.on_parts: Callable[[frozenset[int]], None] | None = None
-
-    def __len__(self) -> int:
-        return len(self._mailboxes)
-
-    def add(self, mailbox: Mailbox) -> None:
-        """Begin to hand scans to `mailbox`."""
-        self._mailboxes[mailbox] = None
-        mailbox.on_taken = self._on_taken
-        self._see_parts()
-
-    def discard(self, mailbox: Mailbox) -> None:
-        """Hand it none any more."""
-        self._mailboxes.pop(mailbox, None)
-        self._see_parts()
-        if self._on_taken is not None:
-            self._on_taken()
-
-    @property
-    def is_waiting(self) -> bool:
-        """Whether every reader has taken all its scans."""
-        return all(mailbox.is_empty for mailbox in self._mailboxes)
-
-    def on_taken(self, callback: Callable[[], None]) -> None:
-        """Call `callback` each time a reader has taken a scan or has left, and drop no scan any more."""
-        self._on_taken = callback
-
-    def publish(self, scan: Scan) -> None:
-        """Hand `scan` to everybody who reads scans."""
-        for mailbox in tuple(self._mailboxes):
-            if not mailbox.parts:
-                self.dropped += mailbox.put(scan)
-
-    def publish_sector(self, parts: int, sector: Sector) -> None:
-        """Hand `sector` to everybody who reads so many of a revolution."""
-        for mailbox in tuple(self._mailboxes):
-            if mailbox.parts == parts:
-                mailbox.put(sector)
-
-    def end(self, error: LidarError | None = None) -> None:
-        """End every stream; each gets an error of its own, so that tracebacks do not mix."""
-        for mailbox in tuple(self._mailboxes):
-            mailbox.end(None if error is None else twin_of(error))
-        self._mailboxes.clear()
-        self._see_parts()
-
-    def _see_parts(self) -> None:
-        parts = frozenset(mailbox.parts for mailbox in self._mailboxes if mailbox.parts)
-        if parts != self.parts:
-            self.parts = parts
-            if self.on_parts is not None:
-                self.on_parts(parts)
 
 
 class ScanSource(Protocol):
