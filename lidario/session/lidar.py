@@ -75,7 +75,8 @@ class Lidar(Streams, AsyncOnly):
         self._scanner.inquiry.take_note(health)
         self._counters = Counters()
         if reconnector is not None:
-            reconnector.serve(_if_alive(self._adopt), self._scanner.failures.end, self._scanner.unused)
+            reconnector.adopt = _if_alive(self._adopt)
+            reconnector.gave_up, reconnector.unused = self._scanner.failures.end, self._scanner.unused
             self._scanner.failures.come_back = reconnector.begin
         connection.port.follow(self._scanner)
         self._length_s = connection.port.length_s
@@ -276,7 +277,7 @@ class Lidar(Streams, AsyncOnly):
         self._recorded.adopt()
         self._scanner.adopt()
         if self._reconnector is not None and not self.is_scanning:
-            self._reconnector.proven()
+            self._reconnector.proven = True
 
     def _check_open(self) -> None:
         if self._closed:

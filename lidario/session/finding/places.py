@@ -41,11 +41,15 @@ class _Port(NamedTuple):
 
 
 class Places:
-    """The places of one device, whose source is neither ``auto`` nor ``id``."""
+    """The places of one device, whose source is neither ``auto`` nor ``id``.
+
+    Attributes:
+        last: Where it was last.
+    """
 
     def __init__(self, source: Source) -> None:
         self._named = source
-        self._last = source
+        self.last: Source = source
         self._always: set[_Port] = set()
         self._refused: set[_Port] = set()
         self._silences: dict[_Port, int] = {}
@@ -57,7 +61,7 @@ class Places:
 
     async def candidates(self) -> list[Source]:
         """Where to look now, the likeliest first. Cancelling ends only the waiting."""
-        own = [self._last] if self._last is self._named else [self._last, self._named]
+        own = [self.last] if self.last is self._named else [self.last, self._named]
         if self._named.kind != "serial":
             return own
         there = await run_in_thread(_ports)
@@ -73,11 +77,7 @@ class Places:
 
     def is_own(self, place: Source) -> bool:
         """Whether it is where the user said that the device is, or where it was last."""
-        return place in (self._last, self._named)
-
-    def found(self, place: Source) -> None:
-        """The device is there."""
-        self._last = place
+        return place in (self.last, self._named)
 
     def refuse(self, place: Source) -> None:
         """Another device is there. A network address is asked again: what is behind it cannot be seen."""

@@ -89,6 +89,10 @@ class Reconnector:
     Attributes:
         count: How often the session has come back.
         settings: What the user has set, in the order of setting: each makes the script that sets it again.
+        proven: Whether the session works: then the next loss is a new one.
+        adopt: Takes a new line over; False when nobody is there any more who could.
+        gave_up: Called with the error that ends the session.
+        unused: Returns when nobody uses the line that was lost.
     """
 
     def __init__(
@@ -116,11 +120,11 @@ class Reconnector:
         self._attempts = 0
         self._first: LidarError | None = None
         self._told = ""
-        self._proven = True
+        self.proven: bool = True
         self._scans = 0
-        self._adopt: Callable[[Connection, Health], bool] | None = None
-        self._gave_up: Callable[[LidarError], None] | None = None
-        self._unused: Callable[[], Awaitable[None]] | None = None
+        self.adopt: Callable[[Connection, Health], bool] | None = None
+        self.gave_up: Callable[[LidarError], None] | None = None
+        self.unused: Callable[[], Awaitable[None]] | None = None
 
     async def connect(self, source: Source, family: str | None, baudrate: int | None, *, guard: bool) -> Connection:
         """Connect for the first time, and note which device it is, as `lidario.session.finding.connect.connect`."""
@@ -128,21 +132,6 @@ class Reconnector:
         self._connect = partial(connect, simulation=self._simulation, guard=guard)
         self._known = await self._connect(source, family, baudrate)
         return self._known
-
-    def serve(
-        self,
-        adopt: Callable[[Connection, Health], bool],
-        gave_up: Callable[[LidarError], None],
-        unused: Callable[[], Awaitable[None]],
-    ) -> None:
-        """Say whom it serves.
-
-        Args:
-            adopt: Takes a new line over; False when nobody is there any more who could.
-            gave_up: Called with the error that ends the session.
-            unused: Returns when nobody uses the line that was lost.
-        """
-        self._adopt, self._gave_up, self._unused = adopt, gave_up, unused
 
     def begin(self, error: LidarError, scans: int) -> None:
         """The line is no good any more, because of `error`: come back, in a task.
@@ -153,17 +142,13 @@ class Reconnector:
         if not self._is_ready or self._known is None:
             return
         if scans > self._scans:
-            self._proven, self._scans = True, scans
-        if self._proven:
+            self.proven, self._scans = True, scans
+        if self.proven:
             self._first, self._since, self._attempts = error, self._loop.time(), 0
             self._wait_s, self._told = self._policy.first_wait_s, ""
             _log.warning("the line to the lidar is lost, and the session comes back: %s", error)
         self._is_ready = False
         self._task = self._loop.create_task(self._run(), name="lidario: come back")
-
-    def proven(self) -> None:
-        """The session works again: the next loss is a new one."""
-        self._proven = True
 
     def away_error(self) -> DeviceLost:
         """What calls raise that cannot be done without the device."""
@@ -232,11 +217,11 @@ class Reconnector:
     async def _leave(self) -> None:
         assert self._known is not None
         await self._known.dialogue.close(patient=False)  # it is stopped when it was found again
-        if self._unused is not None:
-            await self._unused()
+        if self.unused is not None:
+            await self.unused()
 
     async def _try_until_found(self) -> tuple[Connection, Health]:
-        if not self._proven:
+        if not self.proven:
             await self._wait()
         while True:
             found = await self._attempt()
@@ -284,7 +269,7 @@ class Reconnector:
         except BaseException:
             await dialogue.close()
             raise
-        self._places.found(place)
+        self._places.last = place
         return connection, health
 
     def _began(self, dialogue: Dialogue) -> None:
@@ -299,12 +284,12 @@ class Reconnector:
     def _take_over(self, connection: Connection, health: Health) -> None:
         self._is_ready = True
         self.count += 1
-        self._known, self._proven = connection, False
+        self._known, self.proven = connection, False
         away = self._loop.time() - self._since
         _log.info(
             "the lidar is back on %s, after %.1f s and %d attempts", connection.port.name, away, self._attempts
         )
-        if self._adopt is None or not self._adopt(connection, health):
+        if self.adopt is None or not self.adopt(connection, health):
             connection.dialogue.hang_up()
 
     def _give_up(self) -> None:
@@ -318,8 +303,8 @@ class Reconnector:
     def _end_with(self, error: LidarError) -> None:
         _log.warning("the session ended: %s", error)
         self.release()
-        if self._gave_up is not None:
-            self._gave_up(error)
+        if self.gave_up is not None:
+            self.gave_up(error)
 
     def _tell(self, reason: str) -> None:
         """Log why an attempt failed, unless the one before failed for the same reason."""

@@ -56,7 +56,7 @@ class Failures:
 
     def adopt(self) -> None:
         """The device is reached by another line from now on."""
-        self._inquiry.doubt(False)
+        self._inquiry.doubtful = False
         self._at.dialogue.on_lost = self._lost
         self._line.tell("back")
 
@@ -94,7 +94,7 @@ class Failures:
             self._fail(StreamFailed(failure.what + why))
             return False
         self._control.failure = failure
-        self._inquiry.doubt(True)
+        self._inquiry.doubtful = True
         return True
 
     def could_not_start(self, error: LidarError) -> None:

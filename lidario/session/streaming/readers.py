@@ -43,6 +43,7 @@ class Hub:
         dropped: Scans that slow readers missed, summed over all of them.
         parts: The numbers of sectors that revolutions have for the readers here.
         on_parts: Called when that has changed.
+        on_taken: Called each time a reader has taken a scan or has left. Where it is set, no scan is dropped.
     """
 
     def __init__(self, deserted: Callable[[], None]) -> None:
@@ -52,7 +53,7 @@ class Hub:
         self.on_parts: Callable[[frozenset[int]], None] | None = None
         # In the order in which they came: a run is repeated exactly.
         self._mailboxes: dict[Mailbox, None] = {}
-        self._on_taken: Callable[[], None] | None = None
+        self.on_taken: Callable[[], None] | None = None
         self._deserted = deserted
         self._loop = asyncio.get_running_loop()
         self._linger: asyncio.TimerHandle | None = None
@@ -81,7 +82,7 @@ class Hub:
     def let_in(self, mailbox: Mailbox) -> None:
         """Begin to hand scans to `mailbox`."""
         self._mailboxes[mailbox] = None
-        mailbox.on_taken = self._on_taken
+        mailbox.on_taken = self.on_taken
         self._see_parts()
 
     def discard(self, mailbox: Mailbox) -> None:
@@ -89,12 +90,8 @@ class Hub:
         self._mailboxes.pop(mailbox, None)
         self.joining = [each for each in self.joining if each.mailbox is not mailbox]
         self._see_parts()
-        if self._on_taken is not None:
-            self._on_taken()
-
-    def on_taken(self, callback: Callable[[], None]) -> None:
-        """Call `callback` each time a reader has taken a scan or has left, and drop no scan any more."""
-        self._on_taken = callback
+        if self.on_taken is not None:
+            self.on_taken()
 
     def publish(self, scan: Scan) -> None:
         """Hand `scan` to everybody who reads scans."""

@@ -126,7 +126,7 @@ class Scanner:
         return self.hub.is_waiting
 
     def on_taken(self, callback: Callable[[], None]) -> None:
-        self.hub.on_taken(callback)
+        self.hub.on_taken = callback
 
     def restart(self, *, failed: bool = False) -> None:
         if self.control.state is State.RUNNING and not self.control.starting:

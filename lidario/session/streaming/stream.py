@@ -44,6 +44,7 @@ class Mailbox:
         parts: The same.
         dropped: Scans dropped since the reader last took one.
         total_dropped: Scans dropped altogether.
+        ended: Whether no more scans will come.
         on_taken: Called when the reader has taken a scan. Where it is set, no scan is dropped: who has set it puts
             more only when the reader has taken all.
     """
@@ -60,7 +61,7 @@ class Mailbox:
         # Held by its task and its timer. A finalizer reaches this object, and must not reach the frames of a task:
         # else, where Ctrl-C ends the loop of a plain program, the session is no garbage, and the device goes on.
         self._waiter: weakref.ref[asyncio.Future[None]] | None = None
-        self._ended = False
+        self.ended: bool = False
         self._error: LidarError | None = None
         self.on_taken: Callable[[], None] | None = None
 
@@ -69,14 +70,9 @@ class Mailbox:
         """Whether the reader has taken every scan."""
         return not self._scans
 
-    @property
-    def ended(self) -> bool:
-        """Whether no more scans will come."""
-        return self._ended
-
     def put(self, scan: Scan | Sector) -> int:
         """Add a scan; returns how many were dropped for it (0 or 1)."""
-        if self._ended:
+        if self.ended:
             return 0
         dropped = 0
         if len(self._scans) >= self._depth and self.on_taken is None:
@@ -90,8 +86,8 @@ class Mailbox:
 
     def end(self, error: LidarError | None = None) -> None:
         """No more scans will come; the reader gets what is left, then `error` or the end of the iteration."""
-        if not self._ended:
-            self._ended = True
+        if not self.ended:
+            self.ended = True
             self._error = error
             self._wake()
 
@@ -108,7 +104,7 @@ class Mailbox:
         while not self._scans:
             if self._error is not None:
                 raise again(self._error)
-            if self._ended:
+            if self.ended:
                 raise StopAsyncIteration
             loop = asyncio.get_running_loop()
             waiter: asyncio.Future[None] = loop.create_future()
