@@ -93,14 +93,9 @@ class Line(ABC):
     def close_without_loop(self) -> None:
         """Close after the event loop was closed. Never raises."""
 
-    def descriptor(self) -> int | None:
-        """The file descriptor by which another process can write too; None where there is none."""
+    def passed_on(self) -> tuple[int, bool] | None:
+        """What a guard needs: a descriptor by which it can write too, and whether to give low latency back."""
         return None
-
-    @property
-    def is_hurried(self) -> bool:
-        """Whether low latency was set, and is to be given back."""
-        return False
 
     def set_baudrate(self, baudrate: int) -> None:  # noqa: B027 - most lines have no speed
         """Change the speed. Raises ConnectFailed where the adapter cannot do it."""

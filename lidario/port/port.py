@@ -1,7 +1,7 @@
 """An open line to a device, with one interface for serial ports, TCP connections and simulated devices.
 
 A `Port` belongs to the session. What carries its bytes is a `Line` (`lidario.port.line`). The port shows every
-chunk to the taps (`Tapped`), hands received bytes to one `Receiver`, and says what the end of the line means.
+chunk to the taps (`Guarded`), hands received bytes to one `Receiver`, and says what the end of the line means.
 Exceptions of the operating system and of pyserial are translated to `lidario.errors` in this folder and nowhere
 else.
 
@@ -68,8 +68,6 @@ class Port(Guarded, asyncio.Protocol):
         self._exact = type(self._loop).__module__.split(".")[0] == "uvloop"
         # Threads know the system's clock only: they are of no use to a loop with another one.
         self.is_real_time: bool = abs(self.now() - time.monotonic_ns()) < _SAME_CLOCK_NS
-        self._pid = os.getpid()
-        self._line: Line | None = None
         self._receiver: Receiver | None = None
         self._untold: DeviceLost | None = None
         self.is_closing: bool = False
@@ -335,10 +333,6 @@ class Port(Guarded, asyncio.Protocol):
             callback()
         except Exception:
             _log.warning("ending what serves %s failed", self.name, exc_info=True)
-
-    def _open_line(self) -> Line | None:
-        line = self._line
-        return None if line is None or line.is_closing() or os.getpid() != self._pid else line
 
     def _settle(self) -> None:
         if self._close_timer is not None:

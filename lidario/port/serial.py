@@ -131,12 +131,8 @@ class _SerialLine(PolledLine, asyncio.Protocol):
         loop.call_soon(self._transport.pause_reading)
         loop.call_soon(self.start)
 
-    def descriptor(self) -> int | None:
-        return self._device.fileno() if _POSIX else None
-
-    @property
-    def is_hurried(self) -> bool:
-        return self._device.is_hurried
+    def passed_on(self) -> tuple[int, bool] | None:
+        return (self._device.fileno(), self._device.is_hurried) if _POSIX else None
 
     def set_baudrate(self, baudrate: int) -> None:
         try:

@@ -86,8 +86,8 @@ class SocketLine(Line, Generic[T]):
     def is_closing(self) -> bool:
         return self._transport.is_closing()
 
-    def descriptor(self) -> int | None:
-        return int(self._socket.fileno())
+    def passed_on(self) -> tuple[int, bool] | None:
+        return int(self._socket.fileno()), False
 
     def close(self) -> None:
         self._transport.close()
