@@ -14,22 +14,14 @@ begins at -pi starts in the middle of the revolution: its first half has the tim
 revolution, backwards, and its second half the times of the second half, backwards. No straight line fits both,
 so about half of the beams are wrong by half a revolution. A grid from 0 to 2 pi fits.
 
-Two orders of the same beams are offered:
-
-* ``"counter-clockwise"`` (the default): `angle_increment` is positive, as most readers expect. ``ranges[0]`` is
-  the beam measured last, so the stamp is the time of that beam and `time_increment` is negative. The definition
-  of the message allows this: it defines a time for each beam, not a direction. Readers that correct for motion
-  by interpolating between the poses at the first and at the last beam (laser_geometry) work with either sign.
-  The stamp is the latest time of the message, so when the pose for the stamp is known, all others are known too.
-  Readers that use only the stamp, and need a positive step of the angle (slam_toolbox), work too.
-* ``"measured"``: the order of measuring. `time_increment` is positive and `angle_increment` is negative. This is
-  for readers that expect time to rise along the message (cartographer).
+Two orders of the same beams are offered. In the default one `angle_increment` is positive, as most readers expect,
+and ``ranges[0]`` is the beam measured last: the stamp is the latest time of the message, and `time_increment` is
+negative. The definition of the message allows this: it defines a time for each beam, not a direction. In the
+order ``"measured"`` the signs are the other way round. docs/ros2.md tells, reader by reader, which fields
+laser_geometry, slam_toolbox, nav2 and cartographer use, and why the default serves the first three of them.
 
 Each beam stands in the middle of its share of the circle. With beams on the ends of the grid, the first and the
 last share would be one and the same, and would contain samples from both ends of the revolution.
-
-**Who reads what.** docs/ros2.md tells, reader by reader, which fields laser_geometry, slam_toolbox, nav2 and
-cartographer use, and why the default grid serves the first three of them and ``"measured"`` the last.
 
 **Where the angle 0 is.** Ours is the device's forward axis: an angle is minus the device's clockwise one, plus
 `mount_yaw`. The vendors' ROS 2 drivers publish pi minus the device's angle, so their 0 is behind. The preset
@@ -98,21 +90,9 @@ by a few centimetres whatever its angle is.
 
 @dataclass(frozen=True, slots=True)
 class BeamOptions:
-    """What a user chooses of a LaserScan, beside the number of its beams; checked before the first scan comes.
+    """What a user chooses of a LaserScan: the arguments of `Scan.to_laserscan` of these names.
 
-    Attributes:
-        order: Order of the beams.
-        frame_id: Name of the coordinate frame.
-        range_min: Metres; nearer returns count as none.
-        range_max: Metres; farther returns count as none. None keeps all of them.
-        no_return: What a beam without a return becomes.
-        filtered: What a beam becomes that has no other samples than those that filters took out.
-        mount_yaw: Angle of the device's forward axis in the frame, radians counter-clockwise.
-        preset: Where the angle 0 is.
-
-    Raises:
-        InvalidValue: `order`, `no_return`, `filtered` or `preset` is not one of the words, `frame_id` is no text,
-            `mount_yaw` is not finite, or `range_min` and `range_max` are not a range.
+    They are checked before the first scan comes, and refused as there.
     """
 
     order: BeamOrder = "counter-clockwise"

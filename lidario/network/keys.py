@@ -52,15 +52,7 @@ _NOT_IN_TOKEN: Final = re.compile(r"[^A-Za-z0-9._-]")
 
 
 class Token(NamedTuple):
-    """What a liveliness token says.
-
-    Attributes:
-        key: Where the scans are.
-        form: ``scan``, ``raw`` or ``ros``.
-        robot: Name of the robot or machine.
-        model: Model of the lidar.
-        serial: Its serial number.
-    """
+    """What a liveliness token says, as `RemoteLidar` tells it; and under which key the scans are."""
 
     key: str
     form: str

@@ -60,9 +60,6 @@ class Broadcast(Entered):
         robot: Name of this robot, for the list of a fleet; None for the name of this machine.
 
     Attributes:
-        lidar: As above.
-        router: As above.
-        robot: As above.
         on_change: Called when the router is not there at the start or is lost (False), and when it comes (True);
             None to log `news` as a warning.
         news: What has happened last to the router, as a sentence; empty before anything has.

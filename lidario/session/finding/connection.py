@@ -63,11 +63,7 @@ class Connection:
 class At:
     """Where the device of one session is reached now: shared by all its objects, and changed by `Lidar` alone.
 
-    Attributes:
-        dialogue: The conversation with the device.
-        device: The device as its family sees it.
-        info: What it last said it is.
-        trouble: Tells of what is wrong with it, in the log.
+    The first three are as in `Connection`. `trouble` tells of what is wrong with it, in the log.
     """
 
     dialogue: Dialogue

@@ -52,14 +52,7 @@ _WATCH_MARGIN_S = 0.001
 
 @dataclass(slots=True)
 class Totals:
-    """Counters that outlive a single stream; they only grow.
-
-    Attributes:
-        assembled: What became of the packets.
-        interruptions: Times a stream was stopped for something else and started again.
-        keepalives: Keepalive requests sent.
-        restarts: Times a stream that had stopped by itself was started again.
-    """
+    """Counters that outlive a single stream; they only grow. `Stats` tells what each means."""
 
     assembled: AssemblerStats
     interruptions: int = 0

@@ -52,16 +52,10 @@ LEAVE_TIMEOUT_S = 2.0
 
 
 class Scanner:
-    """The stream of one device.
+    """The stream of one device, and all that belongs to it.
 
     Attributes:
-        totals: Counters since the session was opened.
-        hub: Everybody who reads it.
         latest: The last scan, or None.
-        line: Tells what becomes of the line.
-        control: Where the stream stands.
-        inquiry: Asks the device when something has failed, and knows its health.
-        failures: Judges what has failed; knows what ended the session.
         usual_mode: Scan mode for readers that ask for none; None for the device's typical one.
     """
 
