@@ -89,11 +89,7 @@ async def connect_recording(source: Source, family: str | None) -> Connection:
     port = ReplayPort(recording, rate=source.rate, loop=source.options.get("loop") == "1", pieces=pieces)
     device = RecordedDevice(recording, lambda: port.stream)
     port.offset_of = device.offset_of
-    own = recording.streams[0].family
-    # Nothing is under way on this line, so nothing has to be waited for.
-    dialogue = Dialogue(port, device, replace(own.timing, quiet_s=_NO_TIME_S, boot_poll_s=_NO_TIME_S))
-    info = await dialogue.run(device.identify())
-    return Connection(port, own, device, dialogue, info, HalfOpen(dialogue))
+    return await _fed(port, recording.streams[0].family, device)
 
 
 async def connect_remote(source: Source) -> Connection:
@@ -101,8 +97,11 @@ async def connect_remote(source: Source) -> Connection:
     from lidario.network.connect import open_remote  # for those who need it
 
     remote = await open_remote(source)
-    dialogue = Dialogue(
-        remote.port, remote.device, replace(remote.family.timing, quiet_s=_NO_TIME_S, boot_poll_s=_NO_TIME_S)
-    )
-    info = await dialogue.run(remote.device.identify())
-    return Connection(remote.port, remote.family, remote.device, dialogue, info, HalfOpen(dialogue))
+    return await _fed(remote.port, remote.family, remote.device)
+
+
+async def _fed(port: Port, family: Family, device: Device) -> Connection:
+    # Nothing is under way on this line, so nothing has to be waited for.
+    dialogue = Dialogue(port, device, replace(family.timing, quiet_s=_NO_TIME_S, boot_poll_s=_NO_TIME_S))
+    info = await dialogue.run(device.identify())
+    return Connection(port, family, device, dialogue, info, HalfOpen(dialogue))
