@@ -86,13 +86,8 @@ class RawDecoder:
         else:
             self._begin(running)
 
-    def add(self, message: bytes) -> list[Scan] | None:
-        """Take a message; return the scans that it completes, usually one or none. None where it is no message."""
-        taken = self.steps(message)
-        return None if taken is None else [scan for scans in taken for scan in scans]
-
     def steps(self, message: bytes) -> Iterator[list[Scan]] | None:
-        """As `add`, in steps of bounded work."""
+        """Take a message, in steps of bounded work: the scans that each completes. None where it is no message."""
         entries = parse_raw_message(message)
         return None if entries is None else self._decode(entries)
 

@@ -38,6 +38,12 @@ def feed_of(share: Share) -> Any:
     return share._raw
 
 
+def added(decoder: RawDecoder, message: bytes) -> list[Scan] | None:
+    """The scans that a message completes; None where it is none."""
+    taken = decoder.steps(message)
+    return None if taken is None else [scan for scans in taken for scan in scans]
+
+
 class Sent:
     """What a publisher of raw bytes sends, and the scans that its own session made of them."""
 
@@ -82,7 +88,7 @@ def sent(request: pytest.FixtureRequest) -> Sent:
 
 def test_scans_are_those_of_the_publisher(sent: Sent) -> None:
     decoder = sent.decoder()
-    scans = [scan for message in sent.messages for scan in decoder.add(message) or ()]
+    scans = [scan for message in sent.messages for scan in added(decoder, message) or ()]
     assert len(scans) == len(sent.scans)
     for own, other in zip(scans, sent.scans, strict=True):
         np.testing.assert_array_equal(own.device_angles, other.device_angles)
@@ -97,7 +103,7 @@ def test_a_message_that_is_missing_costs_a_part_of_one_revolution(sent: Sent) ->
         scan
         for number, message in enumerate(sent.messages)
         if number != missing
-        for scan in decoder.add(message) or ()
+        for scan in added(decoder, message) or ()
     ]
     assert decoder.stats.lost_packets
     assert len(scans) + decoder.stats.missed_scans >= len(sent.scans) - 1
@@ -113,15 +119,15 @@ def test_until_the_status_is_known_bytes_are_left_out(sent: Sent) -> None:
     strange = sent.status
     assert strange is not None
     data = [message for message in sent.messages if b'"began"' not in message]
-    assert [decoder.add(message) for message in data] == [[]] * len(data)
+    assert [added(decoder, message) for message in data] == [[]] * len(data)
     unknown = Status.of(strange.to_bytes(whole=True).replace(strange.about.info.family.encode(), b"nobody"))
     assert unknown is not None
     decoder.learn(unknown)
-    assert [decoder.add(message) for message in sent.messages] == [[]] * len(sent.messages)
+    assert [added(decoder, message) for message in sent.messages] == [[]] * len(sent.messages)
     decoder = sent.decoder()
-    assert decoder.add(encode_raw_message([Entry(True, 0, text_of(StreamEnded(9)).encode())])) == []
-    assert [decoder.add(message) for message in data] == [[]] * len(data)
-    assert decoder.add(b"LDR1") is None
+    assert added(decoder, encode_raw_message([Entry(True, 0, text_of(StreamEnded(9)).encode())])) == []
+    assert [added(decoder, message) for message in data] == [[]] * len(data)
+    assert added(decoder, b"LDR1") is None
 
 
 def test_damaged_messages_raise_nothing(sent: Sent) -> None:
@@ -131,7 +137,7 @@ def test_damaged_messages_raise_nothing(sent: Sent) -> None:
         damaged = bytearray(message)
         for _ in range(chance.randrange(4)):
             damaged[chance.randrange(len(damaged))] = chance.randrange(256)
-        for scan in decoder.add(bytes(damaged)) or ():
+        for scan in added(decoder, bytes(damaged)) or ():
             assert len(scan)
 
 
@@ -147,7 +153,7 @@ def test_a_time_that_cannot_be_brings_no_scan(sent: Sent, at_ns: int) -> None:
     for message in sent.messages:
         entries = parse_raw_message(message) or []
         late = [each._replace(at_ns=at_ns) for each in entries if not each.is_event]
-        for scan in decoder.add(encode_raw_message(late)) or ():
+        for scan in added(decoder, encode_raw_message(late)) or ():
             assert len(scan.times_ns) == len(scan)
 
 
@@ -224,7 +230,7 @@ def test_decoders_are_bounded_by_what_they_hold(sent: Sent, monkeypatch: pytest.
     assert sent.status is not None
     last.learn(sent.status)
     for message in sent.messages[: len(sent.messages) // 2]:
-        last.add(message)
+        added(last, message)
     assert last.held > raw.DECODER_BYTES
     count = len(decoders)
     assert decoders.of("b", bytes(16)) is last
