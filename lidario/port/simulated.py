@@ -12,7 +12,9 @@ cause of the `DeviceLost` that the receiver is told.
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from math import radians
+from typing import Final, TypeVar
 from weakref import WeakValueDictionary
 
 from lidario.errors import ConnectFailed, DeviceLost
@@ -31,8 +33,9 @@ from lidario.source import Source, quoted
 
 __all__ = ["Simulation", "connect_in_memory", "make_device", "open_simulated"]
 
+T = TypeVar("T")
 _TICK_S = 0.002
-_WAYS = ("pty", "tcp", "udp", "memory")
+_SERVERS: Final = {"pty": PtyServer, "tcp": TcpServer, "udp": UdpServer}
 
 
 def make_device(source: Source) -> tuple[SimulatedDevice, Faults | None]:
@@ -78,12 +81,8 @@ class Simulation:
         way = _way(source)
         if "via" not in source.options and way != "memory" and is_network(self._device):
             way = "udp"
-        if way == "pty":
-            self.server = PtyServer(self._device, faults=self._faults)
-        elif way == "tcp":
-            self.server = TcpServer(self._device, faults=self._faults)
-        elif way == "udp":
-            self.server = UdpServer(self._device, faults=self._faults)
+        if way != "memory":
+            self.server = _SERVERS[way](self._device, faults=self._faults)
 
     async def open(self) -> Port:
         """Open a line to it.
@@ -153,10 +152,9 @@ async def open_simulated(source: Source) -> Port:
 
 def _way(source: Source) -> str:
     way = source.options.get("via", usual_way())
-    if way not in _WAYS:
-        raise ConnectFailed(
-            f"{quoted(source.text)}: via={quoted(way)} is not known; use {', '.join(_WAYS)}", reason="source"
-        )
+    if way not in (*_SERVERS, "memory"):
+        known = ", ".join((*_SERVERS, "memory"))
+        raise ConnectFailed(f"{quoted(source.text)}: via={quoted(way)} is not known; use {known}", reason="source")
     return way
 
 
@@ -207,15 +205,8 @@ class _MemoryTransport(Line):
         return self._closing
 
     def write(self, data: bytes) -> None:
-        if self._closing:
-            return
-        now = self._port.now()
-        try:
-            self._line.write(data, now)
-        except Exception as error:
-            self.end(_failed(self._port.name, error))
-        else:
-            self._arm(now)
+        self.write_without_loop(data)
+        self._arm(self._port.now())
 
     def set_baudrate(self, baudrate: int) -> None:
         now = self._port.now()
@@ -234,13 +225,8 @@ class _MemoryTransport(Line):
         self.end(None)
 
     def write_without_loop(self, data: bytes) -> None:
-        if self._closing:
-            return
-        try:
-            self._line.write(data, self._port.now())
-        except Exception as error:
-            if not self._loop.is_closed():
-                self.end(_failed(self._port.name, error))
+        if not self._closing:
+            self._of_device(lambda: self._line.write(data, self._port.now()))
 
     def close_without_loop(self) -> None:
         self._closing = True
@@ -252,11 +238,7 @@ class _MemoryTransport(Line):
             self._timer = None
         if self._closing:
             return
-        try:
-            due = self._line.wakeup(now)
-        except Exception as error:
-            self.end(_failed(self._port.name, error))
-            return
+        due = self._of_device(lambda: self._line.wakeup(now))
         if due is not None:
             self._timer = self._loop.call_at(max(due, now + round(_TICK_S * 1e9)) * 1e-9, self._deliver)
 
@@ -265,18 +247,20 @@ class _MemoryTransport(Line):
         if self._port.is_forked:
             return
         now = self._port.now()
-        try:
-            data = self._line.read(now)
-            unplugged = self._line.unplugged(now)
-        except Exception as error:
-            self.end(_failed(self._port.name, error))
-            return
-        if unplugged:
+        data = self._of_device(lambda: self._line.read(now))
+        if self._of_device(lambda: self._line.unplugged(now)):
             self.end(OSError("the line was unplugged"))
-            return
-        if data:
+        elif data and not self._closing:
             self._port.data_received(data)
         self._arm(now)
+
+    def _of_device(self, does: Callable[[], T]) -> T | None:
+        """What the device does; where it fails, the line ends."""
+        try:
+            return does()
+        except Exception as error:
+            self.end(_failed(self._port.name, error))
+            return None
 
     def end(self, error: Exception | None) -> None:
         """Have the port told that the line is gone; harmless when done before."""
@@ -285,7 +269,8 @@ class _MemoryTransport(Line):
         self._closing = True
         if self._timer is not None:
             self._timer.cancel()
-        self._loop.call_soon(self._port.connection_lost, error)
+        if not self._loop.is_closed():
+            self._loop.call_soon(self._port.connection_lost, error)
 
 
 _LINES: WeakValueDictionary[int, _MemoryTransport] = WeakValueDictionary()
