@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from lidario.errors import LidarError
 from lidario.scan import Scan
@@ -28,7 +28,7 @@ promised two seconds."""
 class Joining(NamedTuple):
     """A reader that waits to be let in, and what it asked for."""
 
-    mailbox: Mailbox
+    mailbox: Mailbox[Any]
     mode: str | int | None
     force: bool
 
@@ -52,7 +52,7 @@ class Hub:
         self.parts: frozenset[int] = frozenset()
         self.on_parts: Callable[[frozenset[int]], None] | None = None
         # In the order in which they came: a run is repeated exactly.
-        self._mailboxes: dict[Mailbox, None] = {}
+        self._mailboxes: dict[Mailbox[Any], None] = {}
         self.on_taken: Callable[[], None] | None = None
         self._deserted = deserted
         self._loop = asyncio.get_running_loop()
@@ -71,7 +71,7 @@ class Hub:
         """Whether every reader has taken all its scans."""
         return all(mailbox.is_empty for mailbox in self._mailboxes)
 
-    def add(self, mailbox: Mailbox, mode: str | int | None, force: bool) -> None:
+    def add(self, mailbox: Mailbox[Any], mode: str | int | None, force: bool) -> None:
         """Let a reader in, or have it wait."""
         self.cancel_linger()
         if mode is None and self._mailboxes and not self.joining:
@@ -79,13 +79,13 @@ class Hub:
         else:
             self.joining.append(Joining(mailbox, mode, force))
 
-    def let_in(self, mailbox: Mailbox) -> None:
+    def let_in(self, mailbox: Mailbox[Any]) -> None:
         """Begin to hand scans to `mailbox`."""
         self._mailboxes[mailbox] = None
         mailbox.on_taken = self.on_taken
         self._see_parts()
 
-    def discard(self, mailbox: Mailbox) -> None:
+    def discard(self, mailbox: Mailbox[Any]) -> None:
         """This one reads no more, nor does it wait."""
         self._mailboxes.pop(mailbox, None)
         self.joining = [each for each in self.joining if each.mailbox is not mailbox]

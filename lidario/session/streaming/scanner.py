@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import anyio
 
@@ -78,19 +78,19 @@ class Scanner:
 
     # ------------------------------------------------------------------------------------------------ readers
 
-    def join(self, mailbox: Mailbox, mode: str | int | None, force: bool) -> None:
+    def join(self, mailbox: Mailbox[Any], mode: str | int | None, force: bool) -> None:
         usual = self.usual_mode if not self.control.is_scanning else None
         self.hub.add(mailbox, usual if mode is None else mode, force)
         self.control.want()
         self._starter.work_soon()
 
-    def leave(self, mailbox: Mailbox) -> None:
+    def leave(self, mailbox: Mailbox[Any]) -> None:
         self.hub.discard(mailbox)
         if not len(self.hub) and self.control.is_scanning:
             self.hub.cancel_linger()
             self.control.unwant()
 
-    def linger(self, mailbox: Mailbox) -> None:
+    def linger(self, mailbox: Mailbox[Any]) -> None:
         self.hub.discard(mailbox)
         if not len(self.hub) and self.control.is_scanning:
             self.hub.linger()

@@ -22,7 +22,6 @@ from lidario.entered import AsyncOnly
 from lidario.errors import Busy, InvalidValue, LidarError, LocalProtocolError
 from lidario.measured import changed
 from lidario.scan import Scan
-from lidario.sector import Sector
 from lidario.session.talking.trouble import again
 
 __all__ = ["Mailbox", "ReaderStream", "ScanSource", "ScanStream", "filters_of"]
@@ -33,8 +32,8 @@ _HOLD_S = 30 * 86400.0
 """For how long the event loop keeps a waiting reader alive, where the program itself holds no reference to it."""
 
 
-class Mailbox:
-    """Holds the latest scans for one reader, or the latest sectors.
+class Mailbox(Generic[T]):
+    """Holds the latest scans for one reader, or the latest sectors, or what else comes by and by.
 
     Args:
         depth: Most that are kept.
@@ -42,7 +41,7 @@ class Mailbox:
 
     Attributes:
         parts: The same.
-        dropped: Scans dropped since the reader last took one.
+        dropped: Scans dropped since the reader was last told of it.
         total_dropped: Scans dropped altogether.
         ended: Whether no more scans will come.
         on_taken: Called when the reader has taken a scan. Where it is set, no scan is dropped: who has set it puts
@@ -57,7 +56,7 @@ class Mailbox:
         self.dropped: int = 0
         self.total_dropped: int = 0
         self._depth = depth
-        self._scans: deque[Scan | Sector] = deque()
+        self._scans: deque[T] = deque()
         # Held by its task and its timer. A finalizer reaches this object, and must not reach the frames of a task:
         # else, where Ctrl-C ends the loop of a plain program, the session is no garbage, and the device goes on.
         self._waiter: weakref.ref[asyncio.Future[None]] | None = None
@@ -70,7 +69,7 @@ class Mailbox:
         """Whether the reader has taken every scan."""
         return not self._scans
 
-    def put(self, scan: Scan | Sector) -> int:
+    def put(self, scan: T) -> int:
         """Add a scan; returns how many were dropped for it (0 or 1)."""
         if self.ended:
             return 0
@@ -91,7 +90,7 @@ class Mailbox:
             self._error = error
             self._wake()
 
-    async def get(self) -> Scan | Sector:
+    async def get(self) -> T:
         """The oldest scan held, or the next one to come. Cancelling loses nothing.
 
         Raises:
@@ -100,7 +99,7 @@ class Mailbox:
             Busy: Another task is waiting already.
         """
         if self._waiter is not None:
-            raise Busy("two tasks read one stream: give each its own, as lidar.scans() and lidar.sectors() do")
+            raise Busy("two tasks read one stream: give each its own, as each call of lidar.scans() does")
         while not self._scans:
             if self._error is not None:
                 raise again(self._error)
@@ -119,9 +118,6 @@ class Mailbox:
         scan = self._scans.popleft()
         if self.on_taken is not None:
             self.on_taken()
-        if self.dropped:
-            scan = changed(scan, dropped_before=self.dropped)
-            self.dropped = 0
         return scan
 
     def _wake(self) -> None:
@@ -133,15 +129,15 @@ class Mailbox:
 class ScanSource(Protocol):
     """What a `ScanStream` needs of the session."""
 
-    def join(self, mailbox: Mailbox, mode: str | int | None, force: bool) -> None:
+    def join(self, mailbox: Mailbox[Any], mode: str | int | None, force: bool) -> None:
         """Hand scans to `mailbox` from now on; start the device in that mode unless it runs in it already."""
         ...
 
-    def leave(self, mailbox: Mailbox) -> None:
+    def leave(self, mailbox: Mailbox[Any]) -> None:
         """Hand `mailbox` no more; the last one to leave stops the device, at once."""
         ...
 
-    def linger(self, mailbox: Mailbox) -> None:
+    def linger(self, mailbox: Mailbox[Any]) -> None:
         """Hand `mailbox` no more; when it was the last one, the device stops a little later."""
         ...
 
@@ -166,7 +162,7 @@ class ReaderStream(AsyncOnly, Generic[T]):
         self._source = source
         self._mode = mode
         self._force = yes_or_no(force, "force")
-        self._mailbox = Mailbox(depth, parts)
+        self._mailbox: Mailbox[Any] = Mailbox(depth, parts)
         self._filters = filters_of(filters)
         self._let_go: weakref.finalize[..., ReaderStream[T]] | None = None
         self._left = False
@@ -195,6 +191,9 @@ class ReaderStream(AsyncOnly, Generic[T]):
             raise LocalProtocolError("the stream was begun in another event loop, and its scans come only there")
         try:
             scan = await self._mailbox.get()
+            if self._mailbox.dropped:
+                scan = changed(scan, dropped_before=self._mailbox.dropped)
+                self._mailbox.dropped = 0
             # Here, and not where it is put: what this reader misses costs nothing.
             return cast("T", scan.filtered(*self._filters) if self._filters else scan)
         except BaseException:
@@ -268,6 +267,6 @@ def filters_of(filters: object) -> tuple[Callable[[Any], Any], ...]:
     return tuple(callable_of(each, "a filter") for each in found)
 
 
-def _let_go(loop: asyncio.AbstractEventLoop, source: ScanSource, mailbox: Mailbox) -> None:
+def _let_go(loop: asyncio.AbstractEventLoop, source: ScanSource, mailbox: Mailbox[Any]) -> None:
     with suppress(RuntimeError):  # the loop is closed: so is the session, or its own finalizer stops the device
         loop.call_soon_threadsafe(source.linger, mailbox)
