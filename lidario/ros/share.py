@@ -8,6 +8,7 @@ device has responded so far and the stream that runs.
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, cast
 
@@ -96,7 +97,8 @@ class Share(Broadcast):
             self._raw.end()
 
     def _about(self) -> About:
-        return super()._about() if self._raw is None else self._raw.about
+        about = super()._about()
+        return about if self._raw is None else self._raw.added_to(about)
 
     def send_raw(self, entries: list[Entry]) -> None:
         """Send what was collected."""
@@ -118,33 +120,24 @@ class _RawFeed:
         if not self._session.sends_bytes:
             raise Unsupported("this lidar arrives as whole scans, so there are no raw bytes to publish: send scans")
         self._share = share
-        self._about: About | None = None
+        self._clock_offset_ns = 0
         self._responses: dict[bytes, Responded] = {}
         self._running: StreamBegan | None = None
         self._entries: list[Entry] = []
         self._size = 0
         self._timer: asyncio.TimerHandle | None = None
 
-    @property
-    def about(self) -> About:
-        """What stands at the beginning of a recording, with all that has happened since."""
-        lidar = self._share.lidar
+    def added_to(self, about: About) -> About:
+        """The same with what the device has responded, and the stream that runs."""
         running = (self._running,) if self._running else ()
-        begun = self._about or About(lidar.info)
-        return About(
-            info=lidar.info,
-            health=lidar.health,
-            source=lidar.source,
-            baudrate=lidar.baudrate,
-            clock_offset_ns=begun.clock_offset_ns,
-            lidario=begun.lidario,
-            events=(*self._responses.values(), *running),
-        )
+        events = (*self._responses.values(), *running)
+        return replace(about, clock_offset_ns=self._clock_offset_ns, events=events)
 
     def begin(self) -> None:
         """See everything from now on."""
-        self._about = self._session.begin_recording(cast("Any", self))
-        for event in self._about.events:
+        begun = self._session.begin_recording(cast("Any", self))
+        self._clock_offset_ns = begun.clock_offset_ns
+        for event in begun.events:
             self._learn(event)
 
     def end(self) -> None:
