@@ -13,7 +13,7 @@ from typing import Final
 
 from lidario.model import Health
 from lidario.network.bus import DEFAULT_ROUTER, Bus
-from lidario.network.keys import ALL_TOKENS, LASERSCAN_IN_KEY, parse_token
+from lidario.network.keys import LASERSCAN_IN_KEY, parse_token, tokens_of
 from lidario.network.status import statuses
 
 __all__ = ["RemoteLidar", "list_remote_lidars"]
@@ -64,7 +64,7 @@ async def list_remote_lidars(router: str = DEFAULT_ROUTER) -> list[RemoteLidar]:
     """
     bus = await Bus.open(router)
     try:
-        tokens = await bus.tokens(ALL_TOKENS, ASK_S)
+        tokens = await bus.tokens(tokens_of("**"), ASK_S)
         others = await bus.tokens(ALL_LASERSCANS, ASK_S)
         told = dict(await statuses(bus, "**", ASK_S)) if tokens else {}
     finally:

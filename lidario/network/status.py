@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import json
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 from lidario.arguments import printable
@@ -48,7 +48,7 @@ class Status:
     modes: tuple[ScanMode, ...] = ()
     mode: ScanMode | None = None
     rate: float = 0.0
-    lost: str = field(default="")
+    lost: str = ""
     sender: str = ""
 
     def to_bytes(self, *, whole: bool) -> bytes:

@@ -70,7 +70,6 @@ class Lidar(Streams, AsyncOnly):
         self.source = source
         self.config = config
         self._scanner.usual_mode = config.mode
-        self._keep_spinning = keep_spinning
         at.dialogue.stopper.keep_spinning = keep_spinning
         self._scanner.inquiry.take_note(health)
         self._counters = Counters()
@@ -79,7 +78,6 @@ class Lidar(Streams, AsyncOnly):
             reconnector.gave_up, reconnector.unused = self._scanner.failures.end, self._scanner.unused
             self._scanner.failures.come_back = reconnector.begin
         connection.port.follow(self._scanner)
-        self._length_s = connection.port.length_s
         self._recorded = RecordedSession(at, self._scanner, source, config.filters)
         self._closed = False
         self._loop = asyncio.get_running_loop()
@@ -119,7 +117,7 @@ class Lidar(Streams, AsyncOnly):
     @property
     def length_s(self) -> float | None:
         """Seconds that the recording lasts; None of a device, and of bytes that tell no times."""
-        return self._length_s
+        return self._at.dialogue.port.length_s
 
     @property
     def measured_scan_frequency(self) -> float | None:
@@ -265,7 +263,6 @@ class Lidar(Streams, AsyncOnly):
     def _adopt(self, connection: Connection, health: Health) -> None:
         """There is a new line to the device: from now on it is the one of this session."""
         old, new = self._at.dialogue, connection.dialogue
-        new.stopper.keep_spinning = self._keep_spinning
         for tap in old.port.taps:
             new.port.add_tap(tap)
         self._counters.line_lost(old)

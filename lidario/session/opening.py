@@ -108,7 +108,7 @@ class OpenLidar(AsyncOnly):
             from lidario.port.simulated import Simulation
 
             simulation = Simulation(source, lasting=True)
-        reconnector = Reconnector(asked.reconnect, source, simulation, keep_spinning=asked.keep_spinning)
+        reconnector = Reconnector(asked.reconnect, source, simulation)
         try:
             return await self._open_on(source, reconnector)
         except BaseException:

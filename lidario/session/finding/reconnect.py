@@ -95,20 +95,12 @@ class Reconnector:
         unused: Returns when nobody uses the line that was lost.
     """
 
-    def __init__(
-        self,
-        policy: Reconnect,
-        source: Source,
-        simulation: Simulation | None = None,
-        *,
-        keep_spinning: bool = False,
-    ) -> None:
+    def __init__(self, policy: Reconnect, source: Source, simulation: Simulation | None = None) -> None:
         self.count: int = 0
         self.settings: dict[str, Callable[[Device], Script[object]]] = {}
         self._policy = policy
         self._places = Places(source)
         self._simulation = simulation
-        self._keep_spinning = keep_spinning
         self._loop = asyncio.get_running_loop()
         # Whether it may come back: not while it does, nor when it has given up or was cancelled.
         self._is_ready = True
@@ -273,7 +265,8 @@ class Reconnector:
         return connection, health
 
     def _began(self, dialogue: Dialogue) -> None:
-        dialogue.stopper.keep_spinning = self._keep_spinning
+        assert self._known is not None
+        dialogue.stopper.keep_spinning = self._known.dialogue.stopper.keep_spinning
         self._dialogue = dialogue
 
     def _nameless(self, place: Source) -> bool:

@@ -179,8 +179,7 @@ class Scanner:
         """
         dialogue = self._at.dialogue
         async with self._lock:
-            if self.failures.over is not None:
-                raise twin_of(self.failures.over)
+            self._check_open()
             if self._at.dialogue is not dialogue or (dialogue.fatal is not None and self.control.is_away):
                 raise DeviceLost("the line to the lidar was lost before this request was sent: ask again")
             dialogue.begin()
