@@ -160,13 +160,6 @@ class MergedScans:
             scans[each].points(mount, motion=self._motion, at_ns=at_ns) if each in scans else empty
             for each, mount in enumerate(self._mounts)
         ]
-        tell_none = any(len(cloud) and cloud.intensities is None for cloud in clouds)
-        points = merge(*clouds)
-        if not tell_none and points.intensities is None:
-            strengths = [cloud.intensities for cloud in clouds if cloud.intensities is not None]
-            points = Points(
-                points.xy, points.times_ns, np.concatenate(strengths) if strengths else None, points.source
-            )
         last = max(scans.values(), key=_end_of)
         max_range = max(scan.max_range for scan in scans.values())
         open_ways = [
@@ -174,7 +167,7 @@ class MergedScans:
             for each, scan in scans.items()
         ]
         return Merged(
-            points,
+            merge(*clouds),
             at_ns,
             at_ns + last.wall_stamp_ns - last.stamp_ns,
             max(scan.duration_ns for scan in scans.values()) * 1e-9,
