@@ -164,14 +164,12 @@ class Port(Guarded, asyncio.Protocol):
     def set_polling(self, latency: float, schedule: Schedule | None) -> None:
         """Poll the line instead of being woken for each delivery. Only serial lines are polled; others ignore it.
 
-        Being woken for each of a thousand deliveries a second costs more than decoding what they carry. The line is
-        polled after `schedule.rest` seconds, or every `latency` seconds where that is 0. What was read is held
-        until the first poll at or after the time that `schedule.hold` names, then handed over by one call of
-        `Receiver.data_received`; on a loop that is free at most half a second and 32 KiB are held.
+        The line is polled after `schedule.rest` seconds, or every `latency` seconds where that is 0. What was read
+        is held until the first poll at or after the time that `schedule.hold` names, then handed over by one call
+        of `Receiver.data_received`; on a loop that is free at most half a second and 32 KiB are held.
 
-        While there is a schedule, a thread reads the line too whenever it was unread for `schedule.interval`. So
-        while the loop is blocked up to 1 MiB is kept, with the time of each read. What comes beyond that is counted
-        in `late`. C code that keeps the interpreter lock stops that thread, too.
+        While there is a schedule, a thread reads the line too (`lidario.port.thread`). What it cannot keep while
+        the loop is blocked is counted in `late`.
 
         Args:
             latency: Seconds between two polls; 0 to be woken for each delivery.

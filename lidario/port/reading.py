@@ -2,8 +2,7 @@
 
 Being woken for each delivery of an adapter, a thousand a second, costs more than decoding what they carry. While a
 stream runs, the terminal is polled instead, at the times that a `Schedule` names, and what was read is held until
-it is needed. Linux keeps 4 KiB of a terminal's input, 61 ms of the fastest stream, and drops what comes then. So
-between two polls, and while the program keeps the event loop busy, `lidario.port.thread` reads the terminal.
+it is needed. Between two polls, and while the program keeps the event loop busy, `lidario.port.thread` reads it.
 
 Where each delivery does matter, the event loop wakes the reader when the terminal is readable. On Windows no event
 loop can do that; there the port is polled always.

@@ -1,16 +1,10 @@
 """Coming back: a session whose line was lost finds its device again, and goes on.
 
-::
-
-    connected ──begin──> leaving ──> trying <──> waiting ──limit──> given up
-        ^                               │
-        └──────────── adopt ────────────┘
-
-* Leaving: the old line is closed. Where it still works, the stop requests are written first.
-* Trying: the places are tried where the device may be (`Places`). It is known by its own serial number. It is asked
-  how it is, reset if it protects itself, and gets its settings back.
-* Waiting: nothing was found; the next attempt follows later each time.
-* Given up: the user's limit has passed. The session ends with `DeviceLost`, whose cause is the first error.
+* The old line is closed. Where it still works, the stop requests are written first.
+* The places are tried where the device may be (`Places`). It is known by its own serial number. It is asked how it
+  is, reset if it protects itself, and gets its settings back.
+* Where nothing was found, the next attempt follows, later each time.
+* When the user's limit has passed, the session ends with `DeviceLost`, whose cause is the first error.
 
 Unplugging, a TCP connection that is reset, a device that restarts or freezes and one that stops to protect itself
 all take this one way. So it needs no judgement of what has happened, which nobody can make from a silent line.
