@@ -126,6 +126,8 @@ class Port(Guarded, asyncio.Protocol):
         if (repeat := line.repeat) is not None and data == repeat.request:
             repeat.note()
         if self._loop.is_closed():
+            # These are the stop requests: the thread must not write behind them.
+            self.set_repeat(b"", 0.0)
             line.write_without_loop(data)
         else:
             line.write(data)
@@ -249,8 +251,7 @@ class Port(Guarded, asyncio.Protocol):
         if line is None:
             return
         self.is_closing = True
-        # The thread must not write behind the stop requests.
-        self.set_repeat(b"", 0.0)
+        self.set_repeat(b"", 0.0)  # as in `write`
         wait = min(listens_at - self.now() * 1e-9, LONGEST_WAIT_S)
         if wait > 0:
             time.sleep(wait)

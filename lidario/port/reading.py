@@ -23,6 +23,7 @@ from operator import itemgetter
 from lidario.port.inbox import Inbox, Read
 from lidario.port.line import Line, Schedule
 from lidario.port.port import Port
+from lidario.port.repeat import Repeat
 from lidario.port.thread import Watched, reading_thread
 
 __all__ = ["PolledLine"]
@@ -45,7 +46,14 @@ class PolledLine(Line):
     Its `handle` does not block; it is below 0 where the event loop cannot wait for it.
     """
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, port: Port, handle: int, read: Read | None = None) -> None:
+    def __init__(
+        self,
+        loop: asyncio.AbstractEventLoop,
+        port: Port,
+        handle: int,
+        write: Callable[[bytes], object],
+        read: Read | None = None,
+    ) -> None:
         self._loop = loop
         self._port = port
         self._handle = handle
@@ -57,11 +65,12 @@ class PolledLine(Line):
         self._timer: asyncio.TimerHandle | None = None
         self._inbox = Inbox(handle, time.monotonic_ns if port.is_real_time else port.now, read, port.late)
         self._shown = 0
-        # It does not refer to the line: one that is dropped without being stopped is not read for ever.
+        # What the thread serves does not refer to the line: one that is dropped is not read and written for ever.
+        self.repeat = Repeat(write) if port.is_real_time else None
         failing = partial(_failing, loop, weakref.WeakMethod(self._thread_failed))
         self._watched = Watched(self._inbox, 0.0, failing)
-        self._is_watched = False
-        weakref.finalize(self, _forget, self._watched, os.getpid()).atexit = False
+        # While the thread watches. It may be run in any thread at any moment, so there is none of a line at rest.
+        self._dropped: weakref.finalize[..., PolledLine] | None = None
 
     @abstractmethod
     def lose(self, error: Exception) -> None:
@@ -178,7 +187,7 @@ class PolledLine(Line):
         now = self._port.now() * 1e-9
         pause = 0.0 if self._schedule is None else self._schedule.rest(now)
         if pause > 0 and self._schedule is not None:
-            if self._is_watched:
+            if self._dropped is not None:
                 self._watched.interval = self._schedule.interval
             else:
                 pause = min(pause, self._schedule.interval)
@@ -215,21 +224,25 @@ class PolledLine(Line):
 
     def _watch_in_thread(self, schedule: Schedule | None) -> None:
         """Have the thread read beside the loop while there is a schedule; None for no longer."""
-        if self._is_watched and not self._port.is_forked:
+        if self._dropped is not None and not self._port.is_forked:
             reading_thread().remove(self._watched)
+            self._dropped.detach()
             # What the thread has read is in the inbox now; a response that comes next must not lie there unseen.
             self._inbox.share(False)
         # Not earlier: Ctrl-C may come anywhere above, and then `stop` removes it.
-        self._is_watched = False
+        self._dropped = None
         if schedule is not None and self._port.is_real_time and not self._closing:
             self._inbox.share(True)
             # Noted before it is read, as above.
-            self._is_watched, self._watched.interval = True, schedule.interval
+            self._watched.interval = schedule.interval
+            dropped = self._dropped = weakref.finalize(self, _forget, self._watched, self.repeat, os.getpid())
+            dropped.atexit = False
             try:
                 reading_thread().add(self._watched)
             except RuntimeError:
                 # A system that allows no more threads: the loop polls more often instead.
-                self._is_watched = False
+                dropped.detach()
+                self._dropped = None
 
 
 def _failing(loop: asyncio.AbstractEventLoop, failed: weakref.WeakMethod[Callable[[], None]]) -> None:
@@ -240,8 +253,10 @@ def _failing(loop: asyncio.AbstractEventLoop, failed: weakref.WeakMethod[Callabl
             loop.call_soon_threadsafe(callback)
 
 
-def _forget(watched: Watched, pid: int) -> None:
+def _forget(watched: Watched, repeat: Repeat | None, pid: int) -> None:
     """The line is garbage, and its terminal will be closed; in a forked child it is the parent's."""
     if os.getpid() == pid:
         watched.inbox.close()
         reading_thread().remove(watched)
+        if repeat is not None:
+            repeat.set(b"", 0.0)

@@ -21,7 +21,6 @@ import logging
 import os
 import threading
 import time
-from collections.abc import Callable
 from functools import partial
 
 import serial_asyncio
@@ -35,7 +34,6 @@ from lidario.port.left import POLL_S, WAIT_S, guard_is_left
 from lidario.port.polled import NO_HANDLE, Polled
 from lidario.port.port import Port
 from lidario.port.reading import PolledLine
-from lidario.port.repeat import Repeat
 
 __all__ = ["open_serial"]
 
@@ -109,13 +107,9 @@ class _SerialLine(PolledLine, asyncio.Protocol):
         self._polled = None if _POSIX else Polled(device)
         if self._polled is None:
             handle = device.fileno()
-            super().__init__(loop, port, handle)
-            write: Callable[[bytes], int] = partial(os.write, handle)
+            super().__init__(loop, port, handle, partial(os.write, handle))
         else:
-            super().__init__(loop, port, NO_HANDLE, self._polled.read)
-            write = self._polled.write
-        if port.is_real_time:
-            self.repeat = Repeat(write)
+            super().__init__(loop, port, NO_HANDLE, self._polled.write, self._polled.read)
         self._error: Exception | None = None
         self._ended = False
         self._drained_by = 0.0

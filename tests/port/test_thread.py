@@ -185,7 +185,9 @@ async def test_a_reader_that_was_thrown_away_is_not_read_for_ever() -> None:
     os.set_blocking(ours, False)
     reader: OnlyRead | None = OnlyRead(Port("pipe"), ours)
     assert reader is not None
+    assert reader.repeat is not None
     reader.set_polling(0.005, Steady())
+    reader.repeat.set(b"keep on", 60.0)
     assert len(threads()) == 1
     reader = None
     gc.collect()
