@@ -31,7 +31,6 @@ from lidario import DeviceInfo, Health, HealthStatus, Scan, Stats
 from lidario.network.bus import Bus
 from lidario.network.messages import encode_scan
 from lidario.ros import Fleet, diagnostics, pointcloud2
-from lidario.ros.broadcast import Outlet
 from lidario.testing import make_scan
 
 __all__ = ["run"]
@@ -150,7 +149,7 @@ async def _read(address: str, seconds: float, router_pid: int) -> dict[str, Any]
 async def _send(address: str, count: int) -> None:
     """Publish for ever; each publisher at its own moment."""
     buses = [await Bus.open(address) for _ in range(count)]
-    outlets = [Outlet(bus.sender(f"bench/{n}/scan"), n.to_bytes(16, "little")) for n, bus in enumerate(buses)]
+    outlets = [bus.sender(f"bench/{n}/scan", n.to_bytes(16, "little")) for n, bus in enumerate(buses)]
     message = encode_scan(_scan())
     loop = asyncio.get_running_loop()
     print("ready", flush=True)

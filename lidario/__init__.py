@@ -20,8 +20,7 @@ from lidario.version import __version__
 if TYPE_CHECKING:
     from lidario.beams import BeamOrder, NoReturn, Preset
     from lidario.blocking import SyncLidar, open_sync
-    from lidario.blocking_recording import SyncRecording
-    from lidario.blocking_streams import SyncLineChanges, SyncScanStream, SyncSectorStream
+    from lidario.blocking_streams import SyncLineChanges, SyncRecording, SyncScanStream, SyncSectorStream
     from lidario.config.read import Config, LidarConfig, read_config
     from lidario.config.write import save_config
     from lidario.errors import (
@@ -157,7 +156,6 @@ __all__ = [
 
 _HOMES = {
     "blocking": ("SyncLidar", "open_sync"),
-    "blocking_recording": ("SyncRecording",),
     "config.read": ("Config", "LidarConfig", "read_config"),
     "config.write": ("save_config",),
     "recording.decode_file": ("decode_file", "decode_file_arrays"),
@@ -168,7 +166,7 @@ _HOMES = {
     "laserscan": ("LaserScan",),
     "laserscans": ("LaserScans",),
     "model": ("DeviceInfo", "Health", "HealthStatus", "NetworkAddress", "SampleRate", "ScanMode", "Stats"),
-    "blocking_streams": ("SyncLineChanges", "SyncScanStream", "SyncSectorStream"),
+    "blocking_streams": ("SyncLineChanges", "SyncRecording", "SyncScanStream", "SyncSectorStream"),
     "measured": ("Return",),
     "merging": ("Merged",),
     "registration": ("Registration", "looseness", "register"),

@@ -1,5 +1,7 @@
 """Checks of what users hand over, the same everywhere: a wrong argument raises `InvalidValue`, and nothing else.
 
+Each returns the value, and takes what it is called: with that the message of the error begins.
+
 A session lives long, and its streams start in other tasks than the one that asked. So an argument is checked where
 it is given: there the traceback shows the line that is wrong. Numbers of numpy are taken as those of Python; texts
 are not taken for numbers.
@@ -50,11 +52,7 @@ def printable(text: str) -> str:
 
 
 def number(value: object, what: str) -> float:
-    """The value as a float, if it is a number; it may be infinite.
-
-    Raises:
-        InvalidValue: It is none, or NaN; the message begins with `what`.
-    """
+    """The value as a float, if it is a number; it may be infinite."""
     result = _as_float(value, what)
     if math.isnan(result):
         raise InvalidValue(f"{what} is a number, not {shown(value)}")
@@ -62,11 +60,7 @@ def number(value: object, what: str) -> float:
 
 
 def finite(value: object, what: str) -> float:
-    """The value as a float, if it is a finite number.
-
-    Raises:
-        InvalidValue: It is not; the message begins with `what`.
-    """
+    """The value as a float, if it is a finite number."""
     result = _as_float(value, what)
     if not math.isfinite(result):
         raise InvalidValue(f"{what} is a finite number, not {shown(value)}")
@@ -84,11 +78,7 @@ def _as_float(value: object, what: str) -> float:
 
 
 def whole(value: object, what: str) -> int:
-    """The value as an int, if it is a whole number.
-
-    Raises:
-        InvalidValue: It is none; the message begins with `what`.
-    """
+    """The value as an int, if it is a whole number."""
     try:
         return operator.index(value)  # type: ignore[arg-type]
     except TypeError:
@@ -96,11 +86,7 @@ def whole(value: object, what: str) -> int:
 
 
 def nanoseconds(value: object, what: str) -> int:
-    """The value as an int, if it is a number of nanoseconds that clocks count; sums of two fit in 64 bits.
-
-    Raises:
-        InvalidValue: It is none; the message begins with `what`.
-    """
+    """The value as an int, if it is a number of nanoseconds that clocks count; sums of two fit in 64 bits."""
     result = whole(value, what)
     if abs(result) > _MOST_NS:
         raise InvalidValue(f"{what} is a time in nanoseconds, of some decades at most, not {shown(value)}")
@@ -108,11 +94,7 @@ def nanoseconds(value: object, what: str) -> int:
 
 
 def yes_or_no(value: object, what: str) -> bool:
-    """Whether the value is as good as true.
-
-    Raises:
-        InvalidValue: It is neither, as an array; the message begins with `what`.
-    """
+    """Whether the value is as good as true; an array is neither true nor false."""
     try:
         return bool(value)
     except (TypeError, ValueError):
@@ -120,33 +102,21 @@ def yes_or_no(value: object, what: str) -> bool:
 
 
 def text_of(value: object, what: str) -> str:
-    """The value, if it is a text.
-
-    Raises:
-        InvalidValue: It is none; the message begins with `what`.
-    """
+    """The value, if it is a text."""
     if not isinstance(value, str):
         raise InvalidValue(f"{what} is a text, not {shown(value)}")
     return value
 
 
 def callable_of(value: object, what: str) -> Callable[..., object]:
-    """The value, if it can be called.
-
-    Raises:
-        InvalidValue: It cannot; the message begins with `what`.
-    """
+    """The value, if it can be called."""
     if not callable(value):
         raise InvalidValue(f"{what} is a function, not {shown(value)}")
     return value
 
 
 def path_of(value: object, what: str) -> Path:
-    """The value as a path that a file may have.
-
-    Raises:
-        InvalidValue: It is no text or path, or no file may be called so; the message begins with `what`.
-    """
+    """The value as a path that a file may have."""
     try:
         name = os.fspath(value)  # type: ignore[call-overload]
         if isinstance(name, str) and "\0" not in name and os.fsencode(name):

@@ -14,22 +14,14 @@ begins at -pi starts in the middle of the revolution: its first half has the tim
 revolution, backwards, and its second half the times of the second half, backwards. No straight line fits both,
 so about half of the beams are wrong by half a revolution. A grid from 0 to 2 pi fits.
 
-Two orders of the same beams are offered:
-
-* ``"counter-clockwise"`` (the default): `angle_increment` is positive, as most readers expect. ``ranges[0]`` is
-  the beam measured last, so the stamp is the time of that beam and `time_increment` is negative. The definition
-  of the message allows this: it defines a time for each beam, not a direction. Readers that correct for motion
-  by interpolating between the poses at the first and at the last beam (laser_geometry) work with either sign.
-  The stamp is the latest time of the message, so when the pose for the stamp is known, all others are known too.
-  Readers that use only the stamp, and need a positive step of the angle (slam_toolbox), work too.
-* ``"measured"``: the order of measuring. `time_increment` is positive and `angle_increment` is negative. This is
-  for readers that expect time to rise along the message (cartographer).
+Two orders of the same beams are offered. In the default one `angle_increment` is positive, as most readers expect,
+and ``ranges[0]`` is the beam measured last: the stamp is the latest time of the message, and `time_increment` is
+negative. The definition of the message allows this: it defines a time for each beam, not a direction. In the
+order ``"measured"`` the signs are the other way round. docs/ros2.md tells, reader by reader, which fields
+laser_geometry, slam_toolbox, nav2 and cartographer use, and why the default serves the first three of them.
 
 Each beam stands in the middle of its share of the circle. With beams on the ends of the grid, the first and the
 last share would be one and the same, and would contain samples from both ends of the revolution.
-
-**Who reads what.** docs/ros2.md tells, reader by reader, which fields laser_geometry, slam_toolbox, nav2 and
-cartographer use, and why the default grid serves the first three of them and ``"measured"`` the last.
 
 **Where the angle 0 is.** Ours is the device's forward axis: an angle is minus the device's clockwise one, plus
 `mount_yaw`. The vendors' ROS 2 drivers publish pi minus the device's angle, so their 0 is behind. The preset
@@ -49,6 +41,7 @@ when it stood at each beam, is found by `lidario.rotor`.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Final, Literal, SupportsIndex
 
 import numpy as np
@@ -63,11 +56,11 @@ __all__ = [
     "FARTHEST_STATED_M",
     "NO_RETURN",
     "PRESET_YAW",
+    "BeamOptions",
     "BeamOrder",
     "NoReturn",
     "Preset",
     "beam_count",
-    "check_options",
     "resample",
 ]
 
@@ -95,26 +88,56 @@ by a few centimetres whatever its angle is.
 """
 
 
+@dataclass(frozen=True, slots=True)
+class BeamOptions:
+    """What a user chooses of a LaserScan: the arguments of `Scan.to_laserscan` of these names.
+
+    They are checked before the first scan comes, and refused as there.
+    """
+
+    order: BeamOrder = "counter-clockwise"
+    frame_id: str = "laser"
+    range_min: float = 0.05
+    range_max: float | None = None
+    no_return: NoReturn = "inf"
+    filtered: NoReturn = "nan"
+    mount_yaw: float = 0.0
+    preset: Preset = "rep103"
+
+    def __post_init__(self) -> None:
+        for name, word, words in (
+            ("order", self.order, _ORDERS),
+            ("no_return", self.no_return, NO_RETURN),
+            ("filtered", self.filtered, NO_RETURN),
+            ("preset", self.preset, PRESET_YAW),
+        ):
+            if not isinstance(word, str) or word not in words:
+                raise InvalidValue(f"{name} must be one of {', '.join(words)}, not {shown(word)}")
+        text_of(self.frame_id, "frame_id")
+        finite(self.mount_yaw, "mount_yaw")
+        nearest = finite(self.range_min, "range_min")
+        if not 0 <= nearest <= self.farthest:
+            raise InvalidValue(f"range_min must be between 0 and range_max: {nearest} to {self.farthest}")
+
+    @property
+    def farthest(self) -> float:
+        """Metres beyond which a return counts as none."""
+        return math.inf if self.range_max is None else number(self.range_max, "range_max")
+
+
 def resample(
     device_angles: NDArray[np.floating],
     ranges: NDArray[np.floating],
     intensities: NDArray[np.generic] | None,
     rotor: Rotor,
     wall_stamp_ns: int,
+    options: BeamOptions,
     *,
     beams: SupportsIndex | None = None,
-    order: BeamOrder = "counter-clockwise",
-    frame_id: str = "laser",
-    range_min: float = 0.05,
-    range_max: float | None = None,
     max_range: float = 0.0,
-    no_return: NoReturn = "inf",
-    filtered: NoReturn = "nan",
     left_out: NDArray[np.bool_] | None = None,
-    mount_yaw: float = 0.0,
-    preset: Preset = "rep103",
 ) -> LaserScan:
-    """Put samples on a grid of equal steps; the arguments not listed are those of `Scan.to_laserscan`.
+    """Put samples on a grid of equal steps.
 
     Args:
         device_angles: Degrees clockwise, shape (n,), in the order of measuring.
@@ -122,28 +145,14 @@ def resample(
         intensities: Shape (n,), or None.
         rotor: How the rotor turned during the scan.
         wall_stamp_ns: Time of the first sample, in nanoseconds since the Unix epoch.
+        options: What the user has chosen.
         beams: Number of beams; None for as many as there are samples.
-        order: Order of the beams.
-        frame_id: Name of the coordinate frame.
-        range_min: Metres; nearer returns count as none.
-        range_max: Metres; farther returns count as none. None keeps all of them.
         max_range: Metres; what the message states as `range_max` when that is None; 0 or NaN when not known.
-        no_return: What a beam without a return becomes.
-        filtered: What a beam becomes that has no other samples than those that filters took out.
-        left_out: Which samples those are, shape (n,); None for none.
-        mount_yaw: Angle of the device's forward axis in the frame, radians counter-clockwise.
-        preset: Where the angle 0 is.
-
-    Raises:
-        InvalidValue: `beams` is no whole number above 0, `order`, `no_return`, `filtered` or `preset` is not one
-            of the words, `frame_id` is no text, `mount_yaw` is not finite, or `range_min` and `range_max` are not a
-            range.
+        left_out: Which samples filters took out, shape (n,); None for none.
     """
     count = beam_count(len(device_angles) if beams is None else beams)
-    check_options(order, frame_id, range_min, range_max, no_return, mount_yaw, preset, filtered)
-    mount_yaw, nearest = float(mount_yaw), float(range_min)
-    farthest = math.inf if range_max is None else number(range_max, "range_max")
-    if range_max is not None:
+    nearest, farthest = float(options.range_min), options.farthest
+    if options.range_max is not None:
         stated = farthest
     else:
         stated = float(max_range) if 0 < max_range < math.inf else FARTHEST_STATED_M
@@ -155,9 +164,9 @@ def resample(
     missed = ~hit
     if left_out is not None:
         # First, so that every other sample of the beam says more.
-        filled[places[left_out]] = NO_RETURN[filtered]
+        filled[places[left_out]] = NO_RETURN[options.filtered]
         missed &= ~left_out
-    filled[places[missed]] = NO_RETURN[no_return]
+    filled[places[missed]] = NO_RETURN[options.no_return]
     # From far to near, so that the nearest return is written last.
     by_range = np.flatnonzero(hit)[np.argsort(ranges[hit], kind="stable")[::-1]]
     filled[places[by_range]] = ranges[by_range]
@@ -170,15 +179,16 @@ def resample(
     beam_ns = rotor.period_ns * (field / 360.0) / count
     # The grid covers the field counter-clockwise from here. In [-pi, pi): 0 where a circle is not turned.
     right_deg = rotor.begin_deg if rises or field == 360.0 else rotor.begin_deg + field
-    lowest = before(math.degrees(mount_yaw + PRESET_YAW[preset]) - right_deg, 180.0) * math.pi / 180.0
+    ahead_deg = math.degrees(float(options.mount_yaw) + PRESET_YAW[options.preset])
+    lowest = before(ahead_deg - right_deg, 180.0) * math.pi / 180.0
     angles = (lowest + step / 2, lowest + step * (count - 0.5))
     # A rotor that turns counter-clockwise measures in the order of rising angles: then both orders are one.
-    measured = rises or order == "measured"
+    measured = rises or options.order == "measured"
     falls = measured and not rises
     first_beam_ns = beam_ns * (0.5 if measured else count - 0.5)
     return LaserScan(
         stamp_ns=wall_stamp_ns + round(rotor.begin_ns + first_beam_ns),
-        frame_id=frame_id,
+        frame_id=options.frame_id,
         angle_min=angles[1] if falls else angles[0],
         angle_max=angles[0] if falls else angles[1],
         angle_increment=-step if falls else step,
@@ -191,43 +201,8 @@ def resample(
     )
 
 
-def check_options(
-    order: object,
-    frame_id: object,
-    range_min: object,
-    range_max: object,
-    no_return: object,
-    mount_yaw: object,
-    preset: object,
-    filtered: object = "nan",
-) -> None:
-    """Whether these arguments of `resample` can be right; to be asked before the first scan comes.
-
-    Raises:
-        InvalidValue: As `resample`.
-    """
-    for name, word, words in (
-        ("order", order, _ORDERS),
-        ("no_return", no_return, NO_RETURN),
-        ("filtered", filtered, NO_RETURN),
-        ("preset", preset, PRESET_YAW),
-    ):
-        if not isinstance(word, str) or word not in words:
-            raise InvalidValue(f"{name} must be one of {', '.join(words)}, not {shown(word)}")
-    text_of(frame_id, "frame_id")
-    finite(mount_yaw, "mount_yaw")
-    nearest = finite(range_min, "range_min")
-    farthest = math.inf if range_max is None else number(range_max, "range_max")
-    if not 0 <= nearest <= farthest:
-        raise InvalidValue(f"range_min must be between 0 and range_max: {nearest} to {farthest}")
-
-
 def beam_count(beams: SupportsIndex) -> int:
-    """The number of beams, if a grid may have so many.
-
-    Raises:
-        InvalidValue: It is no whole number from 1 to 1000000.
-    """
+    """The number of beams, if a grid may have so many: 1 to 1000000."""
     count = whole(beams, "beams")
     if not 1 <= count <= _MOST_BEAMS:
         raise InvalidValue(f"a grid has 1 to {_MOST_BEAMS} beams, not {shown(count)}")

@@ -19,26 +19,24 @@ from __future__ import annotations
 
 import atexit
 import os
+import re
 import weakref
-from collections.abc import Callable, Coroutine, Iterable
+from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from functools import update_wrapper
+from inspect import signature
 from typing import TYPE_CHECKING, Any, Concatenate, Final, ParamSpec, TypeVar
 
-from lidario.blocking_recording import SyncRecorder
-from lidario.blocking_streams import SyncLineChanges, SyncScanStream, SyncSectorStream
+from lidario.blocking_streams import SyncLineChanges, SyncRecording, SyncScanStream, SyncSectorStream
 from lidario.config.read import Config, LidarConfig
 from lidario.entered import Closing
 from lidario.errors import SessionClosed
 from lidario.model import DeviceInfo, Health, ScanMode, Stats
 from lidario.port.line import Tap
-from lidario.scan import Scan
-from lidario.sector import Sector
 from lidario.session.finding.reconnect import Reconnect
 from lidario.session.lidar import Lidar
 from lidario.session.loop_thread import LoopThread
 from lidario.session.opening import DEFAULT_LATENCY_S, open_lidar
-from lidario.session.streaming.sectors import DEFAULT_DEGREES
 
 if TYPE_CHECKING:
     from lidario.sim.device import SimulatedDevice
@@ -47,6 +45,7 @@ __all__ = ["SyncLidar", "open_sync"]
 
 P = ParamSpec("P")
 T = TypeVar("T")
+S = TypeVar("S")
 
 
 def _same(
@@ -62,17 +61,29 @@ def _same(
     return waiting
 
 
-def _as(told: object) -> Callable[[Callable[[SyncLidar], T]], Callable[[SyncLidar], T]]:
-    """A property of `SyncLidar` with the docstring of this one of `Lidar`."""
+def _made(
+    method: Callable[Concatenate[Lidar, P], T], given: Callable[[LoopThread, T, SyncLidar], S]
+) -> Callable[Concatenate[SyncLidar, P], S]:
+    """A method of `SyncLidar` that makes what this one of `Lidar` does, for use without ``await``."""
 
-    def tell(read: Callable[[SyncLidar], T]) -> Callable[[SyncLidar], T]:
-        read.__doc__ = told.__doc__
-        return read
+    def making(self: SyncLidar, /, *args: P.args, **kwargs: P.kwargs) -> S:
+        # In the session's own thread: a loop may run in this one.
+        return given(self._thread, self._there(lambda: method(self._lidar, *args, **kwargs)), self)
 
-    return tell
+    update_wrapper(making, method, assigned=("__name__",))
+    making.__qualname__ = f"SyncLidar.{method.__name__}"
+    making.__doc__ = re.sub("``async (for|with)``", r"``\1``", method.__doc__ or "")
+    shown: Any = making
+    shown.__signature__ = signature(method).replace(return_annotation=given.__name__)
+    return making
 
 
-class SyncLidar(SyncRecorder, Closing):
+def _told(of: Any) -> Any:
+    """A property of `SyncLidar` that tells what this one of `Lidar` does."""
+    return property(lambda self: of.fget(self._lidar), doc=of.__doc__)
+
+
+class SyncLidar(Closing):
     """One open device, for programs without ``await``; made by `open_sync`, and best used in ``with``.
 
     It has the methods of `Lidar`, which wait for their result. Threads may share it. Ctrl-C during any of them
@@ -100,64 +111,24 @@ class SyncLidar(SyncRecorder, Closing):
         """Its settings, of the file that `open_sync` was given."""
         return self._lidar.config
 
-    @property
-    def info(self) -> DeviceInfo:
-        """What the device says it is."""
-        return self._lidar.info
+    info: Final[DeviceInfo] = _told(Lidar.info)
+    health: Final[Health] = _told(Lidar.health)
+    is_scanning: Final[bool] = _told(Lidar.is_scanning)
+    is_connected: Final[bool] = _told(Lidar.is_connected)
+    can_be_stopped: Final[bool] = _told(Lidar.can_be_stopped)
+    baudrate: Final[int] = _told(Lidar.baudrate)
+    length_s: Final[float | None] = _told(Lidar.length_s)
+    mode: Final[ScanMode | None] = _told(Lidar.mode)
+    measured_scan_frequency: Final[float | None] = _told(Lidar.measured_scan_frequency)
 
     @property
-    @_as(Lidar.health)
-    def health(self) -> Health:
-        return self._lidar.health
-
-    @property
-    @_as(Lidar.is_scanning)
-    def is_scanning(self) -> bool:
-        return self._lidar.is_scanning
-
-    @property
-    @_as(Lidar.is_connected)
-    def is_connected(self) -> bool:
-        return self._lidar.is_connected
-
-    @property
-    @_as(Lidar.can_be_stopped)
-    def can_be_stopped(self) -> bool:
-        return self._lidar.can_be_stopped
-
-    @property
-    @_as(Lidar.baudrate)
-    def baudrate(self) -> int:
-        return self._lidar.baudrate
-
-    @property
-    @_as(Lidar.length_s)
-    def length_s(self) -> float | None:
-        return self._lidar.length_s
-
-    @property
-    @_as(Lidar.mode)
-    def mode(self) -> ScanMode | None:
-        return self._lidar.mode
-
-    @property
-    @_as(Lidar.measured_scan_frequency)
-    def measured_scan_frequency(self) -> float | None:
-        return self._lidar.measured_scan_frequency
-
-    @property
-    @_as(Lidar.stats)
     def stats(self) -> Stats:
-        lidar = self._lidar
-
-        async def stats() -> Stats:
-            return lidar.stats
-
+        """Counters since the session was opened, summed over all lines to the device."""
         # Read in the loop, so that the counters belong together.
         try:
-            return self._thread.call(stats)
+            return self._there(lambda: self._lidar.stats)
         except SessionClosed:
-            return lidar.stats
+            return self._lidar.stats
 
     scan: Final = _same(Lidar.scan)
     stop: Final = _same(Lidar.stop)
@@ -177,39 +148,10 @@ class SyncLidar(SyncRecorder, Closing):
     set_scan_frequency: Final = _same(Lidar.set_scan_frequency)
     set_zero_offset: Final = _same(Lidar.set_zero_offset)
 
-    def scans(
-        self,
-        mode: str | int | None = None,
-        *,
-        depth: int = 1,
-        force: bool = False,
-        filters: Iterable[Callable[[Scan], Scan]] = (),
-    ) -> SyncScanStream:
-        """A stream of full revolutions, for ``for``; as `Lidar.scans`, and several threads may read one each."""
-        stream = self._lidar.scans(mode, depth=depth, force=force, filters=filters)
-        return SyncScanStream(self._thread, stream, self)
-
-    # The whole of it, from one place.
-    scans.__doc__ = (Lidar.scans.__doc__ or "").replace("``async for``", "``for``")
-
-    def sectors(
-        self,
-        degrees: float = DEFAULT_DEGREES,
-        mode: str | int | None = None,
-        *,
-        depth: int | None = None,
-        force: bool = False,
-        filters: Iterable[Callable[[Sector], Sector]] = (),
-    ) -> SyncSectorStream:
-        """A stream of parts of revolutions, each as soon as it is measured, for ``for``; as `Lidar.sectors`."""
-        stream = self._lidar.sectors(degrees, mode, depth=depth, force=force, filters=filters)
-        return SyncSectorStream(self._thread, stream, self)
-
-    sectors.__doc__ = (Lidar.sectors.__doc__ or "").replace("``async for``", "``for``")
-
-    def line_changes(self) -> SyncLineChanges:
-        """As `Lidar.line_changes`, for ``for``."""
-        return SyncLineChanges(self._thread, self._there(self._lidar.line_changes))
+    scans: Final = _made(Lidar.scans, SyncScanStream)
+    sectors: Final = _made(Lidar.sectors, SyncSectorStream)
+    line_changes: Final = _made(Lidar.line_changes, SyncLineChanges)
+    record: Final = _made(Lidar.record, SyncRecording)
 
     def tap(self, tap: Tap) -> None:
         """As `Lidar.tap`. It is called in the session's own thread, and must not wait for the lidar."""

@@ -1,4 +1,4 @@
-"""What is read in ``for``: the streams and iterators that `lidario.SyncLidar` makes."""
+"""What `lidario.SyncLidar` makes: streams and iterators for ``for``, and recordings for ``with``."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from typing import Generic, Self, TypeVar
 
 from lidario.entered import Closing
 from lidario.errors import LidarError, SessionClosed
+from lidario.recording.record import Recording
 from lidario.scan import Scan
 from lidario.sector import Sector
 from lidario.session.loop_thread import LoopThread
 from lidario.session.streaming.line_changes import LineChange, LineChanges
 from lidario.session.streaming.stream import ReaderStream
 
-__all__ = ["SyncLineChanges", "SyncScanStream", "SyncSectorStream"]
+__all__ = ["SyncLineChanges", "SyncRecording", "SyncScanStream", "SyncSectorStream"]
 
 T = TypeVar("T")
 
@@ -22,10 +23,7 @@ T = TypeVar("T")
 class SyncReaderStream(Closing, Generic[T]):
     """What `SyncScanStream` and `SyncSectorStream` are: a stream that is read in the session's own thread.
 
-    Args:
-        thread: Where the session lives.
-        stream: The stream there.
-        lidar: The session; held, so that it is not closed while somebody reads.
+    It holds the session, so that that is not closed while somebody reads.
     """
 
     def __init__(self, thread: LoopThread, stream: ReaderStream[T], lidar: object) -> None:
@@ -83,7 +81,8 @@ class SyncSectorStream(SyncReaderStream[Sector]):
 class SyncLineChanges:
     """An iterator of `LineChange`; as `LineChanges`, with ``for``. Ctrl-C ends only the waiting."""
 
-    def __init__(self, thread: LoopThread, changes: LineChanges) -> None:
+    def __init__(self, thread: LoopThread, changes: LineChanges, lidar: object) -> None:  # noqa: ARG002
+        # The session is not held: who only looks at its line does not keep it open.
         self._thread = thread
         self._changes = changes
 
@@ -98,6 +97,29 @@ class SyncLineChanges:
         if change is None:
             raise StopIteration
         return change
+
+
+class SyncRecording:
+    """A recording that is made while its ``with`` block runs; made by `SyncLidar.record`.
+
+    Attributes:
+        recording: The same as `Lidar.record` makes: its size, its counts, and what ended it early.
+    """
+
+    def __init__(self, thread: LoopThread, recording: Recording, lidar: object) -> None:
+        self.recording: Recording = recording
+        self._thread = thread
+        # Held, so that it is not closed meanwhile.
+        self._lidar = lidar
+
+    def __enter__(self) -> Recording:
+        self._thread.call(self.recording.start)
+        return self.recording
+
+    def __exit__(self, *_: object) -> None:
+        # A session that was closed in the block has ended its recordings.
+        with suppress(SessionClosed):
+            self._thread.call(self.recording.close)
 
 
 async def _next(stream: AsyncIterator[T]) -> T | None:

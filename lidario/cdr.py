@@ -82,10 +82,7 @@ class CdrWriter:
 
 
 class CdrReader:
-    """One message that is being read, of either byte order.
-
-    Args:
-        data: The message with its first four bytes.
+    """One message that is being read, its first four bytes included, of either byte order.
 
     Raises:
         NotCdr: It has no such bytes. Every method raises it where the message ends too early.

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.arguments import shown
-from lidario.cdr import LITTLE_ENDIAN, CdrReader, NotCdr, stamp_bytes
+from lidario.cdr import CdrReader, CdrWriter, NotCdr
 from lidario.errors import InvalidValue
 from lidario.plain import plain_of
 
@@ -68,28 +68,14 @@ class LaserScan:
 
         A stamp after 2038 does not fit in the message, and is written as its end.
         """
-        frame = self.frame_id.encode("utf-8", "replace").replace(b"\0", b"?") + b"\0"
-        head = stamp_bytes(self.stamp_ns) + _LENGTH.pack(len(frame)) + frame
-        return b"".join(
-            (
-                LITTLE_ENDIAN,
-                head,
-                bytes(-len(head) % 4),
-                _SEVEN_AND_COUNT.pack(
-                    self.angle_min,
-                    self.angle_max,
-                    self.angle_increment,
-                    self.time_increment,
-                    self.scan_time,
-                    self.range_min,
-                    self.range_max,
-                    len(self.ranges),
-                ),
-                self.ranges.astype(_FLOATS, copy=False).tobytes(),
-                _LENGTH.pack(len(self.intensities)),
-                self.intensities.astype(_FLOATS, copy=False).tobytes(),
-            )
-        )
+        head = CdrWriter()
+        head.header(self.stamp_ns, self.frame_id)
+        head.align(4)
+        angles = self.angle_min, self.angle_max, self.angle_increment
+        limits = self.time_increment, self.scan_time, self.range_min, self.range_max
+        head.raw(_SEVEN_AND_COUNT.pack(*angles, *limits, len(self.ranges)))
+        ranges, intensities = (each.astype(_FLOATS, copy=False) for each in (self.ranges, self.intensities))
+        return b"".join((head.finish(), ranges.tobytes(), _LENGTH.pack(len(intensities)), intensities.tobytes()))
 
     @classmethod
     def from_cdr(cls, data: bytes) -> LaserScan | None:

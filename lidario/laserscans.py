@@ -13,9 +13,10 @@ grid of the last one.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final, SupportsIndex
 
-from lidario.beams import BeamOrder, NoReturn, Preset, beam_count, check_options
+from lidario.beams import BeamOptions, BeamOrder, NoReturn, Preset, beam_count
 from lidario.laserscan import LaserScan
 
 if TYPE_CHECKING:
@@ -67,14 +68,9 @@ class LaserScans:
         mount_yaw: float = 0.0,
         preset: Preset = "rep103",
     ) -> None:
-        check_options(order, frame_id, range_min, range_max, no_return, mount_yaw, preset, filtered)
+        self._options = BeamOptions(order, frame_id, range_min, range_max, no_return, filtered, mount_yaw, preset)
         self.frame_id: str = frame_id
         self.preset: Preset = preset
-        self._order: BeamOrder = order
-        self._range_min, self._range_max = range_min, range_max
-        self._no_return: NoReturn = no_return
-        self._filtered: NoReturn = filtered
-        self._mount_yaw = mount_yaw
         self._beams = None if beams is None else beam_count(beams)
         self._begin_deg: float | None = None
         self._waiting: list[Scan] = []
@@ -109,22 +105,10 @@ class LaserScans:
             self._begin_deg = _rotor_of(waiting[-1]).begin_deg
             if self._beams is None:
                 self._beams = beam_count(_samples_of_turn(waiting[-1]))
+        # The command sets the frame that the settings tell, when they are known.
+        options = replace(self._options, frame_id=self.frame_id)
         for scan in waiting:
-            yield (
-                scan,
-                scan.to_laserscan(
-                    self._beams,
-                    begin_deg=self._begin_deg,
-                    order=self._order,
-                    frame_id=self.frame_id,
-                    range_min=self._range_min,
-                    range_max=self._range_max,
-                    no_return=self._no_return,
-                    filtered=self._filtered,
-                    mount_yaw=self._mount_yaw,
-                    preset=self.preset,
-                ),
-            )
+            yield scan, scan._resampled(self._beams, self._begin_deg, options)  # noqa: SLF001 - checked here
 
     def _is_settled(self) -> bool:
         if len(self._waiting) < 2:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lidario.arguments import callable_of, shown
 from lidario.errors import InvalidValue
-from lidario.rotor import Gaps
+from lidario.rotor import Gaps, Rotor, times_of
 from lidario.samples import (
     is_between,
     metres_at,
@@ -25,7 +25,7 @@ from lidario.samples import (
     read_only,
 )
 
-__all__ = ["MeasuredSamples", "Return", "changed", "later", "with_distances", "with_dropped", "with_gaps"]
+__all__ = ["MeasuredSamples", "Return", "changed", "later", "with_distances", "with_gaps"]
 
 _RecordT = TypeVar("_RecordT", bound="MeasuredSamples")
 
@@ -55,8 +55,12 @@ class MeasuredSamples:
     device_angles: FloatArray
     device_distances: FloatArray
     intensities: NDArray[np.uint8] | None
+    stamp_ns: int
+    time_increment_ns: int
+    lost_packets: int
     _angles: FloatArray | None
     _ranges: FloatArray | None
+    _times_ns: NDArray[np.int64] | None
     # Where samples are missing; None where that is not known.
     _gaps: Gaps | None
     # Which samples filters took out; None for none.
@@ -90,6 +94,22 @@ class MeasuredSamples:
     def left_out(self) -> NDArray[np.bool_]:
         """Mask of the samples that filters took out, shape (n,); none is `valid`."""
         return read_only(np.zeros(len(self), np.bool_)) if self._left_out is None else self._left_out
+
+    @property
+    def times_ns(self) -> NDArray[np.int64]:
+        """When each sample was measured, on the clock of `stamp_ns`; int64, shape (n,).
+
+        Where no packet is missing, sample ``i`` is at ``stamp_ns + i * time_increment_ns``. Otherwise the samples
+        that are missing are counted too, as far as the angles tell how many they are.
+        """
+        if self._times_ns is None:
+            rotor = self._follow_rotor() if self.lost_packets else None
+            if rotor is None:
+                offsets = np.arange(len(self), dtype=np.int64) * self.time_increment_ns
+            else:
+                offsets = times_of(self.device_angles, self.time_increment_ns, rotor, self._gaps)
+            object.__setattr__(self, "_times_ns", read_only(offsets + self.stamp_ns))
+        return cast("NDArray[np.int64]", self._times_ns)
 
     def directions(self) -> tuple[FloatArray, FloatArray]:
         """Cosine and sine of `angles`, each float32, shape (n,)."""
@@ -155,6 +175,10 @@ class MeasuredSamples:
             metres_at(self.device_distances.item(index)), radians_at(self.device_angles.item(index)), index
         )
 
+    def _follow_rotor(self) -> Rotor | None:
+        """How the rotor turned meanwhile; None where that is not known."""
+        raise NotImplementedError
+
     def _in_time_order(self) -> Self:
         return self
 
@@ -180,11 +204,6 @@ def later(record: _RecordT, by_ns: int) -> _RecordT:
     """The same record, measured so much later."""
     fields: Any = record
     return changed(record, stamp_ns=fields.stamp_ns + by_ns, wall_stamp_ns=fields.wall_stamp_ns + by_ns)
-
-
-def with_dropped(record: _RecordT, dropped: int) -> _RecordT:
-    """The same record, with so many dropped before it."""
-    return changed(record, dropped_before=dropped)
 
 
 _OF_TIME_AND_ANGLE = ("_angles", "_directions", "_gaps", "_times_ns", "_rotor")

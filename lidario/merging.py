@@ -18,8 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.arguments import callable_of, finite, number, shown
-from lidario.beams import FARTHEST_STATED_M, NO_RETURN, NoReturn, beam_count, check_options
+from lidario.arguments import callable_of, finite, shown
+from lidario.beams import FARTHEST_STATED_M, NO_RETURN, BeamOptions, NoReturn, beam_count
 from lidario.errors import InvalidValue
 from lidario.laserscan import LaserScan
 from lidario.points import Motion, Mount, Points, Velocity, merge, place
@@ -87,9 +87,8 @@ class Merged:
             InvalidValue: One of them cannot be right.
         """
         beams = beam_count(beams)
-        check_options("counter-clockwise", frame_id, range_min, range_max, no_return, 0.0, "rep103", filtered)
-        near = finite(range_min, "range_min")
-        far = math.inf if range_max is None else number(range_max, "range_max")
+        chosen = BeamOptions("counter-clockwise", frame_id, range_min, range_max, no_return, filtered)
+        near, far = float(range_min), chosen.farthest
         xy = self.points.xy.astype(np.float64)
         ranges = np.hypot(xy[:, 0], xy[:, 1])
         kept = np.flatnonzero((ranges >= near) & (ranges <= far))
@@ -127,10 +126,6 @@ class MergedScans:
         mounts: Where each lidar is on the robot.
         motion: How the robot moves, as for `Scan.points`; None for not at all.
         oldest_s: Seconds after its end from which a scan is too old.
-
-    Raises:
-        InvalidValue: There are none, or more than 256; a mount is none, `motion` is no motion, or `oldest_s` is not
-            above 0.
     """
 
     def __init__(self, mounts: Sequence[Mount], motion: Motion | None = None, oldest_s: float = OLDEST_S) -> None:
@@ -165,13 +160,6 @@ class MergedScans:
             scans[each].points(mount, motion=self._motion, at_ns=at_ns) if each in scans else empty
             for each, mount in enumerate(self._mounts)
         ]
-        tell_none = any(len(cloud) and cloud.intensities is None for cloud in clouds)
-        points = merge(*clouds)
-        if not tell_none and points.intensities is None:
-            strengths = [cloud.intensities for cloud in clouds if cloud.intensities is not None]
-            points = Points(
-                points.xy, points.times_ns, np.concatenate(strengths) if strengths else None, points.source
-            )
         last = max(scans.values(), key=_end_of)
         max_range = max(scan.max_range for scan in scans.values())
         open_ways = [
@@ -179,7 +167,7 @@ class MergedScans:
             for each, scan in scans.items()
         ]
         return Merged(
-            points,
+            merge(*clouds),
             at_ns,
             at_ns + last.wall_stamp_ns - last.stamp_ns,
             max(scan.duration_ns for scan in scans.values()) * 1e-9,

@@ -125,14 +125,7 @@ class ScanMode:
 
 @dataclass(frozen=True, slots=True)
 class LineErrors:
-    """What a driver has counted as wrong.
-
-    Attributes:
-        framing: Bytes that did not end where a byte must end.
-        parity: Bytes whose parity was wrong; lidars send none.
-        overruns: Times received bytes were lost because nobody took them in time.
-        breaks: Times the line was low for longer than a byte lasts.
-    """
+    """What a driver has counted as wrong; `Stats` tells what each means."""
 
     framing: int = 0
     parity: int = 0

@@ -159,10 +159,12 @@ def merge(*clouds: Points) -> Points:
         if not isinstance(cloud, Points):
             raise InvalidValue(f"merge(front.points(), rear.points()) takes points, not {shown(cloud)}")
     strengths = [cloud.intensities for cloud in clouds if cloud.intensities is not None]
+    # A cloud without a point has none to tell.
+    all_told = all(cloud.intensities is not None or not len(cloud) for cloud in clouds)
     return Points(
         np.concatenate([np.zeros((0, 2), np.float32), *(cloud.xy for cloud in clouds)]),
         np.concatenate([np.zeros(0, np.int64), *(cloud.times_ns for cloud in clouds)]),
-        np.concatenate(strengths) if strengths and len(strengths) == len(clouds) else None,
+        np.concatenate(strengths) if strengths and all_told else None,
         np.repeat(np.arange(len(clouds), dtype=np.uint8), [len(cloud) for cloud in clouds]),
     )
 

@@ -84,7 +84,8 @@ def register(
         raise InvalidValue(f"guess is a Mount, not {shown(guess)}")
     coarse = _Cloud(small_gicp, fixed, COARSE_M), _Cloud(small_gicp, moving, COARSE_M)
     fine = _Cloud(small_gicp, fixed, FINE_M), _Cloud(small_gicp, moving, FINE_M)
-    begins = [guess] if guess is not None else [Mount(0.0, 0.0, yaw) for yaw in _headings()]
+    turns = [Mount(0.0, 0.0, math.tau * each / HEADINGS) for each in range(HEADINGS)]
+    begins = [guess] if guess is not None else turns
     found = []
     for begin in begins:
         rough = _aligned(small_gicp, coarse, begin, FAR_M if guess is None else 0.5)
@@ -179,10 +180,6 @@ def _distances(library: Any, fixed: _Floats, moving: _Floats, mount: Mount) -> _
     _, squares = tree.batch_nearest_neighbor_search(np.column_stack((placed, np.zeros(len(placed)))))
     distances: _Floats = np.sqrt(np.asarray(squares, np.float64))
     return distances
-
-
-def _headings() -> list[float]:
-    return [math.tau * each / HEADINGS for each in range(HEADINGS)]
 
 
 def _checked(cloud: NDArray[np.floating], what: str) -> _Floats:

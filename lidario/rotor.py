@@ -194,12 +194,7 @@ def times_of(
 
 
 def times_by_angle(device_angles: NDArray[np.floating], rotor: Rotor) -> NDArray[np.int64]:
-    """When the rotor stood at each angle, nanoseconds after the first sample of the scan; int64, shape (n,).
-
-    Args:
-        device_angles: Degrees clockwise, shape (n,), in the order of measuring; gaps are allowed.
-        rotor: How the rotor turned during the scan.
-    """
+    """When the rotor stood at each angle, nanoseconds after the first sample of the scan; int64, shape (n,)."""
     if not len(device_angles):
         return np.zeros(0, np.int64)
     degrees = turned(device_angles, rotor.begin_deg)

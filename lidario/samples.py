@@ -67,21 +67,13 @@ def radians_at(device_angle: float) -> float:
 
 
 def check_radians(angle: float) -> None:
-    """Refuse what is more than a turn: it is meant in degrees.
-
-    Raises:
-        InvalidValue: It is beyond 2 pi.
-    """
+    """Refuse what is more than a turn: it is meant in degrees."""
     if abs(angle) > math.tau + _ROUNDED:
         raise InvalidValue(f"an angle is radians, at most a turn, not {angle:g}: use math.radians() for degrees")
 
 
 def is_between(angles: FloatArray, between: tuple[float, float]) -> NDArray[np.bool_]:
-    """Which angles lie from the first one counter-clockwise to the second, radians.
-
-    Raises:
-        InvalidValue: `between` is not two finite angles of at most a turn.
-    """
+    """Which angles lie from the first one counter-clockwise to the second, radians."""
     try:
         begin, end = (finite(angle, "an angle") for angle in between)
     except (TypeError, ValueError):
@@ -109,11 +101,7 @@ def nearest_return(distances: FloatArray, among: NDArray[np.bool_] | None = None
 
 
 def nearest_to(angles: FloatArray, angle: float, within: float) -> int | None:
-    """Index of the angle nearest to `angle`, radians; None where it is not `within` that distance.
-
-    Raises:
-        InvalidValue: `angle` is not finite or more than a turn, or `within` is negative or not a number.
-    """
+    """Index of the angle nearest to `angle`, radians; None where it is not `within` that distance."""
     angle, within = finite(angle, "an angle"), number(within, "within")
     check_radians(angle)
     if within < 0:
@@ -133,12 +121,7 @@ def mask_of(
     range_min: float | None,
     range_max: float | None,
 ) -> NDArray[np.bool_]:
-    """For which samples everything that is given holds; see `lidario.Scan.select`.
-
-    Raises:
-        InvalidValue: The mask is not bool or not of shape (n,), `between` is not two finite angles, or a limit is
-            no number.
-    """
+    """For which samples everything that is given holds; see `lidario.Scan.select`."""
     keep = np.ones(len(angles), np.bool_)
     if mask is not None:
         try:

@@ -9,18 +9,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, SupportsIndex, cast
+from typing import Any, Final, SupportsIndex
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lidario.arguments import finite, nanoseconds
-from lidario.beams import BeamOrder, NoReturn, Preset, resample
+from lidario.beams import BeamOptions, BeamOrder, NoReturn, Preset, resample
 from lidario.laserscan import LaserScan
 from lidario.measured import MeasuredSamples, Return
 from lidario.plain import plain_of
 from lidario.points import Motion, Mount, Points, place
-from lidario.rotor import Gaps, Rotor, rotor_of, times_of
+from lidario.rotor import Gaps, Rotor, rotor_of
 from lidario.samples import mask_of, nearest_to, read_only
 
 __all__ = ["Return", "Scan", "read_only"]
@@ -116,22 +116,6 @@ class Scan(MeasuredSamples):
         object.__setattr__(made, "_times_ns", read_only(self.times_ns[order]))
         _mark(made, self._left_out, order)
         return made
-
-    @property
-    def times_ns(self) -> NDArray[np.int64]:
-        """When each sample was measured, on the clock of `stamp_ns`; int64, shape (n,).
-
-        Where no packet is missing, sample ``i`` is at ``stamp_ns + i * time_increment_ns``. Otherwise the samples
-        that are missing are counted too, as far as the angles tell how many they are.
-        """
-        if self._times_ns is None:
-            if self.lost_packets:
-                rotor = self._follow_rotor()
-                offsets = times_of(self.device_angles, self.time_increment_ns, rotor, self._gaps)
-            else:
-                offsets = np.arange(len(self), dtype=np.int64) * self.time_increment_ns
-            object.__setattr__(self, "_times_ns", read_only(offsets + self.stamp_ns))
-        return cast("NDArray[np.int64]", self._times_ns)
 
     def at(self, angle: float, *, within: float = math.radians(1.0)) -> Return | None:
         """The sample nearest to an angle; its range is NaN where nothing came back.
@@ -310,25 +294,22 @@ class Scan(MeasuredSamples):
                 `no_return`, `filtered` or `preset` is not one of the words, `frame_id` is no text, `mount_yaw` or
                 `begin_deg` is not finite, or `range_min` and `range_max` are not a range.
         """
+        options = BeamOptions(order, frame_id, range_min, range_max, no_return, filtered, mount_yaw, preset)
+        return self._resampled(beams, None if begin_deg is None else finite(begin_deg, "begin_deg"), options)
+
+    def _resampled(self, beams: SupportsIndex | None, begin_deg: float | None, options: BeamOptions) -> LaserScan:
         scan = self._in_time_order()
         rotor = scan._follow_rotor()  # noqa: SLF001 - another scan
         return resample(
             scan.device_angles,
             scan.ranges,
             scan.intensities,
-            rotor if begin_deg is None else rotor.beginning_at(finite(begin_deg, "begin_deg")),
+            rotor if begin_deg is None else rotor.beginning_at(begin_deg),
             scan.wall_stamp_ns,
+            options,
             beams=beams,
-            order=order,
-            frame_id=frame_id,
-            range_min=range_min,
-            range_max=range_max,
             max_range=scan.max_range,
-            no_return=no_return,
-            filtered=filtered,
             left_out=scan._left_out,  # noqa: SLF001 - another scan
-            mount_yaw=mount_yaw,
-            preset=preset,
         )
 
 

@@ -7,15 +7,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, Final, cast
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lidario.measured import MeasuredSamples
 from lidario.plain import plain_of
-from lidario.rotor import Gaps, Rotor, times_of
-from lidario.samples import read_only
+from lidario.rotor import Gaps, Rotor
 
 __all__ = ["Sector"]
 
@@ -95,22 +94,11 @@ class Sector(MeasuredSamples):
         """Whether the revolution ends with this sector."""
         return self.index == round(360.0 / self.degrees) - 1
 
-    @property
-    def times_ns(self) -> NDArray[np.int64]:
-        """When each sample was measured, on the clock of `stamp_ns`; int64, shape (n,).
-
-        Where no packet is missing, sample ``i`` is at ``stamp_ns + i * time_increment_ns``. Otherwise the samples
-        that are missing are counted too, as far as the angles tell how many they are.
-        """
-        if self._times_ns is None:
-            if self.lost_packets and not math.isnan(self.rpm):
-                rotor = Rotor(float(self.device_angles[0]), 0.0, 60e9 / self.rpm, self.field_of_view)
-                offsets = times_of(self.device_angles, self.time_increment_ns, rotor, self._gaps)
-            else:
-                offsets = np.arange(len(self), dtype=np.int64) * self.time_increment_ns
-            object.__setattr__(self, "_times_ns", read_only(offsets + self.stamp_ns))
-        return cast("NDArray[np.int64]", self._times_ns)
-
     def to_dict(self) -> dict[str, Any]:
         """The sector as plain numbers and lists, for JSON: as `Scan.to_dict`."""
         return plain_of(self, _PLAIN)
+
+    def _follow_rotor(self) -> Rotor | None:
+        if math.isnan(self.rpm):
+            return None
+        return Rotor(float(self.device_angles[0]), 0.0, 60e9 / self.rpm, self.field_of_view)

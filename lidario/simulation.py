@@ -100,11 +100,7 @@ def _world(world: str | WorldLike | Iterable[Wall], seed: int) -> WorldLike:
 
 
 def serial_of(serial: object) -> bytes | None:
-    """A serial number as bytes; None stays None.
-
-    Raises:
-        InvalidValue: It is neither bytes nor hexadecimal digits.
-    """
+    """A serial number as bytes; None stays None."""
     try:
         own = bytes.fromhex(serial) if isinstance(serial, str) else serial
         if own is None or isinstance(own, bytes | bytearray):

@@ -26,9 +26,9 @@ from __future__ import annotations
 import os
 import re
 import unicodedata
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 from urllib.parse import parse_qsl, unquote, urlsplit
 
 from lidario.arguments import path_of, shown
@@ -191,22 +191,10 @@ def _options(text: str, kind: str, query: str) -> dict[str, str]:
         if name in options:
             raise _refused(text, f"cannot be read: the option {quoted(name)} is given twice")
         options[name] = value
-    if "baud" in options and not 0 < _number(options["baud"]) <= MOST_BAUD:
-        raise _refused(
-            text,
-            f"cannot be read: baud={quoted(options['baud'])} is not a number of bits per second, such as 115200",
-        )
-    for name in ("rate", "from", "sample_us"):
-        if name in options and not _is_decimal(options[name]):
-            raise _refused(text, f"cannot be read: {name}={quoted(options[name])} is not a number from 0 on")
-    if options.get("loop", "0") not in ("0", "1"):
-        raise _refused(text, "cannot be read: loop=1 plays it again and again, loop=0 once")
-    if "pose" in options and not _POSE.fullmatch(options["pose"]):
-        raise _refused(
-            text, f"cannot be read: pose={quoted(options['pose'])} is not x,y,degrees, as in pose=0.3,0,90"
-        )
-    if "seed" in options and not 0 <= _number(options["seed"]) <= _MAX_SEED:
-        raise _refused(text, f"cannot be read: seed={quoted(options['seed'])} is not a whole number from 0 on")
+    for name, value in options.items():
+        fits, what = _VALUES.get(name, (None, ""))
+        if fits is not None and not fits(value):
+            raise _refused(text, f"cannot be read: {name}={quoted(value)} is not {what}")
     return options
 
 
@@ -227,6 +215,18 @@ def _serial_path(text: str, host: str, path: str) -> str:
             text, f"cannot be read: write the path with three slashes, as in serial:///{_printable(host + path)}"
         )
     return host or path
+
+
+_VALUES: Final[dict[str, tuple[Callable[[str], bool], str]]] = {
+    "baud": (lambda value: 0 < _number(value) <= MOST_BAUD, "a number of bits per second, such as 115200"),
+    "rate": (_is_decimal, "a number from 0 on"),
+    "from": (_is_decimal, "a number from 0 on"),
+    "sample_us": (_is_decimal, "a number from 0 on"),
+    "loop": (lambda value: value in ("0", "1"), "1, to play it again and again, or 0, to play it once"),
+    "pose": (lambda value: bool(_POSE.fullmatch(value)), "x,y,degrees, as in pose=0.3,0,90"),
+    "seed": (lambda value: 0 <= _number(value) <= _MAX_SEED, "a whole number from 0 on"),
+}
+"""Which values an option may have, and how they are called."""
 
 
 def _checked(source: Source) -> Source:

@@ -49,7 +49,7 @@ LAYERS = (
     {"recording"},
     {"network"},
     {"session"},
-    {"blocking", "blocking_recording", "blocking_streams", "ros"},
+    {"blocking", "blocking_streams", "ros"},
     {"conformance"},
     {"loading"},
     {"__init__"},

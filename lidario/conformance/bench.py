@@ -321,7 +321,7 @@ async def open_bench(
     try:
         check_family(found, family, connection.info.family)
         try:
-            health = await healthy(connection.dialogue, connection.device)
+            health = await healthy(connection.dialogue)
         except DeviceFault as error:
             health = error.health
         return Bench(connection, health, found.text, where.device, found.kind)

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any, Final, Self
 
 from lidario.arguments import path_of
-from lidario.errors import ConnectFailed, InvalidValue, Unsupported
-from lidario.network.bus import CLOSE_S, MISSING
-from lidario.network.router import check_router, words_of
+from lidario.errors import ConnectFailed, InvalidValue
+from lidario.network.bus import CLOSE_S
+from lidario.network.router import check_router, the_package, words_of
 from lidario.port.background import run_in_thread
 
 __all__ = ["LOOPBACK", "Router"]
@@ -53,10 +53,7 @@ class Router:
             InvalidValue: An address is none, or the file is no configuration.
             Unsupported: The package is not installed.
         """
-        try:
-            import zenoh
-        except ModuleNotFoundError:
-            raise Unsupported(MISSING) from None
+        zenoh = the_package()
         for address in addresses:
             check_router(address)
         path = path_of(config, "a configuration") if config is not None else None
@@ -64,7 +61,7 @@ class Router:
         where = json.loads(made.get_json("listen/endpoints"))
         found = where["router"] if isinstance(where, dict) else where
         try:
-            session = await run_in_thread(lambda: zenoh.open(made), _discard)
+            session = await run_in_thread(lambda: zenoh.open(made), lambda session: session.close())
         except zenoh.ZError as error:
             raise _why_not(found, words_of(error)) from error
         return cls(session, found)
@@ -82,14 +79,8 @@ class Router:
                 await run_in_thread(self._close_now)
 
     def _close_now(self) -> None:
-        import zenoh
-
-        with suppress(zenoh.ZError):
+        with suppress(the_package().ZError):
             self._session.close()
-
-
-def _discard(session: Any) -> None:
-    session.close()
 
 
 def _config(zenoh: Any, path: Path | None, addresses: Sequence[str]) -> Any:

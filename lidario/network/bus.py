@@ -3,8 +3,8 @@
 It is always opened as a *client*. Since 2024 the routers of ROS 2 forward nothing from peer to peer, but always
 from and to clients, so a peer is seen by luck of the network only (rmw_zenoh's README, and its issues 625 and 929).
 
-zenoh calls back in threads of its own. Everything is handed to the event loop here, in order, a bounded number and
-time in each turn of the loop (`lidario.network.handover`); what the loop does not take in time is dropped, oldest
+zenoh calls back in threads of its own. Everything is handed to the event loop here, in order, for a bounded time
+in each turn of the loop (`lidario.network.handover`); what the loop does not take in time is dropped, oldest
 first, and counted. When the router goes away zenoh connects again by itself
 and declares everything anew; `Bus.on_change` tells of both.
 """
@@ -19,9 +19,9 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
 
-from lidario.errors import ConnectFailed, InvalidValue, Unsupported
+from lidario.errors import ConnectFailed, InvalidValue
 from lidario.network.handover import ITEM_BYTES, Handover
-from lidario.network.router import check_router, why_no_router, words_of
+from lidario.network.router import check_router, the_package, why_no_router, words_of
 from lidario.network.sender import Sender, declare
 from lidario.port.background import run_in_thread
 
@@ -45,7 +45,6 @@ MOST_REPLY_BYTES: Final = 16 << 20
 """Of all responses to one query, and of all tokens that are listed: those of some thousand lidars."""
 QUERY_BYTES: Final = 4096
 """What a query that waits for its response takes, about."""
-MISSING: Final = "zenoh needs eclipse-zenoh, which is not installed: pip install eclipse-zenoh"
 
 
 class Sample(NamedTuple):
@@ -99,10 +98,7 @@ class Bus:
             InvalidValue: The address is none.
             Unsupported: The package is not installed.
         """
-        try:
-            import zenoh
-        except ModuleNotFoundError:
-            raise Unsupported(MISSING) from None
+        zenoh = the_package()
         check_router(router)
         try:
             config = _config(zenoh, router)
@@ -114,7 +110,7 @@ class Bus:
             ) from error
         try:
             async with asyncio.timeout(OPEN_S):
-                session = await run_in_thread(lambda: zenoh.open(config), _discard)
+                session = await run_in_thread(lambda: zenoh.open(config), lambda session: session.close())
         except (zenoh.ZError, TimeoutError) as error:
             raise await run_in_thread(lambda: why_no_router(router)) from error
         return cls(session, router)
@@ -124,24 +120,29 @@ class Bus:
         """The id of this session, as zenoh prints it."""
         return str(self._session.zid())
 
-    def sender(self, key: str, *, keeps_last: bool = False) -> Sender:
+    def sender(self, key: str, gid: bytes, *, keeps_last: bool = False) -> Sender:
         """Publish under `key`. Where a router does not keep up, messages are lost: the lidar does not wait.
 
         Args:
             key: Where it goes.
+            gid: 16 bytes that tell the publisher.
             keeps_last: Whether those who come later and ask for it get the last message, too: transient local, in
                 the words of ROS 2.
         """
         with self._told():
             publisher = declare(self._session, key, keeps_last=keeps_last)
         self._held.append(publisher)
-        return Sender(publisher)
+        return Sender(publisher, gid)
 
     def watch_readers(self, sender: Sender, changed: Callable[[bool], None]) -> None:
         """Call `changed` on the event loop when the first reader of `sender` comes, and when the last one goes."""
         with self._told():
-            listener = sender.watch(lambda status: self._call(changed, bool(status.matching)))
-        self._held.append(listener)
+            # Called in a thread of zenoh.
+            self._held.append(
+                sender.publisher.declare_matching_listener(
+                    lambda status: self._call(changed, bool(status.matching))
+                )
+            )
 
     def token(self, key: str) -> None:
         """Show that we are alive: the token is there until this is closed, or its process or line has died."""
@@ -212,8 +213,8 @@ class Bus:
 
     async def query(self, key: str, seconds: float) -> list[Sample]:
         """Ask everybody who responds to `key`. Cancelling ends the waiting."""
-        everybody = _zenoh().QueryTarget.ALL
-        none = _zenoh().ConsolidationMode.NONE
+        everybody = the_package().QueryTarget.ALL
+        none = the_package().ConsolidationMode.NONE
         return await self._gather(
             lambda: self._session.get(key, timeout=seconds, target=everybody, consolidation=none)
         )
@@ -228,7 +229,7 @@ class Bus:
         try:
             async with asyncio.timeout(CLOSE_S):
                 await run_in_thread(session.close)
-        except (TimeoutError, _zenoh().ZError) as error:
+        except (TimeoutError, the_package().ZError) as error:
             _log.debug("the session with %s did not close in time or order: %r", self.router, error)
 
     def close_soon(self) -> None:
@@ -236,7 +237,7 @@ class Bus:
         if not self._closed:
             self._closed = True
             self._held = []
-            with suppress(_zenoh().ZError):
+            with suppress(the_package().ZError):
                 self._session.close()
 
     # ------------------------------------------------------------------------------------------ inside
@@ -252,7 +253,7 @@ class Bus:
         def take_open(item: T) -> Iterable[None] | None:
             return None if self._closed else take(item)
 
-        handover = Handover(take_open, self._call, self._loop.call_soon)
+        handover = Handover(take_open, self._call)
 
         def put(item: T, size: int) -> None:
             self.dropped += handover.put(item, size)
@@ -264,7 +265,7 @@ class Bus:
         """No exception of zenoh leaves this module."""
         try:
             yield
-        except _zenoh().ZError as error:
+        except the_package().ZError as error:
             raise ConnectFailed(
                 f"the zenoh session with {self.router} failed: {words_of(error)}", reason="refused"
             ) from error
@@ -300,16 +301,6 @@ def _collected(replies: Iterable[Any]) -> list[Sample]:
                 break
             found.append(Sample(name, payload.to_bytes(), b""))
     return found
-
-
-def _discard(session: Any) -> None:
-    session.close()
-
-
-def _zenoh() -> Any:
-    import zenoh
-
-    return zenoh
 
 
 def _config(module: Any, router: str) -> zenoh.Config:

@@ -23,7 +23,7 @@ from lidario.network.keys import LASERSCAN_IN_KEY, check_key, parse_attachment, 
 from lidario.network.messages import parse_scan
 from lidario.network.port import RemotePort
 from lidario.network.router import check_router
-from lidario.network.status import Status
+from lidario.network.status import Status, statuses
 from lidario.recording.about import About
 from lidario.recording.chronicle import StreamBegan
 from lidario.source import Source
@@ -38,19 +38,12 @@ TOKENS_S: Final = 1.0
 """How long the router has to list tokens."""
 ASK_AGAIN_S: Final = 0.5
 """How often publishers are asked meanwhile."""
-_STATUS: Final = status_key("")
 _UNKNOWN: Final = Health(HealthStatus.WARNING, 0, "the publisher does not tell")
 
 
 @dataclass(frozen=True, slots=True)
 class Remote:
-    """A lidar of another machine.
-
-    Attributes:
-        port: Where it is received.
-        device: What it has told.
-        family: Whose code understands it.
-    """
+    """A lidar of another machine: where it is received, what it has told, and whose code understands it."""
 
     port: RemotePort
     device: RemoteDevice
@@ -59,9 +52,6 @@ class Remote:
 
 async def open_remote(source: Source) -> Remote:
     """Connect to the router, and to the publisher. Cancelling leaves nothing open.
-
-    Args:
-        source: Its kind is ``zenoh``.
 
     Raises:
         ConnectFailed: The key or the address of the router cannot be right (``source``), no router (``refused``),
@@ -135,12 +125,7 @@ def _of_message(bus: Bus, first: Sample) -> Remote:
 
 async def _ask(bus: Bus, key: str) -> dict[str, Status]:
     found: dict[str, Status] = {}
-    for reply in await bus.query(status_key(key), ASK_S):
-        # Each may take milliseconds, and how many there are is for the network to say.
-        await asyncio.sleep(0)
-        place, status = reply.key.removesuffix(_STATUS), Status.of(reply.payload)
-        if status is None:
-            continue
+    for place, status in await statuses(bus, key, ASK_S):
         if place in found and found[place].sender != status.sender:
             names = " and ".join(sorted({found[place].robot, status.robot}))
             raise ConnectFailed(

@@ -34,17 +34,10 @@ LONGEST_RESPONSE: Final = 4096
 class RemoteStreams(StoredStreams):
     """What is known of the lidar: what a `RecordedDevice` needs.
 
-    Args:
-        family: Whose packets it sends.
-        about: What its publisher told.
-        modes: Its scan modes, as far as they are known.
-        began: The stream that runs.
-        raw: Whether its bytes arrive, else whole scans.
-
     Attributes:
         path: Empty: there is no file.
         about: The latest that was told.
-        modes: As above.
+        modes: Its scan modes, as far as they are known.
         responses: Request -> the latest response to it.
         streams: The stream that runs.
     """
@@ -81,12 +74,7 @@ class RemoteStreams(StoredStreams):
 
 
 class RemoteDevice(RecordedDevice):
-    """The lidar of another machine.
-
-    Args:
-        streams: What is known of it.
-        raw: Whether its bytes arrive, else whole scans.
-    """
+    """The lidar of another machine, of which bytes arrive (`raw`) or whole scans."""
 
     told_by = "its publisher"
 

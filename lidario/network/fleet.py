@@ -7,15 +7,14 @@ otherwise.
 
 from __future__ import annotations
 
-import asyncio
 import re
 from dataclasses import dataclass
 from typing import Final
 
 from lidario.model import Health
 from lidario.network.bus import DEFAULT_ROUTER, Bus
-from lidario.network.keys import ALL_TOKENS, LASERSCAN_IN_KEY, parse_token, status_key
-from lidario.network.status import Status
+from lidario.network.keys import LASERSCAN_IN_KEY, parse_token, tokens_of
+from lidario.network.status import statuses
 
 __all__ = ["RemoteLidar", "list_remote_lidars"]
 
@@ -65,23 +64,17 @@ async def list_remote_lidars(router: str = DEFAULT_ROUTER) -> list[RemoteLidar]:
     """
     bus = await Bus.open(router)
     try:
-        tokens = await bus.tokens(ALL_TOKENS, ASK_S)
+        tokens = await bus.tokens(tokens_of("**"), ASK_S)
         others = await bus.tokens(ALL_LASERSCANS, ASK_S)
-        replies = await bus.query(status_key("**"), ASK_S) if tokens else []
+        told = dict(await statuses(bus, "**", ASK_S)) if tokens else {}
     finally:
         await bus.close()
-    told: dict[str, Status] = {}
-    for each in replies:
-        # Each may take milliseconds, and how many there are is for the network to say.
-        await asyncio.sleep(0)
-        if (status := Status.of(each.payload)) is not None:
-            told[each.key] = status
     found: dict[str, RemoteLidar] = {}
     for token in map(parse_token, tokens):
         if token is None:
             continue
         source = f"zenoh:{_short(token.key)}"
-        status = told.get(status_key(token.key))
+        status = told.get(token.key)
         if status is None:
             found[source] = RemoteLidar(source, token.form, token.robot, token.model, token.serial)
         else:

@@ -25,11 +25,6 @@ def scan_of_laserscan(laser: LaserScan, seq: int, wall_offset_ns: int) -> Scan |
 
     A beam without a valid range becomes a sample without a return. Intensities below 0 become 0, those above 255
     become 255. None where the figures cannot be those of a scan.
-
-    Args:
-        laser: The message.
-        seq: Its number.
-        wall_offset_ns: Wall clock minus monotonic clock of this machine.
     """
     count = len(laser.ranges)
     if count > MOST_SAMPLES or abs(laser.stamp_ns) >= MOST_NS // 2:

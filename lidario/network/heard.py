@@ -19,20 +19,10 @@ __all__ = ["what_is_heard"]
 
 
 async def what_is_heard(router: str, keys: Sequence[str], gid: bytes, seconds: float) -> set[str]:
-    """Under which keys another client, let in as this program is, hears a publisher.
+    """Under which keys another client, let in as this program is, hears a publisher, told by its `gid`.
 
     It returns as soon as something comes under the first key, and after so many seconds at most. Cancelling leaves
     nothing open.
-
-    Args:
-        router: Address of the router.
-        keys: Where to listen.
-        gid: The 16 bytes that tell the publisher.
-        seconds: How long.
-
-    Raises:
-        ConnectFailed: The router cannot be reached.
-        Unsupported: The package that is needed is not installed.
     """
     heard, enough = set[str](), asyncio.Event()
 

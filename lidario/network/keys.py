@@ -25,7 +25,6 @@ from lidario.arguments import text_of
 from lidario.errors import InvalidValue
 
 __all__ = [
-    "ALL_TOKENS",
     "LASERSCAN_IN_KEY",
     "Attachment",
     "Token",
@@ -37,7 +36,6 @@ __all__ = [
     "tokens_of",
 ]
 
-ALL_TOKENS: Final = "**/@lidario/alive/*/*/*/*"
 LASERSCAN_IN_KEY: Final = "/sensor_msgs::msg::dds_::LaserScan_/"
 """What tells that the messages under a key are LaserScans of a ROS 2 node."""
 FORMS: Final = ("scan", "raw", "ros")
@@ -52,15 +50,7 @@ _NOT_IN_TOKEN: Final = re.compile(r"[^A-Za-z0-9._-]")
 
 
 class Token(NamedTuple):
-    """What a liveliness token says.
-
-    Attributes:
-        key: Where the scans are.
-        form: ``scan``, ``raw`` or ``ros``.
-        robot: Name of the robot or machine.
-        model: Model of the lidar.
-        serial: Its serial number.
-    """
+    """What a liveliness token says, as `RemoteLidar` tells it; and under which key the scans are."""
 
     key: str
     form: str

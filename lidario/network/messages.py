@@ -92,12 +92,7 @@ def encode_scan(scan: Scan) -> bytes:
 
 
 def parse_scan(data: bytes, wall_offset_ns: int) -> Scan | None:
-    """The scan that `encode_scan` wrote; None for anything else.
-
-    Args:
-        data: The message.
-        wall_offset_ns: Wall clock minus monotonic clock of this machine.
-    """
+    """The scan that `encode_scan` wrote; None for anything else."""
     if len(data) < _SCAN.size:
         return None
     (magic, carried, named, count, wall_ns, step_ns, duration_ns, seq, lost, rpm, reported_rpm, most, seam, _) = (

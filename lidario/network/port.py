@@ -56,12 +56,8 @@ AGAIN_S: Final = 1.0  # from one warning about the lidar of a publisher to the n
 class RemotePort(FedPort):
     """A port with a publisher at its other end; needs a running event loop.
 
-    Args:
-        bus: The connection to the router; closed with the port.
-        key: The key of the lidar.
-        form: ``raw``, ``scan`` or ``ros``.
-        streams: What is known of it.
-        sender: The 16 bytes that tell its publisher from others; empty where they are not known.
+    It closes the bus with itself. `form` is ``raw``, ``scan`` or ``ros``; `sender` tells its publisher from others,
+    and is empty where that is not known.
     """
 
     def __init__(self, bus: Bus, key: str, form: str, streams: RemoteStreams, sender: bytes) -> None:

@@ -45,11 +45,6 @@ def reads_here(entries: Iterable[Entry], began: StreamBegan, wall_offset_ns: int
     """Reads with their times on the clock of this machine; both agree about the wall clock, as far as machines do.
 
     Reads with a time that cannot be are left out: the sums of a scan's times would not fit in 64 bits.
-
-    Args:
-        entries: What a publisher has read.
-        began: Its stream.
-        wall_offset_ns: Wall clock minus monotonic clock of this machine.
     """
     ahead_ns = began.wall_offset_ns - wall_offset_ns
     return [(entry.data, entry.at_ns + ahead_ns) for entry in entries if abs(entry.at_ns + ahead_ns) < MOST_NS]
@@ -91,13 +86,8 @@ class RawDecoder:
         else:
             self._begin(running)
 
-    def add(self, message: bytes) -> list[Scan] | None:
-        """Take a message; return the scans that it completes, usually one or none. None where it is no message."""
-        taken = self.steps(message)
-        return None if taken is None else [scan for scans in taken for scan in scans]
-
     def steps(self, message: bytes) -> Iterator[list[Scan]] | None:
-        """As `add`, in steps of bounded work."""
+        """Take a message, in steps of bounded work: the scans that each completes. None where it is no message."""
         entries = parse_raw_message(message)
         return None if entries is None else self._decode(entries)
 
@@ -138,11 +128,7 @@ class RawDecoder:
 
 
 class Decoders:
-    """The decoders of a fleet; those not heard for longest are forgotten where all take too much.
-
-    Args:
-        wall_offset_ns: Wall clock minus monotonic clock of this machine.
-    """
+    """The decoders of a fleet; those not heard for longest are forgotten where all take too much."""
 
     def __init__(self, wall_offset_ns: int) -> None:
         self._wall_offset_ns = wall_offset_ns

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import re
 import socket
-from typing import Final
+from typing import Any, Final
 
 from lidario.arguments import text_of
-from lidario.errors import ConnectFailed, InvalidValue
+from lidario.errors import ConnectFailed, InvalidValue, Unsupported
 
-__all__ = ["check_router", "why_no_router", "words_of"]
+__all__ = ["check_router", "the_package", "why_no_router", "words_of"]
 
 _WITH_PORT: Final = ("tcp", "tls", "udp", "quic", "ws")
 _WITHOUT: Final = ("serial", "unixsock-stream", "unixpipe", "vsock")
@@ -25,6 +25,19 @@ _IN_ITS_SOURCE: Final = re.compile(r"[\].]* at \S+\.rs:\d+\.?")
 _TRY_S: Final = 2.0
 _COMES_AND_GOES: Final = ".local"
 """Names of multicast DNS: they are known only while the machine is there."""
+
+
+def the_package() -> Any:
+    """The package that knows zenoh.
+
+    Raises:
+        Unsupported: It is not installed.
+    """
+    try:
+        import zenoh
+    except ModuleNotFoundError:
+        raise Unsupported("zenoh needs eclipse-zenoh, which is not installed: pip install eclipse-zenoh") from None
+    return zenoh
 
 
 def check_router(router: str) -> None:

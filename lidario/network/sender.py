@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+import time
 from typing import Any
+
+from lidario.network.keys import Attachment
 
 __all__ = ["Sender", "declare"]
 
@@ -12,19 +14,28 @@ _log = logging.getLogger("lidario")
 
 
 class Sender:
-    """Publishes under one key."""
+    """Sends numbered messages under one key.
 
-    def __init__(self, publisher: Any) -> None:
-        self._publisher = publisher
+    Attributes:
+        sent: How many; those that were lost for want of a router are among them, so that a reader sees a gap.
+        gid: 16 bytes that tell the publisher.
+        publisher: That of zenoh.
+    """
 
-    def watch(self, changed: Callable[[Any], None]) -> Any:
-        """Have `changed` called in a thread of zenoh whenever the first reader comes or the last one goes."""
-        return self._publisher.declare_matching_listener(changed)
+    def __init__(self, publisher: Any, gid: bytes) -> None:
+        self.sent: int = 0
+        self.gid: bytes = gid
+        self.publisher: Any = publisher
+
+    def send(self, payload: bytes) -> bool:
+        """Send one message; it is lost where there is no router. False where zenoh did not take it."""
+        self.sent += 1
+        return self.put(payload, Attachment(self.sent, time.time_ns(), self.gid).to_bytes())
 
     def put(self, payload: bytes, attachment: bytes) -> bool:
-        """Send it; False where it could not be sent. While there is no router it is lost, without an error."""
+        """As `send`, with any attachment."""
         try:
-            self._publisher.put(payload, attachment=attachment)
+            self.publisher.put(payload, attachment=attachment)
         except Exception as error:
             _log.debug("zenoh did not take a message: %s", error)
             return False

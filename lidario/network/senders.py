@@ -9,14 +9,12 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable
-from typing import Final, Generic, Literal, TypeVar
+from typing import Final, Literal
 
 from lidario.network.bus import Sample
 from lidario.network.keys import Attachment, parse_attachment
 
-__all__ = ["Known", "OneSender", "Senders"]
-
-T = TypeVar("T")
+__all__ = ["OneSender", "Senders"]
 
 MOST: Final = 16384
 """Publishers that are remembered, each with its key. Each one that restarts is another one."""
@@ -25,49 +23,28 @@ RIVAL_S: Final = 2.0
 devices."""
 
 
-class Known(OrderedDict[tuple[str, bytes], T], Generic[T]):
-    """What is known of each publisher; those not heard for longest are forgotten first.
-
-    Args:
-        most: How many are remembered.
-    """
+class Senders:
+    """Follows the numbers of all publishers; those not heard for longest are forgotten first."""
 
     def __init__(self, most: int = MOST) -> None:
-        super().__init__()
+        self._numbers: OrderedDict[tuple[str, bytes], int] = OrderedDict()
         self._most = most
-
-    def put(self, key: str, gid: bytes, value: T) -> None:
-        """Remember `value`."""
-        self[key, gid] = value
-        self.move_to_end((key, gid))
-        if len(self) > self._most:
-            self.popitem(last=False)
-
-
-class Senders:
-    """Follows the numbers of all publishers."""
-
-    def __init__(self) -> None:
-        self._numbers: Known[int] = Known()
 
     def follow(self, sample: Sample) -> tuple[Attachment | None, int]:
         """What was sent beside a message, and how many of its publisher's are missing since the one before."""
         attachment = parse_attachment(sample.attachment)
         if attachment is None:
             return None, 0
-        before = self._numbers.get((sample.key, attachment.gid))
-        self._numbers.put(sample.key, attachment.gid, attachment.number)
+        before = self._numbers.pop((sample.key, attachment.gid), None)
+        self._numbers[sample.key, attachment.gid] = attachment.number
+        if len(self._numbers) > self._most:
+            self._numbers.popitem(last=False)
         # Whoever sends may write any number: one that goes back is a beginning.
         return attachment, 0 if before is None else max(0, attachment.number - before - 1)
 
 
 class OneSender:
-    """The one that is listened to, of all who send under a key: the first one, as long as it sends.
-
-    Args:
-        gid: What tells it; empty where that is not known yet.
-        now: The time in seconds.
-    """
+    """The one that is listened to, of all who send under a key: the first one, as long as it sends."""
 
     def __init__(self, gid: bytes, now: float) -> None:
         self._gid: bytes | None = gid or None

@@ -5,21 +5,26 @@ It is one JSON object. `Status.of` takes whatever comes and replaces what cannot
 
 from __future__ import annotations
 
+import asyncio
 import json
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 from lidario.arguments import printable
 from lidario.model import ScanMode
+from lidario.network.bus import Bus
+from lidario.network.keys import status_key
 from lidario.recording.about import About
 from lidario.recording.chronicle import StreamBegan, mode_of
 
-__all__ = ["Status", "mode_record"]
+__all__ = ["AWAY", "Status", "mode_record", "statuses"]
 
 LARGEST: Final = 1 << 18
 """Bytes of a status that is read; real ones have a few thousand."""
 _MOST_MODES: Final = 64
+_SUFFIX: Final = status_key("")
+AWAY: Final = "the lidar is away from its publisher"
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +48,7 @@ class Status:
     modes: tuple[ScanMode, ...] = ()
     mode: ScanMode | None = None
     rate: float = 0.0
-    lost: str = field(default="")
+    lost: str = ""
     sender: str = ""
 
     def to_bytes(self, *, whole: bool) -> bytes:
@@ -85,6 +90,17 @@ class Status:
             )
         except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
             return None
+
+
+async def statuses(bus: Bus, key: str, seconds: float) -> list[tuple[str, Status]]:
+    """What the publishers under `key`, which may have wildcards, tell when they are asked; each with its key."""
+    found: list[tuple[str, Status]] = []
+    for reply in await bus.query(status_key(key), seconds):
+        # Each may take milliseconds, and how many there are is for the network to say.
+        await asyncio.sleep(0)
+        if (status := Status.of(reply.payload)) is not None:
+            found.append((reply.key.removesuffix(_SUFFIX), status))
+    return found
 
 
 def mode_record(mode: ScanMode) -> dict[str, object]:

@@ -58,12 +58,9 @@ class Adapter(serial.Serial):  # type: ignore[misc]
     """The process that has set low latency; 0 for none. A forked child gives nothing back."""
 
     def open(self) -> None:
-        """Open exclusively, with RTS and DTR cleared; blocks.
+        """Open exclusively, with RTS and DTR cleared; blocks. Raises one of `FOREIGN`.
 
         Models without a motor command run while DTR is low; pyserial would raise it and stop them.
-
-        Raises:
-            Exception: One of `FOREIGN`.
         """
         self.exclusive = _POSIX or None
         self.dtr = self.rts = False
@@ -124,9 +121,6 @@ class Adapter(serial.Serial):  # type: ignore[misc]
 
 def count_errors(handle: int) -> LineErrors:
     """What the driver has counted since the adapter was plugged in; zeros where it does not count.
-
-    Args:
-        handle: The descriptor of the open port.
 
     Raises:
         OSError: The driver cannot tell, or the port is gone.

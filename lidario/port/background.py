@@ -21,12 +21,8 @@ T = TypeVar("T")
 async def run_in_thread(call: Callable[[], T], discard: Callable[[T], None] | None = None) -> T:
     """Run `call` in a thread and return its result, or raise what it raises.
 
-    Cancelling ends the waiting, not the call, and so does Ctrl-C. Its result is then passed to `discard`, so that
-    it does not stay open.
-
-    Args:
-        call: What blocks.
-        discard: Takes a result that comes too late; may be called in the thread.
+    Cancelling ends the waiting, not the call, and so does Ctrl-C. Its result is then passed to `discard`, perhaps
+    in the thread, so that it does not stay open.
     """
     loop = asyncio.get_running_loop()
     future: asyncio.Future[T] = loop.create_future()

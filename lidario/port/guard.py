@@ -75,14 +75,7 @@ def check_guard() -> None:
 
 
 async def start_guard(port: str) -> Guard:
-    """Start the process, in a thread. Cancelling ends it again.
-
-    Args:
-        port: What it will guard, for messages.
-
-    Raises:
-        Unsupported: The system cannot do it, or has no room for one more process.
-    """
+    """Start the process, in a thread. Cancelling ends it again."""
     check_guard()
     guard = await run_in_thread(lambda: Guard(port), Guard.dismiss_at_once)
     guard.watch(asyncio.get_running_loop())
@@ -91,9 +84,6 @@ async def start_guard(port: str) -> Guard:
 
 class Guard:
     """The guard of one line. Made in a thread, since it waits until the process runs.
-
-    Args:
-        port: What it guards, for messages.
 
     Raises:
         Unsupported: The process could not be started.
@@ -259,12 +249,7 @@ def _spawn(channel: int, port: str) -> int:
 
 
 def _pid_from(channel: socket.socket, child: int) -> int:
-    """Wait until the guard runs, and the child that has started it is gone.
-
-    Raises:
-        OSError: It does not come to run.
-        ValueError: It has ended at once.
-    """
+    """Wait until the guard runs, and the child that has started it is gone."""
     try:
         return int(channel.recv(_SIZE_OF_PID))
     except BaseException:

@@ -7,6 +7,7 @@ stops the device, before anything is written, and is dismissed at the end.
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
@@ -14,7 +15,7 @@ from lidario.port.guard import Guard, start_guard
 from lidario.port.line import Line, Tap
 from lidario.wire.envelope import Request
 
-__all__ = ["Guarded", "Stops", "Tapped"]
+__all__ = ["Guarded", "Stops"]
 
 _log = logging.getLogger("lidario")
 
@@ -23,11 +24,8 @@ Stops: TypeAlias = Callable[[], tuple[Sequence[Request], Sequence[Request], floa
 latest, on the monotonic clock."""
 
 
-class Tapped:
-    """The base of `Port`: its taps.
-
-    Args:
-        name: What was opened, for messages.
+class Guarded:
+    """The base of `Port`: its taps and its guard.
 
     Attributes:
         name: What was opened, for messages.
@@ -37,6 +35,15 @@ class Tapped:
     def __init__(self, name: str) -> None:
         self.name: str = name
         self.taps: tuple[Tap, ...] = ()
+        self._line: Line | None = None
+        self._pid = os.getpid()
+        self._guard: Guard | None = None
+        self._stops: Stops | None = None
+
+    def _open_line(self) -> Line | None:
+        """The line; None where it is closed, and in a forked child."""
+        line = self._line
+        return None if line is None or line.is_closing() or os.getpid() != self._pid else line
 
     def add_tap(self, tap: Tap) -> None:
         """Have `tap` called with every chunk in either direction, after the taps that are there.
@@ -68,19 +75,6 @@ class Tapped:
                 self.remove_tap(tap)
                 _log.warning("the tap %r of %s raised an exception and was removed", tap, self.name, exc_info=True)
 
-
-class Guarded(Tapped):
-    """The base of `Port`: its guard.
-
-    Args:
-        name: What was opened, for messages.
-    """
-
-    def __init__(self, name: str) -> None:
-        super().__init__(name)
-        self._guard: Guard | None = None
-        self._stops: Stops | None = None
-
     async def guard(self) -> None:
         """Have another process leave the device still when this one dies (`lidario.port.guard`).
 
@@ -90,14 +84,16 @@ class Guarded(Tapped):
         Raises:
             Unsupported: The system cannot do it.
         """
-        if self._handle() is None:
+        line = self._open_line()
+        if line is None or line.passed_on() is None:
             return
         guard = await start_guard(self.name)
-        line, handle = self._open_line(), self._handle()
-        if line is None or handle is None:
+        passed = None if self._open_line() is None else line.passed_on()
+        if passed is None:
             guard.dismiss_at_once()
             return
-        guard.take(handle, hurried=line.is_hurried)
+        handle, hurried = passed
+        guard.take(handle, hurried=hurried)
         self._guard = guard
         self.tell_guard()
 
@@ -113,12 +109,3 @@ class Guarded(Tapped):
         """Tell the guard what stops the device now."""
         if self._guard is not None and self._stops is not None:
             self._guard.tell(*self._stops())
-
-    def _handle(self) -> int | None:
-        """The descriptor of the open line; None where there is none."""
-        line = self._open_line()
-        return None if line is None else line.descriptor()
-
-    def _open_line(self) -> Line | None:
-        """The line; None where it is closed."""
-        return None

@@ -14,10 +14,9 @@ import os
 import select
 import threading
 from collections.abc import Callable
+from dataclasses import dataclass
 
-from lidario.port.line import Late
-
-__all__ = ["INBOX_BYTES", "Inbox", "Read", "make_read"]
+__all__ = ["INBOX_BYTES", "Inbox", "Late", "Read", "make_read"]
 
 INBOX_BYTES = 1024 * 1024
 """Most bytes that are kept: 15 s of the fastest stream."""
@@ -60,14 +59,21 @@ def make_read() -> Read:
     return read
 
 
-class Inbox:
-    """Reads a terminal and keeps what came; any thread may call it.
+@dataclass(slots=True)
+class Late:
+    """What was lost, or may have been, because this computer read a line too late.
 
-    Args:
-        handle: File descriptor of the terminal, non-blocking.
-        clock: The time in nanoseconds.
-        read: Reads a descriptor, as `make_read` makes it; by default one of its own.
-        late: Where it is counted what was dropped because the inbox was full, and how often the buffer was.
+    Attributes:
+        overflow_bytes: Bytes that were read and dropped, because the program did not take them for too long.
+        full_reads: Reads that found the system's buffer full: bytes that came since may be lost.
+    """
+
+    overflow_bytes: int = 0
+    full_reads: int = 0
+
+
+class Inbox:
+    """Reads a terminal, whose descriptor does not block, and keeps what came; any thread may call it.
 
     Attributes:
         last_ns: When it was read last, whether or not anything was there.

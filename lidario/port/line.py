@@ -10,13 +10,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
 from lidario.errors import DeviceLost
 from lidario.model import LineErrors
+from lidario.port.repeat import Repeat
 
-__all__ = ["Late", "Line", "Receiver", "Schedule", "Tap"]
+__all__ = ["Line", "Receiver", "Schedule", "Tap"]
 
 Tap = Callable[[str, bytes, int], None]
 """Sees every chunk: ``"in"`` or ``"out"``, the bytes, the time in nanoseconds of the event loop's clock."""
@@ -58,24 +58,16 @@ class Receiver(Protocol):
         ...
 
 
-@dataclass(slots=True)
-class Late:
-    """What was lost, or may have been, because this computer read a line too late.
-
-    Attributes:
-        overflow_bytes: Bytes that were read and dropped, because the program did not take them for too long.
-        full_reads: Reads that found the system's buffer full: bytes that came since may be lost.
-    """
-
-    overflow_bytes: int = 0
-    full_reads: int = 0
-
-
 class Line(ABC):
     """What carries the bytes of a `Port`: an asyncio transport, or something that behaves like one.
 
     It calls `Port.connection_made` first and `Port.connection_lost` last, both once.
+
+    Attributes:
+        repeat: What a thread writes where the loop is late with it; None where no thread can.
     """
+
+    repeat: Repeat | None = None
 
     @abstractmethod
     def is_closing(self) -> bool:
@@ -101,14 +93,9 @@ class Line(ABC):
     def close_without_loop(self) -> None:
         """Close after the event loop was closed. Never raises."""
 
-    def descriptor(self) -> int | None:
-        """The file descriptor by which another process can write too; None where there is none."""
+    def passed_on(self) -> tuple[int, bool] | None:
+        """What a guard needs: a descriptor by which it can write too, and whether to give low latency back."""
         return None
-
-    @property
-    def is_hurried(self) -> bool:
-        """Whether low latency was set, and is to be given back."""
-        return False
 
     def set_baudrate(self, baudrate: int) -> None:  # noqa: B027 - most lines have no speed
         """Change the speed. Raises ConnectFailed where the adapter cannot do it."""
@@ -119,19 +106,13 @@ class Line(ABC):
     def set_polling(self, latency: float, schedule: Schedule | None) -> None:  # noqa: B027 - only where polled
         """Be polled, where that costs less than being woken for each delivery."""
 
-    def set_repeat(self, request: bytes, interval: float) -> None:  # noqa: B027 - only where a thread reads
-        """Have a thread write `request` when it was not written for `interval` seconds; none ends it."""
-
-    @property
-    def repeated(self) -> int:
-        """How often a thread has written a request."""
-        return 0
-
     def poll(self) -> None:  # noqa: B027 - only where polled
         """Read what is there now, and hand over everything that is held."""
 
-    def show_pending(self) -> None:  # noqa: B027 - only where a thread reads
-        """Show the taps what was read and not shown yet, so that they see everything in the order of time."""
+    def take_pending(self) -> list[tuple[str, bytes, int]]:
+        """What taps have not seen yet of what was read, and of what a thread has written; in the order of time."""
+        written = [] if self.repeat is None else self.repeat.take_written()
+        return [("out", data, now) for data, now in written]
 
     @property
     def errors(self) -> LineErrors:

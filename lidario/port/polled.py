@@ -1,7 +1,7 @@
 """A serial port that can only be polled: reading and writing by pyserial's own calls, from two threads.
 
 On Windows a serial port has no file descriptor, and no event loop can wait for it. pyserial reads what is there and
-returns at once, since its timeout is 0. `Reader` and its thread use that as they use a descriptor elsewhere.
+returns at once, since its timeout is 0. `PolledLine` and its thread use that as they use a descriptor elsewhere.
 
 Each of pyserial's calls gives the interpreter lock up some times. In a program that computes in another thread the
 lock comes back up to 5 ms later each time, so there each read takes 10 to 20 ms.
@@ -28,11 +28,7 @@ class _Device(Protocol):
 
 
 class Polled:
-    """Reads and writes a port of pyserial that never blocks.
-
-    Args:
-        device: The port, with both its timeouts at 0 from the first call on.
-    """
+    """Reads and writes a port of pyserial that never blocks: both its timeouts are 0."""
 
     def __init__(self, device: _Device) -> None:
         self._device = device
@@ -53,11 +49,7 @@ class Polled:
             raise BlockingIOError
         return bytes(data)
 
-    def write(self, handle: int, data: bytes) -> int:  # noqa: ARG002
-        """Return how many bytes the system took.
-
-        Raises:
-            OSError: The port is dead.
-        """
+    def write(self, data: bytes) -> int:
+        """Return how many bytes the system took; OSError where the port is dead."""
         with self._lock:
             return self._device.write(data) or 0

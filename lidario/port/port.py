@@ -1,7 +1,7 @@
 """An open line to a device, with one interface for serial ports, TCP connections and simulated devices.
 
 A `Port` belongs to the session. What carries its bytes is a `Line` (`lidario.port.line`). The port shows every
-chunk to the taps (`Tapped`), hands received bytes to one `Receiver`, and says what the end of the line means.
+chunk to the taps (`Guarded`), hands received bytes to one `Receiver`, and says what the end of the line means.
 Exceptions of the operating system and of pyserial are translated to `lidario.errors` in this folder and nowhere
 else.
 
@@ -29,7 +29,8 @@ from typing import Any
 from lidario.errors import DeviceLost
 from lidario.model import LineErrors
 from lidario.port.guarded import Guarded, Stops
-from lidario.port.line import Late, Line, Receiver, Schedule
+from lidario.port.inbox import Late
+from lidario.port.line import Line, Receiver, Schedule
 
 __all__ = ["Port"]
 
@@ -37,6 +38,8 @@ _log = logging.getLogger("lidario")
 
 CLOSE_TIMEOUT_S = 1.0
 """Longest time that closing takes; after it the line is aborted. A serial line is done after half of it."""
+_SAME_CLOCK_NS = 1_000_000_000
+"""Two readings of one clock are less than this apart."""
 LONGEST_WAIT_S = 0.05
 """Longest time that `Port.abandon` waits for the device to listen. The longest silence after a STOP is 10 ms."""
 
@@ -49,8 +52,11 @@ class Port(Guarded, asyncio.Protocol):
         baudrate: Speed in bits a second; 0 where there is none.
         late: What was lost because the event loop was blocked, or this computer busy.
         is_closing: Whether it is closed, or will be.
+        is_real_time: Whether the event loop's clock is that of the system.
         is_live: Whether a device is at the other end, which can fall silent; a recording cannot.
         length_s: As `Lidar.length_s`.
+        on_close: Called once after the port was closed, e.g. to end a simulated device.
+        explain_loss: Asked why the line died; a simulated device knows more about it than the system.
     """
 
     def __init__(self, name: str, baudrate: int = 0) -> None:
@@ -60,8 +66,8 @@ class Port(Guarded, asyncio.Protocol):
         self._loop = asyncio.get_running_loop()
         # uvloop's clock stands still while a callback runs and counts whole milliseconds; it is the monotonic one.
         self._exact = type(self._loop).__module__.split(".")[0] == "uvloop"
-        self._pid = os.getpid()
-        self._line: Line | None = None
+        # Threads know the system's clock only: they are of no use to a loop with another one.
+        self.is_real_time: bool = abs(self.now() - time.monotonic_ns()) < _SAME_CLOCK_NS
         self._receiver: Receiver | None = None
         self._untold: DeviceLost | None = None
         self.is_closing: bool = False
@@ -69,8 +75,8 @@ class Port(Guarded, asyncio.Protocol):
         self.length_s: float | None = None
         self._closed = self._loop.create_future()
         self._close_timer: asyncio.TimerHandle | None = None
-        self._on_close: Callable[[], None] | None = None
-        self._explain_loss: Callable[[], DeviceLost | None] | None = None
+        self.on_close: Callable[[], None] | None = None
+        self.explain_loss: Callable[[], DeviceLost | None] | None = None
 
     # ---------------------------------------------------------------------------------- what the session calls
 
@@ -117,13 +123,22 @@ class Port(Guarded, asyncio.Protocol):
             return
         if self._guard is not None:
             self.tell_guard()
+        if (repeat := line.repeat) is not None and data == repeat.request:
+            repeat.note()
         if self._loop.is_closed():
+            # These are the stop requests: the thread must not write behind them.
+            self.set_repeat(b"", 0.0)
             line.write_without_loop(data)
         else:
             line.write(data)
         if self.taps:
-            line.show_pending()
+            self.show_pending()
             self.show("out", data, self.now())
+
+    def show_pending(self) -> None:
+        """Show the taps what was read or written and not shown yet, so that they see all in the order of time."""
+        for each in () if self._line is None else self._line.take_pending():
+            self.show(*each)
 
     def set_baudrate(self, baudrate: int) -> None:
         """Change the speed of the line; bytes received at the old speed and not read yet are discarded.
@@ -151,14 +166,12 @@ class Port(Guarded, asyncio.Protocol):
     def set_polling(self, latency: float, schedule: Schedule | None) -> None:
         """Poll the line instead of being woken for each delivery. Only serial lines are polled; others ignore it.
 
-        Being woken for each of a thousand deliveries a second costs more than decoding what they carry. The line is
-        polled after `schedule.rest` seconds, or every `latency` seconds where that is 0. What was read is held
-        until the first poll at or after the time that `schedule.hold` names, then handed over by one call of
-        `Receiver.data_received`; on a loop that is free at most half a second and 32 KiB are held.
+        The line is polled after `schedule.rest` seconds, or every `latency` seconds where that is 0. What was read
+        is held until the first poll at or after the time that `schedule.hold` names, then handed over by one call
+        of `Receiver.data_received`; on a loop that is free at most half a second and 32 KiB are held.
 
-        While there is a schedule, a thread reads the line too whenever it was unread for `schedule.interval`. So
-        while the loop is blocked up to 1 MiB is kept, with the time of each read. What comes beyond that is counted
-        in `late`. C code that keeps the interpreter lock stops that thread, too.
+        While there is a schedule, a thread reads the line too (`lidario.port.thread`). What it cannot keep while
+        the loop is blocked is counted in `late`.
 
         Args:
             latency: Seconds between two polls; 0 to be woken for each delivery.
@@ -169,7 +182,7 @@ class Port(Guarded, asyncio.Protocol):
             line.set_polling(latency, schedule)
 
     def set_repeat(self, request: bytes, interval: float) -> None:
-        """While there is a schedule, have `request` written when it was not written for `interval` seconds.
+        """Have `request` written when it was not written for `interval` seconds.
 
         A thread does that, so the device goes on while a program blocks the event loop; one in memory does not.
 
@@ -177,13 +190,16 @@ class Port(Guarded, asyncio.Protocol):
             request: The bytes; none to write nothing any more, and then no write is in progress on return.
             interval: Seconds, longer than the pause that the session keeps between two writes of it.
         """
-        if self._line is not None and not self.is_forked:
-            self._line.set_repeat(request, interval)
+        repeat = None if self._line is None else self._line.repeat
+        if repeat is not None and not self.is_forked:
+            repeat.set(request, interval)
+            # Taps that come later must not see it.
+            self.show_pending()
 
     @property
     def repeated(self) -> int:
         """How often the thread has written a request."""
-        return 0 if self._line is None else self._line.repeated
+        return 0 if self._line is None or self._line.repeat is None else self._line.repeat.count
 
     def poll(self) -> None:
         """Read what is there now, and hand over everything that is held."""
@@ -218,10 +234,7 @@ class Port(Guarded, asyncio.Protocol):
         await asyncio.wait([self._closed], timeout=1.1 * CLOSE_TIMEOUT_S)
 
     async def close(self) -> None:
-        """Write out what is pending, close the port, and return when it is closed.
-
-        Bounded, as `wait_closed`. Cancelling ends only the waiting; the port is closed all the same.
-        """
+        """Write out what is pending, close the port, and return when it is closed; bounded, as `wait_closed`."""
         self.close_soon()
         await self.wait_closed()
 
@@ -238,6 +251,7 @@ class Port(Guarded, asyncio.Protocol):
         if line is None:
             return
         self.is_closing = True
+        self.set_repeat(b"", 0.0)  # as in `write`
         wait = min(listens_at - self.now() * 1e-9, LONGEST_WAIT_S)
         if wait > 0:
             time.sleep(wait)
@@ -249,14 +263,6 @@ class Port(Guarded, asyncio.Protocol):
         except RuntimeError:  # the loop was closed
             line.close_without_loop()
             self.closed()
-
-    def on_close(self, callback: Callable[[], None]) -> None:
-        """Have `callback` run once after the port was closed, e.g. to end a simulated device."""
-        self._on_close = callback
-
-    def on_loss(self, explain: Callable[[], DeviceLost | None]) -> None:
-        """Have `explain` asked why the line died; a simulated device knows more about it than the system."""
-        self._explain_loss = explain
 
     # ------------------------------------------------------------------------------------- what the line calls
 
@@ -294,11 +300,10 @@ class Port(Guarded, asyncio.Protocol):
         Args:
             exc: Why; a DeviceLost is passed on as it is, and is told even where the port was closed as asked.
         """
-        if self._line is not None:
-            self._line.set_repeat(b"", 0.0)
+        self.set_repeat(b"", 0.0)
         error = exc if isinstance(exc, DeviceLost) else None
-        if error is None and self._explain_loss is not None:
-            error = self._explain_loss()
+        if error is None and self.explain_loss is not None:
+            error = self.explain_loss()
         if error is None and not self.is_closing:
             error = DeviceLost(f"{self.name} is gone: {exc or 'the other end closed it'}. Was it unplugged?")
             error.__cause__ = exc
@@ -320,17 +325,13 @@ class Port(Guarded, asyncio.Protocol):
     def _freed(self) -> None:
         """Nobody holds the line any more. A failure of what `on_close` named is logged."""
         self._settle()
-        callback, self._on_close = self._on_close, None
+        callback, self.on_close = self.on_close, None
         if callback is None:
             return
         try:
             callback()
         except Exception:
             _log.warning("ending what serves %s failed", self.name, exc_info=True)
-
-    def _open_line(self) -> Line | None:
-        line = self._line
-        return None if line is None or line.is_closing() or os.getpid() != self._pid else line
 
     def _settle(self) -> None:
         if self._close_timer is not None:

@@ -2,8 +2,7 @@
 
 Being woken for each delivery of an adapter, a thousand a second, costs more than decoding what they carry. While a
 stream runs, the terminal is polled instead, at the times that a `Schedule` names, and what was read is held until
-it is needed. Linux keeps 4 KiB of a terminal's input, 61 ms of the fastest stream, and drops what comes then. So
-between two polls, and while the program keeps the event loop busy, `lidario.port.thread` reads the terminal.
+it is needed. Between two polls, and while the program keeps the event loop busy, `lidario.port.thread` reads it.
 
 Where each delivery does matter, the event loop wakes the reader when the terminal is readable. On Windows no event
 loop can do that; there the port is polled always.
@@ -15,16 +14,19 @@ import asyncio
 import os
 import time
 import weakref
+from abc import abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
+from operator import itemgetter
 
 from lidario.port.inbox import Inbox, Read
-from lidario.port.line import Schedule
+from lidario.port.line import Line, Schedule
 from lidario.port.port import Port
 from lidario.port.repeat import Repeat
-from lidario.port.thread import ReadingThread, Watched, reading_thread
+from lidario.port.thread import Watched, reading_thread
 
-__all__ = ["Reader"]
+__all__ = ["PolledLine"]
 
 HOLD_S = 0.5
 """Longest time for which bytes are held; below the 0.6 s after which the session takes silence for a failure
@@ -36,20 +38,12 @@ _TIMER_S = 0.001
 _POLL_S = 0.002
 """Time between two polls where each delivery matters and the event loop cannot wait for it; Windows may make 16 ms
 of it."""
-_SAME_CLOCK_NS = 1_000_000_000
-"""Two readings of one clock are less than this apart."""
 
 
-class Reader:
-    """Reads one terminal.
+class PolledLine(Line):
+    """A terminal, as it is read; the base of a serial port's line.
 
-    Args:
-        loop: The event loop.
-        port: Is shown each read and handed what was read.
-        handle: File descriptor of the terminal, non-blocking; below 0 where the event loop cannot wait for it.
-        lose: Called when the terminal turns out to be dead.
-        read: Reads from the handle, as `make_read` makes it; by default a descriptor.
-        write: Writes to the handle.
+    Its `handle` does not block; it is below 0 where the event loop cannot wait for it.
     """
 
     def __init__(
@@ -57,54 +51,53 @@ class Reader:
         loop: asyncio.AbstractEventLoop,
         port: Port,
         handle: int,
-        lose: Callable[[Exception], None],
+        write: Callable[[bytes], object],
         read: Read | None = None,
-        write: Callable[[int, bytes], int] = os.write,
     ) -> None:
         self._loop = loop
         self._port = port
         self._handle = handle
-        self._lose = lose
-        self._write = write
         self._latency = 0.0
         self._schedule: Schedule | None = None
         self._running = False
-        self._stopped = False
+        self._closing = False
         self._watching = False
         self._timer: asyncio.TimerHandle | None = None
-        # The thread knows the system's clock only: it is of no use to a loop with another one.
-        self._real_time = abs(port.now() - time.monotonic_ns()) < _SAME_CLOCK_NS
-        self._inbox = Inbox(handle, time.monotonic_ns if self._real_time else port.now, read, port.late)
+        self._inbox = Inbox(handle, time.monotonic_ns if port.is_real_time else port.now, read, port.late)
         self._shown = 0
-        self._guard: _Guard | None = None
-        self._repeat: Repeat | None = None
-        self._repeated = 0
-        # Shown to the taps by the loop: what was written by repeats that are stopped.
-        self._written: list[tuple[bytes, int]] = []
+        # What the thread serves does not refer to the line: one that is dropped is not read and written for ever.
+        self.repeat = Repeat(write) if port.is_real_time else None
+        failing = partial(_failing, loop, weakref.WeakMethod(self._thread_failed))
+        self._watched = Watched(self._inbox, 0.0, failing)
+        # While the thread watches. It may be run in any thread at any moment, so there is none of a line at rest.
+        self._dropped: weakref.finalize[..., PolledLine] | None = None
 
-    @property
-    def repeated(self) -> int:
-        """How often the thread has written a request."""
-        return self._repeated + (0 if self._repeat is None else self._repeat.count)
+    @abstractmethod
+    def lose(self, error: Exception) -> None:
+        """The terminal turns out to be dead."""
+
+    def is_closing(self) -> bool:
+        return self._closing
 
     def start(self) -> None:
         """Begin to read; ignored when `stop` was called before."""
-        if not self._stopped:
+        if not self._closing:
             self._running = True
             self._wait()
 
     def stop(self) -> None:
         """Stop reading. What is held stays for `hand_over`."""
         self._running = False
-        self._stopped = True
+        self._closing = True
         self._stop_timer()
         self._watch(False)
         self.release()
 
     def release(self) -> None:
         """Stop reading, also in the thread: from now on the descriptor may be closed."""
-        self.set_repeat(b"", 0.0)
-        self._guard_until_removed(None)
+        if self.repeat is not None:
+            self.repeat.set(b"", 0.0)
+        self._watch_in_thread(None)
         if not self._port.is_forked:
             self._inbox.close()
 
@@ -113,27 +106,9 @@ class Reader:
         self._latency = latency
         self._schedule = schedule
         self._stop_timer()
-        self._guard_until_removed(schedule)
+        self._watch_in_thread(schedule)
         self.hand_over()
         self._wait()
-
-    def set_repeat(self, request: bytes, interval: float) -> None:
-        """Have the thread write `request` from now on; none ends it, and no write is in progress on return."""
-        repeat, self._repeat = self._repeat, None
-        if repeat is not None:
-            repeat.stop()
-            self._repeated += repeat.count
-            if self._port.taps:
-                self._written += repeat.take_written()
-        if request and self._real_time and not self._stopped:
-            self._repeat = Repeat(self._handle, request, interval, time.monotonic_ns, self._write)
-        if self._guard is not None:
-            self._guard.repeat = self._repeat
-
-    def wrote(self, data: bytes) -> None:
-        """Take note of what the loop has written."""
-        if self._repeat is not None and data == self._repeat.request:
-            self._repeat.note()
 
     def poll(self) -> None:
         """Read what is there now, and hand over everything that is held."""
@@ -146,7 +121,8 @@ class Reader:
         shown, self._shown = self._shown, 0
         if held:
             if self._port.taps:
-                self._show(held, arrivals, shown)
+                for each in self._unseen(held, arrivals, shown):
+                    self._port.show(*each)
             data = held[0] if len(held) == 1 else b"".join(held)
             self._port.data_received(data, arrivals.pop()[1], arrivals, shown=True)
 
@@ -174,32 +150,27 @@ class Reader:
 
     def _read(self) -> None:
         """Read all there is, and show what was read since the last time to the taps."""
-        if self._stopped:
+        if self._closing:
             return
         try:
             self._inbox.read()
         except OSError as error:
-            self._lose(error)
+            self.lose(error)
             return
         if self._port.taps:
-            self.show_pending()
+            self._port.show_pending()
 
-    def show_pending(self) -> None:
-        """Show the taps what was read, here or in the thread, and not shown yet."""
+    def take_pending(self) -> list[tuple[str, bytes, int]]:
         held, arrivals = self._inbox.peek()
         shown, self._shown = self._shown, len(held)
-        self._show(held, arrivals, shown)
+        return self._unseen(held, arrivals, shown)
 
-    def _show(self, held: list[bytes], arrivals: list[tuple[int, int]], shown: int) -> None:
+    def _unseen(
+        self, held: list[bytes], arrivals: list[tuple[int, int]], shown: int
+    ) -> list[tuple[str, bytes, int]]:
+        """What was read, here or in the thread, and what the thread has written; but for so many shown reads."""
         chunks = [("in", data, now) for data, (_, now) in zip(held[shown:], arrivals[shown:], strict=True)]
-        written, self._written = self._written, []
-        if self._repeat is not None:
-            written += self._repeat.take_written()
-        if written:
-            chunks += [("out", data, now) for data, now in written]
-            chunks.sort(key=lambda chunk: chunk[2])
-        for direction, data, now in chunks:
-            self._port.show(direction, data, now)
+        return sorted(chunks + super().take_pending(), key=itemgetter(2))
 
     def _hand_over_if_due(self) -> None:
         if self._schedule is not None and self._inbox.size < HOLD_BYTES:
@@ -216,10 +187,10 @@ class Reader:
         now = self._port.now() * 1e-9
         pause = 0.0 if self._schedule is None else self._schedule.rest(now)
         if pause > 0 and self._schedule is not None:
-            if self._guard is None:
-                pause = min(pause, self._schedule.interval)
+            if self._dropped is not None:
+                self._watched.interval = self._schedule.interval
             else:
-                self._guard.interval = self._schedule.interval
+                pause = min(pause, self._schedule.interval)
         if pause <= 0:
             pause = max(self._latency - _TIMER_S, self._latency / 2)
         if pause <= 0 and self._handle < 0:
@@ -246,72 +217,46 @@ class Reader:
             self._timer.cancel()
             self._timer = None
 
-    def thread_failed(self) -> None:
+    def _thread_failed(self) -> None:
         """The thread could not read: end the port, if it is so."""
-        if self._guard is not None:
-            self._guard.told = False
         if not self._port.is_forked:
             self._read()
 
-    def _guard_until_removed(self, schedule: Schedule | None) -> None:
+    def _watch_in_thread(self, schedule: Schedule | None) -> None:
         """Have the thread read beside the loop while there is a schedule; None for no longer."""
-        if self._guard is not None and not self._port.is_forked:
-            self._guard.remove()
+        if self._dropped is not None and not self._port.is_forked:
+            reading_thread().remove(self._watched)
+            self._dropped.detach()
             # What the thread has read is in the inbox now; a response that comes next must not lie there unseen.
             self._inbox.share(False)
         # Not earlier: Ctrl-C may come anywhere above, and then `stop` removes it.
-        self._guard = None
-        if schedule is not None and self._real_time and not self._stopped:
+        self._dropped = None
+        if schedule is not None and self._port.is_real_time and not self._closing:
             self._inbox.share(True)
             # Noted before it is read, as above.
-            self._guard = _Guard(self, self._loop, self._inbox, schedule.interval)
-            self._guard.repeat = self._repeat
+            self._watched.interval = schedule.interval
+            dropped = self._dropped = weakref.finalize(self, _forget, self._watched, self.repeat, os.getpid())
+            dropped.atexit = False
             try:
-                self._guard.add()
+                reading_thread().add(self._watched)
             except RuntimeError:
                 # A system that allows no more threads: the loop polls more often instead.
-                self._guard = None
+                dropped.detach()
+                self._dropped = None
 
 
-class _Guard(Watched):
-    """A port that the thread reads for a `Reader`.
-
-    It holds no reference to the reader, so that a reader that is dropped without being stopped is not read for
-    ever.
-
-    Attributes:
-        told: Whether the loop was told of an error, and has not handled it yet.
-    """
-
-    def __init__(self, reader: Reader, loop: asyncio.AbstractEventLoop, inbox: Inbox, interval: float) -> None:
-        super().__init__(inbox, interval, self._fail)
-        self.told = False
-        self._loop = loop
-        self._failed = weakref.WeakMethod(reader.thread_failed)
-        self._thread: ReadingThread = reading_thread()
-        self._finalizer = weakref.finalize(reader, _forget, weakref.ref(self))
-        self._finalizer.atexit = False
-
-    def add(self) -> None:
-        """Have the thread read it. Raises RuntimeError where the system allows no more threads."""
-        self._thread.add(self)
-
-    def remove(self) -> None:
-        """Stop the thread reading it."""
-        self._thread.remove(self)
-        self._finalizer.detach()
-
-    def _fail(self) -> None:
-        failed = self._failed()
-        if failed is not None and not self.told:
-            self.told = True
-            with suppress(RuntimeError):  # the loop was closed
-                self._loop.call_soon_threadsafe(failed)
+def _failing(loop: asyncio.AbstractEventLoop, failed: weakref.WeakMethod[Callable[[], None]]) -> None:
+    """In the thread: have the loop see that the terminal of a line cannot be read."""
+    callback = failed()
+    if callback is not None:
+        with suppress(RuntimeError):  # the loop was closed
+            loop.call_soon_threadsafe(callback)
 
 
-def _forget(reference: weakref.ref[_Guard]) -> None:
-    """The reader is garbage, and its terminal will be closed."""
-    guard = reference()
-    if guard is not None:
-        guard.inbox.close()
-        guard.remove()
+def _forget(watched: Watched, repeat: Repeat | None, pid: int) -> None:
+    """The line is garbage, and its terminal will be closed; in a forked child it is the parent's."""
+    if os.getpid() == pid:
+        watched.inbox.close()
+        reading_thread().remove(watched)
+        if repeat is not None:
+            repeat.set(b"", 0.0)

@@ -3,13 +3,13 @@
 pyserial configures the port and pyserial-asyncio, used through its public names alone, writes what the operating
 system does not take at once. Three things that pyserial-asyncio does are replaced here:
 
-- It reads a kilobyte at a time; `Reader` reads all there is.
+- It reads a kilobyte at a time; `PolledLine` reads all there is.
 - It calls `connection_lost` before the port is closed; here the port is closed first.
 - When it closes, it waits on the event loop until the last byte has left the adapter (`tcdrain`), and closing in
   the kernel waits for up to 30 s likewise. `_SerialLine.close` waits asynchronously and for a bounded time, then
   discards what is left.
 
-On Windows no event loop can wait for a serial port. There `Reader` and its thread poll it by pyserial's calls
+On Windows no event loop can wait for a serial port. There `PolledLine` and its thread poll it by pyserial's calls
 (`lidario.port.polled`), in place of pyserial-asyncio's polling, which a blocked event loop would stop.
 """
 
@@ -21,6 +21,7 @@ import logging
 import os
 import threading
 import time
+from functools import partial
 
 import serial_asyncio
 
@@ -30,10 +31,9 @@ from lidario.port.adapter import FOREIGN, Adapter, count_errors
 from lidario.port.background import run_in_thread
 from lidario.port.diagnose import busy, held, is_pseudo_terminal, why_not_opened
 from lidario.port.left import POLL_S, WAIT_S, guard_is_left
-from lidario.port.line import Line, Schedule
 from lidario.port.polled import NO_HANDLE, Polled
 from lidario.port.port import Port
-from lidario.port.reading import Reader
+from lidario.port.reading import PolledLine
 
 __all__ = ["open_serial"]
 
@@ -51,10 +51,6 @@ async def open_serial(path: str, baudrate: int) -> Port:
 
     It is opened in a thread, since that takes up to tens of milliseconds. Cancelling leaves nothing open: a device
     that opens too late is closed. The guard of a program that was killed just now is waited for.
-
-    Args:
-        path: The device, as in ``/dev/ttyUSB0`` or ``COM3``.
-        baudrate: Speed in bits a second.
 
     Raises:
         ConnectFailed: Missing, forbidden, busy, or no serial port; the text says which.
@@ -82,11 +78,7 @@ def _open_when_free(path: str, baudrate: int) -> Adapter:
 
 
 def _open(path: str, baudrate: int) -> Adapter:
-    """Open and configure; blocks.
-
-    Raises:
-        ConnectFailed: As `open_serial`.
-    """
+    """Open and configure; blocks, and fails as `open_serial`."""
     device = Adapter()
     try:
         # A pseudo-terminal is held open by its other end.
@@ -105,15 +97,21 @@ def _open(path: str, baudrate: int) -> Adapter:
     return device
 
 
-class _SerialLine(Line):
-    """One open serial port: pyserial-asyncio's transport, with reading, direct writing and closing of our own."""
+class _SerialLine(PolledLine, asyncio.Protocol):
+    """One open serial port: pyserial-asyncio's transport, with reading, direct writing and closing of our own.
+
+    The transport tells it what it has read before it was told to pause, and when it has ended.
+    """
 
     def __init__(self, loop: asyncio.AbstractEventLoop, port: Port, device: Adapter) -> None:
-        self._loop = loop
-        self._port = port
         self._device = device
+        self._polled = None if POSIX else Polled(device)
+        if self._polled is None:
+            handle = device.fileno()
+            super().__init__(loop, port, handle, partial(os.write, handle))
+        else:
+            super().__init__(loop, port, NO_HANDLE, self._polled.write, self._polled.read)
         self._error: Exception | None = None
-        self._closing = False
         self._ended = False
         self._drained_by = 0.0
         self._errors = self._errors_before = LineErrors()
@@ -122,27 +120,14 @@ class _SerialLine(Line):
         with contextlib.suppress(*FOREIGN):
             self._errors = self._errors_before = count_errors(device.fileno())
             self._counts = True
-        self._timer: asyncio.TimerHandle | None = None
-        self._transport = serial_asyncio.SerialTransport(loop, _Events(self), device)
-        self._polled: Polled | None = None
-        if POSIX:
-            self._reader = Reader(loop, port, device.fileno(), self._lose)
-        else:
-            polled = self._polled = Polled(device)
-            self._reader = Reader(loop, port, NO_HANDLE, self._lose, polled.read, polled.write)
+        self._drain_timer: asyncio.TimerHandle | None = None
+        self._transport = serial_asyncio.SerialTransport(loop, self, device)
         # The transport has just queued its own start of reading; these two run after it.
         loop.call_soon(self._transport.pause_reading)
-        loop.call_soon(self._reader.start)
+        loop.call_soon(self.start)
 
-    def is_closing(self) -> bool:
-        return self._closing
-
-    def descriptor(self) -> int | None:
-        return self._device.fileno() if POSIX else None
-
-    @property
-    def is_hurried(self) -> bool:
-        return self._device.is_hurried
+    def passed_on(self) -> tuple[int, bool] | None:
+        return (self._device.fileno(), self._device.is_hurried) if POSIX else None
 
     def set_baudrate(self, baudrate: int) -> None:
         try:
@@ -159,22 +144,6 @@ class _SerialLine(Line):
                 self._device.keep_lines_at_close()
             self._device.dtr = asserted
 
-    def set_polling(self, latency: float, schedule: Schedule | None) -> None:
-        self._reader.set_polling(latency, schedule)
-
-    def set_repeat(self, request: bytes, interval: float) -> None:
-        self._reader.set_repeat(request, interval)
-
-    @property
-    def repeated(self) -> int:
-        return self._reader.repeated
-
-    def poll(self) -> None:
-        self._reader.poll()
-
-    def show_pending(self) -> None:
-        self._reader.show_pending()
-
     @property
     def errors(self) -> LineErrors:
         if self._device.is_open:
@@ -188,14 +157,13 @@ class _SerialLine(Line):
                 self._errors = count_errors(self._device.fileno())
 
     def write(self, data: bytes) -> None:
-        self._reader.wrote(data)
         if not self._transport.get_write_buffer_size():
             try:
                 data = data[self._write_now(data) :]
             except BlockingIOError:
                 pass
             except OSError as error:
-                self._lose(error)
+                self.lose(error)
                 return
         if data:
             self._transport.write(data)
@@ -203,19 +171,17 @@ class _SerialLine(Line):
     def _write_now(self, data: bytes) -> int:
         """Return how many bytes the system took; raise OSError where it took none."""
         if self._polled is not None:
-            return self._polled.write(NO_HANDLE, data)
+            return self._polled.write(data)
         # pyserial is asked each time: the number of a port that was closed may be another file's by now.
         return os.write(self._device.fileno(), data)
 
     def write_without_loop(self, data: bytes) -> None:
-        # These are the stop requests: the thread must not write behind them.
-        self.set_repeat(b"", 0.0)
         with contextlib.suppress(*FOREIGN):
             self._write_now(data)
 
     def close(self) -> None:
         if not self._closing and not self._port.is_forked:
-            self._stop()
+            self.stop()
             self._drained_by = self._loop.time() + DRAIN_S
             self._drain()
 
@@ -223,38 +189,36 @@ class _SerialLine(Line):
         # Once only: the transport would fail at a second end.
         if not self._ended and not self._port.is_forked:
             self._ended = True
-            self._stop()
+            self.stop()
             self._discard_output()
             self._transport.abort()
 
     def close_without_loop(self) -> None:
         self._closing = True
-        self._reader.release()
+        self.release()
         if not self._device.is_open:
             return
         self._discard_output()
         with contextlib.suppress(*FOREIGN):
             self._device.close()
 
-    def _lose(self, error: Exception) -> None:
-        """The line died."""
+    def lose(self, error: Exception) -> None:
         if not self._closing:
             self._error = error
             self.abort()
 
-    def _stop(self) -> None:
-        self._closing = True
-        self._reader.stop()
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
+    def stop(self) -> None:
+        super().stop()
+        if self._drain_timer is not None:
+            self._drain_timer.cancel()
+            self._drain_timer = None
 
     def _drain(self) -> None:
         """Close once everything written has left, or when it has not left in time."""
-        self._timer = None
+        self._drain_timer = None
         if not self._is_drained():
             if self._loop.time() < self._drained_by:
-                self._timer = self._loop.call_later(_DRAIN_POLL_S, self._drain)
+                self._drain_timer = self._loop.call_later(_DRAIN_POLL_S, self._drain)
             else:
                 _log.warning("%s: closed before all was sent, which took more than %g s", self._port.name, DRAIN_S)
                 self.abort()
@@ -282,31 +246,14 @@ class _SerialLine(Line):
                 duplicate = os.dup(self._device.fileno())
                 threading.Thread(target=os.close, args=(duplicate,), name="lidario: close", daemon=True).start()
 
-    def lost(self, error: Exception | None) -> None:
+    def connection_lost(self, exc: Exception | None) -> None:
         """The transport has ended: hand over what was held, close the port, and report it."""
-        self._reader.hand_over()
+        self.hand_over()
         self._count()
         with contextlib.suppress(*FOREIGN):
             self._device.close()
         self._closing = True
-        self._port.connection_lost(self._error or error)
-
-    def received(self, data: bytes) -> None:
-        """The transport has read, before `Reader` has started."""
-        self._port.data_received(data)
-
-
-class _Events(asyncio.Protocol):
-    """What pyserial-asyncio tells of its transport."""
-
-    def __init__(self, line: _SerialLine) -> None:
-        self._line = line
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        pass
+        self._port.connection_lost(self._error or exc)
 
     def data_received(self, data: bytes) -> None:
-        self._line.received(data)
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        self._line.lost(exc)
+        self._port.data_received(data)

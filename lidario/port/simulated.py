@@ -12,7 +12,9 @@ cause of the `DeviceLost` that the receiver is told.
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from math import radians
+from typing import Final, TypeVar
 from weakref import WeakValueDictionary
 
 from lidario.errors import ConnectFailed, DeviceLost
@@ -31,9 +33,10 @@ from lidario.source import Source, quoted
 
 __all__ = ["MemoryTransport", "Simulation", "connect_in_memory", "make_device", "open_simulated"]
 
+T = TypeVar("T")
 TICK_S = 0.002
 """Shortest time between two deliveries of a device in memory."""
-_WAYS = ("pty", "tcp", "udp", "memory")
+_SERVERS: Final = {"pty": PtyServer, "tcp": TcpServer, "udp": UdpServer}
 
 
 def make_device(source: Source) -> tuple[SimulatedDevice, Faults | None]:
@@ -68,9 +71,6 @@ class Simulation:
 
     Attributes:
         server: What serves it; None in memory.
-
-    Raises:
-        ConnectFailed: The source is no good.
     """
 
     def __init__(self, source: Source, *, lasting: bool) -> None:
@@ -82,12 +82,8 @@ class Simulation:
         way = _way(source)
         if "via" not in source.options and way != "memory" and is_network(self._device):
             way = "udp"
-        if way == "pty":
-            self.server = PtyServer(self._device, faults=self._faults)
-        elif way == "tcp":
-            self.server = TcpServer(self._device, faults=self._faults)
-        elif way == "udp":
-            self.server = UdpServer(self._device, faults=self._faults)
+        if way != "memory":
+            self.server = _SERVERS[way](self._device, faults=self._faults)
 
     async def open(self) -> Port:
         """Open a line to it.
@@ -118,8 +114,8 @@ class Simulation:
                 raise failed from failed.__cause__
             raise
         port.name = self._name
-        port.on_loss(self._why_lost)
-        port.on_close(self._closed)
+        port.explain_loss = self._why_lost
+        port.on_close = self._closed
         self._ports += 1
         return port
 
@@ -151,31 +147,20 @@ class Simulation:
 
 
 async def open_simulated(source: Source) -> Port:
-    """Start a simulated device and open the line to it; closing the port ends it.
-
-    Raises:
-        ConnectFailed: The source is no good, or the line could not be opened.
-        DeviceLost: The simulated device failed already.
-    """
+    """Start a simulated device and open the line to it; closing the port ends it."""
     return await Simulation(source, lasting=False).open()
 
 
 def _way(source: Source) -> str:
     way = source.options.get("via", usual_way())
-    if way not in _WAYS:
-        raise ConnectFailed(
-            f"{quoted(source.text)}: via={quoted(way)} is not known; use {', '.join(_WAYS)}", reason="source"
-        )
+    if way not in (*_SERVERS, "memory"):
+        known = ", ".join((*_SERVERS, "memory"))
+        raise ConnectFailed(f"{quoted(source.text)}: via={quoted(way)} is not known; use {known}", reason="source")
     return way
 
 
 def connect_in_memory(device: SimulatedDevice, faults: Faults | None = None, *, name: str = "memory") -> Port:
     """A port on `device`, without a kernel between them; needs a running event loop.
-
-    Args:
-        device: The device; any object that offers what `SimulatedDevice` does.
-        faults: What happens to its bytes on the way.
-        name: For messages.
 
     Raises:
         ConnectFailed: Another session has it open (reason ``busy``), as with a serial port.
@@ -221,15 +206,8 @@ class MemoryTransport(Line):
         return self._closing
 
     def write(self, data: bytes) -> None:
-        if self._closing:
-            return
-        now = self._port.now()
-        try:
-            self._line.write(data, now)
-        except Exception as error:
-            self.end(_failed(self._port.name, error))
-        else:
-            self._arm(now)
+        self.write_without_loop(data)
+        self._arm(self._port.now())
 
     def set_baudrate(self, baudrate: int) -> None:
         now = self._port.now()
@@ -248,13 +226,8 @@ class MemoryTransport(Line):
         self.end(None)
 
     def write_without_loop(self, data: bytes) -> None:
-        if self._closing:
-            return
-        try:
-            self._line.write(data, self._port.now())
-        except Exception as error:
-            if not self._loop.is_closed():
-                self.end(_failed(self._port.name, error))
+        if not self._closing:
+            self._of_device(lambda: self._line.write(data, self._port.now()))
 
     def close_without_loop(self) -> None:
         self._closing = True
@@ -266,11 +239,7 @@ class MemoryTransport(Line):
             self._timer = None
         if self._closing:
             return
-        try:
-            due = self._line.wakeup(now)
-        except Exception as error:
-            self.end(_failed(self._port.name, error))
-            return
+        due = self._of_device(lambda: self._line.wakeup(now))
         if due is not None:
             self._timer = self._loop.call_at(max(due, now + round(TICK_S * 1e9)) * 1e-9, self._deliver)
 
@@ -279,18 +248,20 @@ class MemoryTransport(Line):
         if self._port.is_forked:
             return
         now = self._port.now()
-        try:
-            data = self._line.read(now)
-            unplugged = self._line.unplugged(now)
-        except Exception as error:
-            self.end(_failed(self._port.name, error))
-            return
-        if unplugged:
+        data = self._of_device(lambda: self._line.read(now))
+        if self._of_device(lambda: self._line.unplugged(now)):
             self.end(OSError("the line was unplugged"))
-            return
-        if data:
+        elif data and not self._closing:
             self._port.data_received(data)
         self._arm(now)
+
+    def _of_device(self, does: Callable[[], T]) -> T | None:
+        """What the device does; where it fails, the line ends."""
+        try:
+            return does()
+        except Exception as error:
+            self.end(_failed(self._port.name, error))
+            return None
 
     def end(self, error: Exception | None) -> None:
         """Have the port told that the line is gone; harmless when done before."""
@@ -299,7 +270,8 @@ class MemoryTransport(Line):
         self._closing = True
         if self._timer is not None:
             self._timer.cancel()
-        self._loop.call_soon(self._port.connection_lost, error)
+        if not self._loop.is_closed():
+            self._loop.call_soon(self._port.connection_lost, error)
 
 
 _LINES: WeakValueDictionary[int, MemoryTransport] = WeakValueDictionary()

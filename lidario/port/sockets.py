@@ -12,7 +12,6 @@ import contextlib
 import errno
 import os
 import socket
-import time
 from collections.abc import Awaitable, Callable
 from typing import Any, Generic, TypeVar
 
@@ -21,15 +20,12 @@ from lidario.port.background import run_in_thread
 from lidario.port.left import wait_for_guard
 from lidario.port.line import Line
 from lidario.port.port import Port
-from lidario.port.repeat import Repeat, Repeated
-from lidario.port.thread import reading_thread
+from lidario.port.repeat import Repeat
 
 __all__ = ["SocketLine", "connected"]
 
 T = TypeVar("T", bound=asyncio.Transport | asyncio.DatagramTransport)
 _UNREACHABLE = (errno.EHOSTUNREACH, errno.ENETUNREACH)
-_SAME_CLOCK_NS = 1_000_000_000
-"""Two readings of one clock are less than this apart."""
 
 
 async def connected(
@@ -44,14 +40,8 @@ async def connected(
 ) -> None:
     """Await `connect`, and translate what the system says.
 
-    Args:
-        name: What is opened, for messages.
-        host: Name or address.
-        number: Number of the port.
-        connect: Connects to them.
-        seconds: How long it may take.
-        late: What to say when it takes longer.
-        unreachable: What to ask where there is no way to the host.
+    Where it takes longer than so many seconds, the error says `late`; where there is no way to the host, it asks
+    `unreachable`.
 
     Raises:
         ConnectFailed: It could not be done; the reason is ``refused``. Cancelling leaves nothing open.
@@ -84,25 +74,20 @@ def _why(error: Exception, unreachable: str) -> str:
 
 
 class SocketLine(Line, Generic[T]):
-    """asyncio's transport of a socket.
-
-    Args:
-        transport: The transport.
-        port: Shows the taps what the thread has written.
-    """
+    """asyncio's transport of a socket."""
 
     def __init__(self, transport: T, port: Port) -> None:
         self._transport: T = transport
         self._port = port
         self._socket: Any = transport.get_extra_info("socket")
-        self._repeater: _Repeater | None = None
-        self._repeated = 0
+        if port.is_real_time:
+            self.repeat = _SocketRepeat(self._socket)
 
     def is_closing(self) -> bool:
         return self._transport.is_closing()
 
-    def descriptor(self) -> int | None:
-        return int(self._socket.fileno())
+    def passed_on(self) -> tuple[int, bool] | None:
+        return int(self._socket.fileno()), False
 
     def close(self) -> None:
         self._transport.close()
@@ -110,64 +95,30 @@ class SocketLine(Line, Generic[T]):
     def abort(self) -> None:
         self._transport.abort()
 
-    def set_repeat(self, request: bytes, interval: float) -> None:
-        repeater, self._repeater = self._repeater, None
-        if repeater is not None:
-            repeater.stop()
-            self._repeated += repeater.repeat.count
-            self._show(repeater.repeat)
-        # The thread knows the system's clock only: it is of no use to a loop with another one.
-        real_time = abs(self._port.now() - time.monotonic_ns()) < _SAME_CLOCK_NS
-        if request and real_time and not self._transport.is_closing():
-            with contextlib.suppress(OSError):  # a connection that has just died
-                self._repeater = _Repeater(self._socket.dup(), request, interval)
-
-    @property
-    def repeated(self) -> int:
-        return self._repeated + (0 if self._repeater is None else self._repeater.repeat.count)
-
-    def show_pending(self) -> None:
-        if self._repeater is not None:
-            self._show(self._repeater.repeat)
-
-    def _wrote(self, data: bytes) -> None:
-        """Take note of what the loop has written."""
-        if self._repeater is not None and data == self._repeater.repeat.request:
-            self._repeater.repeat.note()
-
-    def _show(self, repeat: Repeat) -> None:
-        for data, at in repeat.take_written():
-            self._port.show("out", data, at)
-
     def write_without_loop(self, data: bytes) -> None:
         """As `Line.write_without_loop`; no effect under uvloop, which closes the socket with its loop."""
         with contextlib.suppress(OSError, ValueError):
             os.write(self._socket.fileno(), data)
 
 
-class _Repeater:
-    """Has the thread write a request to a socket.
+class _SocketRepeat(Repeat):
+    """Writes to a descriptor of its own, which is open only meanwhile."""
 
-    Args:
-        own: A socket of its own for the same connection.
-        request: The bytes to write.
-        interval: As for `Repeat`.
-    """
+    def __init__(self, line: Any) -> None:
+        super().__init__(self._send)
+        self._line = line
+        self._own: socket.socket | None = None
 
-    def __init__(self, own: socket.socket, request: bytes, interval: float) -> None:
-        self._own = own
-        self.repeat: Repeat = Repeat(
-            own.fileno(), request, interval, time.monotonic_ns, lambda _, data: own.send(data)
-        )
-        self._repeated = Repeated(self.repeat)
-        try:
-            reading_thread().add(self._repeated)
-        except RuntimeError:
-            own.close()  # the system allows no more threads: only the loop writes it
-            self.repeat.stop()
+    def set(self, request: bytes, interval: float) -> None:
+        super().set(b"", 0.0)
+        if self._own is not None:
+            self._own.close()
+            self._own = None
+        if request:
+            with contextlib.suppress(OSError):  # a connection that has just died
+                self._own = self._line.dup()
+                super().set(request, interval)
 
-    def stop(self) -> None:
-        """Write it no more; a write in progress has ended when this returns."""
-        self.repeat.stop()
-        reading_thread().remove(self._repeated)
-        self._own.close()
+    def _send(self, data: bytes) -> None:
+        if self._own is not None:
+            self._own.send(data)

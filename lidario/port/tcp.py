@@ -27,12 +27,6 @@ _KEEPALIVE = (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 3))
 async def open_tcp(name: str, host: str, number: int, baudrate: int = 0) -> Port:
     """Connect to a serial line that is served over TCP.
 
-    Args:
-        name: What is opened, for messages.
-        host: Name or address.
-        number: Number of the TCP port.
-        baudrate: Speed of the serial line behind it, in bits a second; 0 when unknown.
-
     Raises:
         ConnectFailed: Unknown host, refused, impossible address, or no response within five seconds. Cancelling
             leaves nothing open.
@@ -73,7 +67,6 @@ class _TcpLine(SocketLine[asyncio.Transport]):
                     self._socket.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
 
     def write(self, data: bytes) -> None:
-        self._wrote(data)
         if os.name == "posix" and not self._transport.get_write_buffer_size():
             # An error is left to the transport, which meets it too and ends the connection.
             with contextlib.suppress(OSError):

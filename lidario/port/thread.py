@@ -5,7 +5,8 @@ computes for longer on its event loop would lose bytes. So while a stream runs, 
 was not read for `Watched.interval`. It only moves bytes into the port's `Inbox` and notes when they came. The
 event loop takes them from there when it needs them, at the end of a revolution, and reads what came since. On a
 loop that is free no thread wakes the other one; a loop that is late finds everything in the inbox. What must be
-written again and again to keep a device going it writes likewise, when the loop is late with it.
+written again and again to keep a device going, and the loop is late with, is written likewise
+(`lidario.port.repeat`).
 
 The thread goes its own steps, of one interval each, and does not look whether the loop was in time: at 10 Hz and an
 interval of 43 ms it would be woken three times a revolution for that, and so it is woken 2.3 times.
@@ -29,7 +30,6 @@ from typing import Protocol
 
 from lidario.latch import Latch
 from lidario.port.inbox import Inbox
-from lidario.port.repeat import Repeat
 
 __all__ = ["ReadingThread", "Served", "Watched", "reading_thread", "start_thread"]
 
@@ -57,10 +57,6 @@ def start_thread(work: Callable[[], None], name: str) -> threading.Thread:
 
     Where Ctrl-C ends the waiting, the thread does its work all the same, or was never started. So `work` must find
     out itself whether anybody still needs it.
-
-    Args:
-        work: What it does.
-        name: Its name.
 
     Raises:
         RuntimeError: The system allows no more threads.
@@ -100,28 +96,20 @@ class Served(Protocol):
 class Watched:
     """One port that the thread reads.
 
-    Args:
-        inbox: Where the bytes go.
-        interval: Seconds for which the port may stay unread.
-        on_error: Called in the thread each time the port cannot be read; it must not block or raise.
+    `on_error` is called in the thread each time the port cannot be read; it must not block or raise.
 
     Attributes:
         interval: May be changed at any time, from any thread.
-        repeat: A request to write where the loop is late with it; None for none.
     """
 
     def __init__(self, inbox: Inbox, interval: float, on_error: Callable[[], None]) -> None:
         self.interval: float = interval
-        self.repeat: Repeat | None = None
         self.inbox: Inbox = inbox
         self._on_error = on_error
         self._next_at = 0.0
 
     def serve(self, now: float, late: float) -> float:
         """As `Served`: read the port if it is due."""
-        repeat = self.repeat
-        if repeat is not None:
-            repeat.serve()
         interval = self.interval
         if now >= self._next_at - TOGETHER_SHARE * interval:
             last = self.inbox.last_ns * 1e-9
@@ -168,12 +156,9 @@ class ReadingThread:
         return self._thread is not None
 
     def add(self, watched: Served) -> None:
-        """Serve this port from now on; starts the thread where it does not run.
+        """Serve this port from now on; starts the thread where it does not run, as `start_thread`.
 
         Where Ctrl-C ends it, the port may be read all the same, until `remove` is called.
-
-        Raises:
-            RuntimeError: The system allows no more threads.
         """
         with self._lock:
             self.ports.append(watched)

@@ -32,16 +32,18 @@ class Turns:
     Args:
         now: The time in nanoseconds. Where it stands still all is done at once.
         failed: Called with what was raised in a later turn; in the first one it reaches the caller of `add`.
+        turn_ns: Nanoseconds of each turn.
 
     Attributes:
         waiting: The work that waits, and its size as it was given to `add`.
         size: Of all that waits.
     """
 
-    def __init__(self, now: Callable[[], int], failed: Callable[[Exception], None]) -> None:
+    def __init__(self, now: Callable[[], int], failed: Callable[[Exception], None], turn_ns: int = TURN_NS) -> None:
         self.size: int = 0
         self._now = now
         self._failed = failed
+        self._turn_ns = turn_ns
         self.waiting: deque[tuple[Iterator[None], int]] = deque()
         self._busy = False
         self._due = False
@@ -62,7 +64,7 @@ class Turns:
             callback()
 
     def _go_on(self) -> None:
-        until = self._now() + TURN_NS
+        until = self._now() + self._turn_ns
         self._busy = True
         try:
             while self.waiting:

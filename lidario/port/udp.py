@@ -18,6 +18,7 @@ import socket
 from typing import Any, cast
 
 from lidario.errors import DeviceLost
+from lidario.port.line import Line
 from lidario.port.port import Port
 from lidario.port.sockets import SocketLine, connected
 
@@ -31,21 +32,16 @@ BUFFER = 1 << 20
 async def open_udp(name: str, host: str, number: int) -> Port:
     """Open a line to a lidar in the network; nothing is sent.
 
-    Args:
-        name: What is opened, for messages.
-        host: Name or address.
-        number: Number of the UDP port.
-
     Raises:
         ConnectFailed: Unknown host, impossible address, or no way to it. Cancelling leaves nothing open.
     """
     loop = asyncio.get_running_loop()
-    port = Port(name)
+    port = _UdpPort(name)
     await connected(
         name,
         host,
         number,
-        lambda: loop.create_datagram_endpoint(lambda: _Events(port), remote_addr=(host, number)),
+        lambda: loop.create_datagram_endpoint(lambda: port, remote_addr=(host, number)),
         seconds=RESOLVE_TIMEOUT_S,
         late=f"the name was not resolved within {RESOLVE_TIMEOUT_S:g} s. Is the name of the host right?",
         unreachable="Is this computer in the network of the lidar?",
@@ -53,40 +49,26 @@ async def open_udp(name: str, host: str, number: int) -> Port:
     return port
 
 
-class _Events(asyncio.DatagramProtocol):
-    """What asyncio's transport tells."""
+class _UdpPort(Port, asyncio.DatagramProtocol):
+    """A port that makes its line when the socket is there."""
 
-    def __init__(self, port: Port) -> None:
-        self._port = port
-        self._line: _UdpLine | None = None
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        self._line = _UdpLine(cast("asyncio.DatagramTransport", transport), self._port)
-        self._port.connection_made(self._line)
+    def connection_made(self, transport: asyncio.BaseTransport | Line) -> None:
+        super().connection_made(_UdpLine(cast("asyncio.DatagramTransport", transport), self))
 
     def datagram_received(self, data: bytes, addr: Any) -> None:  # noqa: ARG002
         if data:
-            self._port.data_received(data)
+            self.data_received(data)
 
     def error_received(self, exc: Exception) -> None:
-        if self._line is not None:
+        if isinstance(self._line, _UdpLine):
             self._line.failed(exc)
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        error = exc if self._line is None or self._line.error is None else self._line.error
-        self._port.connection_lost(error)
 
 
 class _UdpLine(SocketLine[asyncio.DatagramTransport]):
-    """asyncio's transport of a connected UDP socket.
-
-    Attributes:
-        error: Why the line is lost, if it is.
-    """
+    """asyncio's transport of a connected UDP socket."""
 
     def __init__(self, transport: asyncio.DatagramTransport, port: Port) -> None:
         super().__init__(transport, port)
-        self.error: Exception | None = None
         with contextlib.suppress(OSError):
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
 
@@ -98,11 +80,10 @@ class _UdpLine(SocketLine[asyncio.DatagramTransport]):
                 f"{self._port.name} is gone: nothing listens at this UDP port. Are address and port right?"
             )
             why.__cause__ = error
-            self.error = why
+            self._port.explain_loss = lambda: why
             self._transport.abort()
 
     def write(self, data: bytes) -> None:
-        self._wrote(data)
         if os.name != "posix":
             self._transport.sendto(data)
             return

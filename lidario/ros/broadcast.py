@@ -12,7 +12,6 @@ from __future__ import annotations
 import asyncio
 import logging
 import platform
-import time
 from abc import abstractmethod
 from collections import deque
 from collections.abc import Callable
@@ -26,16 +25,16 @@ from lidario.errors import ConnectFailed, InvalidValue, LidarError, LocalProtoco
 from lidario.model import ScanMode
 from lidario.network.bus import DEFAULT_ROUTER, Bus
 from lidario.network.heard import what_is_heard
-from lidario.network.keys import Attachment, Token, parse_token, status_key, token_key, tokens_of
+from lidario.network.keys import Token, parse_token, status_key, token_key, tokens_of
 from lidario.network.sender import Sender
-from lidario.network.status import Status
+from lidario.network.status import AWAY, Status
 from lidario.recording.about import About
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
 from lidario.session.talking.trouble import Trouble
 from lidario.version import __version__
 
-__all__ = ["Broadcast", "Outlet"]
+__all__ = ["Broadcast"]
 
 _log = logging.getLogger("lidario")
 
@@ -52,26 +51,6 @@ LAST_AGAIN_S: Final = 4.0
 """The longest of these waits."""
 
 
-class Outlet:
-    """Sends numbered messages under one key.
-
-    Attributes:
-        sent: How many; those that were lost for want of a router are among them, so that a reader sees a gap.
-        gid: 16 bytes that tell the publisher.
-        sender: What sends them.
-    """
-
-    def __init__(self, sender: Sender, gid: bytes) -> None:
-        self.sent: int = 0
-        self.gid: bytes = gid
-        self.sender: Sender = sender
-
-    def send(self, payload: bytes) -> bool:
-        """Send one message; it is lost where there is no router. False where zenoh did not take it."""
-        self.sent += 1
-        return self.sender.put(payload, Attachment(self.sent, time.time_ns(), self.gid).to_bytes())
-
-
 class Broadcast(Entered):
     """One lidar on the network; the base of `Publisher` and `Share`.
 
@@ -81,9 +60,6 @@ class Broadcast(Entered):
         robot: Name of this robot, for the list of a fleet; None for the name of this machine.
 
     Attributes:
-        lidar: As above.
-        router: As above.
-        robot: As above.
         on_change: Called when the router is not there at the start or is lost (False), and when it comes (True);
             None to log `news` as a warning.
         news: What has happened last to the router, as a sentence; empty before anything has.
@@ -110,8 +86,8 @@ class Broadcast(Entered):
         self._modes: tuple[ScanMode, ...] = ()
         self._times: deque[float] = deque(maxlen=64)
         self._ticking: asyncio.Task[None] | None = None
-        self._status: Outlet | None = None
-        self._trouble = Trouble(_log)
+        self._status: Sender | None = None
+        self._trouble = Trouble()
         self._readers = asyncio.Event()
 
     @property
@@ -241,7 +217,7 @@ class Broadcast(Entered):
             modes=self._modes,
             mode=lidar.mode,
             rate=self.rate,
-            lost="" if lidar.is_connected else "the lidar is away from its publisher",
+            lost="" if lidar.is_connected else AWAY,
             sender=self._status.gid.hex() if self._status is not None else "",
         )
 
@@ -258,7 +234,7 @@ class Broadcast(Entered):
     def _leave(self) -> None:
         """End what `_declare` began."""
 
-    def _watch_readers(self, bus: Bus, scans: Outlet) -> None:
+    def _watch_readers(self, bus: Bus, scans: Sender) -> None:
         """Know from now on whether anybody reads the scans."""
 
         def changed(is_read: bool) -> None:
@@ -267,7 +243,7 @@ class Broadcast(Entered):
             else:
                 self._readers.clear()
 
-        bus.watch_readers(scans.sender, changed)
+        bus.watch_readers(scans, changed)
 
     def _each_second(self, status: Status) -> None:
         """The status has been published."""
@@ -292,7 +268,7 @@ class Broadcast(Entered):
         # No await from here to the end, so that cancelling comes before all of it or after.
         try:
             gid = self._declare(bus)
-            self._status = Outlet(bus.sender(status_key(self.key)), gid)
+            self._status = bus.sender(status_key(self.key), gid)
             bus.respond(status_key(self.key), lambda: self.status().to_bytes(whole=True))
             info = self.lidar.info
             token = token_key(Token(self.key, self.form, self.robot, info.model, info.serial))

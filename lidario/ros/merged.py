@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -15,11 +15,10 @@ from lidario.errors import InvalidValue
 from lidario.merging import Merged
 from lidario.model import HealthStatus
 from lidario.network.bus import DEFAULT_ROUTER, Bus
+from lidario.network.sender import Sender
 from lidario.network.status import Status
 from lidario.points import Motion, Mount
 from lidario.recording.about import About
-from lidario.ros.broadcast import Outlet
-from lidario.ros.diagnostics import diagnostics
 from lidario.ros.names import POINTCLOUD2, Distro
 from lidario.ros.pointcloud import POINT, PointCloud2
 from lidario.ros.publisher import Publisher
@@ -98,12 +97,13 @@ class MergedPublisher(Publisher):
         )  # fmt: skip
         self.lidars: tuple[Lidar, ...] = tuple(lidars)
         self._mounts, self._motion = mounts, motion
-        self._beams, self._frame_id = beams, frame_id
-        self._no_return: NoReturn = no_return
-        self._filtered: NoReturn = filtered
-        self._range_min, self._range_max = range_min, range_max
+        self._frame_id = frame_id
+        self._message_of = partial(
+            Merged.to_laserscan, beams=beams, frame_id=frame_id, range_min=range_min, range_max=range_max,
+            no_return=no_return, filtered=filtered,
+        )  # fmt: skip
         self._cloud_topic = self._node.topic(cloud_topic)
-        self._cloud: Outlet | None = None
+        self._cloud: Sender | None = None
 
     def publish(self, scan: Scan | Merged) -> None:
         """Publish a cloud of `lidario.merged`. Never waits: without a router it is lost.
@@ -115,17 +115,10 @@ class MergedPublisher(Publisher):
             raise InvalidValue(
                 f"a publisher of several lidars takes what lidario.merged() gives, not {shown(scan)}"
             )
-        message = scan.to_laserscan(
-            self._beams,
-            frame_id=self._frame_id,
-            range_min=self._range_min,
-            range_max=self._range_max,
-            no_return=self._no_return,
-            filtered=self._filtered,
-        )
+        message = self._message_of(scan).to_cdr()
         if self._cloud is not None:
             self._cloud.send(_cloud_of(scan, self._frame_id).to_cdr())
-        self._count(self._scans is not None and self._scans.send(message.to_cdr()))
+        self._count(self._scans is not None and self._scans.send(message))
 
     def status(self) -> Status:
         """As `Publisher.status`, of all the lidars."""
@@ -148,17 +141,7 @@ class MergedPublisher(Publisher):
 
     def _each_second(self, status: Status) -> None:
         for lidar in self.lidars:
-            message = diagnostics(
-                time.time_ns(),
-                f"{self._node.name}: {self._topic.lstrip('/')} {lidar.info.serial}",
-                lidar.info,
-                lidar.health,
-                stats=lidar.stats,
-                rate=status.rate,
-                lost="" if lidar.is_connected else "the lidar is away from its publisher",
-            )
-            if self._diagnostics is not None:
-                self._diagnostics.send(message.to_cdr())
+            self._diagnose(lidar, f"{self._topic.lstrip('/')} {lidar.info.serial}", status.rate)
 
 
 def _cloud_of(scan: Merged, frame_id: str) -> PointCloud2:

@@ -19,8 +19,9 @@ from lidario.errors import InvalidValue
 from lidario.laserscan import LaserScan
 from lidario.laserscans import LaserScans
 from lidario.network.bus import DEFAULT_ROUTER, Bus
-from lidario.network.status import Status
-from lidario.ros.broadcast import Broadcast, Outlet
+from lidario.network.sender import Sender
+from lidario.network.status import AWAY, Status
+from lidario.ros.broadcast import Broadcast
 from lidario.ros.diagnostics import diagnostics
 from lidario.ros.names import (
     CLOCK,
@@ -133,9 +134,9 @@ class Publisher(Broadcast):
         self._are_now = stamps == "now"
         self._late_ns = 0
         self._tells_time = yes_or_no(clock, "clock")
-        self._scans: Outlet | None = None
-        self._diagnostics: Outlet | None = None
-        self._clock: Outlet | None = None
+        self._scans: Sender | None = None
+        self._diagnostics: Sender | None = None
+        self._clock: Sender | None = None
 
     @property
     def topic(self) -> str:
@@ -183,24 +184,27 @@ class Publisher(Broadcast):
         self._watch_readers(bus, self._scans)
         return self._scans.gid
 
-    def _outlet(self, bus: Bus, entity: int, topic: str, kind: MessageType, *, keeps_last: bool = False) -> Outlet:
+    def _outlet(self, bus: Bus, entity: int, topic: str, kind: MessageType, *, keeps_last: bool = False) -> Sender:
         quality = LATEST_KEPT if keeps_last else RELIABLE_10
         token = self._node.publisher_token(bus.id, entity, topic, kind, quality)
         # The publisher before its token: who sees the token may expect it.
-        outlet = Outlet(bus.sender(self._node.data_key(topic, kind), keeps_last=keeps_last), gid_of(token))
+        outlet = bus.sender(self._node.data_key(topic, kind), gid_of(token), keeps_last=keeps_last)
         bus.token(token)
         return outlet
 
     def _each_second(self, status: Status) -> None:
-        lidar = self.lidar
+        self._diagnose(self.lidar, self._topic.lstrip("/"), status.rate)
+
+    def _diagnose(self, lidar: Lidar, what: str, rate: float) -> None:
+        """Say on ``/diagnostics`` how a lidar is."""
         message = diagnostics(
             time.time_ns(),
-            f"{self._node.name}: {self._topic.lstrip('/')}",
+            f"{self._node.name}: {what}",
             lidar.info,
             lidar.health,
             stats=lidar.stats,
-            rate=status.rate,
-            lost=status.lost,
+            rate=rate,
+            lost="" if lidar.is_connected else AWAY,
         )
         if self._diagnostics is not None:
             self._diagnostics.send(message.to_cdr())

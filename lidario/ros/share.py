@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, cast
 
@@ -17,9 +18,10 @@ from lidario.errors import Unsupported
 from lidario.network.bus import DEFAULT_ROUTER, Bus
 from lidario.network.keys import check_key
 from lidario.network.messages import MOST_RAW_BYTES, Entry, encode_raw_message, encode_scan
+from lidario.network.sender import Sender
 from lidario.recording.about import About
 from lidario.recording.chronicle import Responded, StreamBegan, StreamEnded, event_of
-from lidario.ros.broadcast import Broadcast, Outlet
+from lidario.ros.broadcast import Broadcast
 from lidario.ros.names import gid_of
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
@@ -68,7 +70,7 @@ class Share(Broadcast):
         raw = yes_or_no(raw, "raw")
         self.form = "raw" if raw else "scan"
         self._key = check_key(key)
-        self._outlet: Outlet | None = None
+        self._outlet: Sender | None = None
         self._raw = RawFeed(lidar, self.send_raw, self.count_scan) if raw else None
 
     @property
@@ -85,7 +87,7 @@ class Share(Broadcast):
 
     def _declare(self, bus: Bus) -> bytes:
         gid = gid_of(f"{bus.id}/{self._key}")
-        self._outlet = Outlet(bus.sender(self._key), gid)
+        self._outlet = bus.sender(self._key, gid)
         self._watch_readers(bus, self._outlet)
         if self._raw is not None:
             self._raw.begin()
@@ -96,7 +98,8 @@ class Share(Broadcast):
             self._raw.end()
 
     def _about(self) -> About:
-        return super()._about() if self._raw is None else self._raw.about
+        about = super()._about()
+        return about if self._raw is None else self._raw.added_to(about)
 
     def send_raw(self, entries: list[Entry]) -> None:
         """Send what was collected."""
@@ -123,34 +126,25 @@ class RawFeed:
         self._session = lidar._recorded  # noqa: SLF001
         if not self._session.sends_bytes:
             raise Unsupported("this lidar arrives as whole scans, so there are no raw bytes to publish: send scans")
-        self._lidar, self._send, self._count_scan = lidar, send, count_scan
-        self._about: About | None = None
+        self._send, self._count_scan = send, count_scan
+        self._clock_offset_ns = 0
         self._responses: dict[bytes, Responded] = {}
         self._running: StreamBegan | None = None
         self._entries: list[Entry] = []
         self._size = 0
         self._timer: asyncio.TimerHandle | None = None
 
-    @property
-    def about(self) -> About:
-        """What stands at the beginning of a recording, with all that has happened since."""
-        lidar = self._lidar
+    def added_to(self, about: About) -> About:
+        """The same with what the device has responded, and the stream that runs."""
         running = (self._running,) if self._running else ()
-        begun = self._about or About(lidar.info)
-        return About(
-            info=lidar.info,
-            health=lidar.health,
-            source=lidar.source,
-            baudrate=lidar.baudrate,
-            clock_offset_ns=begun.clock_offset_ns,
-            lidario=begun.lidario,
-            events=(*self._responses.values(), *running),
-        )
+        events = (*self._responses.values(), *running)
+        return replace(about, clock_offset_ns=self._clock_offset_ns, events=events)
 
     def begin(self) -> None:
         """See everything from now on."""
-        self._about = self._session.begin_recording(cast("Any", self))
-        for event in self._about.events:
+        begun = self._session.begin_recording(cast("Any", self))
+        self._clock_offset_ns = begun.clock_offset_ns
+        for event in begun.events:
             self._learn(event)
 
     def end(self) -> None:

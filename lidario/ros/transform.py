@@ -34,14 +34,7 @@ def mount_of(mount: object) -> tuple[float, float, float]:
 
 
 def static_transform(stamp_ns: int, parent: str, child: str, mount: tuple[float, float, float]) -> bytes:
-    """``tf2_msgs/TFMessage`` with one transform, as CDR.
-
-    Args:
-        stamp_ns: Wall clock, nanoseconds since the Unix epoch.
-        parent: Frame of the robot.
-        child: Frame of the lidar.
-        mount: Where the child is in the parent, as of `mount_of`.
-    """
+    """``tf2_msgs/TFMessage`` with one transform, as CDR: where the frame of the lidar is in that of the robot."""
     x, y, yaw = mount
     writer = CdrWriter()
     writer.uint32(1)

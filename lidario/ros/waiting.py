@@ -39,10 +39,7 @@ class FleetScan(NamedTuple):
 
 
 class WaitingScans:
-    """Holds them.
-
-    Args:
-        depth: Scans of one lidar that are kept.
+    """Holds them, so many of each lidar.
 
     Attributes:
         dropped: Scans that were dropped altogether.

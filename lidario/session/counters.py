@@ -30,14 +30,7 @@ class Counters:
         self._protection_stops += dialogue.protection_stops
 
     def stats(self, dialogue: Dialogue, totals: Totals, dropped: int, reconnects: int) -> Stats:
-        """Everything that was counted so far.
-
-        Args:
-            dialogue: The line in use.
-            totals: Of all streams.
-            dropped: Scans that slow readers missed.
-            reconnects: Times the session has come back.
-        """
+        """Everything that was counted so far, also on the line in use."""
         link, assembled = self._link + dialogue.stats, totals.assembled
         errors = self._errors + dialogue.errors
         return Stats(

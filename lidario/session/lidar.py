@@ -16,7 +16,6 @@ import asyncio
 import os
 import weakref
 from collections.abc import Callable
-from types import TracebackType
 from typing import NoReturn, Self
 
 from lidario.arguments import callable_of, path_of, yes_or_no
@@ -71,15 +70,14 @@ class Lidar(Streams, AsyncOnly):
         self.source = source
         self.config = config
         self._scanner.usual_mode = config.mode
-        self._keep_spinning = keep_spinning
         at.dialogue.stopper.keep_spinning = keep_spinning
         self._scanner.inquiry.take_note(health)
         self._counters = Counters()
         if reconnector is not None:
-            reconnector.serve(_if_alive(self._adopt), self._scanner.failures.end, self._scanner.unused)
+            reconnector.adopt = _if_alive(self._adopt)
+            reconnector.gave_up, reconnector.unused = self._scanner.failures.end, self._scanner.unused
             self._scanner.failures.come_back = reconnector.begin
         connection.port.follow(self._scanner)
-        self._length_s = connection.port.length_s
         self._recorded = RecordedSession(at, self._scanner, source, config.filters)
         self._closed = False
         self._loop = asyncio.get_running_loop()
@@ -119,7 +117,7 @@ class Lidar(Streams, AsyncOnly):
     @property
     def length_s(self) -> float | None:
         """Seconds that the recording lasts; None of a device, and of bytes that tell no times."""
-        return self._length_s
+        return self._at.dialogue.port.length_s
 
     @property
     def measured_scan_frequency(self) -> float | None:
@@ -259,15 +257,12 @@ class Lidar(Streams, AsyncOnly):
     def __aiter__(self) -> NoReturn:
         raise LocalProtocolError("a lidar may have several streams: write `async for scan in lidar.scans():`")
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         await self.close()
 
     def _adopt(self, connection: Connection, health: Health) -> None:
         """There is a new line to the device: from now on it is the one of this session."""
         old, new = self._at.dialogue, connection.dialogue
-        new.stopper.keep_spinning = self._keep_spinning
         for tap in old.port.taps:
             new.port.add_tap(tap)
         self._counters.line_lost(old)
@@ -279,7 +274,7 @@ class Lidar(Streams, AsyncOnly):
         self._recorded.adopt()
         self._scanner.adopt()
         if self._reconnector is not None and not self.is_scanning:
-            self._reconnector.proven()
+            self._reconnector.proven = True
 
     def _check_open(self) -> None:
         if self._closed:

@@ -161,11 +161,7 @@ class LoopThread:
 
 
 class _Call(Generic[T]):
-    """A coroutine that runs in the loop while another thread waits for it.
-
-    Args:
-        function: Makes the coroutine.
-    """
+    """A coroutine that runs in the loop while another thread waits for it."""
 
     def __init__(self, function: Callable[[], Coroutine[Any, Any, T]]) -> None:
         self._function = function

@@ -6,7 +6,6 @@ import asyncio
 import weakref
 from collections.abc import Sequence
 from contextlib import AsyncExitStack, suppress
-from types import TracebackType
 from typing import Self
 
 from lidario.arguments import shown
@@ -45,9 +44,7 @@ class MergedStream(AsyncOnly):
         await self._begin()
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         await self.close()
 
     def __aiter__(self) -> Self:
@@ -105,17 +102,13 @@ class MergedStream(AsyncOnly):
         weakref.finalize(self, _abandon, asyncio.get_running_loop(), self._reading)
 
     def _next(self, number: int) -> asyncio.Task[Scan]:
-        return asyncio.create_task(_scan_of(self._streams[number]), name=f"lidario: read lidar {number}")
+        return asyncio.create_task(self._streams[number].__anext__(), name=f"lidario: read lidar {number}")
 
 
 def _abandon(loop: asyncio.AbstractEventLoop, reading: list[asyncio.Task[Scan]]) -> None:
     for each in reading:
         with suppress(RuntimeError):  # the loop is closed, and so are the sessions
             loop.call_soon_threadsafe(each.cancel)
-
-
-async def _scan_of(stream: ScanStream) -> Scan:
-    return await anext(stream)
 
 
 def merged(

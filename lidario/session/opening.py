@@ -7,8 +7,7 @@ import logging
 import os
 from collections.abc import Generator
 from dataclasses import replace
-from types import TracebackType
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
 from lidario.arguments import finite, shown, whole, yes_or_no
 from lidario.config.read import Config, LidarConfig, as_config
@@ -34,30 +33,26 @@ DEFAULT_LATENCY_S = 0.005
 _WRITE = "write `async with lidario.open_lidar(...) as lidar:`"
 
 
+class _Asked(NamedTuple):
+    """What `open_lidar` was asked for."""
+
+    source: Source
+    family: str | None
+    baudrate: int | None
+    latency: float
+    keep_spinning: bool
+    reconnect: Reconnect | None
+    guard: bool
+    config: Config
+
+
 class OpenLidar(AsyncOnly):
     """What `open_lidar` returns: a context manager, or something to ``await`` and close by hand."""
 
     _instead = f"opening a lidar takes time: {_WRITE}, or `with lidario.open_sync(...) as lidar:`"
 
-    def __init__(
-        self,
-        source: Source,
-        family: str | None,
-        baudrate: int | None,
-        latency: float,
-        keep_spinning: bool,
-        reconnect: Reconnect | None = None,
-        guard: bool = False,
-        config: Config = Config(),  # noqa: B008 - it never changes
-    ) -> None:
-        self._source = source
-        self._family = family
-        self._baudrate = baudrate
-        self._latency = latency
-        self._keep_spinning = keep_spinning
-        self._reconnect = reconnect
-        self._guard = guard
-        self._config = config
+    def __init__(self, asked: _Asked) -> None:
+        self._asked = asked
         self._lidar: Lidar | None = None
         self._entered = False
 
@@ -76,9 +71,7 @@ class OpenLidar(AsyncOnly):
             raise
         return self._lidar
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         lidar, self._lidar, self._entered = self._lidar, None, False
         if lidar is not None:
             await lidar.close()
@@ -94,27 +87,28 @@ class OpenLidar(AsyncOnly):
         raise LocalProtocolError(f"the lidar is not open yet: {_WRITE}, then `async for scan in lidar.scans():`")
 
     async def _open(self) -> Lidar:
+        asked = self._asked
         try:
             asyncio.get_running_loop()
         except RuntimeError:
             raise LocalProtocolError(
                 "lidario needs an asyncio event loop: under trio, run it by anyio.run(main, backend='asyncio')"
             ) from None
-        if self._guard and self._source.is_driven_from_here:
+        if asked.guard and asked.source.is_driven_from_here:
             check_guard()
-        source = await find_source(self._source, self._family)
-        if source.kind == "file" and self._keep_spinning:
+        source = await find_source(asked.source, asked.family)
+        if source.kind == "file" and asked.keep_spinning:
             raise InvalidValue("keep_spinning: a recording has no motor")
-        if self._guard and not source.is_driven_from_here:
+        if asked.guard and not source.is_driven_from_here:
             _log.info("guard: nothing at %s goes on when this program dies, so there is none", source.text)
-        if self._reconnect is None:
+        if asked.reconnect is None:
             return await self._open_on(source, None)
         simulation = None
         if source.kind == "sim":
             from lidario.port.simulated import Simulation
 
             simulation = Simulation(source, lasting=True)
-        reconnector = Reconnector(self._reconnect, source, simulation, keep_spinning=self._keep_spinning)
+        reconnector = Reconnector(asked.reconnect, source, simulation)
         try:
             return await self._open_on(source, reconnector)
         except BaseException:
@@ -122,12 +116,13 @@ class OpenLidar(AsyncOnly):
             raise
 
     async def _open_on(self, source: Source, reconnector: Reconnector | None) -> Lidar:
+        asked = self._asked
         first = connect if reconnector is None else reconnector.connect
-        connection = await first(source, self._family, self._baudrate, guard=self._guard)
+        connection = await first(source, asked.family, asked.baudrate, guard=asked.guard)
         try:
             # A recording and another machine's lidar tell it themselves, and only when they are open.
-            check_family(source, self._family, connection.info.family)
-            if self._keep_spinning and not connection.device.can_keep_spinning:
+            check_family(source, asked.family, connection.info.family)
+            if asked.keep_spinning and not connection.device.can_keep_spinning:
                 raise Unsupported(
                     f"keep_spinning: the motor of a {connection.info.model} stops with its laser. Open it without"
                 )
@@ -135,10 +130,10 @@ class OpenLidar(AsyncOnly):
                 _log.warning(
                     "this %s cannot be stopped from here: its motor turns while it has power", connection.info.model
                 )
-            health = await healthy(connection.dialogue, connection.device)
+            health = await healthy(connection.dialogue)
             # A recording is what it was, and another machine's lidar is set there.
-            own = config_of(self._config, connection.info.serial, is_driven=source.kind not in ("file", "zenoh"))
-            lidar = Lidar(connection, health, source.text, self._latency, self._keep_spinning, reconnector, own)
+            own = config_of(asked.config, connection.info.serial, is_driven=source.kind not in ("file", "zenoh"))
+            lidar = Lidar(connection, health, source.text, asked.latency, asked.keep_spinning, reconnector, own)
             connection.port.tell_guard()
         except BaseException:
             await connection.dialogue.close()
@@ -149,7 +144,7 @@ class OpenLidar(AsyncOnly):
             except BaseException as error:
                 await lidar.close()
                 if isinstance(error, Unsupported | InvalidValue):
-                    raise type(error)(f"{self._config.path}: speed_rpm = {own.speed_rpm:g}: {error}") from None
+                    raise type(error)(f"{asked.config.path}: speed_rpm = {own.speed_rpm:g}: {error}") from None
                 raise
         return lidar
 
@@ -219,4 +214,4 @@ def open_lidar(
         policy = Reconnect()
     spinning, guarded = yes_or_no(keep_spinning, "keep_spinning"), yes_or_no(guard, "guard")
     settings = as_config(config)
-    return OpenLidar(where, family, baudrate, latency, spinning, policy, guarded, settings)
+    return OpenLidar(_Asked(where, family, baudrate, latency, spinning, policy, guarded, settings))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from typing import TypeVar
 
 from lidario.arguments import finite, shown, whole, yes_or_no
 from lidario.errors import InvalidValue, RemoteProtocolError, Unsupported
@@ -23,6 +24,8 @@ from lidario.session.talking.handshake import healthy, restart
 
 __all__ = ["Questions"]
 
+T = TypeVar("T")
+
 SPEED_TOLERANCE = 0.05
 """Share by which the measured scan frequency may differ from the one that was set."""
 SPEED_TIMEOUT_S = 10.0
@@ -33,13 +36,7 @@ FASTEST_LINE = 4_000_000
 
 
 class Questions(ABC):
-    """What `Lidar` asks and sets.
-
-    Args:
-        at: Where the device is reached.
-        scanner: Its stream.
-        reconnector: Brings the session back, where that was asked for.
-    """
+    """What `Lidar` asks and sets."""
 
     def __init__(self, at: At, scanner: Scanner, reconnector: Reconnector | None) -> None:
         self._at = at
@@ -105,10 +102,9 @@ class Questions(ABC):
             Unsupported: It cannot be set on this device.
             RemoteProtocolError: The device turns at another speed even after ten seconds.
         """
-        device, verify = self._open_device(), yes_or_no(verify, "verify")
-        value = await self._scanner.ask(lambda: device.set_scan_frequency(hertz))
+        verify = yes_or_no(verify, "verify")
+        value = await self._set("scan frequency", lambda device: device.set_scan_frequency(hertz))
         await self._scanner.retune()
-        self._remember("scan frequency", lambda device: device.set_scan_frequency(hertz))
         if verify and self._scanner.control.is_scanning:
             await self._turns_at(value)
         return value
@@ -137,9 +133,8 @@ class Questions(ABC):
             InvalidValue: `on` is neither true nor false.
             Unsupported: The device has none.
         """
-        device, on = self._open_device(), yes_or_no(on, "the zero-angle offset")
-        self._scanner.set_zero_offset(await self._scanner.ask(lambda: device.apply_zero_offset(on)))
-        self._remember("zero offset", lambda device: device.apply_zero_offset(on))
+        on = yes_or_no(on, "the zero-angle offset")
+        self._scanner.set_zero_offset(await self._set("zero offset", lambda device: device.apply_zero_offset(on)))
 
     async def set_power_down_protection(self, on: bool) -> bool:
         """Switch power-down protection and return the state the device confirms.
@@ -154,10 +149,8 @@ class Questions(ABC):
             RemoteProtocolError: The device does not reach that state.
             Unsupported: The device has none.
         """
-        device, on = self._open_device(), yes_or_no(on, "power-down protection")
-        state = await self._scanner.ask(lambda: device.power_down_protection(on))
-        self._remember("protection", lambda device: device.power_down_protection(on))
-        return state
+        on = yes_or_no(on, "power-down protection")
+        return await self._set("protection", lambda device: device.power_down_protection(on))
 
     async def get_network_address(self) -> NetworkAddress:
         """Ask an Ethernet model which address it has been given.
@@ -237,8 +230,8 @@ class Questions(ABC):
         return health
 
     async def _reset(self) -> Health:
-        await restart(self._at.dialogue, self._at.device)
-        return await healthy(self._at.dialogue, self._at.device)
+        await restart(self._at.dialogue)
+        return await healthy(self._at.dialogue)
 
     async def _turns_at(self, hertz: float) -> None:
         measured, stream = float("nan"), ScanStream(self._scanner, None, 1, False, self._check_open)
@@ -256,10 +249,13 @@ class Questions(ABC):
             # An error that the program keeps holds this frame, and the stream in it. So the stream is ended here.
             stream.release()
 
-    def _remember(self, name: str, script: Callable[[Device], Script[object]]) -> None:
-        """A device that comes back shall be set to this again."""
+    async def _set(self, name: str, script: Callable[[Device], Script[T]]) -> T:
+        """Set something on the device; one that comes back shall be set to it again."""
+        device = self._open_device()
+        value = await self._scanner.ask(lambda: script(device))
         if self._reconnector is not None:
             self._reconnector.settings[name] = script
+        return value
 
     def _open_device(self) -> Device:
         self._check_open()

@@ -26,12 +26,6 @@ _ID_BYTES = 8
 class RecordedSession:
     """Implements `Recorded`.
 
-    Args:
-        at: Where the device is reached.
-        scanner: Makes the scans, and knows the health of the device.
-        source: What was opened.
-        filters: What every scan passes, of the settings.
-
     Attributes:
         sends_bytes: Whether the device sends bytes that can be kept; else whole scans arrive.
         running: The recordings that are handed everything.
@@ -78,14 +72,7 @@ class RecordedSession:
 
 
 def about_now(dialogue: Dialogue, info: DeviceInfo, health: Health, source: str) -> About:
-    """What stands at the beginning of a file that begins here.
-
-    Args:
-        dialogue: Carries the bytes.
-        info: What the device said it is.
-        health: What it last said of its state.
-        source: What was opened.
-    """
+    """What stands at the beginning of a file that begins here."""
     chronicle = dialogue.chronicle
     return About(
         info=info,

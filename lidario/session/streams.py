@@ -10,7 +10,7 @@ from lidario.errors import LocalProtocolError
 from lidario.scan import Scan
 from lidario.sector import Sector
 from lidario.session.questions import Questions
-from lidario.session.streaming.sectors import DEFAULT_DEGREES, SectorStream
+from lidario.session.streaming.sectors import DEFAULT_DEGREES, SectorStream, parts_of
 from lidario.session.streaming.stream import ScanStream, filters_of
 
 __all__ = ["Streams"]
@@ -44,7 +44,7 @@ class Streams(Questions):
             InvalidValue: `depth` is no number of scans, or `filters` are no list of functions.
         """
         passed: tuple[Callable[[Any], Any], ...] = (*self.config.filters, *filters_of(filters))
-        return ScanStream(self._scanner, mode, depth, force, self._check_open, filters=passed)
+        return ScanStream(self._scanner, mode, depth, force, self._check_open, 0, passed)
 
     def sectors(
         self,
@@ -72,7 +72,9 @@ class Streams(Questions):
             InvalidValue: `degrees` is no such size, `depth` is no number of sectors, or `filters` are none.
         """
         passed: tuple[Callable[[Any], Any], ...] = (*self.config.filters, *filters_of(filters))
-        return SectorStream(self._scanner, mode, degrees, depth, force, self._check_open, passed)
+        parts = parts_of(degrees)
+        kept = parts if depth is None else depth
+        return SectorStream(self._scanner, mode, kept, force, self._check_open, parts, passed)
 
     async def scan(self, mode: str | int | None = None) -> Scan:
         """One full revolution. Laser and motor stop a second later, unless another stream was begun by then.

@@ -23,7 +23,7 @@ from lidario.filters import (
     RangeFilter,
     ShadowsFilter,
 )
-from lidario.measured import MeasuredSamples, with_dropped
+from lidario.measured import MeasuredSamples, changed
 from lidario.network.messages import encode_scan, parse_scan
 from lidario.testing import make_scan, make_sector
 from tests.filters.test_rules import scans
@@ -133,7 +133,7 @@ def test_a_selection_and_a_copy_know_what_was_filtered() -> None:
     assert scan.left_out.any()
     half = scan.select(between=(0.0, math.pi))
     np.testing.assert_array_equal(half.left_out, scan.left_out[np.isin(scan.times_ns, half.times_ns)])
-    np.testing.assert_array_equal(with_dropped(scan, 3).left_out, scan.left_out)
+    np.testing.assert_array_equal(changed(scan, dropped_before=3).left_out, scan.left_out)
     absent = scan.select(~scan.left_out)
     assert not absent.left_out.any()
     assert len(absent) == len(scan) - np.count_nonzero(scan.left_out)

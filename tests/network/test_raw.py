@@ -18,8 +18,9 @@ from lidario.network.device import RemoteStreams
 from lidario.network.keys import Attachment
 from lidario.network.messages import MOST_RAW_BYTES, Entry, encode_raw_message, parse_raw_message
 from lidario.network.raw import RawDecoder
-from lidario.network.senders import RIVAL_S, Known, OneSender, Senders
+from lidario.network.senders import RIVAL_S, OneSender, Senders
 from lidario.network.status import Status
+from lidario.recording.about import About
 from lidario.recording.chronicle import MOST_NS, Responded, StreamBegan, StreamEnded, text_of
 from lidario.revolution.together import join_reads
 from lidario.ros import waiting
@@ -30,6 +31,12 @@ from tests.support.loop import run_driven
 from tests.test_model import FOUR
 
 MODELS = ("rplidar-s2", "ydlidar-4ros", "ldrobot-ld06")
+
+
+def added(decoder: RawDecoder, message: bytes) -> list[Scan] | None:
+    """The scans that a message completes; None where it is none."""
+    taken = decoder.steps(message)
+    return None if taken is None else [scan for scans in taken for scan in scans]
 
 
 class Sent:
@@ -48,7 +55,8 @@ class Sent:
             async with lidar.scans() as scans:
                 async for scan in scans:
                     self.scans.append(scan)
-                    told = Status("raw", "robot", feed.about, (), lidar.mode, 10.0)
+                    about = feed.added_to(About(lidar.info, lidar.health, source=lidar.source))
+                    told = Status("raw", "robot", about, (), lidar.mode, 10.0)
                     self.status = Status.of(told.to_bytes(whole=False))
                     if len(self.scans) == count:
                         break
@@ -73,7 +81,7 @@ def sent(request: pytest.FixtureRequest) -> Sent:
 
 def test_scans_are_those_of_the_publisher(sent: Sent) -> None:
     decoder = sent.decoder()
-    scans = [scan for message in sent.messages for scan in decoder.add(message) or ()]
+    scans = [scan for message in sent.messages for scan in added(decoder, message) or ()]
     assert len(scans) == len(sent.scans)
     for own, other in zip(scans, sent.scans, strict=True):
         np.testing.assert_array_equal(own.device_angles, other.device_angles)
@@ -88,7 +96,7 @@ def test_a_message_that_is_missing_costs_a_part_of_one_revolution(sent: Sent) ->
         scan
         for number, message in enumerate(sent.messages)
         if number != missing
-        for scan in decoder.add(message) or ()
+        for scan in added(decoder, message) or ()
     ]
     assert decoder.stats.lost_packets
     assert len(scans) + decoder.stats.missed_scans >= len(sent.scans) - 1
@@ -104,15 +112,15 @@ def test_until_the_status_is_known_bytes_are_left_out(sent: Sent) -> None:
     strange = sent.status
     assert strange is not None
     data = [message for message in sent.messages if b'"began"' not in message]
-    assert [decoder.add(message) for message in data] == [[]] * len(data)
+    assert [added(decoder, message) for message in data] == [[]] * len(data)
     unknown = Status.of(strange.to_bytes(whole=True).replace(strange.about.info.family.encode(), b"nobody"))
     assert unknown is not None
     decoder.learn(unknown)
-    assert [decoder.add(message) for message in sent.messages] == [[]] * len(sent.messages)
+    assert [added(decoder, message) for message in sent.messages] == [[]] * len(sent.messages)
     decoder = sent.decoder()
-    assert decoder.add(encode_raw_message([Entry(True, 0, text_of(StreamEnded(9)).encode())])) == []
-    assert [decoder.add(message) for message in data] == [[]] * len(data)
-    assert decoder.add(b"LDR1") is None
+    assert added(decoder, encode_raw_message([Entry(True, 0, text_of(StreamEnded(9)).encode())])) == []
+    assert [added(decoder, message) for message in data] == [[]] * len(data)
+    assert added(decoder, b"LDR1") is None
 
 
 def test_damaged_messages_raise_nothing(sent: Sent) -> None:
@@ -122,7 +130,7 @@ def test_damaged_messages_raise_nothing(sent: Sent) -> None:
         damaged = bytearray(message)
         for _ in range(chance.randrange(4)):
             damaged[chance.randrange(len(damaged))] = chance.randrange(256)
-        for scan in decoder.add(bytes(damaged)) or ():
+        for scan in added(decoder, bytes(damaged)) or ():
             assert len(scan)
 
 
@@ -138,7 +146,7 @@ def test_a_time_that_cannot_be_brings_no_scan(sent: Sent, at_ns: int) -> None:
     for message in sent.messages:
         entries = parse_raw_message(message) or []
         late = [each._replace(at_ns=at_ns) for each in entries if not each.is_event]
-        for scan in decoder.add(encode_raw_message(late)) or ():
+        for scan in added(decoder, encode_raw_message(late)) or ():
             assert len(scan.times_ns) == len(scan)
 
 
@@ -154,10 +162,11 @@ def test_gaps_are_counted_for_each_publisher() -> None:
 
 
 def test_the_publishers_that_were_not_heard_for_longest_are_forgotten() -> None:
-    known: Known[int] = Known(2)
-    for key in ("a", "b", "a", "c"):
-        known.put(key, b"", 1)
-    assert [key for key, _ in known] == ["a", "c"]
+    senders = Senders(2)
+    for number, key in enumerate(("a", "b", "a", "c", "a", "b")):
+        sample = Sample(key, b"", Attachment(10 * number, 0, bytes(16)).to_bytes())
+        # Of one that is forgotten no gap is seen.
+        assert senders.follow(sample)[1] == {2: 19, 4: 19}.get(number, 0)
 
 
 def test_a_slow_reader_sees_the_latest_of_every_lidar_and_what_is_missing() -> None:
@@ -230,7 +239,7 @@ def test_decoders_are_bounded_by_what_they_hold(sent: Sent, monkeypatch: pytest.
     assert sent.status is not None
     last.learn(sent.status)
     for message in sent.messages[: len(sent.messages) // 2]:
-        last.add(message)
+        added(last, message)
     assert last.held > raw.DECODER_BYTES
     count = len(decoders)
     assert decoders.of("b", bytes(16)) is last

@@ -133,7 +133,7 @@ async def test_stop_requests_leave_before_the_port_is_closed(terminal: tuple[int
     master, slave, path = terminal
     port = await open_serial(path, 115200)
     order: list[str] = []
-    port.on_close(lambda: order.append(f"closed, {open_files()} files"))
+    port.on_close = lambda: order.append(f"closed, {open_files()} files")
     before = open_files()
     # The terminal takes nothing for a moment, so that the bytes wait in the program.
     termios.tcflow(slave, termios.TCOOFF)
@@ -261,7 +261,7 @@ def test_abandon_after_the_loop_was_closed(terminal: tuple[int, int, str]) -> No
     ended: list[str] = []
     with asyncio.Runner() as runner:
         port = runner.run(open_serial(path, 115200))
-        port.on_close(lambda: ended.append("ended"))
+        port.on_close = lambda: ended.append("ended")
     port.write(b"written, ")
     port.set_polling(0.005, None)
     port.poll()

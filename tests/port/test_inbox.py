@@ -14,8 +14,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from lidario.port.inbox import INBOX_BYTES, Inbox, make_read
-from lidario.port.line import Late
+from lidario.port.inbox import INBOX_BYTES, Inbox, Late, make_read
 from tests.support.ports import terminal_pair
 
 FULL = 4095

@@ -5,14 +5,14 @@ from __future__ import annotations
 import os
 import time
 from itertools import pairwise
+from types import SimpleNamespace
 
 import pytest
 
 import lidario
-from lidario.port.inbox import Inbox
 from lidario.port.repeat import Repeat
 from lidario.port.serial import open_serial
-from lidario.port.thread import Watched
+from lidario.port.thread import Served
 from lidario.sim.serve import PtyServer
 from tests.port.test_thread import Steady
 from tests.support.children import is_still, until
@@ -23,48 +23,62 @@ REQUEST = b"\xa5\x60"
 
 
 class Line:
-    """Notes what is written to it and when, on a clock that the test moves."""
+    """Notes what is written to it and when, on a clock that the test moves, which serves in the thread's place."""
 
-    def __init__(self) -> None:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now = 0
         self.written: list[tuple[int, bytes]] = []
         self.dead = False
+        self.served: list[Served] = []
+        thread = SimpleNamespace(add=self.served.append, remove=self.leave)
+        monkeypatch.setattr("lidario.port.repeat.reading_thread", lambda: thread)
 
-    def write(self, handle: int, data: bytes) -> int:
+    def leave(self, served: Served) -> None:
+        if served in self.served:
+            self.served.remove(served)
+
+    def write(self, data: bytes) -> None:
         if self.dead:
             raise OSError("unplugged")
         self.written.append((self.now, data))
-        return len(data)
 
     def repeat(self) -> Repeat:
-        return Repeat(-1, REQUEST, 1.0, lambda: self.now, self.write)
+        made = Repeat(self.write, lambda: self.now)
+        made.set(REQUEST, 1.0)
+        return made
+
+    def serve_at(self, now: int) -> list[float]:
+        self.now = now
+        return [each.serve(now * 1e-9, 0.0) for each in self.served]
 
 
-def test_it_is_written_only_when_the_loop_is_late_and_then_each_interval() -> None:
-    line = Line()
+def test_it_is_written_only_when_the_loop_is_late_and_then_each_interval(monkeypatch: pytest.MonkeyPatch) -> None:
+    line = Line(monkeypatch)
     repeat = line.repeat()
-    watched = Watched(Inbox(-1, lambda: line.now, lambda handle: b"x"), 0.05, lambda: None)
-    watched.repeat = repeat
     for step in range(100):
         line.now = step * 50_000_000
         if line.now <= 2_000_000_000 and step % 8 == 0:
             repeat.note()
-        watched.serve(line.now * 1e-9, 0.0)
+        (next_at,) = line.serve_at(line.now)
+        assert line.now * 1e-9 < next_at <= line.now * 1e-9 + 1.0
     assert [at for at, _ in line.written] == [3_000_000_000, 4_000_000_000]
     assert repeat.count == 2
     assert repeat.take_written() == [(REQUEST, 3_000_000_000), (REQUEST, 4_000_000_000)]
     assert repeat.take_written() == []
 
 
-def test_after_stop_nothing_is_written_and_a_dead_line_does_not_raise() -> None:
-    line = Line()
+def test_when_it_has_ended_nothing_is_written_and_a_dead_line_does_not_raise(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    line = Line(monkeypatch)
     repeat = line.repeat()
-    line.now, line.dead = 2_000_000_000, True
-    repeat.serve()
+    line.dead = True
+    line.serve_at(2_000_000_000)
     assert repeat.count == 0
-    line.now, line.dead = 4_000_000_000, False
-    repeat.stop()
-    repeat.serve()
+    line.dead = False
+    repeat.set(b"", 0.0)
+    assert line.served == []
+    repeat.serve(4.0, 0.0)
     assert line.written == []
 
 
@@ -107,11 +121,10 @@ async def test_protection_survives_a_block_that_is_longer_than_its_time() -> Non
         until(lambda: is_still(server))
 
 
-def test_what_no_tap_has_seen_is_bounded() -> None:
-    line = Line()
+def test_what_no_tap_has_seen_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    line = Line(monkeypatch)
     repeat = line.repeat()
     for second in range(1, 1000):
-        line.now = second * 1_000_000_000
-        repeat.serve()
+        line.serve_at(second * 1_000_000_000)
     assert repeat.count == 999
     assert len(repeat.take_written()) == 256

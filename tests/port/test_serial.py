@@ -14,9 +14,18 @@ import uvloop
 
 from lidario.errors import ConnectFailed
 from lidario.port.port import Port
-from lidario.port.reading import Reader
 from lidario.port.serial import open_serial
-from tests.support.ports import PATIENCE_S, Plan, Seen, Sink, every_byte_arrives, open_files, terminal_pair, written
+from tests.support.ports import (
+    PATIENCE_S,
+    OnlyRead,
+    Plan,
+    Seen,
+    Sink,
+    every_byte_arrives,
+    open_files,
+    terminal_pair,
+    written,
+)
 
 LATENCIES = (0.0, 0.005)
 
@@ -119,28 +128,19 @@ async def test_a_line_that_was_hung_up_is_noticed(latency: float) -> None:
     """As a USB adapter that is pulled out: readable, and reading returns nothing; here with a pipe."""
     ours, theirs = os.pipe()
     os.set_blocking(ours, False)
-    lost: list[Exception] = []
-    reader: Reader
-
-    def lose(error: Exception) -> None:
-        lost.append(error)
-        reader.stop()
-        ended.set()
-
-    ended = asyncio.Event()
     port, sink = Port("pipe"), Sink()
     port.attach(sink)
-    reader = Reader(asyncio.get_running_loop(), port, ours, lose)
+    reader = OnlyRead(port, ours)
     reader.set_polling(latency, None)
     reader.start()
     os.write(theirs, b"before")
     await sink.until(6)
     reader.poll()
-    assert not lost
+    assert not reader.lost
     os.close(theirs)
     async with asyncio.timeout(PATIENCE_S):
-        await ended.wait()
-    assert [str(error) for error in lost] == ["the line was hung up"]
+        await reader.ended.wait()
+    assert [str(error) for error in reader.lost] == ["the line was hung up"]
     os.close(ours)
 
 

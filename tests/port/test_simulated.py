@@ -162,7 +162,7 @@ async def test_a_failure_of_what_ends_with_the_port_is_logged(caplog: pytest.Log
     def fail() -> None:
         raise Mistake("while ending")
 
-    port.on_close(fail)
+    port.on_close = fail
     await port.close()
     (record,) = caplog.records
     assert record.levelname == "WARNING"

@@ -14,10 +14,9 @@ from pathlib import Path
 import pytest
 
 from lidario.port.port import Port
-from lidario.port.reading import Reader
 from lidario.port.serial import open_serial
 from lidario.port.thread import Watched, reading_thread
-from tests.support.ports import PATIENCE_S, Sink, terminal_pair
+from tests.support.ports import PATIENCE_S, OnlyRead, Sink, terminal_pair
 
 ROOT = Path(__file__).resolve().parents[2]
 NAME = "lidario: read ports"
@@ -160,41 +159,35 @@ async def test_beyond_a_mebibyte_the_port_tells_what_it_dropped(monkeypatch: pyt
 
 @pytest.mark.parametrize("way", ["pulled", "hung up"])
 async def test_the_end_of_a_line_is_noticed_although_the_loop_does_not_poll(way: str) -> None:
-    lost: list[Exception] = []
-    ended = asyncio.Event()
-
-    def lose(error: Exception) -> None:
-        lost.append(error)
-        reader.stop()
-        ended.set()
-
     if way == "pulled":
         with terminal_pair() as (master, slave, _):
             os.set_blocking(slave, False)
-            reader = Reader(asyncio.get_running_loop(), Port("terminal"), slave, lose)
+            reader = OnlyRead(Port("terminal"), slave)
             reader.set_polling(0.005, Steady())
             os.close(master)
             async with asyncio.timeout(PATIENCE_S):
-                await ended.wait()
+                await reader.ended.wait()
     else:
         ours, theirs = os.pipe()
         os.set_blocking(ours, False)
-        reader = Reader(asyncio.get_running_loop(), Port("pipe"), ours, lose)
+        reader = OnlyRead(Port("pipe"), ours)
         reader.set_polling(0.005, Steady())
         os.close(theirs)
         async with asyncio.timeout(PATIENCE_S):
-            await ended.wait()
+            await reader.ended.wait()
         os.close(ours)
-    assert len(lost) == 1
+    assert len(reader.lost) == 1
     assert threads() == []
 
 
 async def test_a_reader_that_was_thrown_away_is_not_read_for_ever() -> None:
     ours, theirs = os.pipe()
     os.set_blocking(ours, False)
-    reader: Reader | None = Reader(asyncio.get_running_loop(), Port("pipe"), ours, print)
+    reader: OnlyRead | None = OnlyRead(Port("pipe"), ours)
     assert reader is not None
+    assert reader.repeat is not None
     reader.set_polling(0.005, Steady())
+    reader.repeat.set(b"keep on", 60.0)
     assert len(threads()) == 1
     reader = None
     gc.collect()

@@ -67,7 +67,7 @@ async def test_a_configuration_of_zenoh_is_taken(
 async def test_no_exception_of_zenoh_leaves(router: Router) -> None:
     bus = await Bus.open(router.address)
     for call in (
-        bus.sender,
+        lambda key: bus.sender(key, bytes(16)),
         bus.token,
         lambda key: bus.subscribe(key, print),
         lambda key: bus.watch_tokens(key, print),
@@ -111,7 +111,11 @@ async def test_a_publisher_that_hangs_is_not_nobody(router: Router, monkeypatch:
 async def test_what_zenoh_says_names_no_place_in_its_source(router: Router) -> None:
     bus = await Bus.open(router.address)
     try:
-        for ask in (lambda: bus.sender("a//b"), lambda: bus.token("a/**/**x"), lambda: bus.subscribe("", print)):
+        for ask in (
+            lambda: bus.sender("a//b", b""),
+            lambda: bus.token("a/**/**x"),
+            lambda: bus.subscribe("", print),
+        ):
             with pytest.raises(ConnectFailed, match=r"failed: Invalid Key Expr `.*`: .*[a-z$`]$") as caught:
                 ask()
             assert ".rs" not in str(caught.value)

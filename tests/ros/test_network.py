@@ -129,7 +129,7 @@ async def test_a_laserscan_of_somebody_elses_node_is_a_source(router: Router) ->
         node = await Bus.open(router.address)
         stack.push_async_callback(node.close)
         node.token(Node("urg", "/robot1", 3).publisher_token(node.id, 7, "/urg/scan", LASERSCAN))
-        sender = node.sender(key)
+        sender = node.sender(key, bytes(16))
 
         async def publish() -> None:
             while True:

@@ -14,7 +14,7 @@ import pytest
 import lidario
 from lidario.errors import DeviceLost
 from lidario.network.bus import Bus
-from lidario.network.keys import ALL_TOKENS, parse_token
+from lidario.network.keys import parse_token, tokens_of
 from lidario.ros import list_remote_lidars
 from tests.cli.processes import line_of, started
 from tests.support.recorded import record
@@ -56,7 +56,7 @@ async def test_each_is_killed_and_the_router_restarts(tape: str) -> None:
             started("scan", source, "--json", "-n", "0") as reader,
         ):
             watcher = await Bus.open(router.address)
-            watcher.watch_tokens(ALL_TOKENS, tokens.__setitem__)
+            watcher.watch_tokens(tokens_of("**"), tokens.__setitem__)
             async with asyncio.timeout(BOUND_S), lidario.open_lidar(source) as lidar, lidar.scans() as scans:
                 assert json.loads(await asyncio.to_thread(line_of, reader.stdout))["mode"] == "DenseBoost"
                 reader.send_signal(signal.SIGKILL)

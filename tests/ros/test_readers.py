@@ -242,7 +242,7 @@ async def test_noise_under_a_key_keeps_nobody_from_reading(router: Router, raw: 
         share = await stack.enter_async_context(Share(await rig.open(), key, raw=raw, router=router.address))
         noise = await Bus.open(router.address)
         stack.push_async_callback(noise.close)
-        senders = [noise.sender(key), noise.sender(f"{key}/@lidario/status")]
+        senders = [noise.sender(each, bytes(16)) for each in (key, f"{key}/@lidario/status")]
         unwell = replace(share.status().about, health=Health(HealthStatus.ERROR, 1, "evil"), events=())
         evil = Status("raw", "evil", unwell).to_bytes(whole=True)
 

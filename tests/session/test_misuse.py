@@ -169,7 +169,7 @@ def test_trouble_is_told_at_most_once_a_second(
 ) -> None:
     now = 100.0
     monkeypatch.setattr("lidario.session.talking.trouble.time.monotonic", lambda: now)
-    trouble = Trouble(logging.getLogger("lidario"))
+    trouble = Trouble()
     for _ in range(50):
         trouble.tell("revolutions discarded: %d", 3)
     trouble.tell("something else")

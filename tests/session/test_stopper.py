@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -35,6 +36,8 @@ class Paper:
     """Notes the requests that it is to write, and listens a little later than now."""
 
     def __init__(self, listens_in: float) -> None:
+        self.port: Any = self
+        self.stats: Any = self
         self.is_open = True
         self.bytes_received = 0
         self.owes_until = 0.0
@@ -54,14 +57,19 @@ class Paper:
     def settled(self, still: bool) -> None:
         self.told.append(still)
 
-    def close_port(self) -> None:
+    def close_soon(self) -> None:
         self.is_open = False
+
+
+def stopper_of(paper: Paper, quiet_s: float) -> Stopper:
+    readiness: Any = paper
+    return Stopper(paper, readiness, FAMILIES[0].device(), quiet_s)
 
 
 @driven
 async def test_what_may_set_the_device_in_motion() -> None:
     """As long as nothing was sent that may, the stop requests are not written again."""
-    stopper = Stopper(Paper(0.0), Paper(0.0), FAMILIES[0].device(), 0.0)
+    stopper = stopper_of(Paper(0.0), 0.0)
     for request, before, after in (
         (rplidar.GET_INFO, True, True),
         (rplidar.GET_INFO, False, False),
@@ -82,7 +90,7 @@ async def test_what_may_set_the_device_in_motion() -> None:
 @driven
 async def test_they_are_written_once_until_something_moves() -> None:
     paper = Paper(0.0)
-    stopper = Stopper(paper, paper, FAMILIES[0].device(), 0.0)
+    stopper = stopper_of(paper, 0.0)
     stopper.stop()
     stopper.stop()
     assert paper.written == [replace(request, ends_stream=True) for request in stopper.requests()]
@@ -105,7 +113,7 @@ async def test_a_device_that_owes_a_response_is_told_again_when_it_has_come(come
     loop = asyncio.get_running_loop()
     paper = Paper(0.0)
     paper.owes_until = loop.time() + 1.5
-    stopper = Stopper(paper, paper, FAMILIES[0].device(), 0.02)
+    stopper = stopper_of(paper, 0.02)
     stopper.stop()
     count = len(stopper.requests())
     await asyncio.sleep(0.7)
@@ -127,7 +135,7 @@ async def test_a_line_that_is_left_is_not_waited_for() -> None:
     loop = asyncio.get_running_loop()
     paper = Paper(0.0)
     paper.owes_until = loop.time() + 1.5
-    stopper = Stopper(paper, paper, FAMILIES[0].device(), 0.02)
+    stopper = stopper_of(paper, 0.02)
     stopper.stop()
     await asyncio.sleep(0.1)
     stopper.hang_up(patient=False)
@@ -139,7 +147,7 @@ async def test_a_line_that_is_left_is_not_waited_for() -> None:
 @driven
 async def test_a_device_that_goes_on_sending_is_told_three_times(caplog: pytest.LogCaptureFixture) -> None:
     paper = Paper(0.0)
-    stopper = Stopper(paper, paper, FAMILIES[0].device(), 0.02)
+    stopper = stopper_of(paper, 0.02)
 
     async def send() -> None:
         while paper.is_open:
@@ -162,7 +170,7 @@ async def test_a_device_that_goes_on_sending_is_told_three_times(caplog: pytest.
 async def test_the_port_is_closed_when_the_line_is_quiet(caplog: pytest.LogCaptureFixture) -> None:
     loop = asyncio.get_running_loop()
     paper = Paper(0.0)
-    stopper = Stopper(paper, paper, FAMILIES[0].device(), 0.02)
+    stopper = stopper_of(paper, 0.02)
     # The rest of the packet that was being sent.
     loop.call_later(0.005, setattr, paper, "bytes_received", 40)
     began = loop.time()
@@ -183,7 +191,7 @@ def test_the_device_listens_in_less_than_a_tick_of_the_clock(
     async def main() -> None:
         for _ in range(20):
             paper = Paper(listens_in)
-            stopper = Stopper(paper, paper, FAMILIES[0].device(), 0.0)
+            stopper = stopper_of(paper, 0.0)
             stopper.stop()
             began = time.monotonic()
             await stopper.surely_settled()

@@ -16,9 +16,9 @@ import pytest
 from lidario.families.base import Stream
 from lidario.model import Stats
 from lidario.revolution.assemble import AssemblerStats
+from lidario.session.finding.connection import At
 from lidario.session.lidar import Lidar
 from lidario.session.streaming.running import Running, Totals
-from lidario.session.talking.dialogue import Dialogue
 from lidario.wire.link import Link
 
 __all__ = ["BYTES", "PACKETS", "Ledgers", "assert_link_closes", "assert_stats_close", "ledgers_made"]
@@ -102,13 +102,13 @@ def ledgers_made() -> Iterator[Ledgers]:
         make_lidar(self, *args, **kwargs)
         found.sessions.append(ref(self))
 
-    def running_made(self: Running, stream: Stream, dialogue: Dialogue, *, totals: Totals, **kwargs: Any) -> None:
-        make_running(self, stream, dialogue, totals=totals, **kwargs)
+    def running_made(self: Running, stream: Stream, at: At, *, totals: Totals, **kwargs: Any) -> None:
+        make_running(self, stream, at, totals=totals, **kwargs)
         links = next((links for assembled, links in found.streams if assembled is totals.assembled), None)
         if links is None:
             found.streams.append((totals.assembled, links := []))
-        if dialogue.link not in links:
-            links.append(dialogue.link)
+        if at.dialogue.link not in links:
+            links.append(at.dialogue.link)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Link, "__init__", link_made)

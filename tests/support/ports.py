@@ -15,9 +15,11 @@ import pytest
 from lidario.errors import DeviceLost
 from lidario.families.registry import FAMILIES
 from lidario.port.port import Port
+from lidario.port.reading import PolledLine
 
 __all__ = [
     "PATIENCE_S",
+    "OnlyRead",
     "Plan",
     "Seen",
     "Sink",
@@ -30,6 +32,26 @@ __all__ = [
 ]
 
 PATIENCE_S = 20.0
+
+
+class OnlyRead(PolledLine):
+    """A descriptor that is read as a serial port is, and what it was lost by; nothing is written."""
+
+    def __init__(self, port: Port, handle: int) -> None:
+        super().__init__(asyncio.get_running_loop(), port, handle, print)
+        self.lost: list[Exception] = []
+        self.ended = asyncio.Event()
+
+    def lose(self, error: Exception) -> None:
+        self.lost.append(error)
+        self.stop()
+        self.ended.set()
+
+    def write(self, data: bytes) -> None:
+        raise AssertionError("only read")
+
+    close = abort = close_without_loop = PolledLine.stop
+    write_without_loop = write
 
 
 class Sink:

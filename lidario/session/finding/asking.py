@@ -56,9 +56,6 @@ class Woken:
     """Devices that a search may have started, and which did not respond in time: they are stopped when it ends.
 
     Until then they are left on, so that they are heard when their rotor turns evenly.
-
-    Args:
-        port: The line.
     """
 
     def __init__(self, port: Port) -> None:
@@ -170,12 +167,8 @@ async def _try(
 ) -> Connection | None:
     """Ask one family's question once at one speed; None when there is no response.
 
-    Args:
-        port: The line.
-        attempt: Whom to ask, and how fast.
-        woken: Takes note of whom the question may have started.
-        quick: Nothing streams: ask without waiting for silence, and wait shortly.
-        patience_s: How long its response may take; None for as long as is usual in its family.
+    Where nothing streams it is `quick`: it asks without waiting for silence, and waits shortly. `patience_s` is how
+    long the response may take; None for as long as is usual in the family.
     """
     family = attempt.family
     if attempt.baudrate:
@@ -189,7 +182,7 @@ async def _try(
     try:
         usual_s = QUICK_S if quick else family.timing.probe_s
         dialogue.hurry(usual_s if patience_s is None else patience_s)
-        info = await introduce(dialogue, device, patience=0, quiet=quick)
+        info = await introduce(dialogue, patience=0, quiet=quick)
         dialogue.hurry()
     except ResponseTimeout:
         half_open.release()

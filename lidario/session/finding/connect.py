@@ -210,7 +210,7 @@ async def _try_known(
     try:
         if on_dialogue is not None:
             on_dialogue(dialogue)
-        info = await introduce(dialogue, device, family.timing.forget_s if patient else 0.0)
+        info = await introduce(dialogue, family.timing.forget_s if patient else 0.0)
     except ResponseTimeout:
         # It may hear us although its responses do not reach us.
         dialogue.stop_device()

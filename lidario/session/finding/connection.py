@@ -7,13 +7,14 @@ looked at in `lidario.session.finding.connect`.
 from __future__ import annotations
 
 import weakref
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from lidario.families.base import Device, Family
 from lidario.model import DeviceInfo
 from lidario.port.background import run_in_thread
 from lidario.port.port import Port
 from lidario.session.talking.dialogue import Dialogue
+from lidario.session.talking.trouble import Trouble
 from lidario.source import Source
 
 __all__ = ["At", "Connection", "HalfOpen", "connect_recording", "connect_remote"]
@@ -27,9 +28,6 @@ class HalfOpen:
     Ctrl-C is raised wherever the interpreter is, also between two statements that belong together. So this is made
     before anything is written, and lives in the frames that open the device; when they are gone, its finalizer
     writes the stop requests. The session lets go of it as soon as it has a finalizer of its own.
-
-    Args:
-        dialogue: The dialogue with the device.
     """
 
     def __init__(self, dialogue: Dialogue) -> None:
@@ -65,15 +63,13 @@ class Connection:
 class At:
     """Where the device of one session is reached now: shared by all its objects, and changed by `Lidar` alone.
 
-    Attributes:
-        dialogue: The conversation with the device.
-        device: The device as its family sees it.
-        info: What it last said it is.
+    The first three are as in `Connection`. `trouble` tells of what is wrong with it, in the log.
     """
 
     dialogue: Dialogue
     device: Device
     info: DeviceInfo
+    trouble: Trouble = field(default_factory=Trouble)
 
 
 async def connect_recording(source: Source, family: str | None) -> Connection:
@@ -93,25 +89,19 @@ async def connect_recording(source: Source, family: str | None) -> Connection:
     port = ReplayPort(recording, rate=source.rate, loop=source.options.get("loop") == "1", pieces=pieces)
     device = RecordedDevice(recording, lambda: port.stream)
     port.offset_of = device.offset_of
-    own = recording.streams[0].family
-    # Nothing is under way on this line, so nothing has to be waited for.
-    dialogue = Dialogue(port, device, replace(own.timing, quiet_s=_NO_TIME_S, boot_poll_s=_NO_TIME_S))
-    info = await dialogue.run(device.identify())
-    return Connection(port, own, device, dialogue, info, HalfOpen(dialogue))
+    return await _fed(port, recording.streams[0].family, device)
 
 
 async def connect_remote(source: Source) -> Connection:
-    """Another machine's lidar: its publisher says what it is, and drives it.
-
-    Raises:
-        ConnectFailed: No router, nobody publishes under that key, or several do.
-        Unsupported: The package that is needed is not installed.
-    """
+    """Another machine's lidar: its publisher says what it is, and drives it."""
     from lidario.network.connect import open_remote  # for those who need it
 
     remote = await open_remote(source)
-    dialogue = Dialogue(
-        remote.port, remote.device, replace(remote.family.timing, quiet_s=_NO_TIME_S, boot_poll_s=_NO_TIME_S)
-    )
-    info = await dialogue.run(remote.device.identify())
-    return Connection(remote.port, remote.family, remote.device, dialogue, info, HalfOpen(dialogue))
+    return await _fed(remote.port, remote.family, remote.device)
+
+
+async def _fed(port: Port, family: Family, device: Device) -> Connection:
+    # Nothing is under way on this line, so nothing has to be waited for.
+    dialogue = Dialogue(port, device, replace(family.timing, quiet_s=_NO_TIME_S, boot_poll_s=_NO_TIME_S))
+    info = await dialogue.run(device.identify())
+    return Connection(port, family, device, dialogue, info, HalfOpen(dialogue))

@@ -121,10 +121,6 @@ async def list_lidars(paths: Iterable[str | os.PathLike[str]] = ()) -> list[Foun
 async def find_source(source: Source, family: str | None = None) -> Source:
     """The source to open for ``auto`` and ``id:``; any other as it is.
 
-    Args:
-        source: What the user named.
-        family: The family that its device must have; None for any.
-
     Raises:
         ConnectFailed: No lidar responds, or several do (reason ``ambiguous``); the text lists them.
     """

@@ -15,7 +15,7 @@ has responded, or nothing for a long time, is not asked again until it has been 
 from __future__ import annotations
 
 import os
-from typing import NamedTuple
+from typing import TypeAlias
 
 from lidario.port.background import run_in_thread
 from lidario.session.finding import discovery
@@ -28,28 +28,21 @@ MOST_SILENCES = 15
 """How often a port that nobody has named is asked in vain. That takes longer than a lidar boots (8 s)."""
 
 
-class _Port(NamedTuple):
-    """A port, as the system has it at the moment. One that was unplugged and is back is another one.
-
-    Attributes:
-        path: What to open, links followed.
-        inode: Of the path; 0 where there is none.
-    """
-
-    path: str
-    inode: int
+_Port: TypeAlias = tuple[str, int]
+"""A port, as the system has it at the moment: what to open, links followed, and its inode, 0 where there is none.
+One that was unplugged and is back is another one."""
 
 
 class Places:
-    """The places of one device.
+    """The places of one device, whose source is neither ``auto`` nor ``id``.
 
-    Args:
-        source: What was opened; not ``auto`` or ``id``.
+    Attributes:
+        last: Where it was last.
     """
 
     def __init__(self, source: Source) -> None:
         self._named = source
-        self._last = source
+        self.last: Source = source
         self._always: set[_Port] = set()
         self._refused: set[_Port] = set()
         self._silences: dict[_Port, int] = {}
@@ -61,7 +54,7 @@ class Places:
 
     async def candidates(self) -> list[Source]:
         """Where to look now, the likeliest first. Cancelling ends only the waiting."""
-        own = [self._last] if self._last is self._named else [self._last, self._named]
+        own = [self.last] if self.last is self._named else [self.last, self._named]
         if self._named.kind != "serial":
             return own
         there = await run_in_thread(_ports)
@@ -70,18 +63,14 @@ class Places:
         for each in own:
             at.setdefault(_port(each.address), each)
         for port in sorted(there - self._always - set(at)):
-            at[port] = Source(port.path, "serial", port.path)
+            at[port] = Source(port[0], "serial", port[0])
         self._refused &= set(at)
         self._silences = {port: count for port, count in self._silences.items() if port in at}
         return [place for port, place in at.items() if port not in self._refused]
 
     def is_own(self, place: Source) -> bool:
         """Whether it is where the user said that the device is, or where it was last."""
-        return place in (self._last, self._named)
-
-    def found(self, place: Source) -> None:
-        """The device is there."""
-        self._last = place
+        return place in (self.last, self._named)
 
     def refuse(self, place: Source) -> None:
         """Another device is there. A network address is asked again: what is behind it cannot be seen."""
@@ -105,6 +94,6 @@ def _ports() -> set[_Port]:
 def _port(path: str) -> _Port:
     real = os.path.realpath(path)
     try:
-        return _Port(real, os.stat(real).st_ino)
+        return real, os.stat(real).st_ino
     except OSError:  # not there, or a system that has no file for a port
-        return _Port(real, 0)
+        return real, 0

@@ -1,16 +1,10 @@
 """Coming back: a session whose line was lost finds its device again, and goes on.
 
-::
-
-    CONNECTED ──begin──> LEAVING ──> TRYING <──> WAITING ──limit──> GAVE_UP
-        ^                               │
-        └──────────── adopt ────────────┘        cancel leads from everywhere to ENDED
-
-* LEAVING: the old line is closed. Where it still works, the stop requests are written first.
-* TRYING: the places are tried where the device may be (`Places`). It is known by its own serial number. It is asked
-  how it is, reset if it protects itself, and gets its settings back.
-* WAITING: nothing was found; the next attempt follows later each time.
-* GAVE_UP: the user's limit has passed. The session ends with `DeviceLost`, whose cause is the first error.
+* The old line is closed. Where it still works, the stop requests are written first.
+* The places are tried where the device may be (`Places`). It is known by its own serial number. It is asked how it
+  is, reset if it protects itself, and gets its settings back.
+* Where nothing was found, the next attempt follows, later each time.
+* When the user's limit has passed, the session ends with `DeviceLost`, whose cause is the first error.
 
 Unplugging, a TCP connection that is reset, a device that restarts or freezes and one that stops to protect itself
 all take this one way. So it needs no judgement of what has happened, which nobody can make from a silent line.
@@ -27,7 +21,6 @@ import math
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from enum import Enum
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -46,7 +39,7 @@ from lidario.source import Source
 if TYPE_CHECKING:
     from lidario.port.simulated import Simulation
 
-__all__ = ["Reconnect", "Reconnector", "Step"]
+__all__ = ["Reconnect", "Reconnector"]
 
 _log = logging.getLogger("lidario")
 
@@ -84,48 +77,27 @@ class Reconnect:
         object.__setattr__(self, "limit_s", limit_s)  # clocks cannot add a whole number of any size
 
 
-class Step(Enum):
-    """What a `Reconnector` does at the moment."""
-
-    CONNECTED = "connected"
-    LEAVING = "leaving the line"
-    TRYING = "looking for the device"
-    WAITING = "waiting for the next attempt"
-    GAVE_UP = "gave up"
-    ENDED = "ended"
-
-
 class Reconnector:
     """Brings one session back, as often as it is needed.
 
-    Args:
-        policy: How patient it is.
-        source: What was opened; not ``auto`` or ``id``.
-        simulation: The device of a ``sim://`` source.
-        keep_spinning: Whether the motor goes on when the session ends.
-
     Attributes:
-        step: What it does at the moment.
         count: How often the session has come back.
         settings: What the user has set, in the order of setting: each makes the script that sets it again.
+        proven: Whether the session works: then the next loss is a new one.
+        adopt: Takes a new line over; False when nobody is there any more who could.
+        gave_up: Called with the error that ends the session.
+        unused: Returns when nobody uses the line that was lost.
     """
 
-    def __init__(
-        self,
-        policy: Reconnect,
-        source: Source,
-        simulation: Simulation | None = None,
-        *,
-        keep_spinning: bool = False,
-    ) -> None:
-        self.step: Step = Step.CONNECTED
+    def __init__(self, policy: Reconnect, source: Source, simulation: Simulation | None = None) -> None:
         self.count: int = 0
         self.settings: dict[str, Callable[[Device], Script[object]]] = {}
         self._policy = policy
         self._places = Places(source)
         self._simulation = simulation
-        self._keep_spinning = keep_spinning
         self._loop = asyncio.get_running_loop()
+        # Whether it may come back: not while it does, nor when it has given up or was cancelled.
+        self._is_ready = True
         self._task: asyncio.Task[None] | None = None
         self._known: Connection | None = None
         self._dialogue: Dialogue | None = None
@@ -134,11 +106,11 @@ class Reconnector:
         self._attempts = 0
         self._first: LidarError | None = None
         self._told = ""
-        self._proven = True
+        self.proven: bool = True
         self._scans = 0
-        self._adopt: Callable[[Connection, Health], bool] | None = None
-        self._gave_up: Callable[[LidarError], None] | None = None
-        self._unused: Callable[[], Awaitable[None]] | None = None
+        self.adopt: Callable[[Connection, Health], bool] | None = None
+        self.gave_up: Callable[[LidarError], None] | None = None
+        self.unused: Callable[[], Awaitable[None]] | None = None
 
     async def connect(self, source: Source, family: str | None, baudrate: int | None, *, guard: bool) -> Connection:
         """Connect for the first time, and note which device it is, as `lidario.session.finding.connect.connect`."""
@@ -147,41 +119,22 @@ class Reconnector:
         self._known = await self._connect(source, family, baudrate)
         return self._known
 
-    def serve(
-        self,
-        adopt: Callable[[Connection, Health], bool],
-        gave_up: Callable[[LidarError], None],
-        unused: Callable[[], Awaitable[None]],
-    ) -> None:
-        """Say whom it serves.
-
-        Args:
-            adopt: Takes a new line over; False when nobody is there any more who could.
-            gave_up: Called with the error that ends the session.
-            unused: Returns when nobody uses the line that was lost.
-        """
-        self._adopt, self._gave_up, self._unused = adopt, gave_up, unused
-
     def begin(self, error: LidarError, scans: int) -> None:
         """The line is no good any more, because of `error`: come back, in a task.
 
         Where none of the session's `scans` came since it was back the last time, that was not a success: the time
         goes on counting, and the waits go on growing.
         """
-        if self.step is not Step.CONNECTED or self._known is None:
+        if not self._is_ready or self._known is None:
             return
         if scans > self._scans:
-            self._proven, self._scans = True, scans
-        if self._proven:
+            self.proven, self._scans = True, scans
+        if self.proven:
             self._first, self._since, self._attempts = error, self._loop.time(), 0
             self._wait_s, self._told = self._policy.first_wait_s, ""
             _log.warning("the line to the lidar is lost, and the session comes back: %s", error)
-        self.step = Step.LEAVING
+        self._is_ready = False
         self._task = self._loop.create_task(self._run(), name="lidario: come back")
-
-    def proven(self) -> None:
-        """The session works again: the next loss is a new one."""
-        self._proven = True
 
     def away_error(self) -> DeviceLost:
         """What calls raise that cannot be done without the device."""
@@ -194,7 +147,7 @@ class Reconnector:
 
     def cancel(self) -> None:
         """Come back no more. What is half connected is left still and closed by the task, see `ended`."""
-        self.step = Step.ENDED
+        self._is_ready = False
         if self._task is not None:
             self._task.cancel()
 
@@ -250,21 +203,19 @@ class Reconnector:
     async def _leave(self) -> None:
         assert self._known is not None
         await self._known.dialogue.close(patient=False)  # it is stopped when it was found again
-        if self._unused is not None:
-            await self._unused()
+        if self.unused is not None:
+            await self.unused()
 
     async def _try_until_found(self) -> tuple[Connection, Health]:
-        if not self._proven:
+        if not self.proven:
             await self._wait()
         while True:
-            self.step = Step.TRYING
             found = await self._attempt()
             if found is not None:
                 return found
             await self._wait()
 
     async def _wait(self) -> None:
-        self.step = Step.WAITING
         wait, self._wait_s = self._wait_s, min(2 * self._wait_s, self._policy.longest_wait_s)
         await asyncio.sleep(wait)
 
@@ -296,7 +247,7 @@ class Reconnector:
                 raise ConnectFailed(
                     f"another lidar responds, {found}, and not {known.info.serial}", reason="missing"
                 )
-            health = await healthy(dialogue, connection.device)
+            health = await healthy(dialogue)
             for setting in list(self.settings.values()):
                 await dialogue.run(setting(connection.device))
             if dialogue.fatal is not None:
@@ -304,11 +255,12 @@ class Reconnector:
         except BaseException:
             await dialogue.close()
             raise
-        self._places.found(place)
+        self._places.last = place
         return connection, health
 
     def _began(self, dialogue: Dialogue) -> None:
-        dialogue.stopper.keep_spinning = self._keep_spinning
+        assert self._known is not None
+        dialogue.stopper.keep_spinning = self._known.dialogue.stopper.keep_spinning
         self._dialogue = dialogue
 
     def _nameless(self, place: Source) -> bool:
@@ -317,18 +269,17 @@ class Reconnector:
         return not set(self._known.info.serial) - _NO_SERIAL and not self._places.is_own(place)
 
     def _take_over(self, connection: Connection, health: Health) -> None:
-        self.step = Step.CONNECTED
+        self._is_ready = True
         self.count += 1
-        self._known, self._proven = connection, False
+        self._known, self.proven = connection, False
         away = self._loop.time() - self._since
         _log.info(
             "the lidar is back on %s, after %.1f s and %d attempts", connection.port.name, away, self._attempts
         )
-        if self._adopt is None or not self._adopt(connection, health):
+        if self.adopt is None or not self.adopt(connection, health):
             connection.dialogue.hang_up()
 
     def _give_up(self) -> None:
-        self.step = Step.GAVE_UP
         error = DeviceLost(
             f"the lidar did not come back within {self._policy.limit_s:g} s ({self._attempts} attempts)"
             + (f"; the last one: {self._told}" if self._told else "")
@@ -337,11 +288,10 @@ class Reconnector:
         self._end_with(error)
 
     def _end_with(self, error: LidarError) -> None:
-        self.step = Step.GAVE_UP
         _log.warning("the session ended: %s", error)
         self.release()
-        if self._gave_up is not None:
-            self._gave_up(error)
+        if self.gave_up is not None:
+            self.gave_up(error)
 
     def _tell(self, reason: str) -> None:
         """Log why an attempt failed, unless the one before failed for the same reason."""

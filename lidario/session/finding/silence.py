@@ -49,14 +49,7 @@ class ReceivedInSilence:
     def nothing_responds(
         self, source: Source, asked: Sequence[Family], speeds: Sequence[int], errors: LineErrors
     ) -> ConnectFailed:
-        """The error that says who was asked, at which speeds in baud, and what came back; and a cure.
-
-        Args:
-            source: What was opened.
-            asked: Who was asked.
-            speeds: At which speeds.
-            errors: What the driver has counted. Where several speeds were tried it says nothing.
-        """
+        """The error that says who was asked, at which speeds in baud, and what came back; and a cure."""
         told = list(dict.fromkeys(str(speed) for speed in speeds))
         at = f" at {_either(told)} baud" if told and source.kind == "serial" else ""
         titles = _either(list(dict.fromkeys(each.title for each in asked)))

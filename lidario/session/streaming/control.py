@@ -9,19 +9,16 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from collections.abc import Callable
 
 from lidario.errors import DeviceLost, LidarError, ResponseTimeout, StreamFailed, Unsupported
 from lidario.model import ScanMode
 from lidario.port.diagnose import is_pseudo_terminal
 from lidario.revolution.assemble import AssemblerStats
 from lidario.scan import Scan
-from lidario.sector import Sector
 from lidario.session.finding.connection import At
 from lidario.session.streaming.modes import Wanted, does_not_fit
-from lidario.session.streaming.running import Failure, Running, Totals
+from lidario.session.streaming.running import Failure, Outlets, Running, Totals
 from lidario.session.streaming.states import TRANSITIONS, Event, State
-from lidario.session.talking.trouble import Trouble
 from lidario.wire.states import LinkState
 
 __all__ = ["NotWanted", "StreamControl"]
@@ -39,14 +36,6 @@ class NotWanted(LidarError):
 class StreamControl:
     """The stream of one device.
 
-    Args:
-        at: Where the device is reached.
-        latency: As for `Running`.
-        trouble: As for `Running`.
-        publish: Called with each scan.
-        failed: Called once if a stream falls silent or makes no revolutions.
-        publish_sector: As for `Running`.
-
     Attributes:
         totals: Counters since the session was opened.
         state: What becomes of the stream at the moment.
@@ -56,18 +45,11 @@ class StreamControl:
         failure: What is known of a stream that has failed, until the device was asked.
         ran: Whether a stream has run since one was wanted.
         ran_until: When the last stream was left off, seconds of the loop's clock.
+        running: The stream that runs, if one does.
         starting: Whether the operation in progress is a start: it ends when no stream is wanted any more.
     """
 
-    def __init__(
-        self,
-        at: At,
-        latency: float,
-        trouble: Trouble,
-        publish: Callable[[Scan], None],
-        failed: Callable[[Failure], None],
-        publish_sector: Callable[[int, Sector], None],
-    ) -> None:
+    def __init__(self, at: At, latency: float, outlets: Outlets) -> None:
         self.totals: Totals = Totals(AssemblerStats())
         self.state: State = State.IDLE
         self.wanted: Wanted | None = None
@@ -79,13 +61,10 @@ class StreamControl:
         self.starting: bool = False
         self._at = at
         self._latency = latency
-        self._trouble = trouble
-        self._publish = publish
-        self._failed = failed
-        self._publish_sector = publish_sector
+        self._outlets = outlets
         self._parts: frozenset[int] = frozenset()
         self._loop = asyncio.get_running_loop()
-        self._running: Running | None = None
+        self.running: Running | None = None
         at.dialogue.on_still = self._still
 
     @property
@@ -103,11 +82,6 @@ class StreamControl:
         """The scan mode that runs or is about to, if it is known."""
         return self.wanted.mode if self.wanted is not None and self.is_scanning else None
 
-    @property
-    def scans(self) -> int:
-        """Scans since the session was opened."""
-        return self.totals.assembled.scans
-
     def go(self, event: Event) -> None:
         """Take the one step that the table knows for `event`; raises RuntimeError where it knows none."""
         before = self.state
@@ -124,16 +98,11 @@ class StreamControl:
         if self._at.device.modes_note:
             _log.warning("%s", self._at.device.modes_note)
 
-    def set_zero_offset(self, degrees: float, *, behind: bool) -> None:
-        """Have the stream that runs add another zero-angle offset, as `Assembler.set_zero_offset`."""
-        if self._running is not None:
-            self._running.set_zero_offset(degrees, behind=behind)
-
     def divide(self, parts: frozenset[int]) -> None:
         """Have the stream that runs, and each later one, publish so many sectors of each revolution."""
         self._parts = parts
-        if self._running is not None:
-            self._running.divide(parts)
+        if self.running is not None:
+            self.running.divide(parts)
 
     # ------------------------------------------------------------------------------------------------ start, pause
 
@@ -165,19 +134,10 @@ class StreamControl:
             raise Unsupported(misfit)
         self.go(Event.STARTED)
         self.ran = True
-        self._running = Running(
-            stream,
-            self._at.dialogue,
-            latency=self._latency,
-            totals=self.totals,
-            trouble=self._trouble,
-            publish=self._publish,
-            failed=self._failed,
-            publish_sector=self._publish_sector,
-        )
+        self.running = Running(stream, self._at, self._latency, self.totals, self._outlets)
         if self._parts:
-            self._running.divide(self._parts)
-        self._running.begin()
+            self.running.divide(self._parts)
+        self.running.begin()
 
     def pause(self) -> None:
         """The stream that runs is not read any more, and is wanted all the same."""
@@ -229,7 +189,7 @@ class StreamControl:
 
     def rest(self) -> None:
         """The stream runs no more; the device is not told."""
-        running, self._running = self._running, None
+        running, self.running = self.running, None
         if running is not None:
             self.ran_until = self._loop.time()
             running.end()

@@ -26,9 +26,8 @@ from lidario.session.finding.connection import At
 from lidario.session.streaming.control import StreamControl
 from lidario.session.streaming.inquiry import Inquiry
 from lidario.session.streaming.line_changes import LineWatch
-from lidario.session.streaming.readers import Readers
+from lidario.session.streaming.readers import Hub
 from lidario.session.streaming.running import Failure
-from lidario.session.talking.trouble import Trouble
 
 __all__ = ["Failures"]
 
@@ -39,42 +38,25 @@ _CURABLE = (DeviceLost, StreamFailed, ResponseTimeout, DeviceFault, RemoteProtoc
 class Failures:
     """Judges what has failed.
 
-    Args:
-        control: The stream.
-        at: Where the device is reached.
-        readers: Who is told.
-        inquiry: Asks the device.
-        trouble: Where it is logged.
-        line: Where it is told to those who show it.
-
     Attributes:
         over: What ended the session, if anything did.
         come_back: Called with the reason, and the number of scans so far, when the line to the device is no good
             any more. None where such an error ends the streams or the session.
     """
 
-    def __init__(
-        self,
-        control: StreamControl,
-        at: At,
-        readers: Readers,
-        inquiry: Inquiry,
-        trouble: Trouble,
-        line: LineWatch,
-    ) -> None:
+    def __init__(self, control: StreamControl, at: At, hub: Hub, inquiry: Inquiry, line: LineWatch) -> None:
         self.over: LidarError | None = None
         self.come_back: Callable[[LidarError, int], None] | None = None
         self._control = control
         self._at = at
-        self._readers = readers
+        self._hub = hub
         self._inquiry = inquiry
-        self._trouble = trouble
         self._line = line
         at.dialogue.on_lost = self._lost
 
     def adopt(self) -> None:
         """The device is reached by another line from now on."""
-        self._inquiry.doubt(False)
+        self._inquiry.doubtful = False
         self._at.dialogue.on_lost = self._lost
         self._line.tell("back")
 
@@ -112,7 +94,7 @@ class Failures:
             self._fail(StreamFailed(failure.what + why))
             return False
         self._control.failure = failure
-        self._inquiry.doubt(True)
+        self._inquiry.doubtful = True
         return True
 
     def could_not_start(self, error: LidarError) -> None:
@@ -123,7 +105,7 @@ class Failures:
             failure = StreamFailed(f"the stream could not be started again: {error}")
             failure.__cause__ = error
             error = failure
-        self._readers.end(error)
+        self._hub.end(error)
         if self._control.is_scanning:
             self._control.unwant()
 
@@ -131,7 +113,7 @@ class Failures:
         """The session is over: end every reader and operation with `error`. The device is not told."""
         if self.over is None:
             self.over = error
-            self._readers.end(error)
+            self._hub.end(error)
             self._control.close()
             self._at.dialogue.interrupt(error)
         self._end_line(error)
@@ -140,16 +122,16 @@ class Failures:
         """End the stream for everybody, unless the session comes back; the session goes on."""
         if self._depart(error):
             return
-        self._trouble.tell("the stream ended: %s", error)
-        self._readers.end(error)
+        self._at.trouble.tell("the stream ended: %s", error)
+        self._hub.end(error)
         self._control.unwant()
 
     def _lost(self, error: LidarError) -> None:
         """The port died, or we failed: the session is over, unless it comes back."""
         if self._depart(error):
             return
-        self._trouble.tell("the session ended: %s", error)
-        self._readers.end(error)
+        self._at.trouble.tell("the session ended: %s", error)
+        self._hub.end(error)
         self._control.close()
         self._end_line(error)
 
@@ -171,5 +153,5 @@ class Failures:
             return False
         self._control.lose(error)
         self._line.tell("away", str(error))
-        self.come_back(error, self._control.scans)
+        self.come_back(error, self._control.totals.assembled.scans)
         return True

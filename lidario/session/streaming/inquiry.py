@@ -25,7 +25,6 @@ from lidario.model import Health, HealthStatus
 from lidario.session.finding.connection import At
 from lidario.session.streaming.running import Failure, Totals
 from lidario.session.talking.handshake import cured, fault_of
-from lidario.session.talking.trouble import Trouble
 
 __all__ = ["Inquiry"]
 
@@ -43,22 +42,17 @@ MOST_RESTARTS = 3
 class Inquiry:
     """Asks one device what is wrong with it.
 
-    Args:
-        at: Where it is reached.
-        totals: Where restarts are counted.
-        trouble: Where they are logged.
-
     Attributes:
         health: What the device last said.
+        doubtful: Whether the device is to be asked before the next stream, since the last one failed.
     """
 
-    def __init__(self, at: At, totals: Totals, trouble: Trouble) -> None:
-        self._doubtful = False
+    def __init__(self, at: At, totals: Totals) -> None:
+        self.doubtful: bool = False
         self._well_at = -math.inf
         self.health: Health = Health(HealthStatus.OK, 0)
         self._at = at
         self._totals = totals
-        self._trouble = trouble
         self._loop = asyncio.get_running_loop()
         self._reset_at: float | None = None
         self._restarts: deque[float] = deque(maxlen=MOST_RESTARTS)
@@ -66,22 +60,16 @@ class Inquiry:
     def take_note(self, health: Health) -> None:
         """The device has said how it is; where that is an error, it is asked before the next stream is started."""
         self.health = health
-        self._doubtful |= not health.ok
+        self.doubtful |= not health.ok
         self._well_at = self._loop.time()
-
-    def doubt(self, doubtful: bool) -> None:
-        """The last stream failed; or it is another line from now on, and there was none."""
-        self._doubtful = doubtful
 
     def is_doubtful(self, ran_until: float) -> bool:
         """Whether the device is to be asked before a stream is started, as the vendors' manuals have it.
 
         It need not where it has said how it is, or has sent a stream that did not fail, a moment ago.
-
-        Args:
-            ran_until: When the last stream was left off, seconds of the loop's clock.
+        `ran_until` is when the last stream was left off.
         """
-        return self._doubtful or self._loop.time() - max(self._well_at, ran_until) > WELL_S
+        return self.doubtful or self._loop.time() - max(self._well_at, ran_until) > WELL_S
 
     async def about(self, failure: Failure) -> None:
         """Ask the device, which must not stream any more; return if the stream shall be started again.
@@ -90,7 +78,7 @@ class Inquiry:
             DeviceFault: It has stopped to protect itself, and a RESET did not help or would be one too many.
             StreamFailed: It is silent, or it is well and a restart promises nothing.
         """
-        self._doubtful = True
+        self.doubtful = True
         health = await self._health()
         if health is None:
             raise StreamFailed(
@@ -117,24 +105,20 @@ class Inquiry:
             )
         self._restarts.append(now)
         self._totals.restarts += 1
-        self._trouble.tell("the stream is started again: %s", failure.what)
-        self._doubtful = False
+        self._at.trouble.tell("the stream is started again: %s", failure.what)
+        self.doubtful = False
 
     async def beforehand(self) -> None:
-        """Ask the device before a stream is started.
-
-        Raises:
-            DeviceFault: It has stopped to protect itself, and a RESET did not help.
-        """
+        """Ask the device before a stream is started; DeviceFault where a RESET does not help."""
         health = await self._health()
         if health is not None and not health.ok:
             self._reset_at = self._loop.time()
             await self._cure(health, "before a stream was started")
-        self._doubtful = False
+        self.doubtful = False
 
     async def _cure(self, health: Health, when: str) -> None:
         try:
-            self.take_note(await cured(self._at.dialogue, self._at.device, health, when))
+            self.take_note(await cured(self._at.dialogue, health, when))
         except ResponseTimeout as error:
             raise fault_of(health, f"and did not come back from a reset: {error}") from error
         except DeviceFault as error:

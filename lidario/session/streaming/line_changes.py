@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import asyncio
 import weakref
-from collections import deque
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final, Literal, Self, TypeAlias
 
-from lidario.errors import Busy
+from lidario.session.streaming.stream import Mailbox
 
 __all__ = ["LineChange", "LineChanges", "LineState", "LineWatch"]
 
@@ -47,9 +46,8 @@ class LineChanges:
     """
 
     def __init__(self, first: LineChange | None) -> None:
-        self._changes: deque[LineChange] = deque(() if first is None else (first,), MOST)
-        self._over = first is None
-        self._waiter: asyncio.Future[None] | None = None
+        self._mailbox: Mailbox[LineChange] = Mailbox(MOST)
+        self.put(first)
 
     def __aiter__(self) -> Self:
         return self
@@ -60,26 +58,14 @@ class LineChanges:
         Raises:
             Busy: Another task is waiting already.
         """
-        if self._waiter is not None:
-            raise Busy("two tasks read one iterator of changes: give each its own, as lidar.line_changes() does")
-        while not self._changes:
-            if self._over:
-                raise StopAsyncIteration
-            self._waiter = asyncio.get_running_loop().create_future()
-            try:
-                await self._waiter
-            finally:
-                self._waiter = None
-        return self._changes.popleft()
+        return await self._mailbox.get()
 
     def put(self, change: LineChange | None) -> None:
         """Add a change; None for the end."""
         if change is None:
-            self._over = True
+            self._mailbox.end()
         else:
-            self._changes.append(change)
-        if self._waiter is not None and not self._waiter.done():
-            self._waiter.set_result(None)
+            self._mailbox.put(change)
 
 
 class LineWatch:

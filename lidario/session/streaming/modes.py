@@ -55,14 +55,7 @@ def agree(
 
 
 def does_not_fit(device: Device, modes: tuple[ScanMode, ...], mode: ScanMode, baudrate: int) -> str:
-    """Why the line cannot carry what a mode sends, and the cure; empty where it can, or nothing is known of it.
-
-    Args:
-        device: The device.
-        modes: Its scan modes.
-        mode: One of them.
-        baudrate: Speed of the line in bits a second; 0 where bytes take no time.
-    """
+    """Why the line cannot carry what a mode sends, and the cure; empty where it can, or nothing is known."""
 
     def fits(load: float) -> bool:
         return load * BITS_A_BYTE <= baudrate

@@ -10,12 +10,15 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from lidario.errors import LidarError
-from lidario.session.streaming.stream import Hub, Mailbox
+from lidario.scan import Scan
+from lidario.sector import Sector
+from lidario.session.streaming.stream import Mailbox
+from lidario.session.talking.trouble import twin_of
 
-__all__ = ["LINGER_S", "Joining", "Readers"]
+__all__ = ["LINGER_S", "Hub", "Joining"]
 
 LINGER_S = 1.0
 """How long a stream goes on that nobody reads any more, where its reader did not say that it is the last. Users are
@@ -25,52 +28,91 @@ promised two seconds."""
 class Joining(NamedTuple):
     """A reader that waits to be let in, and what it asked for."""
 
-    mailbox: Mailbox
+    mailbox: Mailbox[Any]
     mode: str | int | None
     force: bool
 
 
-class Readers:
-    """The readers of one device's stream.
+class Hub:
+    """The readers of one device's stream; `deserted` is called when the last one has been gone for `LINGER_S`.
 
-    Args:
-        deserted: Called when the last reader has been gone for `LINGER_S`.
+    Every scan is handed to every mailbox for scans, and every sector to those for sectors of its size.
 
     Attributes:
-        hub: Those who are in.
-        joining: Those who wait, the first one first.
+        joining: Those who wait to be let in, the first one first.
+        dropped: Scans that slow readers missed, summed over all of them.
+        parts: The numbers of sectors that revolutions have for the readers here.
+        on_parts: Called when that has changed.
+        on_taken: Called each time a reader has taken a scan or has left. Where it is set, no scan is dropped.
     """
 
     def __init__(self, deserted: Callable[[], None]) -> None:
-        self.hub: Hub = Hub()
         self.joining: list[Joining] = []
+        self.dropped: int = 0
+        self.parts: frozenset[int] = frozenset()
+        self.on_parts: Callable[[frozenset[int]], None] | None = None
+        # In the order in which they came: a run is repeated exactly.
+        self._mailboxes: dict[Mailbox[Any], None] = {}
+        self.on_taken: Callable[[], None] | None = None
         self._deserted = deserted
         self._loop = asyncio.get_running_loop()
         self._linger: asyncio.TimerHandle | None = None
 
     def __len__(self) -> int:
-        return len(self.hub) + len(self.joining)
+        return len(self._mailboxes) + len(self.joining)
 
-    def add(self, mailbox: Mailbox, mode: str | int | None, force: bool) -> None:
+    @property
+    def is_read(self) -> bool:
+        """Whether anybody has been let in."""
+        return bool(self._mailboxes)
+
+    @property
+    def is_waiting(self) -> bool:
+        """Whether every reader has taken all its scans."""
+        return all(mailbox.is_empty for mailbox in self._mailboxes)
+
+    def add(self, mailbox: Mailbox[Any], mode: str | int | None, force: bool) -> None:
         """Let a reader in, or have it wait."""
         self.cancel_linger()
-        if mode is None and len(self.hub) and not self.joining:
-            self.hub.add(mailbox)
+        if mode is None and self._mailboxes and not self.joining:
+            self.let_in(mailbox)
         else:
             self.joining.append(Joining(mailbox, mode, force))
 
-    def discard(self, mailbox: Mailbox) -> None:
-        """This one reads no more, nor does it wait."""
-        self.hub.discard(mailbox)
-        self.joining = [each for each in self.joining if each.mailbox is not mailbox]
+    def let_in(self, mailbox: Mailbox[Any]) -> None:
+        """Begin to hand scans to `mailbox`."""
+        self._mailboxes[mailbox] = None
+        mailbox.on_taken = self.on_taken
+        self._see_parts()
 
-    def end(self, error: LidarError | None) -> None:
-        """End every reader, those who wait included."""
+    def discard(self, mailbox: Mailbox[Any]) -> None:
+        """This one reads no more, nor does it wait."""
+        self._mailboxes.pop(mailbox, None)
+        self.joining = [each for each in self.joining if each.mailbox is not mailbox]
+        self._see_parts()
+        if self.on_taken is not None:
+            self.on_taken()
+
+    def publish(self, scan: Scan) -> None:
+        """Hand `scan` to everybody who reads scans."""
+        for mailbox in tuple(self._mailboxes):
+            if not mailbox.parts:
+                self.dropped += mailbox.put(scan)
+
+    def publish_sector(self, parts: int, sector: Sector) -> None:
+        """Hand `sector` to everybody who reads so many of a revolution."""
+        for mailbox in tuple(self._mailboxes):
+            if mailbox.parts == parts:
+                mailbox.put(sector)
+
+    def end(self, error: LidarError | None = None) -> None:
+        """End every reader, those who wait included; each gets an error of its own: tracebacks do not mix."""
         self.cancel_linger()
-        joining, self.joining = self.joining, []
-        for each in joining:
-            self.hub.add(each.mailbox)
-        self.hub.end(error)
+        for mailbox in (*self._mailboxes, *(each.mailbox for each in self.joining)):
+            mailbox.end(None if error is None else twin_of(error))
+        self._mailboxes.clear()
+        self.joining = []
+        self._see_parts()
 
     def linger(self) -> None:
         """Call `deserted` a second later, unless a reader comes before."""
@@ -87,3 +129,10 @@ class Readers:
         self._linger = None
         if not len(self):
             self._deserted()
+
+    def _see_parts(self) -> None:
+        parts = frozenset(mailbox.parts for mailbox in self._mailboxes if mailbox.parts)
+        if parts != self.parts:
+            self.parts = parts
+            if self.on_parts is not None:
+                self.on_parts(parts)

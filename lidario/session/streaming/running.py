@@ -14,6 +14,7 @@ import asyncio
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from lidario.errors import LidarError
 from lidario.families.base import Stream
@@ -21,16 +22,15 @@ from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.pipeline import Pipeline
 from lidario.scan import Scan
 from lidario.sector import Sector
+from lidario.session.finding.connection import At
 from lidario.session.streaming.pace import Pace
 from lidario.session.streaming.sectors import SectorPace
-from lidario.session.talking.dialogue import Dialogue
 from lidario.session.talking.intake import TakePackets
-from lidario.session.talking.trouble import Trouble
 from lidario.wire.events import Packets
 
 _log = logging.getLogger("lidario")
 
-__all__ = ["SILENCE_S", "Failure", "Running", "Totals"]
+__all__ = ["SILENCE_S", "Failure", "Outlets", "Running", "Totals"]
 
 SILENCE_S = 0.6
 """Longest time without a packet once they flow; longer than bytes are held (`lidario.port.reading.HOLD_S`). The
@@ -52,14 +52,7 @@ _WATCH_MARGIN_S = 0.001
 
 @dataclass(slots=True)
 class Totals:
-    """Counters that outlive a single stream; they only grow.
-
-    Attributes:
-        assembled: What became of the packets.
-        interruptions: Times a stream was stopped for something else and started again.
-        keepalives: Keepalive requests sent.
-        restarts: Times a stream that had stopped by itself was started again.
-    """
+    """Counters that outlive a single stream; they only grow. `Stats` tells what each means."""
 
     assembled: AssemblerStats
     interruptions: int = 0
@@ -90,41 +83,32 @@ class Failure:
     error: LidarError | None = None
 
 
-class Running:
-    """A stream that the device sends.
+class Outlets(NamedTuple):
+    """Where a stream hands on what comes of it.
 
-    Args:
-        stream: The stream, as its family described it.
-        dialogue: Where its packets come from.
-        latency: Seconds by which a scan may be late because the port is polled only from time to time.
-        totals: Counters to add to.
-        trouble: Where discarded revolutions are logged.
-        publish: Called with each scan.
+    Attributes:
+        scan: Called with each scan.
+        sector: Called with how many sectors of its size a revolution has, and the sector.
         failed: Called once if the stream falls silent or makes no revolutions.
-        publish_sector: Called with how many sectors of its size a revolution has, and the sector.
     """
 
-    def __init__(
-        self,
-        stream: Stream,
-        dialogue: Dialogue,
-        *,
-        latency: float,
-        totals: Totals,
-        trouble: Trouble,
-        publish: Callable[[Scan], None],
-        failed: Callable[[Failure], None],
-        publish_sector: Callable[[int, Sector], None],
-    ) -> None:
+    scan: Callable[[Scan], None]
+    sector: Callable[[int, Sector], None]
+    failed: Callable[[Failure], None]
+
+
+class Running:
+    """A stream that the device sends."""
+
+    def __init__(self, stream: Stream, at: At, latency: float, totals: Totals, outlets: Outlets) -> None:
+        dialogue = at.dialogue
         self._stream = stream
         self._dialogue = dialogue
         self._latency = latency
         self._totals = totals
-        self._trouble = trouble
+        self._trouble = at.trouble
         self._discarded = totals.assembled.broken_scans
-        self._publish = publish
-        self._failed = failed
-        self._publish_sector = publish_sector
+        self._outlets = outlets
         self._loop = asyncio.get_running_loop()
         self._wall_offset_ns = dialogue.port.wall_offset_ns
         self._baudrate = stream.speed_on(dialogue.port.baudrate)
@@ -190,7 +174,7 @@ class Running:
 
     def divide(self, parts: frozenset[int]) -> None:
         """Publish sectors from the next revolution on, so many of each revolution; none for no more."""
-        whole, assembler = self._pipeline.assembler, self._pipeline.divide(parts, self._publish_sector)
+        whole, assembler = self._pipeline.assembler, self._pipeline.divide(parts, self._outlets.sector)
         if assembler is not whole:
             # Only from now on does a stream cost what sectors cost.
             pace = self._pace = SectorPace(self._pace)
@@ -216,7 +200,7 @@ class Running:
             self._note_damage()
             self._scans += 1
             self._pace.turned(scan, self._dialogue.stats.bytes_received, self._last_packet)
-            self._publish(scan)
+            self._outlets.scan(scan)
         if note := self._pipeline.take_note():
             _log.warning(note)
         if self._totals.assembled.broken_scans > self._discarded:
@@ -252,10 +236,12 @@ class Running:
             # block says nothing of the time since.
             self._watch_in(NOISE_S)
         elif idle >= patience and not may_come:
-            self._failed(self._failure(f"no scan data for {idle:.1f} s", "does the rotor turn?", noise=noise))
+            self._outlets.failed(
+                self._failure(f"no scan data for {idle:.1f} s", "does the rotor turn?", noise=noise)
+            )
         elif turning >= turns:
             what = f"scan data arrives, but no full revolution for {turning:.1f} s"
-            self._failed(self._failure(what, self._why_no_revolution(), silent=False))
+            self._outlets.failed(self._failure(what, self._why_no_revolution(), silent=False))
         else:
             # First to the last part of the silence, then to its end.
             wait = next((due - idle for due in (patience - NOISE_S, patience) if idle < due), NOISE_S)

@@ -16,9 +16,8 @@ session: operations fail, readers wait, and `adopt` has the stream started again
 from __future__ import annotations
 
 import asyncio
-import logging
 from collections.abc import Awaitable, Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import anyio
 
@@ -32,20 +31,19 @@ from lidario.session.streaming.control import StreamControl
 from lidario.session.streaming.failures import Failures
 from lidario.session.streaming.inquiry import Inquiry
 from lidario.session.streaming.line_changes import LineWatch
-from lidario.session.streaming.readers import Readers
-from lidario.session.streaming.running import Failure, Totals
+from lidario.session.streaming.readers import Hub
+from lidario.session.streaming.running import Failure, Outlets, Totals
 from lidario.session.streaming.sectors import sectors_of
 from lidario.session.streaming.starter import Starter
 from lidario.session.streaming.states import State
-from lidario.session.streaming.stream import Hub, Mailbox
+from lidario.session.streaming.stream import Mailbox
 from lidario.session.talking.dialogue import play
 from lidario.session.talking.handshake import come_back
-from lidario.session.talking.trouble import Trouble, twin_of
+from lidario.session.talking.trouble import twin_of
 
 __all__ = ["Scanner"]
 
 T = TypeVar("T")
-_log = logging.getLogger("lidario")
 
 WRITE_AGAIN_S = 0.005
 """How often it is tried to write a request in mid-scan, while the device does not listen."""
@@ -54,57 +52,48 @@ LEAVE_TIMEOUT_S = 2.0
 
 
 class Scanner:
-    """The stream of one device.
+    """The stream of one device, and all that belongs to it.
 
     Attributes:
-        totals: Counters since the session was opened.
-        hub: Everybody who reads it.
         latest: The last scan, or None.
-        line: Tells what becomes of the line.
-        control: Where the stream stands.
-        inquiry: Asks the device when something has failed, and knows its health.
-        failures: Judges what has failed; knows what ended the session.
         usual_mode: Scan mode for readers that ask for none; None for the device's typical one.
     """
 
     def __init__(self, at: At, latency: float) -> None:
-        trouble = Trouble(_log)
-        self._readers = Readers(self._deserted)
-        self.hub: Hub = self._readers.hub
-        self.control: StreamControl = StreamControl(
-            at, latency, trouble, self._publish, self._suspect, self.hub.publish_sector
-        )
+        self.hub: Hub = Hub(self._deserted)
+        outlets = Outlets(self._publish, self.hub.publish_sector, self._suspect)
+        self.control: StreamControl = StreamControl(at, latency, outlets)
         self.hub.on_parts = self.control.divide
         self.totals: Totals = self.control.totals
         self.latest: Scan | None = None
         self.usual_mode: str | int | None = None
         self.line: LineWatch = LineWatch()
-        self.inquiry: Inquiry = Inquiry(at, self.totals, trouble)
+        self.inquiry: Inquiry = Inquiry(at, self.totals)
         self._at = at
         self._lock = asyncio.Lock()
         self._loop = asyncio.get_running_loop()
-        self.failures: Failures = Failures(self.control, at, self._readers, self.inquiry, trouble, self.line)
-        self._starter = Starter(self.control, at, self._readers, self.inquiry, self.failures, self._lock)
+        self.failures: Failures = Failures(self.control, at, self.hub, self.inquiry, self.line)
+        self._starter = Starter(self.control, at, self.hub, self.inquiry, self.failures, self._lock)
         self._watchers: tuple[Callable[[Scan], None], ...] = ()
 
     # ------------------------------------------------------------------------------------------------ readers
 
-    def join(self, mailbox: Mailbox, mode: str | int | None, force: bool) -> None:
+    def join(self, mailbox: Mailbox[Any], mode: str | int | None, force: bool) -> None:
         usual = self.usual_mode if not self.control.is_scanning else None
-        self._readers.add(mailbox, usual if mode is None else mode, force)
+        self.hub.add(mailbox, usual if mode is None else mode, force)
         self.control.want()
         self._starter.work_soon()
 
-    def leave(self, mailbox: Mailbox) -> None:
-        self._readers.discard(mailbox)
-        if not len(self._readers) and self.control.is_scanning:
-            self._readers.cancel_linger()
+    def leave(self, mailbox: Mailbox[Any]) -> None:
+        self.hub.discard(mailbox)
+        if not len(self.hub) and self.control.is_scanning:
+            self.hub.cancel_linger()
             self.control.unwant()
 
-    def linger(self, mailbox: Mailbox) -> None:
-        self._readers.discard(mailbox)
-        if not len(self._readers) and self.control.is_scanning:
-            self._readers.linger()
+    def linger(self, mailbox: Mailbox[Any]) -> None:
+        self.hub.discard(mailbox)
+        if not len(self.hub) and self.control.is_scanning:
+            self.hub.linger()
 
     async def left(self) -> None:
         if self._loop.is_closed():
@@ -131,7 +120,7 @@ class Scanner:
         return self.hub.is_waiting
 
     def on_taken(self, callback: Callable[[], None]) -> None:
-        self.hub.on_taken(callback)
+        self.hub.on_taken = callback
 
     def restart(self, *, failed: bool = False) -> None:
         if self.control.state is State.RUNNING and not self.control.starting:
@@ -156,7 +145,7 @@ class Scanner:
 
     def finish(self) -> None:
         if self.control.is_scanning:
-            self._readers.end(None)
+            self.hub.end(None)
             self.control.unwant()
 
     # ------------------------------------------------------------------------------------------------ operations
@@ -190,8 +179,7 @@ class Scanner:
         """
         dialogue = self._at.dialogue
         async with self._lock:
-            if self.failures.over is not None:
-                raise twin_of(self.failures.over)
+            self._check_open()
             if self._at.dialogue is not dialogue or (dialogue.fatal is not None and self.control.is_away):
                 raise DeviceLost("the line to the lidar was lost before this request was sent: ask again")
             dialogue.begin()
@@ -201,7 +189,7 @@ class Scanner:
                     self.control.pause()
                     await self.control.silence()
                 if dialogue.reset_at is not None:
-                    await come_back(dialogue, self._at.device)
+                    await come_back(dialogue)
                 return await action()
             except LidarError as error:
                 if vital:
@@ -223,7 +211,7 @@ class Scanner:
 
     async def stop(self) -> None:
         """Stop laser and motor, end every stream, and return when the line is quiet. The session is open."""
-        self._readers.end(None)
+        self.hub.end(None)
         self.control.unwant()
         await self.left()
         async with self._lock:
@@ -239,13 +227,14 @@ class Scanner:
 
     def set_zero_offset(self, degrees: float, *, behind: bool = False) -> None:
         """Have the stream that runs add another zero-angle offset, as `Assembler.set_zero_offset`."""
-        self.control.set_zero_offset(degrees, behind=behind)
+        if self.control.running is not None:
+            self.control.running.set_zero_offset(degrees, behind=behind)
 
     # ------------------------------------------------------------------------------------------------ the session
 
     def abandon(self) -> None:
         """Nobody holds the session any more: let go of every timer. The device is not told."""
-        self._readers.cancel_linger()
+        self.hub.cancel_linger()
         self.control.rest()
         self.line.end()
 
@@ -279,7 +268,7 @@ class Scanner:
 
     def _resume(self) -> None:
         """The device is free again: have the stream started again, if it has readers."""
-        if self.control.state is State.INTERRUPTED and len(self.hub):
+        if self.control.state is State.INTERRUPTED and self.hub.is_read:
             self.control.resume()
         self._starter.work_soon()
 

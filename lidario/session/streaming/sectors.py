@@ -7,7 +7,7 @@ many sectors it wants a revolution divided.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
@@ -18,7 +18,7 @@ from lidario.revolution.sectors import MOST_PARTS
 from lidario.scan import Scan
 from lidario.sector import Sector
 from lidario.session.streaming.pace import LONGEST_HOLD_S, Pace
-from lidario.session.streaming.stream import ReaderStream, ScanSource
+from lidario.session.streaming.stream import ReaderStream
 
 __all__ = ["DEFAULT_DEGREES", "SectorPace", "SectorStream", "parts_of", "sectors_of"]
 
@@ -123,16 +123,3 @@ class SectorStream(ReaderStream[Sector]):
     """
 
     _instead = "sectors come asynchronously: write `async for sector in lidar.sectors():`"
-
-    def __init__(
-        self,
-        source: ScanSource,
-        mode: str | int | None,
-        degrees: float,
-        depth: int | None,
-        force: bool,
-        opened: Callable[[], None],
-        filters: Iterable[Callable[[Sector], Sector]] = (),
-    ) -> None:
-        parts = parts_of(degrees)
-        super().__init__(source, mode, parts if depth is None else depth, force, opened, parts, filters)

@@ -14,7 +14,7 @@ from lidario.session.streaming.control import NotWanted, StreamControl
 from lidario.session.streaming.failures import Failures
 from lidario.session.streaming.inquiry import Inquiry
 from lidario.session.streaming.modes import Wanted, agree
-from lidario.session.streaming.readers import Readers
+from lidario.session.streaming.readers import Hub
 from lidario.session.streaming.states import State
 from lidario.session.talking.handshake import come_back
 
@@ -24,29 +24,20 @@ _log = logging.getLogger("lidario")
 
 
 class Starter:
-    """Lets readers in, and starts the stream they want.
-
-    Args:
-        control: The stream.
-        at: Where the device is reached.
-        readers: Who wants scans.
-        inquiry: Asks the device before a start that may fail.
-        failures: Judges what has failed.
-        lock: Held while the device is talked to.
-    """
+    """Lets readers in, and starts the stream they want."""
 
     def __init__(
         self,
         control: StreamControl,
         at: At,
-        readers: Readers,
+        hub: Hub,
         inquiry: Inquiry,
         failures: Failures,
         lock: asyncio.Lock,
     ) -> None:
         self._control = control
         self._at = at
-        self._readers = readers
+        self._hub = hub
         self._inquiry = inquiry
         self._failures = failures
         self._lock = lock
@@ -68,7 +59,7 @@ class Starter:
     def _has_work(self) -> bool:
         """Whether readers wait to be let in, a stream is to be started, or one has failed."""
         control = self._control
-        return bool(self._readers.joining) or control.state is State.STARTING or control.failure is not None
+        return bool(self._hub.joining) or control.state is State.STARTING or control.failure is not None
 
     async def _work(self) -> None:
         """Let the readers in who wait for it, and start the stream they want; until nothing is left to do."""
@@ -82,7 +73,7 @@ class Starter:
                     control.starting = True
                     try:
                         if self._at.dialogue.reset_at is not None:
-                            await come_back(self._at.dialogue, self._at.device)
+                            await come_back(self._at.dialogue)
                         await self._failures.judge()
                         await self._let_in()
                         if control.state is State.STARTING and control.wanted is not None:
@@ -104,24 +95,24 @@ class Starter:
 
     async def _let_in(self) -> None:
         """Let in the readers who wait, as far as the modes they ask for go together."""
-        control, hub = self._control, self._readers.hub
-        while self._readers.joining:
+        control, hub = self._control, self._hub
+        while self._hub.joining:
             if not control.modes:
                 await control.interrupt()
                 control.keep_modes(await self._at.dialogue.run(self._at.device.modes()))
                 continue
-            mailbox, mode, force = self._readers.joining.pop(0)
+            mailbox, mode, force = self._hub.joining.pop(0)
             try:
                 modes = (*control.modes, *self._at.device.unlisted_modes())
-                wanted = agree(modes, mode, force, control.wanted, alone=not len(hub))
+                wanted = agree(modes, mode, force, control.wanted, alone=not hub.is_read)
             except (LocalProtocolError, Unsupported) as error:
                 mailbox.end(error)
                 continue
-            hub.add(mailbox)
+            hub.let_in(mailbox)
             if wanted != control.wanted:
                 control.wanted = wanted
                 await control.interrupt()
-        if not len(hub) and control.is_scanning:
+        if not hub.is_read and control.is_scanning:
             control.unwant()
         else:
             control.resume()

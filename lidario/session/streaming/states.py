@@ -1,33 +1,8 @@
 """The states of a device's stream, and every way from one to another, in one table.
 
-::
-
-                  want                started
-        IDLE ───────────> STARTING ───────────> RUNNING
-         ^                 ^  │ ^                │  │
-         │            want │  │ └── resume ──┐   │  │ interrupt
-         │                 │  │              │   │  v
-         └─── still ─── STOPPING <── unwant ─┴── INTERRUPTED
-
-    unwant leads from STARTING, RUNNING and INTERRUPTED to STOPPING; close leads from everywhere to CLOSED.
-
-                lose                   lose
-        IDLE, STOPPING ──> AWAY       STARTING, RUNNING, INTERRUPTED ──> AWAITED
-                            │  want: AWAY ──> AWAITED, unwant: AWAITED ──> AWAY    │
-        IDLE <── return ────┘                           STARTING <── return ───────┘
-
-* IDLE: no stream is wanted.
-* STARTING: a stream is wanted and its start is under way, or waits until the device is free.
-* RUNNING: packets flow, or will as soon as the rotor is up to speed.
-* INTERRUPTED: a stream is wanted, but the device was stopped so that it can be asked something.
-* AWAY: there is no line to the device until the session has found it again (`reconnect`); no stream is wanted.
-* AWAITED: the same, and a stream is wanted.
-* STOPPING: no stream is wanted any more; the stop requests are not written yet, or it was not seen yet that they
-  were heard.
-* CLOSED: the session is over.
-
-`StreamControl` holds the state and asks this table for the next one. An event that the table does not know in a
-state is a mistake in lidario, so it raises.
+`docs/architecture.md` says what each state means; a test compares its table with this one. `StreamControl` holds
+the state and asks this table for the next one. An event that the table does not know in a state is a mistake in
+lidario, so it raises.
 """
 
 from __future__ import annotations

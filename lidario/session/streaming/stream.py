@@ -15,18 +15,16 @@ import weakref
 from collections import deque
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from types import TracebackType
 from typing import Any, Generic, Protocol, Self, TypeVar, cast
 
 from lidario.arguments import callable_of, shown, whole, yes_or_no
 from lidario.entered import AsyncOnly
 from lidario.errors import Busy, InvalidValue, LidarError, LocalProtocolError
-from lidario.measured import with_dropped
+from lidario.measured import changed
 from lidario.scan import Scan
-from lidario.sector import Sector
-from lidario.session.talking.trouble import again, twin_of
+from lidario.session.talking.trouble import again
 
-__all__ = ["Hub", "Mailbox", "ReaderStream", "ScanSource", "ScanStream", "filters_of"]
+__all__ = ["Mailbox", "ReaderStream", "ScanSource", "ScanStream", "filters_of"]
 
 T = TypeVar("T")
 
@@ -34,8 +32,8 @@ _HOLD_S = 30 * 86400.0
 """For how long the event loop keeps a waiting reader alive, where the program itself holds no reference to it."""
 
 
-class Mailbox:
-    """Holds the latest scans for one reader, or the latest sectors.
+class Mailbox(Generic[T]):
+    """Holds the latest scans for one reader, or the latest sectors, or what else comes by and by.
 
     Args:
         depth: Most that are kept.
@@ -43,8 +41,9 @@ class Mailbox:
 
     Attributes:
         parts: The same.
-        dropped: Scans dropped since the reader last took one.
+        dropped: Scans dropped since the reader was last told of it.
         total_dropped: Scans dropped altogether.
+        ended: Whether no more scans will come.
         on_taken: Called when the reader has taken a scan. Where it is set, no scan is dropped: who has set it puts
             more only when the reader has taken all.
     """
@@ -57,11 +56,11 @@ class Mailbox:
         self.dropped: int = 0
         self.total_dropped: int = 0
         self._depth = depth
-        self._scans: deque[Scan | Sector] = deque()
+        self._scans: deque[T] = deque()
         # Held by its task and its timer. A finalizer reaches this object, and must not reach the frames of a task:
         # else, where Ctrl-C ends the loop of a plain program, the session is no garbage, and the device goes on.
         self._waiter: weakref.ref[asyncio.Future[None]] | None = None
-        self._ended = False
+        self.ended: bool = False
         self._error: LidarError | None = None
         self.on_taken: Callable[[], None] | None = None
 
@@ -70,14 +69,9 @@ class Mailbox:
         """Whether the reader has taken every scan."""
         return not self._scans
 
-    @property
-    def ended(self) -> bool:
-        """Whether no more scans will come."""
-        return self._ended
-
-    def put(self, scan: Scan | Sector) -> int:
+    def put(self, scan: T) -> int:
         """Add a scan; returns how many were dropped for it (0 or 1)."""
-        if self._ended:
+        if self.ended:
             return 0
         dropped = 0
         if len(self._scans) >= self._depth and self.on_taken is None:
@@ -91,12 +85,12 @@ class Mailbox:
 
     def end(self, error: LidarError | None = None) -> None:
         """No more scans will come; the reader gets what is left, then `error` or the end of the iteration."""
-        if not self._ended:
-            self._ended = True
+        if not self.ended:
+            self.ended = True
             self._error = error
             self._wake()
 
-    async def get(self) -> Scan | Sector:
+    async def get(self) -> T:
         """The oldest scan held, or the next one to come. Cancelling loses nothing.
 
         Raises:
@@ -105,11 +99,11 @@ class Mailbox:
             Busy: Another task is waiting already.
         """
         if self._waiter is not None:
-            raise Busy("two tasks read one stream: give each its own, as lidar.scans() and lidar.sectors() do")
+            raise Busy("two tasks read one stream: give each its own, as each call of lidar.scans() does")
         while not self._scans:
             if self._error is not None:
                 raise again(self._error)
-            if self._ended:
+            if self.ended:
                 raise StopAsyncIteration
             loop = asyncio.get_running_loop()
             waiter: asyncio.Future[None] = loop.create_future()
@@ -124,9 +118,6 @@ class Mailbox:
         scan = self._scans.popleft()
         if self.on_taken is not None:
             self.on_taken()
-        if self.dropped:
-            scan = with_dropped(scan, self.dropped)
-            self.dropped = 0
         return scan
 
     def _wake(self) -> None:
@@ -135,87 +126,18 @@ class Mailbox:
             waiter.set_result(None)
 
 
-class Hub:
-    """Hands every scan to every mailbox for scans, and every sector to those for sectors of its size.
-
-    Attributes:
-        dropped: Scans that slow readers missed, summed over all of them.
-        parts: The numbers of sectors that revolutions have for the readers here.
-        on_parts: Called when that has changed.
-    """
-
-    def __init__(self) -> None:
-        # In the order in which they came: a run is repeated exactly.
-        self._mailboxes: dict[Mailbox, None] = {}
-        self._on_taken: Callable[[], None] | None = None
-        self.dropped: int = 0
-        self.parts: frozenset[int] = frozenset()
-        self.on_parts: Callable[[frozenset[int]], None] | None = None
-
-    def __len__(self) -> int:
-        return len(self._mailboxes)
-
-    def add(self, mailbox: Mailbox) -> None:
-        """Begin to hand scans to `mailbox`."""
-        self._mailboxes[mailbox] = None
-        mailbox.on_taken = self._on_taken
-        self._see_parts()
-
-    def discard(self, mailbox: Mailbox) -> None:
-        """Hand it none any more."""
-        self._mailboxes.pop(mailbox, None)
-        self._see_parts()
-        if self._on_taken is not None:
-            self._on_taken()
-
-    @property
-    def is_waiting(self) -> bool:
-        """Whether every reader has taken all its scans."""
-        return all(mailbox.is_empty for mailbox in self._mailboxes)
-
-    def on_taken(self, callback: Callable[[], None]) -> None:
-        """Call `callback` each time a reader has taken a scan or has left, and drop no scan any more."""
-        self._on_taken = callback
-
-    def publish(self, scan: Scan) -> None:
-        """Hand `scan` to everybody who reads scans."""
-        for mailbox in tuple(self._mailboxes):
-            if not mailbox.parts:
-                self.dropped += mailbox.put(scan)
-
-    def publish_sector(self, parts: int, sector: Sector) -> None:
-        """Hand `sector` to everybody who reads so many of a revolution."""
-        for mailbox in tuple(self._mailboxes):
-            if mailbox.parts == parts:
-                mailbox.put(sector)
-
-    def end(self, error: LidarError | None = None) -> None:
-        """End every stream; each gets an error of its own, so that tracebacks do not mix."""
-        for mailbox in tuple(self._mailboxes):
-            mailbox.end(None if error is None else twin_of(error))
-        self._mailboxes.clear()
-        self._see_parts()
-
-    def _see_parts(self) -> None:
-        parts = frozenset(mailbox.parts for mailbox in self._mailboxes if mailbox.parts)
-        if parts != self.parts:
-            self.parts = parts
-            if self.on_parts is not None:
-                self.on_parts(parts)
-
-
 class ScanSource(Protocol):
     """What a `ScanStream` needs of the session."""
 
-    def join(self, mailbox: Mailbox, mode: str | int | None, force: bool) -> None:
+    def join(self, mailbox: Mailbox[Any], mode: str | int | None, force: bool) -> None:
         """Hand scans to `mailbox` from now on; start the device in that mode unless it runs in it already."""
         ...
 
-    def leave(self, mailbox: Mailbox) -> None:
+    def leave(self, mailbox: Mailbox[Any]) -> None:
         """Hand `mailbox` no more; the last one to leave stops the device, at once."""
         ...
 
-    def linger(self, mailbox: Mailbox) -> None:
+    def linger(self, mailbox: Mailbox[Any]) -> None:
         """Hand `mailbox` no more; when it was the last one, the device stops a little later."""
         ...
 
@@ -240,7 +162,7 @@ class ReaderStream(AsyncOnly, Generic[T]):
         self._source = source
         self._mode = mode
         self._force = yes_or_no(force, "force")
-        self._mailbox = Mailbox(depth, parts)
+        self._mailbox: Mailbox[Any] = Mailbox(depth, parts)
         self._filters = filters_of(filters)
         self._let_go: weakref.finalize[..., ReaderStream[T]] | None = None
         self._left = False
@@ -269,6 +191,9 @@ class ReaderStream(AsyncOnly, Generic[T]):
             raise LocalProtocolError("the stream was begun in another event loop, and its scans come only there")
         try:
             scan = await self._mailbox.get()
+            if self._mailbox.dropped:
+                scan = changed(scan, dropped_before=self._mailbox.dropped)
+                self._mailbox.dropped = 0
             # Here, and not where it is put: what this reader misses costs nothing.
             return cast("T", scan.filtered(*self._filters) if self._filters else scan)
         except BaseException:
@@ -281,9 +206,7 @@ class ReaderStream(AsyncOnly, Generic[T]):
         self._check_open()
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         await self.aclose()
 
     async def aclose(self) -> None:
@@ -344,6 +267,6 @@ def filters_of(filters: object) -> tuple[Callable[[Any], Any], ...]:
     return tuple(callable_of(each, "a filter") for each in found)
 
 
-def _let_go(loop: asyncio.AbstractEventLoop, source: ScanSource, mailbox: Mailbox) -> None:
+def _let_go(loop: asyncio.AbstractEventLoop, source: ScanSource, mailbox: Mailbox[Any]) -> None:
     with suppress(RuntimeError):  # the loop is closed: so is the session, or its own finalizer stops the device
         loop.call_soon_threadsafe(source.linger, mailbox)

@@ -42,12 +42,8 @@ _AWAITING = LinkState.AWAIT_RESPONSE
 async def play(script: Script[T], ask: Callable[[Request], Awaitable[bytes]], first: Request | None = None) -> T:
     """Play `script` to its end: each request that it yields is asked, and the payload is sent back into it.
 
-    Cancelling closes the script.
-
-    Args:
-        script: A script of a family.
-        ask: Sends a request and returns the payload of its response. Its ResponseTimeout is raised in the script.
-        first: Its first request, where it was advanced to that one already.
+    `first` is its first request, where it was advanced to that one already. A ResponseTimeout of `ask` is raised in
+    the script. Cancelling closes it.
 
     Returns:
         The result of the script.
@@ -75,6 +71,7 @@ class Dialogue(Intake, Waiting):
     """Talks to one device over one port.
 
     Attributes:
+        device: The device as its family sees it.
         timing: How long the device takes for what.
         stopper: Writes the stop requests.
         on_lost: Called once, with the error, when the dialogue is over for good before it was closed.
@@ -94,21 +91,11 @@ class Dialogue(Intake, Waiting):
         self.protection_stops: int = 0
         self.reset_at: float | None = None
         self.dtr: bool | None = None
-        self._device = device
+        self.device: Device = device
         self._longest = self._until = math.inf
         self._readiness = Readiness(self.link)
         self.stopper: Stopper = Stopper(self, self._readiness, device, timing.quiet_s)
         port.attach(self, self.stopper.unseen)
-
-    @property
-    def is_open(self) -> bool:
-        """As `Writer`: whether requests can still be written."""
-        return self.port.is_open
-
-    @property
-    def bytes_received(self) -> int:
-        """As `Writer`: all bytes that came in so far."""
-        return self.stats.bytes_received
 
     # ------------------------------------------------------------------------------------------------ receiving
 
@@ -208,7 +195,7 @@ class Dialogue(Intake, Waiting):
         """
         if stop:
             await self._until_it_listens()
-            self.write((self._device.stop(),))
+            self.write((self.device.stop(),))
         await self._until_it_listens()
         deadline = self._loop.time() + self.timing.drain_s
         while self.link.state is LinkState.DRAINING:
@@ -247,9 +234,6 @@ class Dialogue(Intake, Waiting):
         """Leave the device still, then close the port; without waiting. Nothing is delivered any more.
 
         After the event loop was closed no timer can do that, so it blocks as `abandon` does.
-
-        Args:
-            patient: As for `Stopper.hang_up`.
         """
         if self._loop.is_closed():
             self.abandon()
@@ -295,10 +279,6 @@ class Dialogue(Intake, Waiting):
             if self.on_still is not None:
                 self.on_still()
         self.wake(Awaited.CHANGE)
-
-    def close_port(self) -> None:
-        """Begin to close the port."""
-        self.port.close_soon()
 
     def write(self, requests: Sequence[Request]) -> None:
         """Write requests, now; the pause that they demand counts from now."""

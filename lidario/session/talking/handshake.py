@@ -15,7 +15,6 @@ import logging
 from dataclasses import replace
 
 from lidario.errors import DeviceFault, ResponseTimeout
-from lidario.families.base import Device
 from lidario.model import DeviceInfo, Health, HealthStatus
 from lidario.session.talking.dialogue import Dialogue
 
@@ -27,7 +26,7 @@ _LEAST_ROUNDS = 2
 """A single question may be swallowed by half a request that a killed program left behind."""
 
 
-async def introduce(dialogue: Dialogue, device: Device, patience: float, *, quiet: bool = False) -> DeviceInfo:
+async def introduce(dialogue: Dialogue, patience: float, *, quiet: bool = False) -> DeviceInfo:
     """Stop whatever the device is doing and ask what it is, again and again for `patience` seconds.
 
     With no patience at all it is asked once. Where the line is known to be `quiet`, nothing is stopped before.
@@ -44,13 +43,13 @@ async def introduce(dialogue: Dialogue, device: Device, patience: float, *, quie
         began = loop.time()
         talks_on = not quiet and not await dialogue.quieten()
         try:
-            return await dialogue.run(device.overhear() if talks_on else device.identify())
+            return await dialogue.run(dialogue.device.overhear() if talks_on else dialogue.device.identify())
         except ResponseTimeout:
             if rounds <= 0 and began >= deadline:
                 raise
 
 
-async def healthy(dialogue: Dialogue, device: Device) -> Health:
+async def healthy(dialogue: Dialogue) -> Health:
     """Ask how the device is, and reset it if it has stopped to protect itself.
 
     A device that has said what it is, but not how it is, or in a way that nobody can read, may scan all the same:
@@ -60,28 +59,20 @@ async def healthy(dialogue: Dialogue, device: Device) -> Health:
         DeviceFault: It still reports an error after the reset.
         ResponseTimeout: It does not respond any more after the reset.
     """
-    health = await _health(dialogue, device)
-    return health if health.ok else await cured(dialogue, device, health, "when it was asked")
+    health = await _health(dialogue)
+    return health if health.ok else await cured(dialogue, health, "when it was asked")
 
 
-async def cured(dialogue: Dialogue, device: Device, health: Health, when: str) -> Health:
+async def cured(dialogue: Dialogue, health: Health, when: str) -> Health:
     """Reset a device that reports the error `health`, and return its health afterwards; `note` tells of the error.
 
-    Args:
-        dialogue: The conversation with it.
-        device: The device as its family sees it.
-        health: The error.
-        when: When it was noticed, for the log.
-
-    Raises:
-        DeviceFault: It still reports an error after the reset.
-        ResponseTimeout: It does not respond any more after the reset.
+    The log says `when` it was noticed. It fails as `healthy`.
     """
     dialogue.protection_stops += 1
     what = f"the device had stopped to protect itself ({_code(health)})"
     _log.warning("%s; noticed: %s. It is reset", what, when)
-    await restart(dialogue, device)
-    again = await _health(dialogue, device)
+    await restart(dialogue)
+    again = await _health(dialogue)
     if not again.ok:
         raise fault_of(again, "also after a reset")
     note = f"{what}; a reset cured it"
@@ -101,9 +92,9 @@ def _code(health: Health) -> str:
     return f"code {health.code} (0x{health.code:04X})"
 
 
-async def _health(dialogue: Dialogue, device: Device) -> Health:
+async def _health(dialogue: Dialogue) -> Health:
     try:
-        health = await dialogue.run(device.health())
+        health = await dialogue.run(dialogue.device.health())
     except ResponseTimeout as error:
         health = Health(HealthStatus.WARNING, 0, f"it does not tell its health: {error}")
     if health.note:
@@ -111,17 +102,13 @@ async def _health(dialogue: Dialogue, device: Device) -> Health:
     return health
 
 
-async def restart(dialogue: Dialogue, device: Device) -> None:
-    """Reset the device and wait until it responds, however long it boots and whatever it prints meanwhile.
-
-    Raises:
-        ResponseTimeout: It does not come back.
-    """
-    await dialogue.ask(device.reset())
-    await come_back(dialogue, device)
+async def restart(dialogue: Dialogue) -> None:
+    """Reset the device and wait until it responds, however long it boots and whatever it prints meanwhile."""
+    await dialogue.ask(dialogue.device.reset())
+    await come_back(dialogue)
 
 
-async def come_back(dialogue: Dialogue, device: Device) -> None:
+async def come_back(dialogue: Dialogue) -> None:
     """Wait until a device that was reset responds: whoever has reset it.
 
     Every operation that asks something begins with this where `Dialogue.reset_at` says that it has not responded
@@ -134,7 +121,7 @@ async def come_back(dialogue: Dialogue, device: Device) -> None:
     deadline = (dialogue.reset_at or loop.time()) + timing.boot_s
     while True:
         try:
-            await introduce(dialogue, device, patience=0)
+            await introduce(dialogue, patience=0)
         except ResponseTimeout:
             if loop.time() > deadline:
                 raise
@@ -142,5 +129,5 @@ async def come_back(dialogue: Dialogue, device: Device) -> None:
         else:
             # No document says whether the motor turns after a restart.
             dialogue.stopper.still = False
-            device.restarted()
+            dialogue.device.restarted()
             return

@@ -41,12 +41,8 @@ TakePackets: TypeAlias = Callable[[Packets], Iterable[None]]
 class Delivery:
     """Hands packets on.
 
-    Args:
-        stats: Counters of everything that was received, also of packets that nobody has read.
-        turns: Where packets are handed on, in steps.
-
     Attributes:
-        stats: The same.
+        stats: Counters of everything that was received, also of packets that nobody has read.
     """
 
     def __init__(self, stats: LinkStats, turns: Turns) -> None:

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import asyncio
 
-from lidario.session.talking.stopper import CLOCK_S
 from lidario.wire.link import Link
 from lidario.wire.states import LinkState
 
-__all__ = ["Readiness"]
+__all__ = ["CLOCK_S", "Readiness"]
 
+CLOCK_S = 1e-6
+"""A timer may fire that little early, by the resolution of the loop's clock: its time has come all the same."""
 LATEST_RESPONSE_S = 2.0
 """Behind its request, a response may come so late from a device that takes its time; none is waited for longer."""
 _AWAITING = LinkState.AWAIT_RESPONSE
@@ -23,9 +24,6 @@ _MARGIN_S = 0.005
 
 class Readiness:
     """What is known of one device's readiness to hear.
-
-    Args:
-        link: Knows whether a response is outstanding.
 
     Attributes:
         late_until: Until when a response that was given up may still come, on the loop's clock; 0 for none.

@@ -27,17 +27,18 @@ from typing import Protocol
 
 from lidario.errors import Unsupported
 from lidario.families.base import Device
+from lidario.port.port import Port
+from lidario.session.talking.readiness import CLOCK_S, Readiness
 from lidario.wire.envelope import Request
+from lidario.wire.stats import LinkStats
 
-__all__ = ["CLOCK_S", "PATIENCE_S", "Hearing", "Stopper", "Writer"]
+__all__ = ["PATIENCE_S", "Stopper", "Writer"]
 
 _log = logging.getLogger("lidario")
 
 PATIENCE_S = 0.1
 """How long the stop requests wait for a response that is outstanding. Healthy devices respond within a few
 milliseconds; one that does not may be unable to, and its motor must not go on turning for that."""
-CLOCK_S = 1e-6
-"""A timer may fire that little early, by the resolution of the loop's clock: its time has come all the same."""
 ATTEMPTS = 3
 """How often the stop requests are written when bytes go on coming after them."""
 
@@ -45,15 +46,8 @@ ATTEMPTS = 3
 class Writer(Protocol):
     """What a `Stopper` needs of the dialogue."""
 
-    @property
-    def is_open(self) -> bool:
-        """Whether requests can still be written."""
-        ...
-
-    @property
-    def bytes_received(self) -> int:
-        """All bytes that came in so far."""
-        ...
+    port: Port
+    stats: LinkStats
 
     def write(self, requests: Sequence[Request]) -> None:
         """Write requests now."""
@@ -61,27 +55,6 @@ class Writer(Protocol):
 
     def settled(self, still: bool) -> None:
         """The stop requests are done with; the device is `still`, or goes on sending."""
-        ...
-
-    def close_port(self) -> None:
-        """Begin to close the port."""
-        ...
-
-
-class Hearing(Protocol):
-    """Tells a `Stopper` when the device listens; all times are seconds of the loop's clock."""
-
-    @property
-    def owes_until(self) -> float:
-        """Until when the device may be busy with a response that has not come; 0 for none."""
-        ...
-
-    def free_at(self, patient_until: float) -> float:
-        """When the device listens; a response is not waited for beyond `patient_until`."""
-        ...
-
-    def forget(self) -> None:
-        """Wait no more for the response that is owed."""
         ...
 
 
@@ -94,13 +67,14 @@ class Stopper:
         wanted: Whether they are still to be written, or it is not seen yet that they were heard.
     """
 
-    def __init__(self, writer: Writer, hearing: Hearing, device: Device, quiet_s: float) -> None:
+    def __init__(self, writer: Writer, hearing: Readiness, device: Device, quiet_s: float) -> None:
         self.keep_spinning: bool = False
         self.still: bool = False
         # Since the stop requests were written last.
         self._moved = False
         self.wanted: bool = False
         self._writer = writer
+        self._port = writer.port
         self._hearing = hearing
         self._device = device
         self._quiet_s = quiet_s
@@ -155,7 +129,7 @@ class Stopper:
     def stop(self) -> None:
         """Write the stop requests as soon as the device listens, now if it does. Never blocks or raises."""
         under_way = self.wanted and not self._moved
-        if self.still or under_way or not self._writer.is_open or self._loop.is_closed():
+        if self.still or under_way or not self._port.is_open or self._loop.is_closed():
             return
         self.wanted, self._attempts = True, 0
         self._patient_until = self._loop.time() + PATIENCE_S
@@ -180,7 +154,7 @@ class Stopper:
     async def written(self) -> None:
         """Return when the stop requests are written, or the port is dead; after 0.6 s at most."""
         # A timer that is late or put off makes another round; nothing can wake this too early or never.
-        while self.to_be_written and self._timer is not None and self._writer.is_open:  # noqa: ASYNC110
+        while self.to_be_written and self._timer is not None and self._port.is_open:  # noqa: ASYNC110
             await asyncio.sleep(max(0.0, self._due - self._loop.time()))
 
     async def surely_settled(self) -> None:
@@ -190,7 +164,7 @@ class Stopper:
         on, and no timer writes anything after that.
         """
         cancelled: asyncio.CancelledError | None = None
-        while self.wanted and self._timer is not None and self._writer.is_open:
+        while self.wanted and self._timer is not None and self._port.is_open:
             try:
                 await asyncio.sleep(max(0.0, self._due - self._loop.time()))
                 if self.wanted and self._timer is not None and self._due - self._loop.time() <= CLOCK_S:
@@ -210,7 +184,7 @@ class Stopper:
             return
         self._hanging_up, self._patient = True, patient
         self._doubtful = self._doubtful and patient
-        if self.still or not self._writer.is_open:
+        if self.still or not self._port.is_open:
             self._settle(still=self.still)
         else:
             self.stop()
@@ -244,10 +218,10 @@ class Stopper:
 
     def _listen(self) -> None:
         self._come_back(self._loop.time() + self._quiet_s, self._after_listening)
-        self._seen = self._writer.bytes_received
+        self._seen = self._writer.stats.bytes_received
 
     def _after_listening(self) -> None:
-        if self._writer.bytes_received != self._seen:
+        if self._writer.stats.bytes_received != self._seen:
             # Whatever the device owed is among that.
             self._hearing.forget()
             if self._attempts < ATTEMPTS:
@@ -256,7 +230,7 @@ class Stopper:
                 _log.warning("the device goes on sending after %d stop requests", ATTEMPTS)
                 self._settle(still=False)
         elif self._doubtful and (owed := self._hearing.owes_until) - self._loop.time() > CLOCK_S:
-            self._seen = self._writer.bytes_received
+            self._seen = self._writer.stats.bytes_received
             self._come_back(min(owed, self._loop.time() + self._quiet_s), self._after_listening)
         elif self._doubtful:
             self.try_now()
@@ -268,5 +242,5 @@ class Stopper:
         self.wanted, self.still = False, still
         if self._hanging_up:
             self._write_all(self._device.halt_unknown())
-            self._writer.close_port()
+            self._port.close_soon()
         self._writer.settled(still)

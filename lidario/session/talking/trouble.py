@@ -15,6 +15,7 @@ from lidario.errors import InternalError, LidarError
 __all__ = ["Trouble", "again", "to_be_kept", "twin_of"]
 
 ErrorT = TypeVar("ErrorT", bound=LidarError)
+_log = logging.getLogger("lidario")
 INTERVAL_S = 1.0
 
 
@@ -52,14 +53,9 @@ def again(error: ErrorT) -> ErrorT:
 
 
 class Trouble:
-    """Warnings of one session.
+    """Warnings of one session."""
 
-    Args:
-        log: Where they go.
-    """
-
-    def __init__(self, log: logging.Logger) -> None:
-        self._log = log
+    def __init__(self) -> None:
         self._last: dict[str, float] = {}
         self._withheld: dict[str, int] = {}
 
@@ -73,6 +69,6 @@ class Trouble:
         self._last[message] = now
         withheld = self._withheld.pop(message, 0)
         if withheld:
-            self._log.warning(message + " (and %d times more since the last such line)", *values, withheld)
+            _log.warning(message + " (and %d times more since the last such line)", *values, withheld)
         else:
-            self._log.warning(message, *values)
+            _log.warning(message, *values)

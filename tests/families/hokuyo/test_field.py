@@ -10,7 +10,7 @@ import pytest
 
 import lidario
 from lidario import LaserScan, Scan
-from lidario.beams import resample
+from lidario.beams import BeamOptions, resample
 from lidario.rotor import Rotor
 from tests.support.devices import make_rig, take
 from tests.support.loop import driven, run_driven
@@ -104,7 +104,7 @@ async def test_nothing_is_said_of_what_lies_behind(model: str) -> None:
 def test_a_field_that_is_turned_clockwise_falls_in_time() -> None:
     """No device of today does so."""
     degrees = np.arange(45.5, 225.5)
-    message = resample(degrees, degrees / 100, None, Rotor(45.0, 0.0, 100e6, 180.0), 0)
+    message = resample(degrees, degrees / 100, None, Rotor(45.0, 0.0, 100e6, 180.0), 0, BeamOptions())
     assert math.degrees(message.angle_min) % 360 == pytest.approx(360 - 224.5)
     assert message.time_increment == pytest.approx(-100e-3 / 360)
     np.testing.assert_allclose(message.ranges, degrees[::-1] / 100, rtol=1e-6)
