@@ -102,8 +102,8 @@ def ledgers_made() -> Iterator[Ledgers]:
         make_lidar(self, *args, **kwargs)
         found.sessions.append(ref(self))
 
-    def running_made(self: Running, stream: Stream, at: At, *, totals: Totals, **kwargs: Any) -> None:
-        make_running(self, stream, at, totals=totals, **kwargs)
+    def running_made(self: Running, stream: Stream, at: At, latency: float, totals: Totals, *rest: Any) -> None:
+        make_running(self, stream, at, latency, totals, *rest)
         links = next((links for assembled, links in found.streams if assembled is totals.assembled), None)
         if links is None:
             found.streams.append((totals.assembled, links := []))
