@@ -117,15 +117,11 @@ def test_the_verbs_connect_to_what_a_source_names_and_to_nothing_else(tmp_path: 
 
 
 @both_families
-def test_texts_from_a_device_can_be_shown(family: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@driven
+async def test_texts_from_a_device_can_be_shown(family: str, monkeypatch: pytest.MonkeyPatch) -> None:
     rig = make_rig(family)
     change_info(rig, lambda payload: payload[:4] + ESCAPES.ljust(len(payload) - 4, b"\x1b"), monkeypatch)
-
-    @driven
-    async def main() -> None:
-        async with rig.open() as lidar:
-            info = lidar.info
-            for text in (info.model, info.firmware, info.serial, repr(lidar), str(info)):
-                assert text.isprintable(), ascii(text)
-
-    main()
+    async with rig.open() as lidar:
+        info = lidar.info
+        for text in (info.model, info.firmware, info.serial, repr(lidar), str(info)):
+            assert text.isprintable(), ascii(text)

@@ -20,7 +20,7 @@ from lidario.session.finding.connect import connect
 from lidario.session.finding.discovery import PortInfo
 from lidario.source import parse_source
 from tests.support.devices import make_rig
-from tests.support.loop import driven, run_driven
+from tests.support.loop import driven, now_ns, run_driven
 from tests.support.speeds import serial_in_memory
 
 ONE_OF_EACH: dict[str, tuple[float, int]] = {  # seconds, bytes written
@@ -60,99 +60,81 @@ def made(model: str) -> Any:
 
 
 @pytest.mark.parametrize("model", ONE_OF_EACH)
-def test_auto_finds_each_in_turn(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@driven
+async def test_auto_finds_each_in_turn(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
     device = made(model)
     written = serial_in_memory(monkeypatch, only=device)
     monkeypatch.setattr("lidario.session.finding.discovery.list_serial_ports", lambda: [port("only")])
     longest, most = ONE_OF_EACH[model]
-
-    @driven
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        began = loop.time()
-        (found,) = await list_lidars()
-        took, size = loop.time() - began, sum(len(data) for _, data in written)
-        print(f"{model:20} {took:5.2f} s {size:4} bytes written")
-        assert found.info is not None, found.error
-        assert found.info.family == model.partition("-")[0]
-        assert found.baudrate == device.baudrate
-        assert (took < longest, size <= most) == (True, True), (took, size)
-        async with open_lidar("auto") as lidar, lidar.scans() as stream:
-            await anext(stream)
-
-    main()
+    loop = asyncio.get_running_loop()
+    began = loop.time()
+    (found,) = await list_lidars()
+    took, size = loop.time() - began, sum(len(data) for _, data in written)
+    print(f"{model:20} {took:5.2f} s {size:4} bytes written")
+    assert found.info is not None, found.error
+    assert found.info.family == model.partition("-")[0]
+    assert found.baudrate == device.baudrate
+    assert (took < longest, size <= most) == (True, True), (took, size)
+    async with open_lidar("auto") as lidar, lidar.scans() as stream:
+        await anext(stream)
 
 
 @pytest.mark.parametrize(
     ("model", "title"),
     [("camsense-lds08rr", "LDS08RR of Camsense"), ("irobotix-lds08rr", "LDS08RR of 3irobotix")],
 )
-def test_a_name_that_two_families_have_is_that_of_the_one_that_is_heard(
+@driven
+async def test_a_name_that_two_families_have_is_that_of_the_one_that_is_heard(
     model: str, title: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     serial_in_memory(monkeypatch, only=made(model))
-
-    @driven
-    async def main() -> None:
-        async with open_lidar("serial://only?model=lds08rr") as lidar:
-            assert (lidar.info.family, lidar.info.model) == (model.partition("-")[0], title)
-            await lidar.scan()
-
-    main()
+    async with open_lidar("serial://only?model=lds08rr") as lidar:
+        assert (lidar.info.family, lidar.info.model) == (model.partition("-")[0], title)
+        await lidar.scan()
 
 
-def test_one_that_was_stopped_is_woken(monkeypatch: pytest.MonkeyPatch) -> None:
+@driven
+async def test_one_that_was_stopped_is_woken(monkeypatch: pytest.MonkeyPatch) -> None:
     device = made("ldrobot-ld14p")
     device.spin_up_s = 1.0
     serial_in_memory(monkeypatch, only=device)
     monkeypatch.setattr("lidario.session.finding.discovery.list_serial_ports", lambda: [port("only")])
-
-    @driven
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        device.receive(bytes.fromhex("54A104000000004A"), round(loop.time() * 1e9))
-        began = loop.time()
-        async with open_lidar("auto") as lidar:
-            assert lidar.info.model == "LDROBOT LD14P"
-            # A first, short search has stopped it again.
-            assert loop.time() - began < 7.5
-        assert not device.motor_on
-
-    main()
+    loop = asyncio.get_running_loop()
+    device.receive(bytes.fromhex("54A104000000004A"), now_ns())
+    began = loop.time()
+    async with open_lidar("auto") as lidar:
+        assert lidar.info.model == "LDROBOT LD14P"
+        # A first, short search has stopped it again.
+        assert loop.time() - began < 7.5
+    assert not device.motor_on
 
 
 @pytest.mark.parametrize("model", ["hlds-lds01", "hlds-lds01-2016"])
-def test_one_that_turns_evenly_after_two_seconds_is_found(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@driven
+async def test_one_that_turns_evenly_after_two_seconds_is_found(
+    model: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     device = made(model)
     device.spin_up_s = 2.0
     serial_in_memory(monkeypatch, only=device)
-
-    @driven
-    async def main() -> None:
-        device.receive(b"e", round(asyncio.get_running_loop().time() * 1e9))
-        async with open_lidar("serial://only") as lidar:
-            assert lidar.info.model == "HLDS LDS-01"
-            assert len(await lidar.scan()) == 360
-        assert not device.motor_on
-
-    main()
+    device.receive(b"e", now_ns())
+    async with open_lidar("serial://only") as lidar:
+        assert lidar.info.model == "HLDS LDS-01"
+        assert len(await lidar.scan()) == 360
+    assert not device.motor_on
 
 
 @pytest.mark.parametrize("options", ["", "?baud=115200", "?model=x2"], ids=["unnamed", "its speed", "its name"])
-def test_a_motor_switched_on_by_dtr_has_time_to_turn(options: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@driven
+async def test_a_motor_switched_on_by_dtr_has_time_to_turn(options: str, monkeypatch: pytest.MonkeyPatch) -> None:
     device = made("ydlidar-x2")
     device.spin_up_s = 1.4
     serial_in_memory(monkeypatch, only=device)
-
-    @driven
-    async def main() -> None:
-        async with open_lidar(f"serial://only{options}") as lidar:
-            assert (await lidar.get_health()).ok
-            await asyncio.sleep(1.0)
-            assert (await lidar.scan()).valid.any()
-        assert not device.motor_on
-
-    main()
+    async with open_lidar(f"serial://only{options}") as lidar:
+        assert (await lidar.get_health()).ok
+        await asyncio.sleep(1.0)
+        assert (await lidar.scan()).valid.any()
+    assert not device.motor_on
 
 
 TOGETHER = (
@@ -186,26 +168,22 @@ TALKING = (
 )
 
 
-def test_fifteen_of_them_together(monkeypatch: pytest.MonkeyPatch) -> None:
+@driven
+async def test_fifteen_of_them_together(monkeypatch: pytest.MonkeyPatch) -> None:
     models = TOGETHER
     serial_in_memory(monkeypatch, **{model: made(model) for model in models})
     monkeypatch.setattr(
         "lidario.session.finding.discovery.list_serial_ports", lambda: [port(model) for model in models]
     )
-
-    @driven
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        began = loop.time()
-        found = await list_lidars()
-        assert len(found) == 15
-        assert [each.info.family if each.info else "" for each in found] == [
-            model.partition("-")[0] for model in models
-        ]
-        # As long as the slowest of them alone.
-        assert loop.time() - began < 2.4
-
-    main()
+    loop = asyncio.get_running_loop()
+    began = loop.time()
+    found = await list_lidars()
+    assert len(found) == 15
+    assert [each.info.family if each.info else "" for each in found] == [
+        model.partition("-")[0] for model in models
+    ]
+    # As long as the slowest of them alone.
+    assert loop.time() - began < 2.4
 
 
 @pytest.mark.long
@@ -248,27 +226,23 @@ def _lose(device: Any, share: float, random: np.random.Generator) -> None:
     device._queue.push = some
 
 
-def test_the_last_one_at_an_adapter_is_tried_first(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
+@driven
+async def test_the_last_one_at_an_adapter_is_tried_first(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
     link = tmp_path / "usb-adapter"
     link.symlink_to(tmp_path / "ttyUSB0")
     monkeypatch.setattr(listening, "BY_ID", tmp_path)
     monkeypatch.setattr(listening, "_found", {})
     path = str(tmp_path / "ttyUSB0")
     written = serial_in_memory(monkeypatch, **{path: made("ydlidar-f4")})
-
-    @driven
-    async def main() -> None:
-        loop, took = asyncio.get_running_loop(), []
-        for _ in range(2):
-            written.clear()
-            began = loop.time()
-            connection = await connect(parse_source(path))
-            took.append(loop.time() - began)
-            await connection.dialogue.close()
-        assert took[1] < 0.2 < took[0]
-        assert {speed for speed, _ in written} == {115_200}
-
-    main()
+    loop, took = asyncio.get_running_loop(), []
+    for _ in range(2):
+        written.clear()
+        began = loop.time()
+        connection = await connect(parse_source(path))
+        took.append(loop.time() - began)
+        await connection.dialogue.close()
+    assert took[1] < 0.2 < took[0]
+    assert {speed for speed, _ in written} == {115_200}
 
 
 def test_nothing_is_remembered_of_a_port_without_a_lasting_name(
@@ -281,7 +255,8 @@ def test_nothing_is_remembered_of_a_port_without_a_lasting_name(
 
 
 @pytest.mark.parametrize(("noise", "longest"), [(False, 11.0), (True, 16.0)])
-def test_a_port_where_nothing_responds_is_given_up_in_time(
+@driven
+async def test_a_port_where_nothing_responds_is_given_up_in_time(
     noise: bool, longest: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     device = made("rplidar-s2")
@@ -291,38 +266,29 @@ def test_a_port_where_nothing_responds_is_given_up_in_time(
         device.transmit = lambda now: random.bytes(20)
         device.wakeup = lambda now: now + 5_000_000
     serial_in_memory(monkeypatch, only=device)
-
-    @driven
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        began = loop.time()
-        with pytest.raises(ConnectFailed) as caught:
-            await open_lidar("serial://only")
-        took = loop.time() - began
-        # Half a request keeps an RPLIDAR from hearing for five seconds.
-        assert 5.0 < took < longest
-        assert caught.value.reason == "silent"
-
-    main()
+    loop = asyncio.get_running_loop()
+    began = loop.time()
+    with pytest.raises(ConnectFailed) as caught:
+        await open_lidar("serial://only")
+    took = loop.time() - began
+    # Half a request keeps an RPLIDAR from hearing for five seconds.
+    assert 5.0 < took < longest
+    assert caught.value.reason == "silent"
 
 
-def test_one_that_responds_while_others_are_looked_for_by_dtr_is_what_it_says() -> None:
+@driven
+async def test_one_that_responds_while_others_are_looked_for_by_dtr_is_what_it_says() -> None:
     """A model that needs DTR is only a guess: what responds meanwhile may be another one of its family."""
     device = made("ydlidar-4ros")
     device.response_delay_s = 0.12
-
-    @driven
-    async def main() -> None:
-        port = connect_in_memory(device)
-        port.baudrate = 0
-        connection = await find_by_dtr(port, [Attempt(family_named("ydlidar"), 0)], Woken(port))
-        assert connection is not None
-        assert connection.info.model == "YDLIDAR 4ROS"
-        (mode,) = await connection.dialogue.run(connection.device.modes())
-        assert mode.response_type == 0x81
-        await connection.dialogue.close()
-
-    main()
+    port = connect_in_memory(device)
+    port.baudrate = 0
+    connection = await find_by_dtr(port, [Attempt(family_named("ydlidar"), 0)], Woken(port))
+    assert connection is not None
+    assert connection.info.model == "YDLIDAR 4ROS"
+    (mode,) = await connection.dialogue.run(connection.device.modes())
+    assert mode.response_type == 0x81
+    await connection.dialogue.close()
 
 
 def test_one_whose_response_is_damaged_while_dtr_is_asserted_is_asked_once_more() -> None:

@@ -18,7 +18,7 @@ import pytest
 
 from lidario import LidarError, Unsupported
 from tests.support.devices import EVERY_FAMILY, FAMILIES, Rig, discarded, left_still, make_rig
-from tests.support.loop import DrivenLoop, run_driven
+from tests.support.loop import driven_loop, now_ns, run_driven
 
 Scenario = Callable[[Rig], Awaitable[None]]
 
@@ -42,7 +42,7 @@ async def open_a_mute_device(rig: Rig) -> None:
 
 
 async def open_a_streaming_device(rig: Rig) -> None:
-    now = round(asyncio.get_running_loop().time() * 1e9)
+    now = now_ns()
     rig.device.begin_streaming(*((1, now) if rig.family == "rplidar" else (now,)))
     await open_and_close(rig)
 
@@ -106,8 +106,7 @@ def turns_of(scenario: Scenario, family: str) -> int:
     """How often the loop goes round in an undisturbed run."""
 
     async def main() -> int:
-        loop = asyncio.get_running_loop()
-        assert isinstance(loop, DrivenLoop)
+        loop = driven_loop()
         before = loop.turns
         await scenario(make_rig(family))
         return loop.turns - before
@@ -120,8 +119,7 @@ def cancelled_at(scenario: Scenario, family: str, turn: int, how: str) -> None:
     rig = make_rig(family)
 
     async def main() -> None:
-        loop = asyncio.get_running_loop()
-        assert isinstance(loop, DrivenLoop)
+        loop = driven_loop()
         scope = anyio.CancelScope()
 
         async def inside() -> None:

@@ -123,21 +123,17 @@ async def test_auto_does_not_write_to_strange_adapters(monkeypatch: pytest.Monke
     ],
     ids=["silence", "zeros", "garbage", "packets"],
 )
-def test_what_came_back_is_said(babble: bytes, verdict: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@driven
+async def test_what_came_back_is_said(babble: bytes, verdict: str, monkeypatch: pytest.MonkeyPatch) -> None:
     async def open_babbler(path: str, _: int) -> Port:
         return connect_in_memory(Babbler(babble), name=path)
 
     monkeypatch.setattr("lidario.session.finding.connect.open_serial", open_babbler)
-
-    @driven
-    async def main() -> None:
-        with pytest.raises(ConnectFailed, match=verdict) as caught:
-            await open_lidar("/dev/babbler")
-        assert "1000000, 512000, 230400, 115200, 256000, 128000, 460800 or 153600 baud" in str(caught.value)
-        assert "powered" in str(caught.value)
-        assert caught.value.reason == "silent"
-
-    main()
+    with pytest.raises(ConnectFailed, match=verdict) as caught:
+        await open_lidar("/dev/babbler")
+    assert "1000000, 512000, 230400, 115200, 256000, 128000, 460800 or 153600 baud" in str(caught.value)
+    assert "powered" in str(caught.value)
+    assert caught.value.reason == "silent"
 
 
 @driven

@@ -11,16 +11,12 @@ import pytest
 from lidario import DeviceFault, Lidar, StreamFailed
 from lidario.revolution.seam import Seam
 from tests.support.devices import Rig, both_families, left_still, make_rig, names
-from tests.support.loop import DrivenLoop, driven, run_driven
+from tests.support.loop import driven, driven_loop, now
 from tests.support.session import scanner_of
 
 CODE = 0x8001
 RECOVERED_S = 3.5
 """Silence of 0.6 s, the questions, a boot of 1 s, and the first revolution, which is a partial one."""
-
-
-def clock() -> float:
-    return asyncio.get_running_loop().time()
 
 
 def fall_silent(rig: Rig) -> None:
@@ -34,12 +30,12 @@ async def error_of(
     """What a stream ends with after `harm`, and after how long."""
     async with lidar.scans() as stream:
         await anext(stream)
-        began = clock()
+        began = now()
         harm()
         with pytest.raises(kind) as caught:
             while True:
                 await anext(stream)
-        return str(caught.value), clock() - began
+        return str(caught.value), now() - began
 
 
 @both_families
@@ -53,10 +49,10 @@ async def test_a_protection_stop_in_mid_scan_is_cured_counted_and_told(
         async with lidar.scans() as stream:
             await anext(stream)
             rig.device.protection_stop(CODE)
-            began = clock()
+            began = now()
             with caplog.at_level(logging.WARNING, "lidario"):
                 scans = [await anext(stream) for _ in range(4)]
-            assert clock() - began < RECOVERED_S
+            assert now() - began < RECOVERED_S
         assert (lidar.stats.protection_stops, lidar.stats.restarts) == (1, 1)
         assert lidar.health.ok
         assert "0x8001" in lidar.health.note
@@ -74,11 +70,11 @@ async def test_a_program_that_asks_first_is_told_and_the_stream_goes_on(family: 
     async with rig.open() as lidar, lidar.scans() as stream:
         await anext(stream)
         rig.device.protection_stop(CODE)
-        began = clock()
+        began = now()
         assert (await lidar.get_health()).code == CODE
         while (await anext(stream)).stamp_ns * 1e-9 < began + 0.5:
             pass
-        assert clock() - began < RECOVERED_S
+        assert now() - began < RECOVERED_S
         assert lidar.stats.protection_stops == 1
 
 
@@ -115,8 +111,8 @@ async def test_after_a_while_a_protection_stop_is_cured_again(family: str, monke
         for count in (1, 2):
             await anext(stream)
             rig.device.protection_stop(CODE)
-            began = clock()
-            while clock() - began < 6.0:
+            began = now()
+            while now() - began < 6.0:
                 await anext(stream)
             assert lidar.stats.protection_stops == lidar.stats.restarts == count
 
@@ -130,10 +126,10 @@ async def test_a_fault_that_stays_ends_the_stream_with_its_code_and_the_next_sta
         text, after = await error_of(lidar, lambda: rig.device.protection_stop(CODE), DeviceFault)
         assert "0x8001" in text
         assert after < 2.5
-        began = clock()
+        began = now()
         with pytest.raises(DeviceFault, match="0x8001"):
             await lidar.scan()
-        assert clock() - began < 2.5
+        assert now() - began < 2.5
         rig.device.faults_cleared_by_reset = True
         assert await lidar.scan()
     assert left_still(rig)
@@ -167,9 +163,9 @@ async def test_after_a_rest_the_device_is_asked_before_it_is_started(family: str
         await asyncio.sleep(10.0)
         asked = len(names(rig))
         rig.device.protection_stop(CODE)
-        began = clock()
+        began = now()
         assert await lidar.scan()
-        assert clock() - began < rig.device.boot_s + rig.device.spin_up_s + 1.5
+        assert now() - began < rig.device.boot_s + rig.device.spin_up_s + 1.5
         assert names(rig)[asked:].index("get_health") < names(rig)[asked:].index("reset")
 
 
@@ -197,10 +193,10 @@ async def test_a_well_device_that_falls_silent_is_restarted(family: str, caplog:
             for count in (1, 2, 3):
                 await anext(stream)
                 fall_silent(rig)
-                began = clock()
+                began = now()
                 for _ in range(3):
                     await anext(stream)
-                assert clock() - began < 1.5
+                assert now() - began < 1.5
                 assert (lidar.stats.restarts, lidar.stats.protection_stops) == (count, 0)
             assert "no scan data for 0.6 s" in caplog.text
             fall_silent(rig)
@@ -299,51 +295,47 @@ async def test_noise_is_told_only_where_noise_is_what_arrives(family: str, harm:
 @pytest.mark.parametrize("act", ["stop", "close", "leave", "ask", "cancel", "join"])
 @pytest.mark.parametrize("harm", ["silent", "protect"])
 @pytest.mark.exhaustive("step", sample=[5], full=[1, 2, 3, 5, 8, 13, 21, 40])
-def test_whatever_is_done_while_the_device_is_asked(family: str, harm: str, act: str, step: int) -> None:
+@driven
+async def test_whatever_is_done_while_the_device_is_asked(family: str, harm: str, act: str, step: int) -> None:
     """At a step of the loop after the silence was noticed, another task stops, closes, leaves, asks or joins."""
     rig = make_rig(family)
-
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        assert isinstance(loop, DrivenLoop)
-        async with rig.open() as lidar:
-            stream = lidar.scans()
-            await anext(stream)
-            if harm == "protect":
-                rig.device.protection_stop(CODE)
-            else:
-                fall_silent(rig)
-            while scanner_of(lidar).control.failure is None:
-                await asyncio.sleep(0.001)
-            for _ in range(step):
-                await asyncio.sleep(0)
-                if loop.is_idle:
-                    await asyncio.sleep(0.004)
-            if act == "stop":
-                await lidar.stop()
-                with pytest.raises(StopAsyncIteration):
-                    while True:
-                        await anext(stream)
-            elif act == "close":
-                await lidar.close()
-            elif act == "leave":
-                await stream.aclose()
-            elif act == "ask":
-                await lidar.get_info()
-            elif act == "cancel":
-                reader = asyncio.create_task(anext(stream))
-                await asyncio.sleep(0)
-                reader.cancel()
-                await asyncio.wait([reader])
-            else:
-                async with lidar.scans() as other:
-                    await anext(other)
-            if act in ("ask", "cancel", "join"):
-                await anext(stream)
-                assert (await anext(stream)).seq > 0
-            if act == "stop":
-                assert await lidar.scan()
+    loop = driven_loop()
+    async with rig.open() as lidar:
+        stream = lidar.scans()
+        await anext(stream)
+        if harm == "protect":
+            rig.device.protection_stop(CODE)
+        else:
+            fall_silent(rig)
+        while scanner_of(lidar).control.failure is None:
+            await asyncio.sleep(0.001)
+        for _ in range(step):
+            await asyncio.sleep(0)
+            if loop.is_idle:
+                await asyncio.sleep(0.004)
+        if act == "stop":
+            await lidar.stop()
+            with pytest.raises(StopAsyncIteration):
+                while True:
+                    await anext(stream)
+        elif act == "close":
+            await lidar.close()
+        elif act == "leave":
             await stream.aclose()
-        assert left_still(rig) or rig.device.health[0]
-
-    run_driven(main)
+        elif act == "ask":
+            await lidar.get_info()
+        elif act == "cancel":
+            reader = asyncio.create_task(anext(stream))
+            await asyncio.sleep(0)
+            reader.cancel()
+            await asyncio.wait([reader])
+        else:
+            async with lidar.scans() as other:
+                await anext(other)
+        if act in ("ask", "cancel", "join"):
+            await anext(stream)
+            assert (await anext(stream)).seq > 0
+        if act == "stop":
+            assert await lidar.scan()
+        await stream.aclose()
+    assert left_still(rig) or rig.device.health[0]

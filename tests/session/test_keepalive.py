@@ -9,7 +9,7 @@ import pytest
 
 from lidario import Lidar, StreamFailed
 from tests.support.devices import Rig, left_still, make_rig, names, take
-from tests.support.loop import DrivenLoop, driven
+from tests.support.loop import driven, driven_loop, now_ns
 
 MINUTE_S = 60.0
 INTERVAL_S = 0.4
@@ -30,8 +30,7 @@ def pauses(rig: Rig) -> list[float]:
 
 
 async def scan_for(lidar: Lidar, seconds: float, block_s: float = 0.0) -> int:
-    loop = asyncio.get_running_loop()
-    assert isinstance(loop, DrivenLoop)
+    loop = driven_loop()
     end = loop.time() + seconds
     count = 0
     async with lidar.scans(depth=64) as stream:
@@ -63,8 +62,7 @@ async def test_many_minutes_with_protection_on(minutes: int, monkeypatch: pytest
 async def test_a_program_that_blocks_the_loop_does_not_stop_the_device_in_any_phase() -> None:
     """For 2.5 s, beginning 0 to 0.95 s after a keepalive; without a thread."""
     rig = make_rig("ydlidar")
-    loop = asyncio.get_running_loop()
-    assert isinstance(loop, DrivenLoop)
+    loop = driven_loop()
     async with rig.open() as lidar:
         await lidar.set_power_down_protection(True)
         async with lidar.scans(depth=64) as stream:
@@ -82,8 +80,7 @@ async def test_a_program_that_blocks_the_loop_does_not_stop_the_device_in_any_ph
 @driven
 async def test_after_a_lapse_the_next_keepalive_starts_the_device_again() -> None:
     rig = make_rig("ydlidar")
-    loop = asyncio.get_running_loop()
-    assert isinstance(loop, DrivenLoop)
+    loop = driven_loop()
     async with rig.open() as lidar:
         await lidar.set_power_down_protection(True)
         async with lidar.scans() as stream:
@@ -114,7 +111,7 @@ async def test_protection_is_not_toggled_unless_a_stream_ends_as_if_it_were_on()
         async with lidar.scans() as stream:
             for _ in range(10):
                 await anext(stream)
-            rig.device.halt(round(asyncio.get_running_loop().time() * 1e9))
+            rig.device.halt(now_ns())
             for _ in range(40):
                 await anext(stream)
         assert lidar.stats.restarts == 1
@@ -125,7 +122,7 @@ async def test_protection_is_not_toggled_unless_a_stream_ends_as_if_it_were_on()
             began = asyncio.get_running_loop().time()
             while asyncio.get_running_loop().time() - began < 3.0:
                 await anext(stream)
-            rig.device.halt(round(asyncio.get_running_loop().time() * 1e9))
+            rig.device.halt(now_ns())
             for _ in range(40):
                 await anext(stream)
     assert names(rig).count("toggle_protection") == 2

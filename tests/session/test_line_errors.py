@@ -17,9 +17,9 @@ from lidario.session.finding.silence import ReceivedInSilence
 from lidario.source import as_source
 from tests.cli.processes import invoke_driven
 from tests.support.cable import cable_to
-from tests.support.coming_back import next_after, now
+from tests.support.coming_back import next_after
 from tests.support.devices import both_families, make_rig
-from tests.support.loop import driven
+from tests.support.loop import driven, now
 
 
 class Counted:

@@ -17,7 +17,7 @@ from lidario import Lidar, LidarError, Unsupported, open_lidar
 from lidario.sim.faults import parse_faults
 from lidario.sim.rooms import make_world
 from tests.support.devices import Rig, discarded, left_still, make_rig, names, take
-from tests.support.loop import driven, run_driven
+from tests.support.loop import driven, now_ns, run_driven
 from tests.support.session import inside_of
 
 TURNS_S = {"rplidar-a1": 60 / 428, "rplidar-a2": 0.1, "rplidar-a3": 0.1, "rplidar-c1": 0.1}
@@ -70,7 +70,7 @@ async def test_every_mode_by_name(model: str, mode: str) -> None:
 @driven
 async def test_a_device_that_was_left_scanning_is_stopped(model: str) -> None:
     rig = rig_of(model)
-    rig.device.begin_streaming(1, round(asyncio.get_running_loop().time() * 1e9))
+    rig.device.begin_streaming(1, now_ns())
     async with rig.open():
         assert not rig.device.scanning
     assert left_still(rig)
@@ -245,7 +245,7 @@ async def test_a_reboot_in_mid_scan_is_survived(model: str) -> None:
     loop = asyncio.get_running_loop()
     async with rig.open() as lidar, lidar.scans() as stream:
         await anext(stream)
-        rig.device.reboot(round(loop.time() * 1e9), off_s=0.2)
+        rig.device.reboot(now_ns(), off_s=0.2)
         before = loop.time()
         await anext(stream)
         await anext(stream)

@@ -29,19 +29,17 @@ HEADER = "lidario.families.ydlidar.simulated.device.SCAN_HEADER"
 
 
 @pytest.mark.parametrize("length", [0, 5, 90, 0x3FFF_FFFF])
-def test_the_length_in_a_scan_header_of_the_4ros_is_ignored(length: int, monkeypatch: pytest.MonkeyPatch) -> None:
+@driven
+async def test_the_length_in_a_scan_header_of_the_4ros_is_ignored(
+    length: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     header = b"\xa5\x5a" + (length | 1 << 30).to_bytes(4, "little") + b"\x81"
     monkeypatch.setattr(HEADER, header)
     rig = make_rig("ydlidar")
-
-    @driven
-    async def main() -> None:
-        async with rig.open() as lidar:
-            scans = await take(lidar, 3)
-            assert [len(scan.ranges) > 1000 for scan in scans] == [True] * 3
-            assert lidar.stats.skipped_bytes == lidar.stats.stray_bytes == 0
-
-    main()
+    async with rig.open() as lidar:
+        scans = await take(lidar, 3)
+        assert [len(scan.ranges) > 1000 for scan in scans] == [True] * 3
+        assert lidar.stats.skipped_bytes == lidar.stats.stray_bytes == 0
 
 
 @pytest.mark.parametrize("status", [3, 128, 255])
@@ -68,26 +66,25 @@ def test_a_health_that_is_not_defined_is_a_warning(
 
 
 @both_families
-def test_a_device_that_does_not_tell_its_health_is_used(
+@driven
+async def test_a_device_that_does_not_tell_its_health_is_used(
     family: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     rig = make_rig(family)
     mute_for(rig, "get_health", monkeypatch)
-
-    @driven
-    async def main() -> None:
-        async with rig.open() as lidar:
-            assert lidar.health.status is HealthStatus.WARNING
-            assert "GET_HEALTH" in lidar.health.note
-            await lidar.scan()
-
-    main()
+    async with rig.open() as lidar:
+        assert lidar.health.status is HealthStatus.WARNING
+        assert "GET_HEALTH" in lidar.health.note
+        await lidar.scan()
     assert "does not tell its health" in caplog.text
 
 
 @pytest.mark.parametrize("bit", [0, 3, 7, 8, 31, 70, 159])
 @both_families
-def test_one_flipped_bit_makes_no_other_device(family: str, bit: int, monkeypatch: pytest.MonkeyPatch) -> None:
+@driven
+async def test_one_flipped_bit_makes_no_other_device(
+    family: str, bit: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     rig = make_rig(family)
     flips = iter([bit])
 
@@ -100,27 +97,18 @@ def test_one_flipped_bit_makes_no_other_device(family: str, bit: int, monkeypatc
         return bytes(changed)
 
     change_info(rig, flip, monkeypatch)
-
-    @driven
-    async def main() -> None:
-        async with rig.open() as lidar:
-            assert next(flips, None) is None
-            damaged = lidar.info
-            await lidar.scan()
-            assert await lidar.get_info() == damaged
-
-    main()
+    async with rig.open() as lidar:
+        assert next(flips, None) is None
+        damaged = lidar.info
+        await lidar.scan()
+        assert await lidar.get_info() == damaged
 
 
-def test_a_4ros_says_that_it_cannot_keep_spinning() -> None:
+@driven
+async def test_a_4ros_says_that_it_cannot_keep_spinning() -> None:
     rig = make_rig("ydlidar")
-
-    @driven
-    async def main() -> None:
-        with pytest.raises(Unsupported, match="YDLIDAR 4ROS stops with its laser"):
-            await rig.open(keep_spinning=True)
-
-    main()
+    with pytest.raises(Unsupported, match="YDLIDAR 4ROS stops with its laser"):
+        await rig.open(keep_spinning=True)
     assert left_still(rig)
 
 
@@ -136,7 +124,10 @@ def mute_for(rig: Rig, name: str, patch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("foretold", [0x81, 0x82, 0x83, 0x84, 0x86])
-def test_the_descriptor_decides_which_format_is_decoded(foretold: int, monkeypatch: pytest.MonkeyPatch) -> None:
+@driven
+async def test_the_descriptor_decides_which_format_is_decoded(
+    foretold: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     rig = make_rig("rplidar")
     tell = type(rig.device.profile).conf
 
@@ -150,17 +141,12 @@ def test_the_descriptor_decides_which_format_is_decoded(foretold: int, monkeypat
     monkeypatch.setattr(type(rig.device.profile), "conf", mistaken)
     # SCAN is what a mode of plain nodes is started by; the device sends its own format all the same.
     monkeypatch.setitem(type(rig.device).HANDLERS, "scan", lambda device, request: start_dense(device, request))
-
-    @driven
-    async def main() -> None:
-        async with rig.open() as lidar:
-            scans = await take(lidar, 3)
-            assert all(scan.lost_packets == 0 and 3000 < len(scan.ranges) < 3400 for scan in scans)
-            assert all(scan.rpm == pytest.approx(600, rel=0.02) for scan in scans)
-            assert scans[0].intensities is None
-            assert lidar.stats.skipped_bytes == lidar.stats.stray_bytes == 0
-
-    main()
+    async with rig.open() as lidar:
+        scans = await take(lidar, 3)
+        assert all(scan.lost_packets == 0 and 3000 < len(scan.ranges) < 3400 for scan in scans)
+        assert all(scan.rpm == pytest.approx(600, rel=0.02) for scan in scans)
+        assert scans[0].intensities is None
+        assert lidar.stats.skipped_bytes == lidar.stats.stray_bytes == 0
 
 
 def start_dense(device: SimulatedRplidar, request: Request) -> str:
@@ -273,62 +259,50 @@ async def test_what_old_firmware_calls_express_is_no_second_mode() -> None:
 
 
 @pytest.mark.parametrize(("model", "rate"), AS_REAL.items())
-def test_nothing_is_told_as_lost_of_devices_that_are_odd_as_real_ones(model: str, rate: float) -> None:
+@driven
+async def test_nothing_is_told_as_lost_of_devices_that_are_odd_as_real_ones(model: str, rate: float) -> None:
     rig = make_rig("ydlidar", model)
-
-    @driven
-    async def main() -> None:
-        async with rig.open() as lidar:
-            scans = await take(lidar, 40)
-            stats, rpm = lidar.stats, 0.6 * rig.device.profile.factory_speed
-        # Those of an X4 begin while its motor speeds up.
-        assert [scan.seq for scan in scans] == list(range(40))
-        assert stats.lost_packets == stats.missed_scans == stats.broken_scans == stats.skipped_bytes == 0
-        for scan in scans[10:]:
-            assert scan.rpm == pytest.approx(rpm, rel=0.01)
-            assert len(scan) == pytest.approx(rate * 60 / rpm, abs=2)
-
-    main()
+    async with rig.open() as lidar:
+        scans = await take(lidar, 40)
+        stats, rpm = lidar.stats, 0.6 * rig.device.profile.factory_speed
+    # Those of an X4 begin while its motor speeds up.
+    assert [scan.seq for scan in scans] == list(range(40))
+    assert stats.lost_packets == stats.missed_scans == stats.broken_scans == stats.skipped_bytes == 0
+    for scan in scans[10:]:
+        assert scan.rpm == pytest.approx(rpm, rel=0.01)
+        assert len(scan) == pytest.approx(rate * 60 / rpm, abs=2)
 
 
 @pytest.mark.parametrize("model", ["rplidar-wrong-us", "rplidar-other-format"])
-def test_simulated_devices_that_tell_their_time_or_format_wrong(model: str) -> None:
+@driven
+async def test_simulated_devices_that_tell_their_time_or_format_wrong(model: str) -> None:
     rig = make_rig("rplidar", model)
-
-    @driven
-    async def main() -> None:
-        async with rig.open() as lidar:
-            scans = await take(lidar, 60)
-            stats = lidar.stats
-        assert stats.lost_packets == stats.missed_scans == stats.skipped_bytes == 0
-        for scan in scans[50:]:
-            assert scan.time_increment_ns == pytest.approx(31_250, rel=0.01)
-            assert scan.rpm == pytest.approx(600, rel=0.01)
-
-    main()
+    async with rig.open() as lidar:
+        scans = await take(lidar, 60)
+        stats = lidar.stats
+    assert stats.lost_packets == stats.missed_scans == stats.skipped_bytes == 0
+    for scan in scans[50:]:
+        assert scan.time_increment_ns == pytest.approx(31_250, rel=0.01)
+        assert scan.rpm == pytest.approx(600, rel=0.01)
 
 
 @pytest.mark.parametrize("mode", ["Standard", "DenseBoost"])
 @pytest.mark.parametrize("factor", [0.8, 1.25, 2.0, 4.0])
-def test_a_sample_time_that_is_told_wrong_is_measured(
+@driven
+async def test_a_sample_time_that_is_told_wrong_is_measured(
     factor: float, mode: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     rig = make_rig("rplidar")
     profile = rig.device.profile
     wrong = tuple(replace(each, reported_us_q8=round(each.us_q8 * factor)) for each in profile.modes)
     rig.device.profile = replace(profile, modes=wrong)
-
-    @driven
-    async def main() -> None:
-        scans: list[Scan] = []
-        async with rig.open() as lidar, lidar.scans(mode) as stream:
-            while len(scans) < 60:
-                scans.append(await anext(stream))
-        rate = {"Standard": 16_000, "DenseBoost": 32_000}[mode]
-        for scan in scans[50:]:
-            assert scan.time_increment_ns == pytest.approx(1e9 / rate, rel=0.001)
-            assert scan.duration_ns == pytest.approx(100e6, rel=0.01)
-            assert scan.rpm == pytest.approx(600, rel=0.01)
-
-    main()
+    scans: list[Scan] = []
+    async with rig.open() as lidar, lidar.scans(mode) as stream:
+        while len(scans) < 60:
+            scans.append(await anext(stream))
+    rate = {"Standard": 16_000, "DenseBoost": 32_000}[mode]
+    for scan in scans[50:]:
+        assert scan.time_increment_ns == pytest.approx(1e9 / rate, rel=0.001)
+        assert scan.duration_ns == pytest.approx(100e6, rel=0.01)
+        assert scan.rpm == pytest.approx(600, rel=0.01)
     assert sum("what is measured counts" in each.getMessage() for each in caplog.records) == 1

@@ -12,20 +12,12 @@ from typing import Any
 
 import pytest
 
-from lidario import (
-    open_lidar,
-)
+from lidario import open_lidar
 from tests.support.cable import cable_to
-from tests.support.coming_back import (
-    MODES,
-    PROMISE_S,
-    next_after,
-    now,
-    now_ns,
-)
+from tests.support.coming_back import MODES, PROMISE_S, next_after
 from tests.support.devices import both_families, left_still, make_rig, names
 from tests.support.ledger import assert_stats_close
-from tests.support.loop import DrivenLoop, driven, run_driven
+from tests.support.loop import DrivenLoop, driven, driven_loop, now, now_ns, run_driven
 
 
 @both_families
@@ -92,26 +84,24 @@ def is_mute_for_a_while(device: Any) -> None:
         (is_mute_for_a_while, 4.0),
     ],
 )
-def test_it_goes_on_after(family: str, trouble: Callable[[Any], None], responds_s: float) -> None:
-    async def main() -> None:
-        rig = make_rig(family)
-        async with rig.open(reconnect=True) as lidar:
-            async with lidar.scans() as stream:
-                last = await anext(stream)
-                trouble(rig.device)
-                began = now()
-                first = await next_after(stream, began + 0.5)
-                # Silence is noticed after 0.9 s; a Protection Stop is cured by a reset, which boots for 1 s.
-                silence_s = 0.9 if responds_s < 1 else 0.0
-                boot_s = rig.device.boot_s if trouble is protects_itself else 0.0
-                assert now() <= began + responds_s + silence_s + boot_s + PROMISE_S
-                assert first.seq > last.seq + 5
-            # By its old line where it still responds, else by a new one.
-            assert lidar.stats.reconnects + lidar.stats.restarts == 1
-            assert lidar.health.ok
-        assert left_still(rig)
-
-    run_driven(main)
+@driven
+async def test_it_goes_on_after(family: str, trouble: Callable[[Any], None], responds_s: float) -> None:
+    rig = make_rig(family)
+    async with rig.open(reconnect=True) as lidar:
+        async with lidar.scans() as stream:
+            last = await anext(stream)
+            trouble(rig.device)
+            began = now()
+            first = await next_after(stream, began + 0.5)
+            # Silence is noticed after 0.9 s; a Protection Stop is cured by a reset, which boots for 1 s.
+            silence_s = 0.9 if responds_s < 1 else 0.0
+            boot_s = rig.device.boot_s if trouble is protects_itself else 0.0
+            assert now() <= began + responds_s + silence_s + boot_s + PROMISE_S
+            assert first.seq > last.seq + 5
+        # By its old line where it still responds, else by a new one.
+        assert lidar.stats.reconnects + lidar.stats.restarts == 1
+        assert lidar.health.ok
+    assert left_still(rig)
 
 
 @driven
@@ -238,8 +228,7 @@ async def test_two_sessions_come_back_at_once() -> None:
 @driven
 async def test_a_program_that_blocks_its_loop_meanwhile(family: str) -> None:
     rig = make_rig(family)
-    loop = asyncio.get_running_loop()
-    assert isinstance(loop, DrivenLoop)
+    loop = driven_loop()
     with cable_to(rig) as cable:
         async with rig.open(reconnect=True) as lidar, lidar.scans() as stream:
             await anext(stream)
@@ -258,8 +247,7 @@ async def test_a_program_that_blocks_its_loop_meanwhile(family: str) -> None:
 def test_the_cable_is_pulled_out_again_at_every_step_of_coming_back(family: str, points: int) -> None:
     async def main(step: int) -> int:
         rig = make_rig(family)
-        loop = asyncio.get_running_loop()
-        assert isinstance(loop, DrivenLoop)
+        loop = driven_loop()
         with cable_to(rig) as cable:
             async with rig.open(reconnect=True) as lidar, lidar.scans() as stream:
                 await anext(stream)

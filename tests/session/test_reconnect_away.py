@@ -10,26 +10,13 @@ from typing import Any
 
 import pytest
 
-from lidario import (
-    DeviceLost,
-    InvalidValue,
-    LidarError,
-    Reconnect,
-    SessionClosed,
-    open_lidar,
-)
+from lidario import DeviceLost, InvalidValue, LidarError, Reconnect, SessionClosed, open_lidar
 from lidario.session.finding.reconnect import Step
 from lidario.session.talking.dialogue import Dialogue
 from tests.support.cable import cable_to
-from tests.support.coming_back import (
-    causes,
-    next_after,
-    now,
-    now_ns,
-    read_to_the_end,
-)
+from tests.support.coming_back import causes, next_after, read_to_the_end
 from tests.support.devices import both_families, left_still, make_rig, take
-from tests.support.loop import driven, run_driven
+from tests.support.loop import driven, now, now_ns
 from tests.support.session import reconnector_of
 
 
@@ -165,30 +152,28 @@ async def test_a_stream_that_is_begun_while_it_is_away_waits(family: str) -> Non
 
 @both_families
 @pytest.mark.parametrize("returns", [True, False])
-def test_stop_while_it_is_away(family: str, returns: bool) -> None:
-    async def main() -> None:
-        rig = make_rig(family)
-        with cable_to(rig) as cable:
-            async with rig.open(reconnect=True) as lidar:
-                stream = lidar.scans()
-                await anext(stream)
-                reader = asyncio.ensure_future(read_to_the_end(stream))
-                cable.pull()
-                await asyncio.sleep(1.0)
-                began = now()
-                await lidar.stop()
-                assert now() - began < 0.1
-                await reader
-                assert not lidar.is_scanning
-                if returns:
-                    cable.plug(boots=False)  # it had power all the time, and goes on scanning
-                    assert rig.device.scanning
-                    await asyncio.sleep(3.0)
-                    assert lidar.is_connected
-                    assert left_still(rig)
-                    assert len(await take(lidar, 2)) == 2
-
-    run_driven(main)
+@driven
+async def test_stop_while_it_is_away(family: str, returns: bool) -> None:
+    rig = make_rig(family)
+    with cable_to(rig) as cable:
+        async with rig.open(reconnect=True) as lidar:
+            stream = lidar.scans()
+            await anext(stream)
+            reader = asyncio.ensure_future(read_to_the_end(stream))
+            cable.pull()
+            await asyncio.sleep(1.0)
+            began = now()
+            await lidar.stop()
+            assert now() - began < 0.1
+            await reader
+            assert not lidar.is_scanning
+            if returns:
+                cable.plug(boots=False)  # it had power all the time, and goes on scanning
+                assert rig.device.scanning
+                await asyncio.sleep(3.0)
+                assert lidar.is_connected
+                assert left_still(rig)
+                assert len(await take(lidar, 2)) == 2
 
 
 @driven

@@ -13,7 +13,7 @@ from lidario import Lidar, Scan, SessionClosed
 from lidario.revolution.assemble import Assembler
 from lidario.wire.events import Packets
 from tests.support.devices import Rig, both_families, discarded, left_still, make_rig, names, take
-from tests.support.loop import DrivenLoop, driven
+from tests.support.loop import driven, now
 
 MOMENTS_S = [n * 1e-3 for n in range(0, 60, 2)]
 AT_ONCE_S = 1e-6
@@ -21,10 +21,6 @@ AT_ONCE_S = 1e-6
 
 def note_time(times: list[float], _: object) -> None:
     times.append(now())
-
-
-def now() -> float:
-    return asyncio.get_running_loop().time()
 
 
 @both_families
@@ -92,8 +88,6 @@ async def test_close_ends_what_another_task_waits_for(
 @driven
 async def test_every_stop_is_followed_by_the_pause_it_demands(family: str, stride: int) -> None:
     """A start is cancelled at every step, and the next request is written as soon as the session allows."""
-    loop = asyncio.get_running_loop()
-    assert isinstance(loop, DrivenLoop)
     for steps in range(1, 60, stride):
         rig = make_rig(family)
         async with rig.open() as lidar:

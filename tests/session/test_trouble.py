@@ -19,7 +19,7 @@ from lidario import (
 )
 from lidario.revolution.seam import Seam
 from tests.support.devices import Rig, both_families, left_still, make_rig, names, take
-from tests.support.loop import DrivenLoop, driven
+from tests.support.loop import driven, driven_loop, now_ns
 from tests.support.session import inside_of
 
 
@@ -147,10 +147,9 @@ async def test_many_connects_to_a_device_that_still_streams(connects: int) -> No
     random = np.random.default_rng(7)
     for round_number in range(connects):
         rig = make_rig("rplidar", seed=int(random.integers(1 << 30)))
-        loop = asyncio.get_running_loop()
-        assert isinstance(loop, DrivenLoop)
+        loop = driven_loop()
         leftover = int(random.integers(0, 4097))
-        start = round(loop.time() * 1e9)
+        start = now_ns()
         rig.device.begin_streaming(1, start)
         # What the kernel still holds of a killed program's stream: up to 4 KiB, then the device goes on.
         loop.block(leftover / (rig.device.baudrate / 10))
@@ -164,7 +163,7 @@ async def test_many_connects_to_a_device_that_still_streams(connects: int) -> No
 async def test_half_a_request_left_behind_does_no_harm() -> None:
     for half in (b"\xa5", b"\xa5\x82", b"\xa5\x82\x05\x01", b"\xa5\x84\xff"):
         rig = make_rig("rplidar")
-        rig.device.receive(half, round(asyncio.get_running_loop().time() * 1e9))
+        rig.device.receive(half, now_ns())
         async with rig.open() as lidar:
             assert len(await take(lidar, 1)) == 1
 

@@ -26,7 +26,7 @@ import pytest
 
 from lidario import Lidar, LidarError, LocalProtocolError, ScanStream, SessionClosed, Unsupported
 from tests.support.devices import EVERY_FAMILY, FAMILIES, Rig, discarded, left_still, make_rig
-from tests.support.loop import DrivenLoop, run_driven
+from tests.support.loop import driven_loop, run_driven
 
 SAMPLE = 2
 """Steps tried of each cell in a sample; every twelfth with ``--exhaustive``, all of them with ``--every-step``."""
@@ -173,8 +173,7 @@ async def both(scene: Scene, a: Work, b: Work, step: int, *, silent: bool = Fals
     Returns:
         Seconds from the begin of B to the end of A.
     """
-    loop = asyncio.get_running_loop()
-    assert isinstance(loop, DrivenLoop)
+    loop = driven_loop()
     task_a = asyncio.ensure_future(a(scene))
     tasks = {task_a}
     first = loop.turns + step
@@ -225,8 +224,7 @@ async def as_it_should_be(scene: Scene) -> None:
 
 async def cell(family: str, a: Work, b: Work, step: int) -> None:
     rig = make_rig(family)
-    loop = asyncio.get_running_loop()
-    assert isinstance(loop, DrivenLoop)
+    loop = driven_loop()
     lidar = await rig.open()
     scene = Scene(rig, lidar)
     await both(scene, a, b, step)
@@ -245,8 +243,7 @@ def steps_of(family: str, a: Work) -> int:
     async def alone() -> int:
         rig = make_rig(family)
         lidar = await rig.open()
-        loop = asyncio.get_running_loop()
-        assert isinstance(loop, DrivenLoop)
+        loop = driven_loop()
         before = loop.turns
         await a(Scene(rig, lidar))
         steps = loop.turns - before
@@ -293,8 +290,7 @@ def two_tasks(family: str, a: Work, b: Work, stride: int, run: Cell = cell) -> N
 
 async def silent_cell(family: str, a: Work, b: Work, step: int) -> None:
     rig = make_rig(family)
-    loop = asyncio.get_running_loop()
-    assert isinstance(loop, DrivenLoop)
+    loop = driven_loop()
     lidar = await rig.open()
     took = await both(Scene(rig, lidar), a, b, step, silent=True)
     assert took < AT_ONCE_S, f"it waited for {took:.3f} s"
@@ -319,8 +315,7 @@ def test_the_other_task_ends_what_a_silent_device_does_not(
 @pytest.mark.parametrize("family", EVERY_FAMILY)
 def test_opening_is_cancelled(family: str, stride: int) -> None:
     async def opening(rig: Rig, step: int) -> int:
-        loop = asyncio.get_running_loop()
-        assert isinstance(loop, DrivenLoop)
+        loop = driven_loop()
         before = loop.turns
         task = asyncio.ensure_future(rig.open().__aenter__())
 

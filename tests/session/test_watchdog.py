@@ -14,7 +14,7 @@ from lidario.port.port import Port
 from lidario.revolution.seam import Seam
 from lidario.session.talking.trouble import Trouble
 from tests.support.devices import Rig, both_families, left_still, make_rig
-from tests.support.loop import DrivenLoop, driven
+from tests.support.loop import driven, driven_loop
 
 
 @both_families
@@ -52,8 +52,7 @@ def mix_revolutions(rig: Rig, until_s: float = math.inf) -> None:
 @both_families
 @driven
 async def test_a_device_that_falls_silent_while_the_program_blocks_is_told_of(family: str) -> None:
-    rig, loop = make_rig(family), asyncio.get_running_loop()
-    assert isinstance(loop, DrivenLoop)
+    rig, loop = make_rig(family), driven_loop()
     async with rig.open() as lidar, lidar.scans() as stream:
         await anext(stream)
         rig.device.mute = True

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -13,6 +12,7 @@ from lidario import ConnectFailed
 from lidario.port import simulated
 from lidario.port.port import Port
 from tests.support.devices import Rig
+from tests.support.loop import now, now_ns
 
 __all__ = ["Cable", "cable_to"]
 
@@ -36,7 +36,7 @@ class Cable:
         """In place of `connect_in_memory`."""
         if device is not self._rig.device:
             return self._connect(device, faults, name=name)
-        self.attempts.append(asyncio.get_running_loop().time())
+        self.attempts.append(now())
         if self.device is None:
             raise ConnectFailed("no such port", reason="missing")
         self._ports.append(self._connect(self.device, faults, name=name))
@@ -55,7 +55,7 @@ class Cable:
         """Put it in again, into `device` or the one from before, which is switched on by that and boots."""
         self.device = device or self._rig.device
         if boots:
-            self.device.reboot(round(asyncio.get_running_loop().time() * 1e9))
+            self.device.reboot(now_ns())
 
 
 @contextmanager
