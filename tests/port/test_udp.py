@@ -97,7 +97,7 @@ def test_each_request_is_a_datagram_of_its_own(library: ModuleType, peer: socket
 @both_loops
 def test_a_session(library: ModuleType) -> None:
     async def main() -> None:
-        rig = make_rig("rplidar", "rplidar-s2e", world=make_world("circle"))
+        rig = make_rig("rplidar-s2e", world=make_world("circle"))
         with UdpServer(rig.device) as server:
             source = "udp://{}:{}".format(*server.address)
             async with asyncio.timeout(PATIENCE_S), open_lidar(source) as lidar:
@@ -155,7 +155,7 @@ async def test_an_address_that_cannot_be(address: str) -> None:
 
 @pytest.mark.long
 async def test_a_device_that_is_pulled_out_is_noticed() -> None:
-    rig = make_rig("rplidar", "rplidar-s2e")
+    rig = make_rig("rplidar-s2e")
     with UdpServer(rig.device) as server:
         source = "udp://{}:{}?family=rplidar".format(*server.address)
         async with asyncio.timeout(PATIENCE_S), open_lidar(source) as lidar, lidar.scans() as stream:
@@ -187,7 +187,7 @@ async def test_an_ethernet_model_is_simulated_by_udp() -> None:
 
 @pytest.mark.long
 async def test_the_last_client_is_the_one_that_is_served() -> None:
-    rig = make_rig("rplidar", "rplidar-s2e")
+    rig = make_rig("rplidar-s2e")
     with UdpServer(rig.device) as server:
         source = "udp://{}:{}?family=rplidar".format(*server.address)
         async with asyncio.timeout(PATIENCE_S):

@@ -33,7 +33,7 @@ def is_dark(rig: Rig) -> bool:
 @pytest.mark.parametrize("model", DARK)
 @driven
 async def test_a_question_at_rest_is_heard(model: str, question: str, stopped: bool) -> None:
-    rig = make_rig("ydlidar", model)
+    rig = make_rig(model)
     async with open_lidar(rig.device, family=rig.family) as lidar:
         if stopped:
             await take(lidar, 2)
@@ -52,7 +52,7 @@ async def test_a_question_at_rest_is_heard(model: str, question: str, stopped: b
 @pytest.mark.parametrize("model", DARK)
 @driven
 async def test_a_question_leaves_a_resting_device_at_rest(model: str) -> None:
-    rig = make_rig("ydlidar", model)
+    rig = make_rig(model)
     async with open_lidar(rig.device, family=rig.family) as lidar:
         await lidar.stop()
         assert is_dark(rig)

@@ -16,7 +16,7 @@ from tests.support.session import inside_of
 @pytest.mark.parametrize("scanning", [False, True])
 @driven
 async def test_a_speed_that_the_mode_does_not_fit_is_refused_and_nothing_has_changed(*, scanning: bool) -> None:
-    rig = make_rig("rplidar", "rplidar-s2")
+    rig = make_rig("rplidar-s2")
     async with rig.open() as lidar:
         stream = lidar.scans()
         if scanning:
@@ -38,7 +38,7 @@ async def test_a_device_that_is_found_at_too_slow_a_speed_says_so_when_it_shall_
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Another program left it so. It can be asked, and set to a speed at which it can scan."""
-    rig = make_rig("rplidar", "rplidar-s2")
+    rig = make_rig("rplidar-s2")
     with monkeypatch.context() as patch:
         patch.setattr(RplidarDevice, "load", lambda device, mode: 0.0)
         async with rig.open() as lidar:
@@ -56,7 +56,7 @@ async def test_a_device_that_is_found_at_too_slow_a_speed_says_so_when_it_shall_
 
 @driven
 async def test_a_mode_that_does_not_fit_is_refused_beside_one_that_does() -> None:
-    rig = make_rig("rplidar", "rplidar-c1")
+    rig = make_rig("rplidar-c1")
     async with rig.open() as lidar:
         assert len(await lidar.scan("Standard")) > 100
         await lidar.stop()
@@ -70,7 +70,7 @@ async def test_a_mode_that_does_not_fit_is_refused_beside_one_that_does() -> Non
 
 @driven
 async def test_the_mode_that_runs_decides_not_the_typical_one() -> None:
-    rig = make_rig("rplidar", "rplidar-c1")
+    rig = make_rig("rplidar-c1")
     async with rig.open() as lidar, lidar.scans("Standard") as stream:
         await anext(stream)
         with pytest.raises(InvalidValue, match="'Standard' sends 25000"):
@@ -79,13 +79,13 @@ async def test_the_mode_that_runs_decides_not_the_typical_one() -> None:
         await anext(stream)
 
 
-MODELS = [(family.name, model) for family in FAMILIES for model in family.simulated]
+MODELS = [model for family in FAMILIES for model in family.simulated]
 
 
-@pytest.mark.exhaustive("which", sample=MODELS[::6], full=MODELS)
+@pytest.mark.exhaustive("model", sample=MODELS[::6], full=MODELS)
 @driven
-async def test_each_mode_of_each_model_fits_its_own_line(which: tuple[str, str]) -> None:
-    rig = make_rig(*which)
+async def test_each_mode_of_each_model_fits_its_own_line(model: str) -> None:
+    rig = make_rig(model)
     async with rig.open() as lidar:
         modes = await lidar.get_modes()
         for mode in modes:

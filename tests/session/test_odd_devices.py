@@ -157,7 +157,7 @@ def start_dense(device: SimulatedRplidar, request: Request) -> str:
 
 @driven
 async def test_modes_with_holes_in_their_numbers_are_all_found() -> None:
-    rig = make_rig("rplidar", "rplidar-holes")
+    rig = make_rig("rplidar-holes")
     async with rig.open() as lidar:
         told = {mode.name: mode for mode in await lidar.get_modes()}
         assert len(told) == len(rig.device.profile.modes)
@@ -180,7 +180,7 @@ async def test_modes_with_holes_in_their_numbers_are_all_found() -> None:
 )
 @driven
 async def test_awkward_devices_do_what_they_can(model: str, mode: str | None) -> None:
-    rig = make_rig("rplidar", model, world=make_world("circle"))
+    rig = make_rig(model, world=make_world("circle"))
     async with rig.open() as lidar:
         scans = await take(lidar, 3)
         if mode is not None:
@@ -196,7 +196,7 @@ async def test_awkward_devices_do_what_they_can(model: str, mode: str | None) ->
 
 @driven
 async def test_time_stamps_between_the_packets_cost_nothing() -> None:
-    rig = make_rig("ydlidar", "ydlidar-4ros-stamps", world=make_world("circle"))
+    rig = make_rig("ydlidar-4ros-stamps", world=make_world("circle"))
     async with rig.open() as lidar:
         scans = await take(lidar, 3)
         assert (lidar.stats.lost_packets, lidar.stats.skipped_bytes) == (0, 0)
@@ -227,7 +227,7 @@ async def test_turns_are_told_apart_even_if_the_device_never_marks_one(monkeypat
 @pytest.mark.parametrize("name", ["Legacy express", "legacy EXPRESS"])
 @driven
 async def test_a_legacy_express_scan_can_be_asked_for_by_name(model: str, name: str) -> None:
-    rig = make_rig("rplidar", model, world=make_world("circle"))
+    rig = make_rig(model, world=make_world("circle"))
     async with rig.open() as lidar:
         async with lidar.scans(name) as stream:
             scans = [await anext(stream) for _ in range(3)]
@@ -252,7 +252,7 @@ async def test_an_unknown_mode_is_told_the_others_and_the_ids_that_choose_them()
 
 @driven
 async def test_what_old_firmware_calls_express_is_no_second_mode() -> None:
-    rig = make_rig("rplidar", "rplidar-old-firmware")
+    rig = make_rig("rplidar-old-firmware")
     async with rig.open() as lidar:
         with pytest.raises(Unsupported, match="no scan mode 'Legacy express'"):
             await lidar.scan("Legacy express")
@@ -261,7 +261,7 @@ async def test_what_old_firmware_calls_express_is_no_second_mode() -> None:
 @pytest.mark.parametrize(("model", "rate"), AS_REAL.items())
 @driven
 async def test_nothing_is_told_as_lost_of_devices_that_are_odd_as_real_ones(model: str, rate: float) -> None:
-    rig = make_rig("ydlidar", model)
+    rig = make_rig(model)
     async with rig.open() as lidar:
         scans = await take(lidar, 40)
         stats, rpm = lidar.stats, 0.6 * rig.device.profile.factory_speed
@@ -276,7 +276,7 @@ async def test_nothing_is_told_as_lost_of_devices_that_are_odd_as_real_ones(mode
 @pytest.mark.parametrize("model", ["rplidar-wrong-us", "rplidar-other-format"])
 @driven
 async def test_simulated_devices_that_tell_their_time_or_format_wrong(model: str) -> None:
-    rig = make_rig("rplidar", model)
+    rig = make_rig(model)
     async with rig.open() as lidar:
         scans = await take(lidar, 60)
         stats = lidar.stats

@@ -14,21 +14,6 @@ from lidario.session.opening import OpenLidar, open_lidar
 from tests.support.discards import PROTECTED
 from tests.support.families import ABOUT
 
-__all__ = [
-    "EVERY_FAMILY",
-    "FAMILIES",
-    "OBEDIENT",
-    "Rig",
-    "both_families",
-    "change_info",
-    "discarded",
-    "left_still",
-    "make_rig",
-    "names",
-    "obedient_families",
-    "take",
-]
-
 
 @dataclass
 class Rig:
@@ -54,14 +39,26 @@ FAMILIES = tuple(name for name, maker in MAKERS.items() if maker.obeys and maker
 """Those whose devices obey requests, and so are asked, stopped and reset in most tests of sessions."""
 EVERY_FAMILY = tuple(MAKERS)
 OBEDIENT = tuple(name for name, maker in MAKERS.items() if maker.obeys)
+SWITCHED = ("rplidar-a1", "rplidar-a2")
+"""Models whose motor takes no speed: it is switched by DTR, and by an accessory board."""
+EVERY_KIND = (*EVERY_FAMILY, *SWITCHED)
+OTHERS = tuple(name for name in EVERY_KIND if name not in FAMILIES)
 both_families = pytest.mark.parametrize("family", FAMILIES)
 obedient_families = pytest.mark.parametrize("family", OBEDIENT)
 
 
-def make_rig(family: str, model: str | None = None, **options: Any) -> Rig:
-    """A fresh device whose rotor needs no time to speed up."""
+def make_rig(name: str, model: str = "", **options: Any) -> Rig:
+    """A fresh device whose rotor needs no time to speed up.
+
+    Args:
+        name: A model, or a family, of which it is the usual model.
+        model: A model, where `name` is its family.
+        options: For what makes the device.
+    """
+    chosen = model or name
+    family = chosen.partition("-")[0]
     maker = MAKERS[family]
-    device = maker.make(model or maker.model, **options)
+    device = maker.make(maker.model if chosen == family else chosen, **options)
     device.spin_up_s = 0.0
     return Rig(family, device, maker.turn_s)
 
@@ -100,7 +97,7 @@ def discarded(rig: Rig) -> list[tuple[str, str]]:
         if not each.obeyed
         and each.why != "still booting after reset"
         and (each.name, each.why) != ("stop", PROTECTED)
-        and (each.name, each.why) != ("set_motor_pwm", "unknown to this device")
+        and not (each.name in ("set_motor_pwm", "motor_speed_ctrl") and each.why == "unknown to this device")
     ]
 
 
