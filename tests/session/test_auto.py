@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidario import ConnectFailed, list_lidars, open_lidar, simulate
+from lidario import list_lidars, open_lidar, simulate
 from lidario.families.registry import family_named
 from lidario.port.simulated import connect_in_memory
 from lidario.session.finding import listening
@@ -55,14 +55,10 @@ def port(path: str) -> PortInfo:
     return PortInfo(path, "", "CP2102", "")
 
 
-def made(model: str) -> Any:
-    return make_rig(model.partition("-")[0], model).device
-
-
 @pytest.mark.parametrize("model", ONE_OF_EACH)
 @driven
 async def test_auto_finds_each_in_turn(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    device = made(model)
+    device = make_rig(model).device
     written = serial_in_memory(monkeypatch, only=device)
     monkeypatch.setattr("lidario.session.finding.discovery.list_serial_ports", lambda: [port("only")])
     longest, most = ONE_OF_EACH[model]
@@ -87,7 +83,7 @@ async def test_auto_finds_each_in_turn(model: str, monkeypatch: pytest.MonkeyPat
 async def test_a_name_that_two_families_have_is_that_of_the_one_that_is_heard(
     model: str, title: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    serial_in_memory(monkeypatch, only=made(model))
+    serial_in_memory(monkeypatch, only=make_rig(model).device)
     async with open_lidar("serial://only?model=lds08rr") as lidar:
         assert (lidar.info.family, lidar.info.model) == (model.partition("-")[0], title)
         await lidar.scan()
@@ -95,7 +91,7 @@ async def test_a_name_that_two_families_have_is_that_of_the_one_that_is_heard(
 
 @driven
 async def test_one_that_was_stopped_is_woken(monkeypatch: pytest.MonkeyPatch) -> None:
-    device = made("ldrobot-ld14p")
+    device = make_rig("ldrobot-ld14p").device
     device.spin_up_s = 1.0
     serial_in_memory(monkeypatch, only=device)
     monkeypatch.setattr("lidario.session.finding.discovery.list_serial_ports", lambda: [port("only")])
@@ -114,7 +110,7 @@ async def test_one_that_was_stopped_is_woken(monkeypatch: pytest.MonkeyPatch) ->
 async def test_one_that_turns_evenly_after_two_seconds_is_found(
     model: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    device = made(model)
+    device = make_rig(model).device
     device.spin_up_s = 2.0
     serial_in_memory(monkeypatch, only=device)
     device.receive(b"e", now_ns())
@@ -127,7 +123,7 @@ async def test_one_that_turns_evenly_after_two_seconds_is_found(
 @pytest.mark.parametrize("options", ["", "?baud=115200", "?model=x2"], ids=["unnamed", "its speed", "its name"])
 @driven
 async def test_a_motor_switched_on_by_dtr_has_time_to_turn(options: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    device = made("ydlidar-x2")
+    device = make_rig("ydlidar-x2").device
     device.spin_up_s = 1.4
     serial_in_memory(monkeypatch, only=device)
     async with open_lidar(f"serial://only{options}") as lidar:
@@ -171,7 +167,7 @@ TALKING = (
 @driven
 async def test_fifteen_of_them_together(monkeypatch: pytest.MonkeyPatch) -> None:
     models = TOGETHER
-    serial_in_memory(monkeypatch, **{model: made(model) for model in models})
+    serial_in_memory(monkeypatch, **{model: make_rig(model).device for model in models})
     monkeypatch.setattr(
         "lidario.session.finding.discovery.list_serial_ports", lambda: [port(model) for model in models]
     )
@@ -192,7 +188,7 @@ def test_none_is_taken_for_another_where_packets_are_lost(share: float, monkeypa
     """Of those that are found by listening; the marks of two of them are the same."""
     random = np.random.default_rng(7)
     for seed in range(5):
-        devices = {model: make_rig(model.partition("-")[0], model, seed=seed).device for model in TALKING}
+        devices = {model: make_rig(model, seed=seed).device for model in TALKING}
         for device in devices.values():
             _lose(device, share, random)
         serial_in_memory(monkeypatch, **devices)
@@ -233,7 +229,7 @@ async def test_the_last_one_at_an_adapter_is_tried_first(monkeypatch: pytest.Mon
     monkeypatch.setattr(listening, "BY_ID", tmp_path)
     monkeypatch.setattr(listening, "_found", {})
     path = str(tmp_path / "ttyUSB0")
-    written = serial_in_memory(monkeypatch, **{path: made("ydlidar-f4")})
+    written = serial_in_memory(monkeypatch, **{path: make_rig("ydlidar-f4").device})
     loop, took = asyncio.get_running_loop(), []
     for _ in range(2):
         written.clear()
@@ -254,32 +250,10 @@ def test_nothing_is_remembered_of_a_port_without_a_lasting_name(
     assert listening.adapter_of("/dev/ttyUSB0") is None
 
 
-@pytest.mark.parametrize(("noise", "longest"), [(False, 11.0), (True, 16.0)])
-@driven
-async def test_a_port_where_nothing_responds_is_given_up_in_time(
-    noise: bool, longest: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    device = made("rplidar-s2")
-    device.mute = True
-    if noise:
-        random = np.random.default_rng(1)
-        device.transmit = lambda now: random.bytes(20)
-        device.wakeup = lambda now: now + 5_000_000
-    serial_in_memory(monkeypatch, only=device)
-    loop = asyncio.get_running_loop()
-    began = loop.time()
-    with pytest.raises(ConnectFailed) as caught:
-        await open_lidar("serial://only")
-    took = loop.time() - began
-    # Half a request keeps an RPLIDAR from hearing for five seconds.
-    assert 5.0 < took < longest
-    assert caught.value.reason == "silent"
-
-
 @driven
 async def test_one_that_responds_while_others_are_looked_for_by_dtr_is_what_it_says() -> None:
     """A model that needs DTR is only a guess: what responds meanwhile may be another one of its family."""
-    device = made("ydlidar-4ros")
+    device = make_rig("ydlidar-4ros").device
     device.response_delay_s = 0.12
     port = connect_in_memory(device)
     port.baudrate = 0

@@ -17,7 +17,7 @@ import anyio
 import pytest
 
 from lidario import LidarError, Unsupported
-from tests.support.devices import EVERY_FAMILY, FAMILIES, Rig, discarded, left_still, make_rig
+from tests.support.devices import EVERY_KIND, FAMILIES, OTHERS, Rig, discarded, left_still, make_rig
 from tests.support.loop import driven_loop, now_ns, run_driven
 
 Scenario = Callable[[Rig], Awaitable[None]]
@@ -149,15 +149,20 @@ def cancelled_at(scenario: Scenario, family: str, turn: int, how: str) -> None:
 
 
 WAYS = ("once", "twice", "scope")
-IN_TURNS = [
-    (scenario, how, EVERY_FAMILY[(row + column) % len(EVERY_FAMILY)])
-    for row, scenario in enumerate(SCENARIOS)
-    for column, how in enumerate(WAYS)
-]
-"""Every scenario in every way, with the families in turns."""
 
 
-@pytest.mark.exhaustive("what", sample=IN_TURNS, full=list(product(SCENARIOS, WAYS, EVERY_FAMILY)))
+def in_turns(kinds: tuple[str, ...]) -> list[tuple[Scenario, str, str]]:
+    """Every scenario in every way, with these devices in turns."""
+    return [
+        (scenario, how, kinds[(row + column) % len(kinds)])
+        for row, scenario in enumerate(SCENARIOS)
+        for column, how in enumerate(WAYS)
+    ]
+
+
+@pytest.mark.exhaustive(
+    "what", sample=in_turns(EVERY_KIND), full=[*product(SCENARIOS, WAYS, FAMILIES), *in_turns(OTHERS)]
+)
 @pytest.mark.exhaustive("points", sample=[4], full=[25])
 def test_cancelled_anywhere_the_device_is_left_still(what: tuple[Scenario, str, str], points: int) -> None:
     scenario, how, family = what

@@ -169,18 +169,21 @@ async def test_after_a_rest_the_device_is_asked_before_it_is_started(family: str
         assert names(rig)[asked:].index("get_health") < names(rig)[asked:].index("reset")
 
 
-@both_families
+@pytest.mark.parametrize("model", ["rplidar-s2", "rplidar-s1", "rplidar-old-firmware", "ydlidar-4ros"])
 @driven
 async def test_a_protection_stop_at_open_is_cured_counted_and_told(
-    family: str, caplog: pytest.LogCaptureFixture
+    model: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    rig = make_rig(family)
+    """Also of models that are silent for two seconds then, or print a banner."""
+    rig = make_rig(model)
     rig.device.protection_stop(CODE)
     with caplog.at_level(logging.WARNING, "lidario"):
         async with rig.open() as lidar:
             assert lidar.health.ok
             assert "0x8001" in lidar.health.note
             assert lidar.stats.protection_stops == 1
+            assert await lidar.scan()
+    assert "reset" in names(rig, obeyed=True)
     assert [record.message for record in caplog.records if "0x8001" in record.message]
 
 
@@ -211,13 +214,17 @@ async def test_a_well_device_that_falls_silent_is_restarted(family: str, caplog:
 
 @both_families
 @driven
-async def test_a_dead_device_is_told_of_within_a_second(family: str) -> None:
+async def test_a_dead_device_is_told_of_within_a_second(family: str, caplog: pytest.LogCaptureFixture) -> None:
+    """The stream ends and says why in the log, too; the session goes on."""
     rig = make_rig(family)
     async with rig.open() as lidar:
         text, after = await error_of(lidar, lambda: setattr(rig.device, "mute", True))
         assert "responds to no request: is it powered, and is the cable in?" in text
         assert after < 1.0
+        assert [each for each in caplog.messages if "ended" in each] == [f"the stream ended: {text}"]
         rig.device.mute = False
+        assert await lidar.scan()
+    assert left_still(rig)
 
 
 @both_families
@@ -236,6 +243,7 @@ async def test_a_rotor_that_stalls_is_told_of_within_three_slow_revolutions(
         assert "its health is ok: is the rotor blocked?" in text
         assert after < {"rplidar": 3.3, "ydlidar": 1.9}[family]
         assert lidar.stats.restarts == 0
+    assert left_still(rig)
 
 
 @both_families

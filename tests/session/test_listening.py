@@ -32,10 +32,6 @@ STREAMING = (
 QUESTION = {family.name: next(family.device().identify()).data for family in FAMILIES}
 
 
-def make(model: str) -> Any:
-    return make_rig(model.partition("-")[0], model).device
-
-
 def stream(device: Any, mode: int) -> None:
     """Have it scan, as after a program that was killed."""
     arguments = (now_ns(),) if device.profile.name.startswith("ydlidar") else (mode, now_ns())
@@ -51,7 +47,7 @@ def speed_of(device: Any) -> int:
 async def test_a_device_that_streams_is_recognised_before_a_byte_is_written(
     model: str, mode: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    device = make(model)
+    device = make_rig(model).device
     written = serial_in_memory(monkeypatch, left=device)
     loop = asyncio.get_running_loop()
     stream(device, mode)
@@ -64,22 +60,10 @@ async def test_a_device_that_streams_is_recognised_before_a_byte_is_written(
         assert {speed for speed, _ in written} == {speed_of(device)} <= set(speeds)
 
 
-@pytest.mark.parametrize("model", ["rplidar-s2", "rplidar-s1", "rplidar-express", "ydlidar-4ros"])
-@driven
-async def test_a_device_at_rest_is_found_at_once(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    device = make(model)
-    serial_in_memory(monkeypatch, rests=device)
-    loop = asyncio.get_running_loop()
-    began = loop.time()
-    async with open_lidar("rests") as lidar:
-        assert loop.time() - began < 0.5
-        assert lidar.info.family == model.partition("-")[0]
-
-
 @pytest.mark.parametrize("boot_s", [0.7, 2.0, 3.1, 4.2])
 @pytest.mark.parametrize("model", ["rplidar-s1", "rplidar-s2", "ydlidar-4ros"])
 def test_a_device_that_boots_is_asked_again(model: str, boot_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    device = make(model)
+    device = make_rig(model).device
     serial_in_memory(monkeypatch, boots=device)
     found_while_it_boots(device, boot_s, "boots")
 
@@ -88,7 +72,7 @@ def test_a_device_that_boots_is_asked_again(model: str, boot_s: float, monkeypat
 @pytest.mark.parametrize("boot_s", [0.7, 2.0, 3.1, 4.2])
 @pytest.mark.parametrize("model", ["rplidar-s1", "rplidar-s2", "ydlidar-4ros"])
 def test_so_is_one_whose_speed_does_not_tell_its_family(model: str, boot_s: float) -> None:
-    device = make(model)
+    device = make_rig(model).device
     found_while_it_boots(device, boot_s, device)
 
 
@@ -117,7 +101,7 @@ def found_while_it_boots(device: Any, boot_s: float, source: Any) -> None:
 async def test_half_a_request_is_outlived(
     model: str, half: bytes, shared: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    device = make(model)
+    device = make_rig(model).device
     serial_in_memory(monkeypatch, holds=device)
     device.receive(half, now_ns())
     async with open_lidar(device if shared else "holds") as lidar:
@@ -135,7 +119,7 @@ def test_no_question_reads_as_a_request_at_another_speed() -> None:
 
 @pytest.mark.parametrize(("model", "mode"), STREAMING)
 def test_a_stream_is_recognised_at_its_own_speed_alone(model: str, mode: int) -> None:
-    device = make(model)
+    device = make_rig(model).device
     arguments = (10**9,) if model.startswith("ydlidar") else (mode, 10**9)
     device.begin_streaming(*arguments)
     data = b"".join(device.transmit(10**9 + step * 10**7) for step in range(1, 13))
@@ -156,7 +140,7 @@ def test_noise_is_no_stream() -> None:
 
 @driven
 async def test_where_nothing_listens_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    device = make("rplidar-s2")
+    device = make_rig("rplidar-s2").device
     device.mute = True
     written = serial_in_memory(monkeypatch, mute=device)
     loop = asyncio.get_running_loop()
@@ -178,7 +162,7 @@ async def test_where_nothing_listens_it_ends(monkeypatch: pytest.MonkeyPatch) ->
 async def test_what_the_search_may_have_started_is_left_still(
     model: str, ended_after_s: float | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    device = make(model)
+    device = make_rig(model).device
     serial_in_memory(monkeypatch, mute=device)
     loop = asyncio.get_running_loop()
     device.receive(bytes.fromhex("54A104000000004A") if model == "ldrobot-ld14p" else b"e", now_ns())
@@ -230,7 +214,7 @@ async def test_where_only_noise_comes_it_ends(monkeypatch: pytest.MonkeyPatch) -
 
 @driven
 async def test_a_speed_the_adapter_cannot_do_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    device = make("rplidar-s1")
+    device = make_rig("rplidar-s1").device
     serial_in_memory(monkeypatch, poor=device)
     change = Port.set_baudrate
 
@@ -249,7 +233,7 @@ async def test_a_speed_the_adapter_cannot_do_is_left_out(monkeypatch: pytest.Mon
 
 @driven
 async def test_cancelled_while_it_listens_it_has_written_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    device = make("rplidar-s2")
+    device = make_rig("rplidar-s2").device
     written = serial_in_memory(monkeypatch, rests=device)
     ports: list[Port] = []
 
@@ -269,7 +253,12 @@ async def test_cancelled_while_it_listens_it_has_written_nothing(monkeypatch: py
 async def test_ports_are_asked_side_by_side_and_patiently_only_where_none_responds(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    first, second, third, mute = make("rplidar-s2"), make("ydlidar-4ros"), make("rplidar-s1"), make("rplidar-s1")
+    first, second, third, mute = (
+        make_rig("rplidar-s2").device,
+        make_rig("ydlidar-4ros").device,
+        make_rig("rplidar-s1").device,
+        make_rig("rplidar-s1").device,
+    )
     mute.mute = True
     third.boot_s = 4.0
     serial_in_memory(monkeypatch, a=first, b=mute, c=second, d=third)

@@ -16,7 +16,7 @@ from lidario import InternalError, InvalidValue, LocalProtocolError, SessionClos
 from lidario.session.talking.trouble import Trouble
 from tests.support.devices import both_families, left_still, make_rig, take
 from tests.support.loop import driven
-from tests.support.session import inside_of, scanner_of
+from tests.support.session import inside_of
 
 
 def test_open_lidar_is_not_for_a_plain_with() -> None:
@@ -115,20 +115,6 @@ async def test_whatever_is_as_good_as_true() -> None:
 
 @both_families
 @driven
-async def test_a_stream_of_a_closed_session(family: str) -> None:
-    rig = make_rig(family)
-    async with rig.open() as lidar:
-        stream = lidar.scans()
-    with pytest.raises(SessionClosed, match="open_lidar"):
-        await anext(stream)
-    with pytest.raises(SessionClosed):
-        await lidar.stop()
-    await stream.aclose()
-    await lidar.close()
-
-
-@both_families
-@driven
 async def test_a_mistake_of_ours_in_a_start_ends_the_session_and_stops_the_device(
     family: str, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -181,13 +167,3 @@ def test_trouble_is_told_at_most_once_a_second(
         "something else",
         "revolutions discarded: 4 (and 49 times more since the last such line)",
     ]
-
-
-@driven
-async def test_a_revolution_that_is_discarded_is_logged(caplog: pytest.LogCaptureFixture) -> None:
-    rig = make_rig("rplidar")
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
-        scanner_of(lidar).totals.assembled.broken_scans += 2
-        await anext(stream)
-    assert [record.getMessage() for record in caplog.records] == ["revolutions discarded: 2 so far"]

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import asyncio
-import itertools
 import math
-import re
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
 
-from lidario import open_lidar
 from tests.support.cable import cable_to
 from tests.support.coming_back import MODES, PROMISE_S, next_after
 from tests.support.devices import both_families, left_still, make_rig, names
 from tests.support.ledger import assert_stats_close
-from tests.support.loop import DrivenLoop, driven, driven_loop, now, now_ns, run_driven
+from tests.support.loop import driven, driven_loop, now, now_ns, run_driven
 
 
 @both_families
@@ -205,25 +201,6 @@ async def test_taps_see_the_new_line() -> None:
                 assert not seen
 
 
-@driven
-async def test_two_sessions_come_back_at_once() -> None:
-    rigs = [make_rig(family) for family in ("rplidar", "ydlidar")]
-    with cable_to(rigs[0]) as first, cable_to(rigs[1]) as second:
-        async with rigs[0].open(reconnect=True) as one, rigs[1].open(reconnect=True) as two:
-            a, b = one.scans(), two.scans()
-            await asyncio.gather(anext(a), anext(b))
-            for cable in (first, second):
-                cable.pull()
-            await asyncio.sleep(2.0)
-            for cable in (first, second):
-                cable.plug()
-            pulled = now()
-            await asyncio.gather(next_after(a, pulled), next_after(b, pulled))
-            assert now() < pulled + 1.0 + PROMISE_S
-    assert left_still(rigs[0])
-    assert left_still(rigs[1])
-
-
 @both_families
 @driven
 async def test_a_program_that_blocks_its_loop_meanwhile(family: str) -> None:
@@ -274,25 +251,3 @@ def test_the_cable_is_pulled_out_again_at_every_step_of_coming_back(family: str,
     turns = run_driven(lambda: main(0))
     for step in range(1, turns, max(1, turns // points)):
         run_driven(lambda step=step: main(step))  # type: ignore[misc]
-
-
-@pytest.mark.parametrize("model", ["rplidar-s2", "ydlidar-4ros"])
-@driven
-async def test_a_source_with_faults_comes_back(model: str) -> None:
-    async with open_lidar(f"sim://{model}?via=memory&fault=replug:3s", reconnect=True) as lidar:
-        async with lidar.scans() as stream:
-            await asyncio.sleep(0)
-            scans = [await anext(stream) for _ in range(30)]
-        assert lidar.stats.reconnects == 1
-        jumps = [after.seq - before.seq for before, after in itertools.pairwise(scans)]
-        assert sum(jump > 5 for jump in jumps) == 1
-
-
-def test_the_documented_programs_run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    text = (Path(__file__).parents[2] / "docs" / "reconnect.md").read_text(encoding="utf-8")
-    programs = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-    assert len(programs) == 2
-    monkeypatch.setattr("asyncio.events.new_event_loop", DrivenLoop)
-    for program in programs:
-        exec(program.replace("?fault", "?via=memory&fault"), {})
-    assert "revolutions missing, 1 reconnects" in capsys.readouterr().out

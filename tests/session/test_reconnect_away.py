@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from lidario import DeviceLost, InvalidValue, LidarError, Reconnect, SessionClosed, open_lidar
+from lidario import DeviceLost, InvalidValue, LidarError, Reconnect, SessionClosed
 from lidario.session.finding.reconnect import Step
 from lidario.session.talking.dialogue import Dialogue
 from tests.support.cable import cable_to
@@ -174,17 +174,6 @@ async def test_stop_while_it_is_away(family: str, returns: bool) -> None:
                 assert lidar.is_connected
                 assert left_still(rig)
                 assert len(await take(lidar, 2)) == 2
-
-
-@driven
-async def test_without_it_a_lost_device_ends_the_session() -> None:
-    async with open_lidar("sim://rplidar-s2?via=memory&fault=replug:3s") as lidar:
-        with pytest.raises(DeviceLost, match="unplugged"):
-            async for _ in lidar.scans():
-                assert lidar.is_connected
-        assert not lidar.is_connected
-        with pytest.raises(DeviceLost, match="unplugged"):
-            await lidar.get_health()
 
 
 @driven

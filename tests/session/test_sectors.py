@@ -142,17 +142,6 @@ async def test_sizes_that_are_none(degrees: float) -> None:
             iter(lidar.sectors())
 
 
-@driven
-async def test_break_stops_the_device() -> None:
-    rig = make_rig("rplidar")
-    async with rig.open() as lidar:
-        async for _ in lidar.sectors():
-            break
-        await asyncio.sleep(2.0)
-        assert left_still(rig)
-        assert not lidar.is_scanning
-
-
 @pytest.mark.long
 @both_families
 def test_without_await(family: str) -> None:

@@ -115,7 +115,7 @@ def test_motors_of_other_kinds(model: str) -> None:
         for b in B:
             for moment_s in (0.05, 0.5, 1.2):
                 run_driven(
-                    lambda a=a, b=b, moment_s=moment_s: both(make_rig("rplidar", model), 0.2, a, b, moment_s)  # type: ignore[misc]
+                    lambda a=a, b=b, moment_s=moment_s: both(make_rig(model), 0.2, a, b, moment_s)  # type: ignore[misc]
                 )
 
 
@@ -140,7 +140,7 @@ async def test_it_is_told_in_the_log_where_it_cannot_be_seen(caplog: pytest.LogC
 @driven
 async def test_a_reset_that_is_given_up_does_not_leave_the_motor_on(timeout_s: float) -> None:
     """The motor of an A1 hangs on DTR, which a reset does not touch."""
-    rig = make_rig("rplidar", "rplidar-a1")
+    rig = make_rig("rplidar-a1")
     async with rig.open() as lidar:
         await take(lidar, 1)
         with suppress(TimeoutError):
@@ -158,7 +158,7 @@ async def test_a_reset_that_is_given_up_does_not_leave_the_motor_on(timeout_s: f
 @driven
 async def test_a_device_that_nobody_understands_is_left_still(model: str, ways: str, family: str | None) -> None:
     """Its motor is driven by DTR, by an accessory board, by its own request; it was on before."""
-    rig = make_rig("rplidar", model)
+    rig = make_rig(model)
     rig.device.begin_streaming(1, now_ns())
     garble(rig.device, ways)
     with pytest.raises(LidarError):

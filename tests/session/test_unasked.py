@@ -35,10 +35,6 @@ talkers = pytest.mark.parametrize(
 )
 
 
-def rig_of(model: str) -> Rig:
-    return make_rig(model.partition("-")[0], model)
-
-
 def opened(rig: Rig, **options: Any) -> Any:
     """By its family, the stream of which tells the rest."""
     return open_lidar(rig.device, family=rig.family, **options)
@@ -59,7 +55,7 @@ class Written:
 @pytest.mark.parametrize("model", TALKING)
 @driven
 async def test_every_one_of_them_is_opened_read_and_left(model: str, caplog: pytest.LogCaptureFixture) -> None:
-    rig = rig_of(model)
+    rig = make_rig(model)
     caplog.clear()
     async with opened(rig) as lidar:
         written = Written(lidar)
@@ -90,7 +86,7 @@ async def test_every_one_of_them_is_opened_read_and_left(model: str, caplog: pyt
 @talkers
 @driven
 async def test_what_needs_a_request_is_refused_and_the_stream_goes_on(model: str) -> None:
-    rig = rig_of(model)
+    rig = make_rig(model)
     async with opened(rig, keep_spinning=True) as lidar, lidar.scans() as stream:
         before = await anext(stream)
         refused: list[Callable[[], Awaitable[object]]] = [
@@ -129,7 +125,7 @@ async def test_a_name_that_its_packets_speak_against_is_told(
     async with open_lidar(f"sim://{model}?via=memory&model={named}") as lidar:
         assert f"such as a {of}" in lidar.health.note
         assert "leave out ?model=" in lidar.health.note
-    device = make_rig(family, model).device
+    device = make_rig(model).device
     device.transmit(0)
     caplog.clear()
     list(decode(device.transmit(10**9), family=family, model=named))
@@ -146,7 +142,7 @@ async def test_a_name_by_which_no_packet_is_found_is_told(model: str, named: str
 @talkers
 @driven
 async def test_closing_does_not_wait_for_silence(model: str) -> None:
-    rig = rig_of(model)
+    rig = make_rig(model)
     lidar = await opened(rig)
     stream = lidar.scans()
     await anext(stream)
@@ -171,7 +167,7 @@ async def test_one_on_a_damaged_line_is_opened_all_the_same(model: str, fault: s
 @talkers
 @driven
 async def test_one_that_is_silent_is_not_found(model: str) -> None:
-    rig = rig_of(model)
+    rig = make_rig(model)
     rig.device.mute = True
     with pytest.raises(ConnectFailed, match="nothing came back") as caught:
         await opened(rig)
@@ -181,7 +177,7 @@ async def test_one_that_is_silent_is_not_found(model: str) -> None:
 @talkers
 @driven
 async def test_one_that_falls_silent_is_told_of_and_may_come_back(model: str) -> None:
-    rig = rig_of(model)
+    rig = make_rig(model)
     async with opened(rig) as lidar:
         stream = lidar.scans()
         await anext(stream)
@@ -196,7 +192,7 @@ async def test_one_that_falls_silent_is_told_of_and_may_come_back(model: str) ->
 @talkers
 @driven
 async def test_a_session_comes_back_to_it(model: str) -> None:
-    rig = rig_of(model)
+    rig = make_rig(model)
     async with opened(rig, reconnect=True) as lidar, lidar.scans() as stream:
         for _ in range(2):
             await anext(stream)
@@ -223,7 +219,7 @@ def test_an_unknown_model_is_answered_with_the_known_ones() -> None:
 
 @driven
 async def test_one_whose_motor_nobody_powers_says_so_and_makes_no_scans_of_what_comes() -> None:
-    rig = rig_of("neato-xv11")
+    rig = make_rig("neato-xv11")
     asyncio.get_running_loop()
     async with opened(rig) as lidar:
         with pytest.raises(StreamFailed, match="the motor does not turn as it should: 60 revolutions a minute"):
@@ -246,7 +242,7 @@ async def test_one_whose_motor_nobody_powers_says_so_and_makes_no_scans_of_what_
 
 @driven
 async def test_the_ld14p_is_started_and_stopped_by_requests() -> None:
-    rig = rig_of("ldrobot-ld14p")
+    rig = make_rig("ldrobot-ld14p")
     async with rig.open() as lidar:
         await take(lidar, 2)
         assert await lidar.get_scan_frequency_range() == (2.0, 8.0)

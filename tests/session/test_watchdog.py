@@ -17,17 +17,6 @@ from tests.support.devices import Rig, both_families, left_still, make_rig
 from tests.support.loop import driven, driven_loop
 
 
-@both_families
-@driven
-async def test_that_a_stream_has_ended_stands_in_the_log(family: str, caplog: pytest.LogCaptureFixture) -> None:
-    rig = make_rig(family)
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
-        rig.device.mute = True
-        why = await failure_of(stream)
-    assert [f"the stream ended: {why}"] == [each.getMessage() for each in caplog.records if "ended" in each.message]
-
-
 async def failure_of(stream: ScanStream) -> str:
     """Take scans until the stream fails; return why."""
     with pytest.raises(StreamFailed) as caught:
