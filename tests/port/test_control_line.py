@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import termios
-from collections.abc import Iterator
 
 import pytest
 import serial
@@ -13,14 +12,8 @@ from lidario import open_lidar, simulate
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
 from lidario.port.simulated import connect_in_memory
-from tests.support.ports import Sink, terminal_pair, written
+from tests.support.ports import Sink, written
 from tests.support.terminals import WaitingPtyServer
-
-
-@pytest.fixture
-def terminal() -> Iterator[tuple[int, int, str]]:
-    with terminal_pair() as pair:
-        yield pair
 
 
 @pytest.fixture
@@ -35,8 +28,8 @@ def hangs_up(handle: int) -> bool:
     return bool(termios.tcgetattr(handle)[2] & termios.HUPCL)
 
 
-async def test_asserted_it_outlasts_the_close(terminal: tuple[int, int, str], states: list[bool]) -> None:
-    _, slave, path = terminal
+async def test_asserted_it_outlasts_the_close(ends: tuple[int, int, str], states: list[bool]) -> None:
+    _, slave, path = ends
     settings = termios.tcgetattr(slave)
     settings[2] |= termios.HUPCL
     termios.tcsetattr(slave, termios.TCSANOW, settings)
@@ -55,8 +48,8 @@ async def test_asserted_it_outlasts_the_close(terminal: tuple[int, int, str], st
     assert len(states) == 3
 
 
-async def test_a_pseudo_terminal_has_none_and_works_all_the_same(terminal: tuple[int, int, str]) -> None:
-    master, _, path = terminal
+async def test_a_pseudo_terminal_has_none_and_works_all_the_same(ends: tuple[int, int, str]) -> None:
+    master, _, path = ends
     port, sink = await open_serial(path, 115200), Sink()
     port.attach(sink)
     for asserted in (True, False):

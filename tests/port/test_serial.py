@@ -10,13 +10,23 @@ from types import ModuleType
 
 import pytest
 import serial
-import uvloop
 
 from lidario.errors import ConnectFailed
 from lidario.port.port import Port
 from lidario.port.reading import Reader
 from lidario.port.serial import open_serial
-from tests.support.ports import PATIENCE_S, Plan, Seen, Sink, every_byte_arrives, open_files, terminal_pair, written
+from tests.support.ports import (
+    PATIENCE_S,
+    Plan,
+    Seen,
+    Sink,
+    both_loops,
+    every_byte_arrives,
+    open_files,
+    run_on,
+    terminal_pair,
+    written,
+)
 
 LATENCIES = (0.0, 0.005)
 
@@ -205,7 +215,7 @@ async def test_a_speed_that_the_adapter_cannot_do(
     await port.close()
 
 
-@pytest.mark.parametrize("library", [asyncio, uvloop], ids=["asyncio", "uvloop"])
+@both_loops
 def test_both_event_loops_read_poll_write_and_close(library: ModuleType) -> None:
     async def main() -> None:
         with terminal_pair() as (master, _, path):
@@ -228,5 +238,4 @@ def test_both_event_loops_read_poll_write_and_close(library: ModuleType) -> None
             assert sink.lost == [None]
             assert open_files() == before
 
-    with asyncio.Runner(loop_factory=library.new_event_loop) as runner:
-        runner.run(main())
+    run_on(library, main)
