@@ -1,6 +1,7 @@
-"""What nodes make of the topic: slam_toolbox takes every message, and the returns of all lie on the walls.
+"""What nodes make of the topic: the returns of all messages lie on the walls, however the lidar is mounted.
 
-`tests.reference.nodes` has their rules. Here they are applied to what arrives at another client of the router.
+`tests.reference.nodes` has their rules. Here they are applied to what arrives at another client of the router;
+`test_nodes_of_all` does so with every model.
 """
 
 from __future__ import annotations
@@ -27,7 +28,6 @@ from tests.support.loop import run_driven
 from tests.support.messages import decoded
 from tests.support.network import session_of, until
 from tests.support.router import Router
-from tests.support.samples import every_model
 from tests.support.walls import LONGEST_M, WALLS, from_walls, is_all_around
 
 COUNT = 30
@@ -101,24 +101,6 @@ def test_the_rules_themselves() -> None:
     opened = replace(message, angle_min=0.0, angle_max=2 * np.pi - 1e-3, angle_increment=2 * np.pi / 360)
     assert SlamToolbox().take(closed) is not None
     assert SlamToolbox().take(opened) is not None
-
-
-@pytest.mark.long
-@every_model()
-async def test_slam_toolbox_takes_every_message_and_returns_lie_on_the_walls(router: Router, model: str) -> None:
-    scans = await asyncio.to_thread(scans_of, model)
-    messages, _ = await published(router, 41, scans)
-    slam, seen = SlamToolbox(), list[Any]()
-    # Those that waited for the grid were not sent.
-    for scan, message in zip(scans[-len(messages) :], messages, strict=True):
-        assert slam.take(message) is not None, (len(messages[0].ranges), len(message.ranges))
-        # Not every format has a check sum, and the model of a device that tells nothing is a guess.
-        if from_walls(scan.xy()[scan.valid]).max() < 0.03:
-            # The beams at both ends have samples of a moment before and after the revolution, too.
-            between = np.concatenate([[np.nan], message.ranges[1:-1], [np.nan]])
-            seen.append(laser_geometry(replace(message, ranges=between)))
-            assert on_walls(seen[-1], message)
-    assert model in MUST_BE_NAMED or is_all_around(np.concatenate(seen))
 
 
 @pytest.mark.parametrize("mounted", [False, True])
