@@ -6,8 +6,6 @@ import numpy as np
 
 import lidario
 
-__all__ = ["check_error", "check_scan", "check_text"]
-
 _LONGEST_TEXT = 300
 
 

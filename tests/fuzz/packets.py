@@ -16,8 +16,6 @@ from tests.support.cases import KINDS, Case
 from tests.support.contents import point_cloud
 from tests.support.streams import in_one_run, stream_of
 
-__all__ = ["decode_packets", "packet_seeds", "packets_of"]
-
 _MOST = 400  # packets
 _STEPS_NS = (0, 1, 1_000_000, 20_000_000, 900_000_000)
 

@@ -21,8 +21,6 @@ from tests.properties.test_robust import STATES
 from tests.support.cases import KINDS, Case
 from tests.support.ledger import assert_link_closes
 
-__all__ = ["TARGETS", "Target"]
-
 _BUFFER = 32 * 1024
 _SOURCES = (
     "auto",

@@ -14,8 +14,6 @@ from lidario.port.port import Port
 from tests.support.devices import Rig
 from tests.support.loop import now, now_ns
 
-__all__ = ["Cable", "cable_to"]
-
 
 class Cable:
     """What a session on `rig.device` is connected by, as often as it connects.

@@ -20,8 +20,6 @@ from lidario.session.lidar import Lidar
 from lidario.session.streaming.scanner import Scanner
 from lidario.wire.link import Link
 
-__all__ = ["BYTES", "PACKETS", "Ledgers", "assert_link_closes", "assert_stats_close", "ledgers_made"]
-
 BYTES = (
     "packet_bytes",
     "record_bytes",

@@ -40,8 +40,6 @@ from lidario.testing.clock import clock_of
 from tests.cli.processes import invoke
 from tests.support.inner import ASYNCIO_INI, forgetting, run_pytest
 
-__all__ = ["Block", "Page", "blocks"]
-
 ROOT = Path(__file__).parents[2]
 PACE = 1000.0
 PORTS = {

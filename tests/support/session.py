@@ -8,8 +8,6 @@ from lidario.session.finding.reconnect import Reconnector
 from lidario.session.recorded import RecordedSession
 from lidario.session.streaming.scanner import Scanner
 
-__all__ = ["inside_of", "reconnector_of", "recorded_of", "scanner_of"]
-
 
 def inside_of(lidar: Lidar) -> At:
     """The device as the session knows it, and the dialogue with it."""

@@ -17,8 +17,6 @@ from lidario.port.port import Port
 from lidario.port.simulated import _MemoryTransport
 from lidario.sim.serve import MemoryLine, PtyServer
 
-__all__ = ["SpeedPtyServer", "misread", "serial_in_memory"]
-
 _TCGETS2 = 0x802C542A
 _SPEED_AT = 40
 _REQUEST = 0xA5

@@ -8,8 +8,6 @@ from collections.abc import Awaitable, Callable
 from functools import wraps
 from typing import ParamSpec
 
-__all__ = ["Watch", "unless_starved"]
-
 P = ParamSpec("P")
 TICK_S = 0.005
 STARVED_S = 0.1

@@ -16,24 +16,6 @@ from lidario.wire.link import Link, LinkStats
 from lidario.wire.states import LinkState
 from tests.support.cases import Case, Sample
 
-__all__ = [
-    "SINGLE_DEG",
-    "Assembled",
-    "Chunks",
-    "Received",
-    "arrived",
-    "assembled",
-    "before_seam",
-    "checked_one_by_one",
-    "cut_up",
-    "feed",
-    "in_one_run",
-    "merged",
-    "open_stream",
-    "stream_of",
-    "turn_times",
-]
-
 Chunks = int | Sequence[int] | None
 """How a stream is cut: pieces of one size, of sizes taken in turns, or not at all."""
 SINGLE_DEG = 2e-5

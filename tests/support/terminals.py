@@ -14,8 +14,6 @@ from contextlib import contextmanager
 from lidario.sim.device import SimulatedDevice
 from tests.support.speeds import SpeedPtyServer
 
-__all__ = ["WaitingPtyServer", "babbling"]
-
 PATIENCE_S = 30.0
 _TURN_S = 0.02
 
