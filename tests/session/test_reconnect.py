@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from tests.support.cable import cable_to
+from tests.support.cable import cable_to, on_a_cable
 from tests.support.coming_back import MODES, PROMISE_S, next_after
 from tests.support.devices import both_families, left_still, make_rig, names
 from tests.support.ledger import assert_stats_close
@@ -19,33 +19,31 @@ from tests.support.loop import driven, driven_loop, now, now_ns, run_driven
 @both_families
 @driven
 async def test_it_goes_on_after_the_cable_was_pulled_out(family: str) -> None:
-    rig = make_rig(family)
-    with cable_to(rig) as cable:
-        async with rig.open(reconnect=True) as lidar:
-            async with lidar.scans(MODES[family]) as stream:
-                last = [await anext(stream) for _ in range(3)][-1]
-                cable.pull()
-                pulled = now()
-                await asyncio.sleep(3.0)
-                assert (lidar.is_connected, lidar.is_scanning, lidar.stats.reconnects) == (False, True, 0)
-                cable.plug()
-                responds = now() + rig.device.boot_s
-                first = await next_after(stream, pulled)
-                assert now() <= responds + PROMISE_S
-                second = await anext(stream)
-                assert (lidar.is_connected, lidar.stats.reconnects) == (True, 1)
-                assert_stats_close(lidar.stats)
-            assert first.mode == last.mode
-            assert math.isclose(first.rpm, last.rpm, rel_tol=0.05)
-            # The gap can be seen: the number jumps by as many revolutions as the rotor would have made.
-            gap_s = (first.stamp_ns - last.stamp_ns) * 1e-9
-            assert abs(first.seq - last.seq - gap_s / rig.turn_s) <= 2
-            assert second.seq == first.seq + 1
-            assert lidar.stats.reconnects == 1
-            # A scan may have been dropped while the test slept.
-            assert lidar.stats.missed_scans >= first.seq - last.seq - 2
-            assert lidar.stats.scans + lidar.stats.missed_scans > second.seq
-    assert left_still(rig)
+    async with on_a_cable(family) as (cable, lidar):
+        async with lidar.scans(MODES[family]) as stream:
+            last = [await anext(stream) for _ in range(3)][-1]
+            cable.pull()
+            pulled = now()
+            await asyncio.sleep(3.0)
+            assert (lidar.is_connected, lidar.is_scanning, lidar.stats.reconnects) == (False, True, 0)
+            cable.plug()
+            responds = now() + cable.rig.device.boot_s
+            first = await next_after(stream, pulled)
+            assert now() <= responds + PROMISE_S
+            second = await anext(stream)
+            assert (lidar.is_connected, lidar.stats.reconnects) == (True, 1)
+            assert_stats_close(lidar.stats)
+        assert first.mode == last.mode
+        assert math.isclose(first.rpm, last.rpm, rel_tol=0.05)
+        # The gap can be seen: the number jumps by as many revolutions as the rotor would have made.
+        gap_s = (first.stamp_ns - last.stamp_ns) * 1e-9
+        assert abs(first.seq - last.seq - gap_s / cable.rig.turn_s) <= 2
+        assert second.seq == first.seq + 1
+        assert lidar.stats.reconnects == 1
+        # A scan may have been dropped while the test slept.
+        assert lidar.stats.missed_scans >= first.seq - last.seq - 2
+        assert lidar.stats.scans + lidar.stats.missed_scans > second.seq
+    assert left_still(cable.rig)
 
 
 def restarts(device: Any) -> None:
@@ -126,27 +124,25 @@ async def test_a_setting_is_made_again() -> None:
 
 @driven
 async def test_speed_and_mode_are_those_of_before() -> None:
-    rig = make_rig("rplidar")
-    with cable_to(rig) as cable:
-        async with rig.open(reconnect=True) as lidar:
-            await lidar.set_scan_frequency(12.0)
-            async with lidar.scans("Standard") as stream, lidar.scans() as other:
-                await anext(stream)
-                cable.pull()
-                cable.plug()
-                pulled = now()
-                for each in (stream, other):
-                    scan = await next_after(each, pulled)
-                    assert scan.mode == "Standard"
-                    assert math.isclose(scan.rpm, 720, rel_tol=0.03)
-            assert await lidar.get_scan_frequency() == 12.0
-            # A device that comes back while nothing is wanted takes its settings, too.
+    async with on_a_cable("rplidar") as (cable, lidar):
+        await lidar.set_scan_frequency(12.0)
+        async with lidar.scans("Standard") as stream, lidar.scans() as other:
+            await anext(stream)
             cable.pull()
             cable.plug()
-            await asyncio.sleep(3.0)
-            assert lidar.stats.reconnects == 2
-            scan = await lidar.scan("Standard")
-            assert math.isclose(scan.rpm, 720, rel_tol=0.03)
+            pulled = now()
+            for each in (stream, other):
+                scan = await next_after(each, pulled)
+                assert scan.mode == "Standard"
+                assert math.isclose(scan.rpm, 720, rel_tol=0.03)
+        assert await lidar.get_scan_frequency() == 12.0
+        # A device that comes back while nothing is wanted takes its settings, too.
+        cable.pull()
+        cable.plug()
+        await asyncio.sleep(3.0)
+        assert lidar.stats.reconnects == 2
+        scan = await lidar.scan("Standard")
+        assert math.isclose(scan.rpm, 720, rel_tol=0.03)
 
 
 @both_families

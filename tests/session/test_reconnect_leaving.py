@@ -9,7 +9,7 @@ import weakref
 import pytest
 
 from lidario import Lidar, SessionClosed
-from tests.support.cable import cable_to
+from tests.support.cable import cable_to, on_a_cable
 from tests.support.coming_back import ON_THE_WAY_S, next_after, next_attempt
 from tests.support.devices import both_families, left_still, make_rig
 from tests.support.loop import DrivenLoop, driven, now, unless_unfinished
@@ -50,16 +50,14 @@ async def test_the_motor_that_shall_go_on_does() -> None:
 @on_the_way
 @driven
 async def test_nor_is_it_stopped_when_the_session_is_closed_on_the_way(after_s: float) -> None:
-    rig = make_rig("rplidar")
-    with cable_to(rig) as cable:
-        async with rig.open(reconnect=True, keep_spinning=True) as lidar:
-            await lidar.scan()
-            cable.pull()
-            await asyncio.sleep(2.0)
-            cable.plug(boots=False)
-            await next_attempt(cable, after_s)
-    assert rig.device.motor_on
-    assert not rig.device.scanning
+    async with on_a_cable("rplidar", keep_spinning=True) as (cable, lidar):
+        await lidar.scan()
+        cable.pull()
+        await asyncio.sleep(2.0)
+        cable.plug(boots=False)
+        await next_attempt(cable, after_s)
+    assert cable.rig.device.motor_on
+    assert not cable.rig.device.scanning
 
 
 @both_families

@@ -16,7 +16,7 @@ from lidario.port.line import Schedule
 from lidario.port.port import Port
 from lidario.revolution.sectors import SectorAssembler
 from lidario.session.streaming.sectors import sectors_of
-from tests.support.cable import cable_to
+from tests.support.cable import on_a_cable
 from tests.support.devices import EVERY_FAMILY, both_families, left_still, make_rig
 from tests.support.loop import driven
 
@@ -164,23 +164,21 @@ def test_without_await(family: str) -> None:
 @both_families
 @driven
 async def test_they_go_on_after_the_line_was_lost(family: str) -> None:
-    rig = make_rig(family)
-    with cable_to(rig) as cable:
-        async with rig.open(reconnect=True) as lidar:
-            async with lidar.sectors(depth=99) as sectors:
-                before = (await some(sectors, 20))[-1]
-                cable.pull()
-                await asyncio.sleep(2.0)
-                cable.plug()
-                while (first := await anext(sectors)).stamp_ns < before.stamp_ns + 2_000_000_000:
-                    pass
-                after = await some(sectors, 16)
-            assert (lidar.stats.reconnects, first.index) == (1, 0)
-            gap_s = (first.stamp_ns - before.stamp_ns) * 1e-9
-            assert abs(first.seq - before.seq - gap_s / rig.turn_s) <= 2
-            assert after[-1].seq == first.seq + 2
-            assert lidar.stats.scans + lidar.stats.missed_scans == first.seq + 2
-    assert left_still(rig)
+    async with on_a_cable(family) as (cable, lidar):
+        async with lidar.sectors(depth=99) as sectors:
+            before = (await some(sectors, 20))[-1]
+            cable.pull()
+            await asyncio.sleep(2.0)
+            cable.plug()
+            while (first := await anext(sectors)).stamp_ns < before.stamp_ns + 2_000_000_000:
+                pass
+            after = await some(sectors, 16)
+        assert (lidar.stats.reconnects, first.index) == (1, 0)
+        gap_s = (first.stamp_ns - before.stamp_ns) * 1e-9
+        assert abs(first.seq - before.seq - gap_s / cable.rig.turn_s) <= 2
+        assert after[-1].seq == first.seq + 2
+        assert lidar.stats.scans + lidar.stats.missed_scans == first.seq + 2
+    assert left_still(cable.rig)
 
 
 @both_families
