@@ -17,11 +17,10 @@ from lidario.port.simulated import connect_in_memory
 from lidario.session.finding import listening
 from lidario.session.finding.asking import Attempt, Woken, find_by_dtr
 from lidario.session.finding.connect import connect
-from lidario.session.finding.discovery import PortInfo
 from lidario.source import parse_source
 from tests.support.devices import make_rig
 from tests.support.loop import driven, now_ns, run_driven
-from tests.support.speeds import serial_in_memory
+from tests.support.speeds import plugged_in, serial_in_memory
 
 ONE_OF_EACH: dict[str, tuple[float, int]] = {  # seconds, bytes written
     "rplidar-s2": (0.2, 12),
@@ -51,16 +50,11 @@ ONE_OF_EACH: dict[str, tuple[float, int]] = {  # seconds, bytes written
 model of a family with others that obey, after it went on in spite of two STOPs; the LD14P is left with one."""
 
 
-def port(path: str) -> PortInfo:
-    return PortInfo(path, "", "CP2102", "")
-
-
 @pytest.mark.parametrize("model", ONE_OF_EACH)
 @driven
 async def test_auto_finds_each_in_turn(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
     device = make_rig(model).device
-    written = serial_in_memory(monkeypatch, only=device)
-    monkeypatch.setattr("lidario.session.finding.discovery.list_serial_ports", lambda: [port("only")])
+    written = plugged_in(monkeypatch, only=device)
     longest, most = ONE_OF_EACH[model]
     loop = asyncio.get_running_loop()
     began = loop.time()
@@ -93,8 +87,7 @@ async def test_a_name_that_two_families_have_is_that_of_the_one_that_is_heard(
 async def test_one_that_was_stopped_is_woken(monkeypatch: pytest.MonkeyPatch) -> None:
     device = make_rig("ldrobot-ld14p").device
     device.spin_up_s = 1.0
-    serial_in_memory(monkeypatch, only=device)
-    monkeypatch.setattr("lidario.session.finding.discovery.list_serial_ports", lambda: [port("only")])
+    plugged_in(monkeypatch, only=device)
     loop = asyncio.get_running_loop()
     device.receive(bytes.fromhex("54A104000000004A"), now_ns())
     began = loop.time()
@@ -167,10 +160,7 @@ TALKING = (
 @driven
 async def test_fifteen_of_them_together(monkeypatch: pytest.MonkeyPatch) -> None:
     models = TOGETHER
-    serial_in_memory(monkeypatch, **{model: make_rig(model).device for model in models})
-    monkeypatch.setattr(
-        "lidario.session.finding.discovery.list_serial_ports", lambda: [port(model) for model in models]
-    )
+    plugged_in(monkeypatch, **{model: make_rig(model).device for model in models})
     loop = asyncio.get_running_loop()
     began = loop.time()
     found = await list_lidars()
@@ -183,18 +173,15 @@ async def test_fifteen_of_them_together(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("share", [0.0, 0.1, 0.3])
+@pytest.mark.parametrize("share", [0.0, 0.3])
 def test_none_is_taken_for_another_where_packets_are_lost(share: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of those that are found by listening; the marks of two of them are the same."""
     random = np.random.default_rng(7)
-    for seed in range(5):
+    for seed in range(3):
         devices = {model: make_rig(model, seed=seed).device for model in TALKING}
         for device in devices.values():
             _lose(device, share, random)
-        serial_in_memory(monkeypatch, **devices)
-        monkeypatch.setattr(
-            "lidario.session.finding.discovery.list_serial_ports", lambda: [port(model) for model in TALKING]
-        )
+        plugged_in(monkeypatch, **devices)
 
         @driven
         async def main() -> None:
