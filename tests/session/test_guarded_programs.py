@@ -279,7 +279,7 @@ def test_a_response_that_the_device_still_owes(model: str, tmp_path: Path) -> No
         with child(UNDISTURBED + HEAD + WHEN_TOLD + RUN, server.path, str(begin)) as process:
             line_of(process)
             with server.lock:
-                server.device.response_delay_s = 0.7  # type: ignore[attr-defined]
+                server.device.response_delay_s = 0.3  # type: ignore[attr-defined]
             begin.touch()
             until(lambda: any("scan" in each.name for each in requests(server)))
             killed(process, server)

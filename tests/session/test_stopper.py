@@ -27,10 +27,6 @@ if sys.platform != "win32":
     LOOPS.append(uvloop.new_event_loop)
 
 
-UNKNOWN = len(FAMILIES[0].device().halt_unknown())
-"""Requests that are written at the end to a device that has not said what it is."""
-
-
 class Paper:
     """Notes the requests that it is to write, and listens a little later than now."""
 
@@ -54,8 +50,7 @@ class Paper:
     def settled(self, still: bool) -> None:
         self.told.append(still)
 
-    def close_port(self) -> None:
-        self.is_open = False
+    def close_port(self) -> None: ...
 
 
 @driven
@@ -119,60 +114,6 @@ async def test_a_device_that_owes_a_response_is_told_again_when_it_has_come(come
     assert loop.time() == pytest.approx(1000.72 if comes else 1001.52, abs=0.01)
     assert len(paper.written) == 2 * count
     assert paper.told == [True]
-
-
-@driven
-async def test_a_line_that_is_left_is_not_waited_for() -> None:
-    """Also where the stop requests were written before, and a response is owed."""
-    loop = asyncio.get_running_loop()
-    paper = Paper(0.0)
-    paper.owes_until = loop.time() + 1.5
-    stopper = Stopper(paper, paper, FAMILIES[0].device(), 0.02)
-    stopper.stop()
-    await asyncio.sleep(0.1)
-    stopper.hang_up(patient=False)
-    await stopper.surely_settled()
-    assert not paper.is_open
-    assert loop.time() < 1000.2
-
-
-@driven
-async def test_a_device_that_goes_on_sending_is_told_three_times(caplog: pytest.LogCaptureFixture) -> None:
-    paper = Paper(0.0)
-    stopper = Stopper(paper, paper, FAMILIES[0].device(), 0.02)
-
-    async def send() -> None:
-        while paper.is_open:
-            paper.bytes_received += 1
-            await asyncio.sleep(0.001)
-
-    sending = asyncio.ensure_future(send())
-    stopper.hang_up()
-    assert paper.is_open
-    async with asyncio.timeout(5.0):
-        await sending
-    assert paper.told == [False]
-    assert len(paper.written) == 3 * len(stopper.requests()) + UNKNOWN
-    assert [record.getMessage() for record in caplog.records] == [
-        "the device goes on sending after 3 stop requests"
-    ]
-
-
-@driven
-async def test_the_port_is_closed_when_the_line_is_quiet(caplog: pytest.LogCaptureFixture) -> None:
-    loop = asyncio.get_running_loop()
-    paper = Paper(0.0)
-    stopper = Stopper(paper, paper, FAMILIES[0].device(), 0.02)
-    # The rest of the packet that was being sent.
-    loop.call_later(0.005, setattr, paper, "bytes_received", 40)
-    began = loop.time()
-    stopper.hang_up()
-    async with asyncio.timeout(5.0):
-        while paper.is_open:
-            await asyncio.sleep(0.001)
-    assert loop.time() - began == pytest.approx(0.04, abs=0.003)
-    assert len(paper.written) == 2 * len(stopper.requests()) + UNKNOWN
-    assert not caplog.records
 
 
 @pytest.mark.parametrize("make_loop", LOOPS)

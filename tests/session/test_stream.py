@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidario import Busy, DeviceLost, InvalidValue, Scan
+from lidario import Busy, DeviceLost, Scan
 from lidario.session.streaming.stream import Hub, Mailbox
 from tests.support.loop import driven
 
@@ -27,19 +27,6 @@ async def test_the_latest_win_and_the_rest_are_counted(depth: int) -> None:
     got = [await mailbox.get() for _ in range(depth)]
     assert [scan.seq for scan in got] == list(range(10 - depth, 10))
     assert [scan.dropped_before for scan in got] == [10 - depth] + [0] * (depth - 1)
-
-
-@driven
-async def test_an_ended_mailbox_gives_what_it_holds_first() -> None:
-    mailbox = Mailbox(2)
-    mailbox.put(numbered(0))
-    mailbox.end(DeviceLost("gone"))
-    mailbox.end()
-    assert mailbox.put(numbered(1)) == 0
-    assert (await mailbox.get()).seq == 0
-    for _ in range(2):
-        with pytest.raises(DeviceLost, match="gone"):
-            await mailbox.get()
 
 
 @driven
@@ -72,21 +59,6 @@ async def test_a_reader_that_only_the_loop_holds_is_not_collected() -> None:
 
 
 @driven
-async def test_the_hub_hands_scans_to_those_it_holds() -> None:
-    hub, kept, other = Hub(), Mailbox(1), Mailbox(1)
-    hub.add(kept)
-    hub.add(other)
-    hub.discard(other)
-    assert len(hub) == 1
-    hub.publish(numbered(0))
-    hub.publish(numbered(1))
-    assert hub.dropped == 1
-    hub.discard(kept)
-    hub.publish(numbered(2))
-    assert (await kept.get()).seq == 1
-
-
-@driven
 async def test_each_reader_gets_an_error_of_its_own() -> None:
     hub, mailboxes = Hub(), [Mailbox(1), Mailbox(1)]
     for mailbox in mailboxes:
@@ -100,11 +72,6 @@ async def test_each_reader_gets_an_error_of_its_own() -> None:
         errors.append(caught.value)
     assert errors[0] is not errors[1]
     assert errors[0].__cause__ is errors[1].__cause__ is cause
-
-
-def test_a_mailbox_holds_at_least_one() -> None:
-    with pytest.raises(InvalidValue, match="not 0"):
-        Mailbox(0)
 
 
 @driven
