@@ -48,7 +48,7 @@ def test_one_byte_in_a_thousand(case: Case) -> None:
 
 
 @one_a_parser([case for case in PACKET_CASES if case.response_type != 0x83])  # it is repaired
-@pytest.mark.parametrize("bit", [3, 20, 61, 333, -70, -9, -1])
+@pytest.mark.parametrize("bit", [3, 61, 333, -70, -1])
 def test_a_flipped_bit_costs_its_packet_and_nothing_else(case: Case, bit: int) -> None:
     for number in (case.turns[1][0].packet + 3, case.turns[1][-1].packet - 2):
         packet = bytearray(case.packets[number])

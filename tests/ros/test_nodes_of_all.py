@@ -21,7 +21,7 @@ from tests.ros.test_nodes import COUNT, MUST_BE_NAMED, published, scans_of
 from tests.support.loop import run_driven
 from tests.support.messages import scans_of_file
 from tests.support.router import Router
-from tests.support.samples import MODELS, SOME_MODELS
+from tests.support.samples import SOME_MODELS
 from tests.support.walls import LONGEST_M, WALLS, from_walls, is_all_around
 
 TROUBLE = {
@@ -32,10 +32,10 @@ TROUBLE = {
 }
 CASES = [("record", "spin-up"), ("topic", "none"), ("export", "flip"), ("record", "drop"), ("topic", "spin-up")]
 WAYS_AND_MODELS = [
-    *((*CASES[number % len(CASES)], model) for number, model in enumerate(MODELS)),
+    *((*CASES[number % len(CASES)], model) for number, model in enumerate(SOME_MODELS)),
     *((*case, model) for case in CASES for model in SOME_MODELS[:: len(CASES)]),
 ]
-"""Every model once, in turns, and some in every way."""
+"""A model of every kind once, in turns, and some in every way."""
 SOUND = 0.98
 """Share of the returns of a message, and on a damaged line of all: not every format has a check sum, and what is
 read behind a byte that was lost, until the packets are found again, is anywhere."""

@@ -163,7 +163,7 @@ def in_turns(kinds: tuple[str, ...]) -> list[tuple[Scenario, str, str]]:
 @pytest.mark.exhaustive(
     "what", sample=in_turns(EVERY_KIND), full=[*product(SCENARIOS, WAYS, FAMILIES), *in_turns(OTHERS)]
 )
-@pytest.mark.exhaustive("points", sample=[4], full=[25])
+@pytest.mark.exhaustive("points", sample=[4], full=[12])
 def test_cancelled_anywhere_the_device_is_left_still(what: tuple[Scenario, str, str], points: int) -> None:
     scenario, how, family = what
     turns = turns_of(scenario, family)

@@ -127,7 +127,7 @@ def run_plain(rig: Rig, work: Callable[[Lidar], Awaitable[None]], at: int, monke
 @pytest.mark.filterwarnings("ignore:coroutine .* was never awaited")  # a task that the loop had not begun yet
 @both_families
 @pytest.mark.parametrize("work", WORK)
-@pytest.mark.exhaustive("points", sample=[8], full=[60])
+@pytest.mark.exhaustive("points", sample=[8], full=[20])
 def test_a_plain_loop_is_ended_at_every_turn(
     family: str, work: Callable[[Lidar], Awaitable[None]], points: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

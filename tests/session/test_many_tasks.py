@@ -151,7 +151,7 @@ class Program:
 @pytest.mark.usefixtures("quick_collection")
 @pytest.mark.parametrize("family", EVERY_FAMILY)
 @pytest.mark.parametrize("reconnect", [False, True])
-@pytest.mark.exhaustive("seed", sample=range(2), full=range(8))
+@pytest.mark.exhaustive("seed", sample=range(2), full=range(4))
 @driven
 async def test_many_tasks_at_once(family: str, seed: int, *, reconnect: bool) -> None:
     rig = make_rig(family)

@@ -216,7 +216,7 @@ async def test_a_program_that_blocks_its_loop_meanwhile(family: str) -> None:
 
 
 @both_families
-@pytest.mark.exhaustive("points", sample=[4], full=[30])
+@pytest.mark.exhaustive("points", sample=[4], full=[12])
 def test_the_cable_is_pulled_out_again_at_every_step_of_coming_back(family: str, points: int) -> None:
     async def main(step: int) -> int:
         rig = make_rig(family)

@@ -88,7 +88,7 @@ async def test_a_fault_that_stays_is_raised_with_its_code(family: str) -> None:
     assert left_still(rig)
 
 
-@pytest.mark.exhaustive("connects", sample=[200], full=[1000])
+@pytest.mark.exhaustive("connects", sample=[100], full=[300])
 @driven
 async def test_many_connects_to_a_device_that_still_streams(connects: int) -> None:
     random = np.random.default_rng(7)
