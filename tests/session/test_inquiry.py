@@ -10,7 +10,7 @@ import pytest
 
 from lidario import DeviceFault, Lidar, StreamFailed
 from lidario.revolution.seam import Seam
-from tests.support.devices import Rig, both_families, left_still, make_rig, names
+from tests.support.devices import Rig, both_families, end_of, left_still, make_rig, names
 from tests.support.loop import driven, driven_loop, now
 from tests.support.session import scanner_of
 
@@ -32,10 +32,8 @@ async def error_of(
         await anext(stream)
         began = now()
         harm()
-        with pytest.raises(kind) as caught:
-            while True:
-                await anext(stream)
-        return str(caught.value), now() - began
+        error = await end_of(stream, kind)
+        return str(error), now() - began
 
 
 @both_families
@@ -89,10 +87,8 @@ async def test_a_second_protection_stop_within_a_minute_is_raised(family: str) -
             for _ in range(20):
                 await anext(stream)
             rig.device.protection_stop(CODE)
-            with pytest.raises(DeviceFault, match=r"0x8001.*again within 60 s") as caught:
-                while True:
-                    await anext(stream)
-        assert caught.value.health.code == CODE
+            caught = await end_of(stream, DeviceFault, r"0x8001.*again within 60 s")
+        assert caught.health.code == CODE
         assert lidar.health.code == CODE
         assert lidar.stats.protection_stops == 2
         assert names(rig).count("reset") == 1
@@ -203,11 +199,7 @@ async def test_a_well_device_that_falls_silent_is_restarted(family: str, caplog:
                 assert (lidar.stats.restarts, lidar.stats.protection_stops) == (count, 0)
             assert "no scan data for 0.6 s" in caplog.text
             fall_silent(rig)
-            with pytest.raises(
-                StreamFailed, match="fourth time within 60 s, though it responds and its health is ok"
-            ):
-                while True:
-                    await anext(stream)
+            await end_of(stream, why="fourth time within 60 s, though it responds and its health is ok")
         assert await lidar.scan()
     assert left_still(rig)
 
@@ -323,9 +315,7 @@ async def test_whatever_is_done_while_the_device_is_asked(family: str, harm: str
                 await asyncio.sleep(0.004)
         if act == "stop":
             await lidar.stop()
-            with pytest.raises(StopAsyncIteration):
-                while True:
-                    await anext(stream)
+            await end_of(stream, StopAsyncIteration)
         elif act == "close":
             await lidar.close()
         elif act == "leave":

@@ -12,7 +12,7 @@ import lidario
 from lidario.errors import Busy
 from lidario.session.streaming.line_changes import MOST, LineChange, LineChanges, LineWatch
 from tests.support.cable import on_a_cable
-from tests.support.devices import both_families, make_rig
+from tests.support.devices import both_families, end_of, make_rig
 from tests.support.loop import driven
 
 
@@ -56,12 +56,10 @@ async def test_without_reconnecting_it_ends(family: str) -> None:
         stream = lidar.scans()
         await anext(stream)
         cable.pull()
-        with pytest.raises(lidario.DeviceLost) as lost:
-            while True:
-                await anext(stream)
+        lost = await end_of(stream, lidario.DeviceLost)
         changes = await reading
         assert [change.state for change in changes] == ["connected", "ended"]
-        assert str(lost.value) == changes[1].reason
+        assert str(lost) == changes[1].reason
         assert await all_of(lidar.line_changes()) == []
 
 

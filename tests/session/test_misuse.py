@@ -19,14 +19,11 @@ from tests.support.loop import driven
 from tests.support.session import inside_of
 
 
-def test_open_lidar_is_not_for_a_plain_with() -> None:
+def test_open_lidar_is_neither_iterated_nor_for_a_plain_with() -> None:
     with pytest.raises(LocalProtocolError, match=r"async with.*open_sync"), lidario.open_lidar("sim://rplidar-s2"):
         raise AssertionError("never here")
     with pytest.raises(LocalProtocolError, match=r"async with.*open_sync"):
         iter(lidario.open_lidar("sim://rplidar-s2"))
-
-
-def test_open_lidar_is_not_iterated() -> None:
     with pytest.raises(LocalProtocolError, match=r"async with.*scans\(\)"):
         aiter(lidario.open_lidar("sim://rplidar-s2"))
 
@@ -53,7 +50,7 @@ async def test_one_opening_is_entered_by_one_block_at_a_time() -> None:
 
 
 @driven
-async def test_a_recording_is_not_for_a_plain_with(tmp_path: Path) -> None:
+async def test_a_lidar_is_neither_iterated_nor_entered_by_a_plain_with(tmp_path: Path) -> None:
     rig = make_rig("rplidar")
     async with rig.open() as lidar:
         with (
@@ -61,12 +58,6 @@ async def test_a_recording_is_not_for_a_plain_with(tmp_path: Path) -> None:
             lidar.record(tmp_path / "x.mcap"),
         ):
             raise AssertionError("never here")
-
-
-@driven
-async def test_a_lidar_is_neither_iterated_nor_entered_by_a_plain_with() -> None:
-    rig = make_rig("rplidar")
-    async with rig.open() as lidar:
         with pytest.raises(LocalProtocolError, match=r"lidar\.scans\(\)"):
             aiter(lidar)
         with pytest.raises(LocalProtocolError, match="async with"), lidar:

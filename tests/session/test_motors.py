@@ -10,31 +10,35 @@ import asyncio
 import numpy as np
 import pytest
 
-from lidario import Unsupported
+from lidario import HealthStatus, Unsupported
 from lidario.sim.rooms import make_world
-from tests.support.devices import SWITCHED, Rig, discarded, left_still, make_rig, names, take
+from tests.support.devices import FAMILIES, SWITCHED, Rig, discarded, left_still, make_rig, names, take
 from tests.support.loop import driven, now_ns
 
 TURNS_S = {"rplidar-a1": 60 / 428, "rplidar-a2": 0.1, "rplidar-a3": 0.1, "rplidar-c1": 0.1}
-models = pytest.mark.parametrize("model", TURNS_S)
 switched = pytest.mark.parametrize("model", SWITCHED)
 
 
 def rig_of(model: str) -> Rig:
     rig = make_rig(model, world=make_world("circle"))
-    rig.turn_s = TURNS_S[model]
+    rig.turn_s = TURNS_S.get(model, rig.turn_s)
     return rig
 
 
-@models
+@pytest.mark.parametrize("model", [*FAMILIES, *TURNS_S])
 @driven
 async def test_scans_show_the_world_and_the_device_is_left_still(model: str) -> None:
     rig = rig_of(model)
     async with rig.open() as lidar:
-        scans = await take(lidar, 4)
-        assert [scan.seq for scan in scans] == [0, 1, 2, 3]
+        assert lidar.health.status is HealthStatus.OK
+        scans = await take(lidar, 5)
+        assert [scan.seq for scan in scans] == [0, 1, 2, 3, 4]
         for scan in scans:
-            np.testing.assert_allclose(scan.ranges, 2.0, atol=0.006)
+            np.testing.assert_allclose(scan.ranges, 2.0, atol=0.006 if model in TURNS_S else 0.002)
+            steps = np.diff(np.unwrap(scan.angles.astype(np.float64)))
+            assert (steps < 0).all(), "the device turns clockwise, so angles fall"
+            assert abs(len(scan) * steps.mean()) == pytest.approx(2 * np.pi, rel=0.01)
+            assert scan.lost_packets == scan.dropped_before == 0
         assert scans[-1].rpm == pytest.approx(60 / rig.turn_s, rel=0.01)
         assert left_still(rig)
         assert len(await take(lidar, 2)) == 2

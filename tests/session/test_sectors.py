@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import lidario
-from lidario import InvalidValue, Lidar, LocalProtocolError, Scan, Sector
+from lidario import InvalidValue, Lidar, Scan, Sector
 from lidario.blocking import open_sync
 from lidario.port.line import Schedule
 from lidario.port.port import Port
@@ -138,8 +138,6 @@ async def test_sizes_that_are_none(degrees: float) -> None:
             lidar.sectors(degrees)
         with pytest.raises(InvalidValue, match="at least one sector"):
             lidar.sectors(depth=0)
-        with pytest.raises(LocalProtocolError, match="async for"):
-            iter(lidar.sectors())
 
 
 @pytest.mark.long

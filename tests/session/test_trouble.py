@@ -13,38 +13,23 @@ from lidario import (
     InternalError,
     ResponseTimeout,
     Scan,
-    ScanStream,
     StreamFailed,
     open_lidar,
 )
 from lidario.revolution.seam import Seam
-from tests.support.devices import Rig, both_families, left_still, make_rig, names, take
+from tests.support.devices import Rig, both_families, end_of, left_still, make_rig, names, take
 from tests.support.loop import driven, driven_loop, now_ns
 from tests.support.session import inside_of
-
-
-async def until_it_fails(stream: ScanStream, why: str) -> None:
-    """Take scans until the stream fails for that reason."""
-    with pytest.raises(StreamFailed, match=why):
-        while True:
-            await anext(stream)
 
 
 @driven
 async def test_a_session_that_was_ended_by_its_device_is_told_once(caplog: pytest.LogCaptureFixture) -> None:
     async with open_lidar("sim://rplidar-s2?via=memory&fault=unplug:1s") as lidar:
-        with pytest.raises(DeviceLost):
-            await asyncio.gather(*(read_on(lidar.scans()) for _ in range(2)))
+        await asyncio.gather(*(end_of(lidar.scans(), DeviceLost) for _ in range(2)))
         await asyncio.sleep(1.0)
     (told,) = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
     assert told.startswith("the session ended: ")
     assert "unplugged" in told
-
-
-async def read_on(stream: ScanStream) -> None:
-    """Take scans as long as there are any."""
-    async for _ in stream:
-        pass
 
 
 @both_families
@@ -121,13 +106,7 @@ async def test_an_unplugged_device_ends_every_stream_and_waiter() -> None:
         streams = [lidar.scans() for _ in range(3)]
         for stream in streams:
             await anext(stream)
-
-        async def until_lost(stream: object) -> None:
-            with pytest.raises(DeviceLost, match="unplugged"):
-                while True:
-                    await anext(stream)  # type: ignore[call-overload]
-
-        await asyncio.gather(*map(until_lost, streams))
+        await asyncio.gather(*(end_of(stream, DeviceLost, "unplugged") for stream in streams))
         with pytest.raises(DeviceLost) as caught:
             await lidar.get_health()
         assert caught.value.__cause__ is not None
@@ -153,7 +132,7 @@ async def test_a_stream_that_turns_to_noise_ends_and_leaves_nothing_behind(famil
             await anext(stream)
             clean = rig.device.transmit
             rig.device.transmit = lambda now: random.bytes(len(clean(now)))
-            await until_it_fails(stream, "only noise arrives")
+            await end_of(stream, why="only noise arrives")
             assert lidar.stats.skipped_bytes > 10_000
             assert lidar.stats.buffered < 4096
             rig.device.transmit = clean
@@ -176,11 +155,9 @@ async def test_a_mistake_of_ours_ends_the_stream_and_says_so(family: str, monkey
     async with rig.open() as lidar, lidar.scans() as stream:
         await anext(stream)
         monkeypatch.setattr(Seam, "splits", blunder)
-        with pytest.raises(InternalError, match=r"IndexError\('a bug'\).*report") as caught:
-            while True:
-                await anext(stream)
-        assert isinstance(caught.value.__cause__, InternalError)
-        assert isinstance(caught.value.__cause__.__cause__, IndexError)
+        caught = await end_of(stream, InternalError, r"IndexError\('a bug'\).*report")
+        assert isinstance(caught.__cause__, InternalError)
+        assert isinstance(caught.__cause__.__cause__, IndexError)
     assert left_still(rig)
 
 
@@ -194,7 +171,7 @@ async def test_a_device_that_does_not_come_back_from_a_reset(family: str) -> Non
             rig.device.boot_s = 600.0
             with pytest.raises(ResponseTimeout, match="no response to"):
                 await lidar.reset()
-            await until_it_fails(stream, "could not be started again")
+            await end_of(stream, why="could not be started again")
         assert not lidar.is_scanning
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import asyncio
+from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
 from typing import Any
 
 import pytest
 
+from lidario import StreamFailed
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
 from lidario.session.opening import OpenLidar, open_lidar
@@ -110,6 +112,15 @@ async def take(lidar: Lidar, count: int) -> list[Scan]:
             if len(scans) == count:
                 break
     return scans
+
+
+async def end_of(stream: AsyncIterator[object], kind: type[Exception] = StreamFailed, why: str = "") -> Any:
+    """Take scans until the stream ends; the error that it ends with."""
+    with pytest.raises(kind, match=why or None) as caught:
+        async with asyncio.timeout(60.0):
+            while True:
+                await anext(stream)
+    return caught.value
 
 
 def change_info(rig: Rig, change: Callable[[bytes], bytes], patch: pytest.MonkeyPatch) -> None:
