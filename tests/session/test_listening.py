@@ -60,37 +60,29 @@ async def test_a_device_that_streams_is_recognised_before_a_byte_is_written(
         assert {speed for speed, _ in written} == {speed_of(device)} <= set(speeds)
 
 
+ONE_SPEED = pytest.param(
+    True, marks=pytest.mark.discards("the questions of both families reach a device that boots"), id="one speed"
+)
+
+
+@pytest.mark.parametrize("shared", [pytest.param(False, id="by speed"), ONE_SPEED])
 @pytest.mark.parametrize("boot_s", [0.7, 2.0, 3.1, 4.2])
 @pytest.mark.parametrize("model", ["rplidar-s1", "rplidar-s2", "ydlidar-4ros"])
-def test_a_device_that_boots_is_asked_again(model: str, boot_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
+@driven
+async def test_a_device_that_boots_is_asked_again(
+    model: str, boot_s: float, shared: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is found a round after the boot at the latest, or a round after the models that need DTR were asked."""
     device = make_rig(model).device
     serial_in_memory(monkeypatch, boots=device)
-    found_while_it_boots(device, boot_s, "boots")
-
-
-@pytest.mark.discards("the questions of both families reach a device that boots")
-@pytest.mark.parametrize("boot_s", [0.7, 2.0, 3.1, 4.2])
-@pytest.mark.parametrize("model", ["rplidar-s1", "rplidar-s2", "ydlidar-4ros"])
-def test_so_is_one_whose_speed_does_not_tell_its_family(model: str, boot_s: float) -> None:
-    device = make_rig(model).device
-    found_while_it_boots(device, boot_s, device)
-
-
-def found_while_it_boots(device: Any, boot_s: float, source: Any) -> None:
-    """It is found a round after the boot at the latest, or a round after the models that need DTR were asked."""
-    family = device.profile.name.partition("-")[0]
+    family = model.partition("-")[0]
     device.boot_s = boot_s
-
-    @driven
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        device.receive(b"\xa5\x80" if family == "ydlidar" else b"\xa5\x40", now_ns())
-        began = loop.time()
-        async with open_lidar(source) as lidar:
-            assert lidar.info.family == family
-            assert loop.time() - began < boot_s + 8.5
-
-    main()
+    loop = asyncio.get_running_loop()
+    device.receive(b"\xa5\x80" if family == "ydlidar" else b"\xa5\x40", now_ns())
+    began = loop.time()
+    async with open_lidar(device if shared else "boots") as lidar:
+        assert lidar.info.family == family
+        assert loop.time() - began < boot_s + 8.5
 
 
 @pytest.mark.discards("half a request swallows what follows it")
