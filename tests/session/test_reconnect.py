@@ -100,26 +100,24 @@ async def test_it_goes_on_after(family: str, trouble: Callable[[Any], None], res
 
 @driven
 async def test_a_setting_is_made_again() -> None:
-    rig = make_rig("ydlidar")
-    rig.device.zero_offset = 40
-    with cable_to(rig) as cable:
-        async with rig.open(reconnect=True) as lidar:
-            await lidar.set_power_down_protection(True)
-            await lidar.set_scan_frequency(9.0)
-            await lidar.set_zero_offset(True)
-            async with lidar.scans() as stream:
-                before = await anext(stream)
-                cable.pull()
-                cable.plug()
-                pulled = now()
-                rig.device.zero_offset = 80
-                after = await next_after(stream, pulled)
-                assert math.isclose(after.rpm, 540, rel_tol=0.03)
-                assert after.seam != before.seam
-                # Without the keepalives it would stop by itself after three seconds.
-                await next_after(stream, now() + 5.0)
-                assert lidar.stats.keepalives >= 4
-            assert lidar.stats.reconnects == 1
+    async with on_a_cable("ydlidar") as (cable, lidar):
+        cable.rig.device.zero_offset = 40
+        await lidar.set_power_down_protection(True)
+        await lidar.set_scan_frequency(9.0)
+        await lidar.set_zero_offset(True)
+        async with lidar.scans() as stream:
+            before = await anext(stream)
+            cable.pull()
+            cable.plug()
+            pulled = now()
+            cable.rig.device.zero_offset = 80
+            after = await next_after(stream, pulled)
+            assert math.isclose(after.rpm, 540, rel_tol=0.03)
+            assert after.seam != before.seam
+            # Without the keepalives it would stop by itself after three seconds.
+            await next_after(stream, now() + 5.0)
+            assert lidar.stats.keepalives >= 4
+        assert lidar.stats.reconnects == 1
 
 
 @driven
@@ -175,44 +173,40 @@ async def test_another_lidar_on_the_same_port_is_not_taken_for_it(
 
 @driven
 async def test_taps_see_the_new_line() -> None:
-    rig = make_rig("rplidar")
     seen: list[str] = []
 
     def tap(direction: str, data: bytes, now: int) -> None:
         seen.append(direction)
 
-    with cable_to(rig) as cable:
-        async with rig.open(reconnect=True) as lidar:
-            lidar.tap(tap)
-            async with lidar.scans() as stream:
-                await anext(stream)
-                cable.pull()
-                seen.clear()
-                cable.plug()
-                await next_after(stream, now())
-                assert {"in", "out"} <= set(seen)
-                lidar.untap(tap)
-                seen.clear()
-                await anext(stream)
-                assert not seen
+    async with on_a_cable("rplidar") as (cable, lidar):
+        lidar.tap(tap)
+        async with lidar.scans() as stream:
+            await anext(stream)
+            cable.pull()
+            seen.clear()
+            cable.plug()
+            await next_after(stream, now())
+            assert {"in", "out"} <= set(seen)
+            lidar.untap(tap)
+            seen.clear()
+            await anext(stream)
+            assert not seen
 
 
 @both_families
 @driven
 async def test_a_program_that_blocks_its_loop_meanwhile(family: str) -> None:
-    rig = make_rig(family)
     loop = driven_loop()
-    with cable_to(rig) as cable:
-        async with rig.open(reconnect=True) as lidar, lidar.scans() as stream:
-            await anext(stream)
-            cable.pull()
-            cable.plug()
-            for _ in range(12):
-                loop.block(0.7)
-                await asyncio.sleep(0.01)
-            await next_after(stream, now())
-            assert lidar.stats.reconnects >= 1
-    assert left_still(rig)
+    async with on_a_cable(family) as (cable, lidar), lidar.scans() as stream:
+        await anext(stream)
+        cable.pull()
+        cable.plug()
+        for _ in range(12):
+            loop.block(0.7)
+            await asyncio.sleep(0.01)
+        await next_after(stream, now())
+        assert lidar.stats.reconnects >= 1
+    assert left_still(cable.rig)
 
 
 @both_families

@@ -14,8 +14,8 @@ from lidario import DeviceLost, InvalidValue, LidarError, Reconnect, SessionClos
 from lidario.session.finding.reconnect import Step
 from lidario.session.talking.dialogue import Dialogue
 from tests.support.cable import cable_to, on_a_cable
-from tests.support.coming_back import causes, next_after, read_to_the_end
-from tests.support.devices import both_families, left_still, make_rig, take
+from tests.support.coming_back import causes, next_after
+from tests.support.devices import both_families, end_of, left_still, make_rig, take
 from tests.support.loop import driven, now, now_ns
 from tests.support.session import reconnector_of
 
@@ -28,11 +28,9 @@ async def test_it_gives_up_at_the_limit_with_the_first_error(family: str) -> Non
             await anext(stream)
             cable.pull()
             began = now()
-            with pytest.raises(DeviceLost, match=r"did not come back within 10 s .*no such port") as caught:
-                await read_to_the_end(stream)
+            error = await end_of(stream, DeviceLost, r"did not come back within 10 s .*no such port")
         assert math.isclose(now() - began, 10.0, abs_tol=0.2)
-        chain = [caught.value, *causes(caught.value)]
-        assert any("unplugged" in str(each) for each in chain[1:])
+        assert any("unplugged" in str(each) for each in causes(error))
         with pytest.raises(DeviceLost, match="did not come back"):
             await lidar.get_health()
         with pytest.raises(DeviceLost, match="did not come back"):
@@ -55,8 +53,7 @@ async def test_a_device_that_responds_but_never_scans_does_not_put_the_limit_off
             rig.device.reboot(now_ns())
             rig.device.spin_up_s = 1e6
             began = now()
-            with pytest.raises(DeviceLost, match="did not come back within 30 s"):
-                await read_to_the_end(stream)
+            await end_of(stream, DeviceLost, "did not come back within 30 s")
         # A start that is under way at the limit is waited for: five seconds without a packet, and the questions
         # that follow them.
         assert now() - began < 40.0
@@ -99,32 +96,31 @@ async def test_a_stream_that_waits_for_a_question_when_the_line_is_lost(
     family: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The task that starts it gets its turn when there is no line any more, and does not try again and again."""
-    rig, begin, operations = make_rig(family), Dialogue.begin, itertools.count()
+    begin, operations = Dialogue.begin, itertools.count()
 
     def begin_and_count(self: Dialogue) -> None:
         assert next(operations) < 20
         begin(self)
 
     monkeypatch.setattr(Dialogue, "begin", begin_and_count)
-    with cable_to(rig) as cable:
-        async with rig.open(reconnect=True) as lidar:
-            asked = asyncio.ensure_future(lidar.get_health())
-            await asyncio.sleep(0.0005)
-            async with lidar.scans() as stream:
-                reading = asyncio.ensure_future(anext(stream))
-                await asyncio.sleep(0)
-                assert not asked.done()
-                cable.pull()
-                with pytest.raises(DeviceLost):
-                    await asked
-                await asyncio.sleep(1.0)
-                assert not reading.done()
-                assert lidar.is_scanning
-                cable.plug()
-                began = now()
-                assert (await reading).stamp_ns * 1e-9 > began
-                assert lidar.stats.reconnects == 1
-    assert left_still(rig)
+    async with on_a_cable(family) as (cable, lidar):
+        asked = asyncio.ensure_future(lidar.get_health())
+        await asyncio.sleep(0.0005)
+        async with lidar.scans() as stream:
+            reading = asyncio.ensure_future(anext(stream))
+            await asyncio.sleep(0)
+            assert not asked.done()
+            cable.pull()
+            with pytest.raises(DeviceLost):
+                await asked
+            await asyncio.sleep(1.0)
+            assert not reading.done()
+            assert lidar.is_scanning
+            cable.plug()
+            began = now()
+            assert (await reading).stamp_ns * 1e-9 > began
+            assert lidar.stats.reconnects == 1
+    assert left_still(cable.rig)
 
 
 @both_families
@@ -151,7 +147,7 @@ async def test_stop_while_it_is_away(family: str, returns: bool) -> None:
     async with on_a_cable(family) as (cable, lidar):
         stream = lidar.scans()
         await anext(stream)
-        reader = asyncio.ensure_future(read_to_the_end(stream))
+        reader = asyncio.ensure_future(end_of(stream, StopAsyncIteration))
         cable.pull()
         await asyncio.sleep(1.0)
         began = now()
@@ -188,8 +184,7 @@ async def test_a_mistake_of_ours_ends_the_session(monkeypatch: pytest.MonkeyPatc
         async with lidar.scans() as stream:
             await anext(stream)
             cable.pull()
-            with pytest.raises(LidarError, match="please report this"):
-                await read_to_the_end(stream)
+            await end_of(stream, LidarError, "please report this")
 
 
 @pytest.mark.parametrize(

@@ -18,33 +18,15 @@ pytestmark = pytest.mark.usefixtures("quick_collection")
 on_the_way = pytest.mark.exhaustive("after_s", sample=ON_THE_WAY_S[::3], full=ON_THE_WAY_S)
 
 
-@both_families
-@driven
-async def test_the_stop_requests_go_to_the_new_port(family: str) -> None:
-    rig = make_rig(family)
-    with cable_to(rig) as cable:
-        async with rig.open(reconnect=True) as lidar:
-            async for scan in lidar.scans():
-                if scan.seq == 1:
-                    cable.pull()
-                    cable.plug()
-                elif lidar.stats.reconnects:
-                    break
-            assert rig.device.scanning
-        assert left_still(rig)
-
-
 @driven
 async def test_the_motor_that_shall_go_on_does() -> None:
-    rig = make_rig("rplidar")
-    with cable_to(rig) as cable:
-        async with rig.open(reconnect=True, keep_spinning=True) as lidar, lidar.scans() as stream:
-            await anext(stream)
-            cable.pull()
-            cable.plug(boots=False)
-            await next_after(stream, now())
-        assert rig.device.motor_on
-        assert not rig.device.scanning
+    async with on_a_cable("rplidar", keep_spinning=True) as (cable, lidar), lidar.scans() as stream:
+        await anext(stream)
+        cable.pull()
+        cable.plug(boots=False)
+        await next_after(stream, now())
+    assert cable.rig.device.motor_on
+    assert not cable.rig.device.scanning
 
 
 @on_the_way

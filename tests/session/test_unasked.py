@@ -29,7 +29,6 @@ OTHERS = {
     "XV-11 or alike": ["lds02rr"],
 }
 """What else some could be, as far as anybody knows."""
-NAMED = {"ydlidar-x4-pro": "x4pro", "ydlidar-s2-pro": "s2pro"}
 talkers = pytest.mark.parametrize(
     "model", ["ldrobot-ld06", "ydlidar-x2", "neato-xv11", "camsense-x1", "irobotix-delta2a"]
 )
@@ -218,7 +217,6 @@ def test_an_unknown_model_is_answered_with_the_known_ones() -> None:
 @driven
 async def test_one_whose_motor_nobody_powers_says_so_and_makes_no_scans_of_what_comes() -> None:
     rig = make_rig("neato-xv11")
-    asyncio.get_running_loop()
     async with opened(rig) as lidar:
         with pytest.raises(StreamFailed, match="the motor does not turn as it should: 60 revolutions a minute"):
             async for scan in lidar.scans():

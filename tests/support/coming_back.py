@@ -38,9 +38,3 @@ def causes(error: BaseException) -> list[BaseException]:
         found.append(cause)
         cause = cause.__cause__
     return found
-
-
-async def read_to_the_end(stream: ScanStream) -> None:
-    async with asyncio.timeout(60.0):
-        async for _ in stream:
-            pass

@@ -46,7 +46,6 @@ SWITCHED = ("rplidar-a1", "rplidar-a2")
 EVERY_KIND = (*EVERY_FAMILY, *SWITCHED)
 OTHERS = tuple(name for name in EVERY_KIND if name not in FAMILIES)
 both_families = pytest.mark.parametrize("family", FAMILIES)
-obedient_families = pytest.mark.parametrize("family", OBEDIENT)
 
 
 def make_rig(name: str, model: str = "", **options: Any) -> Rig:

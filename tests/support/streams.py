@@ -185,9 +185,3 @@ def assembled(case: Case, raw: bytes, chunks: Chunks = 64, times: Callable[[int]
     for chunk, end in zip(pieces, accumulate(map(len, pieces)), strict=True):
         scans += pipeline.receive(chunk, clock(end))
     return Assembled(scans, pipeline.stats, pipeline.link.stats)
-
-
-def turn_times(case: Case) -> list[float]:
-    """When each whole turn of the golden stream begins, in nanoseconds since its first sample."""
-    first = {(s.packet, s.index): n for n, s in enumerate(case.samples)}
-    return [first[turn[0].packet, turn[0].index] * case.sample_us * 1e3 for turn in case.turns]
