@@ -122,4 +122,5 @@ def test_the_scans_are_the_scalar_references_turns(how: tuple[Case, int | None])
 def _counts(case: Case) -> list[int]:
     """How many samples each packet has; the last one that waits for its successor has as many as the one before."""
     counts = Counter(sample.packet for sample in case.samples)
-    return [counts[min(number, max(counts))] for number in range(len(case.packets))]
+    last = max(counts)
+    return [counts[min(number, last)] for number in range(len(case.packets))]
