@@ -33,34 +33,10 @@ def lose(case: Case, every: int) -> tuple[bytes, list[int]]:
     return b"".join(case.packets[n] for n in left), left
 
 
+@pytest.mark.exhaustive("every", sample=[0, 9], full=[0, 9, 40])
 @most_or_all(EVEN)
-def test_golden_samples_meet_the_times_of_their_beams(case: Case) -> None:
-    beams_meet_their_times(case, 0)
-
-
-@pytest.mark.exhaustive("every", sample=[9], full=[9, 40])
-@most_or_all(EVEN)
-def test_so_do_those_around_lost_packets(case: Case, every: int) -> None:
-    beams_meet_their_times(case, every)
-
-
-@pytest.mark.exhaustive("every", sample=[9], full=[9, 40])
-@most_or_all(EVEN)
-def test_samples_around_lost_packets_have_their_own_times(case: Case, every: int) -> None:
-    """Within a sample, whatever corrections have moved their angles by."""
-    raw, left = lose(case, every)
-    scans = assembled(case, raw, times=arrivals(case, left)).scans
-    there = set(left)
-    number = {(sample.packet, sample.index): n for n, sample in enumerate(case.samples)}
-    turns = [[sample for sample in turn if sample.packet in there] for turn in case.turns]
-    assert sum(made.lost_packets for made in scans) > 1
-    for made, turn in zip(scans, turns, strict=True):
-        since = np.array([number[sample.packet, sample.index] for sample in turn])
-        off_ns = made.times_ns - made.stamp_ns - (since - since[0]) * case.sample_us * 1e3
-        assert np.abs(off_ns).max() <= case.sample_us * 1e3
-
-
-def beams_meet_their_times(case: Case, every: int) -> None:
+def test_golden_samples_meet_the_times_of_their_beams(case: Case, every: int) -> None:
+    """Also those around lost packets, of which every so many-th is one."""
     raw, left = lose(case, every)
     scans = assembled(case, raw, times=arrivals(case, left)).scans
     there = set(left)
@@ -90,6 +66,22 @@ def beams_meet_their_times(case: Case, every: int) -> None:
             assert abs(when - since) <= period_ns / 720 + EVERY_MS + unlike
             checked += 1
     assert checked > 500
+
+
+@pytest.mark.exhaustive("every", sample=[9], full=[9, 40])
+@most_or_all(EVEN)
+def test_samples_around_lost_packets_have_their_own_times(case: Case, every: int) -> None:
+    """Within a sample, whatever corrections have moved their angles by."""
+    raw, left = lose(case, every)
+    scans = assembled(case, raw, times=arrivals(case, left)).scans
+    there = set(left)
+    number = {(sample.packet, sample.index): n for n, sample in enumerate(case.samples)}
+    turns = [[sample for sample in turn if sample.packet in there] for turn in case.turns]
+    assert sum(made.lost_packets for made in scans) > 1
+    for made, turn in zip(scans, turns, strict=True):
+        since = np.array([number[sample.packet, sample.index] for sample in turn])
+        off_ns = made.times_ns - made.stamp_ns - (since - since[0]) * case.sample_us * 1e3
+        assert np.abs(off_ns).max() <= case.sample_us * 1e3
 
 
 # --------------------------------------------------------------------------------------- times, simulated devices

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -49,13 +50,23 @@ def test_the_pages_show_something() -> None:
     assert set(kinds) <= {"python", "console", "toml", "ini", "text", "yaml"}
 
 
-@pytest.mark.parametrize("path", SHOWN, ids=named)
+@cache
+def names_of_tests(path: str) -> set[str]:
+    """The names of all tests below a folder, or in a file."""
+    files = [ROOT / path] if path.endswith(".py") else (ROOT / path).rglob("test_*.py")
+    text = "\n".join(file.read_text(encoding="utf-8") for file in files)
+    return set(re.findall(r"^ *(?:async )?def (test_\w+)\(", text, re.MULTILINE))
+
+
+@pytest.mark.parametrize("path", [*SHOWN, ROOT / "CONTRIBUTING.md", ROOT / "SECURITY.md"], ids=named)
 def test_what_it_names_is_there(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", text):
         assert (path.parent / target).exists(), target
     for name in re.findall(r"`((?:tests|lidario|examples|benchmarks|docs)/[\w./-]+)", text):
         assert (ROOT / name.rstrip(".").replace("NAME", "rplidar")).exists(), name
+    for file, name in re.findall(r"`(?:(tests/[\w/]+\.py)::)?(test_\w+)`", text):
+        assert name in names_of_tests(file or "tests"), name
     assert not re.search(r"pip install ['\"]?lidario(?!-asyncio)", text)
 
 

@@ -5,7 +5,6 @@ import inspect
 import subprocess
 import sys
 from collections.abc import Sequence
-from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -124,19 +123,6 @@ def test_the_public_names() -> None:
         assert hasattr(lidario, name)
 
 
-@pytest.mark.parametrize("name", [name for name in PUBLIC if name not in {"__version__", *ALIASES}])
-def test_everything_public_is_documented(name: str) -> None:
-    thing = getattr(lidario, name)
-    assert inspect.getdoc(thing)
-    if not inspect.isclass(thing):
-        return
-    members = [item for each in (thing, *hidden_bases(thing)) for item in vars(each).items()]
-    for member, value in members:
-        method = callable(getattr(value, "__func__", value)) or isinstance(value, property)
-        if method and not member.startswith("_"):
-            assert inspect.getdoc(value), f"{name}.{member}"
-
-
 def test_the_tree_of_exceptions() -> None:
     for name, parent in ERRORS.items():
         assert getattr(lidario, name).__bases__[0] is parent
@@ -220,13 +206,6 @@ def test_what_stands_in_public_signatures_is_public(name: str) -> None:
         inherited = [node for node in parsed(home_of_base).body if getattr(node, "name", "") == base.__name__]
         missing |= names_not_public(inherited, home_of_base, constructed=False)
     assert not missing, f"{name} names {missing}, which cannot be imported from lidario"
-
-
-def test_types_are_shipped() -> None:
-    spec = find_spec("lidario")
-    assert spec is not None
-    assert spec.origin is not None
-    assert (Path(spec.origin).parent / "py.typed").is_file()
 
 
 def in_a_fresh_interpreter(code: str) -> str:

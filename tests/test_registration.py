@@ -12,7 +12,8 @@ import pytest
 
 import lidario
 from lidario import InvalidValue, Mount, looseness, read_config, register
-from tests.cli.processes import invoke
+from tests.cli.processes import invoke, invoke_driven
+from tests.support.loop import driven
 
 DRAW = random.Random(29)
 POSES = [(DRAW.uniform(-0.3, 0.3), DRAW.uniform(-0.3, 0.3), DRAW.uniform(-math.pi, math.pi)) for _ in range(10)]
@@ -21,12 +22,13 @@ POSES = [(DRAW.uniform(-0.3, 0.3), DRAW.uniform(-0.3, 0.3), DRAW.uniform(-math.p
 async def seen(pose: tuple[float, float, float], model: str = "rplidar-c1", seed: int = 0) -> np.ndarray:
     x, y, yaw = pose
     source = f"sim://{model}?via=memory&pose={x:.6f},{y:.6f},{math.degrees(yaw):.6f}&seed={seed}"
-    async with lidario.open_lidar(source) as lidar, lidar.scans(depth=6) as scans:
-        return np.concatenate([(await anext(scans)).points().xy for _ in range(6)])
+    async with lidario.open_lidar(source) as lidar, lidar.scans(depth=3) as scans:
+        return np.concatenate([(await anext(scans)).points().xy for _ in range(3)])
 
 
 @pytest.mark.long
 @pytest.mark.exhaustive("pose", sample=POSES[:2], full=POSES)
+@driven
 async def test_ten_poses(pose: tuple[float, float, float]) -> None:
     pose = tuple(round(each, 6) for each in pose)  # type: ignore[assignment]
     clouds = await seen((0.0, 0.0, 0.0)), await seen(pose, seed=3)
@@ -107,10 +109,10 @@ def test_the_verb_writes_the_mount(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         f"sim://rplidar-c1?via=memory&serial={there}&pose=0.25,-0.1,120&seed=2",
     )
     Path("lidario.toml").write_text(f"[lidars.{here}]\nmount = {{ x = 0.2, yaw_deg = 90 }}\n")
-    dry = invoke("calibrate", *sources, "-n", "5", "--dry-run")
+    dry = invoke_driven("calibrate", *sources, "-n", "2", "--dry-run")
     assert dry.exit_code == 0, dry.stderr
     assert read_config("lidario.toml").of(there).mount is None
-    done = invoke("calibrate", *sources, "-n", "5", "--picture", "both.svg")
+    done = invoke_driven("calibrate", *sources, "-n", "2", "--picture", "both.svg")
     assert done.exit_code == 0, done.stderr
     assert "written into lidario.toml" in done.stderr
     mount = read_config("lidario.toml").of(there).mount
@@ -119,13 +121,13 @@ def test_the_verb_writes_the_mount(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert math.degrees(mount.yaw) == pytest.approx(-150.0, abs=0.2)
     assert Path("both.svg").read_text().startswith("<svg")
     round_room = [f"sim://rplidar-c1?via=memory&world=circle&serial={each * 32}" for each in "EF"]
-    alike = invoke("calibrate", *round_room, "-n", "5")
+    alike = invoke_driven("calibrate", *round_room, "-n", "2")
     assert alike.exit_code == 1
     assert "looks alike from several sides" in alike.stderr
-    loose = invoke("calibrate", *round_room, "-n", "5", "--guess=0,0,10")
+    loose = invoke_driven("calibrate", *round_room, "-n", "2", "--guess=0,0,10")
     assert loose.exit_code == 1
     assert "does not hold B in its place" in loose.stderr
-    same = invoke("calibrate", sources[0], sources[0].replace("c1?", "c1?pose=0.1,0,0&"), "-n", "5")
+    same = invoke_driven("calibrate", sources[0], sources[0].replace("c1?", "c1?pose=0.1,0,0&"), "-n", "2")
     assert same.exit_code == 2
     assert "cannot tell them apart" in same.stderr
     assert invoke("calibrate", *sources, "--picture", "x.png").exit_code == 2

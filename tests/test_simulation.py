@@ -17,7 +17,6 @@ from tests.support.loop import driven
 Floats = npt.NDArray[np.float64]
 BOX = [((2, -1), (2, 1)), ((2, 1), (-2, 1)), ((-2, 1), (-2, -1)), ((-2, -1), (2, -1))]
 """Four metres by two, the scanner in its middle."""
-MODELS = [model for family in FAMILIES for model in family.simulated]
 
 
 class Ring:
@@ -75,13 +74,6 @@ async def test_a_world_of_ones_own() -> None:
     async with lidario.open_lidar(device) as lidar:
         scan = await lidar.scan()
     np.testing.assert_allclose(scan.ranges, 1.5, atol=0.001)
-
-
-@pytest.mark.parametrize("model", MODELS)
-def test_every_model_can_be_made(model: str) -> None:
-    device = lidario.simulate(model)
-    assert not device.scanning
-    assert device.log == []
 
 
 def test_the_seed_decides() -> None:

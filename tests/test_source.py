@@ -55,6 +55,9 @@ def test_what_a_source_says() -> None:
     assert Source("x", "serial", "x").options == {}
 
 
+# ------------------------------------------------------------------------------ whatever text is given
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [
@@ -67,37 +70,9 @@ def test_what_a_source_says() -> None:
         ("tcp://host:port", "host and a port"),
         ("udp://host", "host and a port, as in udp://192.168.11.2:8089"),
         ("udp://host:8089?baud=115200", "does not know: 'baud'"),
-    ],
-)
-def test_what_is_no_source_says_why(text: str, says: str) -> None:
-    with pytest.raises(ConnectFailed, match=says) as caught:
-        parse_source(text)
-    assert caught.value.reason == "source"
-
-
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        ("sim://rplidar-s9", "rplidar-s2"),
-        ("sim://rplidar-s2?world=moon", "room"),
-        ("sim://rplidar-s2?fault=gremlins", "gremlins"),
-        ("sim://rplidar-s2?via=pigeon", "memory"),
-        ("sim://rplidar-s2?serial=xyz", "hex"),
-        ("serial:///dev/null?family=velodyne", "velodyne"),
-    ],
-)
-async def test_what_is_wrong_with_a_source_is_said_when_it_is_opened(text: str, says: str) -> None:
-    with pytest.raises(ConnectFailed, match=says) as caught:
-        await open_lidar(text)
-    assert caught.value.reason == "source"
-
-
-# ------------------------------------------------------------------------------ whatever text is given
-
-
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
+        ("zenoh:", ""),
+        ("zenoh:a?port=3", ""),
+        ("zenoh:a\nb", ""),
         ("tcp://[", "cannot be read"),
         ("tcp://a..b:80", "host name"),
         ("tcp://" + "a" * 64 + ":80", "host name"),
@@ -122,10 +97,11 @@ async def test_what_is_wrong_with_a_source_is_said_when_it_is_opened(text: str, 
         ("id:\x1b[2J", "control character"),
     ],
 )
-def test_no_foreign_exception_leaves(text: str, says: str) -> None:
-    with pytest.raises(ConnectFailed, match=says) as caught:
+def test_what_is_no_source_says_why(text: str, says: str) -> None:
+    with pytest.raises(ConnectFailed) as caught:
         parse_source(text)
     assert caught.value.reason == "source"
+    assert says in str(caught.value)
     assert str(caught.value).isprintable()
 
 
@@ -249,17 +225,18 @@ def test_another_machines_lidar(text: str, address: str, router: str | None) -> 
     assert (source.kind, source.address, source.options.get("router")) == ("zenoh", address, router)
 
 
-@pytest.mark.parametrize("text", ["zenoh:", "zenoh:a?port=3", "zenoh:a\nb"])
-def test_what_names_no_lidar_on_the_network(text: str) -> None:
-    with pytest.raises(ConnectFailed) as caught:
-        parse_source(text)
-    assert caught.value.reason == "source"
-
-
 @pytest.mark.parametrize(
-    "text", ["zenoh:a b", "zenoh:@x", "zenoh:a?router=x", "zenoh:a?router=tcp/[::1]", "zenoh:a?router=tcp/b:99999"]
+    ("text", "says"),
+    [
+        ("sim://rplidar-s2?world=moon", "room"),
+        ("sim://rplidar-s2?fault=gremlins", "gremlins"),
+        ("sim://rplidar-s2?via=pigeon", "use pty, tcp"),
+        ("sim://rplidar-s2?serial=xyz", "is written in hexadecimal digits, not 'xyz'"),
+        *((text, "is not|has a part") for text in ("zenoh:a b", "zenoh:@x", "zenoh:a?router=x")),
+        *((f"zenoh:a?router=tcp/{where}", "is not|has a part") for where in ("[::1]", "b:99999")),
+    ],
 )
-async def test_a_key_or_a_router_that_cannot_be_is_a_mistake_in_the_source(text: str) -> None:
-    with pytest.raises(ConnectFailed, match=r"is not|has a part") as caught:
+async def test_what_is_wrong_with_a_source_is_said_when_it_is_opened(text: str, says: str) -> None:
+    with pytest.raises(ConnectFailed, match=says) as caught:
         await open_lidar(text)
     assert caught.value.reason == "source"

@@ -19,8 +19,6 @@ from typing import Any
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-__all__ = ["main"]
-
 _CORPUS = Path(".fuzz")
 _ROUND = 200  # examples
 _MOST_MB = 8192

@@ -6,8 +6,6 @@ import numpy as np
 
 import lidario
 
-__all__ = ["check_error", "check_scan", "check_text"]
-
 _LONGEST_TEXT = 300
 
 
@@ -17,6 +15,7 @@ def check_scan(scan: lidario.Scan) -> None:
     assert ((scan.device_angles >= 0) & (scan.device_angles < 360)).all()
     assert (np.abs(scan.angles) <= np.float32(np.pi)).all()
     assert (scan.device_distances >= 0).all()
+    assert (np.isnan(scan.ranges) == ~scan.valid).all()
     assert scan.lost_packets >= 0
     assert scan.duration_ns >= 0
     assert np.isnan(scan.rpm) or scan.rpm > 0

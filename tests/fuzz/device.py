@@ -21,8 +21,6 @@ from tests.fuzz.checks import check_error, check_scan, check_text
 from tests.support.ledger import assert_stats_close
 from tests.support.loop import run_driven
 
-__all__ = ["SEEDS", "hostile_device"]
-
 _FAMILIES = {"rplidar": "rplidar-s2", "ydlidar": "ydlidar-4ros"}
 _PATIENCE_S = 100.0
 _MOST_BUFFERED = 64 * 1024

@@ -17,8 +17,6 @@ from lidario.recording.about import About
 from lidario.recording.chronicle import Responded, StreamBegan, StreamEvent, ZeroOffsetSet, text_of
 from tests.support.cases import CASES
 
-__all__ = ["ATTACKS", "Part", "forge"]
-
 MAGIC = b"\x89MCAP0\r\n"
 BEGAN_NS = 10**18
 YEARS_NS = 1 << 62

@@ -5,6 +5,8 @@ Promised: nothing raises; a scan's arrays have one length, angles in [0, 360) an
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from lidario.families.rplidar.simulated import packers
@@ -16,8 +18,6 @@ from tests.support.cases import KINDS, Case
 from tests.support.contents import point_cloud
 from tests.support.streams import in_one_run, stream_of
 
-__all__ = ["decode_packets", "packet_seeds", "packets_of"]
-
 _MOST = 400  # packets
 _STEPS_NS = (0, 1, 1_000_000, 20_000_000, 900_000_000)
 
@@ -26,15 +26,19 @@ def decode_packets(data: bytes) -> None:
     """Make packets of the bytes, and scans of the packets."""
     head, rest = (data[:3] + bytes(3))[:3], data[3:]
     case = KINDS[head[0] % len(KINDS)]
-    wire, now, run = case.make_format(), 0, 1 + head[1] % 64
     packets = packets_of(case, rest)
-    if not packets:
-        return
+    if packets:
+        make_scans(case, packets, 1 + head[1] % 64, head[2])
+
+
+def make_scans(case: Case, packets: Sequence[bytes], run: int, times: int) -> None:
+    """Make scans of packets, `run` of which come together; `times` decides when."""
+    wire, now = case.make_format(), 0
     # A sample that takes no time is what some firmware claims.
-    assembler = Assembler(stream_of(case, sample_ns=0.0 if head[2] & 0x80 else case.sample_us * 1e3), 115_200)
+    assembler = Assembler(stream_of(case, sample_ns=0.0 if times & 0x80 else case.sample_us * 1e3), 115_200)
     scans: list[Scan] = []
     for at in range(0, len(packets), run):
-        now += _STEPS_NS[(head[2] + packets[at][-1]) % len(_STEPS_NS)]
+        now += _STEPS_NS[(times + packets[at][-1]) % len(_STEPS_NS)]
         scans += assembler.add(in_one_run(wire, b"".join(packets[at : at + run]), now))
     assembler.end()
     stats = assembler.stats

@@ -33,8 +33,6 @@ from tests.fuzz.forged import ATTACKS, Part, forge
 from tests.support.cases import CASES, Case
 from tests.support.loop import run_driven
 
-__all__ = ["forged_recording", "open_recording", "recording_seeds"]
-
 _MOST_KEPT = 24 << 20
 """What a block of 64 KiB becomes, with the arrays of its scans, and what is imported on the way."""
 _KEPT_A_BYTE = 64

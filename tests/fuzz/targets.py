@@ -8,20 +8,20 @@ from dataclasses import dataclass
 
 from lidario.errors import ConnectFailed
 from lidario.families.registry import check_source
+from lidario.families.rplidar import commands as rplidar
 from lidario.sim.faults import parse_faults
 from lidario.source import parse_source
+from lidario.wire.envelope import Request
 from lidario.wire.events import Packets
 from lidario.wire.link import Link
+from lidario.wire.states import LinkState
 from tests.fuzz.device import SEEDS as DEVICE_SEEDS
 from tests.fuzz.device import hostile_device
 from tests.fuzz.forged import ATTACKS
 from tests.fuzz.packets import decode_packets, packet_seeds
 from tests.fuzz.recordings import forged_recording, open_recording, recording_seeds
-from tests.properties.test_robust import STATES
 from tests.support.cases import KINDS, Case
 from tests.support.ledger import assert_link_closes
-
-__all__ = ["TARGETS", "Target"]
 
 _BUFFER = 32 * 1024
 _SOURCES = (
@@ -55,10 +55,33 @@ class Target:
     most: int = 4096
 
 
+QUESTION = rplidar.get_lidar_conf(rplidar.Conf.MODE_NAME, 1)
+STATES: dict[str, Callable[[Link, Case], None]] = {
+    "idle": lambda link, case: None,
+    "draining": lambda link, case: link.send_request(rplidar.STOP),
+    "waiting for info": lambda link, case: link.send_request(rplidar.GET_INFO),
+    "waiting for a value": lambda link, case: link.send_request(QUESTION),
+    "waiting for a stream": lambda link, case: link.send_request(_start(case)),
+    "an abandoned question": lambda link, case: _left(link, rplidar.GET_INFO, link.abandon),
+    "an abandoned start": lambda link, case: _left(link, _start(case), link.abandon),
+    "forgotten": lambda link, case: _left(link, rplidar.GET_INFO, link.forget),
+}
+
+
+def _start(case: Case) -> Request:
+    return case.request(case.make_format())
+
+
+def _left(link: Link, request: Request, leave: Callable[[], None]) -> None:
+    link.send_request(request)
+    leave()
+
+
 def link(data: bytes) -> None:
     """Bytes from the line, in any state of the parser and in any chunks.
 
-    Promised: nothing raises; every byte is counted once; what is kept is bounded; a STOP ends everything.
+    Promised: nothing raises; every byte is counted once; what is kept is bounded; a STOP ends everything, but for a
+    response that is still owed.
     """
     case, state, chunk, rest = _headed(data)
     parser = Link()
@@ -71,6 +94,13 @@ def link(data: bytes) -> None:
         for event in parser.events_received():
             if isinstance(event, Packets):
                 assert len(event.data) >= event.count > 0
+    owed = parser.is_awaiting
+    parser.send_request(rplidar.STOP)
+    assert parser.data_to_send().endswith(rplidar.STOP.data)
+    assert parser.state is (LinkState.AWAIT_RESPONSE if owed else LinkState.DRAINING)
+    parser.forget()
+    parser.send_request(rplidar.STOP)
+    assert (parser.state, parser.buffered) == (LinkState.DRAINING, 0)
 
 
 def source(data: bytes) -> None:

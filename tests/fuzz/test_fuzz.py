@@ -10,10 +10,13 @@ from lidario.errors import ConnectFailed
 from lidario.session.talking.dialogue import Dialogue
 from tests.fuzz import targets
 from tests.fuzz.__main__ import main
-from tests.fuzz.packets import packets_of
+from tests.fuzz.packets import make_scans, packets_of
 from tests.fuzz.targets import TARGETS
 from tests.support import ledger
-from tests.support.cases import KINDS, Case, named
+from tests.support.cases import KINDS, LAYOUTS, Case, named
+from tests.support.contents import any_packets
+from tests.support.harm import messes
+from tests.support.samples import one_a_parser
 
 pytestmark = pytest.mark.discards("a device that means harm answers what was not asked, and leaves out what was")
 
@@ -34,6 +37,26 @@ def test_a_target_holds_on_other_bytes(name: str, data: st.DataObject) -> None:
     seed = data.draw(st.sampled_from(list(target.seeds)))
     at = data.draw(st.integers(0, len(seed)))
     target.run(seed[:at] + data.draw(st.binary(max_size=40)) + seed[at:])
+
+
+@settings(max_examples=settings().max_examples * 20)
+@given(st.data(), st.integers(0, 255), st.integers(0, 255), st.integers(0, 255))
+def test_no_bytes_raise_in_any_state(data: st.DataObject, number: int, state: int, chunk: int) -> None:
+    """Of any format: a mess of golden packets, damage and what begins like a packet."""
+    case = KINDS[number % len(KINDS)]
+    mess = data.draw(messes(case), "mess")
+    TARGETS["link"].run(bytes((number, state, chunk)) + mess)
+
+
+@one_a_parser([*KINDS, *LAYOUTS], KINDS)
+@pytest.mark.parametrize("wild", [False, True], ids=["turning", "wild"])
+@given(st.integers(0, 2**32), st.integers(1, 150), st.integers(1, 60), st.integers(0, 255))
+def test_any_contents_become_scans(case: Case, wild: bool, seed: int, count: int, run: int, times: int) -> None:
+    packets = any_packets(case, seed, count, wild=wild)
+    if case.response_type != 0x81 or case.layout is not None:
+        found = case.make_format().run(bytearray(b"".join(packets)), 0)
+        assert sum(block.packets for block in found.packets) == count
+    make_scans(case, packets, run, times)
 
 
 @pytest.mark.parametrize("case", KINDS, ids=named)

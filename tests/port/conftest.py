@@ -10,6 +10,13 @@ from tests.support.ports import terminal_pair
 
 
 @pytest.fixture
-def terminal() -> Iterator[tuple[int, str]]:
-    with terminal_pair() as (master, _, path):
-        yield master, path
+def ends() -> Iterator[tuple[int, int, str]]:
+    """Both ends of a pseudo-terminal, the controlling one first, and the path of the other."""
+    with terminal_pair() as pair:
+        yield pair
+
+
+@pytest.fixture
+def terminal(ends: tuple[int, int, str]) -> tuple[int, str]:
+    """Its controlling end, and the path of the other."""
+    return ends[0], ends[2]

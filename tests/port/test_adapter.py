@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -13,17 +11,10 @@ from lidario.errors import ConnectFailed, DeviceLost
 from lidario.port.adapter import Adapter, latency_ms
 from lidario.port.serial import open_serial
 from tests.support.drivers import LOW_LATENCY, SPEED_FLAG, FakeDriver
-from tests.support.ports import Sink, another_program, terminal_pair
+from tests.support.ports import Sink, another_program
 
-HOLD = "import os, sys; os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY); print(flush=True); sys.stdin.read()"
 RESET = (False, True)
 """DTR low, RTS high: what holds a board with an ESP32 in reset."""
-
-
-@pytest.fixture
-def ends() -> Iterator[tuple[int, int, str]]:
-    with terminal_pair() as pair:
-        yield pair
 
 
 @pytest.fixture
@@ -57,16 +48,14 @@ async def test_rts_stays_low_while_a_motor_is_switched_by_dtr(path: str, driver:
     assert driver.states[begun:] == [(True, False), (False, False)]
 
 
-async def test_a_port_that_another_program_holds_keeps_its_lines(
+async def test_a_port_that_another_program_holds_is_busy_and_keeps_its_lines(
     path: str, driver: FakeDriver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # A pseudo-terminal is exempt, since its other end holds it; here it is taken for a real port.
     monkeypatch.setattr("lidario.port.serial.is_pseudo_terminal", lambda path: False)
-    with (
-        another_program([sys.executable, "-c", HOLD, path]),
-        pytest.raises(ConnectFailed, match="busy: held by PID"),
-    ):
+    with another_program(path) as other, pytest.raises(ConnectFailed, match=f"PID {other.pid} ") as caught:
         await open_serial(path, 115200)
+    assert caught.value.reason == "busy"
     assert driver.states == []
 
 

@@ -11,7 +11,7 @@ import pytest
 from lidario.port.background import run_in_thread
 
 
-@pytest.mark.parametrize("first", ["cancelled", "ended"])
+@pytest.mark.parametrize("first", ["cancelled", "ended", "closed"])
 def test_a_result_that_comes_too_late_is_discarded_though_the_loop_runs_no_more(first: str) -> None:
     called, ends, discarded = threading.Event(), threading.Event(), list[str]()
     done = threading.Event()
@@ -40,8 +40,10 @@ def test_a_result_that_comes_too_late_is_discarded_though_the_loop_runs_no_more(
 
     loop = asyncio.new_event_loop()
     loop.run_until_complete(main())
+    if first == "closed":
+        loop.close()
     ends.set()
-    # The thread ends while the loop stands still, and before it is closed.
+    # The thread ends while the loop stands still, or behind its end.
     assert done.wait(30)
     loop.close()
     assert discarded == ["open"]

@@ -8,7 +8,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -18,7 +17,6 @@ from lidario.scan import Scan
 from lidario.session.opening import open_lidar
 from tests.support.devices import FAMILIES
 from tests.support.ports import PATIENCE_S
-from tests.support.starved import unless_starved
 
 ROOT = Path(__file__).resolve().parents[2]
 BLOCK_S = 0.6
@@ -111,41 +109,14 @@ async def read_blocked(family: str, block: Callable[[float], None]) -> tuple[lis
     sample=["rplidar-compute"],
     full=[f"{family}-{how}" for family in FAMILIES for how in WAYS],
 )
-@unless_starved
 async def test_a_blocked_loop_loses_nothing(case: str) -> None:
     family, _, how = case.partition("-")
     for _ in range(ATTEMPTS):
         scans, stats, lost = await read_blocked(family, WAYS[how])
-        if not lost:
+        missing = (lost, stats.lost_packets, stats.broken_scans, stats.skipped_bytes, stats.dropped_scans)
+        if not any(missing):
             break
-    assert lost == 0
-    assert (stats.lost_packets, stats.broken_scans, stats.skipped_bytes, stats.dropped_scans) == (0, 0, 0, 0)
+    assert not any(missing), missing
     assert [scan.seq for scan in scans] == list(range(scans[0].seq, scans[0].seq + len(scans)))
-    turn_s = TURN_S[family]
-    assert len(scans) >= BLOCKS * BLOCK_S / turn_s
-    periods = sorted((b.stamp_ns - a.stamp_ns) * 1e-9 / turn_s for a, b in pairwise(scans))
-    # A busy machine makes the device itself late; how even stamps are is tested on a driven clock (tests/session).
-    assert 0.5 < periods[0] <= periods[-1] < 1.5
-
-
-@pytest.mark.long
-@unless_starved
-async def test_a_reader_that_keeps_one_scan_is_told_what_it_missed() -> None:
-    for _ in range(ATTEMPTS):
-        with played("rplidar") as device:
-            async with open_lidar(device.path, family="rplidar") as lidar, lidar.scans() as stream:
-                first = await anext(stream)
-                compute(1.0)
-                missed = 0
-                for _ in range(3):
-                    missed += (scan := await anext(stream)).dropped_before
-                stats = lidar.stats
-            lost = device.lost()
-        if not lost:
-            break
-    assert lost == 0
-    # Where the machine is busy, it is given some of them while the others are decoded.
-    assert missed >= 2
-    assert scan.seq == first.seq + missed + 3
-    assert stats.dropped_scans == missed
-    assert (stats.lost_packets, stats.broken_scans) == (0, 0)
+    assert len(scans) >= BLOCKS * BLOCK_S / TURN_S[family]
+    # How even their stamps are is tested on a driven clock (tests/session).

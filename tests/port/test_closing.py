@@ -9,21 +9,13 @@ import stat
 import termios
 import threading
 import time
-from collections.abc import Iterator
 
 import pytest
 import serial
 
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
-from tests.support.ports import PATIENCE_S, Sink, open_files, terminal_pair, written
-
-
-@pytest.fixture
-def terminal() -> Iterator[tuple[int, int, str]]:
-    with terminal_pair() as pair:
-        yield pair
-
+from tests.support.ports import PATIENCE_S, Sink, open_files, written
 
 FLUSH_S = 10.0
 """How long a wedged adapter would keep whoever waits until it is empty."""
@@ -86,10 +78,10 @@ async def close_and_watch(port: Port) -> tuple[float, float]:
 
 
 async def test_an_adapter_that_sends_nothing_stops_neither_the_loop_nor_the_close(
-    terminal: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    ends: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     before = open_files()
-    port, sink = await open_serial(terminal[2], 115200), Sink()
+    port, sink = await open_serial(ends[2], 115200), Sink()
     port.attach(sink)
     wedged = Wedged(monkeypatch, 7)
     port.write(b"stop")
@@ -102,8 +94,8 @@ async def test_an_adapter_that_sends_nothing_stops_neither_the_loop_nor_the_clos
     assert open_files() == before
 
 
-async def test_a_terminal_that_takes_nothing(terminal: tuple[int, int, str]) -> None:
-    master, slave, path = terminal
+async def test_a_terminal_that_takes_nothing(ends: tuple[int, int, str]) -> None:
+    master, slave, path = ends
     before = open_files()
     port = await open_serial(path, 115200)
     termios.tcflow(slave, termios.TCOOFF)
@@ -117,20 +109,18 @@ async def test_a_terminal_that_takes_nothing(terminal: tuple[int, int, str]) -> 
         os.read(master, 16)
 
 
-async def test_closing_waits_while_bytes_leave(
-    terminal: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    port = await open_serial(terminal[2], 115200)
+async def test_closing_waits_while_bytes_leave(ends: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    port = await open_serial(ends[2], 115200)
     wedged = Wedged(monkeypatch, 4, 3, 2, 1, 0)
     port.write(b"stop")
     await port.close()
     assert wedged.left == [0]
     assert wedged.discarded == 0
-    assert written(terminal[0], 4) == b"stop"
+    assert written(ends[0], 4) == b"stop"
 
 
-async def test_stop_requests_leave_before_the_port_is_closed(terminal: tuple[int, int, str]) -> None:
-    master, slave, path = terminal
+async def test_stop_requests_leave_before_the_port_is_closed(ends: tuple[int, int, str]) -> None:
+    master, slave, path = ends
     port = await open_serial(path, 115200)
     order: list[str] = []
     port.on_close = lambda: order.append(f"closed, {open_files()} files")
@@ -149,11 +139,11 @@ async def test_stop_requests_leave_before_the_port_is_closed(terminal: tuple[int
 
 
 async def test_a_driver_that_cannot_discard_is_closed_off_the_loop(
-    terminal: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch
+    ends: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The kernel makes the last close of such a port wait for up to 30 s."""
     before = open_files()
-    port = await open_serial(terminal[2], 115200)
+    port = await open_serial(ends[2], 115200)
     closed: list[threading.Thread] = []
     close = os.close
 
@@ -174,10 +164,10 @@ async def test_a_driver_that_cannot_discard_is_closed_off_the_loop(
 
 
 async def test_cancelling_the_close_ends_only_the_waiting(
-    terminal: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch
+    ends: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = open_files()
-    port = await open_serial(terminal[2], 115200)
+    port = await open_serial(ends[2], 115200)
     Wedged(monkeypatch, *[5] * 20, 0)
     task = asyncio.create_task(port.close())
     await asyncio.sleep(0)
@@ -189,25 +179,26 @@ async def test_cancelling_the_close_ends_only_the_waiting(
     assert open_files() == before
 
 
-@pytest.mark.long
 async def test_a_loop_that_was_blocked_while_it_closed(
-    terminal: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch
+    ends: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    port, sink = await open_serial(terminal[2], 115200), Sink()
+    monkeypatch.setattr("lidario.port.port.CLOSE_TIMEOUT_S", 0.05)
+    monkeypatch.setattr("lidario.port.serial.DRAIN_S", 0.05)
+    port, sink = await open_serial(ends[2], 115200), Sink()
     port.attach(sink)
     Wedged(monkeypatch, 7)
     port.close_soon()
     await asyncio.sleep(0)
-    time.sleep(1.2)  # noqa: ASYNC251 - both bounds of the close are passed when the loop goes on
+    time.sleep(0.2)  # noqa: ASYNC251 - both bounds of the close are passed when the loop goes on
     await port.wait_closed()
     assert sink.lost == [None]
 
 
 async def test_closing_twice_and_after_the_end(
-    terminal: tuple[int, int, str], caplog: pytest.LogCaptureFixture
+    ends: tuple[int, int, str], caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.DEBUG, "lidario")
-    port, sink = await open_serial(terminal[2], 115200), Sink()
+    port, sink = await open_serial(ends[2], 115200), Sink()
     port.attach(sink)
     port.announce_close()
     assert port.is_open
@@ -219,17 +210,17 @@ async def test_closing_twice_and_after_the_end(
     port.set_polling(0.005, None)
     port.abandon(b"stop")
     assert sink.lost == [None]
-    states = [record.getMessage().removeprefix(terminal[2]) for record in caplog.records]
+    states = [record.getMessage().removeprefix(ends[2]) for record in caplog.records]
     assert states == [" is open", " is closed"]
 
 
-async def test_a_close_in_the_iteration_of_the_opening(terminal: tuple[int, int, str]) -> None:
+async def test_a_close_in_the_iteration_of_the_opening(ends: tuple[int, int, str]) -> None:
     before = open_files()
-    port, sink = await open_serial(terminal[2], 115200), Sink()
+    port, sink = await open_serial(ends[2], 115200), Sink()
     port.attach(sink)
     port.close_soon()
     await port.wait_closed()
-    os.write(terminal[0], b"late")
+    os.write(ends[0], b"late")
     await asyncio.sleep(0)
     assert sink.lost == [None]
     assert not sink.data
@@ -237,9 +228,9 @@ async def test_a_close_in_the_iteration_of_the_opening(terminal: tuple[int, int,
 
 
 async def test_abandon_waits_until_the_device_listens(
-    terminal: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch
+    ends: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    master, _, path = terminal
+    master, _, path = ends
     loop = asyncio.get_running_loop()
     slept: list[float] = []
     monkeypatch.setattr("lidario.port.port.time.sleep", slept.append)
@@ -255,8 +246,8 @@ async def test_abandon_waits_until_the_device_listens(
         await port.wait_closed()
 
 
-def test_abandon_after_the_loop_was_closed(terminal: tuple[int, int, str]) -> None:
-    master, _, path = terminal
+def test_abandon_after_the_loop_was_closed(ends: tuple[int, int, str]) -> None:
+    master, _, path = ends
     before = open_files()
     ended: list[str] = []
     with asyncio.Runner() as runner:
@@ -273,9 +264,9 @@ def test_abandon_after_the_loop_was_closed(terminal: tuple[int, int, str]) -> No
     port.close_soon()
 
 
-def test_abandon_from_another_thread(terminal: tuple[int, int, str]) -> None:
+def test_abandon_from_another_thread(ends: tuple[int, int, str]) -> None:
     async def main() -> None:
-        port, sink = await open_serial(terminal[2], 115200), Sink()
+        port, sink = await open_serial(ends[2], 115200), Sink()
         port.attach(sink)
         thread = threading.Thread(target=port.abandon, args=(b"stop",))
         thread.start()
@@ -285,4 +276,4 @@ def test_abandon_from_another_thread(terminal: tuple[int, int, str]) -> None:
     before = open_files()
     asyncio.run(main())
     assert open_files() == before
-    assert written(terminal[0], 4) == b"stop"
+    assert written(ends[0], 4) == b"stop"

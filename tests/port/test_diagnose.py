@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
-import pty
 import stat
-import subprocess
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,6 +12,7 @@ import pytest
 import serial
 
 from lidario.port.diagnose import busy, holders, is_pseudo_terminal, why_not_opened
+from tests.support.ports import another_program, terminal_pair
 
 NOT_THERE = "FileNotFoundError(2, 'The system cannot find the file specified.', None, 2)"
 DENIED = "PermissionError(13, 'Access is denied.', None, 5)"
@@ -84,20 +82,13 @@ def test_no_one_is_told_to_open_a_forbidden_file_to_everybody(tmp_path: Path, ki
 
 
 def test_who_holds_a_port_is_named() -> None:
-    master, slave = pty.openpty()
-    path = os.ttyname(slave)
-    assert is_pseudo_terminal(path)
-    assert list(holders(path)) == []
-    program = "import os, sys; os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY); print(flush=True); sys.stdin.read()"
-    with subprocess.Popen(
-        [sys.executable, "-c", program, path], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-    ) as other:
-        assert other.stdout is not None
-        other.stdout.readline()
-        assert [pid for pid, _ in holders(path)] == [other.pid]
-        failed = busy(path)
-        assert failed.reason == "busy"
-        assert f"held by PID {other.pid} (" in str(failed)
-    os.close(master)
-    os.close(slave)
+    with terminal_pair() as (_, slave, path):
+        os.close(slave)
+        assert is_pseudo_terminal(path)
+        assert list(holders(path)) == []
+        with another_program(path) as other:
+            assert [pid for pid, _ in holders(path)] == [other.pid]
+            failed = busy(path)
+            assert failed.reason == "busy"
+            assert f"held by PID {other.pid} (" in str(failed)
     assert "another program" in str(busy("/no/such/port"))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
 
 import pytest
 
@@ -11,13 +10,7 @@ from lidario.model import LineErrors
 from lidario.port.adapter import count_errors
 from lidario.port.serial import open_serial
 from tests.support.drivers import FakeDriver
-from tests.support.ports import Sink, terminal_pair
-
-
-@pytest.fixture
-def ends() -> Iterator[tuple[int, int, str]]:
-    with terminal_pair() as pair:
-        yield pair
+from tests.support.ports import Sink
 
 
 @pytest.fixture

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import subprocess
-import sys
 import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,7 +12,6 @@ import pytest
 import serial
 
 from lidario.errors import ConnectFailed
-from lidario.port.background import run_in_thread
 from lidario.port.serial import open_serial
 from tests.support.ports import PATIENCE_S, another_program, open_files, terminal_pair, written
 
@@ -58,24 +55,10 @@ async def test_a_speed_that_no_port_has() -> None:
 
 
 async def test_dev_null_is_no_serial_port_even_while_others_hold_it() -> None:
-    program = "import sys; print(flush=True); sys.stdin.read()"
-    command = [sys.executable, "-c", program]
-    with another_program(command, stderr=subprocess.DEVNULL):
+    with another_program(stderr=subprocess.DEVNULL):
         failed = await failure("/dev/null")
     assert "not a serial port" in str(failed)
     assert "busy" not in str(failed)
-
-
-async def test_a_port_that_another_program_holds_is_busy(monkeypatch: pytest.MonkeyPatch) -> None:
-    # Pseudo-terminals are exempt, since their other end holds them; here one is taken for a real port.
-    monkeypatch.setattr("lidario.port.serial.is_pseudo_terminal", lambda path: False)
-    program = "import os, sys; os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY); print(flush=True); sys.stdin.read()"
-    with terminal_pair() as (_, _, path):
-        command = [sys.executable, "-c", program, path]
-        with another_program(command) as other:
-            failed = await failure(path)
-            assert failed.reason == "busy"
-            assert f"PID {other.pid} (" in str(failed)
 
 
 async def test_forbidden(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -157,56 +140,6 @@ async def test_cancelled_while_it_opens_leaves_nothing_open(slow: SlowOpening) -
             while not slow.opened or slow.opened[0].is_open or (slow.thread and slow.thread.is_alive()):
                 await asyncio.sleep(0.001)
         assert open_files() == before
-
-
-async def test_a_result_that_comes_with_the_cancellation_is_discarded() -> None:
-    discarded: list[str] = []
-    release = threading.Event()
-
-    def call() -> str:
-        release.wait(PATIENCE_S)
-        return "result"
-
-    task = asyncio.create_task(run_in_thread(call, discarded.append))
-    await asyncio.sleep(0)
-    release.set()
-    # The loop is blocked until the thread has ended, so that the result and the cancellation meet.
-    for thread in threading.enumerate():
-        if thread.name == "lidario: blocking call":
-            thread.join(PATIENCE_S)
-    asyncio.get_running_loop().call_soon(task.cancel)
-    with pytest.raises(asyncio.CancelledError):
-        await task
-    assert discarded == ["result"]
-
-
-def test_a_result_that_comes_after_the_loop_was_closed_is_discarded() -> None:
-    discarded: list[str] = []
-    release = threading.Event()
-
-    def call() -> str:
-        release.wait(PATIENCE_S)
-        return "result"
-
-    async def main() -> None:
-        task = asyncio.create_task(run_in_thread(call, discarded.append))
-        await asyncio.sleep(0)
-        task.cancel()
-
-    asyncio.run(main())
-    release.set()
-    deadline = time.monotonic() + PATIENCE_S
-    while not discarded and time.monotonic() < deadline:
-        time.sleep(0.001)
-    assert discarded == ["result"]
-
-
-async def test_what_the_call_raises_is_raised() -> None:
-    def call() -> None:
-        raise ValueError("of the call")
-
-    with pytest.raises(ValueError, match="of the call"):
-        await run_in_thread(call)
 
 
 async def test_a_link_to_a_port_is_opened(tmp_path: Path) -> None:

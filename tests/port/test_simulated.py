@@ -182,20 +182,6 @@ async def test_abandoned_in_memory_the_device_gets_the_stop_requests() -> None:
     await port.wait_closed()
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("sim://rplidar-s2?via=pigeon", "use pty, tcp"),
-        ("sim://rplidar-s2?world=nowhere", "there are circle"),
-        ("sim://rplidar-s2?serial=zz", "is written in hexadecimal digits, not 'zz'"),
-    ],
-)
-async def test_a_source_that_is_no_good(text: str, words: str) -> None:
-    with pytest.raises(ConnectFailed, match=words) as caught:
-        await open_simulated(parse_source(text))
-    assert caught.value.reason == "source"
-
-
 @both_families
 @driven
 async def test_a_device_in_memory_is_opened_for_nobody_else_beside(family: str) -> None:

@@ -11,7 +11,6 @@ import importlib.util
 import os
 import select
 import time
-from collections.abc import Iterator
 from types import ModuleType
 
 import pytest
@@ -52,13 +51,6 @@ def _on_windows(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(asyncio.SelectorEventLoop, name, refuse)
 
 
-@pytest.fixture
-def terminal() -> Iterator[tuple[int, str]]:
-    with terminal_pair() as (master, _, path):
-        os.set_blocking(master, False)
-        yield master, path
-
-
 @pytest.mark.parametrize("latency", [0.0, 0.005])
 async def test_every_byte_arrives_in_order(terminal: tuple[int, str], latency: float) -> None:
     master, path = terminal
@@ -84,6 +76,7 @@ async def test_a_blocked_loop_loses_nothing(terminal: tuple[int, str]) -> None:
     port.attach(sink)
     port.set_polling(0.005, Steady())
     assert len(threads()) == 1
+    os.set_blocking(master, False)
     sent, deadline = bytes(range(250)) * 400, time.monotonic() + PATIENCE_S
     at = 0
     while at < len(sent):

@@ -21,7 +21,7 @@ OF_THE_ROTOR = [
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", FORMATS)
-@pytest.mark.exhaustive("speed", sample=OF_THE_ROTOR[::3], full=OF_THE_ROTOR)
+@pytest.mark.exhaustive("speed", sample=OF_THE_ROTOR[::4], full=OF_THE_ROTOR)
 def test_nothing_is_missing_where_nothing_was_lost(name: str, speed: str) -> None:
     for way in ("read", "file"):
         stream, line = happen(CASES[speed], FORMATS[name])

@@ -100,10 +100,9 @@ def test_a_clean_stream_collected_from_reads_of_any_size(case: Case, read: int) 
 @pytest.mark.long
 @every_kind
 @pytest.mark.parametrize("harm", HARM)
-@pytest.mark.exhaustive("hits", sample=[0.3], full=[0.1, 0.3, 1.0])
-def test_a_long_damaged_stream_gives_the_same_events(case: Case, harm: str, hits: float) -> None:
-    """So many hits a packet; long enough that the link takes the stream in several slices."""
-    raw = HARM[harm](case.raw, hits / max(len(case.packets[-1]), 80), seed=len(case.name)).raw[:40_000]
+def test_a_long_damaged_stream_gives_the_same_events(case: Case, harm: str) -> None:
+    """A hit every third packet; long enough that the link takes the stream in several slices."""
+    raw = HARM[harm](case.raw, 0.3 / max(len(case.packets[-1]), 80), seed=len(case.name)).raw[:40_000]
     whole = feed(case, raw)
     assert whole.stats.skipped_stretches > 1 or case.response_type == 0x83  # repairs most flips
     for chunks in (1, 64, [3, 5, 700, 1, 20_000], len(raw) // 2 + 1):
@@ -112,9 +111,8 @@ def test_a_long_damaged_stream_gives_the_same_events(case: Case, harm: str, hits
 
 @pytest.mark.long
 @every_kind
-@pytest.mark.exhaustive("harm", sample=["lost bytes"], full=list(HARM))
-def test_the_scans_are_the_same_too(case: Case, harm: str) -> None:
-    raw = HARM[harm](case.raw, 0.001, seed=5).raw
+def test_the_scans_are_the_same_too(case: Case) -> None:
+    raw = damage.drop_bytes(case.raw, 0.001, seed=5).raw
     results = [assembled(case, raw, chunks, times=lambda _: 0) for chunks in (None, 3, 64)]
     assert results[0].scans
     for scans, stats, _ in results[1:]:

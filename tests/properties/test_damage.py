@@ -7,7 +7,7 @@ The share kept is the number of points in the delivered scans, divided by that i
 import numpy as np
 import pytest
 
-from tests.support.cases import CASES, Case, most_or_all
+from tests.support.cases import CASES, Case
 from tests.support.kept import Kept, accepted_by_place, kept, spoil_inside
 from tests.support.samples import one_a_parser
 
@@ -48,7 +48,7 @@ def test_one_byte_in_a_thousand(case: Case) -> None:
 
 
 @one_a_parser([case for case in PACKET_CASES if case.response_type != 0x83])  # it is repaired
-@pytest.mark.parametrize("bit", [3, 20, 61, 333, -70, -9, -1])
+@pytest.mark.parametrize("bit", [3, 61, 333, -70, -1])
 def test_a_flipped_bit_costs_its_packet_and_nothing_else(case: Case, bit: int) -> None:
     for number in (case.turns[1][0].packet + 3, case.turns[1][-1].packet - 2):
         packet = bytearray(case.packets[number])
@@ -60,7 +60,7 @@ def test_a_flipped_bit_costs_its_packet_and_nothing_else(case: Case, bit: int) -
         assert [scan.lost_packets for scan in result.scans] == [0, 1] + [0] * (len(case.turns) - 2)
 
 
-@most_or_all(PACKET_CASES)
+@one_a_parser(PACKET_CASES)
 def test_a_truncated_packet_costs_itself(case: Case) -> None:
     number = case.turns[1][0].packet + 4
     packet = case.packets[number]
@@ -70,7 +70,7 @@ def test_a_truncated_packet_costs_itself(case: Case) -> None:
         assert (result.wrong, result.missing, result.lost, result.broken) == (0, 1, 1, 0)
 
 
-@most_or_all(PACKET_CASES)
+@one_a_parser(PACKET_CASES)
 def test_bytes_put_between_two_packets_cost_nothing(case: Case) -> None:
     number = case.turns[1][0].packet + 4
     for extra in (b"\0", b"\xaa", b"\xa5", b"\xa5\x5a", b"\xaa\x55", b"\xaf\x5f\0", bytes(range(200))):

@@ -7,11 +7,9 @@ from tests.reference import ydlidar
 from tests.support.cases import CASES, Case, named
 from tests.support.contents import resealed
 from tests.support.kept import Kept, kept
-from tests.support.samples import one_a_parser
 from tests.support.streams import assembled
 
 POINT_CLOUDS = [case for case in CASES if case.layout is not None]
-PACKET_CASES = [case for case in CASES if len(case.packets[0]) > 5]
 every_cloud = pytest.mark.parametrize("case", POINT_CLOUDS, ids=named)
 
 
@@ -22,25 +20,6 @@ def replaced(case: Case, changed: dict[int, bytes]) -> bytes:
 
 def all_but(case: Case, raw: bytes, *lost: int) -> Kept:
     return kept(case, raw, [number for number in range(len(case.packets)) if number not in lost], set())
-
-
-@one_a_parser(PACKET_CASES)
-@pytest.mark.parametrize("bit", [0, 9, 24, 41, -3])
-def test_a_damaged_packet_at_the_seam_merges_no_turns(case: Case, bit: int) -> None:
-    """The start packet, where there is one; else the packet that crosses 0."""
-    changed = {}
-    for turn in case.turns[1:]:
-        number = turn[0].packet
-        packet = bytearray(case.packets[number])
-        packet[bit // 8 % len(packet)] ^= 1 << bit % 8
-        if case.response_type == 0x83:
-            packet[300] ^= 1  # one flipped bit is repaired
-        changed[number] = bytes(packet)
-    result = all_but(case, replaced(case, changed), *changed)
-    assert result.broken == 0
-    assert result.moved.max() <= 2
-    assert result.missing == len(changed)
-    assert abs(result.lost - result.missing) <= 1
 
 
 @every_cloud

@@ -5,7 +5,7 @@ into the packets of the undamaged stream that did not arrive whole.
 """
 
 from bisect import bisect_right
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from random import Random
@@ -18,9 +18,8 @@ class Damage:
 
     raw: bytes
     touched: tuple[int, ...]
-    # What an index counts: "byte" = that byte was changed or lost; "gap" = a byte was put in front of it;
-    # "packet" = that packet was lost.
-    unit: Literal["byte", "gap", "packet"]
+    # What an index counts: "byte" = that byte was changed or lost; "gap" = a byte was put in front of it.
+    unit: Literal["byte", "gap"]
 
 
 def flip(raw: bytes, probability: float, seed: int) -> Damage:
@@ -61,22 +60,11 @@ def insert_bytes(raw: bytes, probability: float, seed: int) -> Damage:
     return Damage(bytes(damaged), tuple(touched), "gap")
 
 
-def drop_packets(packets: Sequence[bytes], indices: Iterable[int]) -> Damage:
-    """Lose whole packets, without a trace in the framing."""
-    lost = sorted(set(indices))
-    if lost and not 0 <= lost[0] <= lost[-1] < len(packets):
-        raise IndexError(f"packet indices {lost} do not fit {len(packets)} packets")
-    kept = [packet for number, packet in enumerate(packets) if number not in lost]
-    return Damage(b"".join(kept), tuple(lost), "packet")
-
-
 def hit_packets(damage: Damage, packets: Sequence[bytes]) -> set[int]:
     """Which of the undamaged packets did not arrive whole.
 
     A byte put in between two packets leaves both whole: it counts for neither.
     """
-    if damage.unit == "packet":
-        return set(damage.touched)
     starts = [0, *accumulate(len(packet) for packet in packets)]
     hit = set()
     for offset in damage.touched:

@@ -1,6 +1,5 @@
 """Streams with the vendors' own decoding of them, from ``tests/data``; its README describes the arrays."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -52,10 +51,3 @@ def load(name: str) -> Golden:
             start=arrays.get("start"),
             scan=arrays.get("scan"),
         )
-
-
-def angle_errors(stream: Golden, angles: Sequence[float]) -> NDArray[np.float64]:
-    """How far the vendor's angles lie past ours, the short way round."""
-    difference = stream.angle_deg.astype(np.float64) - np.array(angles)
-    shortest: NDArray[np.float64] = (difference + 180.0) % 360.0 - 180.0
-    return shortest

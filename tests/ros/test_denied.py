@@ -5,16 +5,25 @@ from __future__ import annotations
 import asyncio
 import signal
 from contextlib import AsyncExitStack
+from pathlib import Path
 
 import pytest
 
 from lidario.network.heard import what_is_heard
 from lidario.ros import Publisher, Share
-from tests.cli.processes import BOUND, line_of, started
+from tests.cli.processes import BOUND, line_of
+from tests.support.children import child
 from tests.support.network import Rig
+from tests.support.recorded import record
 from tests.support.router import Router
 
-SIM = "sim://rplidar-s2?via=memory"
+SOON = """
+from lidario.ros import broadcast
+from lidario.__main__ import main
+broadcast.HEARD_S = 2.0
+main()
+"""
+"""The command, which waits for its own scans for two seconds, not for five."""
 RULES = """{ access_control: {
   enabled: true, default_permission: "allow",
   rules: [{ id: "r8", permission: "deny", flows: ["ingress"], messages: ["put"], key_exprs: ["robots/r8/**"] }],
@@ -45,7 +54,7 @@ async def test_what_is_passed_on_and_what_is_not(monkeypatch: pytest.MonkeyPatch
             rig.run(each)
         assert await allowed.is_passed_on()
         assert await topic.is_passed_on()
-        monkeypatch.setattr("lidario.ros.broadcast.HEARD_S", 1.5)
+        monkeypatch.setattr("lidario.ros.broadcast.HEARD_S", 0.3)
         assert not await denied.is_passed_on()
         # Cancelling leaves nothing.
         asking = asyncio.create_task(denied.is_passed_on())
@@ -62,18 +71,17 @@ async def test_another_publisher_under_the_same_key_is_not_taken_for_this_one(ro
         share = await stack.enter_async_context(Share(lidar, "denied/same", router=router.address))
         own = bytes.fromhex(share.status().sender)
         assert await what_is_heard(router.address, [f"{share.key}/@lidario/status"], own, BOUND)
-        assert not await what_is_heard(router.address, [f"{share.key}/@lidario/status"], bytes(16), 1.5)
+        assert not await what_is_heard(router.address, [f"{share.key}/@lidario/status"], bytes(16), 0.3)
 
 
 @pytest.mark.long
-def test_the_command_says_that_nothing_is_passed_on() -> None:
+def test_the_command_says_that_nothing_is_passed_on(tmp_path: Path) -> None:
+    """The lidar is a recording, which needs no time to speed up."""
+    record(tmp_path / "run.mcap", "sim://rplidar-s2", 6)
     router = Router(config=RULES)
+    common = ("publish", f"{tmp_path}/run.mcap?loop=1", "--router", router.address, "--zenoh")
     try:
-        common = ("--router", router.address)
-        with (
-            started("publish", SIM, "--zenoh", "robots/r7/scan", *common) as allowed,
-            started("publish", SIM, "--zenoh", "robots/r8/scan", *common) as denied,
-        ):
+        with child(SOON, *common, "robots/r7/scan") as allowed, child(SOON, *common, "robots/r8/scan") as denied:
             assert line_of(denied.stderr).startswith("publishing ")
             told = line_of(denied.stderr)
             assert told.startswith(

@@ -85,7 +85,7 @@ async def test_stamps_of_a_recording(router: Router, stamps: Any) -> None:
         publisher = Publisher(lidar, domain=22, router=router.address, stamps=stamps, clock=stamps != "now")
         async with publisher:
             scan = await lidar.scan()
-            old = replace_stamp(scan, scan.wall_stamp_ns - 31_536_000_000_000_000)
+            old = replace(scan, wall_stamp_ns=scan.wall_stamp_ns - 31_536_000_000_000_000)
             for _ in range(2):
                 publisher.publish(old)
             await until(lambda: scans and (clocks or stamps == "now"))
@@ -101,10 +101,6 @@ async def test_stamps_of_a_recording(router: Router, stamps: Any) -> None:
         assert clock.clock.sec * 10**9 + clock.clock.nanosec == old.wall_stamp_ns + old.duration_ns
 
 
-def replace_stamp(scan: lidario.Scan, wall_stamp_ns: int) -> lidario.Scan:
-    return replace(scan, wall_stamp_ns=wall_stamp_ns)
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("form", ["ros", "scan", "raw"])
 async def test_a_lidar_that_nobody_reads_rests_until_somebody_does(router: Router, form: str) -> None:
@@ -117,7 +113,7 @@ async def test_a_lidar_that_nobody_reads_rests_until_somebody_does(router: Route
         else:
             made = Share(lidar, f"resting/{form}", raw=form == "raw", router=router.address)
         publisher = await stack.enter_async_context(made)
-        running = asyncio.create_task(publisher.run(idle_stop=0.5))
+        running = asyncio.create_task(publisher.run(idle_stop=0.2))
         await until(lambda: publisher.scans)
         await until(lambda: not device.scanning and not device.motor_on)
         assert [publisher.is_read] == [False]
@@ -129,7 +125,7 @@ async def test_a_lidar_that_nobody_reads_rests_until_somebody_does(router: Route
         assert [publisher.is_read] == [True]
         seen = publisher.scans
         # Three times as long as it would scan for nobody.
-        await until(lambda: publisher.scans > seen + 15)
+        await until(lambda: publisher.scans > seen + 6)
         assert device.scanning
         await reader.close()
         await until(lambda: not (device.scanning or device.motor_on))
@@ -166,13 +162,13 @@ async def test_a_reader_of_its_own_program_goes_on_when_nobody_else_reads(router
     async with AsyncExitStack() as stack:
         lidar = await stack.enter_async_context(lidario.open_lidar(device))
         share = await stack.enter_async_context(Share(lidar, "resting/own", router=router.address))
-        running = asyncio.create_task(share.run(idle_stop=0.3))
+        running = asyncio.create_task(share.run(idle_stop=0.2))
         async with lidar.scans() as own:
             await until(lambda: share.scans)
             seen = 0
             async with asyncio.timeout(BOUND_S):
                 # The publisher has left by then.
-                while seen < 15:
+                while seen < 6:
                     seen += (await anext(own)).seq > 0
             assert device.scanning
         await until(lambda: not device.scanning)
@@ -192,7 +188,7 @@ async def test_a_reader_that_was_there_before_is_known_and_a_router_that_restart
         reader.subscribe("resting/before", came.append)
         lidar = await stack.enter_async_context(lidario.open_lidar(device))
         share = await stack.enter_async_context(Share(lidar, "resting/before", router=router.address))
-        running = asyncio.create_task(share.run(idle_stop=0.5))
+        running = asyncio.create_task(share.run(idle_stop=0.2))
         await until(lambda: share.is_read and came)
         router.stop()
         await until(lambda: not share.is_connected and not device.scanning)

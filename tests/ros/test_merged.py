@@ -123,8 +123,7 @@ async def test_the_program_of_the_docs(router: Router, settings: Path, capsys: p
     ("one", "two", "words"),
     [
         ("&fault=unplug:2s", "", "silent: (0,)"),
-        ("&fault=unplug:2s", "&fault=unplug:2s", "both lidars are silent"),
-        ("&fault=silent:2s", "&fault=silent:2s", "both lidars are silent"),
+        ("&fault=unplug:2s", "&fault=silent:2s", "both lidars are silent"),
     ],
 )
 async def test_the_robot_of_the_docs_stands_where_a_lidar_has_failed(
@@ -151,31 +150,25 @@ def test_the_settings_of_the_docs_mask_the_body_for_both(tmp_path: Path) -> None
 
 
 @pytest.mark.long
-async def test_the_command_publishes_two_as_one(router: Router, settings: Path) -> None:
+@pytest.mark.parametrize("sources", [(ONE,), (ONE, TWO)], ids=["one", "two"])
+async def test_the_command_publishes_them_with_their_settings(
+    router: Router, settings: Path, sources: tuple[str, ...]
+) -> None:
+    domain = str(30 + len(sources))
     async with AsyncExitStack() as stack:
         bus = await Bus.open(router.address)
         stack.push_async_callback(bus.close)
-        heard = Heard(bus, 31)
-        arguments = ("--ros", "--domain", "31", "--router", router.address, "--config", str(settings))
-        with started("publish", ONE, TWO, *arguments, "--base-frame", "base") as process:
-            await until(lambda: len(heard.scans) > 3 and len(heard.clouds) > 3)
+        heard = Heard(bus, int(domain))
+        arguments = ["--ros", "--domain", domain, "--router", router.address, "--config", str(settings)]
+        arguments += ["--base-frame", "base"] if len(sources) > 1 else []
+        with started("publish", *sources, *arguments) as process:
+            await until(lambda: len(heard.scans) > 3 and (len(heard.clouds) > 3 or len(sources) == 1))
             process.send_signal(signal.SIGINT)
             _, said = await asyncio.to_thread(process.communicate, timeout=BOUND)
+    assert process.returncode == 0, said
+    if len(sources) > 1:
         heard.check("base")
-        assert process.returncode == 0, said
-
-
-@pytest.mark.long
-async def test_settings_of_one_are_seen_by_a_subscriber(router: Router, settings: Path) -> None:
-    async with AsyncExitStack() as stack:
-        bus = await Bus.open(router.address)
-        stack.push_async_callback(bus.close)
-        heard = Heard(bus, 32)
-        arguments = ("--ros", "--domain", "32", "--router", router.address, "--config", str(settings))
-        with started("publish", ONE, *arguments) as process:
-            await until(lambda: len(heard.scans) > 3)
-            process.send_signal(signal.SIGINT)
-            await asyncio.to_thread(process.communicate, timeout=BOUND)
+        return
     scan: Any = STORE.deserialize_cdr(heard.scans[-1].payload, "sensor_msgs/msg/LaserScan")
     assert scan.header.frame_id == "front"
     turned = scan.angle_min + scan.angle_increment * np.arange(len(scan.ranges))
@@ -210,6 +203,7 @@ async def test_what_is_no_cloud(router: Router) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
+        (("run.mcap", "--ros"), "a recording is of another time"),
         (("--zenoh", "a"), "several lidars become one with --ros"),
         (("--ros", "--mount", "0,0,0"), "there are 2 lidars and 1 mounts"),
         (("--ros", "--mount-yaw", "3"), "--mount-yaw is for one lidar"),
@@ -220,9 +214,3 @@ def test_options_that_do_not_go_with_several(arguments: tuple[str, ...], words: 
     done = invoke("publish", ONE, TWO, *arguments)
     assert done.exit_code == 2
     assert words in done.stderr.replace("\n", " ")
-
-
-def test_a_recording_is_of_another_time_than_a_lidar() -> None:
-    done = invoke("publish", ONE, "run.mcap", "--ros")
-    assert done.exit_code == 2
-    assert "a recording is of another time" in done.stderr

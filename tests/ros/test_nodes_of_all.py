@@ -21,7 +21,7 @@ from tests.ros.test_nodes import COUNT, MUST_BE_NAMED, published, scans_of
 from tests.support.loop import run_driven
 from tests.support.messages import scans_of_file
 from tests.support.router import Router
-from tests.support.samples import every_model
+from tests.support.samples import SOME_MODELS
 from tests.support.walls import LONGEST_M, WALLS, from_walls, is_all_around
 
 TROUBLE = {
@@ -31,6 +31,11 @@ TROUBLE = {
     "drop": {"fault": "drop:0.05%"},
 }
 CASES = [("record", "spin-up"), ("topic", "none"), ("export", "flip"), ("record", "drop"), ("topic", "spin-up")]
+WAYS_AND_MODELS = [
+    *((*CASES[number % len(CASES)], model) for number, model in enumerate(SOME_MODELS)),
+    *((*case, model) for case in CASES for model in SOME_MODELS[:: len(CASES)]),
+]
+"""A model of every kind once, in turns, and some in every way."""
 SOUND = 0.98
 """Share of the returns of a message, and on a damaged line of all: not every format has a check sum, and what is
 read behind a byte that was lost, until the packets are found again, is anywhere."""
@@ -68,12 +73,11 @@ async def messages_of(way: str, model: str, trouble: str, folder: Path, router: 
 
 
 @pytest.mark.long
-@every_model()
-@pytest.mark.exhaustive("case", sample=CASES[:1], full=CASES)
+@pytest.mark.exhaustive("what", sample=[(*CASES[0], model) for model in SOME_MODELS], full=WAYS_AND_MODELS)
 async def test_slam_toolbox_takes_all_and_finds_the_walls(
-    case: tuple[str, str], model: str, router: Router, tmp_path: Path
+    what: tuple[str, str, str], router: Router, tmp_path: Path
 ) -> None:
-    way, trouble = case
+    way, trouble, model = what
     messages = await messages_of(way, model, trouble, tmp_path, router)
     assert len(messages) > COUNT / 3
     slam = SlamToolbox()

@@ -34,43 +34,21 @@ async def publish_on(publisher: Publisher | Share) -> None:
 
 
 @pytest.mark.long
-async def test_a_session_comes_back_when_the_robot_does(router: Router) -> None:
-    async with AsyncExitStack() as stack:
-        rig = Rig(stack, router)
-        lidar = await rig.open()
-        source = f"zenoh:back/scan?router={router.address}"
-        async with Share(lidar, "back/scan", raw=True, router=router.address) as share:
-            rig.run(share)
-            await until(lambda: rig.sent)
-            remote = await stack.enter_async_context(lidario.open_lidar(source, reconnect=True))
-            scans = await stack.enter_async_context(remote.scans())
-            first = await anext(scans)
-        await until(lambda: not remote.is_connected)
-        await stack.enter_async_context(Share(lidar, "back/scan", raw=True, router=router.address))
-        async with asyncio.timeout(BOUND_S):
-            assert (await anext(scans)).wall_stamp_ns > first.wall_stamp_ns
-            while not remote.stats.reconnects:
-                await anext(scans)
-
-
-@pytest.mark.long
 async def test_a_recording_goes_on_when_the_robot_is_back(router: Router, tmp_path: Path) -> None:
     taken = list[lidario.Scan]()
     async with AsyncExitStack() as stack:
         rig = Rig(stack, router)
         lidar = await rig.open()
-        source = f"zenoh:kept/scan?router={router.address}"
         async with Share(lidar, "kept/scan", raw=True, router=router.address) as share:
             rig.run(share)
             await until(lambda: rig.sent)
-            remote = await stack.enter_async_context(lidario.open_lidar(source, reconnect=True))
+            remote, scans = await rig.read("kept/scan", reconnect=True)
             recording = await stack.enter_async_context(remote.record(tmp_path / "run.mcap", split_s=1.0))
-            scans = await stack.enter_async_context(remote.scans(depth=64))
-            taken += [await anext(scans) for _ in range(12)]
+            taken += [await anext(scans) for _ in range(6)]
         await until(lambda: not remote.is_connected)
         await stack.enter_async_context(Share(lidar, "kept/scan", raw=True, router=router.address))
         async with asyncio.timeout(BOUND_S):
-            while not remote.stats.reconnects or len(taken) < 30:
+            while not remote.stats.reconnects or len(taken) < 18:
                 taken.append(await anext(scans))
         await recording.close()
         assert recording.error is None
@@ -85,16 +63,11 @@ async def test_a_recording_holds_the_descriptor_that_was_made_for_the_stream(rou
     shown = list[bytes]()
     async with AsyncExitStack() as stack:
         rig = Rig(stack, router)
-        lidar = await rig.open()
-        async with Share(lidar, "shown/scan", raw=True, router=router.address) as share:
-            rig.run(share)
-            await until(lambda: rig.sent)
-            remote = await stack.enter_async_context(
-                lidario.open_lidar(f"zenoh:shown/scan?router={router.address}")
-            )
-            remote.tap(lambda direction, data, now: shown.append(data) if direction == "in" else None)
-            scans = await stack.enter_async_context(remote.scans())
-            await anext(scans)
+        rig.run(await rig.share("shown/scan", raw=True))
+        await until(lambda: rig.sent)
+        remote, scans = await rig.read("shown/scan")
+        remote.tap(lambda direction, data, now: shown.append(data) if direction == "in" else None)
+        await anext(scans)
     assert shown[0].startswith(DESCRIPTOR)
 
 
@@ -102,9 +75,8 @@ async def test_a_reader_may_come_before_the_first_scan(router: Router) -> None:
     """The publisher's lidar does not scan yet, so its mode is not known."""
     async with AsyncExitStack() as stack:
         rig = Rig(stack, router)
-        share = await stack.enter_async_context(Share(await rig.open(), "early/scan", router=router.address))
-        remote = await stack.enter_async_context(lidario.open_lidar(f"zenoh:early/scan?router={router.address}"))
-        scans = await stack.enter_async_context(remote.scans())
+        share = await rig.share("early/scan")
+        _, scans = await rig.read("early/scan")
         reading = asyncio.ensure_future(anext(scans))
         rig.run(share)
         async with asyncio.timeout(BOUND_S):
@@ -116,17 +88,13 @@ async def test_what_was_read_at_once_is_dated_as_one_read(router: Router) -> Non
     """In pieces, the revolutions of the first one seem to have come as late as the last byte did."""
     async with AsyncExitStack() as stack:
         rig = Rig(stack, router)
-        lidar = await rig.open()
-        share = await stack.enter_async_context(Share(lidar, "at-once/scan", raw=True, router=router.address))
-        rig.run(share)
+        rig.run(await rig.share("at-once/scan", raw=True))
         await until(lambda: rig.sent)
-        source = f"zenoh:at-once/scan?router={router.address}"
-        remote = await stack.enter_async_context(lidario.open_lidar(source))
-        scans = await stack.enter_async_context(remote.scans(depth=64))
+        _, scans = await rig.read("at-once/scan")
         async with asyncio.timeout(BOUND_S):
             found = [await anext(scans) for _ in range(2)]
-            time.sleep(1.0)  # noqa: ASYNC251 - one read then holds 34 kB
-            found += [await anext(scans) for _ in range(12)]
+            time.sleep(0.5)  # noqa: ASYNC251 - one read then holds 17 kB
+            found += [await anext(scans) for _ in range(6)]
     assert {scan.wall_stamp_ns for scan in found} <= {scan.wall_stamp_ns for scan in rig.sent}
 
 
@@ -141,9 +109,7 @@ async def test_scans_that_were_lost_are_a_jump_in_the_numbers(router: Router, fo
         else:
             publisher = Share(lidar, "lossy/scan", router=router.address)
         await stack.enter_async_context(publisher)
-        source = f"zenoh:{publisher.key}?router={router.address}"
-        remote = await stack.enter_async_context(lidario.open_lidar(source))
-        scans = await stack.enter_async_context(remote.scans(depth=64))
+        remote, scans = await rig.read(publisher.key)
         seq = None
         missed = 0
         async with asyncio.timeout(BOUND_S), asyncio.TaskGroup() as tasks:
@@ -171,8 +137,7 @@ async def test_two_publishers_under_one_key(router: Router, caplog: pytest.LogCa
             Share(await rig.open(), key, raw=True, router=router.address, robot="a")
         )
         rig.run(share)
-        remote = await stack.enter_async_context(lidario.open_lidar(f"zenoh:{key}?router={router.address}"))
-        scans = await stack.enter_async_context(remote.scans(depth=8))
+        remote, scans = await rig.read(key)
         async with asyncio.timeout(BOUND_S):
             await anext(scans)
             # The reader may have come in the midst of a packet.
@@ -201,7 +166,7 @@ async def test_a_reader_is_told_that_the_lidar_is_away(
     monkeypatch.setattr("lidario.ros.broadcast.STATUS_S", 0.02)
     async with AsyncExitStack() as stack:
         rig = Rig(stack, router)
-        share = await stack.enter_async_context(Share(await rig.open(), "away/scan", router=router.address))
+        share = await rig.share("away/scan")
         source = f"zenoh:away/scan?router={router.address}"
         remote = await stack.enter_async_context(lidario.open_lidar(source))
         status = share.status()
@@ -220,9 +185,8 @@ async def test_a_publisher_that_sends_nothing_is_told(
     monkeypatch.setattr("lidario.network.port.SILENCE_S", 0.05)
     async with AsyncExitStack() as stack:
         rig = Rig(stack, router)
-        share = await stack.enter_async_context(Share(await rig.open(), "mute/scan", router=router.address))
-        remote = await stack.enter_async_context(lidario.open_lidar(f"zenoh:mute/scan?router={router.address}"))
-        scans = await stack.enter_async_context(remote.scans())
+        share = await rig.share("mute/scan")
+        _, scans = await rig.read("mute/scan")
         reading = asyncio.ensure_future(anext(scans))
         said = "although its publisher is there. Does its lidar scan?"
         await until(lambda: any(said in text for text in caplog.messages))
@@ -239,7 +203,7 @@ async def test_noise_under_a_key_keeps_nobody_from_reading(router: Router, raw: 
     async with AsyncExitStack() as stack:
         rig = Rig(stack, router)
         key = f"noise/{raw}"
-        share = await stack.enter_async_context(Share(await rig.open(), key, raw=raw, router=router.address))
+        share = await rig.share(key, raw=raw)
         noise = await Bus.open(router.address)
         stack.push_async_callback(noise.close)
         senders = [noise.sender(each, bytes(16)) for each in (key, f"{key}/@lidario/status")]
@@ -258,8 +222,7 @@ async def test_noise_under_a_key_keeps_nobody_from_reading(router: Router, raw: 
         stack.callback(disturbing.cancel)
         rig.run(share)
         await until(lambda: rig.sent)
-        remote = await stack.enter_async_context(lidario.open_lidar(f"zenoh:{key}?router={router.address}"))
-        scans = await stack.enter_async_context(remote.scans(depth=8))
+        remote, scans = await rig.read(key)
         async with asyncio.timeout(BOUND_S):
             for _ in range(3):
                 assert (await anext(scans)).mode == "DenseBoost"
@@ -271,7 +234,7 @@ async def test_whole_scans_have_no_raw_bytes_to_pass_on(router: Router) -> None:
     """A relay that sends nothing would look like a lidar that stands still."""
     async with AsyncExitStack() as stack:
         rig = Rig(stack, router)
-        rig.run(await stack.enter_async_context(Share(await rig.open(), "relayed/scan", router=router.address)))
+        rig.run(await rig.share("relayed/scan"))
         await until(lambda: rig.sent)
         source = f"zenoh:relayed/scan?router={router.address}"
         remote = await stack.enter_async_context(lidario.open_lidar(source))

@@ -9,7 +9,7 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import pytest
 
@@ -19,18 +19,13 @@ from lidario.network.bus import Bus
 from lidario.ros import Publisher, Share
 from tests.cli.processes import BOUND, ROOT, invoke, line_of, served, started
 from tests.support.children import until as soon
+from tests.support.network import until
 from tests.support.router import Router
 from tests.test_model import FOUR
 
 SIM = "sim://rplidar-s2?via=memory"
 UNKNOWN = f"tcp/{'a' * 64}:7447"
 """No name has a part as long as this one, so that no network is asked."""
-
-
-async def until(condition: Callable[[], object]) -> None:
-    async with asyncio.timeout(BOUND):
-        while not condition():
-            await asyncio.sleep(0.002)
 
 
 @pytest.fixture

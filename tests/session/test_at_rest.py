@@ -31,41 +31,33 @@ def is_dark(rig: Rig) -> bool:
 @pytest.mark.parametrize("stopped", [True, False], ids=["after stop", "after opening"])
 @pytest.mark.parametrize("question", QUESTIONS)
 @pytest.mark.parametrize("model", DARK)
-def test_a_question_at_rest_is_heard(model: str, question: str, stopped: bool) -> None:
-    rig = make_rig("ydlidar", model)
-
-    @driven
-    async def main() -> None:
-        async with open_lidar(rig.device, family=rig.family) as lidar:
-            if stopped:
-                await take(lidar, 2)
-                await lidar.stop()
-                assert is_dark(rig)
-            # Whoever cannot set its speed refuses; nobody is silent.
-            with suppress(Unsupported):
-                told = await QUESTIONS[question](lidar)
-                assert question != "health" or getattr(told, "status", None) is HealthStatus.OK
+@driven
+async def test_a_question_at_rest_is_heard(model: str, question: str, stopped: bool) -> None:
+    rig = make_rig(model)
+    async with open_lidar(rig.device, family=rig.family) as lidar:
+        if stopped:
+            await take(lidar, 2)
             await lidar.stop()
             assert is_dark(rig)
-            assert len(await take(lidar, 2)) == 2
+        # Whoever cannot set its speed refuses; nobody is silent.
+        with suppress(Unsupported):
+            told = await QUESTIONS[question](lidar)
+            assert question != "health" or getattr(told, "status", None) is HealthStatus.OK
+        await lidar.stop()
         assert is_dark(rig)
-
-    main()
+        assert len(await take(lidar, 2)) == 2
+    assert is_dark(rig)
 
 
 @pytest.mark.parametrize("model", DARK)
-def test_a_question_leaves_a_resting_device_at_rest(model: str) -> None:
-    rig = make_rig("ydlidar", model)
-
-    @driven
-    async def main() -> None:
-        async with open_lidar(rig.device, family=rig.family) as lidar:
-            await lidar.stop()
-            assert is_dark(rig)
-            await lidar.get_info()
-            await lidar.get_health()
-            async with asyncio.timeout(5):
-                while not is_dark(rig):
-                    await asyncio.sleep(0.1)
-
-    main()
+@driven
+async def test_a_question_leaves_a_resting_device_at_rest(model: str) -> None:
+    rig = make_rig(model)
+    async with open_lidar(rig.device, family=rig.family) as lidar:
+        await lidar.stop()
+        assert is_dark(rig)
+        await lidar.get_info()
+        await lidar.get_health()
+        async with asyncio.timeout(5):
+            while not is_dark(rig):
+                await asyncio.sleep(0.1)

@@ -28,7 +28,6 @@ ROOT = Path(__file__).resolve().parents[2]
 TEXT = (ROOT / "docs" / "bounds.md").read_text(encoding="utf-8")
 ROWS = re.findall(r"^\| `(\w+)`(?: of a stream)? \| ([\d.]+) \| ([\d.]+) \|", TEXT, re.MULTILINE)
 BOUNDS = {call: dict(zip(FAMILIES, (float(first), float(second)), strict=True)) for call, first, second in ROWS}
-NAMED = re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", TEXT)
 
 ARGUMENTS: dict[str, tuple[object, ...]] = {
     "set_scan_frequency": (9.0,),
@@ -101,11 +100,6 @@ def test_the_table_has_every_call() -> None:
         if not name.startswith("_") and inspect.iscoroutinefunction(getattr(Lidar, name))
     }
     assert public | {"open_lidar", "anext", "aclose"} == set(BOUNDS)
-
-
-@pytest.mark.parametrize(("file", "name"), NAMED)
-def test_the_tests_that_are_named_exist(file: str, name: str) -> None:
-    assert re.search(rf"^ *(async )?def {name}\(", (ROOT / file).read_text(encoding="utf-8"), re.MULTILINE)
 
 
 def test_each_row_names_a_test() -> None:

@@ -17,8 +17,8 @@ import anyio
 import pytest
 
 from lidario import LidarError, Unsupported
-from tests.support.devices import EVERY_FAMILY, FAMILIES, Rig, discarded, left_still, make_rig
-from tests.support.loop import DrivenLoop, run_driven
+from tests.support.devices import EVERY_KIND, FAMILIES, OTHERS, Rig, discarded, left_still, make_rig
+from tests.support.loop import driven_loop, now_ns, run_driven
 
 Scenario = Callable[[Rig], Awaitable[None]]
 
@@ -42,7 +42,7 @@ async def open_a_mute_device(rig: Rig) -> None:
 
 
 async def open_a_streaming_device(rig: Rig) -> None:
-    now = round(asyncio.get_running_loop().time() * 1e9)
+    now = now_ns()
     rig.device.begin_streaming(*((1, now) if rig.family == "rplidar" else (now,)))
     await open_and_close(rig)
 
@@ -106,8 +106,7 @@ def turns_of(scenario: Scenario, family: str) -> int:
     """How often the loop goes round in an undisturbed run."""
 
     async def main() -> int:
-        loop = asyncio.get_running_loop()
-        assert isinstance(loop, DrivenLoop)
+        loop = driven_loop()
         before = loop.turns
         await scenario(make_rig(family))
         return loop.turns - before
@@ -120,8 +119,7 @@ def cancelled_at(scenario: Scenario, family: str, turn: int, how: str) -> None:
     rig = make_rig(family)
 
     async def main() -> None:
-        loop = asyncio.get_running_loop()
-        assert isinstance(loop, DrivenLoop)
+        loop = driven_loop()
         scope = anyio.CancelScope()
 
         async def inside() -> None:
@@ -151,16 +149,21 @@ def cancelled_at(scenario: Scenario, family: str, turn: int, how: str) -> None:
 
 
 WAYS = ("once", "twice", "scope")
-IN_TURNS = [
-    (scenario, how, EVERY_FAMILY[(row + column) % len(EVERY_FAMILY)])
-    for row, scenario in enumerate(SCENARIOS)
-    for column, how in enumerate(WAYS)
-]
-"""Every scenario in every way, with the families in turns."""
 
 
-@pytest.mark.exhaustive("what", sample=IN_TURNS, full=list(product(SCENARIOS, WAYS, EVERY_FAMILY)))
-@pytest.mark.exhaustive("points", sample=[4], full=[25])
+def in_turns(kinds: tuple[str, ...]) -> list[tuple[Scenario, str, str]]:
+    """Every scenario in every way, with these devices in turns."""
+    return [
+        (scenario, how, kinds[(row + column) % len(kinds)])
+        for row, scenario in enumerate(SCENARIOS)
+        for column, how in enumerate(WAYS)
+    ]
+
+
+@pytest.mark.exhaustive(
+    "what", sample=in_turns(EVERY_KIND), full=[*product(SCENARIOS, WAYS, FAMILIES), *in_turns(OTHERS)]
+)
+@pytest.mark.exhaustive("points", sample=[4], full=[12])
 def test_cancelled_anywhere_the_device_is_left_still(what: tuple[Scenario, str, str], points: int) -> None:
     scenario, how, family = what
     turns = turns_of(scenario, family)

@@ -12,14 +12,12 @@ from lidario.model import LineErrors
 from lidario.port.port import Port
 from lidario.port.simulated import connect_in_memory
 from lidario.scan import Scan
-from lidario.session.finding.discovery import PortInfo
 from lidario.session.finding.silence import ReceivedInSilence
 from lidario.sim.device import Received
 from tests.support.devices import make_rig
 from tests.support.loop import driven
-from tests.support.ports import impatient
-from tests.support.speeds import SpeedPtyServer
-from tests.support.terminals import WaitingPtyServer, babbling
+from tests.support.speeds import plugged_in
+from tests.support.terminals import WaitingPtyServer
 
 PATIENCE_S = 60.0
 
@@ -75,42 +73,36 @@ async def test_both_families_are_found_and_stream_side_by_side(soak: float) -> N
         assert one.lost == two.lost == 0
 
 
-@pytest.mark.long
+@driven
 async def test_auto_takes_the_only_lidar_that_answers(monkeypatch: pytest.MonkeyPatch) -> None:
-    impatient(monkeypatch)
-    rig = make_rig("ydlidar")
-    with SpeedPtyServer(rig.device) as server, babbling(b"") as silent:
-        ports = [PortInfo(server.path, "", "CP2102", ""), PortInfo(silent, "", "CP2102", "")]
-        monkeypatch.setattr("lidario.session.finding.discovery.list_serial_ports", lambda: ports)
-        async with open_lidar() as lidar:
-            assert lidar.info.family == "ydlidar"
-            serial = lidar.info.serial
-        async with open_lidar(f"id:{serial}") as lidar:
-            assert lidar.info.serial == serial
-        with pytest.raises(ConnectFailed, match="nothing came back") as caught:
-            await open_lidar("id:0000")
-        assert caught.value.reason == "missing"
+    lidar, silent = make_rig("ydlidar").device, make_rig("rplidar").device
+    silent.mute = True
+    plugged_in(monkeypatch, lidar=lidar, silent=silent)
+    async with open_lidar() as found:
+        assert found.info.family == "ydlidar"
+        serial = found.info.serial
+    async with open_lidar(f"id:{serial}") as found:
+        assert found.info.serial == serial
+    with pytest.raises(ConnectFailed, match="nothing came back") as caught:
+        await open_lidar("id:0000")
+    assert caught.value.reason == "missing"
 
 
+@driven
 async def test_auto_does_not_choose_among_several(monkeypatch: pytest.MonkeyPatch) -> None:
-    one, two = make_rig("rplidar", seed=1), make_rig("rplidar", seed=2)
-    with SpeedPtyServer(one.device) as first, SpeedPtyServer(two.device) as second:
-        ports = [PortInfo(server.path, "", "CP2102", "") for server in (first, second)]
-        monkeypatch.setattr("lidario.session.finding.discovery.list_serial_ports", lambda: ports)
-        with pytest.raises(ConnectFailed, match=r"2 lidars respond(.|\n)*S2M1") as caught:
-            await open_lidar("auto")
-        assert caught.value.reason == "ambiguous"
+    plugged_in(monkeypatch, one=make_rig("rplidar", seed=1).device, two=make_rig("rplidar", seed=2).device)
+    with pytest.raises(ConnectFailed, match=r"2 lidars respond(.|\n)*S2M1") as caught:
+        await open_lidar("auto")
+    assert caught.value.reason == "ambiguous"
 
 
+@driven
 async def test_auto_does_not_write_to_strange_adapters(monkeypatch: pytest.MonkeyPatch) -> None:
-    rig = make_rig("rplidar")
-    with SpeedPtyServer(rig.device) as server:
-        port = PortInfo(server.path, "", "", "somebody's Arduino")
-        monkeypatch.setattr("lidario.session.finding.discovery.list_serial_ports", lambda: [port])
-        with pytest.raises(ConnectFailed, match=server.path) as caught:
-            await open_lidar("auto")
-        assert caught.value.reason == "missing"
-        assert rig.device.log == []
+    written = plugged_in(monkeypatch, "", somebodys=make_rig("rplidar").device)
+    with pytest.raises(ConnectFailed, match="somebodys") as caught:
+        await open_lidar("auto")
+    assert caught.value.reason == "missing"
+    assert written == []
 
 
 @pytest.mark.parametrize(
@@ -123,21 +115,17 @@ async def test_auto_does_not_write_to_strange_adapters(monkeypatch: pytest.Monke
     ],
     ids=["silence", "zeros", "garbage", "packets"],
 )
-def test_what_came_back_is_said(babble: bytes, verdict: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@driven
+async def test_what_came_back_is_said(babble: bytes, verdict: str, monkeypatch: pytest.MonkeyPatch) -> None:
     async def open_babbler(path: str, _: int) -> Port:
         return connect_in_memory(Babbler(babble), name=path)
 
     monkeypatch.setattr("lidario.session.finding.connect.open_serial", open_babbler)
-
-    @driven
-    async def main() -> None:
-        with pytest.raises(ConnectFailed, match=verdict) as caught:
-            await open_lidar("/dev/babbler")
-        assert "1000000, 512000, 230400, 115200, 256000, 128000, 460800 or 153600 baud" in str(caught.value)
-        assert "powered" in str(caught.value)
-        assert caught.value.reason == "silent"
-
-    main()
+    with pytest.raises(ConnectFailed, match=verdict) as caught:
+        await open_lidar("/dev/babbler")
+    assert "1000000, 512000, 230400, 115200, 256000, 128000, 460800 or 153600 baud" in str(caught.value)
+    assert "powered" in str(caught.value)
+    assert caught.value.reason == "silent"
 
 
 @driven

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 
 from tests.support.devices import both_families, make_rig
-from tests.support.loop import DrivenLoop, driven
+from tests.support.loop import driven, driven_loop, now_ns
 
 BLOCKED_S = 0.05
 """For so long the program blocks its loop: then the descriptor and many packets are read at once."""
@@ -15,8 +15,7 @@ BLOCKED_S = 0.05
 @driven
 async def test_a_stream_that_was_stopped_as_it_began_leaves_no_packets_to_the_next(family: str) -> None:
     rig = make_rig(family)
-    loop = asyncio.get_running_loop()
-    assert isinstance(loop, DrivenLoop)
+    loop = driven_loop()
     async with rig.open() as lidar:
         await lidar.get_modes()
         reading = asyncio.ensure_future(anext(lidar.scans()))
@@ -38,8 +37,7 @@ async def test_a_stream_that_was_stopped_as_it_began_leaves_no_packets_to_the_ne
 async def test_what_was_read_together_with_the_descriptor_is_delivered(family: str) -> None:
     """Three revolutions and more, too many bytes to be parsed in one step."""
     rig = make_rig(family)
-    loop = asyncio.get_running_loop()
-    assert isinstance(loop, DrivenLoop)
+    loop = driven_loop()
     async with rig.open() as lidar:
         await lidar.get_modes()
         async with lidar.scans(depth=16) as stream:
@@ -47,7 +45,7 @@ async def test_what_was_read_together_with_the_descriptor_is_delivered(family: s
             while "scan" not in rig.device.log[-1].name:
                 await asyncio.sleep(0.0001)
             loop.block(0.6)
-            read_ns = round(loop.time() * 1e9)
+            read_ns = now_ns()
             first = await reading
             assert first.stamp_ns < read_ns - 300_000_000
             assert [(await anext(stream)).seq for _ in range(3)] == [1, 2, 3]

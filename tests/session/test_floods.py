@@ -21,7 +21,7 @@ from lidario.scan import Scan
 from lidario.session.talking.intake import IDLE_SLICE
 from lidario.wire.link import Link
 from tests.support.devices import Rig, make_rig
-from tests.support.loop import DrivenLoop, driven
+from tests.support.loop import DrivenLoop, driven, driven_loop
 
 STEP_S = 0.001
 MOST_STEPS = round(TURN_NS * 1e-9 / STEP_S) + 1
@@ -72,8 +72,7 @@ def flood(rig: Rig, kind: str, size: int) -> None:
 @pytest.mark.parametrize("kind", FLOODS)
 @driven
 async def test_each_turn_of_the_loop_does_a_bounded_part(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    loop = asyncio.get_running_loop()
-    assert isinstance(loop, DrivenLoop)
+    loop = driven_loop()
     steps, rig = Steps(monkeypatch, loop), make_rig("rplidar")
     async with rig.open() as lidar, lidar.scans() as stream:
         await anext(stream)
@@ -90,8 +89,7 @@ async def test_each_turn_of_the_loop_does_a_bounded_part(kind: str, monkeypatch:
 
 @driven
 async def test_what_is_too_much_is_dropped_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    loop = asyncio.get_running_loop()
-    assert isinstance(loop, DrivenLoop)
+    loop = driven_loop()
     steps, rig = Steps(monkeypatch, loop), make_rig("rplidar")
     async with rig.open() as lidar:
         async with lidar.scans() as stream:
@@ -117,8 +115,7 @@ async def test_what_is_too_much_is_dropped_and_counted(monkeypatch: pytest.Monke
 
 @driven
 async def test_what_came_before_the_line_was_lost_is_decoded_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    loop = asyncio.get_running_loop()
-    assert isinstance(loop, DrivenLoop)
+    loop = driven_loop()
     steps, rig = Steps(monkeypatch, loop), make_rig("rplidar")
     async with rig.open() as lidar, lidar.scans(depth=100) as stream:
         await anext(stream)

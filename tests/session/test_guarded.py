@@ -21,6 +21,7 @@ import lidario
 from lidario.port.diagnose import holders
 from lidario.sim.serve import PtyServer
 from tests.cli.processes import served
+from tests.session.test_killed import MOST, PROGRAM, scan_once
 from tests.support.children import UNDISTURBED, child, forget, requests, until
 from tests.support.guards import guards_of, is_left_still
 
@@ -30,30 +31,14 @@ pytestmark = pytest.mark.discards(
 
 MODELS = ["rplidar-s2", "ydlidar-4ros", "rplidar-a1"]
 LONGEST_S = 0.4
-MOST = 20
-"""How many times the rounds at most, until enough of the programs were killed while they scanned."""
-PROGRAM = """
-import asyncio, random, sys
-import lidario
-
-async def main():
-    dice = random.Random(int(sys.argv[3]))
-    async with lidario.open_lidar(sys.argv[1], family=sys.argv[2], guard=True) as lidar:
-        while True:
-            async with lidar.scans() as stream:
-                for _ in range(dice.randrange(1, 4)):
-                    await anext(stream)
-            await dice.choice([lidar.get_health, lidar.get_info, lidar.get_modes, lidar.stop])()
-
-asyncio.run(main())
-"""
+GUARDED = PROGRAM.replace("family=sys.argv[2]", "family=sys.argv[2], guard=True")
 
 
 def kill_at_random(server: PtyServer, family: str, dice: random.Random) -> tuple[bool, float]:
     """Kill a program after its first request, or once it scans; whether it scanned, and how long that went on."""
     scans = dice.random() < 0.7
     forget(server)
-    with child(UNDISTURBED + PROGRAM, server.path, family, str(dice.randrange(1000))) as process:
+    with child(UNDISTURBED + GUARDED, server.path, family, str(dice.randrange(1000))) as process:
         until(lambda: requests(server) or process.poll() is not None)
         if scans:
             until(lambda: not is_left_still(server) or process.poll() is not None)
@@ -73,11 +58,6 @@ def kill_at_random(server: PtyServer, family: str, dice: random.Random) -> tuple
     return scanned, lasted
 
 
-async def scan_once(path: str, family: str | None) -> lidario.Scan:
-    async with lidario.open_lidar(path, family=family, guard=True) as lidar:
-        return await lidar.scan()
-
-
 @pytest.mark.long
 @pytest.mark.exhaustive("model", sample=MODELS[:1], full=MODELS)
 def test_killed_at_any_moment_it_leaves_the_device_still(model: str, rounds: int) -> None:
@@ -92,7 +72,7 @@ def test_killed_at_any_moment_it_leaves_the_device_still(model: str, rounds: int
             scanned += was_scanning
             worst.append(lasted)
             known = family if dice.randrange(4) else None
-            scan = asyncio.run(scan_once(server.path, known))
+            scan = asyncio.run(scan_once(server.path, known, guard=True))
             assert len(scan.ranges) > 100, number
             # Nobody holds the port: neither the first guard nor that of this program.
             assert list(holders(server.path)) == []
@@ -108,7 +88,7 @@ def test_a_program_that_opens_the_port_meanwhile_waits(real: bool, monkeypatch: 
     """A real port that somebody holds is not opened at all, since that would move its control lines."""
     if real:
         monkeypatch.setattr("lidario.port.serial.is_pseudo_terminal", lambda path: False)
-    with served("rplidar-s2") as server, child(UNDISTURBED + PROGRAM, server.path, "rplidar", "1") as process:
+    with served("rplidar-s2") as server, child(UNDISTURBED + GUARDED, server.path, "rplidar", "1") as process:
         until(lambda: not is_left_still(server))
         (guard,) = guards_of(process.pid)
         # It is made to stay at the port for a while longer.
@@ -116,10 +96,10 @@ def test_a_program_that_opens_the_port_meanwhile_waits(real: bool, monkeypatch: 
         process.kill()
         process.communicate()
         with pytest.raises(lidario.ConnectFailed, match=r"busy: held by PID .*lidario-guard"), soon(monkeypatch):
-            asyncio.run(scan_once(server.path, "rplidar"))
+            asyncio.run(scan_once(server.path, "rplidar", guard=True))
         assert not is_left_still(server)
         threading.Timer(0.2, os.kill, (guard, signal.SIGCONT)).start()
-        scan = asyncio.run(scan_once(server.path, "rplidar"))
+        scan = asyncio.run(scan_once(server.path, "rplidar", guard=True))
         assert len(scan.ranges) > 100
 
 

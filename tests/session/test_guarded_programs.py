@@ -17,7 +17,7 @@ from lidario.port.diagnose import holders
 from lidario.sim.serve import PtyServer, TcpServer, UdpServer
 from lidario.simulation import simulate
 from tests.cli.processes import served
-from tests.session.test_guarded import scan_once
+from tests.session.test_killed import scan_once
 from tests.support.children import UNDISTURBED, child, forget, line_of, requests, until
 from tests.support.guards import guards_of, is_left_still, switches
 from tests.support.terminals import WaitingPtyServer
@@ -200,7 +200,7 @@ def test_over_a_network_and_the_next_program_waits(kind: type[TcpServer | UdpSer
             process.kill()
             process.wait()
             threading.Timer(0.2, os.kill, (guard, signal.SIGCONT)).start()
-            assert asyncio.run(scan_once(source, "rplidar")).mode
+            assert asyncio.run(scan_once(source, "rplidar", guard=True)).mode
             assert guards_of(process.pid) == []
         until(lambda: is_left_still(server))
 
@@ -279,7 +279,7 @@ def test_a_response_that_the_device_still_owes(model: str, tmp_path: Path) -> No
         with child(UNDISTURBED + HEAD + WHEN_TOLD + RUN, server.path, str(begin)) as process:
             line_of(process)
             with server.lock:
-                server.device.response_delay_s = 0.7  # type: ignore[attr-defined]
+                server.device.response_delay_s = 0.3  # type: ignore[attr-defined]
             begin.touch()
             until(lambda: any("scan" in each.name for each in requests(server)))
             killed(process, server)

@@ -10,7 +10,7 @@ import pytest
 from lidario import Lidar, StreamFailed
 from lidario.session.talking.dialogue import Dialogue
 from tests.support.devices import Rig, left_still, make_rig, names, take
-from tests.support.loop import DrivenLoop, driven
+from tests.support.loop import driven, driven_loop, now_ns
 
 MINUTE_S = 60.0
 INTERVAL_S = 0.4
@@ -31,8 +31,7 @@ def pauses(rig: Rig) -> list[float]:
 
 
 async def scan_for(lidar: Lidar, seconds: float, block_s: float = 0.0) -> int:
-    loop = asyncio.get_running_loop()
-    assert isinstance(loop, DrivenLoop)
+    loop = driven_loop()
     end = loop.time() + seconds
     count = 0
     async with lidar.scans(depth=64) as stream:
@@ -64,8 +63,7 @@ async def test_many_minutes_with_protection_on(minutes: int, monkeypatch: pytest
 async def test_a_program_that_blocks_the_loop_does_not_stop_the_device_in_any_phase() -> None:
     """For 2.5 s, beginning 0 to 0.95 s after a keepalive; without a thread."""
     rig = make_rig("ydlidar")
-    loop = asyncio.get_running_loop()
-    assert isinstance(loop, DrivenLoop)
+    loop = driven_loop()
     async with rig.open() as lidar:
         await lidar.set_power_down_protection(True)
         async with lidar.scans(depth=64) as stream:
@@ -83,8 +81,7 @@ async def test_a_program_that_blocks_the_loop_does_not_stop_the_device_in_any_ph
 @driven
 async def test_after_a_lapse_the_next_keepalive_starts_the_device_again() -> None:
     rig = make_rig("ydlidar")
-    loop = asyncio.get_running_loop()
-    assert isinstance(loop, DrivenLoop)
+    loop = driven_loop()
     async with rig.open() as lidar:
         await lidar.set_power_down_protection(True)
         async with lidar.scans() as stream:
@@ -115,7 +112,7 @@ async def test_protection_is_not_toggled_unless_a_stream_ends_as_if_it_were_on()
         async with lidar.scans() as stream:
             for _ in range(10):
                 await anext(stream)
-            rig.device.halt(round(asyncio.get_running_loop().time() * 1e9))
+            rig.device.halt(now_ns())
             for _ in range(40):
                 await anext(stream)
         assert lidar.stats.restarts == 1
@@ -126,7 +123,7 @@ async def test_protection_is_not_toggled_unless_a_stream_ends_as_if_it_were_on()
             began = asyncio.get_running_loop().time()
             while asyncio.get_running_loop().time() - began < 3.0:
                 await anext(stream)
-            rig.device.halt(round(asyncio.get_running_loop().time() * 1e9))
+            rig.device.halt(now_ns())
             for _ in range(40):
                 await anext(stream)
     assert names(rig).count("toggle_protection") == 2

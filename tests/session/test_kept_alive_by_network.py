@@ -7,20 +7,23 @@ import time
 from types import ModuleType
 
 import pytest
-import uvloop
 
 from lidario import open_lidar
 from lidario.sim.serve import TcpServer
 from tests.support.devices import make_rig, names
-from tests.support.ports import PATIENCE_S
+from tests.support.ports import PATIENCE_S, both_loops, run_on
 
 LONGEST_BLOCK_S = 20.0
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("library", [asyncio, uvloop], ids=["asyncio", "uvloop"])
-def test_the_thread_writes_what_the_loop_does_not(library: ModuleType) -> None:
-    """The loop is blocked until the device has heard what keeps it going, often enough to outlast its patience."""
+@both_loops
+def test_the_thread_writes_what_the_loop_does_not(library: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The loop is blocked until the device has heard what keeps it going three times.
+
+    That this is often enough is in `test_keepalive`.
+    """
+    monkeypatch.setattr("lidario.families.ydlidar.device.KEEPALIVE_S", 0.1)
     rig = make_rig("ydlidar")
 
     async def main() -> None:
@@ -48,6 +51,5 @@ def test_the_thread_writes_what_the_loop_does_not(library: ModuleType) -> None:
             assert rig.device.lapses == 0
             assert written.count(b"\xa5\x60") >= 3
 
-    with asyncio.Runner(loop_factory=library.new_event_loop) as runner:
-        runner.run(main())
+    run_on(library, main)
     assert not rig.device.scanning

@@ -54,8 +54,8 @@ def kill_at_random(server: PtyServer, family: str, dice: random.Random) -> bool:
     return not is_still(server)
 
 
-async def scan_once(path: str, family: str | None) -> lidario.Scan:
-    async with lidario.open_lidar(path, family=family) as lidar:
+async def scan_once(path: str, family: str | None, *, guard: bool = False) -> lidario.Scan:
+    async with lidario.open_lidar(path, family=family, guard=guard) as lidar:
         return await lidar.scan()
 
 

@@ -11,8 +11,8 @@ import pytest
 import lidario
 from lidario.errors import Busy
 from lidario.session.streaming.line_changes import MOST, LineChange, LineChanges, LineWatch
-from tests.support.cable import cable_to
-from tests.support.devices import both_families, make_rig
+from tests.support.cable import on_a_cable
+from tests.support.devices import both_families, end_of, make_rig
 from tests.support.loop import driven
 
 
@@ -24,24 +24,22 @@ async def all_of(changes: LineChanges) -> list[LineChange]:
 @both_families
 @driven
 async def test_each_loss_and_each_return_is_told(family: str, scanning: bool) -> None:
-    rig = make_rig(family)
-    with cable_to(rig) as cable:
-        async with rig.open(reconnect=True) as lidar:
-            reading = asyncio.ensure_future(all_of(lidar.line_changes()))
-            stream = lidar.scans() if scanning else None
+    async with on_a_cable(family) as (cable, lidar):
+        reading = asyncio.ensure_future(all_of(lidar.line_changes()))
+        stream = lidar.scans() if scanning else None
+        if stream is not None:
+            await anext(stream)
+        for _ in range(2):
+            cable.pull()
+            await asyncio.sleep(3.0)
+            late = lidar.line_changes()
+            change = await anext(late)
+            assert (change.state, lidar.is_connected) == ("away", False)
+            cable.plug()
+            assert (await anext(late)).state == "back"
+            assert lidar.is_connected
             if stream is not None:
                 await anext(stream)
-            for _ in range(2):
-                cable.pull()
-                await asyncio.sleep(3.0)
-                late = lidar.line_changes()
-                change = await anext(late)
-                assert (change.state, lidar.is_connected) == ("away", False)
-                cable.plug()
-                assert (await anext(late)).state == "back"
-                assert lidar.is_connected
-                if stream is not None:
-                    await anext(stream)
     changes = await reading
     assert [change.state for change in changes] == ["connected", "away", "back", "away", "back"]
     assert [bool(change.reason) for change in changes] == [False, True, False, True, False]
@@ -53,31 +51,25 @@ async def test_each_loss_and_each_return_is_told(family: str, scanning: bool) ->
 @both_families
 @driven
 async def test_without_reconnecting_it_ends(family: str) -> None:
-    rig = make_rig(family)
-    with cable_to(rig) as cable:
-        async with rig.open() as lidar:
-            reading = asyncio.ensure_future(all_of(lidar.line_changes()))
-            stream = lidar.scans()
-            await anext(stream)
-            cable.pull()
-            with pytest.raises(lidario.DeviceLost) as lost:
-                while True:
-                    await anext(stream)
-            changes = await reading
-            assert [change.state for change in changes] == ["connected", "ended"]
-            assert str(lost.value) == changes[1].reason
-            assert await all_of(lidar.line_changes()) == []
+    async with on_a_cable(family, reconnect=False) as (cable, lidar):
+        reading = asyncio.ensure_future(all_of(lidar.line_changes()))
+        stream = lidar.scans()
+        await anext(stream)
+        cable.pull()
+        lost = await end_of(stream, lidario.DeviceLost)
+        changes = await reading
+        assert [change.state for change in changes] == ["connected", "ended"]
+        assert str(lost) == changes[1].reason
+        assert await all_of(lidar.line_changes()) == []
 
 
 @driven
 async def test_a_limit_that_has_passed_ends_it() -> None:
-    rig = make_rig("rplidar")
-    with cable_to(rig) as cable:
-        async with rig.open(reconnect=lidario.Reconnect(limit_s=2.0)) as lidar:
-            reading = asyncio.ensure_future(all_of(lidar.line_changes()))
-            await asyncio.sleep(0.1)
-            cable.pull()
-            changes = await reading
+    async with on_a_cable("rplidar", reconnect=lidario.Reconnect(limit_s=2.0)) as (cable, lidar):
+        reading = asyncio.ensure_future(all_of(lidar.line_changes()))
+        await asyncio.sleep(0.1)
+        cable.pull()
+        changes = await reading
     assert [change.state for change in changes] == ["connected", "away", "ended"]
     assert "did not come back within 2 s" in changes[2].reason
 

@@ -15,7 +15,7 @@ from lidario.port.port import Port
 from lidario.session.finding.discovery import PortInfo
 from lidario.session.finding.listening import LISTEN_S, family_of_stream, listen
 from tests.support.devices import make_rig
-from tests.support.loop import driven
+from tests.support.loop import driven, now_ns
 from tests.support.speeds import misread, serial_in_memory
 
 STREAMING = (
@@ -32,17 +32,9 @@ STREAMING = (
 QUESTION = {family.name: next(family.device().identify()).data for family in FAMILIES}
 
 
-def now() -> int:
-    return round(asyncio.get_running_loop().time() * 1e9)
-
-
-def make(model: str) -> Any:
-    return make_rig(model.partition("-")[0], model).device
-
-
 def stream(device: Any, mode: int) -> None:
     """Have it scan, as after a program that was killed."""
-    arguments = (now(),) if device.profile.name.startswith("ydlidar") else (mode, now())
+    arguments = (now_ns(),) if device.profile.name.startswith("ydlidar") else (mode, now_ns())
     device.begin_streaming(*arguments)
 
 
@@ -51,91 +43,61 @@ def speed_of(device: Any) -> int:
 
 
 @pytest.mark.parametrize(("model", "mode"), STREAMING)
-def test_a_device_that_streams_is_recognised_before_a_byte_is_written(
+@driven
+async def test_a_device_that_streams_is_recognised_before_a_byte_is_written(
     model: str, mode: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    device = make(model)
+    device = make_rig(model).device
     written = serial_in_memory(monkeypatch, left=device)
-
-    @driven
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        stream(device, mode)
-        began = loop.time()
-        async with open_lidar("left") as lidar:
-            assert loop.time() - began < 0.9
-            assert lidar.info.family == model.partition("-")[0]
-            speeds = [each for family in FAMILIES for each in family.baudrates]
-            assert len(written) > 1
-            assert {speed for speed, _ in written} == {speed_of(device)} <= set(speeds)
-
-    main()
+    loop = asyncio.get_running_loop()
+    stream(device, mode)
+    began = loop.time()
+    async with open_lidar("left") as lidar:
+        assert loop.time() - began < 0.9
+        assert lidar.info.family == model.partition("-")[0]
+        speeds = [each for family in FAMILIES for each in family.baudrates]
+        assert len(written) > 1
+        assert {speed for speed, _ in written} == {speed_of(device)} <= set(speeds)
 
 
-@pytest.mark.parametrize("model", ["rplidar-s2", "rplidar-s1", "rplidar-express", "ydlidar-4ros"])
-def test_a_device_at_rest_is_found_at_once(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    device = make(model)
-    serial_in_memory(monkeypatch, rests=device)
-
-    @driven
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        began = loop.time()
-        async with open_lidar("rests") as lidar:
-            assert loop.time() - began < 0.5
-            assert lidar.info.family == model.partition("-")[0]
-
-    main()
+ONE_SPEED = pytest.param(
+    True, marks=pytest.mark.discards("the questions of both families reach a device that boots"), id="one speed"
+)
 
 
+@pytest.mark.parametrize("shared", [pytest.param(False, id="by speed"), ONE_SPEED])
 @pytest.mark.parametrize("boot_s", [0.7, 2.0, 3.1, 4.2])
 @pytest.mark.parametrize("model", ["rplidar-s1", "rplidar-s2", "ydlidar-4ros"])
-def test_a_device_that_boots_is_asked_again(model: str, boot_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    device = make(model)
-    serial_in_memory(monkeypatch, boots=device)
-    found_while_it_boots(device, boot_s, "boots")
-
-
-@pytest.mark.discards("the questions of both families reach a device that boots")
-@pytest.mark.parametrize("boot_s", [0.7, 2.0, 3.1, 4.2])
-@pytest.mark.parametrize("model", ["rplidar-s1", "rplidar-s2", "ydlidar-4ros"])
-def test_so_is_one_whose_speed_does_not_tell_its_family(model: str, boot_s: float) -> None:
-    device = make(model)
-    found_while_it_boots(device, boot_s, device)
-
-
-def found_while_it_boots(device: Any, boot_s: float, source: Any) -> None:
+@driven
+async def test_a_device_that_boots_is_asked_again(
+    model: str, boot_s: float, shared: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """It is found a round after the boot at the latest, or a round after the models that need DTR were asked."""
-    family = device.profile.name.partition("-")[0]
+    device = make_rig(model).device
+    serial_in_memory(monkeypatch, boots=device)
+    family = model.partition("-")[0]
     device.boot_s = boot_s
-
-    @driven
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        device.receive(b"\xa5\x80" if family == "ydlidar" else b"\xa5\x40", now())
-        began = loop.time()
-        async with open_lidar(source) as lidar:
-            assert lidar.info.family == family
-            assert loop.time() - began < boot_s + 8.5
-
-    main()
+    loop = asyncio.get_running_loop()
+    device.receive(b"\xa5\x80" if family == "ydlidar" else b"\xa5\x40", now_ns())
+    began = loop.time()
+    async with open_lidar(device if shared else "boots") as lidar:
+        assert lidar.info.family == family
+        assert loop.time() - began < boot_s + 8.5
 
 
 @pytest.mark.discards("half a request swallows what follows it")
 @pytest.mark.parametrize("shared", [False, True], ids=["by speed", "one speed"])
 @pytest.mark.parametrize("half", [b"\xa5\x82", b"\xa5\x84\xff", b"\xa5\x82\x05\x01"])
 @pytest.mark.parametrize("model", ["rplidar-s1", "rplidar-s2"])
-def test_half_a_request_is_outlived(model: str, half: bytes, shared: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    device = make(model)
+@driven
+async def test_half_a_request_is_outlived(
+    model: str, half: bytes, shared: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device = make_rig(model).device
     serial_in_memory(monkeypatch, holds=device)
-
-    @driven
-    async def main() -> None:
-        device.receive(half, now())
-        async with open_lidar(device if shared else "holds") as lidar:
-            assert lidar.info.family == "rplidar"
-
-    main()
+    device.receive(half, now_ns())
+    async with open_lidar(device if shared else "holds") as lidar:
+        assert lidar.info.family == "rplidar"
 
 
 def test_no_question_reads_as_a_request_at_another_speed() -> None:
@@ -149,7 +111,7 @@ def test_no_question_reads_as_a_request_at_another_speed() -> None:
 
 @pytest.mark.parametrize(("model", "mode"), STREAMING)
 def test_a_stream_is_recognised_at_its_own_speed_alone(model: str, mode: int) -> None:
-    device = make(model)
+    device = make_rig(model).device
     arguments = (10**9,) if model.startswith("ydlidar") else (mode, 10**9)
     device.begin_streaming(*arguments)
     data = b"".join(device.transmit(10**9 + step * 10**7) for step in range(1, 13))
@@ -168,20 +130,16 @@ def test_noise_is_no_stream() -> None:
     assert family_of_stream(bytearray()) is None
 
 
-def test_where_nothing_listens_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    device = make("rplidar-s2")
+@driven
+async def test_where_nothing_listens_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    device = make_rig("rplidar-s2").device
     device.mute = True
     written = serial_in_memory(monkeypatch, mute=device)
-
-    @driven
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        began = loop.time()
-        with pytest.raises(ConnectFailed, match="nothing came back"):
-            await open_lidar("mute")
-        assert 5.0 < loop.time() - began < 11.0
-
-    main()
+    loop = asyncio.get_running_loop()
+    began = loop.time()
+    with pytest.raises(ConnectFailed, match="nothing came back"):
+        await open_lidar("mute")
+    assert 5.0 < loop.time() - began < 11.0
     at_each = [
         next(data for each, data in written if each == speed) for speed in dict.fromkeys(s for s, _ in written)
     ]
@@ -192,28 +150,24 @@ def test_where_nothing_listens_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("ended_after_s", [0.5, 2.0, 4.0, None])
 @pytest.mark.parametrize("model", ["ldrobot-ld14p", "hlds-lds01"])
-def test_what_the_search_may_have_started_is_left_still(
+@driven
+async def test_what_the_search_may_have_started_is_left_still(
     model: str, ended_after_s: float | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    device = make(model)
+    device = make_rig(model).device
     serial_in_memory(monkeypatch, mute=device)
-
-    @driven
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        device.receive(bytes.fromhex("54A104000000004A") if model == "ldrobot-ld14p" else b"e", now())
-        assert not device.motor_on
-        device.mute = True
-        with pytest.raises((ConnectFailed, TimeoutError)):
-            async with asyncio.timeout(ended_after_s):
-                await open_lidar("mute")
-        # What was written last may still be under way.
-        until = loop.time() + 1.0
-        while device.motor_on and loop.time() < until:
-            await asyncio.sleep(0.01)
-        assert not device.motor_on
-
-    main()
+    loop = asyncio.get_running_loop()
+    device.receive(bytes.fromhex("54A104000000004A") if model == "ldrobot-ld14p" else b"e", now_ns())
+    assert not device.motor_on
+    device.mute = True
+    with pytest.raises((ConnectFailed, TimeoutError)):
+        async with asyncio.timeout(ended_after_s):
+            await open_lidar("mute")
+    # What was written last may still be under way.
+    until = loop.time() + 1.0
+    while device.motor_on and loop.time() < until:
+        await asyncio.sleep(0.01)
+    assert not device.motor_on
 
 
 class Noise:
@@ -240,22 +194,19 @@ class Noise:
         return now_ns + 2_000_000
 
 
-def test_where_only_noise_comes_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+@driven
+async def test_where_only_noise_comes_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     serial_in_memory(monkeypatch, noisy=Noise())
-
-    @driven
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        began = loop.time()
-        with pytest.raises(ConnectFailed, match="garbage"):
-            await open_lidar("noisy")
-        assert 9.0 < loop.time() - began < 17.0
-
-    main()
+    loop = asyncio.get_running_loop()
+    began = loop.time()
+    with pytest.raises(ConnectFailed, match="garbage"):
+        await open_lidar("noisy")
+    assert 9.0 < loop.time() - began < 17.0
 
 
-def test_a_speed_the_adapter_cannot_do_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    device = make("rplidar-s1")
+@driven
+async def test_a_speed_the_adapter_cannot_do_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    device = make_rig("rplidar-s1").device
     serial_in_memory(monkeypatch, poor=device)
     change = Port.set_baudrate
 
@@ -265,20 +216,16 @@ def test_a_speed_the_adapter_cannot_do_is_left_out(monkeypatch: pytest.MonkeyPat
         change(self, baudrate)
 
     monkeypatch.setattr(Port, "set_baudrate", refuse)
-
-    @driven
-    async def main() -> None:
-        stream(device, 1)
-        async with open_lidar("poor") as lidar:
-            assert lidar.info.family == "rplidar"
-        async with open_lidar("poor") as lidar:
-            assert lidar.info.family == "rplidar"
-
-    main()
+    stream(device, 1)
+    async with open_lidar("poor") as lidar:
+        assert lidar.info.family == "rplidar"
+    async with open_lidar("poor") as lidar:
+        assert lidar.info.family == "rplidar"
 
 
-def test_cancelled_while_it_listens_it_has_written_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    device = make("rplidar-s2")
+@driven
+async def test_cancelled_while_it_listens_it_has_written_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    device = make_rig("rplidar-s2").device
     written = serial_in_memory(monkeypatch, rests=device)
     ports: list[Port] = []
 
@@ -287,37 +234,33 @@ def test_cancelled_while_it_listens_it_has_written_nothing(monkeypatch: pytest.M
         return await listen(port, *rest)
 
     monkeypatch.setattr("lidario.session.finding.connect.listen", spied)
-
-    @driven
-    async def main() -> None:
-        with pytest.raises(TimeoutError):
-            async with asyncio.timeout(LISTEN_S / 2):
-                await open_lidar("rests")
-        assert not ports[0].is_open
-        assert written == []
-
-    main()
+    with pytest.raises(TimeoutError):
+        async with asyncio.timeout(LISTEN_S / 2):
+            await open_lidar("rests")
+    assert not ports[0].is_open
+    assert written == []
 
 
-def test_ports_are_asked_side_by_side_and_patiently_only_where_none_responds(
+@driven
+async def test_ports_are_asked_side_by_side_and_patiently_only_where_none_responds(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    first, second, third, mute = make("rplidar-s2"), make("ydlidar-4ros"), make("rplidar-s1"), make("rplidar-s1")
+    first, second, third, mute = (
+        make_rig("rplidar-s2").device,
+        make_rig("ydlidar-4ros").device,
+        make_rig("rplidar-s1").device,
+        make_rig("rplidar-s1").device,
+    )
     mute.mute = True
     third.boot_s = 4.0
     serial_in_memory(monkeypatch, a=first, b=mute, c=second, d=third)
     known = [PortInfo(path, "", "CP2102", "") for path in "bd"]
     monkeypatch.setattr("lidario.session.finding.discovery.list_serial_ports", lambda: known)
-
-    @driven
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        began = loop.time()
-        found = await list_lidars(("a", "b", "c"))
-        assert [each.port.path for each in found if each.info] == ["a", "c"]
-        assert loop.time() - began < 5.5
-        third.receive(b"\xa5\x40", now())
-        async with open_lidar("auto") as lidar:
-            assert lidar.info.serial == third.serial.hex().upper()
-
-    main()
+    loop = asyncio.get_running_loop()
+    began = loop.time()
+    found = await list_lidars(("a", "b", "c"))
+    assert [each.port.path for each in found if each.info] == ["a", "c"]
+    assert loop.time() - began < 5.5
+    third.receive(b"\xa5\x40", now_ns())
+    async with open_lidar("auto") as lidar:
+        assert lidar.info.serial == third.serial.hex().upper()

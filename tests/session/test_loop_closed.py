@@ -77,42 +77,24 @@ def never(_: DrivenLoop, task: asyncio.Task[None]) -> None:
     pass
 
 
-@pytest.mark.usefixtures("quick_collection")
-@both_families
-@pytest.mark.parametrize("work", WORK)
-@pytest.mark.parametrize("what", [cancel_again_and_again, interrupt])
-@pytest.mark.exhaustive("points", sample=[4], full=[20])
-def test_ended_at_every_turn_of_the_loop(
-    family: str,
-    work: Callable[[Lidar], Awaitable[None]],
-    what: Interrupt,
-    points: int,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    turns = run_and_close(make_rig(family), work, 1, never, monkeypatch)
-    for at in range(2, turns, max(1, turns // points)):
-        rig = make_rig(family)
-        run_and_close(rig, work, at, what, monkeypatch)
-        if any("scan" in name for name in names(rig)):
-            assert left_still(rig), (at, names(rig)[-4:])
-        assert not discarded(rig), at
+def run_plain(
+    rig: Rig, work: Callable[[Lidar], Awaitable[None]], at: int, what: Interrupt, monkeypatch: pytest.MonkeyPatch
+) -> int:
+    """As `run_and_close`, on a loop that cancels nothing when KeyboardInterrupt comes out of it.
 
-
-def run_plain(rig: Rig, work: Callable[[Lidar], Awaitable[None]], at: int, monkeypatch: pytest.MonkeyPatch) -> int:
-    """As `run_and_close`, on a loop that cancels nothing when KeyboardInterrupt comes out of it."""
+    `loop.run_until_complete`, Ctrl-C, `loop.close`: the session is garbage then, also where a reader waited.
+    """
     loop = DrivenLoop()
     loop.set_exception_handler(unless_unfinished)
     monkeypatch.setattr("lidario.port.port.time.sleep", loop.block)
 
     async def main() -> None:
+        task = asyncio.current_task()
+        assert task is not None
+        loop.at_turn = lambda turn: what(loop, task) if turn == at else None
         async with rig.open() as lidar:
             await work(lidar)
 
-    def act(turn: int) -> None:
-        if turn == at:
-            raise KeyboardInterrupt
-
-    loop.at_turn = act
     try:
         loop.run_until_complete(main())
     except KeyboardInterrupt:
@@ -123,19 +105,31 @@ def run_plain(rig: Rig, work: Callable[[Lidar], Awaitable[None]], at: int, monke
     return loop.turns
 
 
+WAYS = {
+    "cancelled": (run_and_close, cancel_again_and_again),
+    "Ctrl-C": (run_and_close, interrupt),
+    "a plain loop": (run_plain, interrupt),
+}
+
+
 @pytest.mark.usefixtures("quick_collection")
 @pytest.mark.filterwarnings("ignore:coroutine .* was never awaited")  # a task that the loop had not begun yet
 @both_families
 @pytest.mark.parametrize("work", WORK)
-@pytest.mark.exhaustive("points", sample=[8], full=[60])
-def test_a_plain_loop_is_ended_at_every_turn(
-    family: str, work: Callable[[Lidar], Awaitable[None]], points: int, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.exhaustive("points", sample=[4], full=[20])
+def test_ended_at_every_turn_of_the_loop(
+    family: str,
+    work: Callable[[Lidar], Awaitable[None]],
+    way: str,
+    points: int,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """`loop.run_until_complete`, Ctrl-C, `loop.close`: the session is garbage then, also where a reader waited."""
-    turns = run_plain(make_rig(family), work, 0, monkeypatch)
+    run, what = WAYS[way]
+    turns = run(make_rig(family), work, 1, never, monkeypatch)
     for at in range(2, turns, max(1, turns // points)):
         rig = make_rig(family)
-        run_plain(rig, work, at, monkeypatch)
+        run(rig, work, at, what, monkeypatch)
         if any("scan" in name for name in names(rig)):
             assert left_still(rig), (at, names(rig)[-4:])
         assert not discarded(rig), at

@@ -20,7 +20,7 @@ import pytest
 from lidario import Lidar, LidarError
 from tests.support.cable import Cable, cable_to
 from tests.support.devices import EVERY_FAMILY, discarded, left_still, make_rig
-from tests.support.loop import DrivenLoop, run_driven
+from tests.support.loop import driven, driven_loop
 
 LONGEST_S = 40.0
 """No call takes longer: a speed that is not reached, behind a boot and a reconnection."""
@@ -151,27 +151,23 @@ class Program:
 @pytest.mark.usefixtures("quick_collection")
 @pytest.mark.parametrize("family", EVERY_FAMILY)
 @pytest.mark.parametrize("reconnect", [False, True])
-@pytest.mark.exhaustive("seed", sample=range(2), full=range(24))
-def test_many_tasks_at_once(family: str, seed: int, *, reconnect: bool) -> None:
+@pytest.mark.exhaustive("seed", sample=range(2), full=range(4))
+@driven
+async def test_many_tasks_at_once(family: str, seed: int, *, reconnect: bool) -> None:
     rig = make_rig(family)
-
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        assert isinstance(loop, DrivenLoop)
-        with cable_to(rig) as cable:
-            lidar = await rig.open(reconnect=reconnect)
-            program = Program(seed, lidar, cable)
-            await program.run()
-            assert program.longest_s < LONGEST_S
-            gc.collect()
-            await asyncio.sleep(4.0)
-            assert not lidar.is_scanning
-            assert program.pulled or left_still(rig)
-            began = loop.time()
-            await lidar.close()
-            assert loop.time() - began < LONGEST_CLOSE_S
-            assert program.pulled or (left_still(rig), discarded(rig)) == (True, [])
-        await asyncio.sleep(0)
-        assert loop.timers == []
-
-    run_driven(main)
+    loop = driven_loop()
+    with cable_to(rig) as cable:
+        lidar = await rig.open(reconnect=reconnect)
+        program = Program(seed, lidar, cable)
+        await program.run()
+        assert program.longest_s < LONGEST_S
+        gc.collect()
+        await asyncio.sleep(4.0)
+        assert not lidar.is_scanning
+        assert program.pulled or left_still(rig)
+        began = loop.time()
+        await lidar.close()
+        assert loop.time() - began < LONGEST_CLOSE_S
+        assert program.pulled or (left_still(rig), discarded(rig)) == (True, [])
+    await asyncio.sleep(0)
+    assert loop.timers == []

@@ -15,20 +15,21 @@ from lidario import (
     InvalidValue,
     LidarError,
     Reconnect,
+    ScanStream,
     SessionClosed,
     open_lidar,
 )
 from lidario.session.talking.dialogue import Dialogue
 from tests.support.cable import cable_to
-from tests.support.coming_back import (
-    causes,
-    next_after,
-    now,
-    now_ns,
-    read_to_the_end,
-)
+from tests.support.coming_back import causes, next_after
 from tests.support.devices import both_families, left_still, make_rig, take
-from tests.support.loop import driven, run_driven
+from tests.support.loop import driven, now, now_ns, run_driven
+
+
+async def read_to_the_end(stream: ScanStream) -> None:
+    async with asyncio.timeout(60.0):
+        async for _ in stream:
+            pass
 
 
 @both_families

@@ -51,7 +51,7 @@ def ended_at(family: str, at: int, what: Interrupt, monkeypatch: pytest.MonkeyPa
 
 @both_families
 @pytest.mark.parametrize("what", [cancel_again_and_again, interrupt])
-@pytest.mark.exhaustive("points", sample=[2], full=[40])
+@pytest.mark.exhaustive("points", sample=[2], full=[12])
 def test_ended_at_every_turn_of_coming_back(
     family: str, what: Interrupt, points: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

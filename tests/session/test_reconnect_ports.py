@@ -25,7 +25,7 @@ from tests.support.terminals import WaitingPtyServer
 
 BOUND_S = 30.0
 PROMISE_S = 2.0
-BOOT_S = 0.5
+BOOT_S = 0.2
 GAP_S = 0.2
 
 
@@ -85,7 +85,7 @@ async def test_under_another_name_held_for_a_while_beside_other_ports(
             assert server.path != first
             with serial.Serial(server.path, exclusive=True):
                 # Another program looks at the new port first, as ModemManager does.
-                await asyncio.sleep(2 * BOOT_S)
+                await asyncio.sleep(BOOT_S + 0.4)
                 assert not lidar.is_connected
             freed = time.monotonic()
             await first_scan_of_the_new_line(stream, pulled)

@@ -23,7 +23,7 @@ from tests.session.test_two_tasks import Scene, b_cancels, b_closes, b_starts, b
 from tests.support.cable import Cable, cable_to
 from tests.support.devices import FAMILIES, make_rig
 from tests.support.discards import all_obeyed
-from tests.support.loop import DrivenLoop, run_driven
+from tests.support.loop import driven_loop, now_ns, run_driven
 
 pytestmark = [
     pytest.mark.discards("a device that restarts or protects itself gives no sign of it"),
@@ -46,7 +46,7 @@ def is_unplugged(scene: Scene, cable: Cable) -> None:
 
 
 def restarts(scene: Scene, cable: Cable) -> None:
-    scene.rig.device.reboot(round(asyncio.get_running_loop().time() * 1e9))
+    scene.rig.device.reboot(now_ns())
 
 
 def protects_itself(scene: Scene, cable: Cable) -> None:
@@ -71,8 +71,7 @@ async def cell(family: str, trouble: Trouble, b: Callable[[Scene], Awaitable[obj
     """One meeting of the two; with no B, how often the loop goes round while A runs."""
     rig = make_rig(family)
     rig.device.boot_s = 0.5
-    loop = asyncio.get_running_loop()
-    assert isinstance(loop, DrivenLoop)
+    loop = driven_loop()
     with cable_to(rig) as cable:
         lidar = await rig.open(reconnect=True)
         scene = Scene(rig, lidar)

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 import lidario
-from lidario import InvalidValue, Lidar, LocalProtocolError, Scan, Sector
+from lidario import InvalidValue, Lidar, Scan, Sector
 from lidario.blocking import open_sync
 from lidario.port.line import Schedule
 from lidario.port.port import Port
 from lidario.revolution.sectors import SectorAssembler
 from lidario.session.streaming.sectors import sectors_of
-from tests.support.cable import cable_to
+from tests.support.cable import on_a_cable
 from tests.support.devices import EVERY_FAMILY, both_families, left_still, make_rig
 from tests.support.loop import driven
 
@@ -138,19 +138,6 @@ async def test_sizes_that_are_none(degrees: float) -> None:
             lidar.sectors(degrees)
         with pytest.raises(InvalidValue, match="at least one sector"):
             lidar.sectors(depth=0)
-        with pytest.raises(LocalProtocolError, match="async for"):
-            iter(lidar.sectors())
-
-
-@driven
-async def test_break_stops_the_device() -> None:
-    rig = make_rig("rplidar")
-    async with rig.open() as lidar:
-        async for _ in lidar.sectors():
-            break
-        await asyncio.sleep(2.0)
-        assert left_still(rig)
-        assert not lidar.is_scanning
 
 
 @pytest.mark.long
@@ -175,23 +162,21 @@ def test_without_await(family: str) -> None:
 @both_families
 @driven
 async def test_they_go_on_after_the_line_was_lost(family: str) -> None:
-    rig = make_rig(family)
-    with cable_to(rig) as cable:
-        async with rig.open(reconnect=True) as lidar:
-            async with lidar.sectors(depth=99) as sectors:
-                before = (await some(sectors, 20))[-1]
-                cable.pull()
-                await asyncio.sleep(2.0)
-                cable.plug()
-                while (first := await anext(sectors)).stamp_ns < before.stamp_ns + 2_000_000_000:
-                    pass
-                after = await some(sectors, 16)
-            assert (lidar.stats.reconnects, first.index) == (1, 0)
-            gap_s = (first.stamp_ns - before.stamp_ns) * 1e-9
-            assert abs(first.seq - before.seq - gap_s / rig.turn_s) <= 2
-            assert after[-1].seq == first.seq + 2
-            assert lidar.stats.scans + lidar.stats.missed_scans == first.seq + 2
-    assert left_still(rig)
+    async with on_a_cable(family) as (cable, lidar):
+        async with lidar.sectors(depth=99) as sectors:
+            before = (await some(sectors, 20))[-1]
+            cable.pull()
+            await asyncio.sleep(2.0)
+            cable.plug()
+            while (first := await anext(sectors)).stamp_ns < before.stamp_ns + 2_000_000_000:
+                pass
+            after = await some(sectors, 16)
+        assert (lidar.stats.reconnects, first.index) == (1, 0)
+        gap_s = (first.stamp_ns - before.stamp_ns) * 1e-9
+        assert abs(first.seq - before.seq - gap_s / cable.rig.turn_s) <= 2
+        assert after[-1].seq == first.seq + 2
+        assert lidar.stats.scans + lidar.stats.missed_scans == first.seq + 2
+    assert left_still(cable.rig)
 
 
 @both_families

@@ -56,6 +56,7 @@ async def waiting():
 lidario.run(waiting())
 """
 RUN = "lidario.run(main())"
+WITHOUT_RUN = "asyncio.run(main())"
 EXIT_TERM, EXIT_HUP = 128 + signal.SIGTERM, 128 + signal.SIGHUP
 
 
@@ -79,73 +80,41 @@ def ended_by(server: PtyServer, program: str, model: str, numbers: Sequence[int]
     return process.returncode, out, said
 
 
-SENT = {
-    "term": ([signal.SIGTERM], EXIT_TERM),
-    "hup": ([signal.SIGHUP], EXIT_HUP),
-    "term twice": ([signal.SIGTERM, signal.SIGTERM], EXIT_TERM),
-    "int": ([signal.SIGINT], -signal.SIGINT),
-    "int twice": ([signal.SIGINT, signal.SIGINT], -signal.SIGINT),
+# The program, its signals, its exit code, the last line of its output and that of its errors.
+WAYS = {
+    "term": (RUN, [signal.SIGTERM], EXIT_TERM, "", ""),
+    "hup": (RUN, [signal.SIGHUP], EXIT_HUP, "", ""),
+    "term twice": (RUN, [signal.SIGTERM] * 2, EXIT_TERM, "", ""),
+    "int": (RUN, [signal.SIGINT], -signal.SIGINT, "", "KeyboardInterrupt"),
+    "int twice": (RUN, [signal.SIGINT] * 2, -signal.SIGINT, "", "KeyboardInterrupt"),
+    "int without run": (WITHOUT_RUN, [signal.SIGINT], -signal.SIGINT, "", "KeyboardInterrupt"),
+    "the cancellation is swallowed": (SWALLOWING, [signal.SIGTERM], 0, "its own result", ""),
+    "the cleanup fails": (FAILING, [signal.SIGTERM], 1, "", "ValueError: a mistake in the cleanup"),
+    # That task is cancelled after the main one has ended; signals that come in between must not kill it.
+    "another task holds it": (IN_BACKGROUND, [signal.SIGTERM] * 3, EXIT_TERM, "", ""),
 }
-EVERY_WAY = [(model, sent) for sent in SENT for model in MODELS]
 
 
 @pytest.mark.long
-@pytest.mark.exhaustive("way", sample=EVERY_WAY[::3], full=EVERY_WAY)
-def test_a_signal_leaves_the_device_still(way: tuple[str, str]) -> None:
-    model, sent = way
-    numbers, code = SENT[sent]
+@pytest.mark.parametrize("way", WAYS)
+def test_a_signal_leaves_the_device_still(way: str) -> None:
+    program, numbers, code, printed, error = WAYS[way]
+    model = MODELS[list(WAYS).index(way) % 2]
     with served(model) as server:
-        returned, _, said = ended_by(server, RUN, model, numbers)
+        returned, out, said = ended_by(server, program, model, numbers)
         until(lambda: was_stopped(server), lambda: (said, requests(server)[-5:]))
     assert returned == code, said
-    assert ("KeyboardInterrupt" in said) is (numbers[0] == signal.SIGINT)
-    if numbers[0] != signal.SIGINT:
-        assert said == ""
+    assert out.strip().endswith(printed)
+    assert (said.splitlines() or [""])[-1] == error
 
 
 @pytest.mark.long
 def test_without_run_sigterm_leaves_the_device_scanning() -> None:
     """The limit that the documentation states; it shows that the tests above can fail."""
     with served(MODELS[0]) as server:
-        returned, _, _ = ended_by(server, "asyncio.run(main())", MODELS[0], [signal.SIGTERM])
+        returned, _, _ = ended_by(server, WITHOUT_RUN, MODELS[0], [signal.SIGTERM])
         assert returned == -signal.SIGTERM
         assert not is_still(server)
-
-
-@pytest.mark.long
-def test_ctrl_c_leaves_the_device_still_without_run_too() -> None:
-    with served(MODELS[0]) as server:
-        returned, _, _ = ended_by(server, "asyncio.run(main())", MODELS[0], [signal.SIGINT])
-        assert returned == -signal.SIGINT
-        until(lambda: was_stopped(server))
-
-
-@pytest.mark.long
-def test_a_main_that_swallows_its_cancellation_returns_its_result() -> None:
-    with served(MODELS[0]) as server:
-        returned, out, said = ended_by(server, SWALLOWING, MODELS[0], [signal.SIGTERM])
-        until(lambda: was_stopped(server))
-    assert (returned, said) == (0, "")
-    assert out.endswith("its own result\n")
-
-
-@pytest.mark.long
-def test_an_exception_of_the_cleanup_is_not_hidden() -> None:
-    with served(MODELS[0]) as server:
-        returned, _, said = ended_by(server, FAILING, MODELS[0], [signal.SIGTERM])
-        until(lambda: was_stopped(server))
-    assert returned == 1
-    assert "a mistake in the cleanup" in said
-
-
-@pytest.mark.long
-@pytest.mark.exhaustive("times", sample=[3], full=[1, 3])
-def test_a_lidar_that_another_task_holds(times: int) -> None:
-    """That task is cancelled after the main one has ended; signals that come in between must not kill it."""
-    with served(MODELS[0]) as server:
-        returned, _, said = ended_by(server, IN_BACKGROUND, MODELS[0], [signal.SIGTERM] * times)
-        until(lambda: was_stopped(server))
-    assert (returned, said) == (EXIT_TERM, "")
 
 
 @pytest.mark.long

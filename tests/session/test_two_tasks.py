@@ -25,8 +25,8 @@ from itertools import product
 import pytest
 
 from lidario import Lidar, LidarError, LocalProtocolError, ScanStream, SessionClosed, Unsupported
-from tests.support.devices import EVERY_FAMILY, FAMILIES, Rig, discarded, left_still, make_rig
-from tests.support.loop import DrivenLoop, run_driven
+from tests.support.devices import EVERY_KIND, FAMILIES, OTHERS, Rig, discarded, left_still, make_rig
+from tests.support.loop import driven_loop, run_driven
 
 SAMPLE = 2
 """Steps tried of each cell in a sample; every twelfth with ``--exhaustive``, all of them with ``--every-step``."""
@@ -179,8 +179,7 @@ async def both(scene: Scene, a: Work, b: Work, step: int, *, silent: bool = Fals
     Returns:
         Seconds from the begin of B to the end of A.
     """
-    loop = asyncio.get_running_loop()
-    assert isinstance(loop, DrivenLoop)
+    loop = driven_loop()
     task_a = asyncio.ensure_future(a(scene))
     tasks = {task_a}
     first = loop.turns + step
@@ -224,8 +223,7 @@ async def as_it_should_be(scene: Scene) -> None:
 
 async def cell(family: str, a: Work, b: Work, step: int) -> None:
     rig = make_rig(family)
-    loop = asyncio.get_running_loop()
-    assert isinstance(loop, DrivenLoop)
+    loop = driven_loop()
     lidar = await rig.open()
     scene = Scene(rig, lidar)
     await both(scene, a, b, step)
@@ -244,8 +242,7 @@ def steps_of(family: str, a: Work) -> int:
     async def alone() -> int:
         rig = make_rig(family)
         lidar = await rig.open()
-        loop = asyncio.get_running_loop()
-        assert isinstance(loop, DrivenLoop)
+        loop = driven_loop()
         before = loop.turns
         await a(Scene(rig, lidar))
         steps = loop.turns - before
@@ -266,16 +263,13 @@ def every_step(request: pytest.FixtureRequest) -> bool:
     return bool(request.config.getoption("--every-step"))
 
 
-IN_TURNS = [
-    (a, b, EVERY_FAMILY[(row + column) % len(EVERY_FAMILY)])
-    for row, a in enumerate(A)
-    for column, b in enumerate(B)
-]
-"""Every pair once, with the families in turns."""
+def in_turns(kinds: tuple[str, ...]) -> list[tuple[Work, Work, str]]:
+    """Every pair once, with these devices in turns."""
+    return [(a, b, kinds[(row + column) % len(kinds)]) for row, a in enumerate(A) for column, b in enumerate(B)]
 
 
 @pytest.mark.exhaustive("stride", sample=[0], full=[12])
-@pytest.mark.exhaustive("who", sample=IN_TURNS, full=list(product(A, B, EVERY_FAMILY)))
+@pytest.mark.exhaustive("who", sample=in_turns(EVERY_KIND), full=[*product(A, B, FAMILIES), *in_turns(OTHERS)])
 def test_two_tasks(who: tuple[Work, Work, str], stride: int, every_step: bool) -> None:
     a, b, family = who
     two_tasks(family, a, b, 1 if every_step else stride)
@@ -292,8 +286,7 @@ def two_tasks(family: str, a: Work, b: Work, stride: int, run: Cell = cell) -> N
 
 async def silent_cell(family: str, a: Work, b: Work, step: int) -> None:
     rig = make_rig(family)
-    loop = asyncio.get_running_loop()
-    assert isinstance(loop, DrivenLoop)
+    loop = driven_loop()
     lidar = await rig.open()
     took = await both(Scene(rig, lidar), a, b, step, silent=True)
     assert took < AT_ONCE_S, f"it waited for {took:.3f} s"
@@ -312,30 +305,3 @@ def test_the_other_task_ends_what_a_silent_device_does_not(
 ) -> None:
     for a in READERS if b is b_stops else A:
         two_tasks(family, a, b, 1 if every_step else stride, silent_cell)
-
-
-@pytest.mark.exhaustive("stride", sample=[0], full=[1])
-@pytest.mark.parametrize("family", EVERY_FAMILY)
-def test_opening_is_cancelled(family: str, stride: int) -> None:
-    async def opening(rig: Rig, step: int) -> int:
-        loop = asyncio.get_running_loop()
-        assert isinstance(loop, DrivenLoop)
-        before = loop.turns
-        task = asyncio.ensure_future(rig.open().__aenter__())
-
-        def act(now: int) -> None:
-            if now == before + step:
-                task.cancel()
-
-        loop.at_turn = act
-        with suppress(asyncio.CancelledError, LidarError):
-            await (await task).close()
-        loop.at_turn = None
-        return loop.turns - before
-
-    steps = run_driven(lambda: opening(make_rig(family), 0))
-    for step in chosen(steps, stride):
-        rig = make_rig(family)
-        run_driven(lambda rig=rig, step=step: opening(rig, step))  # type: ignore[misc]
-        assert not rig.device.log or left_still(rig), step
-        assert not discarded(rig), step

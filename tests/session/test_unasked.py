@@ -15,8 +15,8 @@ from lidario.families.ldrobot.simulated.device import PROFILES as LDROBOT
 from lidario.families.registry import FAMILIES, family_named
 from lidario.families.ydlidar.simulated.device import PROFILES as YDLIDAR
 from lidario.session.lidar import Lidar
-from tests.support.devices import Rig, left_still, make_rig, names, take
-from tests.support.loop import driven
+from tests.support.devices import Rig, end_of, left_still, make_rig, names, take
+from tests.support.loop import driven, now_ns
 
 TALKING = [name for name, profile in LDROBOT.items() if not profile.commands]
 TALKING += [name for name, other in YDLIDAR.items() if not other.commands]
@@ -29,14 +29,9 @@ OTHERS = {
     "XV-11 or alike": ["lds02rr"],
 }
 """What else some could be, as far as anybody knows."""
-NAMED = {"ydlidar-x4-pro": "x4pro", "ydlidar-s2-pro": "s2pro"}
 talkers = pytest.mark.parametrize(
     "model", ["ldrobot-ld06", "ydlidar-x2", "neato-xv11", "camsense-x1", "irobotix-delta2a"]
 )
-
-
-def rig_of(model: str) -> Rig:
-    return make_rig(model.partition("-")[0], model)
 
 
 def opened(rig: Rig, **options: Any) -> Any:
@@ -57,67 +52,59 @@ class Written:
 
 
 @pytest.mark.parametrize("model", TALKING)
-def test_every_one_of_them_is_opened_read_and_left(model: str, caplog: pytest.LogCaptureFixture) -> None:
-    rig = rig_of(model)
-
-    @driven
-    async def main() -> None:
-        caplog.clear()
-        async with opened(rig) as lidar:
-            written = Written(lidar)
-            scans = await take(lidar, 3)
-            assert all(len(scan) > 300 and not scan.lost_packets for scan in scans)
-            profile = rig.device.profile
-            rpm = 0.6 * profile.factory_speed if model in YDLIDAR else 60 * profile.hertz
-            if getattr(profile, "tells_speed", True):
-                assert scans[-1].reported_rpm in (300.0, 312.0, 315.0, 360.0, 600.0)
-            else:
-                assert math.isnan(scans[-1].reported_rpm)
-            assert scans[-1].rpm == pytest.approx(rpm, rel=0.02)
-            # Scans are followed by others: nothing was stopped.
-            assert len(await take(lidar, 2)) == 2
-        assert written.data == b""
-        assert names(rig) == []
-        told = [each.getMessage() for each in caplog.records if each.levelno >= logging.WARNING]
-        # Some have a switch after all: the control line DTR. Some could be another model, as far as anybody knows.
-        by_dtr = getattr(rig.device.profile, "by_dtr", False)
-        other = OTHERS.get(lidar.info.model, [])
-        words = ["cannot be stopped from here"] * (not by_dtr)
-        words += [f"name the model, as in ?model={name}" for name in other]
-        assert len(told) == len(words)
-        assert all(word in text for word, text in zip(words, told, strict=True)), told
-        assert rig.device.motor_on is not by_dtr
-
-    main()
+@driven
+async def test_every_one_of_them_is_opened_read_and_left(model: str, caplog: pytest.LogCaptureFixture) -> None:
+    rig = make_rig(model)
+    caplog.clear()
+    async with opened(rig) as lidar:
+        written = Written(lidar)
+        scans = await take(lidar, 3)
+        assert all(len(scan) > 300 and not scan.lost_packets for scan in scans)
+        profile = rig.device.profile
+        rpm = 0.6 * profile.factory_speed if model in YDLIDAR else 60 * profile.hertz
+        if getattr(profile, "tells_speed", True):
+            assert scans[-1].reported_rpm in (300.0, 312.0, 315.0, 360.0, 600.0)
+        else:
+            assert math.isnan(scans[-1].reported_rpm)
+        assert scans[-1].rpm == pytest.approx(rpm, rel=0.02)
+        # Scans are followed by others: nothing was stopped.
+        assert len(await take(lidar, 2)) == 2
+    assert written.data == b""
+    assert names(rig) == []
+    told = [each.getMessage() for each in caplog.records if each.levelno >= logging.WARNING]
+    # Some have a switch after all: the control line DTR. Some could be another model, as far as anybody knows.
+    by_dtr = getattr(rig.device.profile, "by_dtr", False)
+    other = OTHERS.get(lidar.info.model, [])
+    words = ["cannot be stopped from here"] * (not by_dtr)
+    words += [f"name the model, as in ?model={name}" for name in other]
+    assert len(told) == len(words)
+    assert all(word in text for word, text in zip(words, told, strict=True)), told
+    assert rig.device.motor_on is not by_dtr
 
 
 @talkers
-def test_what_needs_a_request_is_refused_and_the_stream_goes_on(model: str) -> None:
-    rig = rig_of(model)
-
-    @driven
-    async def main() -> None:
-        async with opened(rig, keep_spinning=True) as lidar, lidar.scans() as stream:
-            before = await anext(stream)
-            refused: list[Callable[[], Awaitable[object]]] = [
-                lidar.reset,
-                lidar.get_scan_frequency,
-                lambda: lidar.set_scan_frequency(8.0),
-                lidar.get_sample_rate,
-            ]
-            for call in refused:
-                with pytest.raises(Unsupported):
-                    await call()
-            assert lidar.stats.interruptions == 0
-            assert (await anext(stream)).seq == before.seq + 1
-            assert (await lidar.get_health()).ok
-            assert (await lidar.get_info()).serial == ""
-            await anext(stream)
-            await lidar.stop()
-            assert not lidar.is_scanning
-            assert len(await take(lidar, 2)) == 2
-
-    main()
+@driven
+async def test_what_needs_a_request_is_refused_and_the_stream_goes_on(model: str) -> None:
+    rig = make_rig(model)
+    async with opened(rig, keep_spinning=True) as lidar, lidar.scans() as stream:
+        before = await anext(stream)
+        refused: list[Callable[[], Awaitable[object]]] = [
+            lidar.reset,
+            lidar.get_scan_frequency,
+            lambda: lidar.set_scan_frequency(8.0),
+            lidar.get_sample_rate,
+        ]
+        for call in refused:
+            with pytest.raises(Unsupported):
+                await call()
+        assert lidar.stats.interruptions == 0
+        assert (await anext(stream)).seq == before.seq + 1
+        assert (await lidar.get_health()).ok
+        assert (await lidar.get_info()).serial == ""
+        await anext(stream)
+        await lidar.stop()
+        assert not lidar.is_scanning
+        assert len(await take(lidar, 2)) == 2
 
 
 @pytest.mark.parametrize(
@@ -129,118 +116,87 @@ def test_what_needs_a_request_is_refused_and_the_stream_goes_on(model: str) -> N
         ("ldrobot-ld19", "ld14p", "LDROBOT LD06"),
     ],
 )
-def test_a_name_that_its_packets_speak_against_is_told(
+@driven
+async def test_a_name_that_its_packets_speak_against_is_told(
     model: str, named: str, of: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     family = model.partition("-")[0]
-
-    @driven
-    async def main() -> None:
-        async with open_lidar(f"sim://{model}?via=memory&model={named}") as lidar:
-            assert f"such as a {of}" in lidar.health.note
-            assert "leave out ?model=" in lidar.health.note
-        device = make_rig(family, model).device
-        device.transmit(0)
-        caplog.clear()
-        list(decode(device.transmit(10**9), family=family, model=named))
-        assert f"such as a {of}" in caplog.text
-
-    main()
+    async with open_lidar(f"sim://{model}?via=memory&model={named}") as lidar:
+        assert f"such as a {of}" in lidar.health.note
+        assert "leave out ?model=" in lidar.health.note
+    device = make_rig(model).device
+    device.transmit(0)
+    caplog.clear()
+    list(decode(device.transmit(10**9), family=family, model=named))
+    assert f"such as a {of}" in caplog.text
 
 
 @pytest.mark.parametrize(("model", "named"), [("camsense-x1", "lds08rr"), ("camsense-lds08rr", "x1")])
-def test_a_name_by_which_no_packet_is_found_is_told(model: str, named: str) -> None:
-    @driven
-    async def main() -> None:
-        with pytest.raises(
-            ConnectFailed, match=f"Camsense packets among them, but of another model than '{named}'"
-        ):
-            await open_lidar(f"sim://{model}?via=memory&model={named}")
-
-    main()
+@driven
+async def test_a_name_by_which_no_packet_is_found_is_told(model: str, named: str) -> None:
+    with pytest.raises(ConnectFailed, match=f"Camsense packets among them, but of another model than '{named}'"):
+        await open_lidar(f"sim://{model}?via=memory&model={named}")
 
 
 @talkers
-def test_closing_does_not_wait_for_silence(model: str) -> None:
-    rig = rig_of(model)
-
-    @driven
-    async def main() -> None:
-        lidar = await opened(rig)
-        stream = lidar.scans()
+@driven
+async def test_closing_does_not_wait_for_silence(model: str) -> None:
+    rig = make_rig(model)
+    lidar = await opened(rig)
+    stream = lidar.scans()
+    await anext(stream)
+    before = asyncio.get_running_loop().time()
+    await asyncio.wait_for(lidar.close(), 1.0)
+    assert asyncio.get_running_loop().time() - before < 0.02
+    with pytest.raises(SessionClosed):
         await anext(stream)
-        before = asyncio.get_running_loop().time()
-        await asyncio.wait_for(lidar.close(), 1.0)
-        assert asyncio.get_running_loop().time() - before < 0.02
-        with pytest.raises(SessionClosed):
-            await anext(stream)
-
-    main()
 
 
 @talkers
 @pytest.mark.parametrize("fault", ["drop:1%", "flip:1%", "babble:100"])
-def test_one_on_a_damaged_line_is_opened_all_the_same(model: str, fault: str) -> None:
+@driven
+async def test_one_on_a_damaged_line_is_opened_all_the_same(model: str, fault: str) -> None:
     """Its packets tell what it is, and here so many of them in a row never come."""
-
-    @driven
-    async def main() -> None:
-        async with open_lidar(f"sim://{model}?via=memory&seed=1&fault={fault}") as lidar:
-            assert lidar.info.model.startswith(("LDROBOT LD06", "YDLIDAR X2", "XV-11", "Camsense X1", "Delta-2A"))
-            scans = await take(lidar, 5)
-            assert sum(map(len, scans)) > 500
-
-    main()
+    async with open_lidar(f"sim://{model}?via=memory&seed=1&fault={fault}") as lidar:
+        assert lidar.info.model.startswith(("LDROBOT LD06", "YDLIDAR X2", "XV-11", "Camsense X1", "Delta-2A"))
+        scans = await take(lidar, 5)
+        assert sum(map(len, scans)) > 500
 
 
 @talkers
-def test_one_that_is_silent_is_not_found(model: str) -> None:
-    rig = rig_of(model)
+@driven
+async def test_one_that_is_silent_is_not_found(model: str) -> None:
+    rig = make_rig(model)
     rig.device.mute = True
-
-    @driven
-    async def main() -> None:
-        with pytest.raises(ConnectFailed, match="nothing came back") as caught:
-            await opened(rig)
-        assert caught.value.reason == "silent"
-
-    main()
+    with pytest.raises(ConnectFailed, match="nothing came back") as caught:
+        await opened(rig)
+    assert caught.value.reason == "silent"
 
 
 @talkers
-def test_one_that_falls_silent_is_told_of_and_may_come_back(model: str) -> None:
-    rig = rig_of(model)
+@driven
+async def test_one_that_falls_silent_is_told_of_and_may_come_back(model: str) -> None:
+    rig = make_rig(model)
+    async with opened(rig) as lidar:
+        stream = lidar.scans()
+        await anext(stream)
+        rig.device.mute = True
+        await end_of(stream, why=r"no scan data for 0.\d s")
+        rig.device.mute = False
+        assert len(await take(lidar, 2)) == 2
 
-    @driven
-    async def main() -> None:
-        async with opened(rig) as lidar:
-            stream = lidar.scans()
+
+@talkers
+@driven
+async def test_a_session_comes_back_to_it(model: str) -> None:
+    rig = make_rig(model)
+    async with opened(rig, reconnect=True) as lidar, lidar.scans() as stream:
+        for _ in range(2):
             await anext(stream)
-            rig.device.mute = True
-            with pytest.raises(StreamFailed, match=r"no scan data for 0.\d s"):
-                while True:
-                    await anext(stream)
-            rig.device.mute = False
-            assert len(await take(lidar, 2)) == 2
-
-    main()
-
-
-@talkers
-def test_a_session_comes_back_to_it(model: str) -> None:
-    rig = rig_of(model)
-
-    @driven
-    async def main() -> None:
-        async with opened(rig, reconnect=True) as lidar, lidar.scans() as stream:
-            for _ in range(2):
-                await anext(stream)
-            rig.device.reboot(round(asyncio.get_running_loop().time() * 1e9), off_s=2.0)
-            for _ in range(20):
-                await anext(stream)
-            assert lidar.stats.reconnects + lidar.stats.restarts == 1
-
-    main()
+        rig.device.reboot(now_ns(), off_s=2.0)
+        for _ in range(20):
+            await anext(stream)
+        assert lidar.stats.reconnects + lidar.stats.restarts == 1
 
 
 @pytest.mark.parametrize("family", [family for family in FAMILIES if family.models], ids=lambda family: family.name)
@@ -258,50 +214,41 @@ def test_an_unknown_model_is_answered_with_the_known_ones() -> None:
         assert caught.value.reason == "source"
 
 
-def test_one_whose_motor_nobody_powers_says_so_and_makes_no_scans_of_what_comes() -> None:
-    rig = rig_of("neato-xv11")
-
-    @driven
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        async with opened(rig) as lidar:
-            with pytest.raises(StreamFailed, match="the motor does not turn as it should: 60 revolutions a minute"):
-                async for scan in lidar.scans():
-                    assert len(scan) == 360
-                    if scan.seq == 3:
-                        rig.device.power_motor(60.0, round(loop.time() * 1e9))
-            assert "60 revolutions" in (await lidar.get_health()).note
-            rig.device.power_motor(330.0, round(loop.time() * 1e9))
-            scans = await take(lidar, 12)
-            assert [scan.lost_packets for scan in scans] == [0] * 12
-            assert scans[-1].reported_rpm == 330.0
-            assert scans[-1].rpm == pytest.approx(330.0, rel=0.01)
-            assert scans[-1].time_increment_ns == pytest.approx(60e9 / 330 / 360, abs=1)
-            assert lidar.stats.missed_scans == lidar.stats.broken_scans == 0
-
-    main()
+@driven
+async def test_one_whose_motor_nobody_powers_says_so_and_makes_no_scans_of_what_comes() -> None:
+    rig = make_rig("neato-xv11")
+    async with opened(rig) as lidar:
+        with pytest.raises(StreamFailed, match="the motor does not turn as it should: 60 revolutions a minute"):
+            async for scan in lidar.scans():
+                assert len(scan) == 360
+                if scan.seq == 3:
+                    rig.device.power_motor(60.0, now_ns())
+        assert "60 revolutions" in (await lidar.get_health()).note
+        rig.device.power_motor(330.0, now_ns())
+        scans = await take(lidar, 12)
+        assert [scan.lost_packets for scan in scans] == [0] * 12
+        assert scans[-1].reported_rpm == 330.0
+        assert scans[-1].rpm == pytest.approx(330.0, rel=0.01)
+        assert scans[-1].time_increment_ns == pytest.approx(60e9 / 330 / 360, abs=1)
+        assert lidar.stats.missed_scans == lidar.stats.broken_scans == 0
 
 
 # ----------------------------------------------------------------------------------------------- the one that hears
 
 
-def test_the_ld14p_is_started_and_stopped_by_requests() -> None:
-    rig = rig_of("ldrobot-ld14p")
-
-    @driven
-    async def main() -> None:
-        async with rig.open() as lidar:
-            await take(lidar, 2)
-            assert await lidar.get_scan_frequency_range() == (2.0, 8.0)
-            with pytest.raises(InvalidValue):
-                await lidar.set_scan_frequency(9.0)
-            assert await lidar.set_scan_frequency(8.0) == pytest.approx(8.0)
-            scans = await take(lidar, 8)
-            assert scans[-1].rpm == pytest.approx(480, rel=0.02)
-        assert left_still(rig)
-        # It is found all the same, and is started for that.
-        async with rig.open() as lidar:
-            assert lidar.info.model == "LDROBOT LD14P"
-        assert left_still(rig)
-
-    main()
+@driven
+async def test_the_ld14p_is_started_and_stopped_by_requests() -> None:
+    rig = make_rig("ldrobot-ld14p")
+    async with rig.open() as lidar:
+        await take(lidar, 2)
+        assert await lidar.get_scan_frequency_range() == (2.0, 8.0)
+        with pytest.raises(InvalidValue):
+            await lidar.set_scan_frequency(9.0)
+        assert await lidar.set_scan_frequency(8.0) == pytest.approx(8.0)
+        scans = await take(lidar, 8)
+        assert scans[-1].rpm == pytest.approx(480, rel=0.02)
+    assert left_still(rig)
+    # It is found all the same, and is started for that.
+    async with rig.open() as lidar:
+        assert lidar.info.model == "LDROBOT LD14P"
+    assert left_still(rig)

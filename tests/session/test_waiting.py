@@ -9,13 +9,9 @@ import pytest
 from lidario import Health, Lidar, SessionClosed
 from lidario.session.talking.waiting import Awaited, Waiting
 from tests.support.devices import Rig, both_families, left_still, make_rig, names, take
-from tests.support.loop import driven
+from tests.support.loop import driven, now
 
 AT_ONCE_S = 1e-6
-
-
-def now() -> float:
-    return asyncio.get_running_loop().time()
 
 
 @both_families

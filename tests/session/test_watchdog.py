@@ -8,33 +8,13 @@ import re
 
 import pytest
 
-from lidario import ScanStream, StreamFailed
+from lidario import ScanStream
 from lidario.model import LineErrors
 from lidario.port.port import Port
 from lidario.revolution.seam import Seam
 from lidario.session.talking.trouble import Trouble
-from tests.support.devices import Rig, both_families, left_still, make_rig
-from tests.support.loop import DrivenLoop, driven
-
-
-@both_families
-@driven
-async def test_that_a_stream_has_ended_stands_in_the_log(family: str, caplog: pytest.LogCaptureFixture) -> None:
-    rig = make_rig(family)
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
-        rig.device.mute = True
-        why = await failure_of(stream)
-    assert [f"the stream ended: {why}"] == [each.getMessage() for each in caplog.records if "ended" in each.message]
-
-
-async def failure_of(stream: ScanStream) -> str:
-    """Take scans until the stream fails; return why."""
-    with pytest.raises(StreamFailed) as caught:
-        async with asyncio.timeout(10):
-            while True:
-                await anext(stream)
-    return str(caught.value)
+from tests.support.devices import Rig, both_families, end_of, left_still, make_rig
+from tests.support.loop import driven, driven_loop
 
 
 def mix_revolutions(rig: Rig, until_s: float = math.inf) -> None:
@@ -52,14 +32,13 @@ def mix_revolutions(rig: Rig, until_s: float = math.inf) -> None:
 @both_families
 @driven
 async def test_a_device_that_falls_silent_while_the_program_blocks_is_told_of(family: str) -> None:
-    rig, loop = make_rig(family), asyncio.get_running_loop()
-    assert isinstance(loop, DrivenLoop)
+    rig, loop = make_rig(family), driven_loop()
     async with rig.open() as lidar, lidar.scans() as stream:
         await anext(stream)
         rig.device.mute = True
         loop.block(1.0)
         unblocked = loop.time()
-        assert "no scan data" in await failure_of(stream)
+        assert "no scan data" in str(await end_of(stream))
         # What came meanwhile may be on its way; then the device is asked what is wrong.
         assert loop.time() - unblocked < 0.6
     assert left_still(rig)
@@ -104,7 +83,7 @@ async def test_damage_that_keeps_revolutions_from_completing_is_named(family: st
     async with rig.open() as lidar, lidar.scans() as stream:
         await anext(stream)
         mix_revolutions(rig)
-        why = await failure_of(stream)
+        why = str(await end_of(stream))
     assert "no full revolution" in why
     assert re.search(r"\b[1-9]\d* packets of it are damaged or missing", why)
     assert left_still(rig)
@@ -130,7 +109,7 @@ async def test_damage_is_told_with_what_the_driver_counted_at_that_time(
         await anext(stream)
         mix_revolutions(rig)
         more = LineErrors(framing=4)
-        why = await failure_of(stream)
+        why = str(await end_of(stream))
     assert re.search(
         r"are damaged or missing, with \d+ framing errors: the baud rate is wrong or the cable is bad", why
     )
@@ -155,7 +134,7 @@ async def test_damage_before_the_last_scan_is_not_named_as_the_cause(
         await read_through_damage(rig, stream)
         assert lidar.stats.broken_scans > 0
         monkeypatch.setattr(Seam, "splits", lambda _, headings: [])
-        why = await failure_of(stream)
+        why = str(await end_of(stream))
     assert "is the rotor blocked?" in why
 
 

@@ -22,7 +22,7 @@ kept = [os.open(os.devnull, os.O_RDONLY) for _ in range(1100)]
 
 async def main():
     for kind, model in ((PtyServer, "rplidar-s2"), (TcpServer, "rplidar-s2"), (UdpServer, "rplidar-s2e")):
-        with kind(lidario.simulate(model)) as server:
+        with kind(lidario.simulate(model, spin_up=0)) as server:
             if kind is PtyServer:
                 source = server.path
             else:

@@ -11,7 +11,8 @@ import pytest
 
 from lidario.sim.faults import parse_faults
 from lidario.sim.serve import MemoryLine, TcpServer
-from tests.support.parrot import BOUND, Parrot, eventually, read_exactly
+from tests.support.children import until
+from tests.support.parrot import BOUND, Parrot, read_exactly
 
 pytestmark = pytest.mark.usefixtures("no_thread_is_left")
 
@@ -71,13 +72,6 @@ def test_a_device_without_faults_of_its_own(text: str) -> None:
 
 
 class TestTcp:
-    def test_answers(self) -> None:
-        with TcpServer(Parrot()) as server:
-            for word in (b"one", b"two"):
-                with socket.create_connection(server.address, timeout=BOUND) as client:
-                    client.sendall(word)
-                    assert read_exactly(client.fileno(), 3) == word.upper()
-
     def test_a_second_client_is_shut_out(self) -> None:
         with (
             TcpServer(Parrot()) as server,
@@ -100,15 +94,22 @@ class TestTcp:
                 data = read_exactly(client.fileno(), 600)
             assert data == bytes((data[0] + i) % 256 for i in range(600))  # in the midst of the count
 
-    def test_unplug_hangs_up_and_refuses(self) -> None:
+    @pytest.mark.parametrize("comes_back", [False, True])
+    def test_pulled_out_it_hangs_up_and_refuses(self, comes_back: bool) -> None:
+        """Plugged in again, it listens at the same address."""
         with TcpServer(Parrot()) as server:
             with socket.create_connection(server.address, timeout=BOUND) as client:
                 client.sendall(b"a")
                 assert client.recv(1) == b"A"
-                server.unplug()
+                server.replug(0.3) if comes_back else server.unplug()
                 assert client.recv(1) == b""
             with pytest.raises(ConnectionRefusedError):
                 socket.create_connection(server.address, timeout=BOUND)
+            if comes_back:
+                assert server.plugged.wait(BOUND)
+                with socket.create_connection(server.address, timeout=BOUND) as client:
+                    client.sendall(b"b")
+                    assert client.recv(1) == b"B"
 
     def test_a_client_that_does_not_read_loses_bytes_and_stops_nobody(self) -> None:
         class Flood(Parrot):
@@ -117,21 +118,7 @@ class TestTcp:
 
         with TcpServer(Flood()) as server, socket.create_connection(server.address) as client:
             client.sendall(b"#")
-            eventually(lambda: server.lost > 0)
-
-    def test_replug_hangs_up_and_listens_again_at_the_same_address(self) -> None:
-        with TcpServer(Parrot()) as server:
-            with socket.create_connection(server.address, timeout=BOUND) as client:
-                client.sendall(b"a")
-                assert client.recv(1) == b"A"
-                server.replug(0.3)
-                assert client.recv(1) == b""
-                with pytest.raises(ConnectionRefusedError):
-                    socket.create_connection(server.address, timeout=BOUND)
-            assert server.plugged.wait(BOUND)
-            with socket.create_connection(server.address, timeout=BOUND) as client:
-                client.sendall(b"b")
-                assert client.recv(1) == b"B"
+            until(lambda: server.lost > 0)
 
     def test_a_port_in_use_is_an_error(self) -> None:
         with TcpServer(Parrot()) as server, pytest.raises(OSError, match=r"."):

@@ -11,8 +11,6 @@ from lidario.wire.envelope import Request
 from lidario.wire.events import Packets, Response
 from lidario.wire.link import Link
 
-__all__ = ["MS", "Bench", "T", "played"]
-
 T = TypeVar("T")
 MS = 1_000_000
 

@@ -3,26 +3,26 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from typing import Any
 
 import pytest
 
-from lidario import ConnectFailed
+from lidario import ConnectFailed, Lidar
 from lidario.port import simulated
 from lidario.port.port import Port
 from lidario.port.simulated import MemoryTransport
 from lidario.sim.serve import MemoryLine
-from tests.support.devices import Rig
-
-__all__ = ["Cable", "cable_to"]
+from tests.support.devices import Rig, make_rig
+from tests.support.loop import now, now_ns
 
 
 class Cable:
     """What a session on `rig.device` is connected by, as often as it connects.
 
     Attributes:
+        rig: The device that it belongs to.
         device: What is at its other end; None while it is pulled out.
         attempts: When it was tried to connect, on the loop's clock.
         ports: The session's end of each line that was connected, and the latest last.
@@ -31,16 +31,16 @@ class Cable:
     def __init__(self, rig: Rig) -> None:
         self.device: Any = rig.device
         self.attempts: list[float] = []
-        self._rig = rig
+        self.rig = rig
         self.ports: list[Port] = []
         self._lines: list[MemoryTransport] = []
         self._connect = simulated.connect_in_memory
 
     def connect(self, device: Any, faults: Any = None, *, name: str = "memory") -> Port:
         """In place of `connect_in_memory`."""
-        if device is not self._rig.device:
+        if device is not self.rig.device:
             return self._connect(device, faults, name=name)
-        self.attempts.append(asyncio.get_running_loop().time())
+        self.attempts.append(now())
         if self.device is None:
             raise ConnectFailed("no such port", reason="missing")
         port = Port(name, self.device.baudrate)
@@ -58,9 +58,9 @@ class Cable:
 
     def plug(self, device: Any = None, *, boots: bool = True) -> None:
         """Put it in again, into `device` or the one from before, which is switched on by that and boots."""
-        self.device = device or self._rig.device
+        self.device = device or self.rig.device
         if boots:
-            self.device.reboot(round(asyncio.get_running_loop().time() * 1e9))
+            self.device.reboot(now_ns())
 
 
 @contextmanager
@@ -70,3 +70,12 @@ def cable_to(rig: Rig) -> Iterator[Cable]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(simulated, "connect_in_memory", cable.connect)
         yield cable
+
+
+@asynccontextmanager
+async def on_a_cable(name: str, **options: Any) -> AsyncIterator[tuple[Cable, Lidar]]:
+    """A device, the cable to it, and a session that is open and comes back, unless the options say otherwise."""
+    rig = make_rig(name)
+    with cable_to(rig) as cable:
+        async with rig.open(**{"reconnect": True, **options}) as lidar:
+            yield cable, lidar

@@ -13,8 +13,6 @@ from lidario.wire.formats import StreamFormat
 from tests.reference import golden
 from tests.reference.samples import Sample, revolutions
 
-__all__ = ["Case", "Sample"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Case:

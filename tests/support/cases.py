@@ -9,7 +9,8 @@ from collections.abc import Sequence
 import pytest
 
 from tests.families.ydlidar.about import LAYOUTS
-from tests.support.case import Case, Sample
+from tests.reference.samples import Sample
+from tests.support.case import Case
 from tests.support.families import ABOUT
 
 __all__ = ["ALL", "CASES", "EVEN", "KINDS", "LAYOUTS", "Case", "Sample", "most_or_all", "named"]

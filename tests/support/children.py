@@ -17,8 +17,6 @@ from pathlib import Path
 from lidario.sim.device import Received
 from lidario.sim.serve import PtyServer
 
-__all__ = ["BOUND", "UNDISTURBED", "child", "forget", "is_still", "line_of", "requests", "until", "was_stopped"]
-
 BOUND = 30.0
 UNDISTURBED = "import logging\nlogging.getLogger('lidario').setLevel(logging.ERROR)\n"
 """Begin of a program whose stderr must stay empty: a terminal that a busy machine does not read in time loses

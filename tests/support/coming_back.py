@@ -4,37 +4,14 @@ from __future__ import annotations
 
 import asyncio
 
-from lidario import (
-    Scan,
-    ScanStream,
-)
+from lidario import Scan, ScanStream
 from tests.support.cable import Cable
-
-__all__ = [
-    "MODES",
-    "ON_THE_WAY_S",
-    "PROMISE_S",
-    "causes",
-    "next_after",
-    "next_attempt",
-    "now",
-    "now_ns",
-    "read_to_the_end",
-]
 
 PROMISE_S = 2.0
 """Longest time from the moment at which the device responds again to the next scan."""
 ON_THE_WAY_S = [0.001, 0.02, 0.045, 0.06, 0.08, 0.15]
 """Moments after an attempt has begun: it is asked what it is, then how it is, then it scans."""
 MODES = {"rplidar": "Standard", "ydlidar": None}
-
-
-def now() -> float:
-    return asyncio.get_running_loop().time()
-
-
-def now_ns() -> int:
-    return round(now() * 1e9)
 
 
 async def next_attempt(cable: Cable, after_s: float) -> None:
@@ -61,9 +38,3 @@ def causes(error: BaseException) -> list[BaseException]:
         found.append(cause)
         cause = cause.__cause__
     return found
-
-
-async def read_to_the_end(stream: ScanStream) -> None:
-    async with asyncio.timeout(60.0):
-        async for _ in stream:
-            pass

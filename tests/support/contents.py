@@ -5,8 +5,6 @@ import numpy as np
 from tests.reference import ydlidar
 from tests.support.case import Case
 
-__all__ = ["any_packets", "point_cloud", "resealed"]
-
 
 def any_packets(case: Case, seed: int, count: int, *, wild: bool) -> list[bytes]:
     """Consecutive packets of random contents.

@@ -2,32 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import asyncio
+from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
 from typing import Any
 
 import pytest
 
+from lidario import StreamFailed
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
 from lidario.session.opening import OpenLidar, open_lidar
 from tests.support.discards import PROTECTED
 from tests.support.families import ABOUT
-
-__all__ = [
-    "EVERY_FAMILY",
-    "FAMILIES",
-    "OBEDIENT",
-    "Rig",
-    "both_families",
-    "change_info",
-    "discarded",
-    "left_still",
-    "make_rig",
-    "names",
-    "obedient_families",
-    "take",
-]
 
 
 @dataclass
@@ -54,14 +41,25 @@ FAMILIES = tuple(name for name, maker in MAKERS.items() if maker.obeys and maker
 """Those whose devices obey requests, and so are asked, stopped and reset in most tests of sessions."""
 EVERY_FAMILY = tuple(MAKERS)
 OBEDIENT = tuple(name for name, maker in MAKERS.items() if maker.obeys)
+SWITCHED = ("rplidar-a1", "rplidar-a2")
+"""Models whose motor takes no speed: it is switched by DTR, and by an accessory board."""
+EVERY_KIND = (*EVERY_FAMILY, *SWITCHED)
+OTHERS = tuple(name for name in EVERY_KIND if name not in FAMILIES)
 both_families = pytest.mark.parametrize("family", FAMILIES)
-obedient_families = pytest.mark.parametrize("family", OBEDIENT)
 
 
-def make_rig(family: str, model: str | None = None, **options: Any) -> Rig:
-    """A fresh device whose rotor needs no time to speed up."""
+def make_rig(name: str, model: str = "", **options: Any) -> Rig:
+    """A fresh device whose rotor needs no time to speed up.
+
+    Args:
+        name: A model, or a family, of which it is the usual model.
+        model: A model, where `name` is its family.
+        options: For what makes the device.
+    """
+    chosen = model or name
+    family = chosen.partition("-")[0]
     maker = MAKERS[family]
-    device = maker.make(model or maker.model, **options)
+    device = maker.make(maker.model if chosen == family else chosen, **options)
     device.spin_up_s = 0.0
     return Rig(family, device, maker.turn_s)
 
@@ -100,7 +98,7 @@ def discarded(rig: Rig) -> list[tuple[str, str]]:
         if not each.obeyed
         and each.why != "still booting after reset"
         and (each.name, each.why) != ("stop", PROTECTED)
-        and (each.name, each.why) != ("set_motor_pwm", "unknown to this device")
+        and not (each.name in ("set_motor_pwm", "motor_speed_ctrl") and each.why == "unknown to this device")
     ]
 
 
@@ -113,6 +111,15 @@ async def take(lidar: Lidar, count: int) -> list[Scan]:
             if len(scans) == count:
                 break
     return scans
+
+
+async def end_of(stream: AsyncIterator[object], kind: type[Exception] = StreamFailed, why: str = "") -> Any:
+    """Take scans until the stream ends; the error that it ends with."""
+    with pytest.raises(kind, match=why or None) as caught:
+        async with asyncio.timeout(60.0):
+            while True:
+                await anext(stream)
+    return caught.value
 
 
 def change_info(rig: Rig, change: Callable[[bytes], bytes], patch: pytest.MonkeyPatch) -> None:

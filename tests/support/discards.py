@@ -24,8 +24,6 @@ from lidario.sim.chassis import Chassis
 from lidario.sim.device import Received, SimulatedDevice
 from lidario.sim.server import Server
 
-__all__ = ["PROTECTED", "all_obeyed", "devices_made", "may_discard", "some_discarded", "was_in_time"]
-
 UNKNOWN = "unknown to this "
 BOOTING = "still booting"
 PROTECTED = "in protection stop"

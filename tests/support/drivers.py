@@ -18,8 +18,6 @@ from typing import Any
 
 import pytest
 
-__all__ = ["LOW_LATENCY", "SPEED_FLAG", "FakeDriver"]
-
 LOW_LATENCY = 0x2000
 FLAGS_AT = 4
 """Their place in ``struct serial_struct``, behind the type, line, port and interrupt."""

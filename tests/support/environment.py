@@ -10,8 +10,6 @@ from __future__ import annotations
 import os
 import signal
 
-__all__ = ["SET_ASIDE", "obey_signals", "set_aside", "start_fewer_threads"]
-
 SET_ASIDE = (
     # Python: containers often set the first one, and it hides what is left in a stream's buffer.
     "PYTHONUNBUFFERED", "PYTHONASYNCIODEBUG", "PYTHONDEVMODE", "PYTHONINSPECT", "PYTHONOPTIMIZE",

@@ -10,8 +10,6 @@ from collections.abc import Iterator
 
 from tests.cli.processes import ROOT
 
-__all__ = ["EXAMPLES", "environment", "running"]
-
 EXAMPLES = ROOT / "examples"
 
 

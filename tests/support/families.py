@@ -7,8 +7,6 @@ from types import ModuleType
 
 from lidario.families.registry import FAMILIES
 
-__all__ = ["ABOUT"]
-
 ABOUT: dict[str, ModuleType] = {
     family.name: import_module(f"tests.families.{family.name}.about") for family in FAMILIES
 }

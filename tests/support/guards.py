@@ -11,8 +11,6 @@ from typing import Any, cast
 from lidario.port.guard import NAME
 from lidario.sim.server import Server
 
-__all__ = ["guards_of", "is_left_still", "kilobytes", "own_guards", "switches"]
-
 
 def guards_of(program: int) -> list[int]:
     """The processes that guard a line of this program, also when it is dead. A zombie is none."""

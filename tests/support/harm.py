@@ -5,8 +5,6 @@ from hypothesis import strategies as st
 from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_response, pack_time_stamp
 from tests.support.cases import Case
 
-__all__ = ["fragments", "messes", "noises", "runs"]
-
 LURES = (
     b"\xa5\x5a",
     b"\xa5",

@@ -18,8 +18,6 @@ from typing import NamedTuple
 
 import pytest
 
-__all__ = ["ASYNCIO_INI", "STRICT_INI", "Ran", "forgetting", "run_pytest"]
-
 STRICT_INI = "[pytest]\nfilterwarnings = error\naddopts = --strict-markers\n"
 ASYNCIO_INI = STRICT_INI + "asyncio_default_fixture_loop_scope = function\n"
 """Of a user who has pytest-asyncio."""

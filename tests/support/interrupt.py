@@ -21,8 +21,6 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any, Self
 
-__all__ = ["StartedThreads", "as_if_running", "interrupted", "interrupted_at_call", "no_collection"]
-
 PATIENCE_S = 20.0
 NOT_OURS = ("_weakrefset.py", "selectors.py")
 """Python ignores what is raised in the callback of a weak reference; an event loop is broken where its own selector

@@ -19,8 +19,6 @@ from tests.reference import damage
 from tests.support.cases import Case
 from tests.support.streams import assembled, feed
 
-__all__ = ["Kept", "accepted_by_place", "arrivals", "kept", "kept_without", "spoil_inside"]
-
 
 class Kept(NamedTuple):
     """How the scans of a damaged stream compare with the clean turns.

@@ -12,8 +12,6 @@ from contextlib import contextmanager, suppress
 from functools import wraps
 from typing import ParamSpec, TypeVar
 
-__all__ = ["leaves_no_task", "leaves_nothing"]
-
 P = ParamSpec("P")
 T = TypeVar("T")
 FOLDER = "/proc/self/fd"

@@ -21,8 +21,6 @@ from lidario.session.lidar import Lidar
 from lidario.session.streaming.running import Running, Totals
 from lidario.wire.link import Link
 
-__all__ = ["BYTES", "PACKETS", "Ledgers", "assert_link_closes", "assert_stats_close", "ledgers_made"]
-
 BYTES = (
     "packet_bytes",
     "record_bytes",

@@ -9,8 +9,6 @@ from lidario.wire.events import Descriptor, Event
 from lidario.wire.link import Link
 from lidario.wire.states import LinkState
 
-__all__ = ["DENSE", "HEALTH_ANSWER", "INFO", "INFO_ANSWER", "PACKETS", "receive", "streaming", "waiting"]
-
 INFO = bytes(range(20))
 INFO_ANSWER = pack_response(0x04, INFO)
 HEALTH_ANSWER = pack_response(0x06, b"\0\0\0")

@@ -12,8 +12,6 @@ from collections.abc import Awaitable, Callable
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar
 
-__all__ = ["DrivenLoop", "driven", "run_driven", "unless_unfinished"]
-
 P = ParamSpec("P")
 T = TypeVar("T")
 START = 1000.0
@@ -82,6 +80,23 @@ class DrivenLoop(asyncio.SelectorEventLoop):
         if self.at_turn is not None:
             self.at_turn(self.turns)
         super()._run_once()  # type: ignore[misc]
+
+
+def driven_loop() -> DrivenLoop:
+    """The loop that runs, which is a driven one."""
+    loop = asyncio.get_running_loop()
+    assert isinstance(loop, DrivenLoop)
+    return loop
+
+
+def now() -> float:
+    """What the clock of the running loop says, in seconds."""
+    return asyncio.get_running_loop().time()
+
+
+def now_ns() -> int:
+    """The same in nanoseconds, as simulated devices count them."""
+    return round(now() * 1e9)
 
 
 def unless_unfinished(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:

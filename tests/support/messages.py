@@ -8,8 +8,6 @@ from typing import Any
 from mcap.reader import make_reader
 from rosbags.typesys import Stores, get_typestore
 
-__all__ = ["decoded", "scans_of_file"]
-
 _STORE = get_typestore(Stores.ROS2_JAZZY)
 
 

@@ -65,9 +65,18 @@ class Rig:
 
         self.stack.push_async_callback(end)
 
+    async def share(self, key: str, *, raw: bool = False) -> Share:
+        """Open a lidar and publish it under ``KEY``; `run` publishes its scans."""
+        return await self.stack.enter_async_context(Share(await self.open(), key, raw=raw, router=self.router))
+
+    async def read(self, key: str, *, reconnect: bool = False) -> tuple[lidario.Lidar, lidario.ScanStream]:
+        """A session with ``zenoh:KEY``, and a stream of it."""
+        source = f"zenoh:{key}?router={self.router}"
+        lidar = await self.stack.enter_async_context(lidario.open_lidar(source, reconnect=reconnect))
+        return lidar, await self.stack.enter_async_context(lidar.scans(depth=64))
+
     async def take(self, key: str, count: int) -> tuple[lidario.Lidar, list[Scan]]:
         """So many scans of ``zenoh:KEY``."""
-        lidar = await self.stack.enter_async_context(lidario.open_lidar(f"zenoh:{key}?router={self.router}"))
-        stream = await self.stack.enter_async_context(lidar.scans(depth=64))
+        lidar, stream = await self.read(key)
         async with asyncio.timeout(BOUND_S):
             return lidar, [await anext(stream) for _ in range(count)]

@@ -40,8 +40,6 @@ from lidario.testing.clock import clock_of
 from tests.cli.processes import invoke
 from tests.support.inner import ASYNCIO_INI, forgetting, run_pytest
 
-__all__ = ["Block", "Page", "blocks"]
-
 ROOT = Path(__file__).parents[2]
 PACE = 1000.0
 PORTS = {
@@ -202,6 +200,8 @@ class Page:
             assert command is not None
             command.make_context(words[0], words[1:])
             return ""
+        if words[:1] == ["calibrate"]:
+            words = [*words, "-n", "2"]  # twenty scans take ten times as long, and show no more here
         if "-j" in words:
             return self._process("-m", "lidario", *words)
         done = invoke(*words)

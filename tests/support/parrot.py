@@ -9,8 +9,7 @@ import contextlib
 import os
 import select
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 from lidario.sim.device import Received
 from lidario.sim.line import TransmitQueue
@@ -66,13 +65,6 @@ def read_exactly(port: int, count: int) -> bytes:
         assert piece, f"hung up after {data!r}"
         data += piece
     return data
-
-
-def eventually(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + BOUND
-    while not condition():
-        assert time.monotonic() < deadline, "it did not come to pass"
-        time.sleep(0.002)
 
 
 def served() -> set[threading.Thread]:

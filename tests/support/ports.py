@@ -6,9 +6,12 @@ import asyncio
 import os
 import select
 import subprocess
-from collections.abc import Iterator, Sequence
+import sys
+from collections.abc import Callable, Coroutine, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
+from types import ModuleType
+from typing import Any, TypeVar
 
 import pytest
 
@@ -17,21 +20,20 @@ from lidario.families.registry import FAMILIES
 from lidario.port.port import Port
 from lidario.port.reading import PolledLine
 
-__all__ = [
-    "PATIENCE_S",
-    "OnlyRead",
-    "Plan",
-    "Seen",
-    "Sink",
-    "another_program",
-    "every_byte_arrives",
-    "impatient",
-    "open_files",
-    "terminal_pair",
-    "written",
-]
-
 PATIENCE_S = 20.0
+T = TypeVar("T")
+LIBRARIES: list[ModuleType] = [asyncio]
+if sys.platform != "win32":
+    import uvloop
+
+    LIBRARIES.append(uvloop)
+both_loops = pytest.mark.parametrize("library", LIBRARIES, ids=lambda library: library.__name__)
+
+
+def run_on(library: ModuleType, main: Callable[[], Coroutine[Any, Any, T]]) -> T:
+    """Run a program on the event loop of that library."""
+    with asyncio.Runner(loop_factory=library.new_event_loop) as runner:
+        return runner.run(main())
 
 
 class OnlyRead(PolledLine):
@@ -127,8 +129,11 @@ class Seen:
 
 
 @contextmanager
-def another_program(command: list[str], stderr: int | None = None) -> Iterator[subprocess.Popen[bytes]]:
-    """A program that has said that it is ready, and ends with its input."""
+def another_program(path: str = "", stderr: int | None = None) -> Iterator[subprocess.Popen[bytes]]:
+    """A program that holds this port, or none, and has said so; it ends with its input."""
+    opens = "os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY); " if path else ""
+    program = f"import os, sys; {opens}print(flush=True); sys.stdin.read()"
+    command = [sys.executable, "-c", program, path]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=stderr) as other:
         assert other.stdout is not None
         other.stdout.readline()
@@ -184,7 +189,7 @@ def open_files() -> int:
 def impatient(patch: pytest.MonkeyPatch) -> None:
     """Have a device that does not respond given up soon, not after the five seconds that a real one may need.
 
-    Models that are dark while DTR is cleared are not looked for.
+    Only two families are looked for, and no model that is dark while DTR is cleared.
     """
-    families = tuple(replace(each, timing=replace(each.timing, forget_s=0.3), by_dtr={}) for each in FAMILIES)
+    families = tuple(replace(each, timing=replace(each.timing, forget_s=0.1), by_dtr={}) for each in FAMILIES[:2])
     patch.setattr("lidario.session.finding.connect.FAMILIES", families)

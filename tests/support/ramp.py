@@ -5,8 +5,6 @@ from numpy.typing import NDArray
 
 from lidario.sim.motor import Motor
 
-__all__ = ["ramp"]
-
 _SPIN_UP_S = 1.0
 """Time from standstill until the speed is stable, as in `Motor`."""
 

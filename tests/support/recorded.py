@@ -16,8 +16,6 @@ from lidario.session.lidar import Lidar
 from lidario.session.opening import open_lidar
 from tests.support.loop import run_driven
 
-__all__ = ["Live", "assert_same_scans", "record", "replayed", "same_points", "same_scan", "thread_takes_no_time"]
-
 
 @contextmanager
 def thread_takes_no_time() -> Iterator[None]:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-__all__ = ["Maker"]
-
 
 class Maker(NamedTuple):
     """What a family says of the device that stands for it.

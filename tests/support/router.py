@@ -8,8 +8,6 @@ from typing import Any
 
 import zenoh
 
-__all__ = ["Router", "client"]
-
 
 class Router:
     """A router on a port of its own, that can go away and come back.

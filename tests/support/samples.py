@@ -11,8 +11,6 @@ from lidario.wire.formats import StreamFormat
 from tests.support.case import Case
 from tests.support.families import ABOUT
 
-__all__ = ["MODELS", "every_model", "one_a_parser"]
-
 MODELS = [model for family in FAMILIES for model in family.simulated]
 """Every simulated model."""
 SOME_MODELS = [model for about in ABOUT.values() for model in about.MODELS]

@@ -7,8 +7,6 @@ from lidario.errors import ResponseTimeout
 from lidario.families.base import Script
 from lidario.wire.envelope import Request
 
-__all__ = ["Answers", "drive"]
-
 T = TypeVar("T")
 Answers = Mapping[bytes, bytes | None]
 """Bytes of a request -> payload of its response; None or absent: silence."""

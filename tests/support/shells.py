@@ -16,8 +16,6 @@ from typing import Final
 from tests.cli.processes import ROOT, invoke
 from tests.cli.test_watch import Screen, resize
 
-__all__ = ["TYPED", "interactive", "is_completed"]
-
 _PROMPT: Final = "tell me> "
 _SCRIPT: Final = "the-script"
 

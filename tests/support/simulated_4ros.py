@@ -7,33 +7,6 @@ from lidario.families.ydlidar.simulated.device import Simulated4Ros
 from lidario.families.ydlidar.simulated.packers import SCAN_HEADER
 from tests.reference import ydlidar
 
-__all__ = [
-    "BEGIN",
-    "FASTER",
-    "FASTER_FINE",
-    "FORCED_STOP",
-    "HEALTH",
-    "HEALTH_92",
-    "INFO",
-    "MS",
-    "OFFSET",
-    "PROTECTION",
-    "RESET",
-    "SCAN",
-    "SLOWER",
-    "SLOWER_FINE",
-    "SPEED",
-    "STAMPED",
-    "STOP",
-    "S",
-    "asked",
-    "set_hundredths",
-    "stream_of",
-    "unstamped",
-    "whole",
-    "why",
-]
-
 MS = 1_000_000
 S = 1000 * MS
 BEGIN = 5 * S

@@ -11,33 +11,6 @@ from lidario.sim.rooms import make_world
 from lidario.sim.world import World
 from tests.reference import rplidar
 
-__all__ = [
-    "BOARD",
-    "DUTY_0",
-    "DUTY_660",
-    "EXPRESS_1",
-    "FORCE_SCAN",
-    "GET_HEALTH",
-    "GET_INFO",
-    "GET_SAMPLERATE",
-    "MODES",
-    "MOTOR_600",
-    "MOTOR_OFF",
-    "MS",
-    "ONE_A_FORMAT",
-    "RESET",
-    "SCAN",
-    "SECOND",
-    "SOLD",
-    "STOP",
-    "Bench",
-    "begin",
-    "conf",
-    "express",
-    "framed",
-    "packets_of",
-]
-
 MS = 1_000_000
 SECOND = 1_000 * MS
 STOP, RESET, SCAN, FORCE_SCAN = b"\xa5\x25", b"\xa5\x40", b"\xa5\x20", b"\xa5\x21"

@@ -15,9 +15,8 @@ import pytest
 
 from lidario.port.port import Port
 from lidario.port.simulated import MemoryTransport
+from lidario.session.finding.discovery import PortInfo
 from lidario.sim.serve import MemoryLine, PtyServer
-
-__all__ = ["SpeedPtyServer", "misread", "serial_in_memory"]
 
 _TCGETS2 = 0x802C542A
 _SPEED_AT = 40
@@ -76,6 +75,13 @@ def serial_in_memory(patch: pytest.MonkeyPatch, **devices: Any) -> list[tuple[in
 
     patch.setattr("lidario.session.finding.connect.open_serial", open_serial)
     return written
+
+
+def plugged_in(patch: pytest.MonkeyPatch, adapter: str = "CP2102", **devices: Any) -> list[tuple[int, bytes]]:
+    """The same, and have the system list these ports, with that adapter; "" for one that nobody knows."""
+    ports = [PortInfo(path, "", adapter, "") for path in devices]
+    patch.setattr("lidario.session.finding.discovery.list_serial_ports", lambda: ports)
+    return serial_in_memory(patch, **devices)
 
 
 class SpeedPtyServer(PtyServer):

@@ -16,24 +16,6 @@ from lidario.wire.link import Link, LinkStats
 from lidario.wire.states import LinkState
 from tests.support.cases import Case, Sample
 
-__all__ = [
-    "SINGLE_DEG",
-    "Assembled",
-    "Chunks",
-    "Received",
-    "arrived",
-    "assembled",
-    "before_seam",
-    "checked_one_by_one",
-    "cut_up",
-    "feed",
-    "in_one_run",
-    "merged",
-    "open_stream",
-    "stream_of",
-    "turn_times",
-]
-
 Chunks = int | Sequence[int] | None
 """How a stream is cut: pieces of one size, of sizes taken in turns, or not at all."""
 SINGLE_DEG = 2e-5
@@ -203,9 +185,3 @@ def assembled(case: Case, raw: bytes, chunks: Chunks = 64, times: Callable[[int]
     for chunk, end in zip(pieces, accumulate(map(len, pieces)), strict=True):
         scans += pipeline.receive(chunk, clock(end))
     return Assembled(scans, pipeline.stats, pipeline.link.stats)
-
-
-def turn_times(case: Case) -> list[float]:
-    """When each whole turn of the golden stream begins, in nanoseconds since its first sample."""
-    first = {(s.packet, s.index): n for n, s in enumerate(case.samples)}
-    return [first[turn[0].packet, turn[0].index] * case.sample_us * 1e3 for turn in case.turns]

@@ -12,8 +12,6 @@ from lidario.scan import Scan
 from tests.support.cases import CASES
 from tests.support.streams import in_one_run, stream_of
 
-__all__ = ["SAMPLE_NS", "damaged", "scans_of", "turn_of"]
-
 _CASE = next(case for case in CASES if case.name == "ydlidar_4ros_room7")
 SAMPLE_NS = 250_000
 """With 480 samples, 8.3 revolutions a second."""

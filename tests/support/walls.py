@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LONGEST_M", "WALLS", "from_walls", "is_all_around"]
-
 FRONT, BACK, LEFT, RIGHT = 3.0, -1.0, 2.0, -1.5
 CORNERS = [(FRONT, RIGHT), (FRONT, LEFT), (BACK, LEFT), (BACK, RIGHT)]
 WALLS = list(zip(CORNERS, [*CORNERS[1:], CORNERS[0]], strict=True))

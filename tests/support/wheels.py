@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from lidario.families.spans import Arcs, Heads
 
-__all__ = ["heads", "lost", "missing"]
-
 
 def heads(
     first: Sequence[int] | NDArray[Any], following: int | None, counts: int = 1, way: NDArray[Any] | None = None

@@ -11,8 +11,6 @@ from lidario.recording.files import open_stored
 from tests.cli.processes import invoke
 from tests.support.recorded import assert_same_scans
 
-__all__ = ["assert_export_makes_it_whole"]
-
 
 def assert_export_makes_it_whole(cut: Path, whole: Path) -> None:
     assert lidario.summarize(cut).damage
