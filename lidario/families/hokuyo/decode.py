@@ -89,7 +89,5 @@ class BlockDecoder:
         return None
 
     def _degrees(self, steps: NDArray[np.int_]) -> NDArray[np.float32]:
-        angles = ((self._geometry.front - steps) * 360.0 / self._geometry.turn % 360.0).astype(np.float32)
-        # Just below 360 degrees, single precision rounds up to 360.
-        angles[angles >= 360.0] = 0.0
-        return angles
+        # Of 16384 steps at most, none is so near to 360 degrees that single precision rounds it up.
+        return ((self._geometry.front - steps) * 360.0 / self._geometry.turn % 360.0).astype(np.float32)

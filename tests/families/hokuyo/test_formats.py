@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lidario.families.hokuyo.commands import check_of, measure, read_lines
+from lidario.families.hokuyo.commands import ask, check_of, measure, read_lines
 from lidario.families.hokuyo.formats import DistanceFormat, StrengthFormat
 from lidario.families.hokuyo.geometry import Geometry, geometry_of
+from lidario.wire.envelope import Request
 from lidario.wire.events import Descriptor, Packets, Response
 from lidario.wire.formats import BEGINS, NO_PACKET
 from lidario.wire.link import Link
@@ -82,6 +83,23 @@ def test_what_is_cut_out_or_doubled_costs_what_it_touches(cut: int, rest: int, s
     assert skipped == len(raw) - sum(map(len, found))
 
 
+@pytest.mark.parametrize(
+    ("request_", "longest"), [(measure("MD", 44, 725, DistanceFormat(GEOMETRY)), 64), (next(ask("VV")), 4096)]
+)
+def test_no_more_is_waited_for_than_a_response_has(request_: Request, longest: int) -> None:
+    """Up to the empty line that ends it; what is longer belongs to no response."""
+    for over, answered in ((0, True), (1, False)):
+        echo = request_.data.lstrip(b"\n")
+        text = echo + b"x" * (longest + over - len(echo))
+        for size in (7, len(text) + 2):
+            link = Link()
+            link.send_request(request_)
+            for at in range(0, len(text) + 2, size):
+                link.receive_data((text + b"\n\n")[at : at + size], 1)
+            assert bool(link.events_received()) == answered
+            assert link.state is (LinkState.IDLE if answered else LinkState.AWAIT_RESPONSE)
+
+
 def test_a_block_without_data_is_a_record() -> None:
     unstable = b"MD0044072501000\n0M" + bytes((check_of(b"0M"),)) + b"\n\n"
     for size in (1, 50, 9999):
@@ -145,6 +163,26 @@ def test_a_field_that_cannot_be_is_refused(change: dict[str, str]) -> None:
     assert geometry_of(TOLD) == GEOMETRY
     assert geometry_of(TOLD | change) is None
     assert geometry_of({name: text for name, text in TOLD.items() if name not in change}) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "least", "most", "others"),
+    [
+        ("AMIN", 0, 9999, {"AMAX": "9999", "ARES": "16384"}),
+        ("AMAX", 0, 9999, {"AMIN": "0", "ARES": "16384"}),
+        ("AFRT", 0, 9999, {}),
+        ("ARES", 4, 16_384, {"AMIN": "44", "AMAX": "44"}),
+        ("DMIN", 0, 262_142, {"DMAX": "262143"}),
+        ("DMAX", 1, 262_143, {"DMIN": "0"}),
+        ("SCAN", 60, 60_000, {}),
+    ],
+)
+def test_what_a_device_tells_of_its_field_is_bounded(
+    name: str, least: int, most: int, others: dict[str, str]
+) -> None:
+    """By the digits of a request, by the 18 bits of a distance, and by what a rotor can do."""
+    for value, right in ((least - 1, False), (least, True), (most, True), (most + 1, False)):
+        assert (geometry_of(TOLD | others | {name: str(value)}) is not None) == right, value
 
 
 def test_the_field_is_half_a_step_wider_than_its_samples() -> None:

@@ -1,5 +1,7 @@
 """How far the rotor turned in each packet, and what is missing between two."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,6 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from lidario.families.rplidar.node_steps import NodeSteps
+from lidario.families.spans import Heads
 from lidario.families.told import ToldWheel
 from lidario.families.wheel import Wheel
 from tests.support.ramp import ramp
@@ -70,6 +73,71 @@ def test_a_small_step_back_is_no_lost_turn() -> None:
     rotation = NodeSteps(TURN)
     arcs = rotation.follow(heads(headings(100, 107, 114, 110, 121, 128), 135))
     assert missing(arcs) == [0] * 6
+
+
+def nodes_of(step: int, count: int = 140) -> Heads:
+    """Nodes that far apart: of the ordinary step, one more than its mean is taken of."""
+    return heads(headings(*(step * at for at in range(count))), step * count % TURN)
+
+
+def settled(rotation: NodeSteps) -> None:
+    arcs = rotation.steady(nodes_of(7), [140])
+    assert arcs is not None
+    rotation.settle(arcs)
+
+
+ORDINARY: dict[str, Callable[[NodeSteps], object]] = {
+    "all there": lambda rotation: rotation.follow(nodes_of(7)),
+    "one missing": lambda rotation: rotation.follow(heads(headings(0, *range(14, 300, 7)), 301)),
+    "a whole revolution": settled,
+}
+
+
+@pytest.mark.parametrize("between", ORDINARY)
+def test_another_step_is_believed_the_32nd_time_in_a_row(between: str) -> None:
+    rotation = NodeSteps(TURN)
+    rotation.follow(nodes_of(7))
+    for _ in range(5):
+        rotation.follow(nodes_of(20, 130))
+    ORDINARY[between](rotation)
+    told = [lost(rotation.follow(nodes_of(20, 130))) for _ in range(33)]
+    assert told == [2 * 130] * 31 + [0, 0]
+
+
+@pytest.mark.parametrize(("step", "several"), [(3, 320), (7, 137), (40, 32)])
+def test_a_mean_is_one_of_32_nodes_and_a_24th_of_a_turn(step: int, several: int) -> None:
+    """Of more, two are taken, so that another step is believed in half the time."""
+    for count, times in ((several, 32), (several + 7, 16)):
+        rotation = NodeSteps(TURN)
+        rotation.follow(nodes_of(step, 40))
+        told = [lost(rotation.follow(nodes_of(3 * step, count))) for _ in range(times + 1)]
+        assert told == [2 * count] * (times - 1) + [2 * several * (times == 16), 0]
+
+
+@pytest.mark.parametrize("count", range(4, 9))
+def test_six_steps_that_agree_are_sure(count: int) -> None:
+    assert NodeSteps(TURN).follow(nodes_of(7, count)).certain == (count >= 6)
+    assert not NodeSteps(TURN).follow(nodes_of(0, count)).certain
+
+
+def test_the_first_steps_may_scatter() -> None:
+    steps = [7, 7, 12, 2, 7] * 8
+    arcs = NodeSteps(TURN).follow(heads(headings(0, *np.cumsum(steps[:-1])), sum(steps)))
+    assert (arcs.certain, lost(arcs)) == (True, 0)
+
+
+@pytest.mark.parametrize("ahead", [25, 500, 1900])
+@pytest.mark.parametrize("before", [1, 3, 60])
+@pytest.mark.parametrize("false", [1, 2, 20, 39, 40])
+def test_what_leaps_ahead_and_falls_back_within_40_nodes_is_no_gap(before: int, false: int, ahead: int) -> None:
+    rotation, angles = NodeSteps(TURN), 7 * np.arange(150)
+    rotation.follow(nodes_of(7))
+    angles[before : before + false] += ahead
+    # How many nodes a leap is, is rounded.
+    assert lost(rotation.follow(heads(headings(*angles), 1050))) <= 1
+    # Farther apart, both are believed.
+    angles[before : before + 41] = 7 * np.arange(before, before + 41) + ahead
+    assert lost(rotation.follow(heads(headings(*angles), 1050))) == pytest.approx(ahead / 7, abs=1)
 
 
 def test_a_rotor_that_stands_divides_by_nothing() -> None:

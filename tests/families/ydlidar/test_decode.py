@@ -138,6 +138,18 @@ def test_several_lost_packets_are_counted(count: int) -> None:
         assert lost_behind(turns, range(gone, gone + count)) == (count, gone), f"packets from {gone}"
 
 
+@pytest.mark.parametrize("last", [5, 16, 39])
+@pytest.mark.parametrize("count", range(1, 5))
+def test_the_last_packets_of_a_revolution_are_counted_where_the_next_one_is_read_with_it(
+    count: int, last: int
+) -> None:
+    """The very last one is short: what is missing is no whole number of ordinary packets."""
+    turn = turn_of([1, *[40] * 11, last])
+    left = turn[:-count]
+    for packets, behind in ((left, turn[:2]), (left + turn[:1], turn[1:2]), (left + turn[:5], turn[5:6])):
+        assert decoded(packets, behind[0]).lost == count
+
+
 @pytest.mark.parametrize("kept", [[0, -1], [0, 30, -1], [30, -1]], ids=str)
 def test_where_mostly_short_packets_came_no_more_are_told_than_are_missing(kept: list[int]) -> None:
     """Damage spares short packets. What an ordinary one holds is known from the revolution before."""
