@@ -11,7 +11,7 @@ from typing import Any, cast
 from lidario.port.guard import NAME
 from lidario.sim.server import Server
 
-__all__ = ["guards_of", "is_left_still", "kilobytes", "own_guards", "switches"]
+__all__ = ["children_that_ended", "guards_of", "is_left_still", "kilobytes", "own_guards", "switches"]
 
 
 def guards_of(program: int) -> list[int]:
@@ -52,3 +52,15 @@ def is_left_still(server: Server) -> bool:
 def own_guards() -> list[int]:
     """The guards of this program."""
     return guards_of(os.getpid())
+
+
+def children_that_ended() -> list[int]:
+    """The children of this program for which it has not waited."""
+    found = []
+    for process in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            # Behind the name, which may hold anything: the state, and whose child it is.
+            state, parent = (process / "stat").read_text().rpartition(")")[2].split()[:2]
+            if state == "Z" and int(parent) == os.getpid():
+                found.append(int(process.name))
+    return found
