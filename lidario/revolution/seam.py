@@ -184,10 +184,11 @@ class Seam:
         angles = [each & ~_FLAGS for each in before]
         steps = sorted((later - earlier) % self._full_turn for earlier, later in pairwise(angles))
         steady = steps[len(steps) // 2] if steps else 0
-        step = (heading - angles[-1]) % self._full_turn if steady else 0
-        if not 0 < step <= min(_WIDEST_GAP * steady, self._near) + _UNSTEADY * steady:
+        if not steady:
             return False
-        return bool(step >= steady // 2 and abs(step / steady - round(step / steady)) <= _UNSTEADY)
+        step = (heading - angles[-1]) % self._full_turn
+        passed, most = step / steady, min(_WIDEST_GAP * steady, self._near) + _UNSTEADY * steady
+        return step <= most and round(passed) > 0 and abs(passed - round(passed)) <= _UNSTEADY
 
     def _flagged(self, index: int, heading: int) -> Split | None:
         if heading & RESTARTS:

@@ -109,12 +109,13 @@ def test_less_than_half_of_one_between_two_splits_is_none(packets: int, false: b
 )  # fmt: skip
 def test_what_was_over_when_its_first_packet_came(over: float, packets: int, share: float) -> None:
     samples, wire = decoded(40, packets), DenseFormat()
-    lost = {"behind_gap": True, "carried": None, "over": over}
+    lost: dict[str, Any] = {"behind_gap": True, "carried": None, "over": over}
     assert share_before(wire, partial(40, END_NS, **lost), samples) == pytest.approx(share, abs=1e-4)
     # By where its seam is.
-    moved = {**lost, "over": (over + 0.25) % 1, "seam": 23040 // 4}
+    moved: dict[str, Any] = {**lost, "over": (over + 0.25) % 1, "seam": 23040 // 4}
     assert share_before(wire, partial(40, END_NS, **moved), samples) == pytest.approx(share, abs=1e-4)
     # Its first packet is the first behind the seam.
+    sure: dict[str, Any]
     for sure in ({"behind_gap": False}, {"carried": SampleArrays(NOTHING, NOTHING, None)}):
         assert share_before(wire, partial(40, END_NS, **lost | sure), samples) == 0
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from lidario import Busy, DeviceLost, InvalidValue, Scan
+from lidario.session.streaming.readers import Readers
 from lidario.session.streaming.stream import Hub, Mailbox
 from tests.support.loop import driven
 
@@ -84,6 +85,27 @@ async def test_the_hub_hands_scans_to_those_it_holds() -> None:
     hub.discard(kept)
     hub.publish(numbered(2))
     assert (await kept.get()).seq == 1
+
+
+@driven
+async def test_who_wants_what_runs_joins_at_once_unless_others_wait() -> None:
+    """Those who come later must not get scans of a mode for which they did not wait."""
+    readers, reading = Readers(lambda: None), Mailbox(1)
+
+    def waiting() -> list[Mailbox]:
+        return [each.mailbox for each in readers.joining]
+
+    readers.add(reading, None, False)
+    assert (waiting(), len(readers.hub)) == ([reading], 0)
+    readers.joining.clear()
+    readers.hub.add(reading)
+    joins, chooses, follows = Mailbox(1), Mailbox(1), Mailbox(1)
+    for mailbox, mode in ((joins, None), (chooses, "Standard"), (follows, None)):
+        readers.add(mailbox, mode, False)
+    assert (waiting(), len(readers.hub), len(readers)) == ([chooses, follows], 2, 4)
+    readers.discard(chooses)
+    readers.discard(joins)
+    assert (waiting(), len(readers)) == ([follows], 2)
 
 
 @driven

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from lidario.errors import RemoteProtocolError
 from lidario.families.hokuyo.commands import ask, check_of, measure, read_lines
 from lidario.families.hokuyo.formats import DistanceFormat, StrengthFormat
 from lidario.families.hokuyo.geometry import Geometry, geometry_of
@@ -17,6 +18,7 @@ from lidario.wire.link import Link
 from lidario.wire.states import LinkState
 from tests.families.hokuyo.about import CASES, GEOMETRY, LAYOUTS
 from tests.reference import golden, hokuyo
+from tests.support.bench_4ros import played
 from tests.support.contents import any_packets
 from tests.support.streams import in_one_run
 
@@ -142,6 +144,48 @@ def test_the_semicolon_may_belong_to_the_sum_or_not() -> None:
         assert (told.status, told.lines) == ("00", {"ARES": "1024"})
     assert read_lines(inside.replace(b"1024", b"1025")) is None
     assert read_lines(b"00Q") is None
+
+
+def status(two: bytes) -> bytes:
+    return two + bytes((check_of(two),))
+
+
+WELL, DAMAGED, IN_TIME_MODE = status(b"00") + b"\nA:7" + bytes((check_of(b"A:7"),)), b"00x", status(b"0E")
+
+
+@pytest.mark.parametrize(
+    ("responses", "asked"),
+    [
+        ([WELL], "VV"),
+        ([DAMAGED, DAMAGED, WELL], "VV VV VV"),
+        ([IN_TIME_MODE, status(b"00"), WELL], "VV TM2 VV"),
+        ([DAMAGED, IN_TIME_MODE, status(b"00"), WELL], "VV VV TM2 VV"),
+    ],
+)
+def test_a_device_is_asked_again_where_that_helps(responses: list[bytes], asked: str) -> None:
+    heard: list[str] = []
+    waits = iter(responses)
+
+    def respond(request: Request) -> bytes:
+        heard.append(request.name)
+        return next(waits)
+
+    assert played(ask("VV"), respond) == {"A": "7"}
+    assert heard == asked.split()
+
+
+@pytest.mark.parametrize(
+    ("response", "why"),
+    [
+        (DAMAGED, "no response to VV could be read"),
+        (IN_TIME_MODE, "no response to VV could be read"),
+        (status(b"0M"), "refuses VV with status '0M': its speed is not stable"),
+        (status(b"7Z"), "refuses VV with status '7Z': the manual"),
+    ],
+)
+def test_a_refusal_is_told_with_what_it_means(response: bytes, why: str) -> None:
+    with pytest.raises(RemoteProtocolError, match=why):
+        played(ask("VV"), lambda _: response)
 
 
 def test_what_text_holds_is_bounded_and_printable() -> None:
