@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from lidario.families.base import Samples
+from lidario.families.ydlidar.clouds import KINDS
 from lidario.families.ydlidar.decode import PointCloudDecoder
 from lidario.families.ydlidar.formats import PointCloud
 from lidario.families.ydlidar.simulated.packers import pack_points
@@ -87,6 +88,16 @@ def test_the_longest_packet_across_zero() -> None:
     np.testing.assert_allclose(samples.angle_deg, np.linspace(355, 370, 80) % 360, rtol=0, atol=SINGLE_DEG)
     assert samples.angle_deg.min() >= 0
     assert samples.angle_deg.max() < 360
+
+
+@pytest.mark.parametrize("kind", ["tg", "x", "octave"])
+@pytest.mark.parametrize("first", [1000, 22_900])
+def test_samples_lie_at_even_steps_however_few_there_are(kind: str, first: int) -> None:
+    """Where nothing came back, no angle depends on the distance."""
+    packets = [pack_points([0] * count, first, (first + 90 * (count - 1)) % 23040) for count in (1, 2, 3, 1, 7)]
+    samples = KINDS[kind].decoder().decode(run_of(packets), None)
+    expected = [(first + 90 * at) / 64 % 360 for count in (1, 2, 3, 1, 7) for at in range(count)]
+    np.testing.assert_allclose(samples.angle_deg, expected, rtol=0, atol=SINGLE_DEG)
 
 
 lengths = st.lists(st.integers(1, 80), min_size=1, max_size=8)
