@@ -136,11 +136,7 @@ class Seam:
         self._last = int(away[end - 1])
         if self._last >= self._near:
             self._passed_unmarked = False
-            middle = (begin + end) // 2
-            if not self._armed and begin < middle and self._near <= away[middle] <= self._far:
-                # One that lies between shows that the rotor came from there.
-                self._armed = True
-            elif not self._armed:
+            if not self._armed:
                 beyond = max(begin + 1, bisect_left(away, self._near, begin, end))
                 self._armed = self._forward(int(away[beyond - 1]), int(away[beyond]))
 
