@@ -98,6 +98,25 @@ async def test_they_are_written_once_until_something_moves() -> None:
     assert paper.told == [True, True]
 
 
+@driven
+async def test_only_who_hangs_up_leaves_the_port_to_timers() -> None:
+    paper = Paper(0.0)
+    stopper = Stopper(paper, paper, FAMILIES[0].device(), 0.0)
+    assert not stopper.ends_by_itself
+    stopper.stop()
+    assert not stopper.ends_by_itself
+    await stopper.surely_settled()
+    assert stopper.still
+    assert not stopper.ends_by_itself
+    stopper.sent(rplidar.motor_speed(600))
+    stopper.hang_up()
+    assert stopper.ends_by_itself
+    stopper.cancel()
+    assert not stopper.ends_by_itself
+    stopper.still = True
+    assert stopper.ends_by_itself
+
+
 @pytest.mark.parametrize("comes", [True, False])
 @driven
 async def test_a_device_that_owes_a_response_is_told_again_when_it_has_come(comes: bool) -> None:

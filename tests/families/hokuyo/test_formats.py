@@ -127,6 +127,23 @@ def test_sizes_samples_headings_and_stamps(case: object) -> None:
         np.testing.assert_array_equal(wire.stamps(run), [hokuyo.milliseconds(each) for each in packets])
 
 
+@pytest.mark.parametrize("kind", [DistanceFormat, StrengthFormat])
+@pytest.mark.parametrize("geometry", [None, GEOMETRY])
+def test_what_has_begun_is_waited_for(kind: type[DistanceFormat], geometry: Geometry | None) -> None:
+    """With its echo and status a block tells its size, and what is none of them is known by two characters."""
+    wire, echo = kind(geometry), kind.word + b"0044072501000\n"
+    block, record = echo + b"99b\n" + b"0" * 30, echo + b"0M" + bytes((check_of(b"0M"),)) + b"\n\n"
+    whole = wire.measure(bytearray(block), 0)
+    assert whole > 2000
+    for length in range(1, 40):
+        begun = bytearray(b"??" + block[:length])
+        assert wire.measure(begun, 2) == (0 if length < 20 else whole)
+        assert wire.other_record(begun, 2) == (0 if length < 21 else NO_PACKET)
+        assert wire.other_record(bytearray(b"??" + record[:length]), 2) == (0 if length < 21 else 21)
+        other = bytearray(b"??" + b"MX" + block[2 : max(2, length)])
+        assert wire.measure(other, 2) == wire.other_record(other, 2) == NO_PACKET
+
+
 def test_no_claimed_size_is_beyond_the_longest() -> None:
     for kind in (DistanceFormat, StrengthFormat):
         wire = kind()

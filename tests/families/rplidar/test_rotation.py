@@ -104,6 +104,26 @@ def test_another_step_is_believed_the_32nd_time_in_a_row(between: str) -> None:
     assert told == [2 * 130] * 31 + [0, 0]
 
 
+@pytest.mark.parametrize("ratio", [2, 3])
+@pytest.mark.parametrize("faster", [True, False])
+def test_another_step_is_believed_at_once_where_time_says_so(faster: bool, ratio: int) -> None:
+    """Twice as fast, all nodes come in the time that they take; with each second one lost, in twice of that."""
+    rotation, now = NodeSteps(TURN), 10**9
+    rotation.tell_time(31_250.0)
+
+    def told(step: int, packets_ns: int) -> int:
+        nonlocal now
+        arrivals = []
+        for end in range(28, 141, 28):
+            now += 28 * packets_ns
+            arrivals.append((end, now))
+        return lost(rotation.follow(nodes_of(step), arrivals))
+
+    assert [told(7, 31_250) for _ in range(4)] == [0] * 4
+    again = [told(7 * ratio, 31_250 if faster else 31_250 * ratio) for _ in range(6)]
+    assert again == [140 * (ratio - 1)] * (1 if faster else 6) + [0] * (5 if faster else 0)
+
+
 @pytest.mark.parametrize(("step", "several"), [(3, 320), (7, 137), (40, 32)])
 def test_a_mean_is_one_of_32_nodes_and_a_24th_of_a_turn(step: int, several: int) -> None:
     """Of more, two are taken, so that another step is believed in half the time."""
