@@ -160,6 +160,16 @@ def test_what_leaps_ahead_and_falls_back_within_40_nodes_is_no_gap(before: int, 
     assert lost(rotation.follow(heads(headings(*angles), 1050))) == pytest.approx(ahead / 7, abs=1)
 
 
+@pytest.mark.parametrize(("back_deg", "known"), [(0.0, True), (1.9, True), (2.1, False)])
+def test_a_packet_may_begin_two_degrees_before_the_end_of_the_one_before(back_deg: float, known: bool) -> None:
+    """Farther back it is the long way round, and the rest of a revolution is missing."""
+    begins = headings(1000, 1950 - round(64 * back_deg), 2910)
+    arcs = ToldWheel(TURN, 48).follow(heads(begins, 3870, 96, np.full(3, 950)))
+    assert (lost(arcs) == 0) == known
+    if not known:
+        assert lost(arcs) == pytest.approx((TURN - 64 * back_deg) / 10, rel=0.01)
+
+
 def test_a_rotor_that_stands_divides_by_nothing() -> None:
     wheel = Wheel(TURN)
     for following in (None, 700):
