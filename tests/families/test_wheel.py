@@ -153,7 +153,10 @@ def turning(*spans: int) -> tuple[NDArray[np.int32], int]:
 @pytest.mark.parametrize("spans", range(4, 9))
 def test_six_spans_that_agree_are_sure_without_times(spans: int) -> None:
     """The last packet tells a span only where one is behind it."""
-    assert Wheel(TURN).follow(heads(*turning(*[500] * spans))).certain == (spans >= 6)
+    wheel = Wheel(TURN)
+    arcs = [wheel.follow(heads(*turning(*[500] * spans))) for _ in range(2)]
+    assert arcs[0].certain == arcs[0].first == (spans >= 6)
+    assert not arcs[1].first
     first, _ = turning(*[500] * (spans + 1))
     assert Wheel(TURN).follow(heads(first, None)).certain == (spans >= 6)
 
@@ -167,6 +170,16 @@ def test_the_arc_before_a_gap_lies_between_the_one_before_and_those_in_the_gap(g
     # At the middles of what they are means of. A gap that is too long tells nothing.
     likely = np.interp(0.5, [-0.5, (1 + gone) / 2], [500, 510]) if gone <= 8 else 500
     assert np.asarray(arcs.arc).tolist() == pytest.approx([500, likely, 520, 515])
+
+
+@pytest.mark.parametrize(("next_span", "gone"), [(800, 0), (735, 0), (864, 0), (704, 1), (896, 1)])
+def test_a_span_of_no_whole_number_is_another_speed_where_the_next_one_is_like_it(
+    next_span: int, gone: int
+) -> None:
+    """Within a tenth of it."""
+    wheel = Wheel(TURN)
+    wheel.follow(heads(*turning(*[500] * 20)))
+    assert missing(wheel.follow(heads(*turning(800, next_span))))[0] == gone
 
 
 @pytest.mark.parametrize("before", [0, 3])
@@ -194,11 +207,13 @@ def test_a_device_slower_than_it_says_has_lost_what_lies_between_its_packets_or_
 
 
 @pytest.mark.parametrize("known", range(6))
-def test_where_whole_turns_may_hide_in_most_gaps_nothing_is_sure(known: int) -> None:
+@pytest.mark.parametrize("long", [10, 12])
+def test_where_whole_turns_may_hide_in_most_gaps_nothing_is_sure(known: int, long: int) -> None:
+    """In gaps of more than eight packets."""
     wheel, began, arc = Wheel(TURN), 0, 460
     wheel.tell_time(PACKET_NS)
     for turn in range(4):
-        spans = [arc] * known + [12 * arc] * (6 - known)
+        spans = [arc] * known + [long * arc] * (6 - known)
         first, following = turning(*spans)
         measured = began + np.cumsum([1, *spans[:-1]]) // arc
         arrivals = [(packets, int(end) * PACKET_NS) for packets, end in enumerate(measured, 1)]
@@ -206,7 +221,7 @@ def test_where_whole_turns_may_hide_in_most_gaps_nothing_is_sure(known: int) -> 
         began += sum(spans) // arc
         assert arcs.certain == (turn > 0 and known > 3)
         if known > 3:
-            assert missing(arcs) == [0] * known + [11] * (6 - known)
+            assert missing(arcs) == [0] * known + [long - 1] * (6 - known)
 
 
 @pytest.mark.parametrize("spans", [2, 3, 4])

@@ -104,6 +104,16 @@ def test_another_step_is_believed_the_32nd_time_in_a_row(between: str) -> None:
     assert told == [2 * 130] * 31 + [0, 0]
 
 
+def test_steps_that_do_not_agree_are_no_other_speed() -> None:
+    """Of each four there is one alike, however often they come."""
+    rotation = NodeSteps(TURN)
+    rotation.follow(nodes_of(7))
+    angles = np.cumsum([0, *[20, 45, 100, 200] * 32])
+    for _ in range(40):
+        rotation.follow(heads(headings(*angles[:-1]), int(angles[-1])))
+    assert lost(rotation.follow(nodes_of(14))) == 140
+
+
 @pytest.mark.parametrize("ratio", [2, 3])
 @pytest.mark.parametrize("faster", [True, False])
 def test_another_step_is_believed_at_once_where_time_says_so(faster: bool, ratio: int) -> None:
