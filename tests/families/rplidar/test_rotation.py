@@ -104,6 +104,63 @@ def test_another_step_is_believed_the_32nd_time_in_a_row(between: str) -> None:
     assert told == [2 * 130] * 31 + [0, 0]
 
 
+def steps_of(*steps: int) -> Heads:
+    """Nodes so far apart, and one behind them."""
+    return heads(headings(0, *np.cumsum(steps[:-1])), sum(steps) % TURN)
+
+
+@pytest.mark.parametrize("timed", [True, False])
+def test_time_tells_that_each_second_node_is_lost_though_steps_are_even(timed: bool) -> None:
+    rotation, now, told = NodeSteps(TURN), 0, list[int]()
+    if timed:
+        rotation.tell_time(31_250.0)
+    # What has no times tells a step; then time tells that it is two.
+    rotation.follow(nodes_of(14))
+    for _ in range(4):
+        ends = range(28, 141, 28)
+        arcs = rotation.follow(nodes_of(14), [(end, now + 62_500 * end) for end in ends])
+        told.append(lost(arcs))
+        now += 62_500 * 140
+    assert told == ([0, 140, 140, 140] if timed else [0] * 4)
+
+
+def test_several_revolutions_are_steady_where_each_is() -> None:
+    rotation = NodeSteps(TURN)
+    assert rotation.steady(nodes_of(7, 280), [140, 280]) is None
+    rotation.follow(nodes_of(7))
+    for second, steps in ((7, [7, 7]), (10, [7, 10]), (14, None)):
+        arcs = rotation.steady(steps_of(*[7] * 140, *[second] * 140), [140, 280])
+        assert (None if arcs is None else arcs.steps) == steps
+    twin = rotation.copy()
+    twin.follow(nodes_of(10))
+    assert [lost(each.follow(steps_of(*[10] * 9, 20))) for each in (twin, rotation)] == [1, 1]
+    assert [lost(each.copy().follow(steps_of(7, 7, 17, 7))) for each in (twin, rotation)] == [0, 0]
+
+
+@pytest.mark.parametrize(("gap", "missing_there"), [(13, 0), (14, 1)])
+def test_steps_within_half_of_the_ordinary_one_are_of_one_speed(gap: int, missing_there: int) -> None:
+    """Their mean is the ordinary one, of the first ones too."""
+    assert lost(NodeSteps(TURN).follow(steps_of(*[6, 9] * 20, gap))) == missing_there
+    rotation = NodeSteps(TURN)
+    rotation.follow(nodes_of(7))
+    assert lost(rotation.follow(steps_of(*[10] * 60, 20, *[10] * 60))) == 1
+
+
+@pytest.mark.parametrize(("back", "gone"), [(1900, 0), (1950, 3012)])
+def test_nodes_fall_back_by_30_degrees_at_most(back: int, gone: int) -> None:
+    rotation = NodeSteps(TURN)
+    rotation.follow(nodes_of(7))
+    assert lost(rotation.follow(steps_of(*[7] * 50, -back, *[7] * 50))) == pytest.approx(gone, abs=2)
+
+
+def test_a_node_that_stands_hides_no_gap_beside_it() -> None:
+    """Only one that is out of place does, which falls back."""
+    rotation = NodeSteps(TURN)
+    rotation.follow(nodes_of(7))
+    for before, behind in ((0, 21), (21, 0)):
+        assert lost(rotation.follow(steps_of(*[7] * 50, before, behind, *[7] * 50))) == 2
+
+
 def test_steps_that_do_not_agree_are_no_other_speed() -> None:
     """Of each four there is one alike, however often they come."""
     rotation = NodeSteps(TURN)
