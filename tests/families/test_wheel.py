@@ -243,3 +243,24 @@ def test_a_speed_that_leaps_is_no_loss_where_time_speaks_against_it(times: int) 
         arrivals = [(at, (48 + times * (24 * turn + at)) * PACKET_NS) for at in range(1, 25)]
         arcs = wheel.follow(heads(*turning(*[960] * 24)), arrivals)
         assert (arcs.certain, lost(arcs)) == (True, 24 * (times - 1))
+
+
+@pytest.mark.parametrize("speeds", [(500,), (700,), (500, 700), (500, 700, 980), (350, 500)])
+def test_revolutions_are_steady_where_each_goes_on_as_the_one_before_ended(speeds: tuple[int, ...]) -> None:
+    wheel, arrivals = Wheel(TURN), [(20 * len(speeds), 1000)]
+    spans = [speed for speed in speeds for _ in range(20)]
+    ends = range(20, len(spans) + 1, 20)
+    assert wheel.steady(heads(*turning(*spans)), ends, arrivals) is None
+    wheel.follow(heads(*turning(*[500] * 20)))
+    arcs = wheel.steady(heads(*turning(*spans)), ends, arrivals)
+    assert arcs is not None
+    assert (arcs.steps, np.asarray(arcs.arc).tolist()) == (list(speeds), spans)
+    before = (500, *speeds)[-2]
+    for odd in (before * 8 // 5, before * 5 // 8):
+        assert wheel.steady(heads(*turning(*spans[:-1], odd)), ends, arrivals) is None
+    # Several reads may yet tell that an arc is of two packets.
+    assert wheel.steady(heads(*turning(*spans)), ends, [(5, 900), *arrivals]) is None
+    # Nothing is remembered before it is settled.
+    assert lost(wheel.copy().follow(heads(*turning(1500)))) == 2
+    wheel.settle(arcs, arrivals)
+    assert lost(wheel.follow(heads(*turning(3 * speeds[-1])))) == 2
