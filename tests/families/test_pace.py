@@ -71,7 +71,7 @@ def calls_of(random: np.random.Generator) -> list[Call]:
 
 @pytest.mark.parametrize("seed", range(60))
 def test_it_knows_what_a_slow_way_tells(seed: int) -> None:
-    random, pace, calls = np.random.default_rng(seed), Pace(FAR), list[Call]()
+    random, pace, calls, points = np.random.default_rng(seed), Pace(FAR), list[Call](), list[Point]()
     for spans, arrivals in calls_of(random):
         pace.add(spans, arrivals)
         calls.append((spans, arrivals))

@@ -1,6 +1,7 @@
 """How far the rotor turned in each packet, and what is missing between two."""
 
 from collections.abc import Callable
+from itertools import accumulate
 
 import numpy as np
 import pytest
@@ -106,7 +107,8 @@ def test_another_step_is_believed_the_32nd_time_in_a_row(between: str) -> None:
 
 def steps_of(*steps: int) -> Heads:
     """Nodes so far apart, and one behind them."""
-    return heads(headings(0, *np.cumsum(steps[:-1])), sum(steps) % TURN)
+    *angles, following = accumulate(steps, initial=0)
+    return heads(headings(*angles), following % TURN)
 
 
 @pytest.mark.parametrize("timed", [True, False])
@@ -165,9 +167,8 @@ def test_steps_that_do_not_agree_are_no_other_speed() -> None:
     """Of each four there is one alike, however often they come."""
     rotation = NodeSteps(TURN)
     rotation.follow(nodes_of(7))
-    angles = np.cumsum([0, *[20, 45, 100, 200] * 32])
     for _ in range(40):
-        rotation.follow(heads(headings(*angles[:-1]), int(angles[-1])))
+        rotation.follow(steps_of(*[20, 45, 100, 200] * 32))
     assert lost(rotation.follow(nodes_of(14))) == 140
 
 
@@ -209,7 +210,7 @@ def test_six_steps_that_agree_are_sure(count: int) -> None:
 
 def test_the_first_steps_may_scatter() -> None:
     steps = [7, 7, 12, 2, 7] * 8
-    arcs = NodeSteps(TURN).follow(heads(headings(0, *np.cumsum(steps[:-1])), sum(steps)))
+    arcs = NodeSteps(TURN).follow(steps_of(*steps))
     assert (arcs.certain, lost(arcs)) == (True, 0)
 
 
@@ -221,10 +222,10 @@ def test_what_leaps_ahead_and_falls_back_within_40_nodes_is_no_gap(before: int, 
     rotation.follow(nodes_of(7))
     angles[before : before + false] += ahead
     # How many nodes a leap is, is rounded.
-    assert lost(rotation.follow(heads(headings(*angles), 1050))) <= 1
+    assert lost(rotation.follow(heads(headings(*angles.tolist()), 1050))) <= 1
     # Farther apart, both are believed.
     angles[before : before + 41] = 7 * np.arange(before, before + 41) + ahead
-    assert lost(rotation.follow(heads(headings(*angles), 1050))) == pytest.approx(ahead / 7, abs=1)
+    assert lost(rotation.follow(heads(headings(*angles.tolist()), 1050))) == pytest.approx(ahead / 7, abs=1)
 
 
 @pytest.mark.parametrize(("back_deg", "known"), [(0.0, True), (1.9, True), (2.1, False)])
