@@ -67,7 +67,7 @@ class EndedRevolution:
     arrays: SampleArrays
     lost: int
     gaps: list[tuple[int, int]] | None
-    revoked: int = 0
+    revoked: int
     start_ns: int = field(init=False)
     elapsed_ns: int = field(init=False)
     sample_ns: float = field(init=False)

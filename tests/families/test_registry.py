@@ -78,11 +78,11 @@ def test_the_numbers_that_recordings_hold_stay(family: Family) -> None:
 
 
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.name)
-def test_bytes_alone_tell_no_reach(family: Family) -> None:
+def test_bytes_alone_tell_no_reach_and_no_time(family: Family) -> None:
     for case in ABOUT[family.name].CASES:
         found = family.find_stream(memoryview(case.told + case.descriptor + case.raw), Known())
         assert found is not None, case.name
-        assert found.stream.mode.max_distance == 0
+        assert (found.stream.mode.max_distance, found.stream.spin_up_s, found.stream.timed) == (0, 0, False)
 
 
 def test_unknown_names_are_answered_with_the_known_ones() -> None:

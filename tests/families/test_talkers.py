@@ -93,6 +93,24 @@ def test_what_a_sample_takes_follows_from_the_speed_that_packets_tell(family: st
         assert told_ns.tolist() == pytest.approx([1e3 * expected_us] * 12, rel=1e-9)
 
 
+SLOWEST_HZ = {
+    "neato": {"": 200 / 60},
+    "hlds": {"": 200 / 60},
+    "irobotix": {"": 4.0},
+    # An LD14P can be set to 2; an LD14 and an LD08 are taken for no faster.
+    "ldrobot": {"": 5.0, "ld14": 2.0, "ld14p": 2.0, "ld08": 2.0},
+}
+"""Revolutions a second, of a family and of models that turn slower."""
+
+
+@pytest.mark.parametrize("family", SLOWEST_HZ)
+def test_a_revolution_may_take_half_as_long_again_as_at_the_lowest_speed(family: str) -> None:
+    talkers, slowest = FAMILIES[family], SLOWEST_HZ[family]
+    for model in talkers.all:
+        expected = 1.5 / slowest.get(model.name, slowest[""])
+        assert (model.slowest_turn_s or talkers.slowest_turn_s) == pytest.approx(expected, rel=0.1), model.name
+
+
 def test_the_page_of_devices_tells_the_same_lines() -> None:
     told: dict[str, set[int]] = {}
     for row in DOCS.read_text(encoding="utf-8").splitlines():

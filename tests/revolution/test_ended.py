@@ -51,7 +51,7 @@ def partial(packets: int, last_ns: int, *, over: float = 0.0, **changes: Any) ->
 def ended(revolution: PartialRevolution, samples: Samples, start_ns: int) -> EndedRevolution:
     count = samples.ends[-1]
     arrays = SampleArrays(np.empty(count, np.float32), np.empty(count, np.float32), None)
-    here = EndedRevolution(revolution, revolution.runs[0], samples, arrays, samples.lost, [])
+    here = EndedRevolution(revolution, revolution.runs[0], samples, arrays, samples.lost, [], revoked=0)
     here.start_ns, here.elapsed_ns = start_ns, revolution.last_ns - start_ns
     here.sample_ns, here.spanned_ns, here.told = SAMPLE_NS, count * SAMPLE_NS, True
     return here
