@@ -1,7 +1,7 @@
 """What a revolution that has ended tells, of which something is missing."""
 
 from dataclasses import replace
-from math import nan
+from math import inf, nan
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from lidario.families.base import Samples
 from lidario.families.rplidar.formats import DenseFormat
 from lidario.families.rplidar.simulated.packers import pack_dense
 from lidario.families.ydlidar.formats import PointCloud
-from lidario.revolution.ended import EndedRevolution, share_before
+from lidario.revolution.ended import EndedRevolution, is_complete, packet_time, share_before
 from lidario.revolution.partial import PartialRevolution, SampleArrays
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
@@ -135,3 +135,48 @@ def test_only_a_time_of_a_sample_that_is_told_proves_how_long_it_took(certain: b
     beginning = here.beginning(DenseFormat(), broken=False, number=3, packets_before=7)
     assert beginning.tells_time is (certain and told)
     assert beginning.spanned_ns == (USUAL_NS if certain and told else 0)
+
+
+def test_what_a_whole_one_takes_is_known_where_its_step_is() -> None:
+    here = ended(partial(80, END_NS), decoded(80, 80.0, sample_ns=7.0), 0)
+    assert (here.turn_ns, here.by_speed_ns) == (USUAL_NS, 7.0)
+    assert ended(partial(80, END_NS), decoded(80, 80.0, certain=False), 0).turn_ns == inf
+    here.samples = None
+    assert (here.turn_ns, here.by_speed_ns) == (inf, 0.0)
+
+
+@pytest.mark.parametrize("certain", [False, True])
+def test_how_many_samples_are_missing_in_it(certain: bool) -> None:
+    """At least as many as the packets that are missing hold."""
+    samples = decoded(80, 80.0, certain=certain, lost=1, lost_behind=1, gaps=[(80 * EACH, 60)])
+    here = ended(partial(80, END_NS), samples, 0)
+    assert here.missing_samples(gap_behind=True) == (60 if certain else EACH)
+    assert here.missing_samples(gap_behind=False) == EACH
+    here.gaps = [(200, 30), (400, 25)]
+    assert here.missing_samples(gap_behind=True) == (115 if certain else 55)
+    assert here.missing_samples(gap_behind=False) == 55
+
+
+@pytest.mark.parametrize(("share", "complete"), [(0.985, False), (0.995, True), (1.5, True)])
+def test_nearly_all_samples_tell_the_speed(share: float, complete: bool) -> None:
+    assert is_complete(share * USUAL_NS, USUAL_NS) is complete
+
+
+@pytest.mark.parametrize(("longest", "ordinary"), [(39, False), (40, True), (80, True)])
+@pytest.mark.parametrize("certain", [False, True])
+def test_of_short_packets_nobody_knows_what_an_ordinary_one_takes(
+    longest: int, ordinary: bool, certain: bool
+) -> None:
+    """But not more than the longest one there is, of 80 samples."""
+    sizes = (10 + 2 * 7, 10 + 2 * longest)
+    packets = Packets(bytes(sum(sizes)), tuple(Block(size, 1) for size in sizes), ((2, END_NS),))
+    samples = decoded(2, 20.0, revolution_samples=800.0, certain=certain)
+    packet_ns, count, known = packet_time(PointCloud(), packets, samples, SAMPLE_NS)
+    assert known is ordinary
+    if not ordinary:
+        assert (packet_ns, count) == (80 * SAMPLE_NS, 10.0 if certain else 0.0)
+    else:
+        assert (packet_ns, count) == ((40 if certain else longest) * SAMPLE_NS, 20.0)
+    # Where all are alike, an ordinary one came.
+    alike = partial(2, END_NS).runs[0]
+    assert packet_time(DenseFormat(), alike, samples, SAMPLE_NS) == (EACH * SAMPLE_NS, 20.0, True)
