@@ -180,3 +180,22 @@ def test_of_short_packets_nobody_knows_what_an_ordinary_one_takes(
     # Where all are alike, an ordinary one came.
     alike = partial(2, END_NS).runs[0]
     assert packet_time(DenseFormat(), alike, samples, SAMPLE_NS) == (EACH * SAMPLE_NS, 20.0, True)
+
+
+@pytest.mark.parametrize(("there", "behind", "broken"), [(1590, 0, False), (1610, 0, True), (1590, 500, False)])
+def test_so_is_one_that_misses_too_many_samples_inside(there: int, behind: int, broken: bool) -> None:
+    gaps = [(400, there), *([(80 * EACH, behind)] if behind else [])]
+    here = ended(partial(80, END_NS), decoded(80, 80.0, gaps=gaps), round(END_NS - USUAL_NS))
+    assert here.is_broken(USUAL_NS) is broken
+
+
+@pytest.mark.parametrize("lost", [0, 5])
+def test_where_its_step_is_not_certain_its_time_must_be_that_of_what_it_holds_and_misses(lost: int) -> None:
+    expected_ns = (10 + lost) * EACH * SAMPLE_NS
+    for times, broken in ((1.49, False), (1.51, True)):
+        samples = decoded(10, 80.0, certain=False, lost=lost)
+        here = ended(partial(10, END_NS), samples, round(END_NS - times * expected_ns))
+        assert here.is_broken(10 * USUAL_NS) is broken
+        # Of samples alone that were carried over, only the time since the revolution before tells.
+        here.packets = here.samples = None
+        assert not here.is_broken(10 * USUAL_NS)
