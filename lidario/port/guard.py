@@ -127,12 +127,12 @@ class Guard:
         """Say what stops the device from now on. To be called before anything is written that changes it.
 
         Args:
-            requests: The stop requests.
+            requests: The stop requests, at least one.
             last: What is written once after them, since the device may not hear anything then.
             listens_at: When the device listens at the latest, on the monotonic clock.
         """
         listens_at = listens_at if listens_at > time.monotonic() else 0.0
-        settle = max((request.settle for request in requests), default=0.0) + MARGIN_S
+        settle = max(request.settle for request in requests) + MARGIN_S
         order = _plain(requests), _plain(last), settle, listens_at
         if order != self._told and self._send(order):
             self._told, self._listens_at = order, listens_at

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 from lidario.families.base import Samples
@@ -41,7 +41,7 @@ _BEFORE_SEAM: Final = 1 / 12
 # Not frozen: with so many fields that would cost as much as a call of numpy, once a revolution.
 @dataclass(slots=True, eq=False)
 class EndedRevolution:
-    """What is known of a revolution when it has ended. The times are 0 until it is dated.
+    """What is known of a revolution when it has ended. It has no times until it is dated.
 
     Attributes:
         partial: What was known of it before.
@@ -66,13 +66,13 @@ class EndedRevolution:
     arrays: SampleArrays
     lost: int
     gaps: list[tuple[int, int]] | None
-    revoked: int = 0
-    start_ns: int = 0
-    elapsed_ns: int = 0
-    sample_ns: float = 0.0
-    spanned_ns: float = 0.0
-    revolution_ns: float = math.nan
-    told: bool = True
+    revoked: int
+    start_ns: int = field(init=False)
+    elapsed_ns: int = field(init=False)
+    sample_ns: float = field(init=False)
+    spanned_ns: float = field(init=False)
+    told: bool = field(init=False)
+    revolution_ns: float = field(init=False, default=math.nan)
 
     @property
     def count(self) -> int:

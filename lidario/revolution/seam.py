@@ -136,11 +136,7 @@ class Seam:
         self._last = int(away[end - 1])
         if self._last >= self._near:
             self._passed_unmarked = False
-            middle = (begin + end) // 2
-            if not self._armed and begin < middle and self._near <= away[middle] <= self._far:
-                # One that lies between shows that the rotor came from there.
-                self._armed = True
-            elif not self._armed:
+            if not self._armed:
                 beyond = max(begin + 1, bisect_left(away, self._near, begin, end))
                 self._armed = self._forward(int(away[beyond - 1]), int(away[beyond]))
 
@@ -184,10 +180,11 @@ class Seam:
         angles = [each & ~_FLAGS for each in before]
         steps = sorted((later - earlier) % self._full_turn for earlier, later in pairwise(angles))
         steady = steps[len(steps) // 2] if steps else 0
-        step = (heading - angles[-1]) % self._full_turn if steady else 0
-        if not 0 < step <= min(_WIDEST_GAP * steady, self._near) + _UNSTEADY * steady:
+        if not steady:
             return False
-        return bool(step >= steady // 2 and abs(step / steady - round(step / steady)) <= _UNSTEADY)
+        step = (heading - angles[-1]) % self._full_turn
+        passed, most = step / steady, min(_WIDEST_GAP * steady, self._near) + _UNSTEADY * steady
+        return step <= most and round(passed) > 0 and abs(passed - round(passed)) <= _UNSTEADY
 
     def _flagged(self, index: int, heading: int) -> Split | None:
         if heading & RESTARTS:

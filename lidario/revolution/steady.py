@@ -103,7 +103,7 @@ def decode_block(
     bounds = [0, *(room + end for end in samples.before_seam)]
     there = [(room + samples.ends[complete - 1], at_ns) for complete, at_ns in reads]
     there[-1] = room + samples.ends[-1] + rest, now
-    late_ns = [each * byte_ns for each in _packet_bytes(packets, ends, vary=byte_ns > 0)]
+    late_ns = [each * byte_ns for each in _packet_bytes(packets, ends, vary=bool(byte_ns))]
     stops = [room + samples.ends[end - 1] for end in ends]
     starts, arrived = _dated((room, partial.carried_ns), there, bounds, stops, stream.sample_ns, late_ns)
     turns = _turns(stream.sample_ns, samples, bounds, starts, arrived, clock, last_spanned_ns)

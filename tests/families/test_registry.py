@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 from lidario.errors import ConnectFailed
-from lidario.families.base import Device, Family
+from lidario.families.base import Device, Family, Known
 from lidario.families.registry import FAMILIES, family_named, family_of_simulated
+from lidario.model import ScanMode
 from tests.support.families import ABOUT
 
 TESTS = Path(__file__).resolve().parent.parent
@@ -56,6 +57,34 @@ def test_each_row_is_complete(family: Family) -> None:
         assert not device.scanning
     types = [kind().response_type for kind in family.formats]
     assert len(set(types)) == len(types)
+
+
+TYPES = {
+    "rplidar": {0x81, 0x82, 0x83, 0x84, 0x85, 0x86},
+    "ydlidar": {0x81, 0xA1, 0xA2, 0xA3, 0xA4, 0xA5, 0xA6, 0xA7},
+    "ldrobot": {0x2C, 0x2D, 0x2E},
+    "hlds": {0x42, 0x43},
+    "hokuyo": {0x45, 0x4D},
+    "neato": {0x16, 0x17},
+    "camsense": {0x55, 0x56},
+    "irobotix": {0xAD, 0xAE},
+}
+"""The numbers by which recordings, and streams of other machines, name what they hold."""
+
+
+@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.name)
+def test_the_numbers_that_recordings_hold_stay(family: Family) -> None:
+    assert {
+        number for number in range(256) if family.stream_in(ScanMode(0, "", 0.0, 0.0, number)) is not None
+    } == TYPES[family.name]
+
+
+@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.name)
+def test_bytes_alone_tell_no_reach_and_no_time(family: Family) -> None:
+    for case in ABOUT[family.name].CASES:
+        found = family.find_stream(memoryview(case.told + case.descriptor + case.raw), Known())
+        assert found is not None, case.name
+        assert (found.stream.mode.max_distance, found.stream.spin_up_s, found.stream.timed) == (0, 0, False)
 
 
 def test_unknown_names_are_answered_with_the_known_ones() -> None:

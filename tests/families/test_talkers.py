@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from lidario.families.camsense.device import TALKERS as CAMSENSE
 from lidario.families.hlds.device import TALKERS as HLDS
+from lidario.families.hlds.simulated.packers import pack_packet as hlds
 from lidario.families.irobotix.device import TALKERS as IROBOTIX
+from lidario.families.irobotix.simulated.packers import pack_measurement as irobotix
 from lidario.families.ldrobot.device import TALKERS as LDROBOT
 from lidario.families.neato.device import TALKERS as NEATO
+from lidario.families.neato.simulated.packers import pack_packet as neato
 from lidario.families.talking import TalkingModel
+from tests.support.streams import in_one_run
 
 DOCS = Path(__file__).parents[2] / "docs/devices.md"
 FAMILIES = {"ldrobot": LDROBOT, "hlds": HLDS, "neato": NEATO, "camsense": CAMSENSE, "irobotix": IROBOTIX}
@@ -61,6 +66,49 @@ def test_one_that_is_not_named_is_read_at_the_line_and_rate_of_one_that_is(famil
     # Whatever a Neato or an alike sends.
     others = [NEATO.unnamed(b"")] if family == "neato" else [each for each in FAMILIES[family].all if not each.name]
     assert {facts(model) for model in others} <= set(named)
+
+
+TURNING: dict[str, tuple[int, Callable[[int, float], bytes]]] = {
+    "neato": (360, lambda at, hertz: neato(at, [500.0] * 4, [90] * 4, rpm=60 * hertz)),
+    "hlds": (360, lambda at, hertz: hlds(at, [500.0] * 6, [900] * 6, rpm=60 * hertz)),
+    "irobotix": (480, lambda at, hertz: irobotix(2250 * at, [500.0] * 30, [90] * 30, hertz=hertz)),
+}
+"""Families whose packets tell the speed: samples of a revolution, and the packet of such a number at a speed."""
+
+
+@pytest.mark.parametrize("hertz", [0.0, 4.0, 5.0])
+@pytest.mark.parametrize("family", TURNING)
+def test_what_a_sample_takes_follows_from_the_speed_that_packets_tell(family: str, hertz: float) -> None:
+    """Nothing where the rotor stands."""
+    (samples, packet), talkers = TURNING[family], FAMILIES[family]
+    packets = b"".join(packet(at, hertz) for at in range(12))
+    expected_us = 1e6 / (samples * hertz) if hertz else 0.0
+    assert talkers.sample_us(packets) == pytest.approx(expected_us, rel=1e-9)
+    model = talkers.unnamed(packets)
+    run = in_one_run(model.wire(), packets)
+    assert model.decoder().decode(run, None).sample_ns == pytest.approx(1e3 * expected_us, rel=1e-9)
+    if hertz:
+        told_ns = model.wire().told_sample_ns(run)
+        assert told_ns is not None
+        assert told_ns.tolist() == pytest.approx([1e3 * expected_us] * 12, rel=1e-9)
+
+
+SLOWEST_HZ = {
+    "neato": {"": 200 / 60},
+    "hlds": {"": 200 / 60},
+    "irobotix": {"": 4.0},
+    # An LD14P can be set to 2; an LD14 and an LD08 are taken for no faster.
+    "ldrobot": {"": 5.0, "ld14": 2.0, "ld14p": 2.0, "ld08": 2.0},
+}
+"""Revolutions a second, of a family and of models that turn slower."""
+
+
+@pytest.mark.parametrize("family", SLOWEST_HZ)
+def test_a_revolution_may_take_half_as_long_again_as_at_the_lowest_speed(family: str) -> None:
+    slowest = SLOWEST_HZ[family]
+    for model in FAMILIES[family].all:
+        expected = 1.5 / slowest.get(model.name, slowest[""])
+        assert model.slowest_turn_s == pytest.approx(expected, rel=0.1), model.name
 
 
 def test_the_page_of_devices_tells_the_same_lines() -> None:

@@ -1,6 +1,7 @@
 """A clock and a wheel: streams of which all angles and times are known, and what the model tells of them."""
 
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from lidario.families.spans import Arcs
 from lidario.families.wheel import Wheel
-from tests.support.wheels import heads, lost
+from tests.support.wheels import heads, lost, missing
 
 TURN = 23040
 PACKET_NS = 2_000_000
@@ -141,3 +142,125 @@ def test_a_copy_goes_on_alone() -> None:
     twin.follow(heads(angles[::2], 0))
     assert lost(wheel.follow(heads(angles, 0))) == 0
     assert lost(wheel.follow(heads(np.delete(angles, [3, 4]), 0))) == 2
+
+
+def turning(*spans: int) -> tuple[NDArray[np.int32], int]:
+    """Where packets stand from which the next one is so far ahead, and where the one behind them stands."""
+    *first, following = np.cumsum([0, *spans]) % TURN
+    return np.array(first, np.int32), int(following)
+
+
+@pytest.mark.parametrize("spans", range(4, 9))
+def test_six_spans_that_agree_are_sure_without_times(spans: int) -> None:
+    """The last packet tells a span only where one is behind it."""
+    wheel = Wheel(TURN)
+    arcs = [wheel.follow(heads(*turning(*[500] * spans))) for _ in range(2)]
+    assert arcs[0].certain == arcs[0].first == (spans >= 6)
+    assert not arcs[1].first
+    first, _ = turning(*[500] * (spans + 1))
+    assert Wheel(TURN).follow(heads(first, None)).certain == (spans >= 6)
+
+
+@pytest.mark.parametrize("gone", range(1, 11))
+def test_the_arc_before_a_gap_lies_between_the_one_before_and_those_in_the_gap(gone: int) -> None:
+    wheel = Wheel(TURN)
+    wheel.follow(heads(*turning(*[500] * 20)))
+    arcs = wheel.follow(heads(*turning(500, 510 * (1 + gone), 1040, 515)))
+    assert missing(arcs) == [0, gone, 1, 0]
+    # At the middles of what they are means of. A gap that is too long tells nothing.
+    likely = np.interp(0.5, [-0.5, (1 + gone) / 2], [500, 510]) if gone <= 8 else 500
+    assert np.asarray(arcs.arc).tolist() == pytest.approx([500, likely, 520, 515])
+
+
+@pytest.mark.parametrize(("next_span", "gone"), [(800, 0), (735, 0), (864, 0), (704, 1), (896, 1)])
+def test_a_span_of_no_whole_number_is_another_speed_where_the_next_one_is_like_it(
+    next_span: int, gone: int
+) -> None:
+    """Within a tenth of it."""
+    wheel = Wheel(TURN)
+    wheel.follow(heads(*turning(*[500] * 20)))
+    assert missing(wheel.follow(heads(*turning(800, next_span))))[0] == gone
+
+
+@pytest.mark.parametrize("before", [0, 3])
+def test_the_fourth_span_in_a_row_that_fits_nothing_is_another_speed(before: int) -> None:
+    """One that is shorter than an arc, and not like the next, hides a whole turn."""
+    wheel = Wheel(TURN)
+    wheel.follow(heads(*turning(*[500] * 20)))
+    for at in range(before):
+        wheel.follow(heads(*turning(280 + at)))
+    if before:
+        wheel.follow(heads(*turning(500, 1000, 500)))
+    arcs = [float(wheel.follow(heads(*turning(280 + at))).arc[0]) for at in range(6)]
+    assert arcs == [500, 500, 500, 283, 284, 285]
+
+
+@pytest.mark.parametrize("every", [3, 4, 5, 6])
+def test_a_device_slower_than_it_says_has_lost_what_lies_between_its_packets_or_as_many_again(every: int) -> None:
+    """By time, its arcs are half as long. But then, of many gaps, some would be of one and a half of them."""
+    kept = [2 * at for at in range(700) if at % every or at < 4]
+    behind = dict(pairwise(kept))
+    for here, arcs in told(even(4.0, 1400), kept):
+        between = sum((behind[at] - at) // 2 - 1 for at in here)
+        assert arcs.certain
+        assert lost(arcs) == (between if every <= 4 else 2 * between + len(here))
+
+
+@pytest.mark.parametrize("known", range(6))
+@pytest.mark.parametrize("long", [10, 12])
+def test_where_whole_turns_may_hide_in_most_gaps_nothing_is_sure(known: int, long: int) -> None:
+    """In gaps of more than eight packets."""
+    wheel, began, arc = Wheel(TURN), 0, 460
+    wheel.tell_time(PACKET_NS)
+    for turn in range(4):
+        spans = [arc] * known + [long * arc] * (6 - known)
+        first, following = turning(*spans)
+        measured = began + np.cumsum([1, *spans[:-1]]) // arc
+        arrivals = [(packets, int(end) * PACKET_NS) for packets, end in enumerate(measured, 1)]
+        arcs = wheel.follow(heads((first + began * arc) % TURN, (following + began * arc) % TURN), arrivals)
+        began += sum(spans) // arc
+        assert arcs.certain == (turn > 0 and known > 3)
+        if known > 3:
+            assert missing(arcs) == [0] * known + [long - 1] * (6 - known)
+
+
+@pytest.mark.parametrize("spans", [2, 3, 4])
+def test_three_spans_that_agree_are_sure_where_time_says_how_many_arcs_they_are(spans: int) -> None:
+    wheel = Wheel(TURN)
+    wheel.tell_time(PACKET_NS)
+    arrivals = [(at + 1, (9 * at + 1) * PACKET_NS) for at in range(spans)]
+    arcs = wheel.follow(heads(*turning(*[9 * 460] * spans)), arrivals)
+    assert (arcs.certain, missing(arcs)) == (spans >= 3, [8 * (spans >= 3)] * spans)
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_a_speed_that_leaps_is_no_loss_where_time_speaks_against_it(times: int) -> None:
+    """Twice as fast from one revolution to the next, or each second packet lost: by when they come."""
+    wheel = Wheel(TURN)
+    wheel.tell_time(PACKET_NS)
+    wheel.follow(heads(*turning(*[480] * 48)), [(at, at * PACKET_NS) for at in range(1, 49)])
+    for turn in range(4):
+        arrivals = [(at, (48 + times * (24 * turn + at)) * PACKET_NS) for at in range(1, 25)]
+        arcs = wheel.follow(heads(*turning(*[960] * 24)), arrivals)
+        assert (arcs.certain, lost(arcs)) == (True, 24 * (times - 1))
+
+
+@pytest.mark.parametrize("speeds", [(500,), (700,), (500, 700), (500, 700, 980), (350, 500)])
+def test_revolutions_are_steady_where_each_goes_on_as_the_one_before_ended(speeds: tuple[int, ...]) -> None:
+    wheel, arrivals = Wheel(TURN), [(20 * len(speeds), 1000)]
+    spans = [speed for speed in speeds for _ in range(20)]
+    ends = range(20, len(spans) + 1, 20)
+    assert wheel.steady(heads(*turning(*spans)), ends, arrivals) is None
+    wheel.follow(heads(*turning(*[500] * 20)))
+    arcs = wheel.steady(heads(*turning(*spans)), ends, arrivals)
+    assert arcs is not None
+    assert (arcs.steps, np.asarray(arcs.arc).tolist()) == (list(speeds), spans)
+    before = (500, *speeds)[-2]
+    for odd in (before * 8 // 5, before * 5 // 8):
+        assert wheel.steady(heads(*turning(*spans[:-1], odd)), ends, arrivals) is None
+    # Several reads may yet tell that an arc is of two packets.
+    assert wheel.steady(heads(*turning(*spans)), ends, [(5, 900), *arrivals]) is None
+    # Nothing is remembered before it is settled.
+    assert lost(wheel.copy().follow(heads(*turning(1500)))) == 2
+    wheel.settle(arcs, arrivals)
+    assert lost(wheel.follow(heads(*turning(3 * speeds[-1])))) == 2

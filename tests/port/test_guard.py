@@ -1,4 +1,4 @@
-"""The guard of a port: started, told, dismissed, killed; what it costs; and what it writes, on a driven clock."""
+"""The guard of a port: started, told, dismissed, killed; and what it costs."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ import asyncio
 import logging
 import os
 import signal
-import socket
 import sys
-import termios
+import time
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +25,7 @@ from lidario.wire.envelope import Request
 from tests.cli.processes import served
 from tests.support.children import requests, until
 from tests.support.drivers import LOW_LATENCY, SPEED_FLAG, FakeDriver
-from tests.support.guards import guards_of, is_left_still, kilobytes, own_guards, switches
+from tests.support.guards import children_that_ended, guards_of, is_left_still, kilobytes, own_guards, switches
 from tests.support.ports import PATIENCE_S, terminal_pair, written
 
 STOP = Request("STOP", b"stop!", settle=0.01)
@@ -170,6 +169,69 @@ async def test_the_end_of_the_socket_without_a_farewell_is_the_end_of_the_progra
         await port.close()
 
 
+async def test_it_is_told_what_stops_the_device_and_again_when_that_changes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    guard = await start_guard("x")
+    told: list[Any] = []
+
+    def send(order: object) -> bool:
+        told.append(order)
+        return len(told) > 1
+
+    with monkeypatch.context() as patch:
+        patch.setattr(guard, "_send", send)
+        slow, later = Request("SLOW", b"s", settle=0.05, dtr=True), time.monotonic() + 100
+        # What it did not take it is told once more.
+        for requests_, last, listens_at in (
+            *[([STOP, slow], [slow], 0.0)] * 3,
+            *[([STOP], [], later)] * 2,
+            *[([STOP], [], time.monotonic())] * 2,
+        ):
+            guard.tell(requests_, last, listens_at)
+            assert guard.awaits_change is (listens_at == later)
+    first = ([(b"stop!", None), (b"s", True)], [(b"s", True)], pytest.approx(0.055), 0.0)
+    stop = [(b"stop!", None)]
+    short = pytest.approx(0.015)
+    assert told == [first, first, (stop, [], short, later), (stop, [], short, 0.0)]
+    guard.dismiss_at_once()
+
+
+async def test_a_farewell_is_the_end_of_it(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing of it is left: no timer, no process, also none that nobody has waited for."""
+    loop, gone, timers = asyncio.get_running_loop(), asyncio.Event(), list[asyncio.TimerHandle]()
+    guard, call_later = await start_guard("x"), loop.call_later
+    assert children_that_ended() == []
+    (process,) = own_guards()
+
+    def noted(*given: Any) -> asyncio.TimerHandle:
+        timers.append(call_later(*given))
+        return timers[-1]
+
+    with monkeypatch.context() as patch:
+        patch.setattr(loop, "call_later", noted)
+        guard.dismiss(gone.set)
+    async with asyncio.timeout(PATIENCE_S):
+        await gone.wait()
+    assert [timer.cancelled() for timer in timers] == [True]
+    await ended(process)
+    assert caplog.records == []
+
+
+async def test_its_end_without_a_farewell_is_told(caplog: pytest.LogCaptureFixture) -> None:
+    guard = await start_guard("x")
+    os.kill(own_guards()[0], signal.SIGKILL)
+    async with asyncio.timeout(PATIENCE_S):
+        while not caplog.records:
+            await asyncio.sleep(0.001)
+    assert [record.message[:24] for record in caplog.records] == ["x: its guard has ended ("]
+    called: list[int] = []
+    guard.dismiss(lambda: called.append(1))
+    assert called == [1]
+
+
 def test_a_port_that_a_guard_has_is_held_by_its_program() -> None:
     """What is said to the next program: the guard of a program that lives is not waited for, and not named."""
     with served("rplidar-s2") as server:
@@ -207,116 +269,13 @@ async def test_low_latency_is_given_back_where_the_program_had_set_it(
         assert taken == [hurried]
         assert driver.flags == SPEED_FLAG | LOW_LATENCY
         handle = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        # And nothing else.
+        driver.flags |= 0xFFFF
         guard_process.clear_low_latency(handle)
-        assert driver.flags == SPEED_FLAG
+        assert driver.flags == 0xFFFF & ~LOW_LATENCY
+        driver.flags = SPEED_FLAG
         driver.gone = True
         guard_process.clear_low_latency(handle)
         os.close(handle)
         driver.gone = False
         await port.close()
-
-
-@pytest.mark.parametrize("hurried", [b"", b"hurried\n"])
-@pytest.mark.parametrize("ending", [b"", b"farewell\n"])
-@pytest.mark.parametrize("piece", [1, 7, 4096])
-def test_what_the_process_understands(hurried: bytes, ending: bytes, piece: int) -> None:
-    ours, theirs = socket.socketpair()
-    with ours, theirs:
-        message = hurried + b"0.015 0.0 1 -aa 1bb\n" + ending
-        for begin in range(0, len(message), piece):
-            ours.send(message[begin : begin + piece])
-        ours.close()
-        order, handle, gives_back = guard_process.last_order(theirs)
-    assert order == (None if ending else ([(b"\xbb", True)], [(b"\xaa", None)], 0.015, 0.0))
-    assert (handle, gives_back) == (-1, bool(hurried))
-
-
-# ------------------------------------------------------------------------------------------- what it writes
-
-
-class Clock:
-    """The time, and everything that is written at a time."""
-
-    def __init__(self, patch: pytest.MonkeyPatch, handle: int = 5) -> None:
-        self.now = 100.0
-        self.written: list[tuple[float, object]] = []
-        self.waiting = 0
-        patch.setattr("time.monotonic", lambda: self.now)
-        patch.setattr("time.sleep", self.sleep)
-        patch.setattr("os.write", lambda _, data: self.note(data))
-        patch.setattr("fcntl.ioctl", self.ioctl)
-        patch.setattr("termios.tcgetattr", lambda _: [0, 0, termios.HUPCL | termios.CREAD, 0, 0, 0, []])
-        patch.setattr("termios.tcsetattr", lambda _, when, to: self.note(("settings", to[2])))
-        patch.setattr("termios.tcflush", lambda _, queue: self.note(("flushed", queue)))
-
-    def sleep(self, seconds: float) -> None:
-        self.now += seconds
-
-    def note(self, what: object) -> int:
-        self.written.append((round(self.now - 100.0, 3), what))
-        return 0
-
-    def ioctl(self, handle: int, request: int, argument: bytes) -> bytes:
-        if request == termios.TIOCOUTQ:
-            return self.waiting.to_bytes(4, sys.byteorder)
-        assert argument == termios.TIOCM_DTR.to_bytes(4, sys.byteorder)
-        self.note({termios.TIOCMBIS: "DTR on", termios.TIOCMBIC: "DTR off"}[request])
-        return b""
-
-    def left_still(
-        self,
-        *orders: tuple[bytes, bool | None],
-        last: guard_process.Requests | None = None,
-        listens_at: float = 0.0,
-    ) -> list[tuple[float, Any]]:
-        guard_process.leave_still(5, (list(orders), last or [], 0.015, listens_at))
-        return self.written
-
-
-@pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
-    return Clock(monkeypatch)
-
-
-def test_five_times_within_an_eighth_of_a_second(clock: Clock) -> None:
-    seen = clock.left_still((b"motor", None), (b"stop", None))
-    times = [at for at, data in seen if data == b"stop"]
-    assert times == pytest.approx([0.0, 0.015, 0.037, 0.071, 0.122], abs=0.001)
-    assert [data for _, data in seen] == [b"motor", b"stop"] * 5
-
-
-def test_until_the_device_listens_and_no_longer_than_that(clock: Clock) -> None:
-    times = [at for at, _ in clock.left_still((b"stop", None), listens_at=101.0)]
-    assert times[-2] < 1.0 <= times[-1]
-    assert times[-1] < 1.0 + 0.016
-
-
-def test_not_for_ever(clock: Clock) -> None:
-    assert 2.5 <= clock.left_still((b"stop", None), listens_at=1e9)[-1][0] < 2.6
-
-
-def test_the_motor_that_hangs_on_dtr(clock: Clock) -> None:
-    seen = [what for _, what in clock.left_still((b"", True), (b"stop", None))]
-    # Else the system would clear DTR when the port is closed, and the motor would turn.
-    assert seen[:3] == [("settings", termios.CREAD), "DTR on", b"stop"]
-
-
-def test_what_makes_a_device_deaf_comes_last(clock: Clock) -> None:
-    seen = [what for _, what in clock.left_still((b"stop", None), last=[(b"pwm", None), (b"", True)])]
-    assert seen == [b"stop"] * 5 + [b"pwm", ("settings", termios.CREAD), "DTR on"]
-
-
-def test_a_motor_that_stops_when_dtr_is_cleared(clock: Clock) -> None:
-    assert {what for _, what in clock.left_still((b"", False))} == {"DTR off"}
-
-
-def test_nothing_for_a_device_that_only_talks(clock: Clock) -> None:
-    assert clock.left_still((b"", None)) == []
-    assert clock.now == 100.0
-
-
-def test_an_adapter_that_is_stuck_is_waited_for_shortly(clock: Clock) -> None:
-    clock.waiting = 10
-    seen = clock.left_still((b"stop", None))
-    assert seen[-1][1] == ("flushed", termios.TCOFLUSH)
-    assert seen[-1][0] < 0.3

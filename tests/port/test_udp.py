@@ -80,6 +80,23 @@ def test_each_request_is_a_datagram_of_its_own(library: ModuleType, peer: socket
 
 @pytest.mark.long
 @both_loops
+def test_what_the_system_does_not_send_is_not_the_end(library: ModuleType, peer: socket.socket) -> None:
+    """As where a network card has no room; no datagram is as long as this one."""
+
+    async def main() -> None:
+        port, sink = await open_udp("udp://x", *peer.getsockname()), Sink()
+        port.attach(sink)
+        port.write(bytes(70_000))
+        await asyncio.sleep(0.001)
+        assert port.is_open
+        port.write(b"request")
+        assert peer.recvfrom(100)[0] == b"request"
+        await port.close()
+
+    run_on(library, main)
+
+
+@both_loops
 def test_a_session(library: ModuleType) -> None:
     async def main() -> None:
         rig = make_rig("rplidar-s2e", world=make_world("circle"))

@@ -106,6 +106,25 @@ def test_a_stamp_is_the_millisecond_in_which_its_packet_was_measured(begin_ns: i
     assert max(map(abs, off)) <= 0.5
 
 
+@pytest.mark.parametrize("begin_ms", [0, 29_990])
+def test_where_packets_are_missing_the_stamps_do_not_follow_each_other(begin_ms: int) -> None:
+    """Also where the clock begins again. The first packet of all follows none."""
+    stamps = ((begin_ms + np.arange(200) * PACKET_NS / MS).astype(np.int64)) % 30_000
+    for gone in (1, 2, 30):
+        reader = StampReader(Ticks(MS, 30_000), PACKET_NS)
+        ((at, apart_ns),) = reader.gaps(np.delete(stamps[:150], slice(80, 80 + gone)))
+        assert at == 80
+        assert apart_ns == pytest.approx((gone + 1) * PACKET_NS, abs=MS)
+        for first in (0, 40, 80 + gone):
+            reader.restart()
+            assert reader.gaps(stamps[first : first + 5]) == []
+        reader.add(stamps[first : first + 5])
+        assert reader.gaps(stamps[first + 5 :]) == []
+        ((at, apart_ns),) = reader.gaps(stamps[first + 5 + gone :])
+        assert at == 0
+        assert apart_ns == pytest.approx((gone + 1) * PACKET_NS, abs=MS)
+
+
 @pytest.mark.parametrize("fast", [0.99, 1.0001, 1.01])
 def test_a_clock_that_goes_otherwise_than_ours_is_followed(fast: float) -> None:
     data, times = made(60.0, fast=fast)

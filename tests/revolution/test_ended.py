@@ -1,7 +1,7 @@
 """What a revolution that has ended tells, of which something is missing."""
 
 from dataclasses import replace
-from math import nan
+from math import inf, nan
 from typing import Any
 
 import numpy as np
@@ -9,8 +9,9 @@ import pytest
 
 from lidario.families.base import Samples
 from lidario.families.rplidar.formats import DenseFormat
+from lidario.families.rplidar.simulated.packers import pack_dense
 from lidario.families.ydlidar.formats import PointCloud
-from lidario.revolution.ended import EndedRevolution
+from lidario.revolution.ended import EndedRevolution, packet_time, share_before
 from lidario.revolution.partial import PartialRevolution, SampleArrays
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
@@ -40,8 +41,9 @@ def decoded(packets: int, revolution_packets: float, **changes: Any) -> Samples:
     )
 
 
-def partial(packets: int, last_ns: int, **changes: Any) -> PartialRevolution:
-    run = Packets(bytes(84 * packets), (Block(84, packets),), ((packets, last_ns),))
+def partial(packets: int, last_ns: int, *, over: float = 0.0, **changes: Any) -> PartialRevolution:
+    first = pack_dense([round(over * 23040)], [[0] * EACH])
+    run = Packets(first + bytes(84 * (packets - 1)), (Block(84, packets),), ((packets, last_ns),))
     carried = SampleArrays(NOTHING, NOTHING, None)
     return replace(PartialRevolution(whole=True, behind_gap=False, carried=carried, runs=[run]), **changes)
 
@@ -49,18 +51,10 @@ def partial(packets: int, last_ns: int, **changes: Any) -> PartialRevolution:
 def ended(revolution: PartialRevolution, samples: Samples, start_ns: int) -> EndedRevolution:
     count = samples.ends[-1]
     arrays = SampleArrays(np.empty(count, np.float32), np.empty(count, np.float32), None)
-    return EndedRevolution(
-        revolution,
-        revolution.runs[0],
-        samples,
-        arrays,
-        samples.lost,
-        [],
-        start_ns=start_ns,
-        elapsed_ns=revolution.last_ns - start_ns,
-        sample_ns=SAMPLE_NS,
-        spanned_ns=count * SAMPLE_NS,
-    )
+    here = EndedRevolution(revolution, revolution.runs[0], samples, arrays, samples.lost, [], revoked=0)
+    here.start_ns, here.elapsed_ns = start_ns, revolution.last_ns - start_ns
+    here.sample_ns, here.spanned_ns, here.told = SAMPLE_NS, count * SAMPLE_NS, True
+    return here
 
 
 @pytest.mark.parametrize(("packets", "broken"), [(2, True), (3, False), (80, False)])
@@ -89,3 +83,114 @@ def test_how_much_of_a_revolution_must_have_come() -> None:
     assert least(39, certain=False) == pytest.approx(0.4 * USUAL_NS)
     # A check value keeps false marks away.
     assert least(39, PointCloud()) == least(39, PointCloud(), certain=False) == 0.0
+
+
+def test_one_that_took_much_longer_than_what_is_known_of_it_is_broken() -> None:
+    samples = decoded(80, 80.0)
+    for late, broken in ((0.89, False), (0.91, True)):
+        here = ended(partial(80, END_NS), samples, round(END_NS - (1 + late) * USUAL_NS))
+        assert here.is_broken(USUAL_NS) is broken
+
+
+@pytest.mark.parametrize(("packets", "false"), [(39, True), (40, False), (80, False)])
+def test_less_than_half_of_one_between_two_splits_is_none(packets: int, false: bool) -> None:
+    assert ended(partial(packets, END_NS), decoded(packets, 80.0), 0).is_false_part is false
+    assert not ended(partial(packets, END_NS), decoded(packets, 80.0, certain=False), 0).is_false_part
+
+
+@pytest.mark.parametrize(
+    ("over", "packets", "share"),
+    [
+        # Within the first packet's arc, or a hundredth of the revolution, it began.
+        (0.8 / 80, 80, 0), (1.0 / 80, 80, 1.0 / 80), (1.5 / 200, 200, 0), (2.5 / 200, 200, 2.5 / 200),
+        # It trembled back behind the seam.
+        (0.5, 80, 0.5), (0.91, 80, 0.91), (0.92, 80, 0),
+    ],
+)  # fmt: skip
+def test_what_was_over_when_its_first_packet_came(over: float, packets: int, share: float) -> None:
+    samples, wire = decoded(40, packets), DenseFormat()
+    lost: dict[str, Any] = {"behind_gap": True, "carried": None, "over": over}
+    assert share_before(wire, partial(40, END_NS, **lost), samples) == pytest.approx(share, abs=1e-4)
+    # By where its seam is.
+    moved: dict[str, Any] = {**lost, "over": (over + 0.25) % 1, "seam": 23040 // 4}
+    assert share_before(wire, partial(40, END_NS, **moved), samples) == pytest.approx(share, abs=1e-4)
+    # Its first packet is the first behind the seam.
+    sure: dict[str, Any]
+    for sure in ({"behind_gap": False}, {"carried": SampleArrays(NOTHING, NOTHING, None)}):
+        assert share_before(wire, partial(40, END_NS, **lost | sure), samples) == 0
+
+
+@pytest.mark.parametrize(("over", "enough"), [(5, False), (9, False), (11, True), (20, True)])
+def test_what_is_missing_at_its_beginning_was_lost(over: int, enough: bool) -> None:
+    revolution = partial(30, END_NS, behind_gap=True, carried=None, over=over / 80)
+    least_ns = ended(revolution, decoded(30, 80.0), 0).least_ns(DenseFormat(), 0.0)
+    assert least_ns == (0 if enough else pytest.approx(0.5 * USUAL_NS))
+
+
+@pytest.mark.parametrize("certain", [False, True])
+@pytest.mark.parametrize("told", [False, True])
+def test_only_a_time_of_a_sample_that_is_told_proves_how_long_it_took(certain: bool, told: bool) -> None:
+    here = ended(partial(80, END_NS), decoded(80, 80.0, certain=certain), round(END_NS - USUAL_NS))
+    here.told = told
+    beginning = here.beginning(DenseFormat(), broken=False, number=3, packets_before=7)
+    assert beginning.tells_time is (certain and told)
+    assert beginning.spanned_ns == (USUAL_NS if certain and told else 0)
+
+
+def test_what_a_whole_one_takes_is_known_where_its_step_is() -> None:
+    here = ended(partial(80, END_NS), decoded(80, 80.0, sample_ns=7.0), 0)
+    assert (here.turn_ns, here.by_speed_ns) == (USUAL_NS, 7.0)
+    assert ended(partial(80, END_NS), decoded(80, 80.0, certain=False), 0).turn_ns == inf
+    here.samples = None
+    assert (here.turn_ns, here.by_speed_ns) == (inf, 0.0)
+
+
+@pytest.mark.parametrize("certain", [False, True])
+def test_how_many_samples_are_missing_in_it(certain: bool) -> None:
+    """At least as many as the packets that are missing hold."""
+    samples = decoded(80, 80.0, certain=certain, lost=1, lost_behind=1, gaps=[(80 * EACH, 60)])
+    here = ended(partial(80, END_NS), samples, 0)
+    assert here.missing_samples(gap_behind=True) == (60 if certain else EACH)
+    assert here.missing_samples(gap_behind=False) == EACH
+    here.gaps = [(200, 30), (400, 25)]
+    assert here.missing_samples(gap_behind=True) == (115 if certain else 55)
+    assert here.missing_samples(gap_behind=False) == 55
+
+
+@pytest.mark.parametrize(("longest", "ordinary"), [(39, False), (40, True), (80, True)])
+@pytest.mark.parametrize("certain", [False, True])
+def test_of_short_packets_nobody_knows_what_an_ordinary_one_takes(
+    longest: int, ordinary: bool, certain: bool
+) -> None:
+    """But not more than the longest one there is, of 80 samples."""
+    sizes = (10 + 2 * 7, 10 + 2 * longest)
+    packets = Packets(bytes(sum(sizes)), tuple(Block(size, 1) for size in sizes), ((2, END_NS),))
+    samples = decoded(2, 20.0, revolution_samples=800.0, certain=certain)
+    packet_ns, count, known = packet_time(PointCloud(), packets, samples, SAMPLE_NS)
+    assert known is ordinary
+    if not ordinary:
+        assert (packet_ns, count) == (80 * SAMPLE_NS, 10.0 if certain else 0.0)
+    else:
+        assert (packet_ns, count) == ((40 if certain else longest) * SAMPLE_NS, 20.0)
+    # Where all are alike, an ordinary one came.
+    alike = partial(2, END_NS).runs[0]
+    assert packet_time(DenseFormat(), alike, samples, SAMPLE_NS) == (EACH * SAMPLE_NS, 20.0, True)
+
+
+@pytest.mark.parametrize(("there", "behind", "broken"), [(1590, 0, False), (1610, 0, True), (1590, 500, False)])
+def test_so_is_one_that_misses_too_many_samples_inside(there: int, behind: int, broken: bool) -> None:
+    gaps = [(400, there), *([(80 * EACH, behind)] if behind else [])]
+    here = ended(partial(80, END_NS), decoded(80, 80.0, gaps=gaps), round(END_NS - USUAL_NS))
+    assert here.is_broken(USUAL_NS) is broken
+
+
+@pytest.mark.parametrize("lost", [0, 5])
+def test_where_its_step_is_not_certain_its_time_must_be_that_of_what_it_holds_and_misses(lost: int) -> None:
+    expected_ns = (10 + lost) * EACH * SAMPLE_NS
+    for times, broken in ((1.49, False), (1.51, True)):
+        samples = decoded(10, 80.0, certain=False, lost=lost)
+        here = ended(partial(10, END_NS), samples, round(END_NS - times * expected_ns))
+        assert here.is_broken(10 * USUAL_NS) is broken
+        # Of samples alone that were carried over, only the time since the revolution before tells.
+        here.packets = here.samples = None
+        assert not here.is_broken(10 * USUAL_NS)

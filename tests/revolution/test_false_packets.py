@@ -77,6 +77,21 @@ def test_it_costs_nothing_else(case: Case, data: st.DataObject) -> None:
         assert scan.lost_packets == other.lost_packets
 
 
+@pytest.mark.parametrize("case", JUDGED, ids=named)
+def test_several_in_one_read_cost_nothing_else_wherever_they_are(case: Case) -> None:
+    run = 40  # so that what lies between the two is as far from one end of it as from the other
+    for first, last in ((4, 35), (12, 27)):
+        packets, before = dict(enumerate(case.packets)), dict(enumerate(case.packets))
+        for place in (run + first, run + last):
+            del before[place]
+            # Of a third of a revolution ahead.
+            ahead = (np.array(turned(case)) - turned(case)[place]) % case.make_format().full_turn
+            packets[place] = case.packets[int(np.argmin(abs(ahead - case.make_format().full_turn // 3)))]
+        (expected, stats), (found, counted) = scans_of(case, before, run), scans_of(case, packets, run)
+        assert counted == replace(stats, false_packets=2)
+        assert [len(scan) for scan in found] == [len(scan) for scan in expected]
+
+
 @pytest.mark.parametrize("case", CASES, ids=named)
 def test_on_a_clean_line_none_waits(case: Case) -> None:
     wire, assembler = case.make_format(), Assembler(stream_of(case))

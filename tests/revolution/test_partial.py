@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from lidario.families.base import Samples
-from lidario.revolution.partial import PartialRevolution, SampleArrays
+from lidario.families.rplidar.formats import DenseFormat
+from lidario.families.ydlidar.formats import PointCloud
+from lidario.revolution.partial import PartialRevolution, SampleArrays, joined, part_of
+from lidario.wire.blocks import Block
+from lidario.wire.events import Packets
+from lidario.wire.formats import StreamFormat
 
 NOTHING = np.empty(0, np.float32)
 SOME = SampleArrays(np.zeros(20, np.float32), np.zeros(20, np.float32), None)
@@ -40,3 +45,60 @@ def test_where_samples_are_missing() -> None:
     # Without the samples that were carried over, it begins behind that gap.
     assert partial.gaps(DECODED, 20, 200, revoked=True) == [(80, 40)]
     assert partial.gaps(replace(DECODED, certain=False), 20, 200, revoked=False) is None
+
+
+def lists(arrays: SampleArrays) -> list[list[float] | None]:
+    return [None if each is None else each.tolist() for each in (arrays.angle, arrays.distance, arrays.intensity)]
+
+
+@pytest.mark.parametrize("strong", [False, True])
+def test_what_is_carried_over_comes_first(strong: bool) -> None:
+    def some(first: int, count: int) -> SampleArrays:
+        numbers = np.arange(first, first + count)
+        strength = numbers.astype(np.uint8) if strong else None
+        return SampleArrays(numbers.astype(np.float32), 10 * numbers.astype(np.float32), strength)
+
+    whole = some(0, 6)
+    assert lists(whole.part(2, 5)) == [[2, 3, 4], [20, 30, 40], [2, 3, 4] if strong else None]
+    whole.begin_with(some(7, 2))
+    expected = [7, 8, 2, 3, 4, 5]
+    assert lists(whole) == [expected, [10 * each for each in expected], expected if strong else None]
+
+
+def test_how_long_its_reads_took_is_known_where_its_beginning_was_read() -> None:
+    assert PartialRevolution(whole=True, begun_ns=500, ended_ns=1200).read_ns == 700
+    assert PartialRevolution(whole=True, ended_ns=1200).read_ns == 0
+
+
+@pytest.mark.parametrize(
+    "sizes", [[[84] * 3, [84], [84] * 2], [[84] * 3, [84, 60], [60]], [[60], [84, 84]], [[84, 60]]]
+)
+def test_runs_that_are_joined_are_one(sizes: list[list[int]]) -> None:
+    """As if they had been reported together, each packet with its size and its time."""
+    runs, number = [], 0
+    for these in sizes:
+        blocks = tuple(Block(size, 1) for size in these)
+        runs.append(Packets(bytes(sum(these)), blocks, tuple((at, number + at) for at in range(1, len(these) + 1))))
+        number += len(these)
+    found = joined(runs)
+    assert [size for size, count in found.blocks for _ in range(count)] == [
+        size for these in sizes for size in these
+    ]
+    assert found.arrivals == tuple((at, at) for at in range(1, number + 1))
+    assert (found.count, len(found.data)) == (number, sum(map(sum, sizes)))
+
+
+@pytest.mark.parametrize(("wire", "counts"), [(DenseFormat(), [40] * 6), (PointCloud(), [1, 40, 40, 7, 40, 16])])
+def test_a_part_comes_as_much_earlier_as_what_was_measured_behind_it(wire: StreamFormat, counts: list[int]) -> None:
+    sizes = [84 if each == 40 and wire.samples == 40 else 10 + 2 * each for each in counts]
+    blocks = tuple(Block(size, 1) for size in sizes)
+    data = np.random.default_rng(1).bytes(sum(sizes))
+    packets = Packets(data, blocks, ((2, 5000), (6, 9000)))
+    for begin in range(6):
+        for end in range(begin + 1, 7):
+            part = part_of(packets, begin, end, None, wire, 3.0)
+            late = 3 * sum(counts[end : 2 if end <= 2 else 6])
+            last = (end - begin, (5000 if end <= 2 else 9000) - late)
+            assert part.arrivals == (((2 - begin, 5000), last) if begin < 2 < end else (last,))
+            assert part.data == data[sum(sizes[:begin]) : sum(sizes[:end])]
+            assert [size for size, count in part.blocks for _ in range(count)] == sizes[begin:end]

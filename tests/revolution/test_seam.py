@@ -39,11 +39,14 @@ def test_one_reading_beyond_the_near_quarter_is_followed() -> None:
 @pytest.mark.parametrize(
     ("headings", "found"),
     [
-        # Most of them near the seam, so that none in the middle shows that the rotor came from the far side.
+        # Most of them near the seam, or most of them beyond it.
         ([1_000, 2_000, 3_000, 4_000, 20_000, 35_900, 10], [6]),
         ([1_000, 2_000, 3_000, 4_000, 32_000, 35_900, 10], [6]),
         ([10, 20, 30, 40, 50, 35_900, 60], []),  # trembled back over the seam
         ([10, 20, 30, 40, 50, 35_900, 35_950, 60], []),
+        ([10, 20, 35_800, 35_850, 35_900, 35_950, 60], []),
+        ([10, 12_000, 35_800, 35_850, 35_900, 35_950, 60], [6]),
+        ([10, 8_000, 32_950, 35_850, 35_900, 35_950, 60], [6]),
     ],
 )
 def test_few_readings_far_from_the_seam(headings: list[int], found: list[int]) -> None:

@@ -89,7 +89,7 @@ def test_the_time_of_the_first_sample(delays: list[int], carried: int, byte_ns: 
             partial.carried, partial.carried_ns = SampleArrays(some, some, None), began_ns + 10**10
         elif lost:
             samples = replace(samples, gaps=[(0, 0)])
-        ended = EndedRevolution(partial, run, samples, SampleArrays(some, some, None), 0, [])
+        ended = EndedRevolution(partial, run, samples, SampleArrays(some, some, None), 0, [], revoked=0)
         ended.sample_ns = SAMPLE_NS
         found.append(first_sample_ns(ended, packet_bytes=84, byte_ns=byte_ns))
     assert found[0] == found[1]

@@ -5,7 +5,11 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from lidario.revolution.sparse_speed import SparseSpeed
+from lidario.families.rplidar.formats import DenseFormat
+from lidario.families.rplidar.simulated.packers import pack_dense
+from lidario.revolution.sparse_speed import SparseSpeed, dated_angles
+from lidario.wire.blocks import Block
+from lidario.wire.events import Packets
 
 MS = 1e6
 
@@ -73,3 +77,22 @@ def test_times_that_go_back_make_it_try_no_more_speeds() -> None:
     finally:
         tracemalloc.stop()
     assert most < 1e6
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_twelve_packets_tell_it_and_four_more_confirm_it(seed: int) -> None:
+    turns = np.cumsum(np.random.default_rng(seed).uniform(0.6, 1.9, 30))
+    told = found(turns, turns * 90 * MS)
+    assert told[:15] == [0] * 15
+    assert told[15] == pytest.approx(90 * MS, rel=1e-3)
+
+
+@pytest.mark.parametrize("reads", range(1, 10))
+def test_of_one_revolution_two_packets_are_taken(reads: int) -> None:
+    """Each with the time at which it came: the last one of its read."""
+    wire = DenseFormat()
+    data = pack_dense([700 * at for at in range(2 * reads)], [[1000] * 40] * (2 * reads))
+    arrivals = tuple((2 * read + 2, 1000 * read) for read in range(reads))
+    taken = dated_angles(wire, Packets(data, (Block(84, 2 * reads),), arrivals))
+    assert len(taken) == min(2, reads)
+    assert set(taken) <= {(700 * (2 * read + 1) / 23040, 1000 * read) for read in range(reads)}

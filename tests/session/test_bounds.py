@@ -9,19 +9,25 @@ import re
 import signal
 from contextlib import suppress
 from functools import partial
-from itertools import product
+from itertools import count, product
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
 from lidario import Lidar, LidarError, NetworkAddress, run
-from lidario.port.turns import Turns
-from lidario.session.talking.intake import Delivery
+from lidario.families.rplidar.formats import DenseFormat
+from lidario.model import LineErrors
+from lidario.port.port import Port
+from lidario.port.turns import TURN_NS, Turns
+from lidario.session.talking.intake import Delivery, Intake
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
 from lidario.wire.stats import LinkStats
 from tests.support.devices import FAMILIES, Rig, make_rig
+from tests.support.links import PACKETS
 from tests.support.loop import DrivenLoop, driven, run_driven
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -151,6 +157,35 @@ def test_early_packets_are_bounded() -> None:
     delivery.deliver_to(take)
     assert len(got) + stats.unread_packets == 2 * most
     assert len(got) == -(-256 * 1024 // (512 + 5))
+
+
+class Taken(Intake):
+    """What is received is parsed and handed on, and nothing else becomes of it."""
+
+    def responded(self, payload: bytes) -> None:
+        """Nobody asks."""
+
+    def taken(self) -> None:
+        """Nobody waits."""
+
+    def mistaken(self, error: Exception) -> None:
+        raise error
+
+
+async def test_what_waits_to_be_parsed_is_bounded() -> None:
+    times = count(0, TURN_NS)
+    late = SimpleNamespace(overflow_bytes=0, full_reads=0)
+    port = SimpleNamespace(now=lambda: next(times), errors=LineErrors(), late=late)
+    intake = Taken(cast("Port", port))
+    intake.link.enter_stream(DenseFormat())
+    intake.deliver_to(lambda packets: iter([None] * packets.count))
+    packets = b"".join(PACKETS[:10])
+    # The first is parsed at once, and what becomes of its packets takes long.
+    for _ in range(1000):
+        intake.data_received(packets, 0)
+    # As docs/bounds.md says; each counts as what it takes beside its bytes, too.
+    waits = (1 << 20) // (10 * 84 + 512)
+    assert intake.stats.discarded_bytes == (999 - waits) * 10 * 84
 
 
 @driven

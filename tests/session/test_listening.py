@@ -14,6 +14,7 @@ from lidario.families.registry import FAMILIES
 from lidario.port.port import Port
 from lidario.session.finding.discovery import PortInfo
 from lidario.session.finding.listening import LISTEN_S, family_of_stream, listen
+from tests.support.cases import CASES
 from tests.support.devices import make_rig
 from tests.support.loop import driven, now_ns
 from tests.support.speeds import misread, serial_in_memory
@@ -128,6 +129,18 @@ def test_noise_is_no_stream() -> None:
         assert family_of_stream(bytearray(dice.randbytes(dice.randrange(4096)))) is None
     assert family_of_stream(bytearray(4096)) is None
     assert family_of_stream(bytearray()) is None
+
+
+@pytest.mark.parametrize("name", ["rplidar_32k_85", "ydlidar_4ros_room7", "irobotix_2a_6hz"])
+def test_most_of_the_bytes_must_be_packets_and_three_of_them(name: str) -> None:
+    case = next(each for each in CASES if each.name == name)
+    for count in (2, 3, 6):
+        packets = b"".join(case.packets[:count])
+        for noise, recognised in ((len(packets) - 4, count >= 3), (len(packets) + 4, False)):
+            for data in (packets + bytes(noise), bytes(noise) + packets):
+                family = family_of_stream(bytearray(data))
+                assert family is None or family.name == name.partition("_")[0]
+                assert (family is not None) == recognised
 
 
 @driven

@@ -9,17 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidario.scan import Scan
-from lidario.session.streaming.pace import (
-    BUFFER_BYTES,
-    BUFFER_SHARE,
-    GUARD_S,
-    LONGEST_HOLD_S,
-    LONGEST_INTERVAL_S,
-    Pace,
-)
+from lidario.session.streaming.pace import Pace
 from tests.support.cases import CASES
 from tests.support.streams import stream_of
 
+BUFFER_BYTES = 4096
+"""What a terminal of Linux keeps."""
+GUARD_S, LONGEST_HOLD_S, LONGEST_INTERVAL_S = 0.002, 0.25, 0.1
 DENSE = next(case for case in CASES if case.name == "rplidar_32k_85")
 PACKET_S = 40 * 31.25e-6
 WIRE_S = 840 / 1_000_000
@@ -114,6 +110,20 @@ def test_where_every_moment_counts_an_unsteady_rotor_is_looked_after_earlier() -
     assert steady.due == pytest.approx(1.502 + 0.2 + PACKET_S + WIRE_S - GUARD_S, abs=3e-4)
 
 
+def test_each_steady_revolution_halves_how_much_earlier_one_looks() -> None:
+    starts = [0.0, 0.1, 0.2, 0.302, 0.402, 0.502]
+    earlier = [
+        turning(pace(), *starts[:count]).due - turning(pace(0.0), *starts[:count]).due - 0.75 * PACKET_S - GUARD_S
+        for count in (3, 4, 5, 6)
+    ]
+    assert earlier == pytest.approx([0.0, 0.002, 0.001, 0.0005], abs=1e-6)
+
+
+def test_where_bytes_take_no_time_a_revolution_is_due_that_much_sooner() -> None:
+    timed, untimed = pace(), Pace(stream_of(DENSE, sample_ns=31_250.0), 0, 0.005)
+    assert turning(timed, 0.0, 0.1, 0.2).due - turning(untimed, 0.0, 0.1, 0.2).due == pytest.approx(WIRE_S)
+
+
 def test_what_came_before_the_stream_is_not_counted() -> None:
     fresh = turning(pace(), 0.0)
     later = Pace(stream_of(DENSE, sample_ns=31_250.0), 1_000_000, 0.005, 10**9)
@@ -127,18 +137,18 @@ def test_the_buffer_never_fills_while_a_port_is_unread(size: int) -> None:
     assert 0 < even.interval <= LONGEST_INTERVAL_S
     # Nothing is faster than the line.
     bytes_a_second = min(size / 0.1, 100_000)
-    assert even.interval * bytes_a_second <= BUFFER_SHARE * BUFFER_BYTES + 1
+    assert even.interval * bytes_a_second <= 0.75 * BUFFER_BYTES
 
 
 def test_before_the_first_scan_the_line_is_taken_to_be_full() -> None:
-    assert pace().interval == pytest.approx(BUFFER_SHARE * BUFFER_BYTES / 100_000)
+    assert 0.6 * BUFFER_BYTES < pace().interval * 100_000 < 0.75 * BUFFER_BYTES
     assert 0.01 < Pace(stream_of(DENSE, sample_ns=31_250.0), 0, 0.005).interval < 0.03
 
 
 def test_the_bytes_of_many_revolutions_at_once_do_not_look_like_a_faster_line() -> None:
     late = turning(pace(), 0.0, 0.1, 0.2)
     late.turned(replace(SCAN, stamp_ns=300_000_000), 23 * TURN_BYTES, 2.2)
-    assert late.interval >= BUFFER_SHARE * BUFFER_BYTES / 100_000
+    assert late.interval >= pace().interval
 
 
 def test_nobody_needs_the_bytes_up_to_the_end_of_the_revolution() -> None:

@@ -16,6 +16,7 @@ from lidario.revolution.assemble import Assembler
 from lidario.revolution.sectors import SectorAssembler
 from lidario.session.streaming.pace import Pace
 from lidario.session.streaming.sectors import SectorPace
+from lidario.wire.blocks import Block
 from tests.support.cases import KINDS, Case, named
 from tests.support.streams import in_one_run, stream_of
 
@@ -53,3 +54,29 @@ def test_a_sector_is_handed_over_in_time(case: Case) -> None:
         taken = come
     assert len(delays) >= 20
     assert np.percentile(delays[4:], 99) < LATENCY_S + 0.001
+
+
+EXACT = [case for case in KINDS if case.name.startswith(("rplidar", "ydlidar")) and "_81" not in case.name]
+"""Those of whose packets it is known when each ends; but for nodes, of which there are too many."""
+
+
+@pytest.mark.parametrize("case", EXACT, ids=named)
+def test_it_is_known_to_the_sample_when_the_last_sector_of_a_revolution_is_complete(case: Case) -> None:
+    """Each packet comes when its last sample was measured."""
+    stream = stream_of(case)
+    published: list[int] = []
+    assembler = SectorAssembler(Assembler(stream), lambda _, sector: published.append(sector.index))
+    assembler.divide((8,))
+    measured, expected, off = 0, list[float](), list[float]()
+    for packet in case.packets:
+        measured += stream.format.samples_in([Block(len(packet), 1)])
+        came_ns, before = round(measured * case.sample_us * 1e3), len(published)
+        assembler.add(in_one_run(stream.format, packet, came_ns))
+        if published[before:]:
+            if published[-1] == 7:
+                off += [(each - came_ns) / (case.sample_us * 1e3) for each in expected]
+            expected = []
+        if not np.isnan(assembler.next_ns):
+            expected.append(assembler.next_ns)
+    assert len(off) > 5
+    assert np.abs(off).max() <= 1.01

@@ -15,7 +15,7 @@ from lidario.blocking import open_sync
 from lidario.port.line import Schedule
 from lidario.port.port import Port
 from lidario.revolution.sectors import SectorAssembler
-from lidario.session.streaming.sectors import sectors_of
+from lidario.session.streaming.sectors import parts_of, sectors_of
 from tests.support.cable import on_a_cable
 from tests.support.devices import EVERY_FAMILY, both_families, left_still, make_rig
 from tests.support.loop import driven
@@ -130,7 +130,16 @@ async def test_a_slow_reader_is_told() -> None:
         assert lidar.stats.dropped_scans == 0
 
 
-@pytest.mark.parametrize("degrees", [0, -45, 7, 361, 4, float("nan"), float("inf"), "wide", None])
+@pytest.mark.parametrize("parts", [1, 2, 7, 71, 72])
+def test_a_revolution_has_up_to_72_sectors(parts: int) -> None:
+    for degrees in (360 / parts, 360 / parts * (1 + 1e-9)):
+        assert parts_of(degrees) == parts
+    for degrees in (360 / parts * 1.001, 360 / parts * 0.999):
+        with pytest.raises(InvalidValue, match="5 degrees"):
+            parts_of(degrees)
+
+
+@pytest.mark.parametrize("degrees", [0, -45, 7, 361, 800, 4, 360 / 73, float("nan"), float("inf"), "wide", None])
 @driven
 async def test_sizes_that_are_none(degrees: float) -> None:
     async with make_rig("rplidar").open() as lidar:

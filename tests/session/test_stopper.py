@@ -106,6 +106,26 @@ async def test_they_are_written_once_until_something_moves() -> None:
     assert paper.told == [True, True]
 
 
+@driven
+async def test_only_who_hangs_up_leaves_the_port_to_timers() -> None:
+    paper = Paper(0.0)
+    stopper = stopper_of(paper, 0.0)
+    assert not stopper.ends_by_itself
+    stopper.stop()
+    assert stopper.ends_by_itself is False
+    await stopper.surely_settled()
+    # Now it is still.
+    states = [stopper.ends_by_itself]
+    stopper.sent(rplidar.motor_speed(600))
+    stopper.hang_up()
+    states.append(stopper.ends_by_itself)
+    stopper.cancel()
+    states.append(stopper.ends_by_itself)
+    stopper.still = True
+    states.append(stopper.ends_by_itself)
+    assert states == [False, True, False, True]
+
+
 @pytest.mark.parametrize("comes", [True, False])
 @driven
 async def test_a_device_that_owes_a_response_is_told_again_when_it_has_come(comes: bool) -> None:

@@ -88,6 +88,26 @@ async def test_the_hub_hands_scans_to_those_it_holds() -> None:
 
 
 @driven
+async def test_who_wants_what_runs_joins_at_once_unless_others_wait() -> None:
+    """Those who come later must not get scans of a mode for which they did not wait."""
+    hub, (reading, joins, chooses, follows) = Hub(print), (Mailbox[Scan](1) for _ in range(4))
+
+    def waiting() -> list[Mailbox[Scan]]:
+        return [each.mailbox for each in hub.joining]
+
+    hub.add(reading, None, False)
+    assert (waiting(), hub.is_read) == ([reading], False)
+    hub.joining.clear()
+    hub.let_in(reading)
+    for mailbox, mode in ((joins, None), (chooses, "Standard"), (follows, None)):
+        hub.add(mailbox, mode, False)
+    assert (waiting(), len(hub)) == ([chooses, follows], 4)
+    hub.discard(chooses)
+    hub.discard(joins)
+    assert (waiting(), len(hub)) == ([follows], 2)
+
+
+@driven
 async def test_each_reader_gets_an_error_of_its_own() -> None:
     hub, mailboxes = Hub(print), [Mailbox[Scan](1), Mailbox[Scan](1)]
     for mailbox in mailboxes:

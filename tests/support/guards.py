@@ -50,3 +50,15 @@ def is_left_still(server: Server) -> bool:
 def own_guards() -> list[int]:
     """The guards of this program."""
     return guards_of(os.getpid())
+
+
+def children_that_ended() -> list[int]:
+    """The children of this program for which it has not waited."""
+    found = []
+    for process in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            # Behind the name, which may hold anything: the state, and whose child it is.
+            state, parent = (process / "stat").read_text().rpartition(")")[2].split()[:2]
+            if state == "Z" and int(parent) == os.getpid():
+                found.append(int(process.name))
+    return found

@@ -50,6 +50,7 @@ class Delivery:
         self._turns = turns
         self._on_packets: TakePackets | None = None
         self._early: deque[Packets] = deque()
+        # Of all that were kept since nobody reads.
         self._early_bytes = 0
 
     def deliver_to(self, callback: TakePackets | None) -> None:
@@ -75,7 +76,6 @@ class Delivery:
     def _take_early(self) -> Iterator[None]:
         while self._early and self._on_packets is not None:
             packets = self._early.popleft()
-            self._early_bytes -= len(packets.data) + _RUN_BYTES
             self.stats.unread_packets -= packets.count
             yield from self._on_packets(packets)
 

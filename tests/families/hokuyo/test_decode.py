@@ -7,6 +7,10 @@ from collections.abc import Generator
 import numpy as np
 import pytest
 
+from lidario.families.hokuyo.decode import BlockDecoder
+from lidario.families.hokuyo.formats import DistanceFormat
+from lidario.families.hokuyo.geometry import Geometry
+from lidario.families.hokuyo.simulated.packers import pack_block
 from lidario.families.stream import Stream
 from lidario.revolution.whole import WholeAssembler, sectors_of
 from lidario.scan import Scan
@@ -64,6 +68,17 @@ def test_any_contents_decode_as_the_scalar_reference_decodes_them(case: Case) ->
     found = None if samples.intensity is None else samples.intensity[3:].tolist()
     assert found == case.intensities(reference)
     assert list(samples.ends) == [682, 1364, 2046, 2728]
+
+
+@pytest.mark.parametrize("turn", [4, 7, 1024, 1440, 9999, 16_383, 16_384])
+@pytest.mark.parametrize("front", [0, 384, 9999])
+def test_no_step_of_any_field_is_at_360_degrees_or_more(turn: int, front: int) -> None:
+    last = min(turn, 10_000) - 1
+    block = pack_block(b"MD0000%04d01000" % last, 0, np.zeros(last + 1, np.int64))
+    decoder = BlockDecoder(DistanceFormat, Geometry(0, last, front, turn, 20, 5600, 600))
+    angles = decoder.decode(in_one_run(DistanceFormat(), block), None).angle_deg
+    assert angles.min() >= 0
+    assert angles.max() < 360
 
 
 def test_a_scan_is_delivered_when_it_came_and_lasts_as_long_as_its_field() -> None:

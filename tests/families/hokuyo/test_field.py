@@ -11,7 +11,11 @@ import pytest
 import lidario
 from lidario import LaserScan, Scan
 from lidario.beams import BeamOptions, resample
+from lidario.families.base import Known
+from lidario.families.hokuyo.raw import find_stream
+from lidario.families.hokuyo.simulated.packers import pack_lines
 from lidario.rotor import Rotor
+from tests.families.hokuyo.about import CASES, GEOMETRY
 from tests.support.devices import make_rig, take
 from tests.support.loop import driven, run_driven
 from tests.support.recorded import assert_same_scans, record, take_scans
@@ -165,6 +169,21 @@ def test_bytes_alone_tell_the_field_by_the_response_or_by_its_steps() -> None:
     scans = list(lidario.decode(data))
     assert len(scans) == 20
     np.testing.assert_array_equal(np.concatenate([scan.device_distances for scan in scans]), distances)
+
+
+@pytest.mark.parametrize("counts", [False, True])
+def test_what_tells_the_field_tells_whether_the_model_is_a_guess(counts: bool) -> None:
+    raw = CASES[0].raw
+    guessed = find_stream(memoryview(raw), Known())
+    assert guessed is not None
+    assert (guessed.title, guessed.stream.mode.details) == ("Hokuyo URG-04LX", GEOMETRY.text)
+    assert "taken for a URG-04LX, by its first and last step" in guessed.guess
+    told = GEOMETRY._replace(front=300, farthest=4000)
+    response = pack_lines(b"PP", told.text.split(";"), counts_semicolon=counts)
+    found = find_stream(memoryview(response + raw), Known())
+    assert found is not None
+    assert (found.title, found.guess, found.begin) == ("", "", len(response))
+    assert found.stream.mode.details == told.text
 
 
 def test_the_speed_is_what_the_device_tells() -> None:

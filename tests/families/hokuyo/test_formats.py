@@ -7,15 +7,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lidario.families.hokuyo.commands import check_of, measure, read_lines
+from lidario.errors import RemoteProtocolError
+from lidario.families.hokuyo.commands import ask, check_of, measure, read_lines
 from lidario.families.hokuyo.formats import DistanceFormat, StrengthFormat
 from lidario.families.hokuyo.geometry import Geometry, geometry_of
+from lidario.wire.envelope import Request
 from lidario.wire.events import Descriptor, Packets, Response
 from lidario.wire.formats import BEGINS, NO_PACKET
 from lidario.wire.link import Link
 from lidario.wire.states import LinkState
 from tests.families.hokuyo.about import CASES, GEOMETRY, LAYOUTS
 from tests.reference import golden, hokuyo
+from tests.support.bench_4ros import played
 from tests.support.contents import any_packets
 from tests.support.streams import in_one_run
 
@@ -82,6 +85,23 @@ def test_what_is_cut_out_or_doubled_costs_what_it_touches(cut: int, rest: int, s
     assert skipped == len(raw) - sum(map(len, found))
 
 
+@pytest.mark.parametrize(
+    ("request_", "longest"), [(measure("MD", 44, 725, DistanceFormat(GEOMETRY)), 64), (next(ask("VV")), 4096)]
+)
+def test_no_more_is_waited_for_than_a_response_has(request_: Request, longest: int) -> None:
+    """Up to the empty line that ends it; what is longer belongs to no response."""
+    for over, answered in ((0, True), (1, False)):
+        echo = request_.data.lstrip(b"\n")
+        text = echo + b"x" * (longest + over - len(echo))
+        for size in (7, len(text) + 2):
+            link = Link()
+            link.send_request(request_)
+            for at in range(0, len(text) + 2, size):
+                link.receive_data((text + b"\n\n")[at : at + size], 1)
+            assert bool(link.events_received()) == answered
+            assert link.state is (LinkState.IDLE if answered else LinkState.AWAIT_RESPONSE)
+
+
 def test_a_block_without_data_is_a_record() -> None:
     unstable = b"MD0044072501000\n0M" + bytes((check_of(b"0M"),)) + b"\n\n"
     for size in (1, 50, 9999):
@@ -107,6 +127,23 @@ def test_sizes_samples_headings_and_stamps(case: object) -> None:
         np.testing.assert_array_equal(wire.stamps(run), [hokuyo.milliseconds(each) for each in packets])
 
 
+@pytest.mark.parametrize("kind", [DistanceFormat, StrengthFormat])
+@pytest.mark.parametrize("geometry", [None, GEOMETRY])
+def test_what_has_begun_is_waited_for(kind: type[DistanceFormat], geometry: Geometry | None) -> None:
+    """With its echo and status a block tells its size, and what is none of them is known by two characters."""
+    wire, echo = kind(geometry), kind.word + b"0044072501000\n"
+    block, record = echo + b"99b\n" + b"0" * 30, echo + b"0M" + bytes((check_of(b"0M"),)) + b"\n\n"
+    whole = wire.measure(bytearray(block), 0)
+    assert whole > 2000
+    for length in range(1, 40):
+        begun = bytearray(b"??" + block[:length])
+        assert wire.measure(begun, 2) == (0 if length < 20 else whole)
+        assert wire.other_record(begun, 2) == (0 if length < 21 else NO_PACKET)
+        assert wire.other_record(bytearray(b"??" + record[:length]), 2) == (0 if length < 21 else 21)
+        other = bytearray(b"??" + b"MX" + block[2 : max(2, length)])
+        assert wire.measure(other, 2) == wire.other_record(other, 2) == NO_PACKET
+
+
 def test_no_claimed_size_is_beyond_the_longest() -> None:
     for kind in (DistanceFormat, StrengthFormat):
         wire = kind()
@@ -124,6 +161,48 @@ def test_the_semicolon_may_belong_to_the_sum_or_not() -> None:
         assert (told.status, told.lines) == ("00", {"ARES": "1024"})
     assert read_lines(inside.replace(b"1024", b"1025")) is None
     assert read_lines(b"00Q") is None
+
+
+def status(two: bytes) -> bytes:
+    return two + bytes((check_of(two),))
+
+
+WELL, DAMAGED, IN_TIME_MODE = status(b"00") + b"\nA:7" + bytes((check_of(b"A:7"),)), b"00x", status(b"0E")
+
+
+@pytest.mark.parametrize(
+    ("responses", "asked"),
+    [
+        ([WELL], "VV"),
+        ([DAMAGED, DAMAGED, WELL], "VV VV VV"),
+        ([IN_TIME_MODE, status(b"00"), WELL], "VV TM2 VV"),
+        ([DAMAGED, IN_TIME_MODE, status(b"00"), WELL], "VV VV TM2 VV"),
+    ],
+)
+def test_a_device_is_asked_again_where_that_helps(responses: list[bytes], asked: str) -> None:
+    heard: list[str] = []
+    waits = iter(responses)
+
+    def respond(request: Request) -> bytes:
+        heard.append(request.name)
+        return next(waits)
+
+    assert played(ask("VV"), respond) == {"A": "7"}
+    assert heard == asked.split()
+
+
+@pytest.mark.parametrize(
+    ("response", "why"),
+    [
+        (DAMAGED, "no response to VV could be read"),
+        (IN_TIME_MODE, "no response to VV could be read"),
+        (status(b"0M"), "refuses VV with status '0M': its speed is not stable"),
+        (status(b"7Z"), "refuses VV with status '7Z': the manual"),
+    ],
+)
+def test_a_refusal_is_told_with_what_it_means(response: bytes, why: str) -> None:
+    with pytest.raises(RemoteProtocolError, match=why):
+        played(ask("VV"), lambda _: response)
 
 
 def test_what_text_holds_is_bounded_and_printable() -> None:
@@ -145,6 +224,26 @@ def test_a_field_that_cannot_be_is_refused(change: dict[str, str]) -> None:
     assert geometry_of(TOLD) == GEOMETRY
     assert geometry_of(TOLD | change) is None
     assert geometry_of({name: text for name, text in TOLD.items() if name not in change}) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "least", "most", "others"),
+    [
+        ("AMIN", 0, 9999, {"AMAX": "9999", "ARES": "16384"}),
+        ("AMAX", 0, 9999, {"AMIN": "0", "ARES": "16384"}),
+        ("AFRT", 0, 9999, {}),
+        ("ARES", 4, 16_384, {"AMIN": "44", "AMAX": "44"}),
+        ("DMIN", 0, 262_142, {"DMAX": "262143"}),
+        ("DMAX", 1, 262_143, {"DMIN": "0"}),
+        ("SCAN", 60, 60_000, {}),
+    ],
+)
+def test_what_a_device_tells_of_its_field_is_bounded(
+    name: str, least: int, most: int, others: dict[str, str]
+) -> None:
+    """By the digits of a request, by the 18 bits of a distance, and by what a rotor can do."""
+    for value, right in ((least - 1, False), (least, True), (most, True), (most + 1, False)):
+        assert (geometry_of(TOLD | others | {name: str(value)}) is not None) == right, value
 
 
 def test_the_field_is_half_a_step_wider_than_its_samples() -> None:

@@ -9,6 +9,7 @@ from lidario.families.irobotix.simulated.packers import pack_failure, pack_frame
 from lidario.families.unasked import begin
 from lidario.wire.link import Link
 from tests.families.irobotix.about import CASES
+from tests.support.streams import in_one_run
 
 PACKETS = CASES[0].packets
 FAILURE = bytes.fromhex("AA00090061AE000169022C")
@@ -39,6 +40,17 @@ def test_any_number_of_samples_is_a_frame() -> None:
     frames += [pack_measurement(0, [100.0] * count, [9] * count, end=7, version=0x10) for count in range(1, 81)]
     assert counted(b"".join(frames)) == (160, 0, 0)
     assert [FrameFormat().measure(bytearray(each), 0) for each in frames] == list(map(len, frames))
+
+
+@pytest.mark.parametrize("count", [1, 30, 80])
+@pytest.mark.parametrize("end", [None, 7])
+def test_a_frame_tells_how_many_samples_it_has_and_what_they_take(count: int, end: int | None) -> None:
+    frame = pack_measurement(
+        0, [100.0] * count, [9] * count, hertz=5.0, end=end, version=1 if end is None else 0x10
+    )
+    run = in_one_run(FrameFormat(), frame * 3)
+    assert FrameFormat().samples_in(run.blocks) == 3 * count
+    assert FrameFormat().told_sample_ns(run).tolist() == pytest.approx([1e9 / (5 * 16 * count)] * 3)
 
 
 @pytest.mark.parametrize("count", [0, 81, 300])

@@ -156,6 +156,16 @@ def test_hq(angle: Ints, distance: Ints, quality: Ints) -> None:
     np.testing.assert_array_equal(samples.intensity, quality.ravel())
 
 
+@pytest.mark.parametrize("first", [0, 20_000, 60_000, 65_500])
+def test_the_seam_may_lie_anywhere_in_a_packet_of_whole_nodes(first: int) -> None:
+    angle = (first + 100 * np.arange(96)) % 65536
+    packet = in_one_run(FORMATS[0x83](), packers.pack_hq(angle, [4000] * 96, [40] * 96, [0] * 96))
+    for before in range(97):
+        samples = DECODERS[0x83]().decode(packet, None, seam=(first + 100 * before - 50) % 65536)
+        # One that the rotor passed just before the packet, it passes again a revolution later.
+        assert samples.before_seam == (before or 96)
+
+
 @given(
     angle=hnp.arrays(np.int64, 50, elements=st.integers(0, 23039)),
     distance=hnp.arrays(np.int64, 50, elements=st.integers(0, 65535)),

@@ -129,3 +129,85 @@ def test_headings_are_the_angles(count: int) -> None:
     angles = [(57 * k * k) % TURN for k in range(count)]
     raw = b"".join(map(node, angles))
     assert list(NodeFormat().headings(arrived(raw, count, 0))) == angles
+
+
+BAD = {
+    "an angle of 360 degrees": node(TURN),
+    "both bits of a mark": b"\x03" + node(TURN - 1)[1:],
+    "neither of them": b"\x00" + node(TURN - 1)[1:],
+    "no check bit": node(TURN - 1)[:1] + b"\xfe" + node(TURN - 1)[2:],
+}
+"""Nodes that cannot be, though they continue those before."""
+
+
+@pytest.mark.parametrize("what", BAD)
+@pytest.mark.parametrize("count", [10, 60])
+def test_a_node_that_cannot_be_ends_the_run_alone_and_in_an_array(count: int, what: str) -> None:
+    stream = in_step(TURN - 7 * count)
+    before, behind = (b"".join(node((TURN + 7 * k) % TURN) for k in range(at, at + count)) for at in (-count, 1))
+    assert stream.run(bytearray(before + BAD[what] + behind), 0).packets == (Block(5, count),)
+
+
+FAR = 90 * 64
+TWICE: dict[str, tuple[bytes, int]] = {
+    "both check bits set": (b"\x03" + node(FAR)[1:], 3),
+    "neither set": (b"\x00" + node(FAR)[1:], 3),
+    "the other one not": (node(FAR, start=True)[:1] + bytes([FAR << 1 & 0xFF]) + node(FAR)[2:], 3),
+    "beyond 360 degrees": (node(TURN + FAR, start=True), 3),
+    "no mark": (node(FAR), 1),
+    "a mark": (node(FAR, start=True), 1),
+}
+"""What stands there in two revolutions before a mark does, and how many nodes that costs."""
+
+
+@pytest.mark.parametrize("what", TWICE)
+def test_only_a_node_with_a_mark_tells_where_marks_stand(what: str) -> None:
+    """Far from the others, one is believed where the last one was that was not."""
+    there, cost = TWICE[what]
+    turns = [
+        b"".join(each if angle == FAR else node(angle, start=angle == 0) for angle in range(0, TURN, 32))
+        for each in (there, there, node(FAR, start=True), node(FAR))
+    ]
+    stream, data, at, skipped = in_step(0), bytearray(b"".join(turns)), 0, 0
+    while len(data) - at > 100:
+        stretch = stream.next_stretch(data, at)
+        skipped += 0 if stretch.packets else stretch.end - at
+        at = stretch.end
+    assert skipped == 5 * cost
+
+
+def noise_before(data: bytearray, stream: NodeFormat | None = None) -> int:
+    """How far bytes are taken for noise, before nodes or what cannot be decided."""
+    stream, at = stream or NodeFormat(), 0
+    while not (stretch := stream.next_stretch(data, at)).packets and stretch.end > at:
+        at = stretch.end
+    return at
+
+
+LEAPING = b"".join(map(node, (0, 5000, 10000, 15000)))
+"""Nodes, but none continues the one before."""
+CHAIN = b"".join(node(3000 + 7 * k) for k in range(40))
+
+
+def test_a_chain_is_found_wherever_it_begins_behind_what_is_none() -> None:
+    """As if each byte was tried, though many are looked at together."""
+    for filled in [*range(920, 1060), *range(1960, 2060)]:
+        noise = LEAPING * 3 + bytes(filled)
+        assert noise_before(bytearray(noise + CHAIN)) == len(noise)
+
+
+@pytest.mark.parametrize("base", [3000, 5, TURN - 20])
+def test_so_is_a_short_one_that_continues_the_last_node(base: int) -> None:
+    near = b"".join(node((base + 7 * k) % TURN) for k in range(8))
+    leaping = b"".join(node((base + k) % TURN) for k in (5000, 10000, 15000, 20000))
+    for filled in [0, 1, 2, 13, *range(985, 1065, 2)]:
+        noise = leaping * 3 + bytes(filled)
+        found = noise_before(bytearray(noise + near + bytes(400)), in_step((base - 10) % TURN))
+        assert found == len(noise), filled
+
+
+@pytest.mark.parametrize("filled", [20, 1000])
+def test_a_chain_is_not_passed_over_wherever_the_bytes_end(filled: int) -> None:
+    noise = LEAPING * 3 + bytes(filled)
+    for size in range(0, len(CHAIN), 3):
+        assert len(noise) - 100 <= noise_before(bytearray(noise + CHAIN[:size])) <= len(noise), size

@@ -1,5 +1,8 @@
 """How far the rotor turned in each packet, and what is missing between two."""
 
+from collections.abc import Callable
+from itertools import accumulate
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,6 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from lidario.families.rplidar.node_steps import NodeSteps
+from lidario.families.spans import Heads
 from lidario.families.told import ToldWheel
 from lidario.families.wheel import Wheel
 from tests.support.ramp import ramp
@@ -70,6 +74,168 @@ def test_a_small_step_back_is_no_lost_turn() -> None:
     rotation = NodeSteps(TURN)
     arcs = rotation.follow(heads(headings(100, 107, 114, 110, 121, 128), 135))
     assert missing(arcs) == [0] * 6
+
+
+def nodes_of(step: int, count: int = 140) -> Heads:
+    """Nodes that far apart: of the ordinary step, one more than its mean is taken of."""
+    return heads(headings(*(step * at for at in range(count))), step * count % TURN)
+
+
+def settled(rotation: NodeSteps) -> None:
+    arcs = rotation.steady(nodes_of(7), [140])
+    assert arcs is not None
+    rotation.settle(arcs)
+
+
+ORDINARY: dict[str, Callable[[NodeSteps], object]] = {
+    "all there": lambda rotation: rotation.follow(nodes_of(7)),
+    "one missing": lambda rotation: rotation.follow(heads(headings(0, *range(14, 300, 7)), 301)),
+    "a whole revolution": settled,
+}
+
+
+@pytest.mark.parametrize("between", ORDINARY)
+def test_another_step_is_believed_the_32nd_time_in_a_row(between: str) -> None:
+    rotation = NodeSteps(TURN)
+    rotation.follow(nodes_of(7))
+    for _ in range(5):
+        rotation.follow(nodes_of(20, 130))
+    ORDINARY[between](rotation)
+    told = [lost(rotation.follow(nodes_of(20, 130))) for _ in range(33)]
+    assert told == [2 * 130] * 31 + [0, 0]
+
+
+def steps_of(*steps: int) -> Heads:
+    """Nodes so far apart, and one behind them."""
+    *angles, following = accumulate(steps, initial=0)
+    return heads(headings(*angles), following % TURN)
+
+
+@pytest.mark.parametrize("timed", [True, False])
+def test_time_tells_that_each_second_node_is_lost_though_steps_are_even(timed: bool) -> None:
+    rotation, now, told = NodeSteps(TURN), 0, list[int]()
+    if timed:
+        rotation.tell_time(31_250.0)
+    # What has no times tells a step; then time tells that it is two.
+    rotation.follow(nodes_of(14))
+    for _ in range(4):
+        ends = range(28, 141, 28)
+        arcs = rotation.follow(nodes_of(14), [(end, now + 62_500 * end) for end in ends])
+        told.append(lost(arcs))
+        now += 62_500 * 140
+    assert told == ([0, 140, 140, 140] if timed else [0] * 4)
+
+
+def test_several_revolutions_are_steady_where_each_is() -> None:
+    rotation = NodeSteps(TURN)
+    assert rotation.steady(nodes_of(7, 280), [140, 280]) is None
+    rotation.follow(nodes_of(7))
+    for second, steps in ((7, [7, 7]), (10, [7, 10]), (14, None)):
+        arcs = rotation.steady(steps_of(*[7] * 140, *[second] * 140), [140, 280])
+        assert (None if arcs is None else arcs.steps) == steps
+    twin = rotation.copy()
+    twin.follow(nodes_of(10))
+    assert [lost(each.follow(steps_of(*[10] * 9, 20))) for each in (twin, rotation)] == [1, 1]
+    assert [lost(each.copy().follow(steps_of(7, 7, 17, 7))) for each in (twin, rotation)] == [0, 0]
+
+
+@pytest.mark.parametrize(("gap", "missing_there"), [(13, 0), (14, 1)])
+def test_steps_within_half_of_the_ordinary_one_are_of_one_speed(gap: int, missing_there: int) -> None:
+    """Their mean is the ordinary one, of the first ones too."""
+    assert lost(NodeSteps(TURN).follow(steps_of(*[6, 9] * 20, gap))) == missing_there
+    rotation = NodeSteps(TURN)
+    rotation.follow(nodes_of(7))
+    assert lost(rotation.follow(steps_of(*[10] * 60, 20, *[10] * 60))) == 1
+
+
+@pytest.mark.parametrize(("back", "gone"), [(1900, 0), (1950, 3012)])
+def test_nodes_fall_back_by_30_degrees_at_most(back: int, gone: int) -> None:
+    rotation = NodeSteps(TURN)
+    rotation.follow(nodes_of(7))
+    assert lost(rotation.follow(steps_of(*[7] * 50, -back, *[7] * 50))) == pytest.approx(gone, abs=2)
+
+
+def test_a_node_that_stands_hides_no_gap_beside_it() -> None:
+    """Only one that is out of place does, which falls back."""
+    rotation = NodeSteps(TURN)
+    rotation.follow(nodes_of(7))
+    for before, behind in ((0, 21), (21, 0)):
+        assert lost(rotation.follow(steps_of(*[7] * 50, before, behind, *[7] * 50))) == 2
+
+
+def test_steps_that_do_not_agree_are_no_other_speed() -> None:
+    """Of each four there is one alike, however often they come."""
+    rotation = NodeSteps(TURN)
+    rotation.follow(nodes_of(7))
+    for _ in range(40):
+        rotation.follow(steps_of(*[20, 45, 100, 200] * 32))
+    assert lost(rotation.follow(nodes_of(14))) == 140
+
+
+@pytest.mark.parametrize("ratio", [2, 3])
+@pytest.mark.parametrize("faster", [True, False])
+def test_another_step_is_believed_at_once_where_time_says_so(faster: bool, ratio: int) -> None:
+    """Twice as fast, all nodes come in the time that they take; with each second one lost, in twice of that."""
+    rotation, now = NodeSteps(TURN), 10**9
+    rotation.tell_time(31_250.0)
+
+    def told(step: int, packets_ns: int) -> int:
+        nonlocal now
+        arrivals = []
+        for end in range(28, 141, 28):
+            now += 28 * packets_ns
+            arrivals.append((end, now))
+        return lost(rotation.follow(nodes_of(step), arrivals))
+
+    assert [told(7, 31_250) for _ in range(4)] == [0] * 4
+    again = [told(7 * ratio, 31_250 if faster else 31_250 * ratio) for _ in range(6)]
+    assert again == [140 * (ratio - 1)] * (1 if faster else 6) + [0] * (5 if faster else 0)
+
+
+@pytest.mark.parametrize(("step", "several"), [(3, 320), (7, 137), (40, 32)])
+def test_a_mean_is_one_of_32_nodes_and_a_24th_of_a_turn(step: int, several: int) -> None:
+    """Of more, two are taken, so that another step is believed in half the time."""
+    for count, times in ((several, 32), (several + 7, 16)):
+        rotation = NodeSteps(TURN)
+        rotation.follow(nodes_of(step, 40))
+        told = [lost(rotation.follow(nodes_of(3 * step, count))) for _ in range(times + 1)]
+        assert told == [2 * count] * (times - 1) + [2 * several * (times == 16), 0]
+
+
+@pytest.mark.parametrize("count", range(4, 9))
+def test_six_steps_that_agree_are_sure(count: int) -> None:
+    assert NodeSteps(TURN).follow(nodes_of(7, count)).certain == (count >= 6)
+    assert not NodeSteps(TURN).follow(nodes_of(0, count)).certain
+
+
+def test_the_first_steps_may_scatter() -> None:
+    steps = [7, 7, 12, 2, 7] * 8
+    arcs = NodeSteps(TURN).follow(steps_of(*steps))
+    assert (arcs.certain, lost(arcs)) == (True, 0)
+
+
+@pytest.mark.parametrize("ahead", [25, 500, 1900])
+@pytest.mark.parametrize("before", [1, 3, 60])
+@pytest.mark.parametrize("false", [1, 2, 20, 39, 40])
+def test_what_leaps_ahead_and_falls_back_within_40_nodes_is_no_gap(before: int, false: int, ahead: int) -> None:
+    rotation, angles = NodeSteps(TURN), 7 * np.arange(150)
+    rotation.follow(nodes_of(7))
+    angles[before : before + false] += ahead
+    # How many nodes a leap is, is rounded.
+    assert lost(rotation.follow(heads(headings(*angles.tolist()), 1050))) <= 1
+    # Farther apart, both are believed.
+    angles[before : before + 41] = 7 * np.arange(before, before + 41) + ahead
+    assert lost(rotation.follow(heads(headings(*angles.tolist()), 1050))) == pytest.approx(ahead / 7, abs=1)
+
+
+@pytest.mark.parametrize(("back_deg", "known"), [(0.0, True), (1.9, True), (2.1, False)])
+def test_a_packet_may_begin_two_degrees_before_the_end_of_the_one_before(back_deg: float, known: bool) -> None:
+    """Farther back it is the long way round, and the rest of a revolution is missing."""
+    begins = headings(1000, 1950 - round(64 * back_deg), 2910)
+    arcs = ToldWheel(TURN, 48).follow(heads(begins, 3870, 96, np.full(3, 950)))
+    assert (lost(arcs) == 0) == known
+    if not known:
+        assert lost(arcs) == pytest.approx((TURN - 64 * back_deg) / 10, rel=0.01)
 
 
 def test_a_rotor_that_stands_divides_by_nothing() -> None:

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from lidario.families.base import Samples
+from lidario.families.ydlidar.clouds import KINDS
 from lidario.families.ydlidar.decode import PointCloudDecoder
 from lidario.families.ydlidar.formats import PointCloud
 from lidario.families.ydlidar.simulated.packers import pack_points
@@ -89,6 +90,16 @@ def test_the_longest_packet_across_zero() -> None:
     assert samples.angle_deg.max() < 360
 
 
+@pytest.mark.parametrize("kind", ["tg", "x", "octave"])
+@pytest.mark.parametrize("first", [1000, 22_900])
+def test_samples_lie_at_even_steps_however_few_there_are(kind: str, first: int) -> None:
+    """Where nothing came back, no angle depends on the distance."""
+    packets = [pack_points([0] * count, first, (first + 90 * (count - 1)) % 23040) for count in (1, 2, 3, 1, 7)]
+    samples = KINDS[kind].decoder().decode(run_of(packets), None)
+    expected = [(first + 90 * at) / 64 % 360 for count in (1, 2, 3, 1, 7) for at in range(count)]
+    np.testing.assert_allclose(samples.angle_deg, expected, rtol=0, atol=SINGLE_DEG)
+
+
 lengths = st.lists(st.integers(1, 80), min_size=1, max_size=8)
 
 
@@ -136,6 +147,18 @@ def test_several_lost_packets_are_counted(count: int) -> None:
     turns = turns_of("ydlidar_4ros_room10")[:3]
     for gone in range(1, len(turns[1]) + 4):
         assert lost_behind(turns, range(gone, gone + count)) == (count, gone), f"packets from {gone}"
+
+
+@pytest.mark.parametrize("last", [5, 16, 39])
+@pytest.mark.parametrize("count", range(1, 5))
+def test_the_last_packets_of_a_revolution_are_counted_where_the_next_one_is_read_with_it(
+    count: int, last: int
+) -> None:
+    """The very last one is short: what is missing is no whole number of ordinary packets."""
+    turn = turn_of([1, *[40] * 11, last])
+    left = turn[:-count]
+    for packets, behind in ((left, turn[:2]), (left + turn[:1], turn[1:2]), (left + turn[:5], turn[5:6])):
+        assert decoded(packets, behind[0]).lost == count
 
 
 @pytest.mark.parametrize("kept", [[0, -1], [0, 30, -1], [30, -1]], ids=str)

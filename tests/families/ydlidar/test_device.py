@@ -6,9 +6,11 @@ import pytest
 from lidario.errors import ResponseTimeout, Unsupported
 from lidario.families.ydlidar import FAMILY, commands
 from lidario.families.ydlidar.device import YdlidarDevice
+from lidario.families.ydlidar.models import MODELS
 from lidario.families.ydlidar.simulated.device import make_simulated
 from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.sim.world import World
+from lidario.wire.envelope import Request
 from lidario.wire.states import LinkState
 from tests.support.bench_4ros import Bench, played
 from tests.support.streams import in_one_run
@@ -74,6 +76,22 @@ def test_health_gives_up_after_each_way_was_tried_twice(bench: Bench) -> None:
     assert [received.data[1] for received in bench.simulated.log] == [0x91, 0x92, 0x91, 0x92]
     bench.simulated.mute = False
     assert bench.run(bench.device.health()).ok
+
+
+@pytest.mark.parametrize("model", [None, "4ros", "x4", "x2", "tx8"])
+def test_only_one_that_hears_is_told_to_stop_and_only_one_that_may_talk_is_listened_to(model: str | None) -> None:
+    """While it streams: one whose STOP was lost is told again."""
+    one_way = model in ("x2", "tx8")
+    asked: list[bytes] = []
+
+    def silent(request: Request) -> bytes | None:
+        asked.append(request.data)
+        return b"" if request.expects is None else None
+
+    with pytest.raises(ResponseTimeout):
+        played(YdlidarDevice(None if model is None else MODELS[model]).overhear(), silent)
+    twice = [] if one_way else [commands.STOP.data, commands.GET_INFO.data] * 2
+    assert asked == twice + [b""] * (one_way or model is None)
 
 
 def test_an_undefined_health_is_a_warning() -> None:

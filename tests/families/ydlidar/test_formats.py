@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidario.families.ydlidar import commands
+from lidario.families.ydlidar.clouds import KINDS
 from lidario.families.ydlidar.formats import FULL_TURN_Q6, PointCloud
 from lidario.families.ydlidar.simulated.packers import (
     SCAN_HEADER,
@@ -18,7 +19,7 @@ from lidario.families.ydlidar.simulated.packers import (
 )
 from lidario.wire.blocks import packet_offsets
 from lidario.wire.events import Descriptor, Event, Packets
-from lidario.wire.formats import BEGINS
+from lidario.wire.formats import BEGINS, NO_PACKET
 from lidario.wire.link import Link, LinkStats
 from lidario.wire.states import LinkState
 from tests.reference import damage, golden, ydlidar
@@ -274,3 +275,21 @@ def test_the_first_packet_after_noise_is_not_kept_waiting(behind: int) -> None:
     for noise in (b"\x00", CLEAN[0][:50], CLEAN[0][:-1] + b"\xff"):
         events, _ = in_any_pieces(noise + CLEAN[1] + CLEAN[2][:behind])
         assert kept(events) == [CLEAN[1]]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_claimed_size_is_beyond_the_longest(kind: str) -> None:
+    """Of more than 80 samples only what has the check bits of both angles, and never of none."""
+    wire = KINDS[kind].wire()
+    claimed = {
+        (count, bits): wire.measure(bytearray((0xAA, 0x55, 0, count, bits, 0, bits, 0)), 0)
+        for count in range(256)
+        for bits in (0, 1)
+    }
+    sizes = {size for size in claimed.values() if size != NO_PACKET}
+    assert (min(sizes), max(sizes)) == (wire.shortest, wire.longest)
+    each = KINDS[kind].sample_size
+    assert all(
+        size == (10 + each * count if count and (bits or count <= 80) else NO_PACKET)
+        for (count, bits), size in claimed.items()
+    )

@@ -5,9 +5,12 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import pytest
+
 from lidario.families.stream import Known
 from lidario.families.ydlidar.models import MODELS, Model
 from lidario.families.ydlidar.raw import find_stream
+from lidario.families.ydlidar.simulated.packers import pack_points
 from tests.families.ydlidar.about import CASES
 
 DOCS = Path(__file__).parents[3] / "docs/devices.md"
@@ -73,3 +76,30 @@ def test_where_no_packet_tells_how_long_a_revolution_is_the_slowest_rate_of_the_
     found = find_stream(memoryview(packets), Known(model="g4"))
     assert found is not None
     assert found.stream.sample_ns == 1e9 / 4000
+
+
+def silent(samples: int) -> memoryview:
+    """Revolutions of so many samples, whose start packets tell no speed, as an X4 sends them."""
+    angles = [at * 23040 // samples for at in range(samples)]
+    starts = range(0, samples, 40)
+    turn = [pack_points([900] * len(part), part[0], part[-1]) for part in (angles[at : at + 40] for at in starts)]
+    return memoryview(b"".join([pack_points([900], 0, 0, control=1), *turn] * 3))
+
+
+@pytest.mark.parametrize(
+    ("samples", "title"), [(380, "S4"), (390, "X4"), (1240, "X4"), (1265, "G6"), (1400, "G6"), (6000, "none")]
+)
+def test_where_no_speed_is_told_it_is_one_that_a_model_has(samples: int, title: str) -> None:
+    """Of 4 to 13 revolutions a second; of the models that fit, the likeliest one."""
+    found = find_stream(silent(samples), Known())
+    assert found is not None
+    assert "no model that is known" in found.guess if title == "none" else found.title == f"YDLIDAR {title}"
+
+
+@pytest.mark.parametrize(
+    ("samples", "rate"), [(500, 4000), (700, 4000), (715, 8000), (1050, 8000), (1070, 9000), (1125, 9000)]
+)
+def test_where_no_speed_is_told_the_rate_is_that_of_about_8_revolutions_a_second(samples: int, rate: int) -> None:
+    found = find_stream(silent(samples), Known(model="g4"))
+    assert found is not None
+    assert found.stream.sample_ns == 1e9 / rate

@@ -9,6 +9,7 @@ import pytest
 
 from lidario.errors import InvalidValue, RemoteProtocolError, ResponseTimeout
 from lidario.families.ydlidar.device import YdlidarDevice
+from lidario.families.ydlidar.settings import learn_protection
 from lidario.families.ydlidar.simulated.device import make_simulated
 from lidario.wire.envelope import Request
 from tests.support.bench_4ros import Bench, played
@@ -100,11 +101,15 @@ def test_zero_offset(bench: Bench, quarters: int, degrees: float) -> None:
     assert bench.run(bench.device.zero_offset()) == degrees
 
 
-def test_an_absurd_zero_offset_is_asked_again_and_refused() -> None:
+def test_an_absurd_zero_offset_is_asked_again() -> None:
     answers = [struct.pack("<i", each) for each in (100_000, 9, 9)]
     assert played(YdlidarDevice().zero_offset(), lambda _: answers.pop(0)) == 2.25
-    with pytest.raises(RemoteProtocolError, match="25000"):
-        played(YdlidarDevice().zero_offset(), lambda _: struct.pack("<i", 100_000))
+
+
+@pytest.mark.parametrize(("quarters", "degrees"), [(100_000, "25000 "), (1441, "360.25 "), (-1441, "-360.25 ")])
+def test_more_than_a_turn_is_no_zero_offset(quarters: int, degrees: str) -> None:
+    with pytest.raises(RemoteProtocolError, match=degrees):
+        played(YdlidarDevice().zero_offset(), lambda _: struct.pack("<i", quarters))
 
 
 def test_zero_offset_is_applied_only_on_demand(bench: Bench) -> None:
@@ -154,6 +159,24 @@ def test_a_toggle_whose_answer_was_lost_ends_in_the_wanted_state() -> None:
 
     assert played(YdlidarDevice().power_down_protection(True), lossy) is True
     assert (enabled, toggles) == (True, 3)
+
+
+@pytest.mark.parametrize("before", [False, True])
+@pytest.mark.parametrize("lost", [0, 1, 2])
+def test_two_toggles_tell_protection_and_leave_it(before: bool, lost: int) -> None:
+    """While a response is missing, nothing is known."""
+    enabled, toggles, said = before, 0, list[bool | None]()
+
+    def lossy(request: Request) -> bytes | None:
+        nonlocal enabled, toggles
+        assert said[-1] is None
+        enabled, toggles = not enabled, toggles + 1
+        return None if toggles == lost else bytes((not enabled,))
+
+    played(learn_protection(said.append), lossy)
+    assert said[-1] is enabled
+    if not lost:
+        assert (said, enabled) == ([None, not before, None, before], before)
 
 
 def test_protection_that_does_not_change_is_an_error() -> None:

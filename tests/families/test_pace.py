@@ -1,0 +1,103 @@
+"""How many packets a device has measured by the time between those that came, against a slow way to tell it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from lidario.families.pace import Pace
+from lidario.wire.events import Arrival
+
+FAR = 5000
+Call = tuple[list[int], list[Arrival]]
+Point = tuple[int, int, int]
+
+
+def points_of(calls: Sequence[Call]) -> list[Point]:
+    """When the last packet of each read came, where the rotor was then, and which packet it was."""
+    spans = [span for these, _ in calls for span in these]
+    points: list[Point] = []
+    before = last = 0
+    for these, arrivals in calls:
+        for count, at_ns in arrivals:
+            packet = before + count - 1
+            # Of those that came at once, only the last one came just then.
+            points = [point for point in points if point[0] != at_ns]
+            if max(spans[last:packet], default=0) > FAR:
+                points = []
+            points.append((at_ns, sum(spans[:packet]), packet + 1))
+            last = packet
+        before += len(these)
+    return [] if max(spans[last:], default=0) > FAR else points[-64:]
+
+
+def measured(points: Sequence[Point], packet_ns: int, arc: float) -> tuple[float, float] | None:
+    """As `Pace.measured`."""
+    if len(points) < 3:
+        return None
+    times = np.array([at_ns for at_ns, _, _ in points])
+    middle = points[int(np.argmin(np.abs(times - (times[0] + times[-1]) / 2)))]
+    found = []
+    for (from_ns, from_turned, from_came), (to_ns, to_turned, to_came) in (
+        (points[0], middle),
+        (middle, points[-1]),
+    ):
+        packets = (to_ns - from_ns) / packet_ns
+        arcs = (to_turned - from_turned) / arc if arc else to_came - from_came
+        if packets < 8 or arcs <= 0:
+            return None
+        found.append(packets / arcs)
+    return found[0], found[1]
+
+
+def calls_of(random: np.random.Generator) -> list[Call]:
+    """Some packets at a time, in some reads; a read may go on in the next call, and some packets are far apart."""
+    calls, now = list[Call](), 10**9
+    for _ in range(int(random.integers(1, 40))):
+        count = int(random.integers(1, 9))
+        spans = random.choice([460, 920, 1500, FAR], count).tolist()
+        if random.random() < 0.05:
+            spans[int(random.integers(count))] = FAR + 1
+        ends = sorted({*random.integers(1, count + 1, 2).tolist(), count})
+        arrivals: list[Arrival] = []
+        for end in ends:
+            now += int(random.integers(1, 5_000_000)) if arrivals or random.random() < 0.8 else 0
+            arrivals.append((end, now))
+        calls.append((spans, arrivals))
+    return calls
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_it_knows_what_a_slow_way_tells(seed: int) -> None:
+    random, pace, calls, points = np.random.default_rng(seed), Pace(FAR), list[Call](), list[Point]()
+    for spans, arrivals in calls_of(random):
+        pace.add(spans, arrivals)
+        calls.append((spans, arrivals))
+        points = points_of(calls)
+        turned, came = sum(sum(each) for each, _ in calls), sum(len(each) for each, _ in calls)
+        assert pace.back_from_now() == [(at_ns, turned - there, came - packet) for at_ns, there, packet in points]
+        for packet_ns, arc in ((300_000, 0.0), (300_000, 460.0), (2_000_000, 920.0)):
+            assert pace.measured(packet_ns, arc) == pytest.approx(measured(points, packet_ns, arc))
+        assert pace.measured(0, 460.0) is None
+    twin = pace.copy()
+    pace.clear()
+    assert (pace.back_from_now(), len(twin.back_from_now())) == ([], len(points))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_what_came_with_the_packets_before_is_taken_as_one_read(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    pace, spans = Pace(FAR), random.integers(400, 900, 6).tolist()
+    rest = pace, [(6, 10**9)], len(spans), sum(spans), spans[-1]
+    assert not Pace.is_same_read(*rest)
+    pace.add(spans, [(2, 10**9 - 5), (6, 10**9)])
+    twin, other = pace.copy(), pace.back_from_now()
+    for arrivals in ([(3, 10**9), (6, 10**9)], [(6, 10**9 + 1)], []):
+        assert not pace.is_same_read(arrivals, len(spans), sum(spans), spans[-1])
+        assert pace.back_from_now() == other
+    assert Pace.is_same_read(*rest)
+    twin.add(spans, [(6, 10**9)])
+    assert pace.back_from_now() == twin.back_from_now()
+    assert pace.back_from_now()[-1] == (10**9, spans[-1], 0)
