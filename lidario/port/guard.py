@@ -32,7 +32,7 @@ from lidario.errors import Unsupported
 from lidario.port.background import run_in_thread
 from lidario.wire.envelope import Request
 
-__all__ = ["NAME", "Guard", "check_guard", "start_guard"]
+__all__ = ["NAME", "Guard", "Order", "check_guard", "start_guard"]
 
 _log = logging.getLogger("lidario")
 
@@ -52,7 +52,7 @@ _STATES = {None: "-", False: "0", True: "1"}
 _SIZE_OF_PID = 16
 
 _Plain: TypeAlias = list[tuple[bytes, bool | None]]
-_Order: TypeAlias = tuple[_Plain, _Plain, float, float]
+Order: TypeAlias = tuple[_Plain, _Plain, float, float]
 """As `lidario.port.guard_process.Order`."""
 
 
@@ -92,7 +92,7 @@ class Guard:
     def __init__(self, port: str) -> None:
         self._port = port
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._told: _Order | None = None
+        self._told: Order | None = None
         self._listens_at = 0.0
         self._ended = False
         self._dismissed: Callable[[], None] | None = None
@@ -134,7 +134,7 @@ class Guard:
         listens_at = listens_at if listens_at > time.monotonic() else 0.0
         settle = max(request.settle for request in requests) + MARGIN_S
         order = _plain(requests), _plain(last), settle, listens_at
-        if order != self._told and self._send(order):
+        if order != self._told and self.send(order):
             self._told, self._listens_at = order, listens_at
 
     @property
@@ -150,14 +150,14 @@ class Guard:
             then()
             return
         self._dismissed = then
-        self._send(None)
+        self.send(None)
         self._timer = self._loop.call_later(RELEASE_S, self._give_up)
 
     def dismiss_at_once(self) -> None:
         """As `dismiss`, without a loop; blocks for a millisecond, `RELEASE_S` at most."""
         if self._ended:
             return
-        self._send(None)
+        self.send(None)
         with suppress(OSError):
             self._channel.settimeout(RELEASE_S)
             self._channel.recv(1)
@@ -169,8 +169,8 @@ class Guard:
         self._ended = True
         self._channel.close()
 
-    def _send(self, order: _Order | None) -> bool:
-        """Whether it was sent; a guard that is stopped, or gone, takes nothing."""
+    def send(self, order: Order | None) -> bool:
+        """Send an order; None where the program is done. False where the guard is stopped, or gone."""
         message = _message(order)
         try:
             return self._channel.send(message) == len(message)
@@ -278,7 +278,7 @@ def _at_its_end(channel: socket.socket) -> bool:
         return False
 
 
-def _message(order: _Order | None) -> bytes:
+def _message(order: Order | None) -> bytes:
     """One line, which `lidario.port.guard_process.order_in` reads; None for the farewell."""
     if order is None:
         return _FAREWELL

@@ -70,12 +70,16 @@ TYPES = {
     "irobotix": {0xAD, 0xAE},
 }
 """The numbers by which recordings, and streams of other machines, name what they hold."""
+FIELD = "AMIN:44;AMAX:725;AFRT:384;ARES:1024;DMIN:20;DMAX:5600;SCAN:600"
+"""What a Hokuyo says that it sees; the packets of others need nothing else."""
 
 
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.name)
 def test_the_numbers_that_recordings_hold_stay(family: Family) -> None:
     assert {
-        number for number in range(256) if family.stream_in(ScanMode(0, "", 0.0, 0.0, number)) is not None
+        number
+        for number in range(256)
+        if family.stream_in(ScanMode(0, "", 0.0, 0.0, number, details=FIELD)) is not None
     } == TYPES[family.name]
 
 

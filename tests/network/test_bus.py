@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
 from lidario.network import bus as module
 from lidario.network import handover
 from lidario.network.bus import Bus, Sample
+
+ROUTER = "tcp/192.0.2.7:7447"
 
 
 class Bytes:
@@ -59,6 +64,7 @@ class Session:
     def __init__(self) -> None:
         self.info = self
         self.receive: Callable[[Any], None] = print
+        self.released = threading.Event()
         self.asked = 0
 
     def liveliness(self) -> Session:
@@ -75,6 +81,9 @@ class Session:
         self.receive = receive
         return key
 
+    def close(self) -> None:
+        self.released.wait()
+
     def get(self, key: str, **options: object) -> Iterator[Arrived]:
         while True:
             self.asked += 1
@@ -89,7 +98,7 @@ async def test_a_message_that_comes_while_the_last_one_is_taken_is_taken_too(
     due: list[Callable[[], None]] = []
     with monkeypatch.context() as patch:
         patch.setattr(asyncio, "get_running_loop", lambda: _Loop(due))
-        bus = Bus(session, "tcp/localhost:7447")
+        bus = Bus(session, ROUTER)
     bus.subscribe("a", taken.append)
 
     def run() -> None:
@@ -105,7 +114,7 @@ async def test_a_message_that_comes_while_the_last_one_is_taken_is_taken_too(
 async def test_what_waits_is_bounded_by_its_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(handover, "MOST_WAITING_BYTES", 100 + 2 * handover.ITEM_BYTES)
     session, taken = Session(), list[Sample]()
-    bus = Bus(session, "tcp/localhost:7447")
+    bus = Bus(session, ROUTER)
     bus.subscribe("a", taken.append)
     for number in range(5):
         session.receive(Arrived(bytes([number]) * 40))
@@ -127,7 +136,7 @@ async def test_what_waits_is_bounded_by_its_bytes(monkeypatch: pytest.MonkeyPatc
 async def test_a_message_or_a_key_that_is_too_long_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "MOST_MESSAGE_BYTES", 1000)
     session, taken = Session(), list[Sample]()
-    bus = Bus(session, "tcp/localhost:7447")
+    bus = Bus(session, ROUTER)
     bus.subscribe("a", taken.append)
     long = Arrived(b"")
     long.name = "k" * (module.LONGEST_KEY + 1)
@@ -143,7 +152,7 @@ async def test_a_turn_of_the_loop_takes_a_bounded_time(what: str, monkeypatch: p
     """However fast they come: zenoh's thread adds two for each one that is taken."""
     session, taken, turns, now = Session(), 0, 0, 0
     monkeypatch.setattr("lidario.network.handover.time.monotonic_ns", lambda: now)
-    bus = Bus(session, "tcp/localhost:7447")
+    bus = Bus(session, ROUTER)
 
     def take(*_: object) -> None:
         nonlocal taken, now
@@ -174,7 +183,7 @@ async def test_a_turn_of_the_loop_takes_a_bounded_time(what: str, monkeypatch: p
 
 async def test_work_that_takes_long_is_done_over_several_turns(monkeypatch: pytest.MonkeyPatch) -> None:
     session, now, done = Session(), 0, list[str]()
-    bus = Bus(session, "tcp/localhost:7447")
+    bus = Bus(session, ROUTER)
     monkeypatch.setattr("lidario.network.handover.time.monotonic_ns", lambda: now)
 
     def work(sample: Sample) -> Iterator[None]:
@@ -198,7 +207,7 @@ async def test_work_that_takes_long_is_done_over_several_turns(monkeypatch: pyte
 async def test_a_failure_of_ours_keeps_nothing_from_being_taken() -> None:
     session, taken, told = Session(), list[Sample](), list[object]()
     asyncio.get_running_loop().set_exception_handler(lambda _, context: told.append(context.get("exception")))
-    bus = Bus(session, "tcp/localhost:7447")
+    bus = Bus(session, ROUTER)
 
     def take(sample: Sample) -> None:
         taken.append(sample)
@@ -233,7 +242,7 @@ async def test_messages_without_a_byte_are_bounded_too(monkeypatch: pytest.Monke
 async def test_the_responses_to_a_query_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "MOST_REPLY_BYTES", 10 * (handover.ITEM_BYTES + 101))
     session = Session()
-    bus = Bus(session, "tcp/localhost:7447")
+    bus = Bus(session, ROUTER)
     found = await bus.query("a", 1.0)
     assert len(found) == 10
     assert session.asked < 20
@@ -248,3 +257,31 @@ class _Loop:
 
     def call_soon(self, callback: Callable[..., None], *values: Any) -> None:
         self.call_soon_threadsafe(callback, *values)
+
+
+async def test_leaving_a_router_that_does_not_respond_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "CLOSE_S", 0.02)
+    session = Session()
+    try:
+        async with asyncio.timeout(30):
+            await Bus(session, ROUTER).close()
+    finally:
+        session.released.set()
+
+
+@pytest.mark.parametrize("file", ["", '{mode: "peer", scouting: {multicast: {enabled: true}}}'], ids=["", "a file"])
+async def test_only_the_router_that_was_named_is_connected_to(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, file: str
+) -> None:
+    """Whatever the environment names as configuration."""
+    monkeypatch.delenv("ZENOH_CONFIG", raising=False)
+    if file:
+        (tmp_path / "zenoh.json5").write_text(file)
+        monkeypatch.setenv("ZENOH_CONFIG", str(tmp_path / "zenoh.json5"))
+    opened = Mock(return_value=Session())
+    monkeypatch.setattr("zenoh.open", opened)
+    await Bus.open(ROUTER)
+    (config,) = opened.call_args.args
+    assert config.get_json("mode") == '"client"'
+    assert config.get_json("connect/endpoints") == f'["{ROUTER}"]'
+    assert config.get_json("scouting/multicast/enabled") == "false"

@@ -180,7 +180,7 @@ async def test_it_is_told_what_stops_the_device_and_again_when_that_changes(
         return len(told) > 1
 
     with monkeypatch.context() as patch:
-        patch.setattr(guard, "_send", send)
+        patch.setattr(guard, "send", send)
         slow, later = Request("SLOW", b"s", settle=0.05, dtr=True), time.monotonic() + 100
         # What it did not take it is told once more.
         for requests_, last, listens_at in (
