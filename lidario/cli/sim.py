@@ -11,7 +11,7 @@ import asyncio
 import errno
 import time
 from collections import Counter
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Final, TypeVar
 
 import click
 
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 __all__ = ["name_of", "pty_option", "server_of", "sim", "sum_up", "tcp_option"]
 
 POLL_S = 0.1
-pty_option = click.option("--pty", is_flag=True, help="On a pseudo-terminal: the default on Linux.")
-tcp_option = click.option(
+pty_option: Final = click.option("--pty", is_flag=True, help="On a pseudo-terminal: the default on Linux.")
+tcp_option: Final = click.option(
     "--tcp", metavar="[HOST]:PORT", help="On a TCP port of this machine, or of that address; port 0 is any."
 )
 

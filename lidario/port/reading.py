@@ -66,7 +66,7 @@ class PolledLine(Line):
         self._inbox = Inbox(handle, time.monotonic_ns if port.is_real_time else port.now, read, port.late)
         self._shown = 0
         # What the thread serves does not refer to the line: one that is dropped is not read and written for ever.
-        self.repeat = Repeat(write) if port.is_real_time else None
+        self.repeat: Repeat | None = Repeat(write) if port.is_real_time else None
         failing = partial(_failing, loop, weakref.WeakMethod(self._thread_failed))
         self._watched = Watched(self._inbox, 0.0, failing)
         # While the thread watches. It may be run in any thread at any moment, so there is none of a line at rest.

@@ -81,7 +81,7 @@ class SocketLine(Line, Generic[T]):
         self._port = port
         self._socket: Any = transport.get_extra_info("socket")
         if port.is_real_time:
-            self.repeat = _SocketRepeat(self._socket)
+            self.repeat: Repeat | None = _SocketRepeat(self._socket)
 
     def is_closing(self) -> bool:
         return self._transport.is_closing()

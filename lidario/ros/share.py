@@ -121,7 +121,7 @@ class RawFeed:
     """
 
     def __init__(self, lidar: Lidar, send: Callable[[list[Entry]], None], count_scan: Callable[[], None]) -> None:
-        self.path = Path("zenoh")
+        self.path: Path = Path("zenoh")
         # Not public: users record to files only.
         self._session = lidar._recorded  # noqa: SLF001
         if not self._session.sends_bytes:

@@ -28,7 +28,7 @@ class Motor:
     """
 
     def __init__(self, *, spin_up_s: float = 1.0, turns: float = 0.0) -> None:
-        self.spin_up_s = spin_up_s
+        self.spin_up_s: float = spin_up_s
         self._since = 0
         self._turns = turns
         self._rate = 0.0  # revolutions per second at `_since`
