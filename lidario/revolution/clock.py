@@ -137,7 +137,7 @@ class RevolutionClock:
 
     @property
     def is_late(self) -> bool:
-        """Whether beginnings are late by whole revolutions, of which nobody knows yet where they are missing."""
+        """Whether beginnings are late by whole revolutions, and it is not yet known where these are missing."""
         return self._late_ns is not None
 
     @property
