@@ -48,8 +48,8 @@ class Scan(MeasuredSamples):
         time_increment_ns: Time from one sample to the next.
         duration_ns: Time from the first sample to the end of the revolution.
         rpm: Measured speed: revolutions a minute, by the step of the angle from sample to sample and the time that
-            a sample takes. NaN where so much is missing that neither this revolution nor the times of the others
-            confirm it.
+            a sample takes; of a device that sends each scan as one packet, by the time between scans. NaN where so
+            much is missing that the times of the other revolutions do not confirm it.
         seq: Number of the revolution since the session was opened, 0 for the first. It jumps by the revolutions
             that are missing in between. Those that pass while a request interrupts the stream have no number.
         dropped_before: Scans this reader missed since the one before, because it was slow.
