@@ -259,6 +259,9 @@ class RevolutionClock:
                 lost = min(lost, by_clock)
             elif by_clock > max(last.packets, FEWEST_PACKETS):
                 lost = by_clock
+        if here.broken and not unseen:
+            # It began when it was due; all that came of it may come from behind an outage, or late.
+            here.start_ns -= round(max(0.0, late) * last.revolution_ns)
         self._be_anchor(here, unseen, lost)
         return unseen, lost
 

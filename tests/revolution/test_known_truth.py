@@ -33,6 +33,7 @@ def test_what_comes_is_delivered_and_what_does_not_is_told(name: str, case: str,
     assert found.told == pytest.approx(found.missing, rel=0.08, abs=2)
     if case == "an outage of two turns":
         assert found.told_revolutions == found.missing_revolutions == 3
+        assert found.told == pytest.approx(found.missing, rel=0.01, abs=4)
 
 
 @pytest.mark.long
