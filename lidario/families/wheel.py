@@ -204,8 +204,22 @@ class Wheel(PacedTurning):
         """Keep spans, and where the rotor was when packets came, while the speed is not sure."""
         if self._certain and self._confirmed and not self._strange:
             self._forget()
+            # Time and spans of the speed before tell nothing of the one that may begin here.
+            begin = self._first_strange(spans)
+            spans = spans[begin:]
+            arrivals = [(count - begin, at_ns) for count, at_ns in arrivals if count > begin]
         self._pace.add(spans, arrivals)
         self._spans = [*self._spans, *spans][-REMEMBERED:]
+
+    def _first_strange(self, spans: Sequence[int]) -> int:
+        """Before which packet the first span is that is no whole number of arcs, behind a gap in which turns may hide."""
+        for at, span in enumerate(spans):
+            times = span / self._arc
+            if times > TRUSTED_GAP + 1.5:
+                return at + 1
+            if abs(times - max(1, round(times))) > LIKENESS:
+                return at
+        return len(spans)
 
     def _forget(self) -> None:
         self._spans = []

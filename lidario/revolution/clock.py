@@ -205,6 +205,7 @@ class RevolutionClock:
     def follow(self, here: Beginning) -> Passed:
         """Tell what passed since the beginning before; it is one revolution on by the angles."""
         last, self._last = self._last, here
+        own_ns = here.revolution_ns
         self._correct_packet(here)
         self._correct_speed(here, last)
         anchor = self._anchor
@@ -219,7 +220,7 @@ class RevolutionClock:
             return Passed(0, missing)
         if last is None or not last.revolution_ns or self.needs_speed or self._is_open or self._was_wrong(last):
             return Passed(*self._count_all(here, anchor, elapsed))
-        return Passed(*self._count_late(here, last, anchor, elapsed))
+        return Passed(*self._count_late(here, last, anchor, elapsed, own_ns))
 
     def _count_all(self, here: Beginning, anchor: Beginning, elapsed: float) -> tuple[int, int]:
         """Revolutions and packets that are missing since the anchor, where nothing else tells what passed."""
@@ -233,14 +234,21 @@ class RevolutionClock:
             self._be_anchor(here, unseen, lost + untold)
         return max(0, unseen), lost
 
-    def _count_late(self, here: Beginning, last: Beginning, anchor: Beginning, elapsed: float) -> tuple[int, int]:
+    def _count_late(
+        self, here: Beginning, last: Beginning, anchor: Beginning, elapsed: float, own_ns: float
+    ) -> tuple[int, int]:
         """Revolutions and packets that are missing, by how much later this beginning is than it was due."""
         self._spanned_ns += last.spanned_ns if last.tells_time else math.nan
         share = here.number - anchor.number + here.over - anchor.over
-        late = elapsed / last.revolution_ns - share
+        late_ns = elapsed - share * last.revolution_ns
         if not math.isnan(self._spanned_ns):
             # A rotor changes its speed; the time that a sample takes stays.
-            late = min(late, (elapsed - self._spanned_ns) / last.revolution_ns, key=abs)
+            late_ns = min(late_ns, elapsed - self._spanned_ns, key=abs)
+        # A rotor may have changed its speed since: what passed unseen had one between that before and that behind.
+        ratio = own_ns / last.revolution_ns
+        if here.broken or not (1 / ALIKE < ratio < ALIKE or (ratio and not here.lost)):
+            ratio = 1.0
+        late = 2 * late_ns / ((1 + ratio) * last.revolution_ns)
         # More than one revolution has: an outage of almost one lies in it, and its angles fell back by little.
         most = max(MORE_THAN_ONE * last.revolution_packets, last.revolution_packets + 1)
         gap = last.lost > 0 or (last.broken and last.packets >= most)
@@ -251,17 +259,18 @@ class RevolutionClock:
             if not gap and not (is_sure and self._late_ns >= self._least_late * here.revolution_ns):
                 return 0, 0
             unseen = int(late + NOISE)
-        lost = round(unseen * last.revolution_packets)
+        by_clock = self._missing_by_clock(here, elapsed if unseen else min(elapsed, share * last.revolution_ns))
+        fewest, most = sorted((round(unseen * last.revolution_packets), round(unseen * ratio * last.revolution_packets)))
+        lost = min(max(by_clock, fewest), most)
         if last.broken and (gap or last.packets < NEARLY_ALL * last.revolution_packets):
             # Its angles do not tell all that is missing. Of two witnesses the lesser is told.
-            by_clock = self._missing_by_clock(here, elapsed if unseen else min(elapsed, share * last.revolution_ns))
             if unseen:
                 lost = min(lost, by_clock)
             elif by_clock > max(last.packets, FEWEST_PACKETS):
                 lost = by_clock
         if here.broken and not unseen:
             # It began when it was due; all that came of it may come from behind an outage, or late.
-            here.start_ns -= round(max(0.0, late) * last.revolution_ns)
+            here.start_ns -= round(max(0.0, late_ns))
         self._be_anchor(here, unseen, lost)
         return unseen, lost
 
