@@ -90,6 +90,11 @@ def _ramp(begin: float, end: float, lasts_s: float, hertz: float, seconds: Float
     return begin + (end - begin) * np.clip((seconds - 2.0) / lasts_s, 0.0, 1.0)
 
 
+def _changed(factor: float, hertz: float, seconds: Floats) -> Floats:
+    """At once, three seconds after the beginning, as behind an outage in which it changed."""
+    return np.where(seconds < 3.0, hertz, hertz * factor)
+
+
 def _from_half(hertz: float, seconds: Floats) -> Floats:
     del hertz
     return 0.5 + 9.5 * np.clip(seconds / 3.0, 0.0, 1.0)
@@ -156,6 +161,17 @@ def _outage(seconds: float, stream: TrueStream, random: np.random.Generator) -> 
     begins = stream.times_ns[stream.firsts[:-1]] * 1e-9
     begin = random.uniform(0.4, 0.6) * begins[-1]
     return _only(stream, (begins < begin) | (begins >= begin + seconds))
+
+
+def _outage_at(begin: float, seconds: float, stream: TrueStream, random: np.random.Generator) -> Line:
+    del random
+    begins = stream.times_ns[stream.firsts[:-1]] * 1e-9
+    return _only(stream, (begins < begin) | (begins >= begin + seconds))
+
+
+def _outages(each: float, seconds: float, stream: TrueStream, random: np.random.Generator) -> Line:
+    del random
+    return _only(stream, stream.times_ns[stream.firsts[:-1]] * 1e-9 % each < each - seconds)
 
 
 def _two_turns(stream: TrueStream, random: np.random.Generator) -> Line:
@@ -228,6 +244,9 @@ def _cases() -> Iterator[Case]:
     yield Case("an outage of 0.8 s", partial(_outage, 0.8), _drifting)
     yield Case("an outage of 0.8 s, begun at 345°", partial(_outage, 0.8), _drifting, begin=345 / 360)
     yield Case("an outage of two turns", _two_turns, _drifting)
+    yield Case("an outage of 0.8 s, then 40 % slower", partial(_outage_at, 2.6, 0.8), partial(_changed, 0.6))
+    yield Case("an outage of 0.3 s, then 30 % faster", partial(_outage_at, 2.8, 0.3), partial(_changed, 1.3))
+    yield Case("an outage of 0.15 s each 0.35 s", partial(_outages, 0.35, 0.15), _drifting)
     yield Case("one packet twice", partial(_doubled, 0.0), _drifting)
     yield Case("5 % of the packets twice", partial(_doubled, 0.05), _drifting)
     yield Case("10 % of the packets twice", partial(_doubled, 0.1), _drifting)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Final, NamedTuple, Self
 
 from lidario.families.spans import Turning
@@ -39,18 +40,20 @@ class Pace:
     """When packets of one stream came, and where the rotor was.
 
     Args:
+        full_turn: 360 degrees, in heading units.
         farthest: How far apart packets may be for both to be believed: nothing tells where one that leaps farther
             comes from, and whole turns may hide in it. In heading units.
     """
 
-    def __init__(self, farthest: int) -> None:
+    def __init__(self, full_turn: int, farthest: int) -> None:
+        self._full_turn = full_turn
         self._farthest = farthest
         self._points: list[_Point] = []
         self._turned = self._came = 0
 
     def copy(self) -> Pace:
         """Another one, which goes on from here."""
-        twin = Pace(self._farthest)
+        twin = Pace(self._full_turn, self._farthest)
         twin._points, twin._turned, twin._came = [*self._points], self._turned, self._came
         return twin
 
@@ -107,9 +110,9 @@ class Pace:
         Returns:
             None where too little time has passed to tell.
         """
-        points = self._points
-        if not packet_ns or len(points) < 3:
+        if not packet_ns or len(self._points) < 3:
             return None
+        points = self._without_outages()
         begin, end = points[0], points[-1]
         if end.at_ns - begin.at_ns < 2 * _FEWEST * packet_ns:
             return None
@@ -122,6 +125,24 @@ class Pace:
                 return None
             found.append(measured / arcs)
         return found[0], found[1]
+
+    def _without_outages(self) -> list[_Point]:
+        """The points, as if nothing had passed where a whole turn hides, by the time that a turn mostly takes."""
+        steps = [
+            _Point(after.at_ns - before.at_ns, after.turned - before.turned, after.came - before.came)
+            for before, after in pairwise(self._points)
+        ]
+        each_ns = sorted([step.at_ns / step.turned for step in steps if step.turned > 0])
+        if not each_ns:
+            return self._points
+        turn_ns = each_ns[(len(each_ns) - 1) // 2] * self._full_turn
+        points = [self._points[0]]
+        for step in steps:
+            last = points[-1]
+            if step.at_ns - turn_ns * step.turned / self._full_turn > turn_ns / 2:
+                step = _Point(0, 0, 0)
+            points.append(_Point(last.at_ns + step.at_ns, last.turned + step.turned, last.came + step.came))
+        return points
 
 
 class PacedTurning(Turning):
@@ -144,7 +165,7 @@ class PacedTurning(Turning):
         self._certain = self._confirmed = False
         # How long what comes has not been like that speed.
         self._strange = 0
-        self._pace = Pace(farthest)
+        self._pace = Pace(full_turn, farthest)
 
     def tell_time(self, sample_ns: float) -> None:
         self._packet_ns = self._samples * sample_ns

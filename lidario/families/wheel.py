@@ -212,14 +212,14 @@ class Wheel(PacedTurning):
         self._spans = [*self._spans, *spans][-REMEMBERED:]
 
     def _first_strange(self, spans: Sequence[int]) -> int:
-        """Before which packet the first span is that is no whole number of arcs, behind a gap in which turns may hide."""
+        """Where spans begin that are no whole number of arcs, or a gap ends in which turns may hide; else 0."""
         for at, span in enumerate(spans):
             times = span / self._arc
             if times > TRUSTED_GAP + 1.5:
                 return at + 1
             if abs(times - max(1, round(times))) > LIKENESS:
                 return at
-        return len(spans)
+        return 0
 
     def _forget(self) -> None:
         self._spans = []

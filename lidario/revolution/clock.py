@@ -244,14 +244,12 @@ class RevolutionClock:
         if not math.isnan(self._spanned_ns):
             # A rotor changes its speed; the time that a sample takes stays.
             late_ns = min(late_ns, elapsed - self._spanned_ns, key=abs)
-        # A rotor may have changed its speed since: what passed unseen had one between that before and that behind.
-        ratio = own_ns / last.revolution_ns
-        if here.broken or not (1 / ALIKE < ratio < ALIKE or (ratio and not here.lost)):
-            ratio = 1.0
-        late = 2 * late_ns / ((1 + ratio) * last.revolution_ns)
+        # What passed unseen had a speed between that before and that behind.
+        slower = _slower(here, last, own_ns)
+        late = late_ns / (last.revolution_ns * (1 + slower) / 2)
+        each = last.revolution_packets
         # More than one revolution has: an outage of almost one lies in it, and its angles fell back by little.
-        most = max(MORE_THAN_ONE * last.revolution_packets, last.revolution_packets + 1)
-        gap = last.lost > 0 or (last.broken and last.packets >= most)
+        gap = last.lost > 0 or (last.broken and last.packets >= max(MORE_THAN_ONE * each, each + 1))
         unseen = 0
         if late >= 1 - NOISE:
             self._late_ns = (self._late_ns or 0) + here.read_ns
@@ -260,9 +258,9 @@ class RevolutionClock:
                 return 0, 0
             unseen = int(late + NOISE)
         by_clock = self._missing_by_clock(here, elapsed if unseen else min(elapsed, share * last.revolution_ns))
-        fewest, most = sorted((round(unseen * last.revolution_packets), round(unseen * ratio * last.revolution_packets)))
+        fewest, most = sorted((round(unseen * each), round(unseen * each * slower)))
         lost = min(max(by_clock, fewest), most)
-        if last.broken and (gap or last.packets < NEARLY_ALL * last.revolution_packets):
+        if last.broken and (gap or last.packets < NEARLY_ALL * each):
             # Its angles do not tell all that is missing. Of two witnesses the lesser is told.
             if unseen:
                 lost = min(lost, by_clock)
@@ -331,3 +329,10 @@ class RevolutionClock:
             here.borrowed = True
         elif here.broken or not enough:
             here.revolution_ns = 0.0
+
+
+def _slower(here: Beginning, last: Beginning, own_ns: float) -> float:
+    """How much longer a revolution takes than the one before, times; 1 where its packets do not tell for sure."""
+    times = own_ns / last.revolution_ns
+    like = 1 / ALIKE < times < ALIKE
+    return times if not here.broken and (like or (times and not here.lost)) else 1.0

@@ -36,6 +36,26 @@ def test_what_comes_is_delivered_and_what_does_not_is_told(name: str, case: str,
         assert found.told == pytest.approx(found.missing, rel=0.01, abs=4)
 
 
+@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize(
+    ("case", "off"),
+    [("an outage of 0.8 s, then 40 % slower", 0.04), ("an outage of 0.3 s, then 30 % faster", 0.06)],
+)
+def test_a_rotor_may_turn_at_another_speed_behind_an_outage(name: str, case: str, off: float) -> None:
+    found = _scored(name, case, "read")
+    assert found.told_revolutions == found.missing_revolutions
+    assert found.told == pytest.approx(found.missing, rel=off, abs=2)
+    assert found.wrong == 0
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_turns_that_hide_in_outages_are_not_taken_for_a_speed(name: str) -> None:
+    """Of just over a turn, for some formats, from the first moment on."""
+    found = _scored(name, "an outage of 0.15 s each 0.35 s", "read")
+    assert found.wrong <= 0.001 * found.samples
+    assert found.told <= 1.04 * found.missing
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("name", FORMATS)
 @pytest.mark.parametrize(
