@@ -1,4 +1,4 @@
-"""An export that is ended by a signal leaves nothing beside the file that it has not written; Linux does that."""
+"""An export that is ended by a signal leaves nothing: Linux has files without a name, by /proc/self/fd."""
 
 from __future__ import annotations
 
