@@ -198,7 +198,7 @@ class Device(ABC):
 
     def sample_rate(self) -> Script[SampleRate]:
         """Ask how long a sample takes."""
-        raise Unsupported("this device does not tell its sample rate")
+        raise Unsupported("this device does not tell its sample rate: Scan.time_increment_ns is what is measured")
 
     def scan_frequency(self) -> Script[float]:
         """Ask which scan frequency is set, in Hz."""

@@ -191,7 +191,8 @@ class _SerialLine(PolledLine, asyncio.Protocol):
             self._ended = True
             self.stop()
             self._discard_output()
-            self._transport.abort()
+            if not self._transport.is_closing():  # it may have ended by itself just now
+                self._transport.abort()
 
     def close_without_loop(self) -> None:
         self._closing = True
@@ -247,12 +248,12 @@ class _SerialLine(PolledLine, asyncio.Protocol):
                 threading.Thread(target=os.close, args=(duplicate,), name="lidario: close", daemon=True).start()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """The transport has ended: hand over what was held, close the port, and report it."""
+        """The transport has ended, perhaps by itself: hand over what was held, close the port, and report it."""
+        self.stop()
         self.hand_over()
         self._count()
         with contextlib.suppress(*FOREIGN):
             self._device.close()
-        self._closing = True
         self._port.connection_lost(self._error or exc)
 
     def data_received(self, data: bytes) -> None:

@@ -26,6 +26,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from typing import Protocol
 
 from lidario.latch import Latch
@@ -165,11 +166,14 @@ class ReadingThread:
             if self._thread is not None:
                 self._wake()
                 return
-            try:
-                self._thread = start_thread(self._run, "lidario: read ports")
-            except RuntimeError:
-                self.ports.clear()
-                raise
+        # Not under the lock: garbage may be collected in a thread that starts, and then `remove` is called there.
+        begun = Latch()
+        try:
+            start_thread(partial(self._run, begun), "lidario: read ports")
+        except RuntimeError:
+            self.remove(watched)
+            raise
+        begun.wait()
 
     def remove(self, watched: Served) -> None:
         """Stop serving this port; the last one ends the thread. Ignored where it is not there.
@@ -193,13 +197,15 @@ class ReadingThread:
             self._woken = True
             self._sleep.release()
 
-    def _run(self) -> None:
+    def _run(self, begun: Latch) -> None:
         with self._lock:
-            # Noted here too: Ctrl-C may have ended `add` before it was noted there.
-            if self._thread is None:
+            # Another one serves the ports where two were started at once, or Ctrl-C has ended `add` early.
+            is_needed = self._thread is None
+            if is_needed:
                 self._thread = threading.current_thread()
-            elif self._thread is not threading.current_thread():
-                return
+        begun.set()
+        if not is_needed:
+            return
         while True:
             until = self.serve()
             if until is None:

@@ -16,8 +16,9 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
-from contextlib import ExitStack, contextmanager
-from multiprocessing import get_context, parent_process
+from contextlib import ExitStack, contextmanager, suppress
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from pathlib import Path
 from struct import Struct
 from tempfile import TemporaryDirectory
@@ -104,19 +105,31 @@ def divided(
         yield _in_order(division, others, renumbered)
 
 
-def processes(count: int, folder: Path | None = None) -> Executor:
-    """So many processes, which end when this one is killed; what they wrote to `folder` then goes with them."""
+@contextmanager
+def processes(count: int, folder: Path | None = None) -> Iterator[Executor]:
+    """So many processes, which end when this one is killed; what they wrote to `folder` then goes with them.
+
+    Where the block raises, as by Ctrl-C, they end in the midst of what they do.
+    """
     # Not forked: a process that has threads, or a terminal in use, must not be copied.
-    return ProcessPoolExecutor(count, get_context("spawn"), _end_with_parent, (folder,))
+    context = get_context("spawn")
+    theirs, ours = context.Pipe(duplex=False)
+    with theirs, ours, ProcessPoolExecutor(count, context, _end_with_parent, (theirs, folder)) as pool:
+        try:
+            yield pool
+        except BaseException:
+            ours.close()
+            raise
 
 
-def _end_with_parent(folder: Path | None) -> None:
+def _end_with_parent(lifeline: Connection, folder: Path | None) -> None:
     def wait() -> None:
-        if (parent := parent_process()) is not None:
-            parent.join()
-            if folder is not None:
-                shutil.rmtree(folder, ignore_errors=True)
-            os._exit(1)
+        # The other end is closed, by the parent or with it.
+        with suppress(EOFError, OSError):
+            lifeline.recv_bytes()
+        if folder is not None:
+            shutil.rmtree(folder, ignore_errors=True)
+        os._exit(1)
 
     threading.Thread(target=wait, daemon=True).start()
 

@@ -18,6 +18,7 @@ from copy import deepcopy
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
+from secrets import token_hex
 from typing import IO, Any
 
 import numpy as np
@@ -36,36 +37,53 @@ __all__ = ["export_mcap", "export_npz", "write_whole"]
 
 CHUNK_NS = 1_000_000_000
 _COPY = 1 << 20
+_BY_HANDLE = "/proc/self/fd/{}"
 
 
 @contextmanager
 def write_whole(path: Path, *, overwrite: bool) -> Iterator[Path]:
     """A file that takes the name `path` when the block ends; one that fails leaves nothing.
 
+    Where the system has files without a name, as Linux does, nor does a program that is killed meanwhile.
+
     Raises:
         CannotRecord: It cannot be written, or is there already.
     """
-    part: str | None = None
+    part = path.with_name(f".lidario-{token_hex(8)}")
+    nameless: int | None = None
     try:
         if path.exists() and not overwrite:
             raise CannotRecord(f"{path} exists already: overwrite=True, or --force, replaces it")
         kind = not_a_file(path)
         if kind:
             raise CannotRecord(f"{path} cannot be written: it is {kind}, which is not replaced by a file")
-        handle, part = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        os.close(handle)
-        yield Path(part)
-        # Only its owner may read a file made by mkstemp; other new files may usually be read by all users.
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(part, 0o666 & ~mask)
+        nameless = _nameless(path.parent)
+        if nameless is None:
+            open(part, "xb").close()
+            yield part
+        else:
+            yield Path(_BY_HANDLE.format(nameless))
+            # Python follows this link only where a folder is named, though none is needed.
+            os.link(_BY_HANDLE.format(nameless), part, src_dir_fd=nameless, follow_symlinks=True)
         os.replace(part, path)
     except OSError as error:
         raise CannotRecord(f"{path} cannot be written: {error.strerror or error}") from error
     finally:
-        if part is not None:
-            with contextlib.suppress(OSError):
-                os.unlink(part)
+        with contextlib.suppress(OSError):
+            os.unlink(part)
+        if nameless is not None:
+            os.close(nameless)
+
+
+def _nameless(folder: Path) -> int | None:
+    """A new file in `folder` that goes with this process unless it gets a name; None where there is no such."""
+    if hasattr(os, "O_TMPFILE"):
+        with contextlib.suppress(OSError):
+            handle = os.open(folder, os.O_TMPFILE | os.O_RDWR, 0o666)
+            if os.path.exists(_BY_HANDLE.format(handle)):
+                return handle
+            os.close(handle)
+    return None
 
 
 def export_npz(decoder: FileDecoder, path: Path, *, overwrite: bool = False, jobs: int = 1) -> int:
@@ -143,7 +161,7 @@ def export_mcap(
         jobs = 1
     make = partial(_made, messages)
     with write_whole(path, overwrite=overwrite) as part, divided(decoder, jobs, make, path.parent) as made:
-        writer = FileWriter(part, recording.about, overwrite=True)
+        writer = FileWriter(part, recording.about, overwrite=True, target=path)
         try:
             scans = _Scans(writer, made)
             if isinstance(recording, McapRecording):

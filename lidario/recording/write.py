@@ -90,6 +90,7 @@ class FileWriter:
         about: What stands at its beginning.
         overwrite: Whether a file that is there already may be replaced.
         sync: Whether each chunk is on the disk when `flush` returns, so that it outlasts a power cut.
+        target: What the file will be named, for messages, where it has another name yet.
 
     Attributes:
         size: Bytes of the file so far.
@@ -98,12 +99,20 @@ class FileWriter:
         CannotRecord: It cannot be written, or the package ``mcap`` is missing.
     """
 
-    def __init__(self, path: Path, about: About, *, overwrite: bool = False, sync: bool = False) -> None:
+    def __init__(
+        self,
+        path: Path,
+        about: About,
+        *,
+        overwrite: bool = False,
+        sync: bool = False,
+        target: Path | None = None,
+    ) -> None:
         try:
             from mcap.writer import CompressionType, Writer
         except ModuleNotFoundError:
             raise CannotRecord("recording needs mcap, which is not installed: pip install mcap") from None
-        self.path = path
+        self.path = target or path
         self.size: int = 0
         self._sync = sync
         self._sink = _Sink()
@@ -125,7 +134,7 @@ class FileWriter:
         try:
             self._file = _opened(path, overwrite)
         except OSError as error:
-            raise _failed(path, error) from error
+            raise _failed(self.path, error) from error
         if sync:
             _sync_folder(path)
         try:

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
 from lidario.families.base import Stream
-from lidario.measured import later
 from lidario.revolution.assemble import Assembler
 from lidario.revolution.build import DatedRevolution, turned_by
 from lidario.revolution.incoming import Clock
@@ -139,34 +139,47 @@ class WholeSectors(WholeAssembler):
                 self._publish_sector(count, sector)
 
 
-def sectors_of(scan: Scan, count: int) -> list[Sector]:
-    """A whole scan as so many sectors of a turn; those beside the field of the device hold no samples."""
-    step = abs(scan.field_of_view) / len(scan) if len(scan) else 360.0
-    turn_ns = 360.0 / step * scan.time_increment_ns
-    found: list[Sector] = []
-    for index in range(count):
-        # Sample i covers the directions from i steps to i + 1.
-        begin, end = (min(math.ceil(360.0 / count * at / step - 0.5), len(scan)) for at in (index, index + 1))
-        begins_ns = begin * scan.time_increment_ns if begin < len(scan) else round(turn_ns * index / count)
-        sector = Sector(
+def sectors_of(scan: Scan, parts: int) -> Iterator[Sector]:
+    """A scan that came whole, in so many parts; the first one tells its lost packets.
+
+    One of which nothing came is left out, as its place tells. One beside the field of the device was never
+    measured: it comes and holds no samples.
+    """
+    count, field = len(scan), abs(scan.field_of_view)
+    away = math.copysign(1.0, scan.field_of_view) * (scan.device_angles.astype(np.float64) - scan.seam) % 360.0
+    numbers = np.minimum((away * (parts / 360.0)).astype(np.intp), parts - 1)
+    # Corrected angles may stand before the seam, or fall back over the end of a sector.
+    numbers[: count // 4][numbers[: count // 4] > parts // 2] = 0
+    numbers = np.maximum.accumulate(numbers)
+    bounds = np.searchsorted(numbers, np.arange(parts + 1)).tolist()
+    times_ns = [*scan.times_ns.tolist(), scan.stamp_ns + scan.duration_ns]
+    lost = scan.lost_packets
+    for index, (begin, end) in enumerate(pairwise(bounds)):
+        stamp_ns = times_ns[begin]
+        if begin == end:
+            if begin < count or field >= 360.0:
+                continue
+            # When the rotor comes there.
+            stamp_ns = scan.stamp_ns + round(scan.duration_ns * 360.0 / field * index / parts)
+        yield Sector(
             device_angles=scan.device_angles[begin:end],
             device_distances=scan.device_distances[begin:end],
             intensities=None if scan.intensities is None else scan.intensities[begin:end],
-            stamp_ns=scan.stamp_ns,
-            wall_stamp_ns=scan.wall_stamp_ns,
+            stamp_ns=stamp_ns,
+            wall_stamp_ns=scan.wall_stamp_ns + stamp_ns - scan.stamp_ns,
             time_increment_ns=scan.time_increment_ns,
-            duration_ns=(end - begin) * scan.time_increment_ns,
+            duration_ns=times_ns[end] - times_ns[begin],
             rpm=scan.rpm,
             seq=scan.seq,
             index=index,
-            degrees=360.0 / count,
+            degrees=360.0 / parts,
             dropped_before=0,
-            lost_packets=0,
+            lost_packets=lost,
             mode=scan.mode,
             max_range=scan.max_range,
+            field_of_view=scan.field_of_view,
         )
-        found.append(later(sector, begins_ns))
-    return found
+        lost = 0
 
 
 def assembler_of(

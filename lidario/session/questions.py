@@ -66,7 +66,7 @@ class Questions(ABC):
         return await self._scanner.modes()
 
     async def get_sample_rate(self) -> SampleRate:
-        """Ask how long a sample takes, in microseconds.
+        """Ask how long a sample takes, in microseconds; `Scan.time_increment_ns` is what it took.
 
         Raises:
             Unsupported: The device does not tell.

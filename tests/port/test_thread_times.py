@@ -104,10 +104,7 @@ def test_a_port_that_the_loop_reads_all_the_time_is_left_to_it() -> None:
 def thread_of(clock: Clock, *ports: Watched) -> ReadingThread:
     """One that serves these ports, and was not started."""
     thread = ReadingThread(lambda: clock.now)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("lidario.port.thread.start_thread", lambda *_: None)
-        for each in ports:
-            thread.add(each)
+    thread.ports.extend(ports)
     return thread
 
 

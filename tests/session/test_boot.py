@@ -8,7 +8,7 @@ from functools import partial
 
 import pytest
 
-from lidario import Lidar, ResponseTimeout
+from lidario import Lidar, ResponseTimeout, SessionClosed
 from tests.support.devices import FAMILIES, both_families, discarded, left_still, make_rig, names
 from tests.support.loop import driven, run_driven
 
@@ -80,3 +80,22 @@ async def test_a_device_that_never_boots_is_waited_for_only_once(family: str) ->
         with pytest.raises(ResponseTimeout):
             await lidar.get_health()
         assert loop.time() - began < 3.0
+
+
+@both_families
+@driven
+async def test_closing_does_not_wait_for_a_boot_that_a_start_would_wait_for(family: str) -> None:
+    rig = make_rig(family)
+    rig.device.boot_s = 5.0
+    loop = asyncio.get_running_loop()
+    async with rig.open() as lidar:
+        resetting = asyncio.create_task(lidar.reset())
+        await asyncio.sleep(0.1)
+        reading = asyncio.create_task(lidar.scan())
+        await asyncio.sleep(0.6)
+        began = loop.time()
+        await lidar.close()
+        assert loop.time() - began < 0.5
+        ended = await asyncio.gather(resetting, reading, return_exceptions=True)
+        assert loop.time() - began < 0.5
+    assert [type(each) for each in ended] == [SessionClosed, SessionClosed]

@@ -286,3 +286,18 @@ async def test_a_session_that_is_abandoned_is_left_still(model: str) -> None:
     gc.collect()
     assert left_still(rig)
     await asyncio.sleep(0.1)
+
+
+@driven
+async def test_a_c1_whose_limits_were_lost_on_the_way_is_left_still() -> None:
+    rig = make_rig("rplidar-c1")
+    receive = rig.device.receive
+
+    def lossy(data: bytes, now: int) -> None:
+        if not data.startswith(b"\xa5\x84\x04\x04"):
+            receive(data, now)
+
+    rig.device.receive = lossy
+    async with rig.open() as lidar:
+        await lidar.scan()
+    assert left_still(rig)

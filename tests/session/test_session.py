@@ -6,6 +6,7 @@ import asyncio
 import gc
 import time
 import weakref
+from dataclasses import replace
 
 import pytest
 
@@ -225,8 +226,19 @@ async def test_sample_rates_and_what_there_is_not() -> None:
         assert lidar.measured_scan_frequency is None
     assert "closed" in repr(lidar)
     async with second.open() as lidar:
-        with pytest.raises(Unsupported):
+        with pytest.raises(Unsupported, match="time_increment_ns"):
             await lidar.get_sample_rate()
+
+
+@pytest.mark.parametrize("rate", [9000, 8000, 4000])
+@driven
+async def test_a_sample_rate_that_the_device_does_not_tell_is_measured(rate: int) -> None:
+    rig = make_rig("ydlidar-g4")
+    rig.device.profile = replace(rig.device.profile, sample_ns=10**9 // rate)
+    async with rig.open() as lidar:
+        with pytest.raises(Unsupported, match="time_increment_ns"):
+            await lidar.get_sample_rate()
+        assert (await take(lidar, 4))[-1].time_increment_ns == pytest.approx(1e9 / rate, rel=0.001)
 
 
 @both_families

@@ -108,6 +108,26 @@ def test_it_is_stopped_at_any_moment(family: str, b: Other, delay_s: float, phas
                 raise AssertionError(f"{a.__name__}, after {moment_s:.3f} s: {error}") from error
 
 
+@pytest.mark.parametrize("delay_s", [0.6, 0.9, 1.5, 1.9])
+@pytest.mark.parametrize("moment_s", [0.12, 0.3, 0.7, 1.2])
+@both_families
+def test_closing_waits_for_a_response_that_nobody_waits_for_any_more(
+    family: str, moment_s: float, delay_s: float
+) -> None:
+    async def main() -> None:
+        rig = make_rig(family)
+        lidar = await rig.open()
+        await lidar.scan()
+        rig.device.response_delay_s = delay_s
+        asking = asyncio.ensure_future(lidar.get_health())
+        await asyncio.sleep(moment_s)
+        await lidar.close()
+        await asyncio.gather(asking, return_exceptions=True)
+        assert left_still(rig)
+
+    run_driven(main)
+
+
 @pytest.mark.parametrize("model", ["rplidar-a1", "rplidar-a2"])
 def test_motors_of_other_kinds(model: str) -> None:
     """By DTR, and by an accessory board."""

@@ -6,7 +6,7 @@ way    who                                        what the host does
 RPM    S and T series; a C1 that tells its limits MOTOR_SPEED_CTRL, revolutions a minute
 PWM    A2, A3 with an accessory board             SET_MOTOR_PWM, a duty. They send no packet before
 DTR    A1                                         the control line: cleared turns it, asserted stops it
-NONE   A2, A3 on a bare UART; other C1            nothing
+NONE   A2, A3 on a bare UART; other C1            nothing, but for what stops the motor of a C1
 =====  =========================================  ====================================================
 
 Vendor's SDK 2.1.0, `checkMotorCtrlSupport` and `setMotorSpeed`, with two differences. The SDK takes the C1 for one
@@ -86,13 +86,14 @@ class MotorControl:
 
     def halt(self) -> tuple[Request, ...]:
         """What stops the motor; where the way is not decided yet, a request that does no harm."""
-        if self._way is Way.NONE:
+        if self._way is Way.NONE and self._major < FIRST_C:
             return ()
         if self._way is Way.DTR:
             return (commands.DTR_STOPS,)
         if self._way is Way.PWM or A1 < self._major < FIRST_C:
             return (commands.motor_pwm(0),)
-        # Before the device is identified too: one that does not know it ignores it.
+        # Before the device is identified too: one that does not know it ignores it. So does a C1, whose limits may
+        # have been lost on the way, and whose motor is started by SCAN.
         return (commands.motor_speed(0),)
 
     def start(self) -> Script[None]:

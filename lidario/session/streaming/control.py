@@ -121,8 +121,11 @@ class StreamControl:
         try:
             stream = await self._at.dialogue.run(self._at.device.start(wanted.mode, force=wanted.force))
         except ResponseTimeout as error:
-            # A device that has stopped to protect itself starts no stream, and does not say so by itself.
-            self.failure = Failure(f"no stream begins ({error})", "does it know this scan mode?", error=error)
+            # A device that has stopped to protect itself starts no stream, and does not say so by itself. Nor does
+            # one that does not know the mode. A damaged line loses the request, or the response before the packets.
+            lost = error.noise > 0 or wanted.mode in self.modes
+            what, cause = f"no stream begins ({error})", "does it know this scan mode?"
+            self.failure = Failure(what, cause, restart=lost, error=error)
             return
         if self.state is not State.STARTING or wanted != self.wanted:
             # Nobody wants it any more, and the stop requests are written already.

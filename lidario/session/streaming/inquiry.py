@@ -6,8 +6,9 @@ same: silent. So it is stopped, and asked for its health, or at least what it is
 * It reports an error: it has stopped to protect itself (Protection Stop). A RESET cures that mostly. It is sent
   once; when another error follows within a minute, `DeviceFault` ends the stream, since repeated Protection Stops
   may be a sign of lasting damage (S-series interface manual, GET_HEALTH).
-* It is well, and the stream had brought scans: the stream is started again, three times a minute at most. That
-  happens where power-down protection has stopped the device.
+* It is well, and the stream had brought scans, or its start had no response: the stream is started again, three
+  times a minute at most. That happens where power-down protection has stopped the device, and where a damaged line
+  has lost the start. Nothing at all in response to a mode that the device does not list is no damage.
 * It is well, but the stream had brought nothing, or packets come without a revolution: `StreamFailed`.
 * It does not respond: `StreamFailed`.
 
@@ -91,8 +92,8 @@ class Inquiry:
                 raise fault_of(health, f"again within {PERIOD_S:.0f} s of a reset")
             self._reset_at = now
             await self._cure(health, failure.what)
-        elif not await self._at.dialogue.run(self._at.device.explain_silence(failure.lasted_s)) and not (
-            failure.silent and failure.scans
+        elif not (
+            await self._at.dialogue.run(self._at.device.explain_silence(failure.lasted_s)) or failure.restart
         ):
             raise StreamFailed(
                 f"{failure.what}, though it responds and its health is {_named(health)}: {failure.cause}"

@@ -68,8 +68,7 @@ class Failure:
         what: It in words, as the beginning of a sentence.
         cause: The likeliest cause, as a question, if the device turns out to be well.
         noise: Whether bytes arrive that are no packets.
-        silent: Whether no packets arrive.
-        scans: Scans that the stream brought before.
+        restart: Whether it is worth starting the stream again, if the device turns out to be well.
         lasted_s: Seconds from its start to its last packet; 0 when there was none.
         error: What its start failed with, if it did not even begin.
     """
@@ -77,8 +76,7 @@ class Failure:
     what: str
     cause: str
     noise: bool = False
-    silent: bool = True
-    scans: int = 0
+    restart: bool = False
     lasted_s: float = 0.0
     error: LidarError | None = None
 
@@ -265,7 +263,7 @@ class Running:
 
     def _failure(self, what: str, cause: str, *, noise: bool = False, silent: bool = True) -> Failure:
         lasted_s = self._last_packet - self._began
-        return Failure(what, cause, noise=noise, silent=silent, scans=self._scans, lasted_s=lasted_s)
+        return Failure(what, cause, noise=noise, restart=silent and self._scans > 0, lasted_s=lasted_s)
 
     def _keep_alive(self) -> None:
         keepalive = self._stream.keepalive

@@ -25,6 +25,7 @@ from lidario.errors import DeviceLost, LidarError
 from lidario.families.base import Script
 from lidario.measured import changed
 from lidario.model import ScanMode
+from lidario.revolution.whole import sectors_of
 from lidario.scan import Scan
 from lidario.session.finding.connection import At
 from lidario.session.streaming.control import StreamControl
@@ -33,7 +34,6 @@ from lidario.session.streaming.inquiry import Inquiry
 from lidario.session.streaming.line_changes import LineWatch
 from lidario.session.streaming.readers import Hub
 from lidario.session.streaming.running import Failure, Outlets, Totals
-from lidario.session.streaming.sectors import sectors_of
 from lidario.session.streaming.starter import Starter
 from lidario.session.streaming.states import State
 from lidario.session.streaming.stream import Mailbox

@@ -7,20 +7,15 @@ many sectors it wants a revolution divided.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from itertools import pairwise
-
-import numpy as np
 
 from lidario.arguments import finite, shown
 from lidario.errors import InvalidValue
 from lidario.revolution.sectors import MOST_PARTS
-from lidario.scan import Scan
 from lidario.sector import Sector
 from lidario.session.streaming.pace import LONGEST_HOLD_S, Pace
 from lidario.session.streaming.stream import ReaderStream
 
-__all__ = ["DEFAULT_DEGREES", "SectorPace", "SectorStream", "parts_of", "sectors_of"]
+__all__ = ["DEFAULT_DEGREES", "SectorPace", "SectorStream", "parts_of"]
 
 DEFAULT_DEGREES = 45.0
 _WHOLE = 1e-6
@@ -47,41 +42,6 @@ def parts_of(degrees: float) -> int:
             f"not so {shown(degrees)}"
         )
     return whole
-
-
-def sectors_of(scan: Scan, parts: int) -> Iterator[Sector]:
-    """A scan that came whole, from another machine, in so many parts; the first one tells its lost packets."""
-    count = len(scan)
-    away = math.copysign(1.0, scan.field_of_view) * (scan.device_angles.astype(np.float64) - scan.seam) % 360.0
-    index = np.minimum((away * (parts / 360.0)).astype(np.intp), parts - 1)
-    # Corrected angles may stand before the seam, or fall back over the end of a sector.
-    index[: count // 4][index[: count // 4] > parts // 2] = 0
-    index = np.maximum.accumulate(index)
-    bounds = np.searchsorted(index, np.arange(parts + 1)).tolist()
-    ends_ns = [*scan.times_ns.tolist(), scan.stamp_ns + scan.duration_ns]
-    lost = scan.lost_packets
-    for number, (begin, end) in enumerate(pairwise(bounds)):
-        if begin == end:
-            continue
-        yield Sector(
-            device_angles=scan.device_angles[begin:end],
-            device_distances=scan.device_distances[begin:end],
-            intensities=None if scan.intensities is None else scan.intensities[begin:end],
-            stamp_ns=ends_ns[begin],
-            wall_stamp_ns=scan.wall_stamp_ns + ends_ns[begin] - scan.stamp_ns,
-            time_increment_ns=scan.time_increment_ns,
-            duration_ns=ends_ns[end] - ends_ns[begin],
-            rpm=scan.rpm,
-            seq=scan.seq,
-            index=number,
-            degrees=360.0 / parts,
-            dropped_before=0,
-            lost_packets=lost,
-            mode=scan.mode,
-            max_range=scan.max_range,
-            field_of_view=scan.field_of_view,
-        )
-        lost = 0
 
 
 class SectorPace(Pace):

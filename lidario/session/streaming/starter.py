@@ -67,7 +67,8 @@ class Starter:
         try:
             while self._has_work:
                 async with self._lock:
-                    if control.is_away:
+                    # The line was lost, or the session closed, while another operation held it.
+                    if control.is_away or control.state is State.CLOSED:
                         return
                     self._at.dialogue.begin()
                     control.starting = True

@@ -47,7 +47,14 @@ class Readiness:
     @property
     def owes_until(self) -> float:
         """Until when the device may be busy with a response that has not come, on the loop's clock; 0 for none."""
-        return self._due if self._link.state is _AWAITING else self.late_until
+        if self._link.state is not _AWAITING:
+            return self.late_until
+        return max(self._due, self._latest)
+
+    @property
+    def _latest(self) -> float:
+        """Until when the response to the last question may come, from a device that responds; 0 from none."""
+        return self._asked_at + LATEST_RESPONSE_S if self.has_responded else 0.0
 
     def pause(self, settle: float) -> None:
         """A request is about to be written that demands a pause of so many seconds."""
@@ -60,8 +67,7 @@ class Readiness:
     def give_up(self) -> None:
         """The response has not come in time."""
         self._link.forget()
-        if self.has_responded:
-            self.late_until = self._asked_at + LATEST_RESPONSE_S
+        self.late_until = self._latest
 
     def forget(self) -> None:
         """Nothing is owed any more."""

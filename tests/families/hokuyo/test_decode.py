@@ -149,7 +149,10 @@ def test_a_zero_offset_turns_the_field_too() -> None:
 @pytest.mark.parametrize("parts", [1, 3, 4, 8, 36, 360])
 def test_sectors_hold_each_sample_once_and_none_beside_the_field(parts: int) -> None:
     (scan,) = scans_of([(CASE.packets[0], TURN_NS)])
-    sectors = sectors_of(scan, parts)
+    sectors = list(sectors_of(scan, parts))
+    assert {each.field_of_view for each in sectors} == {scan.field_of_view}
+    stamps = [each.stamp_ns for each in sectors]
+    assert stamps == sorted(stamps)
     assert [each.index for each in sectors] == list(range(parts))
     np.testing.assert_array_equal(np.concatenate([each.device_angles for each in sectors]), scan.device_angles)
     np.testing.assert_array_equal(np.concatenate([each.times_ns for each in sectors]), scan.times_ns)

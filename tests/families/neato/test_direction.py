@@ -9,8 +9,8 @@ import pytest
 
 import lidario
 from lidario.families.neato.simulated.packers import pack_packet
+from lidario.revolution.whole import sectors_of
 from lidario.scan import Scan
-from lidario.session.streaming.sectors import sectors_of
 from tests.families.neato.about import CASES, LAYOUTS
 from tests.support.streams import assembled
 

@@ -1,0 +1,92 @@
+"""An export that is ended by a signal leaves nothing: Linux has files without a name, by /proc/self/fd."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from lidario import CannotRecord
+from lidario.recording.export import write_whole
+from tests.support.ports import PATIENCE_S
+
+ROOT = Path(__file__).resolve().parents[2]
+WRITES = """
+import sys
+from pathlib import Path
+from lidario.recording.export import write_whole
+with write_whole(Path(sys.argv[1]), overwrite=True) as part:
+    part.write_bytes(b"half of")
+    print(flush=True)
+    sys.stdin.read()
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize("before", [None, b"the old one"], ids=["new", "replaced"])
+def test_a_signal_leaves_nothing(tmp_path: Path, number: signal.Signals, before: bytes | None) -> None:
+    path = tmp_path / "run.npz"
+    if before is not None:
+        path.write_bytes(before)
+    command = [sys.executable, "-c", WRITES, str(path)]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, cwd=ROOT
+    ) as writing:
+        assert writing.stdout is not None
+        writing.stdout.readline()
+        writing.send_signal(number)
+        assert writing.wait(PATIENCE_S) != 0
+    assert [each.name for each in tmp_path.iterdir()] == ([] if before is None else [path.name])
+    if before is not None:
+        assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("has_nameless", [True, False])
+@pytest.mark.parametrize("before", [None, b"the old one"], ids=["new", "replaced"])
+def test_it_appears_when_it_is_whole_as_any_new_file(
+    tmp_path: Path, has_nameless: bool, before: bytes | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, other = tmp_path / "run.npz", tmp_path / "other"
+    other.write_bytes(b"")
+    if before is not None:
+        path.write_bytes(before)
+    if not has_nameless:
+        monkeypatch.delattr(os, "O_TMPFILE")
+    with write_whole(path, overwrite=True) as part:
+        part.write_bytes(b"half of")
+        assert (path.read_bytes() if path.exists() else None) == before
+        part.write_bytes(b"the new one")
+    assert path.read_bytes() == b"the new one"
+    assert path.stat().st_mode == other.stat().st_mode
+    with pytest.raises(CannotRecord, match="exists already"), write_whole(path, overwrite=False):
+        pass
+    with pytest.raises(ZeroDivisionError), write_whole(path, overwrite=True) as part:
+        part.write_bytes(b"half of")
+        raise ZeroDivisionError
+    assert path.read_bytes() == b"the new one"
+    assert sorted(tmp_path.iterdir()) == [other, path]
+
+
+WAITS = """
+import time
+from lidario.recording.divided import processes
+if __name__ == "__main__":
+    with processes(1) as pool:
+        for _ in range(3):
+            pool.submit(time.sleep, 600)
+        raise KeyboardInterrupt
+"""
+
+
+def test_ctrl_c_does_not_wait_for_the_files_of_other_processes(tmp_path: Path) -> None:
+    program = tmp_path / "waits.py"
+    program.write_text(WAITS)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, program], env=environment, stderr=subprocess.PIPE, timeout=PATIENCE_S, check=False
+    )
+    assert done.stderr.endswith(b"KeyboardInterrupt\n")

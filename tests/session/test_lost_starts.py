@@ -1,0 +1,105 @@
+"""A damaged line loses the request that starts a stream, or the response to it: the stream is started again."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from lidario import ResponseTimeout, StreamFailed
+from tests.support.devices import OBEDIENT, Rig, end_of, left_still, make_rig
+from tests.support.loop import driven, now
+
+STARTS = (b"\xa5\x20", b"\xa5\x82", b"\xa5\x83", b"\xa5\x60", b"MD")
+"""How the requests begin that start a stream."""
+KINDS = [(name, None) for name in OBEDIENT] + [("rplidar-c1", "Standard")]
+kinds = pytest.mark.parametrize(("name", "mode"), KINDS, ids=[name for name, _ in KINDS])
+FOREVER = 1000
+
+
+class PoorLine:
+    """Flips a bit of some requests that start a stream, or of what responds to them.
+
+    Attributes:
+        left: How many are still to be damaged.
+    """
+
+    def __init__(self, rig: Rig, way: str) -> None:
+        self.left = 0
+        self._way = way
+        self._responds = False
+        self._device: Any = rig.device
+        self._receive, self._transmit = self._device.receive, self._device.transmit
+        self._device.receive, self._device.transmit = self.receive, self.transmit
+
+    def receive(self, data: bytes, at: int) -> None:
+        if self.left and data.startswith(STARTS):
+            self.left -= 1
+            if self._way == "request":
+                data = bytes((data[0] ^ 1, *data[1:]))
+            else:
+                self._responds = True
+        self._receive(data, at)
+
+    def transmit(self, at: int) -> bytes:
+        data: bytes = self._transmit(at)
+        if data and self._responds:
+            self._responds = False
+            data = bytes((data[0] ^ 1, *data[1:]))
+        return data
+
+
+@kinds
+@pytest.mark.parametrize("way", ["request", "response"])
+@driven
+async def test_two_starts_that_are_lost_in_a_row_end_nothing(name: str, mode: str | None, way: str) -> None:
+    rig = make_rig(name)
+    line = PoorLine(rig, way)
+    async with rig.open() as lidar:
+        line.left = 2
+        async with lidar.scans(mode) as stream:
+            first = await anext(stream)
+            assert line.left == 0
+            line.left = 2
+            await lidar.get_health()
+            while (await anext(stream)).stamp_ns <= first.stamp_ns + 2_000_000_000:
+                pass
+            assert line.left == 0
+        assert lidar.stats.restarts <= 2
+    assert left_still(rig)
+
+
+@kinds
+@driven
+async def test_starts_that_are_always_lost_end_the_stream_in_a_bounded_time(name: str, mode: str | None) -> None:
+    rig = make_rig(name)
+    line = PoorLine(rig, "request")
+    async with rig.open() as lidar:
+        line.left = FOREVER
+        began = now()
+        with pytest.raises(ResponseTimeout):
+            await lidar.scan(mode)
+        assert now() - began < 20.0
+        assert lidar.stats.restarts == 3
+        line.left = 0
+        async with lidar.scans(mode) as stream:
+            await anext(stream)
+            line.left = FOREVER
+            await lidar.get_health()
+            await end_of(stream, StreamFailed, "could not be started again")
+        line.left = 0
+        assert await lidar.scan(mode)
+    assert left_still(rig)
+
+
+@driven
+async def test_a_mode_that_is_not_listed_and_starts_nothing_is_told_of_at_once() -> None:
+    rig = make_rig("rplidar-s2")
+    line = PoorLine(rig, "request")
+    async with rig.open() as lidar:
+        line.left = FOREVER
+        began = now()
+        with pytest.raises(ResponseTimeout, match="HQ_SCAN"):
+            await lidar.scan("HQ scan")
+        assert now() - began < 5.0
+        assert lidar.stats.restarts == 0
