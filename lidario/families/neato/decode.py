@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.neato.formats import PACKET
+from lidario.families.neato.formats import PacketFormat
 from lidario.families.slots import DegreeDecoder
 
 __all__ = ["BackDecoder", "PacketDecoder"]
@@ -23,10 +23,9 @@ _MILLIMETRES: Final = 0x3FFF
 
 
 class PacketDecoder(DegreeDecoder):
-    """Decodes the packets of one stream; of a rotor that turns clockwise, unless `back`."""
+    """Decodes the packets of one stream; of a rotor that turns clockwise."""
 
-    def __init__(self, *, back: bool = False) -> None:
-        super().__init__(PACKET, back=back)
+    wire = PacketFormat
 
     def _returns(self, rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         words = rows["samples"]["distance"]
@@ -37,5 +36,4 @@ class PacketDecoder(DegreeDecoder):
 class BackDecoder(PacketDecoder):
     """Decodes the packets of one stream of an XV-11, which turns counter-clockwise."""
 
-    def __init__(self) -> None:
-        super().__init__(back=True)
+    back = True
