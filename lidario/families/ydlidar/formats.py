@@ -82,20 +82,6 @@ def equal_sizes(data: bytes | bytearray, at: int, size: int) -> int:
 
 def packet_heads(packets: Packets) -> NDArray[np.uint16]:
     """The words before the samples, shape (packets, 5)."""
-    words = np.frombuffer(packets.data, "<u2", len(packets.data) >> 1)
-    heads: list[NDArray[np.uint16]] = []
-    at = 0
-    for size, count in packets.blocks:
-        if size & 1:
-            return _odd_heads(packets)
-        end = at + (size * count >> 1)
-        heads.append(words[at:end].reshape(count, size >> 1)[:, : HEADER_SIZE // 2])
-        at = end
-    return heads[0] if len(heads) == 1 else np.concatenate(heads)
-
-
-def _odd_heads(packets: Packets) -> NDArray[np.uint16]:
-    """The same where packets do not begin at even places."""
     rows = np.frombuffer(packets.data, np.uint8)
     begins = np.array(packet_offsets(packets.blocks)[:-1])
     return rows[begins[:, None] + np.arange(HEADER_SIZE)].view("<u2")
@@ -220,18 +206,7 @@ class PointCloud(StreamFormat):
     def _intact_many(self, data: bytearray, at: int, blocks: Sequence[Block], count: int) -> int:
         """The same, as one array."""
         words = np.frombuffer(data, "<u2", sum([size * rows for size, rows in blocks]) // 2, at)
-        begins = _begins(blocks)
+        begins = np.array(packet_offsets(blocks)[:-1]) >> 1
         wrong = np.bitwise_xor.reduceat(words, begins)
         wrong |= words.take(begins) ^ MAGIC_WORD
         return int((wrong != 0).argmax()) if np.count_nonzero(wrong) else count
-
-
-def _begins(blocks: Sequence[Block]) -> NDArray[np.intp]:
-    """At which word each packet begins."""
-    found: list[NDArray[np.intp]] = []
-    at = 0
-    for size, rows in blocks:
-        end = at + (size * rows >> 1)
-        found.append(np.arange(at, end, size >> 1))
-        at = end
-    return found[0] if len(found) == 1 else np.concatenate(found)
