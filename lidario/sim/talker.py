@@ -9,14 +9,13 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import KW_ONLY, dataclass
-from typing import Final, Generic, TypeVar
+from typing import Final, Generic, TypeVar, Unpack
 
 import numpy as np
 import numpy.typing as npt
 
-from lidario.sim.chassis import Chassis
+from lidario.sim.chassis import Chassis, Making
 from lidario.sim.motor import Motor
-from lidario.sim.world import WorldLike
 
 __all__ = ["PacedByAngle", "PacedByTime", "Running", "Talker", "TalkerProfile", "within"]
 
@@ -90,29 +89,14 @@ class Running:
         self.ready = origin
 
 
-class Talker(Chassis[Running], Generic[ProfileT]):
+class Talker(Chassis[ProfileT, Running], Generic[ProfileT]):
     """One that talks from power-up on; what the host sends is not seen, unless a device derived from it does.
 
-    Args:
-        profile: What it is.
-        world: What it sees; the furnished room by default.
-        serial: Not used: such devices tell no serial number.
-        seed: Decides noise, first angle and intensities.
-
-    Attributes:
-        profile: What it is; this and more as in `Chassis`.
+    Arguments and attributes as in `Chassis`. Such devices tell no serial number.
     """
 
-    def __init__(
-        self,
-        profile: ProfileT,
-        *,
-        world: WorldLike | None = None,
-        serial: bytes | str | None = None,  # noqa: ARG002
-        seed: int = 0,
-    ) -> None:
-        super().__init__(profile.baudrate, world, seed, profile.model)
-        self.profile: ProfileT = profile
+    def __init__(self, profile: ProfileT, **making: Unpack[Making]) -> None:
+        super().__init__(profile, **making)
         self.boot_s: float = 0.5
         self._rpm = profile.hertz * 60
         self._motor = Motor(spin_up_s=1.0, turns=float(self._random.random()))
