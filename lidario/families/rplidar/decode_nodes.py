@@ -11,7 +11,7 @@ from lidario.families.arcs import ArcDecoder, Output
 from lidario.families.rplidar.formats import FULL_TURN_Q6, FULL_TURN_Q14
 from lidario.families.rplidar.node_steps import NodeSteps
 from lidario.families.rplidar.nodes import NODE
-from lidario.families.spans import Arcs, Heads, SteadyArcs
+from lidario.families.spans import Arcs, Heads
 from lidario.families.told import ToldWheel
 from lidario.wire.events import Packets
 
@@ -45,7 +45,7 @@ class HqDecoder(ArcDecoder):
         np.multiply(nodes["distance"], 0.25, out=output.distance, dtype=np.float32, casting="same_kind")
         output.intensity[...] = nodes["quality"]
 
-    def _behind_seam(self, heads: Heads, arcs: Arcs | SteadyArcs, at: int, seam: int) -> int:  # noqa: ARG002
+    def _behind_seam(self, heads: Heads, arcs: Arcs, at: int, seam: int) -> int:  # noqa: ARG002
         """How many nodes of a packet, which all lie ahead of its first one, are behind the seam."""
         angles = heads.read["angle"][at]
         left = FULL_TURN_Q14 - (int(angles[0]) - seam) % FULL_TURN_Q14
@@ -74,6 +74,6 @@ class NodeDecoder(ArcDecoder):
         distance *= 0.25
         np.bitwise_and(rows["quality"], 0xFC, out=output.intensity[:, 0])
 
-    def _behind_seam(self, heads: Heads, arcs: Arcs | SteadyArcs, at: int, seam: int) -> int:  # noqa: ARG002
+    def _behind_seam(self, heads: Heads, arcs: Arcs, at: int, seam: int) -> int:  # noqa: ARG002
         """None: a node is too short to lie across it."""
         return 0
