@@ -129,7 +129,7 @@ class PointCloud(StreamFormat):
     def intact(self, data: bytearray, at: int, size: int) -> bool:
         word = int.from_bytes(data[at : at + size], "little")
         # Folding one long integer in halves is several times faster than a loop over its words.
-        for shift in (4096, 2048, 1024, 512, 256, 128, 64, 32, 16):
+        for shift in (8192, 4096, 2048, 1024, 512, 256, 128, 64, 32, 16):
             word ^= word >> shift
         return not word & 0xFFFF
 
