@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.arcs import ArcDecoder, Output
-from lidario.families.rplidar.formats import FULL_TURN_Q6, FULL_TURN_Q14
+from lidario.families.rplidar.formats import FULL_TURN_Q6, FULL_TURN_Q14, HQ
 from lidario.families.rplidar.node_steps import NodeSteps
 from lidario.families.rplidar.nodes import NODE
 from lidario.families.spans import Arcs, Heads
@@ -17,8 +17,6 @@ from lidario.wire.events import Packets
 
 __all__ = ["HqDecoder", "NodeDecoder"]
 
-HQ_NODE: Final = np.dtype([("angle", "<u2"), ("distance", "<u4"), ("quality", "u1"), ("flag", "u1")])
-HQ: Final = np.dtype([("sync", "u1"), ("time", "<u8"), ("nodes", HQ_NODE, 96), ("crc", "<u4")])
 FIRST_ANGLE: Final = 9
 """Offset of the first node's angle in a packet of 0x83."""
 
