@@ -126,12 +126,10 @@ class DegreeDecoder(SlotDecoder):
     """Decodes such packets.
 
     Attributes:
-        wire: Their format.
-        back: Whether the rotor turns counter-clockwise.
+        wire: Their format; it tells which way the rotor turns.
     """
 
     wire: ClassVar[type[DegreeFormat]]
-    back: ClassVar[bool] = False
 
     def __init__(self) -> None:
         self._each = int(self.wire.layout["samples"].shape[0])
@@ -152,4 +150,4 @@ class DegreeDecoder(SlotDecoder):
     def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:  # noqa: ARG002
         output.distance[...], output.intensity[...] = self._returns(heads.read)
         turned = heads.first[:, None] + np.arange(self._each)
-        output.angle[...] = -turned % FULL_TURN if self.back else turned
+        output.angle[...] = turned if self.wire.field_deg > 0 else -turned % FULL_TURN
