@@ -34,17 +34,14 @@ SCANS = 8
 """Revolutions of each mode; the slowest rotor takes 0.5 s for one."""
 
 
+@dataclass(slots=True, eq=False)
 class Flow:
     """The packets of one stream, as the line brought them.
-
-    Args:
-        mode: The scan mode.
-        began: When its start was asked for, seconds of the event loop's clock.
-        stats: The counters of the line.
 
     Attributes:
         mode: The scan mode.
         began: When its start was asked for, seconds of the event loop's clock.
+        stats: The counters of the line.
         stream: What is known of it, once it was announced.
         announced_s: Seconds until the device had responded to the start.
         first_s: Seconds until the first packet.
@@ -52,22 +49,21 @@ class Flow:
         packets: What has come.
     """
 
-    def __init__(self, mode: ScanMode, began: float, stats: LinkStats) -> None:
-        self._stats = stats
-        self._skipped: tuple[int, int] = (0, 0)
-        self.mode: ScanMode = mode
-        self.began: float = began
-        self.stream: Stream | None = None
-        self.announced_s: float = 0.0
-        self.first_s: float = 0.0
-        self.first: asyncio.Event = asyncio.Event()
-        self.packets: list[Packets] = []
+    mode: ScanMode
+    began: float
+    stats: LinkStats
+    stream: Stream | None = None
+    announced_s: float = 0.0
+    first_s: float = 0.0
+    first: asyncio.Event = field(default_factory=asyncio.Event)
+    packets: list[Packets] = field(default_factory=list)
+    _skipped: tuple[int, int] = (0, 0)
 
     def take(self, packets: Packets) -> tuple[None, ...]:
         """Take packets. No scan is made of them, and the counters tell that."""
-        self._stats.unread_packets += packets.count
-        first = self._skipped[0] if self.packets else self._stats.skipped_bytes
-        self._skipped = first, self._stats.skipped_bytes
+        self.stats.unread_packets += packets.count
+        first = self._skipped[0] if self.packets else self.stats.skipped_bytes
+        self._skipped = first, self.stats.skipped_bytes
         self.packets.append(packets)
         self.first.set()
         return ()

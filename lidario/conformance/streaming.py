@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Awaitable, Callable, Sequence
+from functools import partial, wraps
 from itertools import pairwise
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
 from lidario.conformance.bench import Bench
 from lidario.conformance.flow import Flow, Watch
-from lidario.conformance.rule import Broken, NotTried, Origin, known
+from lidario.conformance.rule import Broken, Figure, NotTried, Origin, Rule, known
 from lidario.scan import Scan
 
 MODES_S = 90.0
@@ -33,7 +34,58 @@ WIDEST_GAP_DEG = 15.0
 FAR_SHARE = 1.05
 """Devices report echoes from a little beyond the range of the data sheet."""
 
+T = TypeVar("T", Watch, Flow)
+Found: TypeAlias = tuple[bool, str] | tuple[bool, str, Figure]
+"""Whether one mode passes, what was measured, and that as a figure for the table."""
+
 _of_modes = partial(known, limit_s=MODES_S)
+
+
+def _of_each(
+    select: Callable[[Bench], Awaitable[list[T]]], sentence: str, origin: Origin, known_from: str
+) -> Callable[[Callable[[T], Found]], Rule]:
+    """Decorate a check of one mode to make a `Rule`: each selected mode passes. The rest as for `known`."""
+
+    def made(check: Callable[[T], Found]) -> Rule:
+        @wraps(check)
+        async def of_all(bench: Bench) -> str:
+            seen, bad = list[str](), list[str]()
+            selected = await select(bench)
+            for each in selected:
+                held, text, *figures = check(each)
+                for figure in figures:
+                    bench.measured(*figure)
+                seen.append(f"{each.mode.name} {text}" if len(selected) > 1 else text)
+                bad += [] if held else [f"mode {each.mode.name}: {text}"]
+            if bad:
+                raise Broken("; ".join(bad))
+            return "; ".join(seen)
+
+        return _of_modes(sentence, origin, known_from)(of_all)
+
+    return made
+
+
+async def _with_scans(bench: Bench) -> list[Watch]:
+    """The modes that brought scans. Raises NotTried where none has."""
+    seen = [each for each in await bench.watches() if not each.error]
+    if not seen:
+        raise NotTried("no mode brought scans")
+    return seen
+
+
+async def _with_packets(bench: Bench, *, whole: bool = False) -> list[Flow]:
+    """The packets of modes that brought some, and perhaps no scans. Raises NotTried where none has.
+
+    With `whole` only those of which no packet was damaged or is missing.
+    """
+    came = [(each, each.flow) for each in await bench.watches() if each.flow and len(each.flow.packets) > 1]
+    if not came:
+        raise NotTried("no mode brought packets")
+    flows = [flow for watch, flow in came if watch.is_whole or not whole]
+    if not flows:
+        raise NotTried("packets of every mode were damaged or are missing, so samples are missing")
+    return flows
 
 
 @_of_modes(
@@ -57,186 +109,161 @@ async def modes_start(bench: Bench) -> str:
     return "first packets after " + ", ".join(seen)
 
 
-@_of_modes(
+@_of_each(
+    partial(_with_packets, whole=True),
     "A sample takes the time that the device tells.",
     Origin.MANUAL,
     "scan modes: time of a sample; where it is not told, the data sheet's rate",
 )
-async def sample_time(bench: Bench) -> str:
+def sample_time(flow: Flow) -> Found:
     """Compare with the times at which packets came."""
-
-    def off(flow: Flow) -> tuple[bool, str]:
-        told, measured = flow.mode.sample_us, flow.sample_us()
-        bench.measured(f"sample of {flow.mode.name}", measured, "us")
-        if not told:
-            return True, "not told"
-        share = measured / told - 1
-        return abs(share) <= SAMPLE_TIME_SHARE, f"told {told:.2f} us, measured {measured:.2f} us ({share:+.1%})"
-
-    return await _each_flow(bench, off, whole=True)
+    told, measured = flow.mode.sample_us, flow.sample_us()
+    figure = Figure(f"sample of {flow.mode.name}", measured, "us")
+    if not told:
+        return True, "not told", figure
+    share = measured / told - 1
+    text = f"told {told:.2f} us, measured {measured:.2f} us ({share:+.1%})"
+    return abs(share) <= SAMPLE_TIME_SHARE, text, figure
 
 
-@_of_modes(
+@_of_each(
+    _with_packets,
     "Angles increase clockwise from packet to packet, as the model says.",
     Origin.MANUAL,
     "packets: start angle; direction of rotation",
 )
-async def turns_clockwise(bench: Bench) -> str:
+def turns_clockwise(flow: Flow) -> Found:
     """Compare the beginnings of neighbouring packets: a mirrored device goes backward."""
-
-    def forward(flow: Flow) -> tuple[bool, str]:
-        steps = flow.steps()
-        backward = float(np.mean(steps > 0.5)) if len(steps) else math.nan
-        return backward <= BACKWARD_SHARE, f"{backward:.0%} of {len(steps)} packets begin before the one before"
-
-    return await _each_flow(bench, forward)
+    steps = flow.steps()
+    backward = float(np.mean(steps > 0.5)) if len(steps) else math.nan
+    return backward <= BACKWARD_SHARE, f"{backward:.0%} of {len(steps)} packets begin before the one before"
 
 
-@_of_modes(
+@_of_each(
+    _with_scans,
     "On a line without faults every byte of a stream belongs to an intact packet, and none is missing.",
     Origin.MANUAL,
     "packets: check values; and what you can rely on: losses counted",
 )
-async def packets_are_whole(bench: Bench) -> str:
+def packets_are_whole(watch: Watch) -> Found:
     """Compare the counters before and behind some scans."""
-
-    def whole(watch: Watch) -> tuple[bool, str]:
-        names = ("skipped_bytes", "lost_packets", "doubled_packets", "broken_scans", "discarded_bytes")
-        counts = {name: getattr(watch.after, name) - getattr(watch.before, name) for name in names}
-        bad = ", ".join(f"{count} {name}" for name, count in counts.items() if count)
-        return not bad, bad or f"{watch.after.packets - watch.before.packets} packets"
-
-    return await _each_watch(bench, whole)
+    names = ("skipped_bytes", "lost_packets", "doubled_packets", "broken_scans", "discarded_bytes")
+    counts = {name: getattr(watch.after, name) - getattr(watch.before, name) for name in names}
+    bad = ", ".join(f"{count} {name}" for name, count in counts.items() if count)
+    return not bad, bad or f"{watch.after.packets - watch.before.packets} packets"
 
 
-@_of_modes(
+@_of_each(
+    _with_scans,
     "Revolutions follow each other: none is missing, and their time stamps meet.",
     Origin.PROMISE,
     "what you can rely on: losses counted",
 )
-async def revolutions_follow(bench: Bench) -> str:
+def revolutions_follow(watch: Watch) -> Found:
     """Compare numbers and times of scans. One stamp may be late; behind a missing revolution all are."""
-
-    def follow(watch: Watch) -> tuple[bool, str]:
-        late = [0.0]
-        for one, two in pairwise(watch.scans):
-            if two.seq != one.seq + 1:
-                return False, f"revolution {two.seq} comes behind {one.seq}"
-            late.append(late[-1] + (two.stamp_ns - one.stamp_ns) / one.duration_ns * _seen_of(one) - 1)
-        for at in range(BESIDE, len(late) - BESIDE + 1):
-            step = min(late[at : at + BESIDE]) - min(late[at - BESIDE : at])
-            if abs(step) > LATE_SHARE:
-                return False, f"revolution {watch.scans[at].seq} begins {1 + step:.2f} turns behind the one before"
-        return True, f"{len(watch.scans)} in a row"
-
-    return await _each_watch(bench, follow)
+    late = [0.0]
+    for one, two in pairwise(watch.scans):
+        if two.seq != one.seq + 1:
+            return False, f"revolution {two.seq} comes behind {one.seq}"
+        late.append(late[-1] + (two.stamp_ns - one.stamp_ns) / one.duration_ns * _seen_of(one) - 1)
+    for at in range(BESIDE, len(late) - BESIDE + 1):
+        step = min(late[at : at + BESIDE]) - min(late[at - BESIDE : at])
+        if abs(step) > LATE_SHARE:
+            return False, f"revolution {watch.scans[at].seq} begins {1 + step:.2f} turns behind the one before"
+    return True, f"{len(watch.scans)} in a row"
 
 
-@_of_modes(
+@_of_each(
+    _with_scans,
     "Revolutions have about as many samples each, and as many as speed and time of a sample say.",
     Origin.PROMISE,
     "full revolutions",
 )
-async def revolutions_are_full(bench: Bench) -> str:
+def revolutions_are_full(watch: Watch) -> Found:
     """Count the samples."""
-
-    def alike(watch: Watch) -> tuple[bool, str]:
-        counts = [len(scan) for scan in watch.scans]
-        usual = float(np.median(counts))
-        worst = max(abs(count - usual) for count in counts) / usual
-        text = f"{min(counts)} to {max(counts)} samples"
-        flow = watch.flow
-        assert flow is not None
-        due = 60e6 / (rpm_by_time(watch.scans) * flow.sample_us())
-        due *= _seen_of(watch.scans[0])
-        if abs(usual / due - 1) > ALIKE_SHARE:
-            return False, f"{text}, and {due:.0f} were taken in the time of a revolution"
-        return worst <= ALIKE_SHARE, text
-
-    return await _each_watch(bench, alike)
+    counts = [len(scan) for scan in watch.scans]
+    usual = float(np.median(counts))
+    worst = max(abs(count - usual) for count in counts) / usual
+    text = f"{min(counts)} to {max(counts)} samples"
+    flow = watch.flow
+    assert flow is not None
+    due = 60e6 / (rpm_by_time(watch.scans) * flow.sample_us())
+    due *= _seen_of(watch.scans[0])
+    if abs(usual / due - 1) > ALIKE_SHARE:
+        return False, f"{text}, and {due:.0f} were taken in the time of a revolution"
+    return worst <= ALIKE_SHARE, text
 
 
-@_of_modes(
+@_of_each(
+    _with_scans,
     "The samples of a revolution go round the whole circle, or what of it the device sees.",
     Origin.PROMISE,
     "full revolutions",
 )
-async def circle_is_whole(bench: Bench) -> str:
+def circle_is_whole(watch: Watch) -> Found:
     """Look for the widest gap between neighbouring angles."""
-
-    def covered(watch: Watch) -> tuple[bool, str]:
-        widest = blind = 0.0
-        for scan in watch.scans:
-            blind = 360.0 * (1.0 - _seen_of(scan))
-            angles = np.sort(scan.device_angles.astype(np.float64))
-            widest = max(widest, float(np.diff(angles, append=angles[0] + 360.0).max()))
-        return widest <= blind + WIDEST_GAP_DEG, f"widest gap {widest:.1f} degrees"
-
-    return await _each_watch(bench, covered)
+    widest = blind = 0.0
+    for scan in watch.scans:
+        blind = 360.0 * (1.0 - _seen_of(scan))
+        angles = np.sort(scan.device_angles.astype(np.float64))
+        widest = max(widest, float(np.diff(angles, append=angles[0] + 360.0).max()))
+    return widest <= blind + WIDEST_GAP_DEG, f"widest gap {widest:.1f} degrees"
 
 
-@_of_modes(
+@_of_each(
+    _with_scans,
     "Distances lie within the range of the scan mode, and something is seen at all.",
     Origin.MANUAL,
     "scan modes: farthest distance; the data sheet's range",
 )
-async def ranges_are_possible(bench: Bench) -> str:
+def ranges_are_possible(watch: Watch) -> Found:
     """Look at the farthest return."""
-
-    def possible(watch: Watch) -> tuple[bool, str]:
-        far = max((float(np.nanmax(scan.ranges, initial=0.0)) for scan in watch.scans), default=0.0)
-        if not far:
-            return False, "no return at all"
-        limit = watch.mode.max_distance
-        text = f"farthest {far:.2f} m"
-        return not limit or far <= limit * FAR_SHARE, text + (f" of {limit:g} m" if limit else "")
-
-    return await _each_watch(bench, possible)
+    far = max((float(np.nanmax(scan.ranges, initial=0.0)) for scan in watch.scans), default=0.0)
+    if not far:
+        return False, "no return at all"
+    limit = watch.mode.max_distance
+    text = f"farthest {far:.2f} m"
+    return not limit or far <= limit * FAR_SHARE, text + (f" of {limit:g} m" if limit else "")
 
 
-@_of_modes(
+@_of_each(
+    _with_scans,
     "The rotor turns steadily.",
     Origin.MANUAL,
     "data sheet: scan frequency; a revolution lasts as long as its neighbours, within 5 %",
 )
-async def rotor_is_steady(bench: Bench) -> str:
+def rotor_is_steady(watch: Watch) -> Found:
     """Compare what neighbouring revolutions took by their samples: when they are read, depends on the computer."""
-
-    def steady(watch: Watch) -> tuple[bool, str]:
-        speeds = [scan.rpm for scan in watch.scans if scan.rpm == scan.rpm]
-        if not speeds:
-            return False, "no speed could be measured"
-        flow = watch.flow
-        assert flow is not None
-        assert flow.stream is not None
-        # Where a packet is a whole scan, it has as many samples at any speed.
-        by_clock, ticks = flow.turns_ns().tolist(), flow.stream.format.ticks
-        off = 2 * ticks.tick_ns if by_clock and ticks is not None else 0
-        took = by_clock or [float(scan.duration_ns) for scan in watch.scans]
-        worst = max((max(0.0, abs(two - one) - off) / max(one, 1.0) for one, two in pairwise(took)), default=0.0)
-        bench.measured(f"scan frequency of {watch.mode.name}", float(np.median(speeds)) / 60, "Hz")
-        return worst <= STEADY_SHARE, f"{np.median(speeds) / 60:.2f} Hz, neighbours within {worst:.1%}"
-
-    return await _each_watch(bench, steady)
+    speeds = [scan.rpm for scan in watch.scans if scan.rpm == scan.rpm]
+    if not speeds:
+        return False, "no speed could be measured"
+    flow = watch.flow
+    assert flow is not None
+    assert flow.stream is not None
+    # Where a packet is a whole scan, it has as many samples at any speed.
+    by_clock, ticks = flow.turns_ns().tolist(), flow.stream.format.ticks
+    off = 2 * ticks.tick_ns if by_clock and ticks is not None else 0
+    took = by_clock or [float(scan.duration_ns) for scan in watch.scans]
+    worst = max((max(0.0, abs(two - one) - off) / max(one, 1.0) for one, two in pairwise(took)), default=0.0)
+    hertz = float(np.median(speeds)) / 60
+    text = f"{hertz:.2f} Hz, neighbours within {worst:.1%}"
+    return worst <= STEADY_SHARE, text, Figure(f"scan frequency of {watch.mode.name}", hertz, "Hz")
 
 
-@_of_modes(
+@_of_each(
+    _with_scans,
     "The speed that stands in the packets is the one measured.",
     Origin.MANUAL,
     "packets: scan frequency, or speed",
 )
-async def reported_speed(bench: Bench) -> str:
+def reported_speed(watch: Watch) -> Found:
     """Compare the speed in the packets with the measured one."""
-
-    def agrees(watch: Watch) -> tuple[bool, str]:
-        reported = [scan.reported_rpm for scan in watch.scans if scan.reported_rpm == scan.reported_rpm]
-        if not reported:
-            raise NotTried("its packets tell no speed")
-        told, measured = float(np.median(reported)), rpm_by_time(watch.scans)
-        share = told / measured - 1
-        return abs(share) <= REPORTED_SHARE, f"told {told:.0f} rpm, measured {measured:.0f} rpm ({share:+.1%})"
-
-    return await _each_watch(bench, agrees)
+    reported = [scan.reported_rpm for scan in watch.scans if scan.reported_rpm == scan.reported_rpm]
+    if not reported:
+        raise NotTried("its packets tell no speed")
+    told, measured = float(np.median(reported)), rpm_by_time(watch.scans)
+    share = told / measured - 1
+    return abs(share) <= REPORTED_SHARE, f"told {told:.0f} rpm, measured {measured:.0f} rpm ({share:+.1%})"
 
 
 def rpm_by_time(scans: Sequence[Scan]) -> float:
@@ -248,49 +275,3 @@ def rpm_by_time(scans: Sequence[Scan]) -> float:
 def _seen_of(scan: Scan) -> float:
     """Share of a revolution that the device sees, 0 to 1."""
     return abs(scan.field_of_view) / 360.0
-
-
-async def _seen(bench: Bench) -> list[Watch]:
-    """The modes that brought scans.
-
-    Raises:
-        NotTried: None has.
-    """
-    seen = [each for each in await bench.watches() if not each.error]
-    if not seen:
-        raise NotTried("no mode brought scans")
-    return seen
-
-
-async def _each_watch(bench: Bench, check: Callable[[Watch], tuple[bool, str]]) -> str:
-    """Check every mode that brought scans; what was measured, of each mode.
-
-    Raises:
-        Broken: Some do not pass.
-    """
-    return _judged([(each.mode.name, *check(each)) for each in await _seen(bench)])
-
-
-async def _each_flow(bench: Bench, check: Callable[[Flow], tuple[bool, str]], *, whole: bool = False) -> str:
-    """As `_each_watch`, over the packets; also of modes that brought packets, but no scans.
-
-    Args:
-        bench: The bench.
-        check: Looks at the packets of a mode.
-        whole: Whether only those are looked at of which no packet was damaged or is missing.
-    """
-    watches = [each for each in await bench.watches() if each.flow is not None and len(each.flow.packets) > 1]
-    if not watches:
-        raise NotTried("no mode brought packets")
-    flows = [each.flow for each in watches if each.flow is not None and (each.is_whole or not whole)]
-    if not flows:
-        raise NotTried("packets of every mode were damaged or are missing, so samples are missing")
-    return _judged([(flow.mode.name, *check(flow)) for flow in flows])
-
-
-def _judged(found: list[tuple[str, bool, str]]) -> str:
-    """What was measured, by the name of each mode, whether it passes, and that."""
-    bad = [f"mode {name}: {text}" for name, held, text in found if not held]
-    if bad:
-        raise Broken("; ".join(bad))
-    return "; ".join(f"{name} {text}" if len(found) > 1 else text for name, _, text in found)

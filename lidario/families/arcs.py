@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.samples import Samples, SteadySamples
-from lidario.families.spans import Arc, Arcs, Heads, Ints, SteadyArcs, Turning
+from lidario.families.spans import Arc, Arcs, Heads, Ints, Turning
 from lidario.wire.events import Packets
 
 __all__ = ["ArcDecoder", "Floats", "Output", "at_equal_steps", "in_turn", "starts_and_arcs", "write_degrees"]
@@ -104,8 +104,7 @@ class ArcDecoder(ABC):
         if arcs is None:
             return None
         sample_ends = self._ends(heads)
-        whole = Arcs(arcs.arc, None, arcs.steps[-1], certain=True)
-        angle, distance, intensity, last = self._decoded(heads, whole, sample_ends, room)
+        angle, distance, intensity, last = self._decoded(heads, arcs, sample_ends, room)
         before_seam = [sample_ends[end - 1] for end in ends]
         if seam is not None:
             before_seam = [
@@ -169,7 +168,7 @@ class ArcDecoder(ABC):
         """How long each sample took, nanoseconds, where packets tell a speed that decides it. Here 0: none does."""
         return 0.0
 
-    def _behind_seam(self, heads: Heads, arcs: Arcs | SteadyArcs, at: int, seam: int) -> int:
+    def _behind_seam(self, heads: Heads, arcs: Arcs, at: int, seam: int) -> int:
         """How many samples of packet `at` were measured when the rotor had passed `seam`."""
         counts = heads.counts if isinstance(heads.counts, int) else int(heads.counts[at])
         # A packet that tells its way tells where its last sample stands; an arc reaches one step farther.

@@ -333,7 +333,7 @@ class Family:
         Raises:
             ValueError: No model has that name, or the serial number is none of this family.
         """
-        device: Chassis[Any] = self._simulation().make_simulated(model, world=world, serial=serial, seed=seed)
+        device: Chassis[Any, Any] = self._simulation().make_simulated(model, world=world, serial=serial, seed=seed)
         if spin_up is not None:
             device.spin_up_s = spin_up
         return device

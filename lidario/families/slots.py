@@ -10,27 +10,17 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.arcs import ArcDecoder, Output
-from lidario.families.spans import Arcs, Heads, Turning, spans_between
+from lidario.families.spans import Arcs, Heads, Ints, Turning, spans_between
 from lidario.wire.events import Arrival, Packets
-from lidario.wire.formats import HEADINGS_WORTH_AN_ARRAY, NO_PACKET, Headings
-from lidario.wire.rows import RowFormat
+from lidario.wire.rows import LayoutFormat
 
-__all__ = [
-    "FIRST",
-    "FULL_TURN",
-    "HEAD",
-    "DegreeDecoder",
-    "DegreeFormat",
-    "DegreePacket",
-    "SlotDecoder",
-    "SlotWheel",
-]
+__all__ = ["FIRST", "FULL_TURN", "HEAD", "DegreeDecoder", "DegreeFormat", "SlotDecoder", "SlotWheel"]
 
 FULL_TURN: Final = 360
 """360 degrees in degrees."""
@@ -96,94 +86,68 @@ class SlotDecoder(ArcDecoder):
         return 60e9 / turn if turn else 0.0
 
 
-class DegreePacket(NamedTuple):
-    """How packets of one size lie whose samples stand at whole degrees, counted as the rotor turns.
+class DegreeFormat(LayoutFormat):
+    """Packets whose samples stand at whole degrees, counted as the rotor turns.
 
-    Attributes:
-        layout: With the fields ``number`` and ``speed``.
-        samples: Samples of each, a degree apart.
-        an_rpm: What a revolution a minute is in the unit of the speed.
+    Their layout has the fields ``number``, behind `HEAD`, and ``speed``. Nothing else tells their time: each sample
+    takes as long as the rotor needs for a degree.
     """
 
-    layout: np.dtype[Any]
-    samples: int
-    an_rpm: float
-
-    def rpm_of(self, packets: bytes) -> float:
-        """The speed that packets tell, revolutions a minute."""
-        return float(np.median(np.frombuffer(packets, self.layout)["speed"])) / self.an_rpm
-
-    def sample_us(self, packets: bytes) -> float:
-        """What a sample takes, by packets; 0 where the rotor stands."""
-        rpm = self.rpm_of(packets)
-        return 60e6 / (rpm * FULL_TURN) if rpm else 0.0
-
-
-class DegreeFormat(RowFormat):
-    """Such packets, behind `HEAD` and their number. A family adds what makes one intact.
-
-    Attributes:
-        packet: How they lie.
-    """
-
-    packet: DegreePacket
     full_turn = FULL_TURN
 
-    def _begun(self, data: bytearray, at: int, needed: int = 2) -> int:
-        """As `measure`, by the first two bytes, once `needed` bytes are there."""
-        begin = data[at : at + 2]
-        if begin[0] != HEAD or (len(begin) > 1 and not 0 <= begin[1] - FIRST < FULL_TURN // self.samples):
-            return NO_PACKET
-        return self.shortest if len(data) - at >= needed else 0
+    @classmethod
+    def angles_of(cls, rows: NDArray[Any]) -> Ints:
+        angles: Ints = (rows["number"].astype(np.int32) - FIRST) * rows["samples"].shape[1]
+        return angles
 
-    def measure(self, data: bytearray, at: int) -> int:
-        return self._begun(data, at)
+    @classmethod
+    def speeds_of(cls, rows: NDArray[Any]) -> NDArray[np.float64]:
+        """The speed that each packet tells, revolutions a minute."""
+        speeds: NDArray[np.float64] = rows["speed"] / np.float64(cls.an_rpm)
+        return speeds
 
-    def _marked(self, rows: NDArray[Any]) -> NDArray[np.bool_]:
-        """Which packets begin as one must."""
-        number = rows["number"]
-        is_one = (number >= FIRST) & (number < FIRST + FULL_TURN // self.samples)
-        marked: NDArray[np.bool_] = (rows["mark"] == HEAD) & is_one
-        return marked
+    @classmethod
+    def rpm_of(cls, packets: bytes) -> float:
+        """The speed that packets tell, revolutions a minute."""
+        return float(np.median(np.frombuffer(packets, cls.layout)["speed"])) / cls.an_rpm
 
-    def headings(self, packets: Packets) -> Headings:
-        numbers = np.frombuffer(packets.data, self.packet.layout)["number"]
-        turned = (numbers.astype(np.int32) - FIRST) * self.samples
-        return turned if len(turned) >= HEADINGS_WORTH_AN_ARRAY else turned.tolist()
+    @classmethod
+    def sample_us(cls, packets: bytes) -> float:
+        """What a sample takes, by packets; 0 where the rotor stands."""
+        rpm = cls.rpm_of(packets)
+        return 60e6 / (rpm * FULL_TURN) if rpm else 0.0
 
     def told_sample_ns(self, packets: Packets) -> NDArray[np.float64]:
-        rpm = np.frombuffer(packets.data, self.packet.layout)["speed"] / self.packet.an_rpm
-        return 60e9 / (np.maximum(rpm, 1.0) * FULL_TURN)
+        speeds = self.speeds_of(np.frombuffer(packets.data, self.layout))
+        return 60e9 / (np.maximum(speeds, 1.0) * FULL_TURN)
 
 
 class DegreeDecoder(SlotDecoder):
     """Decodes such packets.
 
-    Args:
-        packet: How they lie.
-        back: Whether the rotor turns counter-clockwise.
+    Attributes:
+        wire: Their format; it tells which way the rotor turns.
     """
 
-    def __init__(self, packet: DegreePacket, *, back: bool = False) -> None:
-        super().__init__(FULL_TURN, FULL_TURN // packet.samples)
-        self._packet = packet
-        self._each = packet.samples
-        self._back = back
+    wire: ClassVar[type[DegreeFormat]]
+
+    def __init__(self) -> None:
+        self._each = int(self.wire.layout["samples"].shape[0])
+        super().__init__(FULL_TURN, FULL_TURN // self._each)
 
     @abstractmethod
     def _returns(self, rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         """Millimetres, 0 where nothing came back, and the strength of returns, to 255; shape (packets, samples)."""
 
     def _rpm(self, heads: Heads) -> NDArray[np.float64]:
-        speeds: NDArray[np.uint16] = heads.read["speed"]
-        return speeds / np.float64(self._packet.an_rpm)
+        return self.wire.speeds_of(heads.read)
 
     def _heads(self, packets: Packets, following: bytes | None) -> Heads:
-        rows = np.frombuffer(packets.data, self._packet.layout)
+        rows = np.frombuffer(packets.data, self.wire.layout)
         after = None if following is None else (following[1] - FIRST) * self._each
-        return Heads((rows["number"].astype(np.int32) - FIRST) * self._each, after, self._each, None, rows)
+        return Heads(self.wire.angles_of(rows), after, self._each, None, rows)
 
     def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:  # noqa: ARG002
         output.distance[...], output.intensity[...] = self._returns(heads.read)
         turned = heads.first[:, None] + np.arange(self._each)
-        output.angle[...] = -turned % FULL_TURN if self._back else turned
+        output.angle[...] = turned if self.wire.field_deg > 0 else -turned % FULL_TURN

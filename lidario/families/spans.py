@@ -18,7 +18,6 @@ __all__ = [
     "Arcs",
     "Heads",
     "Ints",
-    "SteadyArcs",
     "Turning",
     "by_revolution",
     "spans_between",
@@ -31,9 +30,6 @@ RETREAT_TURNS: Final = 1 / 36
 """How far packets under a check value fall back at most. Any more is the long way round, forwards."""
 LIKENESS: Final = 0.2
 """Two arcs within this share of each other are one speed: neighbours differ by less, half a gap is farther off."""
-_FEW: Final = 80
-"""Numbers up to which a list of them is searched faster than an array: 1.2 us for 33 of them, where three calls of
-numpy take 3."""
 
 
 class Heads(NamedTuple):
@@ -68,9 +64,11 @@ class Arcs(NamedTuple):
         arc: Rotation during each packet, in heading units: up to the first sample of the next one, or, where
             packets tell their own, up to the last sample.
         skipped: Samples missing behind each, an array; None when none is.
-        step: The mean rotation from sample to sample, in heading units; 0 when nothing is known.
+        step: The mean rotation from sample to sample, in heading units; 0 when nothing is known. Of several
+            revolutions, that of the last one.
         certain: Whether the speed is sure.
         first: Whether it was taken from the first packets of a stream, and time may still speak against it.
+        steps: The mean step of each revolution, where `Turning.steady` tells of several.
     """
 
     arc: Arc
@@ -78,18 +76,7 @@ class Arcs(NamedTuple):
     step: float
     certain: bool
     first: bool = False
-
-
-class SteadyArcs(NamedTuple):
-    """What is known of several revolutions without a gap.
-
-    Attributes:
-        arc: As in `Arcs`.
-        steps: The mean step of each revolution.
-    """
-
-    arc: Arc
-    steps: list[float]
+    steps: Sequence[float] = ()
 
 
 class Turning(ABC):
@@ -111,7 +98,7 @@ class Turning(ABC):
         heads: Heads,  # noqa: ARG002
         ends: Sequence[int],  # noqa: ARG002
         arrivals: Sequence[Arrival] = (),  # noqa: ARG002
-    ) -> SteadyArcs | None:
+    ) -> Arcs | None:
         """The arcs of several revolutions, where `follow` would find nothing missing in any; else None.
 
         None also where the times of several reads may yet tell how many packets an arc is.
@@ -125,7 +112,7 @@ class Turning(ABC):
         """
         return None
 
-    def settle(self, arcs: SteadyArcs, arrivals: Sequence[Arrival] = ()) -> None:  # noqa: B027
+    def settle(self, arcs: Arcs, arrivals: Sequence[Arrival] = ()) -> None:  # noqa: B027
         """Remember revolutions that `steady` has told, as `follow` would have; the arrivals are the same."""
 
 
@@ -167,7 +154,4 @@ def by_revolution(spans: Ints, ends: Sequence[int]) -> list[tuple[int, int, int]
 
 
 def _extent(values: Ints) -> tuple[int, int, int]:
-    if len(values) <= _FEW:
-        plain = values.tolist()
-        return min(plain), max(plain), sum(plain)
     return int(np.minimum.reduce(values)), int(np.maximum.reduce(values)), int(np.add.reduce(values))

@@ -19,7 +19,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.spans import LIKENESS, RETREAT_TURNS, Arcs, Heads, Ints, SteadyArcs, Turning
+from lidario.families.spans import LIKENESS, RETREAT_TURNS, Arcs, Heads, Ints, Turning
 from lidario.wire.events import Arrival
 
 __all__ = ["FEWEST", "ToldWheel"]
@@ -94,7 +94,7 @@ class ToldWheel(Turning):
         heads: Heads,
         ends: Sequence[int],
         arrivals: Sequence[Arrival] = (),  # noqa: ARG002
-    ) -> SteadyArcs | None:
+    ) -> Arcs | None:
         way, counts, begins = _way_of(heads), heads.counts, [0, *ends[:-1]]
         tails = heads.first + way
         jumps = self._jumps(heads.first, tails, heads.following)
@@ -117,7 +117,7 @@ class ToldWheel(Turning):
             if longest[at] > _CHANGING * mean * (most[at] - 1) or farthest[at] > (1 + self._least) * mean:
                 return None
             steps.append((way_turned + between[at]) / samples[at])
-        return SteadyArcs(way, steps)
+        return Arcs(way, None, steps[-1], certain=True, steps=steps)
 
     def _jumps(self, first: Ints, tails: Ints, following: int | None) -> Ints:
         """How far ahead of the end of each packet the next one begins; 0 where it begins a little before that.

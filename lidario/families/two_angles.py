@@ -7,7 +7,7 @@ divided by the beam, and corrected after that.
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,38 +21,74 @@ from lidario.families.arcs import (
     starts_and_arcs,
     write_degrees,
 )
-from lidario.families.spans import Arcs, Heads
+from lidario.families.spans import Arcs, Heads, Ints
 from lidario.families.told import ToldWheel
 from lidario.wire.events import Packets
+from lidario.wire.rows import LayoutFormat
 
-__all__ = ["TwoAngleDecoder", "samples_a_second", "way_of"]
+__all__ = ["TwoAngleDecoder", "TwoAngleFormat"]
 
 _UNEVEN: Final = 0.25
 """By so much the span of a packet may differ from that of most: 7.58 to 10.23 degrees in a recording of a real
 LDROBOT LD06 whose spans are 8.71."""
 
 
+class TwoAngleFormat(LayoutFormat):
+    """Such packets: their layout has the fields ``start``, ``end``, ``speed`` and ``samples``."""
+
+    @classmethod
+    def way_of(cls, rows: NDArray[Any]) -> Ints:
+        """From the first sample of each packet to its last, in the unit of its angles."""
+        way: Ints = (rows["end"].astype(np.int32) - rows["start"].astype(np.int32)) % cls.full_turn
+        return way
+
+    @classmethod
+    def samples_a_second(cls, packets: bytes) -> float:
+        """The rate that the spans of packets and their speed tell; 0 where they do not. Packets may be missing.
+
+        It is more exact than a vendor's figure: a real LDROBOT LD06 measured 4546 samples a second and not 4500.
+        """
+        rows = np.frombuffer(packets, cls.layout)
+        if not len(rows):
+            return 0.0
+        way = cls.way_of(rows)
+        even = _even(way) & _even(rows["speed"])
+        turned = int(way[even].sum())
+        if not turned:
+            return 0.0
+        steps = rows["samples"].shape[1] - 1
+        turns_a_second = 1 / (60 * cls.an_rpm)
+        return float(steps * cls.full_turn * turns_a_second * rows["speed"][even].sum()) / turned
+
+    @classmethod
+    def sample_us(cls, packets: bytes) -> float:
+        """What a sample takes, by packets; 0 where they do not tell."""
+        rate = cls.samples_a_second(packets)
+        return 1e6 / rate if rate else 0.0
+
+
 class TwoAngleDecoder(ArcDecoder):
     """Decodes the packets of one stream.
 
-    Args:
-        packet: Layout of a packet, with the fields ``start``, ``end`` and ``samples``, and in those ``distance``.
-        full_turn: 360 degrees in the unit of the angles.
-        zero: What angles are counted from.
+    Attributes:
+        wire: Their format; its samples have the field ``distance``.
     """
 
-    def __init__(self, packet: np.dtype[Any], full_turn: int, zero: int = 0) -> None:
-        self._packet = packet
-        self._each = int(packet["samples"].shape[0])
-        self._zero = zero
-        super().__init__(full_turn, ToldWheel(full_turn, self._each / 2))
+    wire: ClassVar[type[TwoAngleFormat]]
+
+    def __init__(self) -> None:
+        self._each = int(self.wire.layout["samples"].shape[0])
+        super().__init__(self.wire.full_turn, ToldWheel(self.wire.full_turn, self._each / 2))
 
     def _heads(self, packets: Packets, following: bytes | None) -> Heads:
-        rows = np.frombuffer(packets.data, self._packet)
-        full, zero, after = self._full_turn, self._zero, None
+        wire, after = self.wire, None
+        rows = np.frombuffer(packets.data, wire.layout)
         if following is not None:
-            after = (int(np.frombuffer(following, self._packet, 1)["start"][0]) - zero) % full
-        return Heads((rows["start"].astype(np.int32) - zero) % full, after, self._each, way_of(rows, full), rows)
+            after = int(wire.angles_of(np.frombuffer(following, wire.layout, 1))[0])
+        return Heads(wire.angles_of(rows), after, self._each, wire.way_of(rows), rows)
+
+    def _reported_rpm(self, heads: Heads, begin: int, end: int) -> float:
+        return float(heads.read["speed"][begin:end].mean()) / self.wire.an_rpm
 
     def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:
         self._read(heads.read["samples"], output)
@@ -75,34 +111,7 @@ class TwoAngleDecoder(ArcDecoder):
         write_degrees(angle / np.float64(self._full_turn * (self._each - 1) / 360) - shift, angle)
 
 
-def way_of(rows: NDArray[Any], full_turn: int) -> NDArray[np.int32]:
-    """From the first sample of each packet to its last, in the unit of its angles."""
-    way: NDArray[np.int32] = (rows["end"].astype(np.int32) - rows["start"].astype(np.int32)) % full_turn
-    return way
-
-
 def _even(values: NDArray[Any]) -> NDArray[np.bool_]:
     """Which of them are about as usual: a check value that holds by chance lets any pass."""
     usual = float(np.median(values))
     return np.abs(values - usual) <= _UNEVEN * usual
-
-
-def samples_a_second(rows: NDArray[Any], full_turn: int, turns_a_second: float) -> float:
-    """The rate that the spans of packets and their speed tell; 0 where they do not. Packets may be missing.
-
-    It is more exact than a vendor's figure: a real LDROBOT LD06 measured 4546 samples a second and not 4500.
-
-    Args:
-        rows: Packets.
-        full_turn: 360 degrees in the unit of their angles.
-        turns_a_second: What one unit of their field ``speed`` stands for.
-    """
-    if not len(rows):
-        return 0.0
-    way = way_of(rows, full_turn)
-    even = _even(way) & _even(rows["speed"])
-    turned = int(way[even].sum())
-    if not turned:
-        return 0.0
-    steps = rows["samples"].shape[1] - 1
-    return float(steps * full_turn * turns_a_second * rows["speed"][even].sum()) / turned

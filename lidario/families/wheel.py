@@ -39,7 +39,6 @@ from lidario.families.spans import (
     Arcs,
     Heads,
     Ints,
-    SteadyArcs,
     by_revolution,
     spans_between,
 )
@@ -97,7 +96,7 @@ class Wheel(PacedTurning):
         self._remember(plain if followed else plain[:-1], arrivals)
         return self._among_gaps(spans, followed=followed)
 
-    def steady(self, heads: Heads, ends: Sequence[int], arrivals: Sequence[Arrival] = ()) -> SteadyArcs | None:
+    def steady(self, heads: Heads, ends: Sequence[int], arrivals: Sequence[Arrival] = ()) -> Arcs | None:
         if not (self._certain and (self._confirmed or len(arrivals) == 1)):
             return None
         spans, *whole = spans_between(heads, self._full_turn, self._retreat)
@@ -109,9 +108,9 @@ class Wheel(PacedTurning):
             before = float(spans[end - 1])
             steps.append(total / (end - begin) / self._samples)
             begin = end
-        return SteadyArcs(spans, steps)
+        return Arcs(spans, None, steps[-1], certain=True, steps=steps)
 
-    def settle(self, arcs: SteadyArcs, arrivals: Sequence[Arrival] = ()) -> None:
+    def settle(self, arcs: Arcs, arrivals: Sequence[Arrival] = ()) -> None:
         self._arc, self._strange = float(arcs.arc[-1]), 0
         if not self._confirmed:
             self._remember(arcs.arc.tolist(), arrivals)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypedDict, TypeVar, Unpack
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from lidario.sim.motor import Motor
 from lidario.sim.rooms import make_world
 from lidario.sim.world import CheckedWorld, World, WorldLike, as_world
 
-__all__ = ["PROTECTION_STOP", "Chassis", "Maker", "by_name", "maker"]
+__all__ = ["PROTECTION_STOP", "Chassis", "Maker", "Making", "by_name", "maker"]
 
 PROTECTION_STOP = 2
 """The health status of a device that has stopped because of an error; the same number in every family so far."""
@@ -29,16 +29,48 @@ DeviceT = TypeVar("DeviceT", covariant=True)
 NamedT = TypeVar("NamedT", bound="Named")
 
 
-class Chassis(ABC, Generic[StreamT]):
+class Named(Protocol):
+    """What a device is."""
+
+    @property
+    def name(self) -> str:
+        """Its name in ``sim://`` sources."""
+        ...
+
+    @property
+    def model(self) -> int:
+        """Decides, with the seed, what is random: two models with one seed are not alike."""
+        ...
+
+    @property
+    def baudrate(self) -> int:
+        """Speed of its line in bits a second."""
+        ...
+
+
+class Making(TypedDict, total=False):
+    """What may be said of one device, beside what it is.
+
+    Attributes:
+        world: What it sees; the furnished room by default.
+        serial: Its serial number, as its family has them; by default it is drawn from the seed.
+        seed: Decides the noise of the default world, the serial number, the first angle, and all that is random.
+    """
+
+    world: WorldLike | None
+    serial: Any
+    seed: int
+
+
+class Chassis(ABC, Generic[NamedT, StreamT]):
     """The parts of a simulated device that are the same in every family.
 
     Args:
-        baudrate: Speed of its line in bits a second.
-        world: What it sees; the furnished room by default.
-        seed: Decides the noise of the default world, the first angle, and everything else that is random.
-        model: Its model number: two models with one seed are not alike.
+        profile: What it is.
+        making: As in `Making`. The serial number is the business of a family.
 
     Attributes:
+        profile: What it is.
         health: Status and error code, as it tells them.
         faults_cleared_by_reset: Whether RESET cures an error.
         response_delay_s: Seconds from a request to the beginning of its response; raise it for late responses.
@@ -48,8 +80,10 @@ class Chassis(ABC, Generic[StreamT]):
         mute: While true nothing leaves the device, and its bytes are lost.
     """
 
-    def __init__(self, baudrate: int, world: WorldLike | None, seed: int, model: int) -> None:
-        self._random = np.random.default_rng([seed, model])
+    def __init__(self, profile: NamedT, **making: Unpack[Making]) -> None:
+        seed, world = making.get("seed", 0), making.get("world")
+        self.profile: NamedT = profile
+        self._random = np.random.default_rng([seed, profile.model])
         self._world = make_world(seed=seed) if world is None else as_world(world)
         self.health: tuple[int, int] = (0, 0)
         self.faults_cleared_by_reset = True
@@ -60,12 +94,11 @@ class Chassis(ABC, Generic[StreamT]):
         self._response_before = b""
         self.mute = False
         self._motor = Motor()
-        self._queue = TransmitQueue(baudrate)
+        self._queue = TransmitQueue(profile.baudrate)
         self._log = RequestLog()
         self._stream: StreamT | None = None
         self._deaf_until, self._deaf_why = 0, ""
         self._outstanding_until, self._outstanding_request = 0, ""
-        self._baudrate = baudrate
         self._now = 0
 
     @property
@@ -79,7 +112,7 @@ class Chassis(ABC, Generic[StreamT]):
 
     @property
     def baudrate(self) -> int:
-        return self._baudrate
+        return self.profile.baudrate
 
     @property
     def log(self) -> list[Received]:
@@ -217,20 +250,11 @@ class Chassis(ABC, Generic[StreamT]):
         self._deaf_until, self._deaf_why = up, "still booting"
 
 
-class Named(Protocol):
-    """What a device is."""
-
-    @property
-    def name(self) -> str:
-        """Its name in ``sim://`` sources."""
-        ...
-
-
 class Maker(Protocol[DeviceT]):
     """Builds the simulated devices of a family by their names."""
 
-    def __call__(self, model: str, *, world: WorldLike | None = None, serial: Any = None, seed: int = 0) -> DeviceT:
-        """Build one; the arguments are those of the family's device.
+    def __call__(self, model: str, **making: Unpack[Making]) -> DeviceT:
+        """Build one.
 
         Raises:
             ValueError: No model has that name, or the serial number is none of this family.
@@ -246,9 +270,9 @@ def by_name(*profiles: NamedT) -> dict[str, NamedT]:
 def maker(build: Callable[..., DeviceT], profiles: Mapping[str, Any]) -> Maker[DeviceT]:
     """What builds the devices of a family: `build` is called with one of its `profiles`, by name."""
 
-    def make_simulated(model: str, *, world: WorldLike | None = None, serial: Any = None, seed: int = 0) -> DeviceT:
+    def make_simulated(model: str, **making: Unpack[Making]) -> DeviceT:
         if model not in profiles:
             raise ValueError(f"no simulated device is called {model!r}; there are {', '.join(profiles)}")
-        return build(profiles[model], world=world, serial=serial, seed=seed)
+        return build(profiles[model], **making)
 
     return make_simulated

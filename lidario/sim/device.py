@@ -10,17 +10,9 @@ mistake cannot hide in both.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, TypeGuard
+from typing import Protocol
 
-__all__ = [
-    "HasControlLine",
-    "HasSpeed",
-    "Received",
-    "SimulatedDevice",
-    "has_control_line",
-    "has_speed",
-    "is_network",
-]
+__all__ = ["Received", "SimulatedDevice", "is_network"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +38,11 @@ class Received:
 
 
 class SimulatedDevice(Protocol):
-    """The device side of a serial line, sans-IO; all times are monotonic nanoseconds and never go back."""
+    """The device side of a serial line, sans-IO; all times are monotonic nanoseconds and never go back.
+
+    A device for which the control line DTR means something also has ``set_dtr(asserted, now)``; one that notices at
+    which speed the host's port runs has ``set_host_baudrate(baudrate, now)``.
+    """
 
     @property
     def baudrate(self) -> int:
@@ -79,35 +75,6 @@ class SimulatedDevice(Protocol):
     def wakeup(self, now: int) -> int | None:
         """When `transmit` will next have something to hand out; None while the device is idle."""
         ...
-
-
-class HasControlLine(Protocol):
-    """A device for which a control line of the serial port means something."""
-
-    def set_dtr(self, asserted: bool, now: int) -> None:
-        """The host sets DTR."""
-        ...
-
-
-class HasSpeed(Protocol):
-    """A device that notices at which speed the host's port runs."""
-
-    def set_host_baudrate(self, baudrate: int, now: int) -> None:
-        """The host sets the speed of its port."""
-        ...
-
-
-def has_control_line(device: object) -> TypeGuard[HasControlLine]:
-    """Whether DTR means something to the device; also one that passes on what it is asked for (``__getattr__``).
-
-    `isinstance` with a protocol calls ``__getattr__`` in Python 3.11 only.
-    """
-    return callable(getattr(device, "set_dtr", None))
-
-
-def has_speed(device: object) -> TypeGuard[HasSpeed]:
-    """Whether the device notices at which speed the host's port runs."""
-    return callable(getattr(device, "set_host_baudrate", None))
 
 
 def is_network(device: SimulatedDevice) -> bool:

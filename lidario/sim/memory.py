@@ -6,7 +6,7 @@ faults change the bytes on their way to the host.
 
 from __future__ import annotations
 
-from lidario.sim.device import SimulatedDevice, has_control_line, has_speed
+from lidario.sim.device import SimulatedDevice
 from lidario.sim.faults import Faults
 
 __all__ = ["MemoryLine"]
@@ -43,13 +43,11 @@ class MemoryLine:
 
     def set_dtr(self, asserted: bool, now: int) -> None:
         """The host sets DTR; it means something to few devices."""
-        if has_control_line(self.device):
-            self.device.set_dtr(asserted, now)
+        self._tell("set_dtr", asserted, now)
 
     def set_baudrate(self, baudrate: int, now: int) -> None:
         """The host sets the speed of its port; few devices notice."""
-        if has_speed(self.device):
-            self.device.set_host_baudrate(baudrate, now)
+        self._tell("set_host_baudrate", baudrate, now)
 
     def read(self, now: int) -> bytes:
         """What has arrived at the host since the last call."""
@@ -79,6 +77,12 @@ class MemoryLine:
         if self._cable is None:
             self._cable = cable
         return cable != self._cable or self._faults.unplugged(now)
+
+    def _tell(self, method: str, state: int, now: int) -> None:
+        """Tell the device what the host has set, where it has a method for that, or passes on what it is asked."""
+        told = getattr(self.device, method, None)
+        if callable(told):
+            told(state, now)
 
     def _let_faults_happen(self, now: int) -> None:
         assert self._faults is not None

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import KW_ONLY, dataclass
-from typing import Final, Generic, TypeVar
+from typing import Final, Generic, TypeVar, Unpack
 
 import numpy as np
 import numpy.typing as npt
 
-from lidario.sim.chassis import Chassis
+from lidario.sim.chassis import Chassis, Making
 from lidario.sim.motor import Motor
-from lidario.sim.world import WorldLike
 
 __all__ = ["PacedByAngle", "PacedByTime", "Running", "Talker", "TalkerProfile", "within"]
 
@@ -44,9 +43,11 @@ class TalkerProfile:
         hertz: Revolutions a second.
         rate: Samples a second.
         slots: Packets of a revolution, of one that measures at angles.
-        samples: Samples of a packet, of one that measures at equal times.
+        samples: Samples of a packet, where it has as many at any speed.
         reach_mm: Nearest and farthest distance.
         commands: Whether it hears requests.
+        waits: Whether it is silent until it is started.
+        back: Whether it turns counter-clockwise.
         note: What else is to be told of it, for people.
         follows: Which recording of a real device it follows, for people; empty where there is none.
     """
@@ -61,6 +62,8 @@ class TalkerProfile:
     samples: int = 0
     reach_mm: tuple[float, float] = (100.0, 8000.0)
     commands: bool = False
+    waits: bool = False
+    back: bool = False
     note: str = ""
     follows: str = ""
 
@@ -90,38 +93,18 @@ class Running:
         self.ready = origin
 
 
-class Talker(Chassis[Running], Generic[ProfileT]):
+class Talker(Chassis[ProfileT, Running], Generic[ProfileT]):
     """One that talks from power-up on; what the host sends is not seen, unless a device derived from it does.
 
-    Args:
-        profile: What it is.
-        world: What it sees; the furnished room by default.
-        serial: Not used: such devices tell no serial number.
-        seed: Decides noise, first angle and intensities.
-
-    Attributes:
-        profile: What it is; this and more as in `Chassis`.
+    Arguments and attributes as in `Chassis`. Such devices tell no serial number.
     """
 
-    def __init__(
-        self,
-        profile: ProfileT,
-        *,
-        world: WorldLike | None = None,
-        serial: bytes | str | None = None,  # noqa: ARG002
-        seed: int = 0,
-    ) -> None:
-        super().__init__(profile.baudrate, world, seed, profile.model)
-        self.profile: ProfileT = profile
+    def __init__(self, profile: ProfileT, **making: Unpack[Making]) -> None:
+        super().__init__(profile, **making)
         self.boot_s: float = 0.5
         self._rpm = profile.hertz * 60
         self._motor = Motor(spin_up_s=1.0, turns=float(self._random.random()))
         self._up: int | None = None
-
-    @property
-    def waits(self) -> bool:
-        """Whether it is silent until it is started."""
-        return False
 
     def _greeting(self) -> bytes:
         """What it says when it has booted."""
@@ -177,7 +160,7 @@ class Talker(Chassis[Running], Generic[ProfileT]):
         """It has been on for long when it is first heard."""
         if self._up is None:
             self._up = self._now = now
-            if self.waits:
+            if self.profile.waits:
                 self._up = 0
                 return
             self._motor.spin_at_once(self._rpm, now - 20_000_000)
@@ -207,23 +190,19 @@ class Talker(Chassis[Running], Generic[ProfileT]):
 
     def _restart(self, now: int, up: int) -> None:
         super()._restart(now, up)
-        self._up = 0 if self.waits else up
+        self._up = 0 if self.profile.waits else up
 
 
 class PacedByAngle(Talker[ProfileT]):
     """One whose packets have places in the revolution: equal slots of it."""
 
-    @abstractmethod
-    def _samples(self, rpm: float) -> int:
-        """Samples of a packet at that speed."""
+    def _samples(self, rpm: float) -> int:  # noqa: ARG002
+        """Samples of a packet at that speed. Default: as many at any."""
+        return self.profile.samples
 
     @abstractmethod
     def _pack(self, slot: int, millimetres: Floats, rpm: float) -> bytes:
         """The packet of a slot, by what was measured in it; empty where it is not sent."""
-
-    def _direction(self, turned: Floats) -> Floats:
-        """Clockwise degrees of the beam where the rotor has turned so far."""
-        return turned
 
     def _begin(self, origin: int) -> None:
         stream = self._stream = Running(origin)
@@ -248,7 +227,7 @@ class PacedByAngle(Talker[ProfileT]):
         made = self._times(stream.ready, (numbers + 2.0) / self.profile.slots)
         ready = [stream.ready, *made[:-1]]
         seconds = np.repeat(np.array(ready, np.float64) * 1e-9, samples)
-        beams = self._direction(turned.ravel() * 360.0) % 360.0
+        beams = turned.ravel() * (-360.0 if self.profile.back else 360.0) % 360.0
         millimetres = self._world.ranges_mm(beams, np.minimum(seconds, seconds[0] + 1.0)).reshape(-1, samples)
         for number, at, row in zip(numbers.tolist(), ready, millimetres, strict=True):
             if at >= _BLOCKED:

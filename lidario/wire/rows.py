@@ -1,5 +1,8 @@
 """Packets of one size: many of them are checked as one array, and a CRC of eight bits by one look-up.
 
+Most such packets are described by tables alone (`LayoutFormat`): what stands where, how they begin, and what their
+check value is.
+
 A poll brings some ten packets, a file thousands. One by one, each costs some microseconds in Python; as rows of an
 array, a few more cost nothing. A CRC is linear: each byte adds to it what its value and its place say, so a table
 of that (`Crc8.of_rows`) replaces the loop over the bytes.
@@ -7,17 +10,19 @@ of that (`Crc8.of_rows`) replaces the loop over the bytes.
 
 from __future__ import annotations
 
+import re
 from abc import abstractmethod
 from functools import lru_cache
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lidario.wire.blocks import Block
-from lidario.wire.formats import StreamFormat, Stretch
+from lidario.wire.events import Packets
+from lidario.wire.formats import HEADINGS_WORTH_AN_ARRAY, NO_PACKET, Headings, StreamFormat, Stretch
 
-__all__ = ["Crc8", "Fold15", "RowFormat", "row_begins"]
+__all__ = ["Check", "Crc8", "Fold15", "LayoutFormat", "RowFormat", "row_begins"]
 
 
 class RowFormat(StreamFormat):
@@ -45,6 +50,109 @@ class RowFormat(StreamFormat):
         """Which of the `count` packets from `at` on are intact; they are all there."""
 
 
+class Check(Protocol):
+    """A check value that stands at the end of a packet."""
+
+    def holds(self, data: bytearray, at: int) -> bool:
+        """Whether it holds in the packet at `at`; all of it is there."""
+        ...
+
+    def of_rows(self, rows: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        """In which packets it holds; `rows` has the shape (n, bytes of a packet)."""
+        ...
+
+
+class LayoutFormat(RowFormat):
+    """A format whose packets have one layout. A class of it consists of tables.
+
+    A packet may also say that the rotor is not up to speed, and tell no angles then: such ones are records, and no
+    lost packets of a healthy stream (`_turns`).
+
+    Attributes:
+        layout: What stands where: an angle ``start``, mostly, and ``samples``.
+        marks: How a packet begins: the values that each of its first bytes may have, two bytes at least.
+        check: Its check value.
+        told_by: Bytes by which it is known whether one begins; 0 for all of a packet.
+        zero: What angles are counted from.
+        an_rpm: What a revolution a minute is in the unit of the field ``speed``.
+    """
+
+    layout: np.dtype[Any]
+    marks: tuple[bytes, ...]
+    check: Check
+    told_by: int = 2
+    zero: int = 0
+    an_rpm: float
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.shortest: int = self.layout.itemsize
+        self.longest: int = self.shortest
+        self.samples: int = self.layout["samples"].shape[0]
+        sets = [b"[" + re.escape(values) + b"]" for values in self.marks]
+        self.header: re.Pattern[bytes] = re.compile(b"".join(sets[:2]), re.DOTALL)
+        # The marks, as many of them as are there.
+        self._marks = re.compile(b"(?:\\Z|".join(sets) + b")" * (len(sets) - 1), re.DOTALL)
+        self._marked = _tables_of(self.marks)
+
+    @classmethod
+    def angles_of(cls, rows: NDArray[Any]) -> NDArray[np.int32]:
+        """Where packets begin, in the unit of the headings."""
+        angles: NDArray[np.int32] = (rows["start"].astype(np.int32) - cls.zero) % cls.full_turn
+        return angles
+
+    def measure(self, data: bytearray, at: int) -> int:
+        size = self._begun(data, at, self.told_by or self.shortest)
+        return size if size <= 0 or self._turns(data, at) else NO_PACKET
+
+    def intact(self, data: bytearray, at: int, size: int) -> bool:  # noqa: ARG002
+        return self.check.holds(data, at)
+
+    def headings(self, packets: Packets) -> Headings:
+        angles = self.angles_of(np.frombuffer(packets.data, self.layout))
+        return angles if len(angles) >= HEADINGS_WORTH_AN_ARRAY else angles.tolist()
+
+    def other_record(self, data: bytearray, at: int) -> int:
+        """As `StreamFormat.other_record`: a packet of a rotor that is not up to speed."""
+        size = self._begun(data, at, self.shortest)
+        if size <= 0:
+            return size
+        return NO_PACKET if self._turns(data, at) or not self.check.holds(data, at) else size
+
+    def _turns(self, data: bytearray, at: int) -> bool:  # noqa: ARG002 - most do not tell
+        """Whether the packet at `at`, as far as `told_by`, is one of a rotor that is up to speed."""
+        return True
+
+    def _turning(self, rows: NDArray[Any]) -> NDArray[np.bool_] | bool:  # noqa: ARG002
+        """The same of many packets."""
+        return True
+
+    def _begun(self, data: bytearray, at: int, needed: int) -> int:
+        """As `measure`, by the first bytes, once `needed` bytes are there."""
+        if self._marks.match(data, at) is None:
+            return NO_PACKET
+        return self.shortest if len(data) - at >= needed else 0
+
+    def _begin(self, raw: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        """Which packets begin as one must; `raw` has the shape (packets, bytes)."""
+        begun = self._marked[0][raw[:, 0]]
+        for place, values in enumerate(self._marked[1:], 1):
+            begun &= values[raw[:, place]]
+        return begun
+
+    def _intact_rows(self, data: bytearray, at: int, count: int) -> NDArray[np.bool_]:
+        raw = np.frombuffer(data, np.uint8, count * self.shortest, at).reshape(count, -1)
+        intact = self._begin(raw) & self.check.of_rows(raw)
+        intact &= self._turning(raw.reshape(-1).view(self.layout))
+        return intact
+
+
+@lru_cache(maxsize=64)
+def _tables_of(marks: tuple[bytes, ...]) -> tuple[NDArray[np.bool_], ...]:
+    """For each of the first bytes, which values it may have."""
+    return tuple(np.isin(np.arange(256), list(values)) for values in marks)
+
+
 @lru_cache(maxsize=256)
 def row_begins(rows: int, step: int) -> NDArray[np.intp]:
     """Where each of so many rows begins, for ``reduceat``, which is twice as fast as to reduce along rows."""
@@ -58,7 +166,7 @@ class Crc8:
 
     Args:
         polynomial: Its lower eight bits.
-        size: Bytes that are checked by `of_rows`.
+        size: Bytes of a packet before it.
     """
 
     def __init__(self, polynomial: int, size: int) -> None:
@@ -77,10 +185,13 @@ class Crc8:
             value = table[value ^ byte]
         return value
 
-    def of_rows(self, rows: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """The check value of each row; `rows` has the shape (n, size)."""
-        values: NDArray[np.uint8] = np.bitwise_xor.reduce(self._by_place[self._places, rows], axis=1)
-        return values
+    def holds(self, data: bytearray, at: int) -> bool:
+        return self.of(data[at : at + len(self._places) + 1]) == 0
+
+    def of_rows(self, rows: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        values = np.bitwise_xor.reduce(self._by_place[self._places, rows[:, :-1]], axis=1)
+        holds: NDArray[np.bool_] = values == rows[:, -1]
+        return holds
 
 
 class Fold15:
@@ -99,14 +210,12 @@ class Fold15:
         self._weights = np.array([1 << (words - 1 - place) & 0x3FFF_FFFF for place in range(words)], np.int64)
 
     def holds(self, data: bytearray, at: int) -> bool:
-        """Whether the words at `at` have the check value behind them."""
         end, value = at + 2 * self._words, 0
         for place in range(at, end, 2):
             value = (value << 1) + data[place] + (data[place + 1] << 8)
         return bool(_folded(value) == data[end] + (data[end + 1] << 8))
 
     def of_rows(self, rows: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """Whether the check value of each row holds; `rows` has the shape (n, 2 * words + 2)."""
         words = np.ascontiguousarray(rows).view("<u2").astype(np.int64)
         holds: NDArray[np.bool_] = _folded(words[:, :-1] @ self._weights) == words[:, -1]
         return holds

@@ -8,16 +8,14 @@ the zero differs by some degrees, and half of them count from the other side: a 
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families import two_angles
 from lidario.families.arcs import Output
-from lidario.families.camsense.formats import FULL_TURN, LDS08RR, X1, ZERO
-from lidario.families.spans import Heads
-from lidario.families.two_angles import TwoAngleDecoder
+from lidario.families.camsense.formats import LongFormat, PacketFormat
+from lidario.families.two_angles import TwoAngleDecoder, TwoAngleFormat
 
 __all__ = ["LongDecoder", "PacketDecoder", "sample_us"]
 
@@ -26,25 +24,17 @@ _MILLIMETRES: Final = 0x3FFF
 _OFFSET_DEG: Final = 21.0
 _THETA_DEG: Final = 10.0
 _BASELINE_MM: Final = 20.0
-_TURNS_A_SECOND: Final = 1 / 64 / 60
-"""The unit of speeds."""
 
 
 class PacketDecoder(TwoAngleDecoder):
     """Decodes the packets of one stream of an X1."""
 
-    layout: np.dtype[Any] = X1
-
-    def __init__(self) -> None:
-        super().__init__(self.layout, FULL_TURN, ZERO)
+    wire: ClassVar[type[TwoAngleFormat]] = PacketFormat
 
     def _read(self, measured: NDArray[Any], output: Output) -> None:
         words = measured["distance"]
         output.distance[...] = np.where(words & _NONE, 0, words & _MILLIMETRES)
         output.intensity[...] = np.minimum(measured["quality"], 255)
-
-    def _reported_rpm(self, heads: Heads, begin: int, end: int) -> float:
-        return float(heads.read["speed"][begin:end].mean()) / 64
 
     def _finish(self, output: Output) -> None:
         d = output.distance.astype(np.float64)
@@ -57,11 +47,9 @@ class PacketDecoder(TwoAngleDecoder):
 class LongDecoder(PacketDecoder):
     """Decodes the packets of one stream of an LDS08RR."""
 
-    layout: np.dtype[Any] = LDS08RR
+    wire: ClassVar[type[TwoAngleFormat]] = LongFormat
 
 
 def sample_us(packets: bytes) -> float:
     """What a sample takes, by packets of either kind; 0 where they do not tell."""
-    rows = np.frombuffer(packets, X1 if packets[2] == 3 else LDS08RR)
-    rate = two_angles.samples_a_second(rows, FULL_TURN, _TURNS_A_SECOND)
-    return 1e6 / rate if rate else 0.0
+    return (PacketFormat if packets[2] == 3 else LongFormat).sample_us(packets)

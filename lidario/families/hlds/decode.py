@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.hlds.formats import PACKET
+from lidario.families.hlds.formats import PacketFormat
 from lidario.families.slots import DegreeDecoder
 
 __all__ = ["PacketDecoder"]
@@ -21,8 +21,7 @@ __all__ = ["PacketDecoder"]
 class PacketDecoder(DegreeDecoder):
     """Decodes the packets of one stream."""
 
-    def __init__(self) -> None:
-        super().__init__(PACKET)
+    wire = PacketFormat
 
     def _returns(self, rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         samples = rows["samples"]

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from lidario.families.hlds.decode import PacketDecoder
-from lidario.families.hlds.formats import PACKET, SIZE, CheckedFormat, PacketFormat, checked
+from lidario.families.hlds.formats import SIZE, CheckedFormat, PacketFormat
 from lidario.families.slots import FULL_TURN
 from lidario.families.talking import Talkers, TalkingModel
 
@@ -36,14 +36,14 @@ _CHECKED: Final = replace(_UNCHECKED, wire=CheckedFormat, note="")
 def _model_of(packets: bytes) -> TalkingModel:
     """By chance a check value holds in one packet of 16 thousand; some of these may be damaged."""
     rows = np.frombuffer(packets, np.uint8).reshape(-1, SIZE)
-    return _CHECKED if 2 * np.count_nonzero(checked(rows)) > len(rows) else _UNCHECKED
+    return _CHECKED if 2 * np.count_nonzero(CheckedFormat.check.of_rows(rows)) > len(rows) else _UNCHECKED
 
 
 TALKERS: Final = Talkers(
     family="hlds",
     all=(_UNCHECKED, _CHECKED),
     unnamed=_model_of,
-    sample_us=PACKET.sample_us,
+    sample_us=PacketFormat.sample_us,
     # A revolution: what holds for so many is a rule.
     heard=60,
 )

@@ -16,79 +16,69 @@ as one without a check value, and what it sends tells whether one of the two hol
 
 from __future__ import annotations
 
-import re
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.slots import FIRST, HEAD, DegreeFormat, DegreePacket
-from lidario.wire.rows import Fold15
+from lidario.families.slots import FIRST, HEAD, DegreeFormat
+from lidario.wire.rows import Check, Fold15
 
-__all__ = ["PACKET", "SIZE", "CheckedFormat", "PacketFormat", "checked"]
+__all__ = ["SIZE", "CheckedFormat", "PacketFormat"]
 
 PACKETS: Final = 60
 SIZE: Final = 42
-SAMPLES: Final = 6
-FOLD: Final = Fold15(20)
 CHECKED: Final = 40
 """Bytes before the check value."""
 
 SAMPLE: Final = np.dtype([("intensity", "<u2"), ("distance", "<u2"), ("reserved", "<u2")])
-LAYOUT: Final = np.dtype(
-    [("mark", "u1"), ("number", "u1"), ("speed", "<u2"), ("samples", SAMPLE, SAMPLES), ("check", "u1", 2)]
-)
-PACKET: Final = DegreePacket(LAYOUT, SAMPLES, 10)
 
 
-class PacketFormat(DegreeFormat):
-    """Packets that are believed when the next one follows where it must. The types are our own numbers."""
+class EitherCheck:
+    """Either of the two check values."""
+
+    def __init__(self) -> None:
+        self._fold = Fold15(CHECKED // 2)
+
+    def holds(self, data: bytearray, at: int) -> bool:
+        value = 0xFF - (sum(data[at : at + CHECKED]) & 0xFF)
+        return data[at + CHECKED] == data[at + CHECKED + 1] == value or self._fold.holds(data, at)
+
+    def of_rows(self, rows: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        value = 0xFF - (rows[:, :CHECKED].sum(axis=1, dtype=np.uint32) & 0xFF)
+        twice: NDArray[np.bool_] = (rows[:, CHECKED] == value) & (rows[:, CHECKED + 1] == value)
+        return twice | self._fold.of_rows(rows)
+
+
+class CheckedFormat(DegreeFormat):
+    """Packets of a device of which one of the two check values holds. The types are our own numbers."""
 
     name = "FA A0, 42 bytes"
-    response_type = 0x42
-    header: re.Pattern[bytes] = re.compile(rb"\xfa[\xa0-\xdb]", re.DOTALL)
-    shortest = SIZE
-    longest = SIZE
-    samples = SAMPLES
-    packet = PACKET
+    response_type = 0x43
+    layout = np.dtype(
+        [("mark", "u1"), ("number", "u1"), ("speed", "<u2"), ("samples", SAMPLE, 6), ("check", "u1", 2)]
+    )
+    marks = (b"\xfa", bytes(range(0xA0, 0xDC)))
+    check: Check = EitherCheck()
+    an_rpm = 10
 
-    def measure(self, data: bytearray, at: int) -> int:
-        """As `StreamFormat.measure`: known when the beginning of the next packet is there."""
-        return self._begun(data, at, SIZE + 2)
+
+class PacketFormat(CheckedFormat):
+    """The same packets, which are believed when the next one follows where it must."""
+
+    response_type = 0x42
+    # Known when the beginning of the next packet is there.
+    told_by = SIZE + 2
 
     def intact(self, data: bytearray, at: int, size: int) -> bool:
         return data[at + size] == HEAD and data[at + size + 1] - FIRST == (data[at + 1] - FIRST + 1) % PACKETS
 
     def _intact_rows(self, data: bytearray, at: int, count: int) -> NDArray[np.bool_]:
-        rows = np.frombuffer(data, LAYOUT, count, at)
-        begun, number = self._marked(rows), rows["number"].astype(np.int32) - FIRST
+        raw = np.frombuffer(data, np.uint8, count * SIZE, at).reshape(count, SIZE)
+        begun, number = self._begin(raw), raw[:, 1].astype(np.int32) - FIRST
         intact = np.zeros(count, np.bool_)
         intact[:-1] = begun[:-1] & begun[1:] & (number[1:] == (number[:-1] + 1) % PACKETS)
         # Of the last one the next may not be there yet.
         last = at + (count - 1) * SIZE
         intact[-1] = len(data) - last >= SIZE + 2 and begun[-1] and self.intact(data, last, SIZE)
         return intact
-
-
-class CheckedFormat(PacketFormat):
-    """The same packets, of a device of which one of the two check values holds."""
-
-    response_type = 0x43
-
-    def measure(self, data: bytearray, at: int) -> int:
-        return self._begun(data, at)
-
-    def intact(self, data: bytearray, at: int, size: int) -> bool:  # noqa: ARG002
-        value = 0xFF - (sum(data[at : at + CHECKED]) & 0xFF)
-        return data[at + CHECKED] == data[at + CHECKED + 1] == value or FOLD.holds(data, at)
-
-    def _intact_rows(self, data: bytearray, at: int, count: int) -> NDArray[np.bool_]:
-        raw = np.frombuffer(data, np.uint8, count * SIZE, at)
-        return checked(raw.reshape(count, SIZE)) & self._marked(raw.view(LAYOUT))
-
-
-def checked(rows: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Of which packets one of the two check values holds; `rows` has the shape (n, 42)."""
-    value = 0xFF - (rows[:, :CHECKED].sum(axis=1, dtype=np.uint32) & 0xFF)
-    twice: NDArray[np.bool_] = (rows[:, CHECKED] == value) & (rows[:, CHECKED + 1] == value)
-    return twice | FOLD.of_rows(rows)

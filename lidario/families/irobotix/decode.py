@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.arcs import Output, in_turn
-from lidario.families.irobotix.formats import DATA, FULL_TURN, FifteenFormat, FrameFormat, head_of
+from lidario.families.irobotix.formats import FULL_TURN, FifteenFormat, FrameFormat, frames_of, samples_of
 from lidario.families.slots import SlotDecoder
 from lidario.families.spans import Arcs, Heads
 from lidario.wire.blocks import packet_offsets
@@ -32,23 +32,18 @@ class FrameDecoder(SlotDecoder):
         super().__init__(FULL_TURN, self.frames)
 
     def _heads(self, packets: Packets, following: bytes | None) -> Heads:
-        rows, begins = np.frombuffer(packets.data, np.uint8), np.array(packet_offsets(packets.blocks)[:-1])
-        first = (rows[begins + DATA + 3].astype(np.int32) << 8 | rows[begins + DATA + 4]) % FULL_TURN
-        counts = np.repeat(
-            np.array([_samples_of(size) for size, _ in packets.blocks], np.int32),
-            [count for _, count in packets.blocks],
-        )
-        after = None if following is None else (following[DATA + 3] << 8 | following[DATA + 4]) % FULL_TURN
-        return Heads(first, after, counts, None, (packets, rows[begins + DATA]))
+        first, counts, speeds = frames_of(packets.data, packet_offsets(packets.blocks))
+        after = None if following is None else int(frames_of(following, (0, len(following)))[0][0])
+        return Heads(first, after, counts, None, (packets, speeds))
 
     def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:  # noqa: ARG002 - equal parts of a revolution
         packets: Packets = heads.read[0]
         raw = np.frombuffer(packets.data, np.uint8)
         at = place = packet = 0
         for frame, count in packets.blocks:
-            each = _samples_of(frame)
+            each = samples_of(frame)
             until, behind = at + each * count, place + frame * count
-            measured = raw[place:behind].reshape(count, frame)[:, head_of(frame) : -2].reshape(count, each, 3)
+            measured = raw[place:behind].reshape(count, frame)[:, -2 - 3 * each : -2].reshape(count, each, 3)
             output.intensity[at:until].reshape(count, each)[...] = measured[:, :, 0]
             quarters = measured[:, :, 1].astype(np.uint16) << 8 | measured[:, :, 2]
             np.divide(quarters, 4, out=output.distance[at:until].reshape(count, each), casting="same_kind")
@@ -91,23 +86,15 @@ def sample_us(packets: bytes) -> float:
     return 1e6 / a_second if a_second else 0.0
 
 
-def _unlike(apart: NDArray[np.int64], slot: int) -> int:
+def _unlike(apart: NDArray[np.int32], slot: int) -> int:
     """How far these ways are from being whole slots."""
     beyond = apart % slot
     return int(np.minimum(beyond, slot - beyond).sum())
 
 
-def _samples_of(size: int) -> int:
-    return (size - head_of(size) - 2) // 3
-
-
-def _told(packets: bytes) -> tuple[NDArray[np.int64], list[int], list[int]]:
-    """Where each frame begins, how many samples it has, and its speed."""
-    starts, counts, speeds, at = [], [], [], 0
-    while at < len(packets):
-        size = packets[at + 2] + 2
-        starts.append(packets[at + DATA + 3] << 8 | packets[at + DATA + 4])
-        counts.append(_samples_of(size))
-        speeds.append(packets[at + DATA])
-        at += size
-    return np.array(starts, np.int64), counts, speeds
+def _told(packets: bytes) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.uint8]]:
+    """As `frames_of`, of frames in a row, each of which tells its own length."""
+    offsets = [0]
+    while offsets[-1] < len(packets):
+        offsets.append(offsets[-1] + packets[offsets[-1] + 2] + 2)
+    return frames_of(packets, offsets)

@@ -26,8 +26,8 @@ lengths must agree, so with the sum a frame is self-evident.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
-from typing import Final
+from collections.abc import Iterable, Sequence
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,7 @@ from lidario.wire.blocks import Block, packet_offsets
 from lidario.wire.events import Packets
 from lidario.wire.formats import HEADINGS_WORTH_AN_ARRAY, NO_PACKET, Headings, StreamFormat
 
-__all__ = ["DATA", "FULL_TURN", "RECORD", "AnyFrame", "FifteenFormat", "FrameFormat", "head_of"]
+__all__ = ["DATA", "FULL_TURN", "RECORD", "AnyFrame", "FifteenFormat", "FrameFormat", "frames_of", "samples_of"]
 
 MARK: Final = b"\xaa\x00"
 FIXED: Final = 0x61
@@ -54,9 +54,18 @@ MOST_SAMPLES: Final = 80
 """The vendor's SDK takes the length as one byte."""
 
 
-def head_of(size: int) -> int:
-    """Bytes before the samples of a measurement of that size, its head included."""
-    return DATA + HEADS[(size - DATA - SUM - HEADS[0]) % SAMPLE != 0]
+def samples_of(size: Any) -> Any:
+    """Samples of a measurement of that size; the angle of the last one takes less than one more would."""
+    return (size - DATA - HEADS[0] - SUM) // SAMPLE
+
+
+def frames_of(
+    data: bytes, offsets: Sequence[int]
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.uint8]]:
+    """Where measurements begin, their samples and speeds; by the offset of each, and of the end of the last one."""
+    rows, at = np.frombuffer(data, np.uint8), np.array(offsets[:-1]) + DATA
+    starts = (rows[at + 3].astype(np.int32) << 8 | rows[at + 4]) % FULL_TURN
+    return starts, samples_of(np.diff(offsets)).astype(np.int32), rows[at]
 
 
 class FrameFormat(StreamFormat):
@@ -87,20 +96,15 @@ class FrameFormat(StreamFormat):
         return _sum_holds(data, at, size)
 
     def headings(self, packets: Packets) -> Headings:
-        rows, at = np.frombuffer(packets.data, np.uint8), np.array(packet_offsets(packets.blocks)[:-1])
-        starts: NDArray[np.int32] = rows[at + DATA + 3].astype(np.int32) << 8 | rows[at + DATA + 4]
-        starts %= FULL_TURN
+        starts = frames_of(packets.data, packet_offsets(packets.blocks))[0]
         return starts if len(starts) >= HEADINGS_WORTH_AN_ARRAY else starts.tolist()
 
     def samples_in(self, blocks: Iterable[Block]) -> int:
-        return sum([(size - head_of(size) - SUM) // SAMPLE * count for size, count in blocks])
+        return sum([samples_of(size) * count for size, count in blocks])
 
     def told_sample_ns(self, packets: Packets) -> NDArray[np.float64]:
-        begins = np.array(packet_offsets(packets.blocks))
-        speeds = np.frombuffer(packets.data, np.uint8)[begins[:-1] + DATA] / 20.0
-        sizes = np.diff(begins)
-        counts = (sizes - DATA - HEADS[0] - SUM) // SAMPLE
-        taken: NDArray[np.float64] = 1e9 / (np.maximum(speeds, 0.05) * self.frames * counts)
+        _, counts, speeds = frames_of(packets.data, packet_offsets(packets.blocks))
+        taken: NDArray[np.float64] = 1e9 / (np.maximum(speeds / 20.0, 0.05) * self.frames * counts)
         return taken
 
     def other_record(self, data: bytearray, at: int) -> int:

@@ -14,30 +14,20 @@ uncorrected angle.
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 
-from lidario.families import two_angles
 from lidario.families.arcs import Output
-from lidario.families.ldrobot.formats import FULL_TURN, PACKET
+from lidario.families.ldrobot.formats import PacketFormat
 from lidario.families.spans import Heads
 from lidario.families.two_angles import TwoAngleDecoder
 
-__all__ = ["AxisDecoder", "PacketDecoder", "TriangleDecoder", "samples_a_second"]
-
-_DEGREES_A_SECOND: Final = 1 / 360
-"""The unit of speeds, in revolutions a second."""
+__all__ = ["AxisDecoder", "PacketDecoder", "TriangleDecoder"]
 
 
 class PacketDecoder(TwoAngleDecoder):
     """Decodes the packets of one stream; angles are those of the beam."""
 
-    def __init__(self) -> None:
-        super().__init__(PACKET, FULL_TURN)
-
-    def _reported_rpm(self, heads: Heads, begin: int, end: int) -> float:
-        return float(heads.read["speed"][begin:end].mean()) / 6
+    wire = PacketFormat
 
 
 class TriangleDecoder(PacketDecoder):
@@ -68,8 +58,3 @@ class AxisDecoder(PacketDecoder):
         ahead, aside = d + 5.9, 0.11923 * d - 20.14
         self._turn_back(output.angle, np.where(d > 0, np.degrees(np.arctan(aside / ahead)), 0.0))
         np.copyto(output.distance, np.hypot(ahead, aside), where=d > 0, casting="same_kind")
-
-
-def samples_a_second(packets: bytes) -> float:
-    """The rate that packets tell; 0 where they do not. Packets may be missing."""
-    return two_angles.samples_a_second(np.frombuffer(packets, PACKET), FULL_TURN, _DEGREES_A_SECOND)

@@ -11,7 +11,7 @@ from functools import partial
 from typing import Final
 
 from lidario.families.ldrobot import commands
-from lidario.families.ldrobot.decode import AxisDecoder, PacketDecoder, TriangleDecoder, samples_a_second
+from lidario.families.ldrobot.decode import AxisDecoder, PacketDecoder, TriangleDecoder
 from lidario.families.ldrobot.formats import AxisFormat, PacketFormat, TriangleFormat
 from lidario.families.talking import Speeds, Talkers, TalkingModel
 
@@ -54,13 +54,8 @@ _BY_RATE: Final = (
 
 
 def _model_of(packets: bytes) -> TalkingModel:
-    rate = samples_a_second(packets)
+    rate = PacketFormat.samples_a_second(packets)
     return next(model for slowest, model in _BY_RATE if rate >= slowest)
-
-
-def _sample_us(packets: bytes) -> float:
-    rate = samples_a_second(packets)
-    return 1e6 / rate if rate else 0.0
 
 
 TALKERS: Final = Talkers(
@@ -77,7 +72,7 @@ TALKERS: Final = Talkers(
         _STL27L,
     ),
     unnamed=_model_of,
-    sample_us=_sample_us,
+    sample_us=PacketFormat.sample_us,
     # By so many the rate is known to 0.5 % (by a recording of a real LD06). Of an LD14 they take 0.13 s.
     heard=24,
     # Models that triangulate send the same packets.

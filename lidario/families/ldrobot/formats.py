@@ -18,24 +18,20 @@ their length in the third byte. Each ends with the same CRC.
 
 from __future__ import annotations
 
-import re
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lidario.families.two_angles import TwoAngleFormat
 from lidario.wire.events import Packets
-from lidario.wire.formats import HEADINGS_WORTH_AN_ARRAY, NO_PACKET, Headings, Ticks
-from lidario.wire.rows import Crc8, RowFormat
+from lidario.wire.formats import NO_PACKET, Ticks
+from lidario.wire.rows import Crc8
 
-__all__ = ["CRC", "FULL_TURN", "HEAD", "PACKET", "SAMPLES", "SIZE", "AxisFormat", "PacketFormat", "TriangleFormat"]
+__all__ = ["CRC", "HEAD", "SIZE", "AxisFormat", "PacketFormat", "TriangleFormat"]
 
 HEAD: Final = 0x54
-LENGTHS: Final = (0x2C, 0xEC)
 SIZE: Final = 47
-SAMPLES: Final = 12
-FULL_TURN: Final = 36_000
-"""360 degrees in hundredths of a degree."""
 RECORDS: Final = {0xE0: 4, 0x0F: 23}
 RESPONSES: Final = range(0xA0, 0xA9)
 LONGEST_RESPONSE: Final = 50
@@ -46,51 +42,29 @@ PACKET: Final = np.dtype(
         ("mark", "u1", 2),
         ("speed", "<u2"),
         ("start", "<u2"),
-        ("samples", SAMPLE, SAMPLES),
+        ("samples", SAMPLE, 12),
         ("end", "<u2"),
         ("time", "<u2"),
         ("crc", "u1"),
     ]
 )
-
-
 CRC: Final = Crc8(0x4D, SIZE - 1)
 
 
-class PacketFormat(RowFormat):
+class PacketFormat(TwoAngleFormat):
     """The packets of models that measure the time of flight."""
 
     name = "54 2C"
     response_type = 0x2C
-    header: re.Pattern[bytes] = re.compile(rb"\x54[\x2c\xec]")
-    shortest = SIZE
-    longest = SIZE
-    samples = SAMPLES
-    full_turn = FULL_TURN
+    layout = PACKET
+    marks = (b"\x54", b"\x2c\xec")
+    check = CRC
+    full_turn = 36_000
+    an_rpm = 6
     ticks: Ticks | None = Ticks(1_000_000, 30_000)
 
     def stamps(self, packets: Packets) -> NDArray[np.int64]:
         return np.frombuffer(packets.data, PACKET)["time"].astype(np.int64)
-
-    def measure(self, data: bytearray, at: int) -> int:
-        if data[at] != HEAD:
-            return NO_PACKET
-        if len(data) - at < 2:
-            return 0
-        return SIZE if data[at + 1] in LENGTHS else NO_PACKET
-
-    def intact(self, data: bytearray, at: int, size: int) -> bool:
-        return CRC.of(data[at : at + size]) == 0
-
-    def _intact_rows(self, data: bytearray, at: int, count: int) -> NDArray[np.bool_]:
-        rows = np.frombuffer(data, np.uint8, count * SIZE, at).reshape(count, SIZE)
-        marked = (rows[:, 0] == HEAD) & ((rows[:, 1] == LENGTHS[0]) | (rows[:, 1] == LENGTHS[1]))
-        intact: NDArray[np.bool_] = marked & (CRC.of_rows(rows[:, :-1]) == rows[:, -1])
-        return intact
-
-    def headings(self, packets: Packets) -> Headings:
-        starts = np.frombuffer(packets.data, PACKET)["start"].astype(np.int32) % FULL_TURN
-        return starts if len(starts) >= HEADINGS_WORTH_AN_ARRAY else starts.tolist()
 
     def other_record(self, data: bytearray, at: int) -> int:
         begin = data[at : at + 3]

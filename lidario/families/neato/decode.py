@@ -8,13 +8,13 @@ is the largest one that is told; 1202 is the largest one in the recording.
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.neato.formats import PACKET
-from lidario.families.slots import DegreeDecoder
+from lidario.families.neato.formats import BackFormat, PacketFormat
+from lidario.families.slots import DegreeDecoder, DegreeFormat
 
 __all__ = ["BackDecoder", "PacketDecoder"]
 
@@ -23,10 +23,9 @@ _MILLIMETRES: Final = 0x3FFF
 
 
 class PacketDecoder(DegreeDecoder):
-    """Decodes the packets of one stream; of a rotor that turns clockwise, unless `back`."""
+    """Decodes the packets of one stream; of a rotor that turns clockwise."""
 
-    def __init__(self, *, back: bool = False) -> None:
-        super().__init__(PACKET, back=back)
+    wire: ClassVar[type[DegreeFormat]] = PacketFormat
 
     def _returns(self, rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         words = rows["samples"]["distance"]
@@ -37,5 +36,4 @@ class PacketDecoder(DegreeDecoder):
 class BackDecoder(PacketDecoder):
     """Decodes the packets of one stream of an XV-11, which turns counter-clockwise."""
 
-    def __init__(self) -> None:
-        super().__init__(back=True)
+    wire = BackFormat

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Final
 
 from lidario.families.neato.decode import BackDecoder, PacketDecoder
-from lidario.families.neato.formats import PACKET, SLOWEST, AnySpeed, BackFormat, PacketFormat
+from lidario.families.neato.formats import SLOWEST, AnySpeed, BackFormat, PacketFormat
 from lidario.families.slots import FULL_TURN
 from lidario.families.talking import Rotor, Talkers, TalkingModel
 
@@ -27,7 +27,7 @@ _UNNAMED: Final = TalkingModel(
 
 
 def _too_slow(packets: bytes) -> str:
-    rpm = PACKET.rpm_of(packets)
+    rpm = PacketFormat.rpm_of(packets)
     if rpm * 64 >= SLOWEST:
         return ""
     return (
@@ -44,7 +44,7 @@ TALKERS: Final = Talkers(
         TalkingModel("lds01rr", "LDS01RR", 115_200, _USUAL_US, 9.0, PacketFormat, PacketDecoder),
     ),
     unnamed=lambda packets: _UNNAMED,  # noqa: ARG005 - they tell nothing
-    sample_us=PACKET.sample_us,
+    sample_us=PacketFormat.sample_us,
     heard=4,
     # Two packets a revolution at 50 revolutions a minute, as the recording has it.
     rotor=Rotor(AnySpeed, 0.8, _too_slow),

@@ -16,29 +16,20 @@ boot prints stands before the packets.
 
 from __future__ import annotations
 
-import re
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.slots import DegreeFormat, DegreePacket
-from lidario.wire.formats import NO_PACKET
+from lidario.families.slots import DegreeFormat
 from lidario.wire.rows import Fold15
 
-__all__ = ["PACKET", "SIZE", "SLOWEST", "AnySpeed", "BackFormat", "PacketFormat"]
+__all__ = ["SLOWEST", "AnySpeed", "BackFormat", "PacketFormat"]
 
-SIZE: Final = 22
-SAMPLES: Final = 4
 SLOWEST: Final = 200 * 64
 """The speed below which nothing is measured, as packets state it."""
-CHECK: Final = Fold15(10)
 
 SAMPLE: Final = np.dtype([("distance", "<u2"), ("strength", "<u2")])
-LAYOUT: Final = np.dtype(
-    [("mark", "u1"), ("number", "u1"), ("speed", "<u2"), ("samples", SAMPLE, SAMPLES), ("check", "<u2")]
-)
-PACKET: Final = DegreePacket(LAYOUT, SAMPLES, 64)
 
 
 class PacketFormat(DegreeFormat):
@@ -46,31 +37,20 @@ class PacketFormat(DegreeFormat):
 
     name = "FA A0"
     response_type = 0x16
-    header: re.Pattern[bytes] = re.compile(rb"\xfa[\xa0-\xf9]", re.DOTALL)
-    shortest = SIZE
-    longest = SIZE
-    samples = SAMPLES
-    packet = PACKET
+    layout = np.dtype(
+        [("mark", "u1"), ("number", "u1"), ("speed", "<u2"), ("samples", SAMPLE, 4), ("check", "<u2")]
+    )
+    marks = (b"\xfa", bytes(range(0xA0, 0xFA)))
+    check = Fold15(10)
+    told_by: int = 4
+    an_rpm = 64
 
-    def measure(self, data: bytearray, at: int) -> int:
-        size = self._begun(data, at, 4)
-        return size if size <= 0 or _speed(data, at) >= SLOWEST else NO_PACKET
+    def _turns(self, data: bytearray, at: int) -> bool:
+        return data[at + 2] | data[at + 3] << 8 >= SLOWEST
 
-    def intact(self, data: bytearray, at: int, size: int) -> bool:  # noqa: ARG002
-        return CHECK.holds(data, at)
-
-    def _intact_rows(self, data: bytearray, at: int, count: int) -> NDArray[np.bool_]:
-        raw = np.frombuffer(data, np.uint8, count * SIZE, at)
-        rows = raw.view(LAYOUT)
-        intact: NDArray[np.bool_] = rows["speed"] >= SLOWEST
-        return intact & self._marked(rows) & CHECK.of_rows(raw.reshape(count, SIZE))
-
-    def other_record(self, data: bytearray, at: int) -> int:
-        """As `StreamFormat.other_record`: a packet of a rotor that is too slow."""
-        size = self._begun(data, at, SIZE)
-        if size <= 0:
-            return size
-        return SIZE if _speed(data, at) < SLOWEST and CHECK.holds(data, at) else NO_PACKET
+    def _turning(self, rows: NDArray[Any]) -> NDArray[np.bool_] | bool:
+        turning: NDArray[np.bool_] = rows["speed"] >= SLOWEST
+        return turning
 
 
 class BackFormat(PacketFormat):
@@ -83,9 +63,10 @@ class BackFormat(PacketFormat):
 class AnySpeed(PacketFormat):
     """The same packets, also those that are records there: what tells that the rotor is too slow."""
 
-    def measure(self, data: bytearray, at: int) -> int:
-        return self._begun(data, at)
+    told_by: int = 2
 
+    def _turns(self, data: bytearray, at: int) -> bool:  # noqa: ARG002
+        return True
 
-def _speed(data: bytearray, at: int) -> int:
-    return data[at + 2] | data[at + 3] << 8
+    def _turning(self, rows: NDArray[Any]) -> NDArray[np.bool_] | bool:  # noqa: ARG002
+        return True

@@ -80,19 +80,17 @@ class Conf(IntEnum):
     NETWORK_ADDRESS = 0x0001CCC0
 
 
+def _query(name: str, data: bytes, expects: Expected) -> Request:
+    return Request(name, data, expects, QUERY_TIMEOUT_S)
+
+
 FILL: Final = Request("FILL", bytes(HQ_PAYLOAD + 3))
 """What the longest request may lack: its length, its payload and its checksum. A length of 0 ends it at once."""
 STOP: Final = Request("STOP", encode_request(0x25), settle=STOP_SETTLE_S, ends_stream=True)
 RESET: Final = Request("RESET", encode_request(0x40), settle=RESET_SETTLE_S, ends_stream=True)
-GET_INFO: Final = Request(
-    "GET_INFO", encode_request(0x50), expects=Expected(ResponseType.INFO, 20), timeout=QUERY_TIMEOUT_S
-)
-GET_HEALTH: Final = Request(
-    "GET_HEALTH", encode_request(0x52), expects=Expected(ResponseType.HEALTH, 3), timeout=QUERY_TIMEOUT_S
-)
-GET_SAMPLERATE: Final = Request(
-    "GET_SAMPLERATE", encode_request(0x59), expects=Expected(ResponseType.SAMPLE_RATE, 4), timeout=QUERY_TIMEOUT_S
-)
+GET_INFO: Final = _query("GET_INFO", encode_request(0x50), Expected(ResponseType.INFO, 20))
+GET_HEALTH: Final = _query("GET_HEALTH", encode_request(0x52), Expected(ResponseType.HEALTH, 3))
+GET_SAMPLERATE: Final = _query("GET_SAMPLERATE", encode_request(0x59), Expected(ResponseType.SAMPLE_RATE, 4))
 GET_ACC_BOARD_FLAG: Final = Request(
     "GET_ACC_BOARD_FLAG",
     encode_request(0xFF, bytes(4)),
@@ -111,23 +109,18 @@ def get_lidar_conf(kind: Conf, mode: int | None = None) -> Request:
     """
     echo = struct.pack("<I", kind)
     payload = echo if mode is None else echo + struct.pack("<H", mode)
-    return Request(
+    return _query(
         f"GET_LIDAR_CONF {kind.name}" + ("" if mode is None else f" of mode {mode}"),
         encode_request(0x84, payload),
-        expects=Expected(ResponseType.LIDAR_CONF, 4, LONGEST_CONF, prefix=echo),
-        timeout=QUERY_TIMEOUT_S,
+        Expected(ResponseType.LIDAR_CONF, 4, LONGEST_CONF, prefix=echo),
     )
 
 
 def set_lidar_conf(kind: Conf, value: bytes) -> Request:
     """SET_LIDAR_CONF; the response is the type and a result, 0 for success."""
     echo = struct.pack("<I", kind)
-    return Request(
-        f"SET_LIDAR_CONF {kind.name}",
-        encode_request(0x85, echo + value),
-        expects=Expected(ResponseType.LIDAR_CONF_SET, 8, prefix=echo),
-        timeout=QUERY_TIMEOUT_S,
-    )
+    expected = Expected(ResponseType.LIDAR_CONF_SET, 8, prefix=echo)
+    return _query(f"SET_LIDAR_CONF {kind.name}", encode_request(0x85, echo + value), expected)
 
 
 def motor_speed(rpm: int) -> Request:

@@ -8,17 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.arcs import ArcDecoder, Output
-from lidario.families.rplidar.formats import FULL_TURN_Q6, FULL_TURN_Q14
+from lidario.families.rplidar.formats import FULL_TURN_Q6, FULL_TURN_Q14, HQ
 from lidario.families.rplidar.node_steps import NodeSteps
 from lidario.families.rplidar.nodes import NODE
-from lidario.families.spans import Arcs, Heads, SteadyArcs
+from lidario.families.spans import Arcs, Heads
 from lidario.families.told import ToldWheel
 from lidario.wire.events import Packets
 
 __all__ = ["HqDecoder", "NodeDecoder"]
 
-HQ_NODE: Final = np.dtype([("angle", "<u2"), ("distance", "<u4"), ("quality", "u1"), ("flag", "u1")])
-HQ: Final = np.dtype([("sync", "u1"), ("time", "<u8"), ("nodes", HQ_NODE, 96), ("crc", "<u4")])
 FIRST_ANGLE: Final = 9
 """Offset of the first node's angle in a packet of 0x83."""
 
@@ -45,7 +43,7 @@ class HqDecoder(ArcDecoder):
         np.multiply(nodes["distance"], 0.25, out=output.distance, dtype=np.float32, casting="same_kind")
         output.intensity[...] = nodes["quality"]
 
-    def _behind_seam(self, heads: Heads, arcs: Arcs | SteadyArcs, at: int, seam: int) -> int:  # noqa: ARG002
+    def _behind_seam(self, heads: Heads, arcs: Arcs, at: int, seam: int) -> int:  # noqa: ARG002
         """How many nodes of a packet, which all lie ahead of its first one, are behind the seam."""
         angles = heads.read["angle"][at]
         left = FULL_TURN_Q14 - (int(angles[0]) - seam) % FULL_TURN_Q14
@@ -74,6 +72,6 @@ class NodeDecoder(ArcDecoder):
         distance *= 0.25
         np.bitwise_and(rows["quality"], 0xFC, out=output.intensity[:, 0])
 
-    def _behind_seam(self, heads: Heads, arcs: Arcs | SteadyArcs, at: int, seam: int) -> int:  # noqa: ARG002
+    def _behind_seam(self, heads: Heads, arcs: Arcs, at: int, seam: int) -> int:  # noqa: ARG002
         """None: a node is too short to lie across it."""
         return 0

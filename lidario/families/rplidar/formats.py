@@ -26,6 +26,7 @@ from lidario.wire.rows import RowFormat, row_begins
 
 __all__ = [
     "FORMATS",
+    "HQ",
     "CapsuleFormat",
     "DenseFormat",
     "ExpressFormat",
@@ -83,22 +84,16 @@ class CapsuleFormat(RowFormat):
         return word & 0xFF == (data[at] & 0xF) | (data[at + 1] & 0xF) << 4
 
     def headings(self, packets: Packets) -> Headings:
-        data = packets.data
-        if len(data) >= CAPSULES_WORTH_AN_ARRAY * self.shortest:
-            words = np.frombuffer(data, "<u2")[self.start_at // 2 :: self.shortest // 2].astype(np.int32)
-            # The flag is the highest bit, so where every word is below 360 degrees there is none.
-            if words.max() < FULL_TURN_Q6:
-                return words
-            return (words & ANGLE_MASK) % FULL_TURN_Q6 | (words & STREAM_START_BIT) * (RESTARTS // STREAM_START_BIT)
-        if len(data) >= self.worth_an_array * self.shortest:
-            starts: list[int] = np.frombuffer(data, "<u2")[self.start_at // 2 :: self.shortest // 2].tolist()
-            if max(starts) < FULL_TURN_Q6:
-                return starts
-        found: list[int] = []
-        for at in range(self.start_at, len(data), self.shortest):
-            angle = (data[at] | (data[at + 1] & 0x7F) << 8) % FULL_TURN_Q6
-            found.append(angle | RESTARTS if data[at + 1] & 0x80 else angle)
-        return found
+        told = np.frombuffer(packets.data, "<u2")[self.start_at // 2 :: self.shortest // 2]
+        few: list[int] | None = told.tolist() if len(told) < CAPSULES_WORTH_AN_ARRAY else None
+        # The flag is the highest bit, so where every word is below 360 degrees there is none.
+        if few and max(few) < FULL_TURN_Q6:
+            return few
+        words = told.astype(np.int32)
+        if words.max() >= FULL_TURN_Q6:
+            restarts = (words & STREAM_START_BIT) * (RESTARTS // STREAM_START_BIT)
+            words = (words & ANGLE_MASK) % FULL_TURN_Q6 | restarts
+        return words.tolist() if few else words
 
     def _intact_rows(self, data: bytearray, at: int, count: int) -> NDArray[np.bool_]:
         step = self.shortest // 2
@@ -163,6 +158,10 @@ def _single_bits(size: int) -> dict[int, int]:
     return found
 
 
+HQ_NODE: Final = np.dtype([("angle", "<u2"), ("distance", "<u4"), ("quality", "u1"), ("flag", "u1")])
+HQ: Final = np.dtype([("sync", "u1"), ("time", "<u8"), ("nodes", HQ_NODE, 96), ("crc", "<u4")])
+
+
 class HqFormat(StreamFormat):
     """0x83: 96 whole nodes behind a time stamp, under a CRC-32.
 
@@ -182,7 +181,6 @@ class HqFormat(StreamFormat):
     full_turn = FULL_TURN_Q14
     self_evident = True
 
-    _first_angle = 9
     _crc = struct.Struct("<I")
     _padding = b"\0\0\0"
 
@@ -219,13 +217,8 @@ class HqFormat(StreamFormat):
         return True
 
     def headings(self, packets: Packets) -> Headings:
-        data = packets.data
-        if len(data) >= HEADINGS_WORTH_AN_ARRAY * self.shortest:
-            rows = np.frombuffer(data, np.uint8).reshape(-1, self.shortest)
-            angles = rows[:, self._first_angle : self._first_angle + 2].copy().view("<u2")
-            return angles[:, 0].astype(np.int32)
-        places = range(self._first_angle, len(data), self.shortest)
-        return [data[place] | data[place + 1] << 8 for place in places]
+        angles = np.frombuffer(packets.data, HQ)["nodes"]["angle"][:, 0].astype(np.int32)
+        return angles if len(angles) >= HEADINGS_WORTH_AN_ARRAY else angles.tolist()
 
 
 FORMATS: Final[dict[int, type[StreamFormat]]] = {

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.pace import PacedTurning
-from lidario.families.spans import Arcs, Heads, SteadyArcs, by_revolution, spans_between
+from lidario.families.spans import Arcs, Heads, by_revolution, spans_between
 from lidario.wire.events import Arrival
 
 __all__ = ["NodeSteps"]
@@ -81,7 +81,7 @@ class NodeSteps(PacedTurning):
         heads: Heads,
         ends: Sequence[int],
         arrivals: Sequence[Arrival] = (),  # noqa: ARG002
-    ) -> SteadyArcs | None:
+    ) -> Arcs | None:
         if not self._certain:
             return None
         spans, _, _, _ = spans_between(heads, self._full_turn, self._retreat)
@@ -91,10 +91,10 @@ class NodeSteps(PacedTurning):
                 return None
             typical, begin = total / (end - begin), end
             steps.append(typical)
-        return SteadyArcs(spans, steps)
+        return Arcs(spans, None, typical, certain=True, steps=steps)
 
-    def settle(self, arcs: SteadyArcs, arrivals: Sequence[Arrival] = ()) -> None:  # noqa: ARG002
-        self._typical, self._strange = arcs.steps[-1], 0
+    def settle(self, arcs: Arcs, arrivals: Sequence[Arrival] = ()) -> None:  # noqa: ARG002
+        self._typical, self._strange = arcs.step, 0
         self._pace.clear()
 
     @staticmethod

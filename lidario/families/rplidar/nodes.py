@@ -125,7 +125,7 @@ class NodeFormat(StreamFormat):
 
     def _takes(self, data: bytearray, at: int) -> bool:
         """Take the node at `at` if it continues the one before."""
-        if not self._continues(data, at, self._last):
+        if not self._goes_on(data, at) or (data[at] & 1 and not fits(angle_at(data, at), self._mark)):
             return False
         self._last = angle_at(data, at)
         if data[at] & 1:
@@ -191,20 +191,16 @@ class NodeFormat(StreamFormat):
     def _near(self, data: bytearray, place: int) -> bool:
         return self._last is not None and step_between(self._last, angle_at(data, place)) <= NEAR_Q6
 
-    def _continues(self, data: bytearray, at: int, last: int | None) -> bool:
+    def _goes_on(self, data: bytearray, at: int) -> bool:
+        """Whether the node at `at` is a small step ahead of the one before; its mark is not looked at."""
         if self.measure(data, at) != SIZE or not self.intact(data, at, SIZE):
             return False
-        angle = angle_at(data, at)
-        if last is not None and step_between(last, angle) > FORWARD_Q6:
-            return False
-        return not data[at] & 1 or fits(angle, self._mark)
+        return self._last is None or step_between(self._last, angle_at(data, at)) <= FORWARD_Q6
 
     def _repeats(self, data: bytearray, at: int) -> bool:
         """Whether the node that ended the run is marked where the last one was that was not believed."""
         angle = angle_at(data, at)
-        if not data[at] & 1 or self.measure(data, at) != SIZE or not self.intact(data, at, SIZE):
-            return False
-        if fits(angle, self._mark) or self._last is None or step_between(self._last, angle) > FORWARD_Q6:
+        if not data[at] & 1 or self._last is None or not self._goes_on(data, at) or fits(angle, self._mark):
             return False
         again = apart(angle, self._other_mark) <= BACKWARD_Q6
         self._other_mark = angle

@@ -40,7 +40,7 @@ def test_each_damaged_bit_is_found(wire: type[PacketFormat], packet: bytes) -> N
 def test_many_are_judged_as_one_is(wire: type[PacketFormat], packets: list[bytes]) -> None:
     damaged = packets[7][:20] + bytes((packets[7][20] ^ 1,)) + packets[7][21:]
     raw = bytearray(b"".join([*packets[:7], damaged, *packets[8:]]))
-    assert wire().run(raw, 0).end == 7 * wire.shortest
+    assert wire().run(raw, 0).end == 7 * wire().shortest
     assert wire().run(raw, 0) == checked_one_by_one(wire(), raw, 0)
 
 

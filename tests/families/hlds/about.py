@@ -20,7 +20,7 @@ MAKER = Maker(make_simulated, "hlds-lds01", 0.2, obeys=False)
 MODELS = ("hlds-lds01",)
 
 
-def _case(wire: type[PacketFormat]) -> Case:
+def _case(wire: type[CheckedFormat]) -> Case:
     sample_us = golden.load("hlds_lds01_5hz").sample_us
     assert sample_us is not None
     return Case(

@@ -8,7 +8,7 @@ from random import Random
 import numpy as np
 import pytest
 
-from lidario.families.ldrobot.decode import PacketDecoder, TriangleDecoder, samples_a_second
+from lidario.families.ldrobot.decode import PacketDecoder, TriangleDecoder
 from lidario.families.ldrobot.device import TALKERS
 from lidario.families.ldrobot.formats import CRC, PacketFormat, TriangleFormat
 from lidario.families.ldrobot.simulated.packers import pack_health, pack_points, pack_response
@@ -207,7 +207,7 @@ def test_what_comes_when_nobody_listens_is_drained() -> None:
 def test_the_rate_is_told_by_step_and_speed() -> None:
     for name, rate in (("ldrobot_ld19_6hz", 4500), ("ldrobot_stl27l_13hz", 21_600), ("ldrobot_ld14p_6hz", 4000)):
         raw = b"".join(ldrobot.split(golden.load(name).raw)[:24])
-        assert samples_a_second(raw) == pytest.approx(rate, rel=0.01)
+        assert PacketFormat.samples_a_second(raw) == pytest.approx(rate, rel=0.01)
 
 
 @pytest.mark.parametrize("path", [DATA / "ldrobot_ld19_13hz.npz", *ALSO_REAL], ids=lambda path: path.stem)

@@ -9,7 +9,7 @@ import pytest
 
 import lidario
 from lidario.families.neato.decode import BackDecoder, PacketDecoder
-from lidario.families.neato.formats import SIZE, BackFormat, PacketFormat
+from lidario.families.neato.formats import BackFormat, PacketFormat
 from lidario.families.neato.simulated.packers import pack_packet
 from lidario.families.unasked import begin
 from lidario.wire.events import Packets
@@ -102,7 +102,7 @@ def test_a_motor_that_stops_makes_no_scans_and_loses_no_packets(chunk: int | Non
     slow = sum(packet[2] + 256 * packet[3] < 200 * 64 for packet in neato.split(raw[: -len(GREETING)]))
     assert slow == 400
     assert (stats.packets, stats.records) == (90 * 4 + 100, 400)
-    assert len(packets) == stats.packets * SIZE
+    assert len(packets) == stats.packets * PacketFormat().shortest
     # A last byte may begin another packet.
     assert len(GREETING) - 22 <= stats.skipped_bytes <= len(GREETING)
     scans = list(lidario.decode(raw, model="xv11"))

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from lidario.families.neato.formats import SIZE, BackFormat, PacketFormat
+from lidario.families.neato.formats import BackFormat, PacketFormat
 from tests.families.neato.about import CASES
 from tests.reference import neato
 from tests.support.streams import checked_one_by_one
+
+SIZE = 22
 
 
 def test_each_damaged_bit_is_found() -> None:

@@ -6,7 +6,7 @@ waits for ``b``. No document says how long it boots or what it does with other b
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -15,25 +15,16 @@ from lidario.families.hlds.simulated.packers import pack_packet
 from lidario.sim.chassis import Maker, by_name, maker
 from lidario.sim.talker import PacedByAngle, TalkerProfile, within
 
-__all__ = ["PROFILES", "Profile", "SimulatedHlds", "make_simulated"]
+__all__ = ["PROFILES", "SimulatedHlds", "make_simulated"]
 
 Floats = npt.NDArray[np.float64]
 
 _NAMES = {ord("b"): "start", ord("e"): "stop"}
 
 
-@dataclass(frozen=True, slots=True)
-class Profile(TalkerProfile):
-    """What kind of device it is.
-
-    Attributes:
-        waits: Whether it waits for ``b`` when it has got power.
-    """
-
-    waits: bool = False
-
-
-_NEW = Profile("hlds-lds01", 1, baudrate=230_400, slots=60, reach_mm=(120.0, 3500.0), commands=True)
+_NEW = TalkerProfile(
+    "hlds-lds01", 1, baudrate=230_400, slots=60, samples=6, reach_mm=(120.0, 3500.0), commands=True
+)
 _OLD = replace(
     _NEW,
     name="hlds-lds01-2016",
@@ -44,7 +35,7 @@ _OLD = replace(
 PROFILES = by_name(_NEW, _OLD)
 
 
-class SimulatedHlds(PacedByAngle[Profile]):
+class SimulatedHlds(PacedByAngle[TalkerProfile]):
     """One simulated device; arguments and attributes as in `Talker`.
 
     Attributes:
@@ -52,11 +43,6 @@ class SimulatedHlds(PacedByAngle[Profile]):
     """
 
     check: bytes | None = None
-
-    @property
-    def waits(self) -> bool:
-        """Whether it is silent until it is started."""
-        return self.profile.waits
 
     def receive(self, data: bytes, now: int) -> None:
         """Take bytes that the host sent: each is a request of its own."""
@@ -70,9 +56,6 @@ class SimulatedHlds(PacedByAngle[Profile]):
             elif not why and self._stream is None:
                 self._start(now)
             self._log.add(now, name, bytes((byte,)), why)
-
-    def _samples(self, rpm: float) -> int:  # noqa: ARG002
-        return 6
 
     def _pack(self, slot: int, millimetres: Floats, rpm: float) -> bytes:
         seen = within(millimetres, self.profile.reach_mm)

@@ -15,15 +15,15 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Unpack
 
 import numpy as np
 import numpy.typing as npt
 
 from lidario.families.hokuyo.simulated.packers import pack_block, pack_clock, pack_lines, pack_status, sealed
-from lidario.families.hokuyo.simulated.profiles import BAUDRATE, PROFILES, Profile, texts_of
-from lidario.sim.chassis import Chassis, Maker, maker
+from lidario.families.hokuyo.simulated.profiles import PROFILES, Profile, texts_of
+from lidario.sim.chassis import Chassis, Maker, Making, maker
 from lidario.sim.line import TransmitQueue
-from lidario.sim.world import WorldLike
 
 __all__ = ["PROFILES", "Profile", "SimulatedHokuyo", "make_simulated"]
 
@@ -52,30 +52,13 @@ class _Stream:
     scans: int = 0
 
 
-class SimulatedHokuyo(Chassis[_Stream]):
-    """One simulated device; obeys `lidario.sim.device.SimulatedDevice`.
+class SimulatedHokuyo(Chassis[Profile, _Stream]):
+    """One simulated device; obeys `lidario.sim.device.SimulatedDevice`. The rest as in `Chassis`."""
 
-    Args:
-        profile: What it is.
-        world: What it sees; the furnished room by default.
-        serial: Its serial number; drawn from the seed by default.
-        seed: Decides noise, serial number and clock.
-
-    Attributes:
-        profile: What it is; this and more as in `Chassis`.
-    """
-
-    def __init__(
-        self,
-        profile: Profile,
-        *,
-        world: WorldLike | None = None,
-        serial: bytes | str | None = None,
-        seed: int = 0,
-    ) -> None:
-        super().__init__(BAUDRATE, world, seed, profile.model)
-        self.profile = profile
+    def __init__(self, profile: Profile, **making: Unpack[Making]) -> None:
+        super().__init__(profile, **making)
         self._queue = TransmitQueue(profile.line)
+        serial = making.get("serial")
         number = f"H{self._random.integers(10**7):07}"
         self._serial = number if serial is None else serial if isinstance(serial, str) else serial.decode("ascii")
         if not re.fullmatch(r"[A-Za-z0-9-]{1,20}", self._serial, re.ASCII):

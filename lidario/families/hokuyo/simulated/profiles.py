@@ -6,11 +6,9 @@ from dataclasses import dataclass
 
 from lidario.sim.chassis import by_name
 
-__all__ = ["BAUDRATE", "PROFILES", "Profile", "texts_of"]
+__all__ = ["PROFILES", "Profile", "texts_of"]
 
 USB, ETHERNET = 12_000_000, 100_000_000
-BAUDRATE = 115_200
-"""What a serial port is set to; by USB and TCP that means nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +28,7 @@ class Profile:
         intensity: Whether it knows ``ME``.
         nothing: What it sends where nothing came back.
         counts_semicolon: Whether the ``;`` of a line belongs to its sum.
+        baudrate: What a serial port is set to; by USB and TCP that means nothing.
     """
 
     name: str
@@ -44,6 +43,7 @@ class Profile:
     intensity: bool = True
     nothing: int = 65_533
     counts_semicolon: bool = False
+    baudrate: int = 115_200
 
     @property
     def about(self) -> str:

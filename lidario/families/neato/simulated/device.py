@@ -7,7 +7,7 @@ real XV-11 whose motor is stopped (Xevel/NXV11).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -17,7 +17,7 @@ from lidario.families.neato.simulated.packers import pack_packet
 from lidario.sim.chassis import Maker, by_name, maker
 from lidario.sim.talker import PacedByAngle, TalkerProfile, within
 
-__all__ = ["PROFILES", "Profile", "SimulatedNeato", "make_simulated"]
+__all__ = ["PROFILES", "SimulatedNeato", "make_simulated"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -29,42 +29,28 @@ _TOO_SLOW: Final = 0x52
 _SLOWEST_RPM: Final = 200.0
 
 
-@dataclass(frozen=True, slots=True)
-class Profile(TalkerProfile):
-    """What kind of device it is.
-
-    Attributes:
-        back: Whether it turns counter-clockwise.
-    """
-
-    back: bool = False
-
-
-_XV11: Final = Profile(
+_XV11: Final = TalkerProfile(
     "neato-xv11",
     11,
     slots=90,
+    samples=4,
     reach_mm=(60.0, 6000.0),
     note=", counter-clockwise",
     follows="one of NXV11",
     back=True,
 )
-_LDS02RR: Final = Profile("neato-lds02rr", 2, slots=90, reach_mm=(150.0, 6000.0), note=", clockwise")
+_LDS02RR: Final = TalkerProfile(
+    "neato-lds02rr", 2, slots=90, samples=4, reach_mm=(150.0, 6000.0), note=", clockwise"
+)
 _LDS01RR: Final = replace(_LDS02RR, name="neato-lds01rr", model=1, reach_mm=(150.0, 9000.0))
 PROFILES = by_name(_XV11, _LDS02RR, _LDS01RR)
 
 
-class SimulatedNeato(PacedByAngle[Profile]):
+class SimulatedNeato(PacedByAngle[TalkerProfile]):
     """One simulated device; arguments and attributes as in `Talker`."""
 
     def _greeting(self) -> bytes:
         return _GREETING
-
-    def _samples(self, rpm: float) -> int:  # noqa: ARG002
-        return 4
-
-    def _direction(self, turned: Floats) -> Floats:
-        return -turned if self.profile.back else turned
 
     def _pack(self, slot: int, millimetres: Floats, rpm: float) -> bytes:
         if rpm < _SLOWEST_RPM:

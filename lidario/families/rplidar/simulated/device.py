@@ -30,7 +30,7 @@ request that a killed program left unfinished is simply received: the bytes ``A5
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import ClassVar
+from typing import ClassVar, Unpack
 
 from lidario.families.rplidar.simulated.drive import Drive
 from lidario.families.rplidar.simulated.identity import Identity, pack_announcement, pack_response
@@ -39,9 +39,8 @@ from lidario.families.rplidar.simulated.profiles import PROFILES
 from lidario.families.rplidar.simulated.requests import IGNORED_IN_PROTECTION_STOP, PAYLOADS, Request, RequestReader
 from lidario.families.rplidar.simulated.speed import LineSpeed
 from lidario.families.rplidar.simulated.stream import MeasurementStream
-from lidario.sim.chassis import PROTECTION_STOP, Chassis, Maker, maker
+from lidario.sim.chassis import PROTECTION_STOP, Chassis, Maker, Making, maker
 from lidario.sim.motor import Motor
-from lidario.sim.world import WorldLike
 
 __all__ = ["PROFILES", "Mode", "Profile", "SimulatedRplidar", "make_simulated"]
 
@@ -52,18 +51,11 @@ _AFTER_IGNORED = "within 10 ms of a stop that was ignored"
 _SETTLE_AFTER_RESET = 500 * _MS  # S-series interface manual, RESET
 
 
-class SimulatedRplidar(Chassis[MeasurementStream]):
-    """One simulated device; obeys `lidario.sim.device.SimulatedDevice`.
-
-    Args:
-        profile: What it is.
-        world: As for `Chassis`, like `seed`.
-        serial: Its 16-byte serial number; drawn from `seed` by default.
-        seed: Decides the serial number, too.
+class SimulatedRplidar(Chassis[Profile, MeasurementStream]):
+    """One simulated device; obeys `lidario.sim.device.SimulatedDevice`. Arguments as for `Chassis`.
 
     Attributes:
-        profile: What it is.
-        serial: Its serial number.
+        serial: Its serial number, 16 bytes.
         health: Status (0 good, 1 warning, 2 Protection Stop) and error code; this and more as in `Chassis`.
         identity: What it responds when it is asked what it is; a test may put another one in its place.
         drive, line_speed, HANDLERS: What switches its motor, sets its speed, and obeys each request; likewise.
@@ -72,16 +64,9 @@ class SimulatedRplidar(Chassis[MeasurementStream]):
         ValueError: The serial number has not 16 bytes.
     """
 
-    def __init__(
-        self,
-        profile: Profile,
-        *,
-        world: WorldLike | None = None,
-        serial: bytes | None = None,
-        seed: int = 0,
-    ) -> None:
-        super().__init__(profile.baudrate, world, seed, profile.model)
-        self.profile = profile
+    def __init__(self, profile: Profile, **making: Unpack[Making]) -> None:
+        super().__init__(profile, **making)
+        serial = making.get("serial")
         self.serial: bytes = self._random.bytes(16) if serial is None else bytes(serial)
         self.identity: Identity = Identity(self.serial)
         self.response_delay_s: float = 0.0015

@@ -27,13 +27,13 @@ response comes. The log carries a remark on such a request.
 from __future__ import annotations
 
 import struct
+from typing import Unpack
 
 from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_response
 from lidario.families.ydlidar.simulated.profiles import PROFILES, Profile
 from lidario.families.ydlidar.simulated.stream import PointStream
-from lidario.sim.chassis import PROTECTION_STOP, Chassis, Maker, maker
+from lidario.sim.chassis import PROTECTION_STOP, Chassis, Maker, Making, maker
 from lidario.sim.motor import Motor
-from lidario.sim.world import WorldLike
 
 __all__ = ["PROFILES", "Profile", "Simulated4Ros", "make_simulated"]
 
@@ -68,18 +68,15 @@ _STOPS = {0x00, 0x65}
 _STEPS = {0x09: 10, 0x0A: -10, 0x0B: 100, 0x0C: -100}  # hundredths of Hz
 
 
-class Simulated4Ros(Chassis[PointStream]):
+class Simulated4Ros(Chassis[Profile, PointStream]):
     """One simulated device; obeys `lidario.sim.device.SimulatedDevice`.
 
     Args:
         profile: What it is.
-        world: What it sees; the furnished room by default.
-        serial: Its serial number: 16 digits as text, 16 bytes of 0 to 9, or 8 bytes of two digits each; drawn
-            from `seed` by default.
-        seed: Decides serial number, noise of the default world, first angle and garbled responses.
+        making: As for `Chassis`; a serial number is 16 digits as text, 16 bytes of 0 to 9, or 8 bytes of two digits
+            each.
 
     Attributes:
-        profile: What it is.
         serial: Its serial number, bytes of 0 to 9.
         health: Status (0 good, 1 warning, 2 error) and error code; this and more as in `Chassis`.
         zero_offset: What it tells of its zero-angle offset, in quarter degrees; nothing else depends on it.
@@ -93,17 +90,9 @@ class Simulated4Ros(Chassis[PointStream]):
         ValueError: The serial number is not 16 digits.
     """
 
-    def __init__(
-        self,
-        profile: Profile,
-        *,
-        world: WorldLike | None = None,
-        serial: bytes | str | None = None,
-        seed: int = 0,
-    ) -> None:
-        super().__init__(profile.baudrate, world, seed, profile.model)
-        self.profile = profile
-        drawn = self._random.integers(0, 10, 16).tolist()
+    def __init__(self, profile: Profile, **making: Unpack[Making]) -> None:
+        super().__init__(profile, **making)
+        serial, drawn = making.get("serial"), self._random.integers(0, 10, 16).tolist()
         self.serial: bytes = _digits(drawn if serial is None else serial)
         self.zero_offset: int = 0
         self.set_speed: int = profile.factory_speed
