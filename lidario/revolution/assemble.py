@@ -197,7 +197,7 @@ class Assembler:
 
     def _discard(self) -> None:
         """What is missing in the revolution in the making is counted all the same."""
-        if (packets := self.partial.packets()) is not None:
+        if not self.partial.even and (packets := self.partial.packets()) is not None:
             self.stats.lost_packets += self._stream.decoder.decode(packets, None).lost
         self.stats.finish(self.stats.unfinished_packets, delivered=False)
         self.partial = PartialRevolution(whole=False)
@@ -208,6 +208,7 @@ class Assembler:
     def _keep(self, packets: Packets, headings: Headings) -> None:  # noqa: ARG002 - for those who divide it
         partial = self.partial
         partial.runs.append(packets)
+        partial.even = partial.even and self.incoming.follows
         partial.size += len(packets.data)
         count, received_ns = packets.arrivals[-1]
         self.stats.unfinished_packets += count

@@ -229,7 +229,7 @@ def _block(
     here = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
     if partial.carried is not None:
         here.begin_with(partial.carried)
-    following = PartialRevolution(whole=True, seam=seam, behind_gap=False, carried_ns=last_ns)
+    following = PartialRevolution(whole=True, seam=seam, behind_gap=False, even=True, carried_ns=last_ns)
     if bounds[-1] < len(here):
         following.carried = here.part(bounds[-1])
     turned = SampleArrays(turned_by(here.angle, stream.zero_offset_deg), here.distance, here.intensity)
