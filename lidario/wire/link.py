@@ -2,9 +2,9 @@
 
 Its states are drawn in `lidario.wire.states`.
 
-Four verbs: `receive_data`, `events_received`, `send_request`, `data_to_send`. Time is an argument. While it
-streams it searches for no descriptor, and while it waits for a response it accepts only the one that was
-requested, by type *and* length, since ``A5 5A`` stands in scan data by chance about four times a second.
+Three verbs: `receive_data`, `events_received`, `send_request`. Time is an argument. While it streams it searches
+for no descriptor, and while it waits for a response it accepts only the one that was requested, by type *and*
+length, since ``A5 5A`` stands in scan data by chance about four times a second.
 Bytes never raise. Misuse does: `LocalProtocolError`.
 
 Every byte is counted in exactly one field of `LinkStats`, or is still in the buffer. The buffer is bounded: data
@@ -53,7 +53,6 @@ class Link:
         self._slice_size = slice_size
         self._buffer = ReceiveBuffer(2 * slice_size)
         self._events: list[Event] = []
-        self._outgoing = bytearray()
         self._pending: Request | None = None
         self._format: StreamFormat | None = None
         self._abandoned = False
@@ -115,7 +114,7 @@ class Link:
         return events
 
     def send_request(self, request: Request) -> None:
-        """Queue a request for `data_to_send` and expect its response.
+        """A request is about to be written: expect its response.
 
         Raises:
             LocalProtocolError: Another response is pending (also an abandoned one), or packets flow and this
@@ -141,12 +140,6 @@ class Link:
         elif request.stream is not None:
             self.enter_stream(request.stream)
             self.stream_at = self.fed
-        self._outgoing += request.data
-
-    def data_to_send(self) -> bytes:
-        """The bytes to write to the port now."""
-        data, self._outgoing = bytes(self._outgoing), bytearray()
-        return data
 
     def forget(self) -> None:
         """The pending response is not expected any more; should it still come, its bytes are stray."""
@@ -174,21 +167,24 @@ class Link:
             self.state = LinkState.IDLE
 
     def _feed(self, data: bytes | bytearray | memoryview, now: int) -> None:
-        self._buffer.append(data)
         self.fed += len(data)
-        state = self.state
-        if state is _AWAIT_RESPONSE:
-            if self._format is None:
-                self._await_response(now)
-            else:
-                self._await_packets(self._format, now)
-            state = self.state
-        if state is _STREAMING:
-            self._stream(now)
-        elif state is LinkState.DRAINING or (state is LinkState.IDLE and self._unasked):
-            self.stats.drained_bytes += self._buffer.clear()
-        elif state is LinkState.IDLE and self._buffer.data:
-            self.stats.stray_bytes += self._buffer.clear()
+        unexpected = len(data)
+        if self.state is _AWAIT_RESPONSE or self.state is _STREAMING:
+            self._buffer.append(data)
+            if self.state is _AWAIT_RESPONSE:
+                if self._format is None:
+                    self._await_response(now)
+                else:
+                    self._await_packets(self._format, now)
+            if self.state is _STREAMING:
+                self._stream(now)
+            if self.state is _AWAIT_RESPONSE or self.state is _STREAMING:
+                return
+            unexpected = self._buffer.clear()
+        if self.state is LinkState.DRAINING or self._unasked:
+            self.stats.drained_bytes += unexpected
+        else:
+            self.stats.stray_bytes += unexpected
 
     def _await_response(self, now: int) -> None:
         """Search for the one descriptor that belongs to the pending request."""

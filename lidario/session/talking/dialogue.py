@@ -22,7 +22,7 @@ from lidario.errors import InternalError, LidarError, ResponseTimeout, SessionCl
 from lidario.families.base import Device, Script, Timing
 from lidario.port.port import Port
 from lidario.session.talking.intake import Intake
-from lidario.session.talking.readiness import Readiness
+from lidario.session.talking.readiness import CLOCK_S, Readiness
 from lidario.session.talking.stopper import PATIENCE_S, Stopper
 from lidario.session.talking.trouble import twin_of
 from lidario.session.talking.waiting import Awaited, Waiting
@@ -196,16 +196,17 @@ class Dialogue(Intake, Waiting):
         if stop:
             await self._until_it_listens()
             self.write((self.device.stop(),))
-        await self._until_it_listens()
-        deadline = self._loop.time() + self.timing.drain_s
+        if self._is_busy:
+            await self._until_it_listens()
+        listens_at = max(self._loop.time(), self._readiness.listens_at)
         while self.link.state is LinkState.DRAINING:
-            seen = self.stats.bytes_received
-            with suppress(TimeoutError):
-                await self.wait(self.timing.quiet_s, Awaited.TIME)
-            if self.stats.bytes_received == seen:
+            now, last = self._loop.time(), max(listens_at, self.received_ns * 1e-9)
+            if (left := last + self.timing.quiet_s - now) <= CLOCK_S:
                 self.link.drained()
-            elif self._loop.time() > deadline:
+            elif now > listens_at + self.timing.drain_s:
                 return False
+            else:
+                await self.pause(left)
         return True
 
     def keep_alive(self, request: Request) -> bool:
@@ -302,8 +303,6 @@ class Dialogue(Intake, Waiting):
                 self.reset_at = self._loop.time()
             # One by one: where the line carries datagrams, a device may look for one request in each.
             if request.data:
-                # With it, the link gives up what KeyboardInterrupt kept from being written before.
-                self.link.data_to_send()
                 self.port.write(request.data)
         if self._awaited is Awaited.CHANGE:
             self.wake(Awaited.CHANGE)
@@ -321,6 +320,10 @@ class Dialogue(Intake, Waiting):
             elif not until:
                 return
             # What is received does not shorten a pause that the device demands.
-            busy = self.stopper.wanted or self.link.state is _AWAITING
             with suppress(TimeoutError):
-                await self.wait(until - now, Awaited.CHANGE if busy else Awaited.TIME)
+                await self.wait(until - now, Awaited.CHANGE if self._is_busy else Awaited.TIME)
+
+    @property
+    def _is_busy(self) -> bool:
+        """Whether the stop requests are not done with, or a response is outstanding."""
+        return self.stopper.wanted or self.link.state is _AWAITING
