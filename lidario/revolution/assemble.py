@@ -193,7 +193,8 @@ class Assembler:
     def end(self) -> None:
         """The stream has ended: discard the revolution in the making. Harmless when done before."""
         self._discard()
-        self.incoming.end()
+        self.stats.discarded_packets += self.stats.waiting_packets
+        self.stats.waiting_packets = 0
 
     def _discard(self) -> None:
         """What is missing in the revolution in the making is counted all the same."""

@@ -73,10 +73,6 @@ class Incoming:
         """Whether no time is late: the device tells it."""
         return self._clock.is_told
 
-    def end(self) -> None:
-        """The stream has ended."""
-        self._false.end()
-
     def measure(self, samples: Samples, packets: Packets) -> None:
         """These packets were decoded to those samples."""
         if samples.certain and not samples.sample_ns:
