@@ -13,7 +13,6 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Awaitable, Callable, Coroutine, Sequence
-from contextlib import suppress
 from typing import Any, TypeVar
 
 import anyio
@@ -169,14 +168,15 @@ class Dialogue(Intake, Waiting):
                 return b""
             try:
                 payload = await self.wait(timeout, Awaited.RESPONSE)
+                if payload is None:
+                    self._readiness.give_up()
+                    continue
                 self.reset_at = None
                 if request.stream is None:
                     self.chronicle.responded(request.data, request.expects.type, payload)
                 else:
                     self.chronicle.started(request.data)
                 return payload
-            except TimeoutError:
-                self._readiness.give_up()
             except BaseException:
                 # The device is still busy with it: the next request waits until it has responded.
                 self.link.abandon()
@@ -196,7 +196,7 @@ class Dialogue(Intake, Waiting):
         if stop:
             await self._until_it_listens()
             self.write((self.device.stop(),))
-        if self._is_busy:
+        if self.stopper.wanted or self.link.state is _AWAITING:
             await self._until_it_listens()
         listens_at = max(self._loop.time(), self._readiness.listens_at)
         while self.link.state is LinkState.DRAINING:
@@ -206,7 +206,7 @@ class Dialogue(Intake, Waiting):
             elif now > listens_at + self.timing.drain_s:
                 return False
             else:
-                await self.pause(left)
+                await self.wait(left)
         return True
 
     def keep_alive(self, request: Request) -> bool:
@@ -320,10 +320,5 @@ class Dialogue(Intake, Waiting):
             elif not until:
                 return
             # What is received does not shorten a pause that the device demands.
-            with suppress(TimeoutError):
-                await self.wait(until - now, Awaited.CHANGE if self._is_busy else Awaited.TIME)
-
-    @property
-    def _is_busy(self) -> bool:
-        """Whether the stop requests are not done with, or a response is outstanding."""
-        return self.stopper.wanted or self.link.state is _AWAITING
+            busy = self.stopper.wanted or self.link.state is _AWAITING
+            await self.wait(until - now, Awaited.CHANGE if busy else Awaited.TIME)
