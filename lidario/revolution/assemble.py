@@ -104,7 +104,7 @@ class Assembler:
             self.stats.discarded_packets += left
 
     def _ends_at(self, event: Packets, headings: Headings, splits: Sequence[Split]) -> Iterator[list[Scan]]:
-        kept = 0
+        kept, count = 0, event.count
         try:
             offsets = packet_offsets(event.blocks)
             done, alone = 0, 1
@@ -128,11 +128,11 @@ class Assembler:
                     kept = split.packet
                     yield [] if scan is None else [scan]
                 done += left
-            rest = self._part(event, kept, event.count, offsets) if kept else event
-            headings, kept = headings[kept:], event.count
+            rest = self._part(event, kept, count, offsets) if kept else event
+            headings, kept = headings[kept:], count
             self._keep(rest, headings)
         finally:
-            self.stats.discarded_packets += event.count - kept
+            self.stats.discarded_packets += count - kept
 
     def _end_at(self, event: Packets, split: Split, offsets: Sequence[int]) -> Scan | None:
         """End the revolution at a split; the packets of the event before it are kept already."""
