@@ -107,7 +107,8 @@ class PolledLine(Line):
         self._schedule = schedule
         self._stop_timer()
         self._watch_in_thread(schedule)
-        self.hand_over()
+        if self._inbox.size:
+            self.hand_over()
         self._wait()
 
     def poll(self) -> None:
