@@ -92,6 +92,8 @@ class Dialogue(Intake, Waiting):
         self.dtr: bool | None = None
         self.device: Device = device
         self._longest = self._until = math.inf
+        # When bytes came last while no response was outstanding.
+        self._heard_at = 0.0
         self._readiness = Readiness(self.link)
         self.stopper: Stopper = Stopper(self, self._readiness, device, timing.quiet_s)
         port.attach(self, self.stopper.unseen)
@@ -104,6 +106,7 @@ class Dialogue(Intake, Waiting):
 
     def taken(self) -> None:
         if self.link.state is not _AWAITING:
+            self._heard_at = self._loop.time()
             # A response that was given up is among what has come.
             self._readiness.late_until = 0.0
             if self._awaited is Awaited.CHANGE:
@@ -200,7 +203,7 @@ class Dialogue(Intake, Waiting):
             await self._until_it_listens()
         listens_at = max(self._loop.time(), self._readiness.listens_at)
         while self.link.state is LinkState.DRAINING:
-            now, last = self._loop.time(), max(listens_at, self.received_ns * 1e-9)
+            now, last = self._loop.time(), max(listens_at, self._heard_at)
             if (left := last + self.timing.quiet_s - now) <= CLOCK_S:
                 self.link.drained()
             elif now > listens_at + self.timing.drain_s:

@@ -87,7 +87,6 @@ class Intake(Delivery, ABC):
         port: The open port.
         link: The parser of what it receives.
         chronicle: What happened so far, for recordings.
-        received_ns: When the last bytes came.
     """
 
     def __init__(self, port: Port) -> None:
@@ -95,7 +94,6 @@ class Intake(Delivery, ABC):
         self.link: Link = Link()
         super().__init__(self.link.stats, Turns(port.now, self.mistaken))
         self.chronicle: Chronicle = Chronicle()
-        self.received_ns: int = 0
         self._errors_before = port.errors
         self._overflow, self._full_reads = port.late.overflow_bytes, port.late.full_reads
 
@@ -106,7 +104,6 @@ class Intake(Delivery, ABC):
 
     def data_received(self, data: bytes, now: int, arrivals: Sequence[tuple[int, int]] = ()) -> None:
         """Count what the port has lost, then parse the bytes."""
-        self.received_ns = now
         late = self.port.late
         if late.overflow_bytes != self._overflow:
             # They came before `data`: the port keeps what comes first.
