@@ -32,7 +32,6 @@ def timed(kind: str, path: str, chunk: int, seconds: float, passes: int) -> dict
     for _ in range(passes):
         stream, link = made_of.stream(), Link()
         link.send_request(made_of.request(stream.format))
-        link.data_to_send()
         assembler, scans = Assembler(stream), 0
         begin = time.process_time()
         for at in range(0, len(raw), step):

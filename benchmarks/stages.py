@@ -124,7 +124,6 @@ def _through(stream: Stream, kind: Kind, raw: bytes, take: Callable[[Packets], o
 def _opened(stream: Stream, kind: Kind) -> Link:
     link = Link()
     link.send_request(kind.request(stream.format))
-    link.data_to_send()
     return link
 
 

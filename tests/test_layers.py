@@ -152,7 +152,7 @@ def test_the_rules_see_the_whole_package() -> None:
     assert {"ldrobot", "rplidar", "ydlidar"} <= set(VENDORS)
     # The reading itself: what is known to be imported is found.
     link = ours(PACKAGE / "wire" / "link.py")
-    assert {"lidario.errors", "lidario.wire.buffer", "lidario.wire.formats"} <= link
+    assert {"lidario.errors", "lidario.wire.blocks", "lidario.wire.formats"} <= link
     assert "lidario.families.rplidar" in ours(PACKAGE / "families" / "registry.py")
     assert "serial" in foreign(PACKAGE / "port" / "adapter.py")
 

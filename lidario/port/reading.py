@@ -97,8 +97,8 @@ class PolledLine(Line):
         """Stop reading, also in the thread: from now on the descriptor may be closed."""
         if self.repeat is not None:
             self.repeat.set(b"", 0.0)
-        self._watch_in_thread(None)
         if not self._port.is_forked:
+            self._watch_in_thread(None)
             self._inbox.close()
 
     def set_polling(self, latency: float, schedule: Schedule | None) -> None:
@@ -107,7 +107,8 @@ class PolledLine(Line):
         self._schedule = schedule
         self._stop_timer()
         self._watch_in_thread(schedule)
-        self.hand_over()
+        if self._inbox.size:
+            self.hand_over()
         self._wait()
 
     def poll(self) -> None:
@@ -126,26 +127,17 @@ class PolledLine(Line):
             data = held[0] if len(held) == 1 else b"".join(held)
             self._port.data_received(data, arrivals.pop()[1], arrivals, shown=True)
 
-    def _tick(self) -> None:
-        """A poll is due."""
+    def _poll(self) -> None:
+        """A poll is due, or the event loop says that there is something to read."""
         if self._port.is_forked:
             return
         self._timer = None
         try:
             self._read()
-            self._hand_over_if_due()
+            if self._schedule is None or self._is_due(self._schedule):
+                self.hand_over()
         finally:
-            self._wait()
-
-    def _readable(self) -> None:
-        """The event loop says that there is something to read."""
-        if self._port.is_forked:
-            return
-        try:
-            self._read()
-            self._hand_over_if_due()
-        finally:
-            if self._schedule is not None:
+            if self._schedule is not None or not self._watching:
                 self._wait()
 
     def _read(self) -> None:
@@ -172,42 +164,43 @@ class PolledLine(Line):
         chunks = [("in", data, now) for data, (_, now) in zip(held[shown:], arrivals[shown:], strict=True)]
         return sorted(chunks + super().take_pending(), key=itemgetter(2))
 
-    def _hand_over_if_due(self) -> None:
-        if self._schedule is not None and self._inbox.size < HOLD_BYTES:
-            now = self._port.now() * 1e-9
-            # A timer may come that little early.
-            if now < self._inbox.first_ns * 1e-9 + HOLD_S - _TIMER_S and now < self._schedule.hold(now):
-                return
-        self.hand_over()
+    def _is_due(self, schedule: Schedule) -> bool:
+        """Whether what is held is needed now, or is too much, or was held for too long."""
+        now = self._port.now() * 1e-9
+        # A timer may come that little early.
+        held_long = now >= self._inbox.first_ns * 1e-9 + HOLD_S - _TIMER_S
+        return held_long or self._inbox.size >= HOLD_BYTES or now >= schedule.hold(now)
 
     def _wait(self) -> None:
         """Wait for the next poll, or be woken by the next delivery where none of them may wait."""
         if not self._running or self._timer is not None:
             return
-        now = self._port.now() * 1e-9
-        pause = 0.0 if self._schedule is None else self._schedule.rest(now)
-        if pause > 0 and self._schedule is not None:
+        schedule, now, pause = self._schedule, 0.0, 0.0
+        if schedule is not None:
+            now = self._port.now() * 1e-9
+            pause = schedule.rest(now)
             if self._dropped is not None:
-                self._watched.interval = self._schedule.interval
+                self._watched.interval = schedule.interval
             else:
-                pause = min(pause, self._schedule.interval)
+                pause = min(pause, schedule.interval)
         if pause <= 0:
             pause = max(self._latency - _TIMER_S, self._latency / 2)
         if pause <= 0 and self._handle < 0:
             pause = _POLL_S
         if pause <= 0:
             self._watch(True)
-            self.hand_over()
+            if self._inbox.size:
+                self.hand_over()
             return
-        if self._inbox.size:
+        if schedule is not None and self._inbox.size:
             pause = max(0.0, min(pause, self._inbox.first_ns * 1e-9 + HOLD_S - now))
         if self._watching:
             self._watch(False)
-        self._timer = self._loop.call_later(pause, self._tick)
+        self._timer = self._loop.call_later(pause, self._poll)
 
     def _watch(self, on: bool) -> None:
         if on and not self._watching:
-            self._loop.add_reader(self._handle, self._readable)
+            self._loop.add_reader(self._handle, self._poll)
         elif self._watching and not on:
             self._loop.remove_reader(self._handle)
         self._watching = on
@@ -224,7 +217,7 @@ class PolledLine(Line):
 
     def _watch_in_thread(self, schedule: Schedule | None) -> None:
         """Have the thread read beside the loop while there is a schedule; None for no longer."""
-        if self._dropped is not None and not self._port.is_forked:
+        if self._dropped is not None:
             reading_thread().remove(self._watched)
             self._dropped.detach()
             # What the thread has read is in the inbox now; a response that comes next must not lie there unseen.

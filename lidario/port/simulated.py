@@ -194,8 +194,7 @@ class MemoryTransport(Line):
         self._closing = False
         self._timer: asyncio.TimerHandle | None = None
         # As `open_serial` does.
-        line.set_dtr(False, port.now())
-        self._arm(port.now())
+        self.set_dtr(False)
 
     @property
     def is_open(self) -> bool:
@@ -206,18 +205,13 @@ class MemoryTransport(Line):
         return self._closing
 
     def write(self, data: bytes) -> None:
-        self.write_without_loop(data)
-        self._arm(self._port.now())
+        self._of_device(lambda now: self._line.write(data, now))
 
     def set_baudrate(self, baudrate: int) -> None:
-        now = self._port.now()
-        self._line.set_baudrate(baudrate, now)
-        self._arm(now)
+        self._of_device(lambda now: self._line.set_baudrate(baudrate, now))
 
     def set_dtr(self, asserted: bool) -> None:
-        now = self._port.now()
-        self._line.set_dtr(asserted, now)
-        self._arm(now)
+        self._of_device(lambda now: self._line.set_dtr(asserted, now))
 
     def close(self) -> None:
         self.end(None)
@@ -226,42 +220,44 @@ class MemoryTransport(Line):
         self.end(None)
 
     def write_without_loop(self, data: bytes) -> None:
-        if not self._closing:
-            self._of_device(lambda: self._line.write(data, self._port.now()))
+        self.write(data)
 
     def close_without_loop(self) -> None:
         self._closing = True
 
-    def _arm(self, now: int) -> None:
-        """Poll again when the device next has something to send, but at most once a tick."""
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
-        if self._closing:
-            return
-        due = self._of_device(lambda: self._line.wakeup(now))
-        if due is not None:
-            self._timer = self._loop.call_at(max(due, now + round(TICK_S * 1e9)) * 1e-9, self._deliver)
-
     def _deliver(self) -> None:
-        self._timer = None
+        """The device may have something to send."""
         if self._port.is_forked:
             return
-        now = self._port.now()
-        data = self._of_device(lambda: self._line.read(now))
-        if self._of_device(lambda: self._line.unplugged(now)):
-            self.end(OSError("the line was unplugged"))
-        elif data and not self._closing:
+        if data := self._of_device(self._read):
             self._port.data_received(data)
-        self._arm(now)
 
-    def _of_device(self, does: Callable[[], T]) -> T | None:
-        """What the device does; where it fails, the line ends."""
+    def _read(self, now: int) -> bytes:
+        data = self._line.read(now)
+        if self._line.unplugged(now):
+            self.end(OSError("the line was unplugged"))
+            return b""
+        return data
+
+    def _of_device(self, does: Callable[[int], T]) -> T | None:
+        """What the device does now; then poll it when it next has something to send, but at most once a tick.
+
+        Where it fails, the line ends.
+        """
+        if self._closing:
+            return None
+        now = self._port.now()
         try:
-            return does()
+            done, due = does(now), self._line.wakeup(now)
         except Exception as error:
             self.end(_failed(self._port.name, error))
             return None
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        if due is not None and not (self._closing or self._loop.is_closed()):
+            self._timer = self._loop.call_at(max(due, now + round(TICK_S * 1e9)) * 1e-9, self._deliver)
+        return done
 
     def end(self, error: Exception | None) -> None:
         """Have the port told that the line is gone; harmless when done before."""

@@ -104,7 +104,7 @@ class Assembler:
             self.stats.discarded_packets += left
 
     def _ends_at(self, event: Packets, headings: Headings, splits: Sequence[Split]) -> Iterator[list[Scan]]:
-        kept = 0
+        kept, count = 0, event.count
         try:
             offsets = packet_offsets(event.blocks)
             done, alone = 0, 1
@@ -128,11 +128,11 @@ class Assembler:
                     kept = split.packet
                     yield [] if scan is None else [scan]
                 done += left
-            rest = self._part(event, kept, event.count, offsets) if kept else event
-            headings, kept = headings[kept:], event.count
+            rest = self._part(event, kept, count, offsets) if kept else event
+            headings, kept = headings[kept:], count
             self._keep(rest, headings)
         finally:
-            self.stats.discarded_packets += event.count - kept
+            self.stats.discarded_packets += count - kept
 
     def _end_at(self, event: Packets, split: Split, offsets: Sequence[int]) -> Scan | None:
         """End the revolution at a split; the packets of the event before it are kept already."""
@@ -193,11 +193,12 @@ class Assembler:
     def end(self) -> None:
         """The stream has ended: discard the revolution in the making. Harmless when done before."""
         self._discard()
-        self.incoming.end()
+        self.stats.discarded_packets += self.stats.waiting_packets
+        self.stats.waiting_packets = 0
 
     def _discard(self) -> None:
         """What is missing in the revolution in the making is counted all the same."""
-        if (packets := self.partial.packets()) is not None:
+        if not self.partial.even and (packets := self.partial.packets()) is not None:
             self.stats.lost_packets += self._stream.decoder.decode(packets, None).lost
         self.stats.finish(self.stats.unfinished_packets, delivered=False)
         self.partial = PartialRevolution(whole=False)
@@ -208,6 +209,7 @@ class Assembler:
     def _keep(self, packets: Packets, headings: Headings) -> None:  # noqa: ARG002 - for those who divide it
         partial = self.partial
         partial.runs.append(packets)
+        partial.even = partial.even and self.incoming.follows
         partial.size += len(packets.data)
         count, received_ns = packets.arrivals[-1]
         self.stats.unfinished_packets += count

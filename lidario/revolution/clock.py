@@ -179,13 +179,13 @@ class RevolutionClock:
     def is_followed(self, starts: Sequence[int], revolutions_ns: Sequence[float]) -> bool:
         """Whether the next revolutions follow the last one, and each other, without one missing.
 
-        Nothing is remembered before `settle`.
+        It is asked only where `last` is known. Nothing is remembered before `settle`.
 
         Args:
             starts: When they began.
             revolutions_ns: What each takes by its angles.
         """
-        last = self.last
+        last = self._last
         if last is None or not last.revolution_ns:
             return False
         before_ns, ordinary_ns, share = last.start_ns, last.revolution_ns, 1 - last.over

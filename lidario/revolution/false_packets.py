@@ -69,11 +69,6 @@ class FalsePackets:
         """A sample takes so many nanoseconds from now on."""
         self._sample_ns = sample_ns
 
-    def end(self) -> None:
-        """The stream has ended: what waits is discarded."""
-        self._stats.discarded_packets += self._stats.waiting_packets
-        self._waiting, self._stats.waiting_packets = None, 0
-
     def all_follow(self, headings: Headings) -> bool:
         """Whether each is a little ahead of the one before, also while the speed changes: all are true."""
         if not self._closely or self._skipped or self._waiting is not None:

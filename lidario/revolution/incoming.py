@@ -39,11 +39,13 @@ class Incoming:
 
     Attributes:
         time: How long a sample takes.
+        follows: Whether each of the latest packets is a little ahead of the one before.
     """
 
     def __init__(self, stream: Stream, stats: AssemblerStats, clock: Clock | None = None) -> None:
         stream.decoder.tell_time(stream.sample_ns)
         self.time: SampleTime = SampleTime(stream.sample_ns, stream.may_take_ns, timed=stream.timed)
+        self.follows: bool = False
         self._format = stream.format
         self._doubled = DoubledPackets(stream.format, stream.sample_ns, stats)
         self._false = FalsePackets(stream, stats)
@@ -53,8 +55,9 @@ class Incoming:
     def take(self, event: Packets) -> list[tuple[Packets, Headings]]:
         """The next packets, in pieces where one was false, and their headings; none twice, and dated."""
         headings = self._format.headings(event)
-        if self._false.all_follow(headings):
-            # Each is ahead of the one before, so none came twice either.
+        self.follows = self._false.all_follow(headings)
+        if self.follows:
+            # None came twice either.
             self._doubled.see(event, headings)
             return [(self._clock.dated(event), headings)]
         event, headings = self._doubled.drop(event, headings)
@@ -69,10 +72,6 @@ class Incoming:
     def is_exact(self) -> bool:
         """Whether no time is late: the device tells it."""
         return self._clock.is_told
-
-    def end(self) -> None:
-        """The stream has ended."""
-        self._false.end()
 
     def measure(self, samples: Samples, packets: Packets) -> None:
         """These packets were decoded to those samples."""

@@ -64,6 +64,8 @@ class PartialRevolution:
         moved: Whether it began at a mark that stood elsewhere than the one before.
         seam: Heading at which it should have begun; None where no split began it.
         behind_gap: Whether packets may be missing right before its first one.
+        even: Whether nothing was missing in the revolution before, and each packet since is as close behind the one
+            before as they were there: then nothing is missing in this one.
         carried: Samples from the packet that crossed the seam at its beginning, if any.
         carried_ns: Arrival of that packet.
         lost_behind_carried: Packets missing right behind that packet.
@@ -81,6 +83,7 @@ class PartialRevolution:
     moved: bool = False
     seam: int | None = None
     behind_gap: bool = True
+    even: bool = False
     carried: SampleArrays | None = None
     carried_ns: int = 0
     lost_behind_carried: int = 0

@@ -89,17 +89,16 @@ class Pipeline:
         Those that are left when it is closed, when the stream is ended or when it is divided meanwhile are counted
         as discarded.
         """
-        assembler, left = self.assembler, packets.count
-        few = left <= MOST_IN_A_PART
+        assembler, few = self.assembler, packets.count <= MOST_IN_A_PART
+        parts = iter((packets,)) if few else parts_of(packets, self.stream.format, self.stream.sample_ns)
         try:
-            for part in (packets,) if few else parts_of(packets, self.stream.format, self.stream.sample_ns):
-                left -= part.count
+            for part in parts:
                 for scans in assembler.ends(part):
                     yield scans
                     if self._ended or assembler is not self.assembler:
                         return
         finally:
-            self.stats.discarded_packets += left
+            assembler.stats.discarded_packets += sum(part.count for part in parts)
 
     def divide(
         self, parts: Iterable[int], publish: Callable[[int, Sector], None]

@@ -19,11 +19,11 @@ from lidario.families.base import SteadySamples, Stream
 from lidario.revolution.build import DatedRevolution, turned_by
 from lidario.revolution.clock import NOISE, Beginning, RevolutionClock
 from lidario.revolution.ended import BROKEN_SHARE, UNEVEN
-from lidario.revolution.partial import PartialRevolution, SampleArrays
+from lidario.revolution.partial import PartialRevolution, SampleArrays, joined, part_of
 from lidario.revolution.seam import Split
 from lidario.revolution.timing import earliest_ns
-from lidario.wire.blocks import Block, join_blocks, packet_offsets, some_blocks
-from lidario.wire.events import Arrival, Packets
+from lidario.wire.blocks import packet_offsets, some_blocks
+from lidario.wire.events import Packets
 
 __all__ = ["SteadyBlock", "decode_block", "is_ready"]
 
@@ -85,24 +85,25 @@ def decode_block(
     if not marked and any(split.seam != seam for split in splits):
         # A mark that ended no revolution moved the seam: the decoder takes only one.
         return None
-    before = sum([run.count for run in partial.runs])
-    ends = [before + split.packet - first for split in splits]
-    if not ends[0]:
+    if not partial.runs and splits[0].packet == first:
         return None
-    reads = _reads(partial, event, first, last)
-    # What stands behind the end of a revolution was measured after it and was there already: so late was the end.
-    complete, now = reads[-1]
-    rest = stream.format.samples_in(some_blocks(event.blocks, last, last + complete - ends[-1]))
-    reads[-1] = ends[-1], now - round(rest * stream.sample_ns)
-    packets = _joined(partial, event, offsets, first, last, reads)
+    runs = partial.runs
+    if last > first:
+        runs = [*runs, part_of(event, first, last, offsets, stream.format, stream.sample_ns)]
+    packets = joined(runs)
+    before = packets.count - last
+    ends = [before + split.packet for split in splits]
     room = 0 if partial.carried is None else len(partial.carried)
     following = event.data[offsets[last] : offsets[last + 1]]
     samples = stream.decoder.decode_steady(packets, following, ends, room, None if marked else seam)
     if samples is None:
         return None
     bounds = [0, *(room + end for end in samples.before_seam)]
-    there = [(room + samples.ends[complete - 1], at_ns) for complete, at_ns in reads]
-    there[-1] = room + samples.ends[-1] + rest, now
+    there = [(room + samples.ends[complete - 1], at_ns) for complete, at_ns in packets.arrivals]
+    if last > first:
+        # What stands behind the end of a revolution was there already. So late was the end: rounded once for each.
+        complete, now = next(each for each in event.arrivals if each[0] >= last)
+        there[-1] = there[-1][0] + stream.format.samples_in(some_blocks(event.blocks, last, complete)), now
     late_ns = [each * byte_ns for each in _packet_bytes(packets, ends, vary=bool(byte_ns))]
     stops = [room + samples.ends[end - 1] for end in ends]
     starts, arrived = _dated((room, partial.carried_ns), there, bounds, stops, stream.sample_ns, late_ns)
@@ -110,20 +111,6 @@ def decode_block(
     if turns is None:
         return None
     return _block(stream, partial, samples, bounds, starts, turns, arrived[-1], ends, last - first, splits[-1].seam)
-
-
-def _reads(partial: PartialRevolution, event: Packets, first: int, last: int) -> list[Arrival]:
-    """How many packets of the block were complete, and when; the last one may have brought more of the event."""
-    found, before = list[Arrival](), 0
-    for run in partial.runs:
-        found += [(before + complete, at_ns) for complete, at_ns in run.arrivals]
-        before += run.count
-    for complete, at_ns in event.arrivals if last > first else ():
-        if complete > first:
-            found.append((before + complete - first, at_ns))
-            if complete >= last:
-                break
-    return found
 
 
 def _packet_bytes(packets: Packets, ends: Sequence[int], *, vary: bool) -> list[float]:
@@ -196,23 +183,6 @@ def _turns(
     return turns if clock.is_followed(starts, turns) else None
 
 
-def _joined(
-    partial: PartialRevolution,
-    event: Packets,
-    offsets: Sequence[int],
-    first: int,
-    last: int,
-    reads: Sequence[Arrival],
-) -> Packets:
-    """The packets of the revolution in the making and those of the event up to the last split."""
-    blocks: list[Block] = []
-    for run in partial.runs:
-        join_blocks(blocks, run.blocks)
-    join_blocks(blocks, some_blocks(event.blocks, first, last))
-    new = memoryview(event.data)[offsets[first] : offsets[last]]
-    return Packets(b"".join([*(run.data for run in partial.runs), new]), tuple(blocks), tuple(reads))
-
-
 def _block(
     stream: Stream,
     partial: PartialRevolution,
@@ -229,7 +199,7 @@ def _block(
     here = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
     if partial.carried is not None:
         here.begin_with(partial.carried)
-    following = PartialRevolution(whole=True, seam=seam, behind_gap=False, carried_ns=last_ns)
+    following = PartialRevolution(whole=True, seam=seam, behind_gap=False, even=True, carried_ns=last_ns)
     if bounds[-1] < len(here):
         following.carried = here.part(bounds[-1])
     turned = SampleArrays(turned_by(here.angle, stream.zero_offset_deg), here.distance, here.intensity)

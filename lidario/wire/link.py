@@ -2,9 +2,9 @@
 
 Its states are drawn in `lidario.wire.states`.
 
-Four verbs: `receive_data`, `events_received`, `send_request`, `data_to_send`. Time is an argument. While it
-streams it searches for no descriptor, and while it waits for a response it accepts only the one that was
-requested, by type *and* length, since ``A5 5A`` stands in scan data by chance about four times a second.
+Three verbs: `receive_data`, `events_received`, `send_request`. Time is an argument. While it streams it searches
+for no descriptor, and while it waits for a response it accepts only the one that was requested, by type *and*
+length, since ``A5 5A`` stands in scan data by chance about four times a second.
 Bytes never raise. Misuse does: `LocalProtocolError`.
 
 Every byte is counted in exactly one field of `LinkStats`, or is still in the buffer. The buffer is bounded: data
@@ -18,7 +18,6 @@ from collections.abc import Sequence
 from lidario.errors import LocalProtocolError
 from lidario.wire.arrived import ArrivedBytes, NoiseSearch
 from lidario.wire.blocks import packet_offsets
-from lidario.wire.buffer import ReceiveBuffer
 from lidario.wire.envelope import DESCRIPTOR_SIZE, Expected, Request
 from lidario.wire.events import Arrival, Descriptor, Event, Packets, Response
 from lidario.wire.formats import StreamFormat
@@ -51,9 +50,8 @@ class Link:
         self.state: LinkState = LinkState.IDLE
         self.stats: LinkStats = LinkStats()
         self._slice_size = slice_size
-        self._buffer = ReceiveBuffer(2 * slice_size)
+        self._buffer = bytearray()
         self._events: list[Event] = []
-        self._outgoing = bytearray()
         self._pending: Request | None = None
         self._format: StreamFormat | None = None
         self._abandoned = False
@@ -92,7 +90,7 @@ class Link:
         size, view = self._slice_size, memoryview(data)
         for start in range(0, len(view), size):
             self._feed(view[start : start + size], now)
-        if self._format is not None and len(self._buffer.data) >= self._format.shortest:
+        if self._format is not None and len(self._buffer) >= self._format.shortest:
             # Behind damage, what follows decides whether it is a packet: then it came before that.
             self._arrivals.keep(self.fed - len(self._buffer), self.fed, now)
         else:
@@ -115,7 +113,7 @@ class Link:
         return events
 
     def send_request(self, request: Request) -> None:
-        """Queue a request for `data_to_send` and expect its response.
+        """A request is about to be written: expect its response.
 
         Raises:
             LocalProtocolError: Another response is pending (also an abandoned one), or packets flow and this
@@ -141,17 +139,12 @@ class Link:
         elif request.stream is not None:
             self.enter_stream(request.stream)
             self.stream_at = self.fed
-        self._outgoing += request.data
-
-    def data_to_send(self) -> bytes:
-        """The bytes to write to the port now."""
-        data, self._outgoing = bytes(self._outgoing), bytearray()
-        return data
 
     def forget(self) -> None:
         """The pending response is not expected any more; should it still come, its bytes are stray."""
         if self.state is LinkState.AWAIT_RESPONSE:
-            self.stats.stray_bytes += self._buffer.clear()
+            self.stats.stray_bytes += len(self._buffer)
+            self._buffer.clear()
             self._end_waiting()
 
     def abandon(self) -> None:
@@ -174,21 +167,28 @@ class Link:
             self.state = LinkState.IDLE
 
     def _feed(self, data: bytes | bytearray | memoryview, now: int) -> None:
-        self._buffer.append(data)
         self.fed += len(data)
-        state = self.state
-        if state is _AWAIT_RESPONSE:
-            if self._format is None:
-                self._await_response(now)
-            else:
-                self._await_packets(self._format, now)
-            state = self.state
-        if state is _STREAMING:
-            self._stream(now)
-        elif state is LinkState.DRAINING or (state is LinkState.IDLE and self._unasked):
-            self.stats.drained_bytes += self._buffer.clear()
-        elif state is LinkState.IDLE and self._buffer.data:
-            self.stats.stray_bytes += self._buffer.clear()
+        unexpected = len(data)
+        if self.state is _AWAIT_RESPONSE or self.state is _STREAMING:
+            if len(self._buffer) + len(data) > 2 * self._slice_size:
+                # A mistake in the parser, which shows here and not as growing memory.
+                raise OverflowError(f"{len(data)} bytes do not fit behind {len(self._buffer)} that nobody took")
+            self._buffer += data
+            if self.state is _AWAIT_RESPONSE:
+                if self._format is None:
+                    self._await_response(now)
+                else:
+                    self._await_packets(self._format, now)
+            if self.state is _STREAMING:
+                self._stream(now)
+            if self.state is _AWAIT_RESPONSE or self.state is _STREAMING:
+                return
+            unexpected = len(self._buffer)
+            self._buffer.clear()
+        if self.state is LinkState.DRAINING or self._unasked:
+            self.stats.drained_bytes += unexpected
+        else:
+            self.stats.stray_bytes += unexpected
 
     def _await_response(self, now: int) -> None:
         """Search for the one descriptor that belongs to the pending request."""
@@ -200,7 +200,7 @@ class Link:
             return
         admits = request.admits if request.others else request.expects.admits
         while True:
-            stray, descriptor = find_descriptor(buffer.data, admits)
+            stray, descriptor = find_descriptor(buffer, admits)
             if stray:
                 self._stray(stray)
             if descriptor is None:
@@ -208,13 +208,18 @@ class Link:
             if descriptor.continuous:
                 self._enter_stream(request, descriptor, DESCRIPTOR_SIZE)
                 return
-            if len(buffer.data) < DESCRIPTOR_SIZE + descriptor.size:
+            if len(buffer) < DESCRIPTOR_SIZE + descriptor.size:
                 return
-            if self._respond(request.expects, descriptor, now):
+            payload = bytes(buffer[DESCRIPTOR_SIZE : DESCRIPTOR_SIZE + descriptor.size])
+            if payload.startswith(request.expects.prefix):
+                self._take_response(descriptor.type, payload, DESCRIPTOR_SIZE + descriptor.size, now)
                 return
+            # It belongs to an earlier request.
+            self.stats.late_responses += 1
+            self._stray(1)
 
     def _await_lines(self, request: Request, expected: Expected, now: int) -> None:
-        stray, size, payload = find_lines(self._buffer.data, expected)
+        stray, size, payload = find_lines(self._buffer, expected)
         if stray:
             self._stray(stray)
         if expected.continuous and payload == expected.accepted:
@@ -224,7 +229,7 @@ class Link:
 
     def _await_packets(self, wire: StreamFormat, now: int) -> None:
         """Wait until so many packets have followed each other without a byte of noise between them."""
-        request, data, at = self._pending, self._buffer.data, 0
+        request, data, at = self._pending, self._buffer, 0
         while request is not None and len(data) - at >= wire.shortest:
             blocks, middle, end = wire.next_stretch(data, at)
             if end == at:
@@ -234,7 +239,7 @@ class Link:
                 self._heard_packets += sum(packets for _, packets in blocks)
                 self.stats.response_bytes += middle - at
             if self._heard_packets >= request.packets:
-                self._buffer.skip(middle)
+                del self._buffer[:middle]
                 self._unasked = True
                 if self._abandoned:
                     self.stats.late_responses += 1
@@ -247,17 +252,7 @@ class Link:
             self.stats.stray_bytes += end - middle
             at = end
         if at:
-            self._buffer.skip(at)
-
-    def _respond(self, expected: Expected, descriptor: Descriptor, now: int) -> bool:
-        """Take the response at the front of the buffer; False when it belongs to an earlier request."""
-        payload = bytes(self._buffer.data[DESCRIPTOR_SIZE : DESCRIPTOR_SIZE + descriptor.size])
-        if not payload.startswith(expected.prefix):
-            self.stats.late_responses += 1
-            self._stray(1)
-            return False
-        self._take_response(descriptor.type, payload, DESCRIPTOR_SIZE + descriptor.size, now)
-        return True
+            del self._buffer[:at]
 
     def _take_response(self, response_type: int, payload: bytes, size: int, now: int) -> None:
         """The first `size` bytes of the buffer are the response."""
@@ -267,13 +262,13 @@ class Link:
             if self._arrivals:
                 now = self._arrivals.of((0, size), self.fed - len(self._buffer), now)[-1][1]
             self._events.append(Response(response_type, payload, now))
-        self._buffer.skip(size)
+        del self._buffer[:size]
         self.stats.response_bytes += size
         self._end_waiting()
 
     def _enter_stream(self, request: Request, descriptor: Descriptor, size: int) -> None:
         """A stream was announced by the first `size` bytes of the buffer."""
-        self._buffer.skip(size)
+        del self._buffer[:size]
         self.stats.response_bytes += size
         self.stream_at = self.fed - len(self._buffer)
         if self._abandoned:
@@ -293,13 +288,14 @@ class Link:
 
     def _drain(self) -> None:
         self._end_waiting()
-        self.stats.drained_bytes += self._buffer.clear()
+        self.stats.drained_bytes += len(self._buffer)
+        self._buffer.clear()
         self._noise = 0
         self.state = LinkState.DRAINING
 
     def _stream(self, now: int) -> None:
         """Parse the buffer into runs of packets and stretches of noise, as far as the bytes at hand decide it."""
-        wire, data, at = self._format, self._buffer.data, 0
+        wire, data, at = self._format, self._buffer, 0
         if wire is None:
             return
         shortest, size, arrivals = wire.shortest, len(data), self._arrivals
@@ -332,7 +328,7 @@ class Link:
                 self._skip(wire, data, middle, end)
             at = end
         if at:
-            self._buffer.skip(at)
+            del self._buffer[:at]
 
     def _skip(self, wire: StreamFormat, data: bytearray, start: int, end: int) -> None:
         if (wire.self_evident or not self._noise) and wire.other_record(data, start) == end - start:
@@ -344,4 +340,4 @@ class Link:
 
     def _stray(self, size: int) -> None:
         self.stats.stray_bytes += size
-        self._buffer.skip(size)
+        del self._buffer[:size]

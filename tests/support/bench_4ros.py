@@ -41,7 +41,7 @@ class Bench:
 
     def send(self, request: Request) -> None:
         self.link.send_request(request)
-        self.simulated.receive(self.link.data_to_send(), self.now)
+        self.simulated.receive(request.data, self.now)
 
     def ask(self, request: Request) -> bytes:
         for _ in range(request.attempts):

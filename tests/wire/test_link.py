@@ -20,7 +20,7 @@ from tests.support.streams import arrived, open_stream
 
 def test_nothing_is_sent_and_nothing_known_at_first() -> None:
     link = Link()
-    assert (link.state, link.buffered, link.data_to_send(), link.events_received()) == (LinkState.IDLE, 0, b"", [])
+    assert (link.state, link.buffered, link.events_received()) == (LinkState.IDLE, 0, [])
 
 
 def test_bytes_nobody_asked_for_are_stray() -> None:
@@ -28,14 +28,6 @@ def test_bytes_nobody_asked_for_are_stray() -> None:
     assert receive(link, INFO_ANSWER + b"noise") == []
     assert (link.stats.stray_bytes, link.stats.bytes_received, link.buffered) == (32, 32, 0)
     assert link.state is LinkState.IDLE
-
-
-def test_what_is_queued_is_handed_out_once_and_in_order() -> None:
-    link = Link()
-    link.send_request(commands.motor_speed(600))
-    link.send_request(commands.GET_INFO)
-    assert link.data_to_send() == commands.motor_speed(600).data + commands.GET_INFO.data
-    assert link.data_to_send() == b""
 
 
 def test_a_request_without_an_answer_changes_nothing() -> None:
@@ -217,8 +209,7 @@ def test_two_questions_at_once_are_misuse() -> None:
         link.send_request(commands.GET_HEALTH)
     with pytest.raises(LocalProtocolError, match="MOTOR_SPEED_CTRL"):
         link.send_request(commands.motor_speed(0))
-    # Nothing of them leaves, and the first question still stands.
-    assert link.data_to_send() == b""
+    # The first question still stands.
     assert receive(link, INFO_ANSWER) == [Response(0x04, INFO, 0)]
 
 
@@ -227,7 +218,7 @@ def test_a_question_in_mid_stream_is_misuse() -> None:
     for request in (commands.GET_HEALTH, commands.motor_speed(0), commands.express_scan(1, DenseFormat())):
         with pytest.raises(LocalProtocolError, match="while packets flow"):
             link.send_request(request)
-    assert (link.state, link.data_to_send()) == (LinkState.STREAMING, b"")
+    assert link.state is LinkState.STREAMING
     assert receive(link, PACKETS[0]) == [arrived(PACKETS[0], 1, 0)]
 
 
@@ -236,7 +227,6 @@ def test_a_keepalive_may_be_sent_in_mid_stream() -> None:
     packet = pack_points(range(1, 41), 100, 500)
     receive(link, SCAN_HEADER + packet)
     link.send_request(other.KEEPALIVE)
-    assert link.data_to_send() == other.KEEPALIVE.data
     assert link.state is LinkState.STREAMING
     # Its answer, where there is one, is no noise.
     assert receive(link, SCAN_HEADER + packet) == [arrived(packet, 1, 0)]
@@ -248,4 +238,3 @@ def test_a_request_that_only_sets_a_control_line_is_followed_by_a_quiet_line() -
     link = open_stream(CASES[0])
     link.send_request(Request("motor off", b"", ends_stream=True, dtr=True))
     assert link.state is LinkState.DRAINING
-    assert link.data_to_send() == b""

@@ -110,7 +110,9 @@ class Running:
         self._loop = asyncio.get_running_loop()
         self._wall_offset_ns = dialogue.port.wall_offset_ns
         self._baudrate = stream.speed_on(dialogue.port.baudrate)
-        self._pipeline = Pipeline(stream, self._baudrate, self._wall_offset_ns, totals.assembled)
+        self._pipeline = Pipeline(
+            stream, self._baudrate, self._wall_offset_ns, totals.assembled, link=dialogue.link
+        )
         self._pace = Pace(stream, self._baudrate, latency, dialogue.stats.bytes_received)
         self._take_packets: TakePackets = self._take
         self._delivered = False

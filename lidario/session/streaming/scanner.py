@@ -207,7 +207,7 @@ class Scanner:
             request, dialogue = self._at.device.retune(), self._at.dialogue
             # Nothing is written behind a STOP: it would set a resting rotor in motion.
             while request is not None and self.control.state is State.RUNNING and not dialogue.keep_alive(request):
-                await dialogue.pause(WRITE_AGAIN_S)
+                await dialogue.wait(WRITE_AGAIN_S)
 
     async def stop(self) -> None:
         """Stop laser and motor, end every stream, and return when the line is quiet. The session is open."""

@@ -47,7 +47,7 @@ class Starter:
     def work_soon(self) -> None:
         """Have done what is to be done, if there is anything."""
         # A coroutine that is collected after its loop was closed comes by here, too.
-        if self._task is None and self._has_work and not (self._control.is_away or self._loop.is_closed()):
+        if self._task is None and self._has_work and not self._loop.is_closed():
             self._task = self._loop.create_task(self._work(), name="lidario: start the stream")
 
     async def ended(self) -> None:
@@ -57,9 +57,10 @@ class Starter:
 
     @property
     def _has_work(self) -> bool:
-        """Whether readers wait to be let in, a stream is to be started, or one has failed."""
+        """Whether a stream is to be started; or, where there is a line, readers wait or a stream has failed."""
         control = self._control
-        return bool(self._hub.joining) or control.state is State.STARTING or control.failure is not None
+        waits = self._hub.joining or control.failure is not None
+        return control.state is State.STARTING or (bool(waits) and not control.is_away)
 
     async def _work(self) -> None:
         """Let the readers in who wait for it, and start the stream they want; until nothing is left to do."""

@@ -13,7 +13,6 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Awaitable, Callable, Coroutine, Sequence
-from contextlib import suppress
 from typing import Any, TypeVar
 
 import anyio
@@ -22,7 +21,7 @@ from lidario.errors import InternalError, LidarError, ResponseTimeout, SessionCl
 from lidario.families.base import Device, Script, Timing
 from lidario.port.port import Port
 from lidario.session.talking.intake import Intake
-from lidario.session.talking.readiness import Readiness
+from lidario.session.talking.readiness import CLOCK_S, Readiness
 from lidario.session.talking.stopper import PATIENCE_S, Stopper
 from lidario.session.talking.trouble import twin_of
 from lidario.session.talking.waiting import Awaited, Waiting
@@ -93,6 +92,8 @@ class Dialogue(Intake, Waiting):
         self.dtr: bool | None = None
         self.device: Device = device
         self._longest = self._until = math.inf
+        # When bytes came last while no response was outstanding.
+        self._heard_at = 0.0
         self._readiness = Readiness(self.link)
         self.stopper: Stopper = Stopper(self, self._readiness, device, timing.quiet_s)
         port.attach(self, self.stopper.unseen)
@@ -105,6 +106,7 @@ class Dialogue(Intake, Waiting):
 
     def taken(self) -> None:
         if self.link.state is not _AWAITING:
+            self._heard_at = self._loop.time()
             # A response that was given up is among what has come.
             self._readiness.late_until = 0.0
             if self._awaited is Awaited.CHANGE:
@@ -169,14 +171,15 @@ class Dialogue(Intake, Waiting):
                 return b""
             try:
                 payload = await self.wait(timeout, Awaited.RESPONSE)
+                if payload is None:
+                    self._readiness.give_up()
+                    continue
                 self.reset_at = None
                 if request.stream is None:
                     self.chronicle.responded(request.data, request.expects.type, payload)
                 else:
                     self.chronicle.started(request.data)
                 return payload
-            except TimeoutError:
-                self._readiness.give_up()
             except BaseException:
                 # The device is still busy with it: the next request waits until it has responded.
                 self.link.abandon()
@@ -196,16 +199,17 @@ class Dialogue(Intake, Waiting):
         if stop:
             await self._until_it_listens()
             self.write((self.device.stop(),))
-        await self._until_it_listens()
-        deadline = self._loop.time() + self.timing.drain_s
+        if self.stopper.wanted or self.link.state is _AWAITING:
+            await self._until_it_listens()
+        listens_at = max(self._loop.time(), self._readiness.listens_at)
         while self.link.state is LinkState.DRAINING:
-            seen = self.stats.bytes_received
-            with suppress(TimeoutError):
-                await self.wait(self.timing.quiet_s, Awaited.TIME)
-            if self.stats.bytes_received == seen:
+            now, last = self._loop.time(), max(listens_at, self._heard_at)
+            if (left := last + self.timing.quiet_s - now) <= CLOCK_S:
                 self.link.drained()
-            elif self._loop.time() > deadline:
+            elif now > listens_at + self.timing.drain_s:
                 return False
+            else:
+                await self.wait(left)
         return True
 
     def keep_alive(self, request: Request) -> bool:
@@ -302,8 +306,6 @@ class Dialogue(Intake, Waiting):
                 self.reset_at = self._loop.time()
             # One by one: where the line carries datagrams, a device may look for one request in each.
             if request.data:
-                # With it, the link gives up what KeyboardInterrupt kept from being written before.
-                self.link.data_to_send()
                 self.port.write(request.data)
         if self._awaited is Awaited.CHANGE:
             self.wake(Awaited.CHANGE)
@@ -322,5 +324,4 @@ class Dialogue(Intake, Waiting):
                 return
             # What is received does not shorten a pause that the device demands.
             busy = self.stopper.wanted or self.link.state is _AWAITING
-            with suppress(TimeoutError):
-                await self.wait(until - now, Awaited.CHANGE if busy else Awaited.TIME)
+            await self.wait(until - now, Awaited.CHANGE if busy else Awaited.TIME)

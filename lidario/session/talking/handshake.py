@@ -125,7 +125,7 @@ async def come_back(dialogue: Dialogue) -> None:
         except ResponseTimeout:
             if loop.time() > deadline:
                 raise
-            await dialogue.pause(timing.boot_poll_s)
+            await dialogue.wait(timing.boot_poll_s)
         else:
             # No document says whether the motor turns after a restart.
             dialogue.stopper.still = False

@@ -26,6 +26,7 @@ class Readiness:
     """What is known of one device's readiness to hear.
 
     Attributes:
+        listens_at: When the pause is over that the last request demands, on the loop's clock.
         late_until: Until when a response that was given up may still come, on the loop's clock; 0 for none.
         has_responded: Whether the device has ever responded.
     """
@@ -33,7 +34,7 @@ class Readiness:
     def __init__(self, link: Link) -> None:
         self._link = link
         self._loop = asyncio.get_running_loop()
-        self._listens_at = 0.0
+        self.listens_at: float = 0.0
         self._asked_at = 0.0
         self._due = 0.0
         self.late_until: float = 0.0
@@ -42,7 +43,7 @@ class Readiness:
     @property
     def is_pausing(self) -> bool:
         """Whether the pause that the last request demands is not over."""
-        return self._loop.time() < self._listens_at
+        return self._loop.time() < self.listens_at
 
     @property
     def owes_until(self) -> float:
@@ -58,7 +59,7 @@ class Readiness:
 
     def pause(self, settle: float) -> None:
         """A request is about to be written that demands a pause of so many seconds."""
-        self._listens_at = max(self._listens_at, self._loop.time() + settle + _MARGIN_S)
+        self.listens_at = max(self.listens_at, self._loop.time() + settle + _MARGIN_S)
 
     def asked(self, now: float, timeout: float) -> None:
         """A question is about to be written, whose response is waited for for so many seconds."""
@@ -77,13 +78,13 @@ class Readiness:
     def free_at(self, patient_until: float) -> float:
         """When the device listens; a response is not waited for beyond `patient_until`."""
         if self._link.state is not _AWAITING:
-            return self._listens_at
-        return max(self._listens_at, min(self._due, patient_until))
+            return self.listens_at
+        return max(self.listens_at, min(self._due, patient_until))
 
     def next_question_at(self) -> float:
         """When the next question may be written, 0 for now. Gives up a response that is overdue."""
         now = self._loop.time()
         if self._link.state is _AWAITING and self._due - now <= CLOCK_S:
             self.give_up()
-        until = self._due if self._link.state is _AWAITING else self._listens_at
+        until = self._due if self._link.state is _AWAITING else self.listens_at
         return until if until - now > CLOCK_S else 0.0

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import asyncio
 import weakref
-from contextlib import suppress
 from enum import Enum, auto
 
 from lidario.errors import LidarError
@@ -37,7 +36,7 @@ class Waiting:
         self.fatal: LidarError | None = None
         self._loop = asyncio.get_running_loop()
         # Held by its task and its timer. A finalizer reaches this object, and must not reach the frames of a task.
-        self._waiter: weakref.ref[asyncio.Future[bytes]] | None = None
+        self._waiter: weakref.ref[asyncio.Future[bytes | None]] | None = None
         self._awaited = Awaited.TIME
         # What ends the operation in progress, or every one.
         self._ends: LidarError | None = None
@@ -61,11 +60,14 @@ class Waiting:
         to_be_kept(error)
         self.fatal = self._ends = error
 
-    async def wait(self, seconds: float, what: Awaited) -> bytes:
-        """Wait for `what`, and return what it is woken with; TimeoutError after `seconds`."""
+    async def wait(self, seconds: float, what: Awaited = Awaited.TIME) -> bytes | None:
+        """Wait for `what`, and return what it is woken with; None when the time is up.
+
+        `interrupt` and a dead port end it.
+        """
         if self._ends is not None:
             raise twin_of(self._ends)
-        waiter: asyncio.Future[bytes] = self._loop.create_future()
+        waiter: asyncio.Future[bytes | None] = self._loop.create_future()
         self._waiter, self._awaited = weakref.ref(waiter), what
         timer = self._loop.call_later(seconds, _time_out, waiter)
         try:
@@ -73,11 +75,6 @@ class Waiting:
         finally:
             timer.cancel()
             self._waiter = None
-
-    async def pause(self, seconds: float) -> None:
-        """Sleep as an operation does: `interrupt` and a dead port end it."""
-        with suppress(TimeoutError):
-            await self.wait(seconds, Awaited.TIME)
 
     def wake(self, what: Awaited, result: bytes = b"") -> None:
         """The operation in progress need not wait any more, if it waits for this."""
@@ -92,6 +89,6 @@ class Waiting:
             waiter.set_exception(twin_of(error))
 
 
-def _time_out(waiter: asyncio.Future[bytes]) -> None:
+def _time_out(waiter: asyncio.Future[bytes | None]) -> None:
     if not waiter.done():
-        waiter.set_exception(TimeoutError())
+        waiter.set_result(None)

@@ -43,8 +43,9 @@ def parsed(wire: DistanceFormat, raw: bytes, sizes: list[int]) -> tuple[list[byt
 def test_the_response_and_the_stream_behind_it_are_parsed_in_pieces() -> None:
     for size in (1, 7, 64, 4096, len(RAW)):
         link = Link()
-        link.send_request(measure("MD", 44, 725, DistanceFormat(GEOMETRY)))
-        assert link.data_to_send() == b"MD0044072501000\n"
+        request = measure("MD", 44, 725, DistanceFormat(GEOMETRY))
+        assert request.data == b"MD0044072501000\n"
+        link.send_request(request)
         events = []
         for at in range(0, len(RAW), size):
             link.receive_data(RAW[at : at + size], at)
