@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import pytest
 
 from lidario import open_lidar
@@ -20,15 +18,6 @@ def whole(data: bytes) -> list[bytes]:
     """The packets in what was heard from anywhere on."""
     at = next(at for at in range(len(data)) if hlds.is_packet(data[at : at + 42]))
     return hlds.split(data[at : at + (len(data) - at) // 42 * 42])
-
-
-def test_it_streams_from_the_first_moment_on() -> None:
-    device = make_simulated("hlds-lds01")
-    device.transmit(BEGIN)
-    packets = whole(device.transmit(BEGIN + S))
-    assert len(packets) == pytest.approx(300, abs=2)
-    assert all((b[1] - a[1]) % 60 == 1 for a, b in pairwise(packets))
-    assert {int.from_bytes(packet[2:4], "little") for packet in packets} == {3000}
 
 
 def test_the_older_one_waits_for_its_letter_also_when_it_was_off() -> None:

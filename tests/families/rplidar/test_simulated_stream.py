@@ -8,7 +8,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from lidario.sim.rooms import make_world
 from lidario.sim.world import World
 from tests.reference import rplidar
 from tests.reference.samples import revolutions
@@ -134,17 +133,6 @@ class TestStream:
             stream = Bench(seed=seed).ask(EXPRESS_1)
             starts.add(rplidar.start_q6(0x85, stream[7:91]))
         assert len(starts) == 5
-
-    def test_the_steps_of_time_make_no_difference(self) -> None:
-        world = make_world("room")
-        streams = []
-        for step in (0, 137_000, 13 * MS):
-            bench = Bench(world=world, spin_up_s=0.3)
-            bench.send(EXPRESS_1)
-            streams.append(bench.run(SECOND, step=step))
-        assert len(streams[0]) > 40_000
-        assert streams[0] == streams[1]
-        assert streams[0] == streams[2]
 
     def test_the_stream_leaves_at_the_samples_pace(self, bench: Bench) -> None:
         bench.send(EXPRESS_1)
