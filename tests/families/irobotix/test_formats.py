@@ -1,4 +1,4 @@
-"""What is a frame, what is none, and what are records between them."""
+"""How long a frame is, and what are records between them."""
 
 from __future__ import annotations
 
@@ -23,16 +23,6 @@ def counted(raw: bytes) -> tuple[int, int, int]:
     link.receive_data(raw, 0)
     list(link.events_received())
     return link.stats.packets, link.stats.records, link.stats.skipped_bytes
-
-
-def test_each_damaged_byte_is_found() -> None:
-    packet = PACKETS[3]
-    assert FrameFormat().run(bytearray(packet), 0).packets
-    for at in range(len(packet)):
-        for bit in range(8):
-            damaged = bytearray(packet)
-            damaged[at] ^= 1 << bit
-            assert not FrameFormat().run(damaged, 0).packets, at
 
 
 def test_any_number_of_samples_is_a_frame() -> None:

@@ -18,7 +18,7 @@ from lidario.wire.events import Packets, Response
 from lidario.wire.link import Link, LinkStats
 from lidario.wire.states import LinkState
 from tests.reference import golden, ldrobot
-from tests.support.streams import checked_one_by_one, cut_up, in_one_run
+from tests.support.streams import cut_up, in_one_run
 
 MANUAL = bytes.fromhex(
     "54 2C 68 08 AB 7E E0 00 E4 DC 00 E2 D9 00 E5 D5 00 E3 D3 00 E4 D0 00 E9 CD 00 E4 CA 00 E2 C7 00 E9 C5"
@@ -108,15 +108,6 @@ def test_a_packet_that_is_not_due_needs_another_behind_it(seed: int) -> None:
         b"".join(CLEAN[:5]) + random.randbytes(5) + false + random.randbytes(60) + b"".join(CLEAN)
     )
     assert packets == b"".join(CLEAN[:5] + CLEAN)
-
-
-@pytest.mark.parametrize("lead", [0, 1])
-def test_checking_as_an_array_finds_what_checking_one_by_one_finds(lead: int) -> None:
-    for flip in (None, 3, 400, 1801, 3700):
-        data = bytearray(bytes(lead) + b"".join(CLEAN))
-        if flip is not None:
-            data[flip] ^= 0x40
-        assert PacketFormat().run(data, lead) == checked_one_by_one(PacketFormat(), data, lead)
 
 
 def test_the_correction_before_holds_where_nothing_came_back_also_across_packets() -> None:

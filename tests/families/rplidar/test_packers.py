@@ -229,26 +229,6 @@ def test_what_ultra_dense_carries_is_close_and_carried_again_unchanged(mm: Ints,
     np.testing.assert_array_equal(again, (carried_mm, carried_quality))
 
 
-@given(
-    hnp.arrays(np.int64, (3, 32), elements=st.integers(0, 16383)),
-    hnp.arrays(np.int64, (3, 32), elements=st.integers(0, 63)),
-)
-def test_express_is_decoded_to_what_was_packed(mm: Ints, offsets: Ints) -> None:
-    starts = [22000, 22900, 300]
-    decoded = rplidar.decode(0x82, rplidar.split(0x82, packers.pack_express(starts, mm, offsets)))
-    assert [s.distance_mm for s in decoded] == mm[:2].ravel().tolist()
-    shift = [(s.raw_deg - s.angle_deg) % 360 * 8 for s in decoded]
-    np.testing.assert_allclose(shift, offsets[:2].ravel(), atol=1e-6)
-
-
-@given(hnp.arrays(np.int64, (2, 40), elements=st.integers(0, 65535)))
-def test_dense_is_decoded_to_what_was_packed(mm: Ints) -> None:
-    raw = packers.pack_dense([5, 400], mm, new_stream=True)
-    packets = rplidar.split(0x85, raw)
-    assert [rplidar.is_reset(0x85, packet) for packet in packets] == [True, False]
-    assert [s.distance_mm for s in rplidar.decode(0x85, packets)] == mm[0].tolist()
-
-
 def test_what_does_not_fit_is_refused_not_wrapped() -> None:
     with pytest.raises(ValueError, match="distance"):
         packers.pack_dense(0, np.full(40, 65536))

@@ -1,4 +1,4 @@
-"""Cutting the 4ROS's stream into packets, through a real `Link`."""
+"""Packets, records and noise of the stream of a 4ROS, through a real `Link`."""
 
 from collections.abc import Iterator, Sequence
 from random import Random
@@ -23,7 +23,7 @@ from lidario.wire.formats import BEGINS, NO_PACKET
 from lidario.wire.link import Link, LinkStats
 from lidario.wire.states import LinkState
 from tests.reference import damage, golden, ydlidar
-from tests.support.streams import checked_one_by_one, in_one_run, merged
+from tests.support.streams import in_one_run, merged
 
 SIZES = (None, 1, 2, 3, 8, 64, 997)
 
@@ -74,53 +74,6 @@ def packet(count: int = 40, first: int = 100, *, seed: int = 0, marked: bool = T
 CLEAN = [packet(first=500 * n, seed=n) for n in range(12)]
 
 
-@pytest.mark.repeats
-@pytest.mark.parametrize("name", golden.names_of("ydlidar_4ros"))
-def test_golden_streams_arrive_whole_in_any_pieces(name: str) -> None:
-    raw = golden.load(name).raw
-    events, stats = in_any_pieces(raw)
-    assert len(events) == 1
-    assert kept(events) == ydlidar.split(raw)
-    assert (stats.skipped_bytes, stats.records, stats.stray_bytes) == (0, 0, 0)
-
-
-def test_a_flipped_bit_costs_its_packet_and_nothing_else() -> None:
-    clean = b"".join(CLEAN)
-    for bit in range(8 * len(CLEAN[5])):
-        raw = bytearray(clean)
-        raw[5 * 90 + bit // 8] ^= 1 << bit % 8
-        events, stats = receive(bytes(raw))
-        assert kept(events) == CLEAN[:5] + CLEAN[6:], f"bit {bit}"
-        assert stats.skipped_bytes == 90
-        assert stats.skipped_stretches == 1
-
-
-@pytest.mark.repeats
-def test_a_flipped_bit_is_the_same_in_any_pieces() -> None:
-    for bit in range(0, 8 * 90, 7):
-        raw = bytearray(b"".join(CLEAN))
-        raw[5 * 90 + bit // 8] ^= 1 << bit % 8
-        events = receive(bytes(raw))
-        assert receive(bytes(raw), 1) == events
-        assert receive(bytes(raw), 8) == events
-
-
-@pytest.mark.exhaustive("length", sample=range(1, 90, 4), full=range(1, 90))
-def test_a_truncated_packet_costs_itself(length: int) -> None:
-    events, stats = in_any_pieces(b"".join([*CLEAN[:5], CLEAN[5][:length], *CLEAN[6:]]))
-    assert kept(events) == CLEAN[:5] + CLEAN[6:]
-    assert stats.skipped_bytes == length
-
-
-@pytest.mark.parametrize("samples", [0, 81, 200, 255])
-def test_a_wrong_sample_count_costs_its_packet(samples: int) -> None:
-    bad = bytearray(CLEAN[5])
-    bad[3] = samples
-    bad[8:10] = (ydlidar.checksum(bytes(bad))).to_bytes(2, "little")
-    events, _ = in_any_pieces(b"".join([*CLEAN[:5], bytes(bad), *CLEAN[6:]]))
-    assert kept(events) == CLEAN[:5] + CLEAN[6:]
-
-
 @pytest.mark.parametrize("count", [1, 2, 39, 80, 81, 127, 128, 255])
 def test_every_length_is_a_packet(count: int) -> None:
     packets = [*CLEAN[:3], packet(count, 2000), *CLEAN[3:]]
@@ -129,24 +82,11 @@ def test_every_length_is_a_packet(count: int) -> None:
     assert stats.skipped_bytes == 0
 
 
-def test_the_c_bit_is_no_reason_to_drop_a_packet() -> None:
-    packets = [*CLEAN[:3], packet(first=1500, marked=False), *CLEAN[4:]]
-    events, _ = in_any_pieces(b"".join(packets))
-    assert kept(events) == packets
-
-
 def magic_packet(seed: int) -> bytes:
     """A packet full of what could begin a packet, a header or a record."""
     words = [0x55AA, 0x2800, 0x5AA5, 0x0005, 0x8140, 0x66AA, 0xAA28, 0xAA55, 0x0155, 0x5AA5] * 4
     Random(seed).shuffle(words)
     return pack_points(words, 600 + seed, 1000 + seed)
-
-
-def test_magic_bytes_inside_samples_begin_nothing() -> None:
-    packets = [magic_packet(seed) for seed in range(20)]
-    events, stats = in_any_pieces(b"".join(packets))
-    assert kept(events) == packets
-    assert stats.skipped_bytes == 0
 
 
 @pytest.mark.exhaustive("seed", sample=range(6), full=range(20))
@@ -157,13 +97,6 @@ def test_magic_bytes_inside_a_damaged_packet_cost_nothing_more(seed: int) -> Non
         events, stats = in_any_pieces(b"".join([*CLEAN[:5], broken, *CLEAN[5:]]))
         assert kept(events) == CLEAN
         assert stats.skipped_bytes == len(broken)
-
-
-def test_a_stray_aa_before_a_packet_costs_itself() -> None:
-    for stray in (b"\xaa", b"\xaa\xaa", b"\xa5", b"\xa5\x5a", b"\x00", b"\x55"):
-        events, stats = in_any_pieces(b"".join([*CLEAN[:5], stray, *CLEAN[5:]]))
-        assert kept(events) == CLEAN
-        assert (stats.skipped_bytes, stats.skipped_stretches) == (len(stray), 1)
 
 
 RECORDS = {
@@ -192,13 +125,6 @@ def test_a_damaged_time_stamp_is_noise() -> None:
     assert (stats.records, stats.skipped_bytes) == (0, 8)
 
 
-def test_joining_in_mid_packet() -> None:
-    for cut in range(1, 90):
-        events, stats = receive(b"".join(CLEAN)[cut:])
-        assert kept(events) == CLEAN[1:]
-        assert stats.skipped_bytes == 90 - cut
-
-
 def test_headings_and_offsets() -> None:
     start = pack_points([700], 22739, 22739, control=start_control(10.0))
     packets = [packet(39, 22290), start, packet(40, 22751), packet(1, 160), packet(2, FULL_TURN_Q6)]
@@ -207,17 +133,6 @@ def test_headings_and_offsets() -> None:
     # One sample that begins nothing is the last of its revolution: 2 degrees earlier it passes no seam.
     assert list(wire.headings(parsed)) == [22290, 22739 | BEGINS, 22751, 160 - 128, 0]
     assert list(packet_offsets(parsed.blocks)) == [0, 88, 100, 190, 202, len(raw)]
-
-
-@pytest.mark.parametrize("lead", [0, 1])
-def test_checking_as_an_array_finds_what_checking_one_by_one_finds(lead: int) -> None:
-    clean = golden.load("ydlidar_4ros_room10").raw[:16_000]
-    for flip in (None, 3, 4000, 9001, 15_000):
-        data = bytearray(bytes(lead) + clean)
-        if flip is not None:
-            data[flip] ^= 0x40
-        wire = PointCloud()
-        assert wire.run(data, lead) == checked_one_by_one(wire, data, lead)
 
 
 @pytest.mark.repeats
