@@ -13,18 +13,14 @@ from tests.support.loop import driven
 
 
 @pytest.mark.parametrize("model", PROFILES)
-def test_a_session_through_a_power_cut(model: str) -> None:
+@driven
+async def test_a_session_through_a_power_cut(model: str) -> None:
     rig = make_rig("camsense", model)
-
-    @driven
-    async def main() -> None:
-        async with open_lidar(rig.device, family="camsense", reconnect=True) as lidar, lidar.scans() as stream:
-            assert lidar.info.model == ("Camsense X1" if model.endswith("x1") else "LDS08RR of Camsense")
-            await anext(stream)
-            rig.device.reboot(round(asyncio.get_running_loop().time() * 1e9), off_s=1.0)
-            for _ in range(5):
-                scan = await anext(stream)
-            assert len(scan) == pytest.approx(400, abs=8)
-
-    main()
+    async with open_lidar(rig.device, family="camsense", reconnect=True) as lidar, lidar.scans() as stream:
+        assert lidar.info.model == ("Camsense X1" if model.endswith("x1") else "LDS08RR of Camsense")
+        await anext(stream)
+        rig.device.reboot(round(asyncio.get_running_loop().time() * 1e9), off_s=1.0)
+        for _ in range(5):
+            scan = await anext(stream)
+        assert len(scan) == pytest.approx(400, abs=8)
     assert rig.device.log == []

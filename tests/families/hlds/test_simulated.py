@@ -53,35 +53,27 @@ def test_letters(model: str) -> None:
 
 
 @pytest.mark.parametrize("model", PROFILES)
-def test_a_session_starts_it_and_stops_its_motor(model: str) -> None:
+@driven
+async def test_a_session_starts_it_and_stops_its_motor(model: str) -> None:
     rig = make_rig("hlds", model)
-
-    @driven
-    async def main() -> None:
-        async with open_lidar(rig.device, family="hlds") as lidar:
-            assert lidar.info.model == "HLDS LDS-01"
-            assert not (await lidar.get_health()).note
-            for _ in range(2):
-                async with lidar.scans() as stream:
-                    scan = await anext(stream)
-                    assert (len(scan), scan.lost_packets) == (360, 0)
-                await lidar.stop()
-                assert not rig.device.motor_on
-        assert not rig.device.motor_on
-        assert all(each.obeyed for each in rig.device.log)
-
-    main()
+    async with open_lidar(rig.device, family="hlds") as lidar:
+        assert lidar.info.model == "HLDS LDS-01"
+        assert not (await lidar.get_health()).note
+        for _ in range(2):
+            async with lidar.scans() as stream:
+                scan = await anext(stream)
+                assert (len(scan), scan.lost_packets) == (360, 0)
+            await lidar.stop()
+            assert not rig.device.motor_on
+    assert not rig.device.motor_on
+    assert all(each.obeyed for each in rig.device.log)
 
 
-def test_one_whose_check_value_nobody_knows_says_so() -> None:
+@driven
+async def test_one_whose_check_value_nobody_knows_says_so() -> None:
     rig = make_rig("hlds", "hlds-lds01")
     rig.device.check = b"\x01\x02"
-
-    @driven
-    async def main() -> None:
-        async with open_lidar(rig.device, family="hlds") as lidar, lidar.scans() as stream:
-            assert "no check value" in (await lidar.get_health()).note
-            for _ in range(3):
-                assert len(await anext(stream)) == 360
-
-    main()
+    async with open_lidar(rig.device, family="hlds") as lidar, lidar.scans() as stream:
+        assert "no check value" in (await lidar.get_health()).note
+        for _ in range(3):
+            assert len(await anext(stream)) == 360

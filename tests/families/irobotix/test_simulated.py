@@ -12,24 +12,20 @@ from tests.support.loop import driven
 
 
 @pytest.mark.parametrize("rpm", [120.0, 720.0])
-def test_a_rotor_that_is_too_slow_or_too_fast_is_told_and_makes_no_scans(rpm: float) -> None:
+@driven
+async def test_a_rotor_that_is_too_slow_or_too_fast_is_told_and_makes_no_scans(rpm: float) -> None:
     rig = make_rig("irobotix", "irobotix-delta2a")
-
-    @driven
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        async with open_lidar(rig.device, family="irobotix") as lidar:
-            with pytest.raises(StreamFailed, match=f"does not turn as it should: {rpm:.0f} revolutions a minute"):
-                async for scan in lidar.scans():
-                    if scan.seq == 3:
-                        rig.device.power_motor(rpm, round(loop.time() * 1e9))
-            assert "The host powers it" in (await lidar.get_health()).note
-            rig.device.power_motor(420.0, round(loop.time() * 1e9))
-            await asyncio.sleep(2.0)
-            assert (await lidar.get_health()).ok
-            for _ in range(3):
-                scan = await lidar.scan()
-            assert scan.reported_rpm == pytest.approx(420, abs=3)
-        assert lidar.stats.skipped_bytes < 400
-
-    main()
+    loop = asyncio.get_running_loop()
+    async with open_lidar(rig.device, family="irobotix") as lidar:
+        with pytest.raises(StreamFailed, match=f"does not turn as it should: {rpm:.0f} revolutions a minute"):
+            async for scan in lidar.scans():
+                if scan.seq == 3:
+                    rig.device.power_motor(rpm, round(loop.time() * 1e9))
+        assert "The host powers it" in (await lidar.get_health()).note
+        rig.device.power_motor(420.0, round(loop.time() * 1e9))
+        await asyncio.sleep(2.0)
+        assert (await lidar.get_health()).ok
+        for _ in range(3):
+            scan = await lidar.scan()
+        assert scan.reported_rpm == pytest.approx(420, abs=3)
+    assert lidar.stats.skipped_bytes < 400
