@@ -139,6 +139,6 @@ def test_settle_times_are_the_manuals() -> None:
     assert rplidar.RESET.settle == 0.500
     assert all(request.ends_stream for request in (rplidar.STOP, rplidar.RESET, ydlidar.STOP, ydlidar.RESET))
     # What steps or toggles must not be asked twice.
-    for request in (ydlidar.TOGGLE_PROTECTION, ydlidar.STEPS[True, True], ydlidar.STEPS[False, False]):
+    for request in (ydlidar.TOGGLE_PROTECTION, *ydlidar.STEPS.values()):
         assert request.attempts == 1
     assert Request("X", b"").expects is None

@@ -32,11 +32,6 @@ def test_requests_are_two_bytes() -> None:
     assert commands.KEEPALIVE.in_stream
 
 
-def test_no_request_that_steps_or_toggles_is_repeated_by_itself() -> None:
-    steps = tuple(commands.STEPS.values())
-    assert all(request.attempts == 1 for request in (*steps, commands.TOGGLE_PROTECTION))
-
-
 def test_identify(bench: Bench) -> None:
     info = bench.run(bench.device.identify())
     assert info == DeviceInfo("ydlidar", "YDLIDAR 4ROS", 101, "3.1", 2, "2023061500001234")

@@ -205,36 +205,6 @@ def test_protection_outlives_the_program_that_switched_it_on() -> None:
     assert len(second.read(BEGIN + 73 * S)) == pytest.approx(10 * 45_100, rel=0.01)
 
 
-def test_a_fault(device: Simulated4Ros) -> None:
-    stream_of(device, 1.0)
-    device.protection_stop(7)
-    assert not device.scanning
-    device.transmit(BEGIN + 2 * S)
-    assert asked(device, SCAN, BEGIN + 2 * S) == b""
-    assert why(device) == "in protection stop"
-    assert asked(device, HEALTH, BEGIN + 3 * S)[7:] == b"\x02\x07\x00"
-    device.faults_cleared_by_reset = False
-    device.receive(RESET, BEGIN + 4 * S)
-    device.transmit(BEGIN + 6 * S)
-    assert asked(device, HEALTH, BEGIN + 6 * S)[7:] == b"\x02\x07\x00"
-    device.faults_cleared_by_reset = True
-    device.receive(RESET, BEGIN + 7 * S)
-    device.transmit(BEGIN + 9 * S)
-    assert asked(device, HEALTH, BEGIN + 9 * S)[7:] == b"\x00\x00\x00"
-
-
-def test_mute_and_garbled(device: Simulated4Ros) -> None:
-    device.garble_responses = 1
-    garbled = asked(device, INFO, BEGIN)
-    assert len(garbled) == 27
-    assert not garbled.startswith(b"\xa5\x5a")
-    device.mute = True
-    assert asked(device, INFO, BEGIN + S) == b""
-    device.mute = False
-    assert device.transmit(BEGIN + 2 * S) == b""
-    assert asked(device, INFO, BEGIN + 3 * S)[:2] == b"\xa5\x5a"
-
-
 def test_seeds_and_serials() -> None:
     def info(seed: int = 0, serial: bytes | str | None = None) -> bytes:
         return asked(make_simulated("ydlidar-4ros", seed=seed, serial=serial), INFO, BEGIN)

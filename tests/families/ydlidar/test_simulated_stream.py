@@ -104,21 +104,6 @@ def test_protection_stops_a_scan_that_nobody_keeps_alive(device: Simulated4Ros) 
     assert asked(device, SCAN, BEGIN + 21 * S)[:7] == SCAN_HEADER
 
 
-def test_a_late_look_at_a_lapsed_scan_finds_what_was_sent_before(device: Simulated4Ros) -> None:
-    asked(device, PROTECTION, BEGIN - S)
-    device.spin_up_s = 0.0
-    device.receive(SCAN, BEGIN)
-    data = device.transmit(BEGIN + 60 * S)
-    assert len(data) == pytest.approx(3 * 45_100, rel=0.01)
-    assert ydlidar.split(data[7:])
-
-
-def test_without_protection_it_scans_for_ever(device: Simulated4Ros) -> None:
-    stream_of(device, 1.0)
-    assert device.transmit(BEGIN + 60 * S)
-    assert device.scanning
-
-
 def test_time_stamps_between_the_packets() -> None:
     plain, stamped = (make_simulated(name, world=make_world("circle")) for name in ("ydlidar-4ros", STAMPED))
     expected, got = whole(stream_of(plain, 1.0)), stream_of(stamped, 1.0)
