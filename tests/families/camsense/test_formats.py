@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from lidario.families.camsense.formats import LongFormat, PacketFormat
 from lidario.families.camsense.simulated.packers import pack_packet
-from lidario.families.unasked import begin
-from lidario.wire.link import Link
 from tests.families.camsense.about import CASES
 from tests.reference import camsense
-from tests.support.streams import checked_one_by_one
+from tests.support.streams import checked_one_by_one, feed
 
 PACKETS = CASES[0].packets
 REAL = bytes.fromhex("55AA0308EC4D2FC67A06357A06307B06357A0633790634780622080709ED0609BAC7DB39")
@@ -44,8 +42,5 @@ def test_packets_without_angles_are_records() -> None:
     none = [0.0] * 8, [0] * 8
     idle = [pack_packet(at, at, *none) for at in (0, 0xA000, 0xB000)]
     raw = b"".join([*idle, *PACKETS[:10], idle[1], *PACKETS[10:20]])
-    link = Link()
-    link.send_request(begin(PacketFormat()))
-    link.receive_data(raw, 0)
-    list(link.events_received())
-    assert (link.stats.packets, link.stats.records, link.stats.skipped_bytes) == (20, 4, 0)
+    stats = feed(CASES[0], raw).stats
+    assert (stats.packets, stats.records, stats.skipped_bytes) == (20, 4, 0)

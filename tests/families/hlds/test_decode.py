@@ -49,8 +49,3 @@ def test_what_is_reserved_changes_nothing() -> None:
     assert set(samples.intensity.tolist()) == {255}
     assert samples.angle_deg.tolist()[:360] == list(range(360))
     assert hlds.decode(packets)[7].angle_deg == 7.0
-
-
-def test_where_the_rotor_stands_no_sample_takes_a_time() -> None:
-    packets = b"".join(pack_packet(at, [500.0] * 6, [8190] * 6, rpm=0) for at in range(60))
-    assert PacketDecoder().decode(in_one_run(PacketFormat(), packets), None).sample_ns == 0
