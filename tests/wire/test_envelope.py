@@ -64,14 +64,6 @@ def test_a_request_with_its_checksum_sums_to_nothing(command: int, payload: byte
     assert (data[0], data[1], data[2]) == (0xA5, command, len(payload))
 
 
-@given(st.binary(max_size=64))
-def test_xor_of_bytes(data: bytes) -> None:
-    result = 0
-    for byte in data:
-        result ^= byte
-    assert xor_bytes(data) == xor_bytes(bytearray(data)) == result
-
-
 ANNOUNCED = {
     "A5 5A 14 00 00 00 04": Descriptor(0x04, 20, continuous=False),
     "A5 5A 03 00 00 00 06": Descriptor(0x06, 3, continuous=False),

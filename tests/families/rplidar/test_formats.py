@@ -5,7 +5,7 @@ import pytest
 
 from lidario.families.rplidar.formats import FORMATS, FULL_TURN_Q6, FULL_TURN_Q14, CapsuleFormat, HqFormat
 from lidario.families.rplidar.simulated import packers
-from lidario.wire.formats import NO_PACKET, RESTARTS
+from lidario.wire.formats import RESTARTS
 from tests.reference import rplidar
 from tests.support.cases import CASES
 from tests.support.streams import arrived, in_one_run
@@ -22,17 +22,6 @@ def test_every_format_is_in_the_table_with_the_references_size() -> None:
         assert stream.response_type == kind
         assert stream.shortest == stream.longest == rplidar.PACKET_BYTES[kind]
     assert len({make.name for make in FORMATS.values()}) == len(FORMATS)
-
-
-@pytest.mark.parametrize("kind", sorted(FORMATS))
-def test_a_packet_is_measured_by_its_first_bytes(kind: int) -> None:
-    stream, packet = FORMATS[kind](), bytearray(GOLDEN[kind].packets[5])
-    assert stream.measure(packet, 0) == len(packet)
-    assert stream.header.match(packet)
-    assert stream.measure(bytearray(packet[:1]), 0) in (0, stream.shortest)
-    assert stream.measure(bytearray(b"\0" + packet), 1) == len(packet)
-    for wrong in (b"\x00\x00", b"\xff\xff", b"\x50\xa5"):
-        assert stream.measure(bytearray(wrong), 0) == NO_PACKET
 
 
 @capsules
