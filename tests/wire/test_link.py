@@ -33,15 +33,10 @@ def test_bytes_nobody_asked_for_are_stray() -> None:
 def test_what_is_queued_is_handed_out_once_and_in_order() -> None:
     link = Link()
     link.send_request(commands.motor_speed(600))
+    assert link.state is LinkState.IDLE
     link.send_request(commands.GET_INFO)
     assert link.data_to_send() == commands.motor_speed(600).data + commands.GET_INFO.data
     assert link.data_to_send() == b""
-
-
-def test_a_request_without_an_answer_changes_nothing() -> None:
-    link = Link()
-    link.send_request(commands.motor_speed(600))
-    assert link.state is LinkState.IDLE
 
 
 @pytest.mark.parametrize("size", [None, 1, 2, 5])

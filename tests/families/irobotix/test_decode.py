@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import lidario
 from lidario.families.irobotix.decode import FrameDecoder, frames_a_turn, sample_us
 from lidario.families.irobotix.formats import FrameFormat
 from lidario.families.irobotix.simulated.packers import pack_measurement
@@ -26,13 +25,6 @@ def test_frames_of_a_turn_are_counted_by_where_they_begin(case: Case) -> None:
             heard = b"".join(case.packets[at : at + count])
             assert frames_a_turn(heard) == frames
             assert sample_us(heard) == pytest.approx(case.sample_us, rel=0.05)
-
-
-@every_case
-def test_a_lost_frame_is_one(case: Case) -> None:
-    packets = case.packets
-    scans = list(lidario.decode(b"".join([*packets[:100], *packets[101:150], *packets[155:]])))
-    assert sum(scan.lost_packets for scan in scans) == 6
 
 
 def test_a_frame_that_tells_its_last_angle() -> None:
