@@ -1,7 +1,6 @@
 """The modes of an RPLIDAR: those it lists, and those it has where it lists none."""
 
 import struct
-from dataclasses import replace
 
 import pytest
 
@@ -69,13 +68,6 @@ def test_what_is_not_told_is_noted(missing: Answers, note: str) -> None:
     assert device.modes_note.removeprefix("the device ") == note
 
 
-def test_mode_numbers_may_have_holes() -> None:
-    moved = mode_answers(4, b"DenseBoost", 8000, 7680, 0x85)
-    silent = mode_answers(1, None, None, None, None)
-    modes, _ = drive(identified().modes(), {**LISTED, **silent, **moved, **conf(Conf.TYPICAL_MODE, b"\x04\0")})
-    assert modes == (STANDARD, replace(DENSE_BOOST, id=4))
-
-
 def test_a_typical_mode_nobody_can_read_is_not_typical() -> None:
     answers = {
         **LISTED,
@@ -102,14 +94,6 @@ def test_an_empty_list_falls_back_on_the_plain_scan(count: bytes | None) -> None
     # Even where it tells no sample rate either.
     modes, _ = drive(identified().modes(), conf(Conf.MODE_COUNT, count))
     assert modes == (ScanMode(0, "Standard", 0.0, 16.0, 0x81, typical=True),)
-
-
-def test_an_absurd_number_of_modes_ends() -> None:
-    modes, sent = drive(identified().modes(), conf(Conf.MODE_COUNT, b"\xff\xff"))
-    assert [mode.response_type for mode in modes] == [0x81]
-    assert len(sent) < 100
-    modes, _ = drive(identified().modes(), {**LISTED, **conf(Conf.MODE_COUNT, b"\xff\xff")})
-    assert modes == (STANDARD, DENSE_BOOST)
 
 
 def test_old_firmware_is_not_asked_for_what_it_lacks() -> None:
