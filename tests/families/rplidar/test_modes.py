@@ -96,6 +96,14 @@ def test_an_empty_list_falls_back_on_the_plain_scan(count: bytes | None) -> None
     assert modes == (ScanMode(0, "Standard", 0.0, 16.0, 0x81, typical=True),)
 
 
+def test_an_absurd_number_of_modes_ends() -> None:
+    modes, sent = drive(identified().modes(), conf(Conf.MODE_COUNT, b"\xff\xff"))
+    assert [mode.response_type for mode in modes] == [0x81]
+    assert len(sent) < 100
+    modes, _ = drive(identified().modes(), {**LISTED, **conf(Conf.MODE_COUNT, b"\xff\xff")})
+    assert modes == (STANDARD, DENSE_BOOST)
+
+
 def test_old_firmware_is_not_asked_for_what_it_lacks() -> None:
     modes, sent = drive(identified(A1, (1, 23)).modes(), {b"\xa5\x59": struct.pack("<HH", 500, 250)})
     assert [request.name for request in sent] == ["GET_SAMPLERATE"] * 2

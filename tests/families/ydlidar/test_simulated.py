@@ -4,7 +4,6 @@ import pytest
 
 from lidario.families.ydlidar.simulated.device import Simulated4Ros, make_simulated
 from lidario.families.ydlidar.simulated.packers import SCAN_HEADER
-from lidario.sim.device import SimulatedDevice
 from lidario.sim.rooms import make_world
 from lidario.sim.serve import MemoryLine
 from tests.reference import ydlidar
@@ -38,14 +37,6 @@ pytestmark = pytest.mark.discards("what the simulated device discards is tested 
 @pytest.fixture
 def device() -> Simulated4Ros:
     return make_simulated("ydlidar-4ros", world=make_world("circle"), serial="0123456789012345")
-
-
-def test_it_is_a_simulated_device(device: Simulated4Ros) -> None:
-    served: SimulatedDevice = device
-    assert served.baudrate == 512_000
-    assert not served.scanning
-    assert not served.motor_on
-    assert served.wakeup(BEGIN) is None
 
 
 def test_a_request_before_the_response_has_left_is_obeyed_and_remarked(device: Simulated4Ros) -> None:
