@@ -32,6 +32,19 @@ def decoded(packets: list[bytes], following: bytes | None = None) -> Samples:
     return PointCloudDecoder().decode(run_of(packets), following)
 
 
+@pytest.mark.parametrize("name", golden.names_of("ydlidar_4ros"))
+def test_the_reference_agrees_to_the_last_digit(name: str) -> None:
+    turns = turns_of(name)
+    assert len(turns) > 2
+    for turn in turns:
+        samples, reference = decoded(turn), ydlidar.decode(turn)
+        assert samples.angle_deg.dtype == samples.distance_mm.dtype == np.float32
+        # The one rounding there is, is that to single precision.
+        np.testing.assert_array_equal(samples.angle_deg, np.array([s.angle_deg for s in reference], np.float32))
+        np.testing.assert_array_equal(samples.distance_mm, [s.distance_mm for s in reference])
+        np.testing.assert_array_equal(samples.ends, np.cumsum([packet[3] for packet in turn]))
+
+
 def test_an_angle_of_360_degrees_is_0() -> None:
     exact = decoded([pack_points([1, 2, 3], 359 * 64, 64)])
     assert exact.angle_deg.tolist() == [359.0, 0.0, 1.0]
@@ -116,6 +129,19 @@ def test_an_unsteady_rotor_loses_nothing() -> None:
         packets.append(pack_points([1000] * 40, first % 23040, last % 23040))
         first = last + 11 + int(random.integers(-12, 24))
     assert decoded(packets[:-1], packets[-1]).lost == 0
+
+
+@pytest.mark.parametrize("is_followed", [False, True])
+def test_a_packet_in_which_the_rotor_was_faster_is_not_damaged(is_followed: bool) -> None:
+    """Where it ends, the next one begins."""
+    steps = [48] * 6 + [75] + [48] * 3
+    begins = [40 * sum(steps[:number]) for number in range(len(steps))]
+    packets = [
+        pack_points([1000] * 40, begin, begin + 39 * step) for begin, step in zip(begins, steps, strict=True)
+    ]
+    samples = decoded(packets[:-1], packets[-1] if is_followed else None)
+    assert (samples.lost, list(samples.gaps)) == (0, [])
+    assert samples.angle_deg[6 * 40 + 39] == (begins[6] + 39 * 75) / 64
 
 
 LONG = [43] * 11

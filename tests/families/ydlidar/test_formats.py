@@ -66,6 +66,13 @@ def test_magic_bytes_inside_a_damaged_packet_cost_nothing_more(seed: int) -> Non
         assert received.stats.skipped_bytes == len(broken)
 
 
+def test_stray_bytes_before_a_packet_cost_themselves() -> None:
+    for stray in (b"\xaa", b"\xaa\xaa", b"\xa5", b"\xa5\x5a", b"\x00", b"\x55"):
+        received = in_any_pieces(b"".join([*CLEAN[:5], stray, *CLEAN[5:]]))
+        assert received.data == b"".join(CLEAN)
+        assert (received.stats.skipped_bytes, received.stats.skipped_stretches) == (len(stray), 1)
+
+
 RECORDS = {
     "time stamp": pack_time_stamp(123_456, 7),
     "time stamp with magic": pack_time_stamp(0x55AA_55AA, 0xAA),
