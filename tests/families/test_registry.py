@@ -17,12 +17,6 @@ TESTS = Path(__file__).resolve().parent.parent
 
 
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.name)
-def test_the_names_of_simulated_models_tell_the_family(family: Family) -> None:
-    assert family.simulated
-    assert all(name.startswith(f"{family.name}-") for name in family.simulated)
-
-
-@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.name)
 def test_each_family_has_its_tests_and_its_streams(family: Family) -> None:
     """What makes the tests of all families run with it: nothing else would notice that it has none."""
     about = ABOUT[family.name]
@@ -51,7 +45,9 @@ def test_a_packet_is_known_by_its_first_two_bytes(family: Family) -> None:
 def test_each_row_is_complete(family: Family) -> None:
     assert family_named(family.name) is family
     assert isinstance(family.device(), Device)
+    assert family.simulated
     for model in family.simulated:
+        assert model.startswith(f"{family.name}-")
         assert family_of_simulated(model) is family
         device = family.simulate(model, world=None, serial=None, seed=3)
         assert device.baudrate in family.baudrates or getattr(device, "is_network", False)

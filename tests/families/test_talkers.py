@@ -17,6 +17,7 @@ from lidario.families.ldrobot.device import TALKERS as LDROBOT
 from lidario.families.neato.device import TALKERS as NEATO
 from lidario.families.neato.simulated.packers import pack_packet as neato
 from lidario.families.talking import TalkingModel
+from lidario.families.ydlidar.models import MODELS as YDLIDAR
 from tests.support.streams import in_one_run
 
 DOCS = Path(__file__).parents[2] / "docs/devices.md"
@@ -112,11 +113,14 @@ def test_a_revolution_may_take_half_as_long_again_as_at_the_lowest_speed(family:
 
 
 def test_the_page_of_devices_tells_the_same_lines() -> None:
+    """Of the models of YDLIDAR too."""
     told: dict[str, set[int]] = {}
     for row in DOCS.read_text(encoding="utf-8").splitlines():
         cells = [cell.strip() for cell in row.split("|")]
-        if len(cells) > 4 and re.fullmatch(r"\d{6}", cells[3]):
+        if len(cells) > 4 and re.fullmatch(r"\d{6}(, \d{6})*", cells[3]):
             for name in re.findall(r"`([\w-]+)`", cells[2]):
-                told.setdefault(name, set()).add(int(cells[3]))
-    lines = {(name, baud) for models in SHEET.values() for name, (baud, _, _) in models.items()}
-    assert lines <= {(name, baud) for name, bauds in told.items() for baud in bauds}
+                told.setdefault(name, set()).update(map(int, cells[3].split(", ")))
+    ours = {name: model.baudrate for name, model in YDLIDAR.items() if name in told}
+    assert len(ours) == 20
+    sheet = [(name, baud) for models in SHEET.values() for name, (baud, _, _) in models.items()]
+    assert all(baud in told[name] for name, baud in (*ours.items(), *sheet))

@@ -206,21 +206,6 @@ def test_a_function_of_the_user_is_a_filter() -> None:
             scan.filtered(wrong)
 
 
-def test_veiling_points_and_speckles_of_a_made_room() -> None:
-    """An edge at 1 m before a wall at 4 m: what hangs between the two goes, and nothing else."""
-    angles = np.radians(np.arange(60, -60, -0.5))
-    ranges = np.where(angles > 0, 1.0, 4.0)
-    edge = int(np.argmax(angles <= 0))
-    ranges[edge] = 2.2
-    ranges[30] = 0.3
-    scan = make_scan(angles, ranges)
-    for each, distance in ((ShadowsFilter(), 2.2), (RadiusOutlierFilter(), 0.3)):
-        out = scan.filtered(each)
-        gone = np.round(scan.ranges[out.left_out], 2).tolist()
-        assert any(found == pytest.approx(distance) for found in gone)
-        assert len(gone) <= 4
-
-
 @pytest.mark.parametrize(
     ("make", "text"),
     [

@@ -127,6 +127,20 @@ def test_checking_as_an_array_finds_what_checking_one_by_one_finds(case: Case, d
     assert wire.run(raw, len(lead)) == checked_one_by_one(wire, raw, len(lead))
 
 
+@pytest.mark.parametrize("case", [case for case in [*KINDS, *LAYOUTS] if case.make_format().longest > 5], ids=named)
+@pytest.mark.parametrize("seed", range(2))
+def test_every_flipped_bit_of_a_packet_is_seen(case: Case, seed: int) -> None:
+    """A node has no check value: see test_nodes."""
+    wire, packet = case.make_format(), bytearray(any_packets(case, seed, 1, wild=False)[0])
+    assert wire.measure(packet, 0) == len(packet)
+    assert wire.intact(packet, 0, len(packet))
+    for bit in range(8 * len(packet)):
+        packet[bit // 8] ^= 1 << bit % 8
+        size = wire.measure(packet, 0)
+        assert not 0 < size <= len(packet) or not wire.intact(packet, 0, size), f"bit {bit}"
+        packet[bit // 8] ^= 1 << bit % 8
+
+
 @pytest.mark.parametrize("case", [case for case in [*KINDS, *LAYOUTS] if case.layout is not None], ids=named)
 @given(seed=seeds, count=st.integers(1, 12), place=st.floats(0, 1, exclude_max=True))
 def test_a_flipped_bit_of_any_contents_is_seen(case: Case, seed: int, count: int, place: float) -> None:

@@ -34,19 +34,6 @@ def test_an_absurd_number_of_samples_costs_the_packet(case: Case, samples: int) 
 
 
 @every_cloud
-def test_the_c_bit_may_be_0(case: Case) -> None:
-    assert isinstance(case.layout, ydlidar.Kind)
-    changed = {}
-    for number in range(case.turns[0][0].packet, case.turns[1][-1].packet, 3):
-        packet = bytearray(case.packets[number])
-        packet[4] &= 0xFE
-        packet[6] &= 0xFE
-        changed[number] = resealed(case.layout, bytes(packet))
-    result = all_but(case, replaced(case, changed))
-    assert (result.share, result.wrong, result.lost) == (1.0, 0, 0)
-
-
-@every_cloud
 @pytest.mark.parametrize(
     "between",
     [

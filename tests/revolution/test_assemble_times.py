@@ -7,12 +7,11 @@ import pytest
 
 from lidario.families.ydlidar import formats as ydlidar_formats
 from lidario.revolution.assemble import Assembler
-from lidario.revolution.pipeline import Pipeline
 from lidario.scan import Scan
 from lidario.wire.events import Packets
-from tests.support.cases import CASES, KINDS, Case, named
+from tests.support.cases import KINDS
 from tests.support.numbered import BAUD, DENSE, SAMPLE_NS, TURN, WIRE_NS, assemble, numbered, on_time
-from tests.support.streams import arrived, assembled, cut_up, open_stream, stream_of
+from tests.support.streams import arrived, cut_up, open_stream, stream_of
 
 
 def test_stamps_are_exact_on_a_line_that_delays_nothing() -> None:
@@ -93,42 +92,6 @@ def test_a_sample_rate_nobody_tells_is_measured() -> None:
         assert scan.time_increment_ns == pytest.approx(SAMPLE_NS, rel=0.05)
         assert scan.duration_ns == pytest.approx(len(scan) * SAMPLE_NS, rel=0.05)
         assert scan.rpm == pytest.approx(2000, rel=0.05)
-
-
-@pytest.mark.parametrize("case", CASES, ids=named)
-@pytest.mark.exhaustive("chunk", sample=[512, 4096], full=[512, 2048, 4096, 8192])
-def test_bytes_that_come_late_together_cost_no_turn(case: Case, chunk: int) -> None:
-    """As after a blocked event loop: chunks that hold more than a turn, and seams between them."""
-    found = assembled(case, case.raw, chunk)
-    assert (found.stats.scans, found.stats.broken_scans) == (len(case.turns), 0)
-
-
-@pytest.mark.parametrize("case", KINDS, ids=named)
-@pytest.mark.parametrize("chunk", [64, 700, 1500])
-def test_what_lay_uncut_tells_the_time_as_well(case: Case, chunk: int) -> None:
-    """Reads come late by chance, and are collected for most of a turn; each was noted when it came."""
-    results = []
-    for hold_ns in (0, 80_000_000):
-        random = np.random.default_rng(5)
-        pipeline, at, scans = Pipeline(stream_of(case), BAUD, link=open_stream(case)), 0, list[Scan]()
-        pending, reads, until = b"", list[tuple[int, int]](), 0
-        for piece in cut_up(case.raw, chunk):
-            at += len(piece)
-            now = round(at * case.byte_ns + random.exponential(1_000_000))
-            pending += piece
-            if now < until:
-                reads.append((len(pending), now))
-                continue
-            if made := pipeline.receive(pending, now, reads):
-                scans += made
-                until = now + hold_ns
-            pending, reads = b"", []
-        results.append(scans)
-    at_once, held = results
-    assert len(held) >= len(case.turns) - 1
-    for one, other in zip(at_once, held, strict=False):
-        assert (one.stamp_ns, one.rpm, one.seq) == (other.stamp_ns, other.rpm, other.seq)
-        np.testing.assert_array_equal(one.device_distances, other.device_distances)
 
 
 @pytest.mark.parametrize("chunk", [700, 4096, 40_000])

@@ -1,5 +1,6 @@
 """The revolution in the making: what is carried into it, and where its samples are missing."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ from lidario.families.base import Samples
 from lidario.families.rplidar.formats import DenseFormat
 from lidario.families.ydlidar.formats import PointCloud
 from lidario.revolution.partial import PartialRevolution, SampleArrays, joined, part_of
-from lidario.wire.blocks import Block
+from lidario.wire.blocks import Block, join_blocks
 from lidario.wire.events import Packets
 from lidario.wire.formats import StreamFormat
 
@@ -70,14 +71,23 @@ def test_how_long_its_reads_took_is_known_where_its_beginning_was_read() -> None
     assert PartialRevolution(whole=True, ended_ns=1200).read_ns == 0
 
 
+def blocks_of(sizes: Sequence[int], *, one_a_size: bool) -> tuple[Block, ...]:
+    """A block for each packet, or for all of one size that follow each other: that is what a link tells."""
+    single = [Block(size, 1) for size in sizes]
+    blocks: list[Block] = []
+    join_blocks(blocks, single)
+    return tuple(blocks if one_a_size else single)
+
+
+@pytest.mark.parametrize("one_a_size", [False, True])
 @pytest.mark.parametrize(
     "sizes", [[[84] * 3, [84], [84] * 2], [[84] * 3, [84, 60], [60]], [[60], [84, 84]], [[84, 60]]]
 )
-def test_runs_that_are_joined_are_one(sizes: list[list[int]]) -> None:
+def test_runs_that_are_joined_are_one(sizes: list[list[int]], one_a_size: bool) -> None:
     """As if they had been reported together, each packet with its size and its time."""
     runs, number = [], 0
     for these in sizes:
-        blocks = tuple(Block(size, 1) for size in these)
+        blocks = blocks_of(these, one_a_size=one_a_size)
         runs.append(Packets(bytes(sum(these)), blocks, tuple((at, number + at) for at in range(1, len(these) + 1))))
         number += len(these)
     found = joined(runs)
@@ -88,10 +98,13 @@ def test_runs_that_are_joined_are_one(sizes: list[list[int]]) -> None:
     assert (found.count, len(found.data)) == (number, sum(map(sum, sizes)))
 
 
+@pytest.mark.parametrize("one_a_size", [False, True])
 @pytest.mark.parametrize(("wire", "counts"), [(DenseFormat(), [40] * 6), (PointCloud(), [1, 40, 40, 7, 40, 16])])
-def test_a_part_comes_as_much_earlier_as_what_was_measured_behind_it(wire: StreamFormat, counts: list[int]) -> None:
+def test_a_part_comes_as_much_earlier_as_what_was_measured_behind_it(
+    wire: StreamFormat, counts: list[int], one_a_size: bool
+) -> None:
     sizes = [84 if each == 40 and wire.samples == 40 else 10 + 2 * each for each in counts]
-    blocks = tuple(Block(size, 1) for size in sizes)
+    blocks = blocks_of(sizes, one_a_size=one_a_size)
     data = np.random.default_rng(1).bytes(sum(sizes))
     packets = Packets(data, blocks, ((2, 5000), (6, 9000)))
     for begin in range(6):

@@ -15,7 +15,7 @@ from lidario.families.rplidar.formats import DenseFormat
 from lidario.revolution.assemble import Assembler
 from lidario.revolution.clock import Beginning, RevolutionClock
 from lidario.revolution.ended import EndedRevolution
-from lidario.revolution.partial import PartialRevolution, SampleArrays, part_of
+from lidario.revolution.partial import PartialRevolution, SampleArrays
 from lidario.revolution.timing import first_sample_ns
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
@@ -25,46 +25,6 @@ from tests.support.streams import in_one_run, stream_of
 WIRE = DenseFormat()
 SAMPLE_NS = 31250.0
 NOTHING = np.empty(0, np.float32)
-
-
-@given(count=st.integers(1, 12), data=st.data())
-def test_some_of_the_packets_of_one_size(count: int, data: st.DataObject) -> None:
-    """In one block, or in two whose packets have the same size."""
-    begin = data.draw(st.integers(0, count - 1))
-    end = data.draw(st.integers(begin + 1, count))
-    first = data.draw(st.integers(1, count))
-    size, samples = WIRE.shortest, 40
-    raw = bytes(number for number in range(count) for _ in range(size))
-    sizes = tuple(block for block in (Block(size, first), Block(size, count - first)) if block.packets)
-    one, other = (
-        part_of(Packets(raw, blocks, ((count, 10**9),)), begin, end, None, WIRE, SAMPLE_NS)
-        for blocks in ((Block(size, count),), sizes)
-    )
-    assert one.data == other.data == raw[begin * size : end * size]
-    assert sum(block.packets for block in one.blocks) == sum(block.packets for block in other.blocks) == end - begin
-    # What stands behind them was measured after them.
-    assert one.arrivals == other.arrivals == ((end - begin, 10**9 - round((count - end) * samples * SAMPLE_NS)),)
-
-
-@given(counts=st.lists(st.integers(1, 5), min_size=1, max_size=6), split=st.integers(1, 4))
-def test_runs_of_packets_of_one_size_are_joined(counts: list[int], split: int) -> None:
-    """Each in one block, or the first of them in two."""
-    size = WIRE.shortest
-    runs = [
-        Packets(bytes([number]) * (size * count), (Block(size, count),), ((count, number * 1000),))
-        for number, count in enumerate(counts)
-    ]
-    first = counts[0]
-    parts = tuple(Block(size, each) for each in (min(split, first), first - min(split, first)) if each)
-    joined = PartialRevolution(whole=True, runs=runs).packets()
-    longer = PartialRevolution(whole=True, runs=[replace(runs[0], blocks=parts), *runs[1:]]).packets()
-    assert joined is not None
-    assert longer is not None
-    assert joined.data == longer.data == b"".join(run.data for run in runs)
-    assert joined.arrivals == longer.arrivals
-    assert [count for count, _ in joined.arrivals] == np.cumsum(counts).tolist()
-    assert joined.blocks == (Block(size, sum(counts)),)
-    assert sum(block.packets for block in longer.blocks) == sum(counts)
 
 
 @given(

@@ -20,10 +20,10 @@ MS = 1_000_000
 SECOND = 1_000 * MS
 BEGIN = 100 * SECOND
 
-# Family, model, scan, info, health; bytes of the response to info.
-MAKERS: dict[str, tuple[Callable[..., Any], str, bytes, bytes, bytes]] = {
-    "rplidar": (make_first, "rplidar-s2", b"\xa5\x20", b"\xa5\x50", b"\xa5\x52"),
-    "ydlidar": (make_second, "ydlidar-4ros", b"\xa5\x60", b"\xa5\x90", b"\xa5\x91"),
+# Family, model, scan, info, health, reset.
+MAKERS: dict[str, tuple[Callable[..., Any], str, bytes, bytes, bytes, bytes]] = {
+    "rplidar": (make_first, "rplidar-s2", b"\xa5\x20", b"\xa5\x50", b"\xa5\x52", b"\xa5\x40"),
+    "ydlidar": (make_second, "ydlidar-4ros", b"\xa5\x60", b"\xa5\x90", b"\xa5\x91", b"\xa5\x80"),
 }
 both = pytest.mark.parametrize("family", MAKERS)
 
@@ -32,7 +32,7 @@ class Bench:
     """A device behind a line with faults; it begins to scan at once."""
 
     def __init__(self, family: str, faults: str, *, seed: int = 0, scan: bool = True) -> None:
-        make, model, self.scan, self.info, self.health = MAKERS[family]
+        make, model, self.scan, self.info, self.health, self.reset = MAKERS[family]
         self.device = make(model)
         self.device.spin_up_s = 0.0
         self.line = MemoryLine(self.device, parse_faults(faults, seed=seed))
@@ -80,8 +80,10 @@ def test_a_request_after_the_event_finds_it_done_though_nobody_has_read(family: 
 
 
 @both
-def test_protect_stops_it_in_mid_scan_until_a_reset(family: str) -> None:
+@pytest.mark.parametrize("cured", [True, False])
+def test_protect_stops_it_in_mid_scan_until_a_reset_cures_it_or_does_not(family: str, cured: bool) -> None:
     bench = Bench(family, "protect:1s")
+    bench.device.faults_cleared_by_reset = cured
     assert bench.line.read(BEGIN + 990 * MS)
     assert bench.line.wakeup(BEGIN + 990 * MS) is not None
     bench.line.read(BEGIN + SECOND + 20 * MS)
@@ -90,6 +92,11 @@ def test_protect_stops_it_in_mid_scan_until_a_reset(family: str) -> None:
     assert bench.status(BEGIN + 5 * SECOND) == (2, ERROR_CODE)
     assert bench.ask(bench.scan, BEGIN + 6 * SECOND) == b""
     assert bench.device.log[-1].why == "in protection stop"
+    assert (bench.device.scanning, bench.device.motor_on) == (False, False)
+    bench.line.write(bench.reset, BEGIN + 7 * SECOND)
+    bench.line.read(BEGIN + 9 * SECOND)
+    assert bench.status(BEGIN + 9 * SECOND) == ((0, 0) if cured else (2, ERROR_CODE))
+    assert bool(bench.ask(bench.scan, BEGIN + 10 * SECOND)) is cured
 
 
 @both
@@ -165,6 +172,38 @@ def test_what_nobody_has_read_when_the_cable_is_pulled_is_lost(family: str) -> N
     bench.device.boot_s = 600.0
     assert bench.line.read(BEGIN + 900 * MS)
     assert bench.line.read(BEGIN + 5 * SECOND) == b""
+
+
+@both
+def test_a_garbled_response_is_as_long_and_the_next_one_is_right(family: str) -> None:
+    bench = Bench(family, "", scan=False)
+    good = bench.ask(bench.info, BEGIN)
+    bench.device.garble_responses = 1
+    bad = bench.ask(bench.info, BEGIN + SECOND)
+    assert len(bad) == len(good) == 27
+    assert bad != good
+    assert bench.ask(bench.info, BEGIN + 2 * SECOND) == good
+
+
+@both
+def test_a_late_response_comes_when_it_is_due(family: str) -> None:
+    bench = Bench(family, "", scan=False)
+    bench.device.response_delay_s = 3.0
+    bench.line.write(bench.info, BEGIN)
+    assert bench.line.read(BEGIN + 3 * SECOND) == b""
+    assert len(bench.line.read(BEGIN + 3 * SECOND + MS)) == 27
+
+
+@both
+def test_mute_it_hears_and_obeys_but_what_it_says_is_lost(family: str) -> None:
+    bench = Bench(family, "", scan=False)
+    bench.device.mute = True
+    assert bench.ask(bench.info, BEGIN) == b""
+    assert bench.ask(bench.scan, BEGIN + SECOND) == b""
+    assert bench.line.read(BEGIN + 2 * SECOND) == b""
+    assert bench.device.scanning
+    bench.device.mute = False
+    assert 0 < len(bench.line.read(BEGIN + 3 * SECOND)) < 100_000
 
 
 @both

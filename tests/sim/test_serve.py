@@ -27,15 +27,6 @@ def test_memory_line_carries_both_ways_in_the_callers_time() -> None:
     assert not line.unplugged(10**12)
 
 
-def test_memory_line_with_faults() -> None:
-    line = MemoryLine(Parrot(), parse_faults("silent:1s,unplug:2s"))
-    line.write(b"ab", 0)
-    assert line.read(10_000) == b"A"
-    assert line.read(2_000_000_000) == b""
-    assert not line.unplugged(1_999_999_999)
-    assert line.unplugged(2_000_000_000)
-
-
 def test_memory_line_wakes_up_for_what_the_faults_do() -> None:
     """An idle device sends nothing, and the line has something to tell all the same."""
     line = MemoryLine(Parrot(), parse_faults("late:1s,unplug:3s"))

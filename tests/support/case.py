@@ -3,10 +3,12 @@
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lidario.families import unasked
 from lidario.families.base import Decoder
 from lidario.wire.envelope import Request
 from lidario.wire.formats import StreamFormat
@@ -100,6 +102,30 @@ class Case:
     def byte_ns(self) -> float:
         """How long a byte takes at the device's own pace."""
         return _byte_ns(self)
+
+
+def of_a_talker(name: str, wire: Callable[[], StreamFormat], decoder: Callable[[], Decoder], **about: Any) -> Case:
+    """The golden stream of a device that only talks.
+
+    Args:
+        name: Name of the golden file, which says how long a sample takes.
+        wire: The format of its packets, each of which is decoded by itself.
+        decoder: What decodes them.
+        about: What else is particular to it, as in `Case`.
+    """
+    sample_us = golden.load(name).sample_us
+    assert sample_us is not None
+    return Case(
+        name=name,
+        response_type=wire().response_type,
+        descriptor=b"",
+        make_format=wire,
+        make_decoder=decoder,
+        request=unasked.begin,
+        sample_us=sample_us,
+        exact=True,
+        **{"lookahead": False, **about},
+    )
 
 
 _golden = cache(golden.load)

@@ -71,6 +71,12 @@ class Bench:
         self.send(data)
         return self.run(within)
 
+    def mode(self, mode_id: int) -> Mode:
+        """One that it has."""
+        mode = self.device.profile.mode(mode_id)
+        assert mode is not None
+        return mode
+
     def begin(self, mode: Mode) -> None:
         """Start a mode, with the motor first where nothing else starts it."""
         if self.device.profile.motor == "pwm":

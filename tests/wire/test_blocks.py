@@ -2,7 +2,6 @@
 
 from itertools import accumulate, pairwise
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -45,10 +44,3 @@ def test_offsets_are_the_sums_of_the_sizes(sizes: list[int]) -> None:
 
 def test_offsets_of_one_size_are_a_range() -> None:
     assert packet_offsets([Block(84, 1000)]) == range(0, 84_001, 84)
-
-
-@pytest.mark.parametrize("more", [(), (Block(12, 3),)])
-def test_joining_to_nothing(more: tuple[Block, ...]) -> None:
-    blocks: list[Block] = []
-    join_blocks(blocks, more)
-    assert tuple(blocks) == more

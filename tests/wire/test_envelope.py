@@ -64,14 +64,6 @@ def test_a_request_with_its_checksum_sums_to_nothing(command: int, payload: byte
     assert (data[0], data[1], data[2]) == (0xA5, command, len(payload))
 
 
-@given(st.binary(max_size=64))
-def test_xor_of_bytes(data: bytes) -> None:
-    result = 0
-    for byte in data:
-        result ^= byte
-    assert xor_bytes(data) == xor_bytes(bytearray(data)) == result
-
-
 ANNOUNCED = {
     "A5 5A 14 00 00 00 04": Descriptor(0x04, 20, continuous=False),
     "A5 5A 03 00 00 00 06": Descriptor(0x06, 3, continuous=False),
@@ -139,6 +131,6 @@ def test_settle_times_are_the_manuals() -> None:
     assert rplidar.RESET.settle == 0.500
     assert all(request.ends_stream for request in (rplidar.STOP, rplidar.RESET, ydlidar.STOP, ydlidar.RESET))
     # What steps or toggles must not be asked twice.
-    for request in (ydlidar.TOGGLE_PROTECTION, ydlidar.STEPS[True, True], ydlidar.STEPS[False, False]):
+    for request in (ydlidar.TOGGLE_PROTECTION, *ydlidar.STEPS.values()):
         assert request.attempts == 1
     assert Request("X", b"").expects is None

@@ -7,39 +7,18 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families import unasked
 from lidario.families.camsense.decode import LongDecoder, PacketDecoder
 from lidario.families.camsense.formats import LongFormat, PacketFormat
 from lidario.families.camsense.simulated.device import make_simulated
 from lidario.families.camsense.simulated.packers import pack_packet
 from tests.reference import camsense, golden
-from tests.support.case import Case
+from tests.support.case import Case, of_a_talker
 from tests.support.rig import Maker
 
 __all__ = ["CASES", "KINDS", "LAYOUTS", "MAKER", "MODELS", "OF_GOLDEN_ALONE"]
 
 MAKER = Maker(make_simulated, "camsense-x1", 0.1923, obeys=False)
 MODELS = ("camsense-x1", "camsense-lds08rr")
-
-
-def _case(name: str) -> Case:
-    sample_us = golden.load(name).sample_us
-    assert sample_us is not None
-    return Case(
-        name=name,
-        response_type=PacketFormat.response_type,
-        descriptor=b"",
-        make_format=PacketFormat,
-        make_decoder=PacketDecoder,
-        request=unasked.begin,
-        sample_us=sample_us,
-        split=camsense.split,
-        decode=camsense.decode,
-        lookahead=False,
-        contents=_contents,
-        seal=_sealed,
-        exact=True,
-    )
 
 
 def _contents(case: Case, random: np.random.Generator, starts: NDArray[np.int64], wild: bool) -> list[bytes]:
@@ -57,6 +36,18 @@ def _sealed(case: Case, contents: bytes) -> bytes:
     # Angles at which it turns.
     body = packet[:8] + contents[8:-4] + packet[-4:-2]
     return body + camsense.fold(body).to_bytes(2, "little")
+
+
+def _case(name: str) -> Case:
+    return of_a_talker(
+        name,
+        PacketFormat,
+        PacketDecoder,
+        split=camsense.split,
+        decode=camsense.decode,
+        contents=_contents,
+        seal=_sealed,
+    )
 
 
 CASES = tuple(map(_case, golden.names_of("camsense")))

@@ -1,4 +1,4 @@
-"""The golden stream through the whole path; packets of an LDS08RR; where a lens puts what nobody sees."""
+"""The rate of a stream; packets of an LDS08RR; where a lens puts what nobody sees."""
 
 from __future__ import annotations
 
@@ -10,21 +10,8 @@ from lidario.families.camsense.decode import LongDecoder, PacketDecoder, sample_
 from lidario.families.camsense.formats import LongFormat, PacketFormat
 from lidario.families.camsense.simulated.packers import pack_packet
 from tests.families.camsense.about import CASES
-from tests.reference import camsense, golden
+from tests.reference import camsense
 from tests.support.streams import in_one_run
-
-TRUTH = golden.load("camsense_x1_5hz")
-
-
-def test_turns_are_divided_by_the_beam() -> None:
-    scans = list(lidario.decode(TRUTH.raw))
-    assert len(scans) == len(CASES[0].turns)
-    for scan, turn in zip(scans, CASES[0].turns, strict=True):
-        np.testing.assert_allclose(scan.device_distances, [each.distance_mm for each in turn], atol=1e-3)
-        away = (scan.device_angles - np.array([each.angle_deg for each in turn]) + 180) % 360 - 180
-        assert np.abs(away).max() < 1e-4
-        assert scan.lost_packets == 0
-        assert scan.rpm == pytest.approx(scan.reported_rpm, rel=0.02)
 
 
 def test_the_rate_is_told_to_half_a_percent() -> None:

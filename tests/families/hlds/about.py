@@ -5,41 +5,18 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families import unasked
 from lidario.families.hlds.decode import PacketDecoder
 from lidario.families.hlds.formats import CheckedFormat, PacketFormat
 from lidario.families.hlds.simulated.device import make_simulated
 from lidario.families.hlds.simulated.packers import pack_packet
-from tests.reference import golden, hlds
-from tests.support.case import Case
+from tests.reference import hlds
+from tests.support.case import Case, of_a_talker
 from tests.support.rig import Maker
 
 __all__ = ["CASES", "KINDS", "LAYOUTS", "MAKER", "MODELS", "OF_GOLDEN_ALONE"]
 
 MAKER = Maker(make_simulated, "hlds-lds01", 0.2, obeys=False)
 MODELS = ("hlds-lds01",)
-
-
-def _case(wire: type[CheckedFormat]) -> Case:
-    sample_us = golden.load("hlds_lds01_5hz").sample_us
-    assert sample_us is not None
-    return Case(
-        name="hlds_lds01_5hz",
-        response_type=wire.response_type,
-        descriptor=b"",
-        make_format=wire,
-        make_decoder=PacketDecoder,
-        request=unasked.begin,
-        sample_us=sample_us,
-        split=hlds.split,
-        decode=hlds.decode,
-        lookahead=False,
-        even=False,
-        contents=_contents,
-        seal=_sealed,
-        exact=True,
-        intensity_bits=13,
-    )
 
 
 def _contents(case: Case, random: np.random.Generator, starts: NDArray[np.int64], wild: bool) -> list[bytes]:
@@ -57,6 +34,20 @@ def _contents(case: Case, random: np.random.Generator, starts: NDArray[np.int64]
 def _sealed(case: Case, contents: bytes) -> bytes:
     body = case.packets[0][:4] + contents[4:-2]
     return body + hlds.twice(body)
+
+
+def _case(wire: type[CheckedFormat]) -> Case:
+    return of_a_talker(
+        "hlds_lds01_5hz",
+        wire,
+        PacketDecoder,
+        split=hlds.split,
+        decode=hlds.decode,
+        contents=_contents,
+        seal=_sealed,
+        even=False,
+        intensity_bits=13,
+    )
 
 
 CASES = (_case(CheckedFormat),)

@@ -64,13 +64,6 @@ def test_it_tells_what_it_is_and_measures_what_it_told(model: str) -> None:
         assert host.hear(1.0) == b""
 
 
-def test_bytes_do_not_depend_on_the_steps_of_time() -> None:
-    one, other = Dialogue(), Dialogue()
-    for host in (one, other):
-        host.device.receive(b"MD0044072501000\n", BEGIN)
-    assert one.hear(1.0) == b"".join(other.hear(0.01) for _ in range(100))
-
-
 def test_it_counts_down_skips_and_joins() -> None:
     host = Dialogue()
     heard = host.say("MD0100010102103\n", 3.0)

@@ -7,41 +7,18 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families import unasked
 from lidario.families.irobotix.decode import FifteenDecoder, FrameDecoder
 from lidario.families.irobotix.formats import FifteenFormat, FrameFormat
 from lidario.families.irobotix.simulated.device import make_simulated
 from lidario.families.irobotix.simulated.packers import pack_measurement
 from tests.reference import golden, irobotix
-from tests.support.case import Case
+from tests.support.case import Case, of_a_talker
 from tests.support.rig import Maker
 
 __all__ = ["CASES", "KINDS", "MAKER", "MODELS", "OF_GOLDEN_ALONE"]
 
 MAKER = Maker(make_simulated, "irobotix-delta2a", 1 / 6, obeys=False)
 MODELS = ("irobotix-delta2a", "irobotix-delta2g")
-
-
-def _case(name: str) -> Case:
-    fifteen = "2g" in name
-    sample_us = golden.load(name).sample_us
-    assert sample_us is not None
-    return Case(
-        name=name,
-        response_type=(FifteenFormat if fifteen else FrameFormat).response_type,
-        descriptor=b"",
-        make_format=FifteenFormat if fifteen else FrameFormat,
-        make_decoder=FifteenDecoder if fifteen else FrameDecoder,
-        request=unasked.begin,
-        sample_us=sample_us,
-        split=irobotix.split,
-        decode=partial(irobotix.decode, frames=15 if fifteen else 16),
-        lookahead=False,
-        even=False,
-        contents=_contents,
-        seal=_sealed,
-        exact=True,
-    )
 
 
 def _contents(case: Case, random: np.random.Generator, starts: NDArray[np.int64], wild: bool) -> list[bytes]:
@@ -59,6 +36,15 @@ def _contents(case: Case, random: np.random.Generator, starts: NDArray[np.int64]
 def _sealed(case: Case, contents: bytes) -> bytes:
     body = case.packets[0][:8] + contents[8:-2]
     return body + irobotix.total(body)
+
+
+def _case(name: str) -> Case:
+    fifteen = "2g" in name
+    wire, decoder = (FifteenFormat, FifteenDecoder) if fifteen else (FrameFormat, FrameDecoder)
+    decode = partial(irobotix.decode, frames=15 if fifteen else 16)
+    return of_a_talker(
+        name, wire, decoder, split=irobotix.split, decode=decode, contents=_contents, seal=_sealed, even=False
+    )
 
 
 CASES = tuple(map(_case, golden.names_of("irobotix")))

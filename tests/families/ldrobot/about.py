@@ -8,40 +8,17 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families import unasked
 from lidario.families.ldrobot.device import AXIS, BEAM, TRIANGLE
 from lidario.families.ldrobot.simulated.device import make_simulated
 from lidario.families.ldrobot.simulated.packers import pack_points
 from tests.reference import golden, ldrobot
-from tests.support.case import Case
+from tests.support.case import Case, of_a_talker
 from tests.support.rig import Maker
 
 __all__ = ["CASES", "KINDS", "MAKER", "MODELS", "OF_GOLDEN_ALONE"]
 
 MAKER = Maker(make_simulated, "ldrobot-ld06", 0.1, obeys=False)
 MODELS = ("ldrobot-ld19", "ldrobot-ld14p")
-
-
-def _case(name: str) -> Case:
-    lens: Literal["", "ld08", "ld14"] = "ld14" if "ld14" in name else "ld08" if "ld08" in name else ""
-    kind = {"": BEAM, "ld14": TRIANGLE, "ld08": AXIS}[lens]
-    sample_us = golden.load(name).sample_us
-    assert sample_us is not None
-    return Case(
-        name=name,
-        response_type=kind.wire().response_type,
-        descriptor=b"",
-        make_format=kind.wire,
-        make_decoder=kind.decoder,
-        request=unasked.begin,
-        sample_us=sample_us,
-        split=ldrobot.split,
-        decode=partial(ldrobot.decode, lens=lens),
-        lookahead=False,
-        contents=_contents,
-        seal=_sealed,
-        exact=True,
-    )
 
 
 def _contents(case: Case, random: np.random.Generator, starts: NDArray[np.int64], wild: bool) -> list[bytes]:
@@ -59,6 +36,15 @@ def _contents(case: Case, random: np.random.Generator, starts: NDArray[np.int64]
 def _sealed(case: Case, contents: bytes) -> bytes:
     body = case.packets[0][:2] + contents[2:-1]
     return body + bytes((ldrobot.crc8(body),))
+
+
+def _case(name: str) -> Case:
+    lens: Literal["", "ld08", "ld14"] = "ld14" if "ld14" in name else "ld08" if "ld08" in name else ""
+    kind = {"": BEAM, "ld14": TRIANGLE, "ld08": AXIS}[lens]
+    decode = partial(ldrobot.decode, lens=lens)
+    return of_a_talker(
+        name, kind.wire, kind.decoder, split=ldrobot.split, decode=decode, contents=_contents, seal=_sealed
+    )
 
 
 CASES = tuple(map(_case, golden.names_of("ldrobot")))

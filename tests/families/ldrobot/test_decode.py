@@ -57,13 +57,6 @@ def test_a_wrong_last_angle_loses_no_packets(turned: int) -> None:
     assert found.revolution_samples == pytest.approx(clean.revolution_samples, rel=0.001)
 
 
-@pytest.mark.parametrize("missing", [1, 5])
-def test_packets_that_are_missing_are_told_as_before(missing: int) -> None:
-    packets = packets_of()
-    found = decoded(packets[:8] + packets[8 + missing :])
-    assert (found.lost, found.unbroken) == (missing, 8)
-
-
 def test_of_packets_that_are_missing_beside_a_wrong_angle_none_is_told_twice() -> None:
     packets = packets_of()
     end = (int.from_bytes(packets[4][42:44], "little") + 9000) % 36_000

@@ -13,12 +13,13 @@ from lidario.families.ldrobot.device import TALKERS
 from lidario.families.ldrobot.formats import CRC, PacketFormat, TriangleFormat
 from lidario.families.ldrobot.simulated.packers import pack_health, pack_points, pack_response
 from lidario.families.stream import Known
-from lidario.families.unasked import begin, hear
-from lidario.wire.events import Packets, Response
-from lidario.wire.link import Link, LinkStats
+from lidario.families.unasked import hear
+from lidario.wire.events import Response
+from lidario.wire.link import Link
 from lidario.wire.states import LinkState
+from tests.families.ldrobot.about import CASES
 from tests.reference import golden, ldrobot
-from tests.support.streams import checked_one_by_one, cut_up, in_one_run
+from tests.support.streams import cut_up, feed, in_one_run
 
 MANUAL = bytes.fromhex(
     "54 2C 68 08 AB 7E E0 00 E4 DC 00 E2 D9 00 E5 D5 00 E3 D3 00 E4 D0 00 E9 CD 00 E4 CA 00 E2 C7 00 E9 C5"
@@ -29,20 +30,11 @@ CLEAN = [
     pack_points(np.arange(12) + 1000 + n, range(100, 112), 950 * n % 36_000, (950 * n + 870) % 36_000)
     for n in range(80)
 ]
+LD19 = next(case for case in CASES if case.name == "ldrobot_ld19_6hz")
 DATA = Path(__file__).parents[2] / "data"
 REAL = Path(__file__).parents[4] / "shared" / "golden" / "ldrobot_ld06_real.npz"
 """A recording of a real LD06 by somebody else: read where it lies beside the project, and never copied."""
 ALSO_REAL = [REAL] if REAL.exists() else []
-
-
-def received(raw: bytes, chunk: int | None = None) -> tuple[bytes, LinkStats]:
-    """The packets in these bytes, and the link's counters."""
-    link, found = Link(), b""
-    link.send_request(begin(PacketFormat()))
-    for piece in cut_up(raw, chunk):
-        link.receive_data(piece, 0)
-        found += b"".join(event.data for event in link.events_received() if isinstance(event, Packets))
-    return found, link.stats
 
 
 def test_the_manuals_example_and_its_check_value() -> None:
@@ -67,35 +59,35 @@ def test_packers_agree_with_the_reference() -> None:
 @pytest.mark.parametrize("name", [name for name in golden.names_of("ldrobot") if "ld08" not in name])
 def test_records_between_packets_are_no_noise(name: str, chunk: int | None) -> None:
     raw = golden.load(name).raw
-    packets, stats = received(raw, chunk)
-    assert packets == b"".join(ldrobot.split(raw))
-    records = (len(raw) - len(packets)) / 4
-    assert stats.skipped_bytes == 0
-    assert 0 < stats.records <= records
-    assert stats.record_bytes == len(raw) - len(packets)
+    found = feed(LD19, raw, chunk)
+    assert found.data == b"".join(ldrobot.split(raw))
+    records = (len(raw) - len(found.data)) / 4
+    assert found.stats.skipped_bytes == 0
+    assert 0 < found.stats.records <= records
+    assert found.stats.record_bytes == len(raw) - len(found.data)
 
 
 @pytest.mark.parametrize("chunk", [None, 1, 13])
 def test_responses_of_the_one_model_that_has_any_are_records(chunk: int | None) -> None:
     between = pack_response(0xA0) + pack_health(1) + pack_response(0xA8, b"\x54\x2c" * 12)
-    packets, stats = received(b"".join(CLEAN[:40]) + between + b"".join(CLEAN[40:]), chunk)
-    assert packets == b"".join(CLEAN)
-    assert (stats.records, stats.skipped_bytes) == (3, 0)
+    found = feed(LD19, b"".join(CLEAN[:40]) + between + b"".join(CLEAN[40:]), chunk)
+    assert found.data == b"".join(CLEAN)
+    assert (found.stats.records, found.stats.skipped_bytes) == (3, 0)
 
 
 def test_a_record_with_a_wrong_check_value_is_noise() -> None:
     wrong = bytearray(pack_health(1))
     wrong[-1] ^= 1
-    packets, stats = received(b"".join(CLEAN[:40]) + bytes(wrong) + b"".join(CLEAN[40:]))
-    assert packets == b"".join(CLEAN)
-    assert (stats.records, stats.skipped_bytes) == (0, 4)
+    found = feed(LD19, b"".join(CLEAN[:40]) + bytes(wrong) + b"".join(CLEAN[40:]))
+    assert found.data == b"".join(CLEAN)
+    assert (found.stats.records, found.stats.skipped_bytes) == (0, 4)
 
 
 @pytest.mark.parametrize("noise", [b"\x54", b"\x54\x54", b"\x54\x2c", b"\x54\xa0", b"\x54\x2c\x54", b"\x00" * 46])
 def test_in_step_within_two_packets_after_noise(noise: bytes) -> None:
-    packets, stats = received(b"".join(CLEAN[:10]) + noise + b"".join(CLEAN[10:]))
-    assert packets == b"".join(CLEAN)
-    assert stats.skipped_bytes == len(noise)
+    found = feed(LD19, b"".join(CLEAN[:10]) + noise + b"".join(CLEAN[10:]))
+    assert found.data == b"".join(CLEAN)
+    assert found.stats.skipped_bytes == len(noise)
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -104,19 +96,8 @@ def test_a_packet_that_is_not_due_needs_another_behind_it(seed: int) -> None:
     random = Random(seed)
     false = MANUAL[:2] + random.randbytes(44)
     false += bytes((CRC.of(false),))
-    packets, _ = received(
-        b"".join(CLEAN[:5]) + random.randbytes(5) + false + random.randbytes(60) + b"".join(CLEAN)
-    )
-    assert packets == b"".join(CLEAN[:5] + CLEAN)
-
-
-@pytest.mark.parametrize("lead", [0, 1])
-def test_checking_as_an_array_finds_what_checking_one_by_one_finds(lead: int) -> None:
-    for flip in (None, 3, 400, 1801, 3700):
-        data = bytearray(bytes(lead) + b"".join(CLEAN))
-        if flip is not None:
-            data[flip] ^= 0x40
-        assert PacketFormat().run(data, lead) == checked_one_by_one(PacketFormat(), data, lead)
+    found = feed(LD19, b"".join(CLEAN[:5]) + random.randbytes(5) + false + random.randbytes(60) + b"".join(CLEAN))
+    assert found.data == b"".join(CLEAN[:5] + CLEAN)
 
 
 def test_the_correction_before_holds_where_nothing_came_back_also_across_packets() -> None:
@@ -217,14 +198,14 @@ def test_a_recording_is_decoded_as_the_vendor_does(path: Path) -> None:
             for name in ("raw", "angle_deg", "distance_mm", "intensity", "stray_bytes", "sample_us")
         }
     raw = truth["raw"].tobytes()
-    packets, stats = received(raw)
-    assert received(raw, 1) == received(raw, 100) == (packets, stats)
-    samples = PacketDecoder().decode(in_one_run(PacketFormat(), packets), None)
+    received = feed(LD19, raw)
+    assert feed(LD19, raw, 1) == feed(LD19, raw, 100) == received
+    samples = PacketDecoder().decode(in_one_run(PacketFormat(), received.data), None)
     np.testing.assert_array_equal(samples.distance_mm, truth["distance_mm"])
     np.testing.assert_array_equal(samples.intensity, truth["intensity"])
     off = (samples.angle_deg.astype(float) - truth["angle_deg"] + 180) % 360 - 180
     assert np.abs(off).max() <= 1e-4
-    assert (stats.skipped_bytes, samples.lost) == (int(truth["stray_bytes"]), 0)
+    assert (received.stats.skipped_bytes, samples.lost) == (int(truth["stray_bytes"]), 0)
     found = TALKERS.find_stream(memoryview(raw), Known())
     assert found is not None
     assert 1e9 / found.stream.sample_ns == pytest.approx(1e6 / float(truth["sample_us"]), rel=0.01)

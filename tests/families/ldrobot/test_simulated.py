@@ -1,11 +1,9 @@
-"""The simulated LDROBOT lidars: what they send, and what the one that hears obeys."""
+"""The simulated LDROBOT lidars: their clock, and what the one that hears obeys."""
 
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Literal
 
-import numpy as np
 import pytest
 
 from lidario.families.ldrobot.simulated.device import PROFILES, make_simulated
@@ -24,34 +22,12 @@ def whole(data: bytes) -> list[bytes]:
 
 
 @pytest.mark.parametrize("model", PROFILES)
-def test_it_streams_from_the_first_moment_on(model: str) -> None:
-    device, profile = make_simulated(model), PROFILES[model]
+def test_packets_tell_when_they_were_measured(model: str) -> None:
+    device = make_simulated(model)
     device.transmit(BEGIN)
-    packets = whole(device.transmit(BEGIN + S))
-    assert len(packets) == pytest.approx(profile.rate / 12, rel=0.01)
-    samples = ldrobot.decode(packets)
-    turned = sum(b.raw_deg % 360 < a.raw_deg % 360 - 180 for a, b in pairwise(samples))
-    assert turned == pytest.approx(profile.hertz, abs=1)
-    times = [int.from_bytes(packet[44:46], "little") for packet in packets]
+    times = [int.from_bytes(packet[44:46], "little") for packet in whole(device.transmit(BEGIN + S))]
+    assert len(times) > 180
     assert all((b - a) % 30_000 <= 6 for a, b in pairwise(times))
-    assert device.scanning
-    assert device.motor_on
-
-
-def test_bytes_do_not_depend_on_the_steps_of_time() -> None:
-    one, other = make_simulated("ldrobot-ld06", seed=3), make_simulated("ldrobot-ld06", seed=3)
-    one.transmit(BEGIN)
-    other.transmit(BEGIN)
-    in_steps = b"".join(other.transmit(BEGIN + step * S // 100) for step in range(1, 101))
-    assert one.transmit(BEGIN + S) == in_steps
-
-
-def test_a_model_without_a_line_for_requests_sees_none() -> None:
-    device = make_simulated("ldrobot-ld06")
-    device.receive(STOP, BEGIN)
-    assert (device.log, device.scanning) == ([], True)
-    device.transmit(BEGIN)
-    assert len(whole(device.transmit(BEGIN + S))) > 370
 
 
 def test_the_one_with_requests_obeys_them() -> None:
@@ -75,36 +51,3 @@ def test_a_wrong_check_value_is_discarded() -> None:
     device.receive(STOP[:-1] + b"\0", BEGIN)
     assert [(each.name, each.why) for each in device.log] == [("stop", "wrong check value")]
     assert device.scanning
-
-
-@pytest.mark.parametrize("blocked", [False, True])
-def test_power_frozen_and_blocked(blocked: bool) -> None:
-    device = make_simulated("ldrobot-ld19")
-    device.transmit(BEGIN)
-    device.reboot(BEGIN + S)
-    device.transmit(BEGIN + S)
-    assert device.transmit(BEGIN + S + S // 3) == b""
-    assert len(whole(device.transmit(BEGIN + 3 * S))) > 100
-    if blocked:
-        device.protection_stop(1)
-    else:
-        device.freeze(BEGIN + 3 * S)
-    device.transmit(BEGIN + 3 * S + S // 10)
-    assert device.transmit(BEGIN + 4 * S) == b""
-    device.reboot(BEGIN + 4 * S)
-    assert len(whole(device.transmit(BEGIN + 6 * S))) > 100
-
-
-@pytest.mark.parametrize(
-    ("model", "lens"), [("ldrobot-ld06", ""), ("ldrobot-ld14", "ld14"), ("ldrobot-ld08", "ld08")]
-)
-def test_what_it_sends_is_what_the_world_holds(model: str, lens: Literal["", "ld08", "ld14"]) -> None:
-    device = make_simulated(model)
-    device.transmit(BEGIN)
-    samples = ldrobot.decode(whole(device.transmit(BEGIN + S)), lens=lens)[:400]
-    angles = np.array([sample.angle_deg for sample in samples])
-    distances = np.array([sample.distance_mm for sample in samples])
-    seconds = np.full(len(angles), BEGIN * 1e-9)
-    near = np.abs(device.world.ranges_mm(angles, seconds) - distances)[distances > 0]
-    # The wall of the room is seen within noise, but for beams along its edges and the person who walks.
-    assert np.median(near) < 40

@@ -7,42 +7,18 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families import unasked
 from lidario.families.neato.decode import BackDecoder, PacketDecoder
 from lidario.families.neato.formats import BackFormat, PacketFormat
 from lidario.families.neato.simulated.device import make_simulated
 from lidario.families.neato.simulated.packers import pack_packet
 from tests.reference import golden, neato
-from tests.support.case import Case
+from tests.support.case import Case, of_a_talker
 from tests.support.rig import Maker
 
 __all__ = ["CASES", "KINDS", "LAYOUTS", "MAKER", "MODELS", "OF_GOLDEN_ALONE"]
 
 MAKER = Maker(make_simulated, "neato-xv11", 0.2, obeys=False)
 MODELS = ("neato-xv11", "neato-lds02rr")
-
-
-def _case(name: str, *, back: bool) -> Case:
-    sample_us = golden.load(name).sample_us
-    assert sample_us is not None
-    wire = BackFormat if back else PacketFormat
-    return Case(
-        name=name,
-        response_type=wire.response_type,
-        descriptor=b"",
-        make_format=wire,
-        make_decoder=BackDecoder if back else PacketDecoder,
-        request=unasked.begin,
-        sample_us=sample_us,
-        split=neato.split,
-        decode=partial(neato.decode, back=back),
-        lookahead=False,
-        even=False,
-        contents=_contents,
-        seal=_sealed,
-        exact=True,
-        intensity_bits=11,
-    )
 
 
 def _contents(case: Case, random: np.random.Generator, starts: NDArray[np.int64], wild: bool) -> list[bytes]:
@@ -62,6 +38,22 @@ def _sealed(case: Case, contents: bytes) -> bytes:
     # A speed at which it measures.
     body = packet[:4] + contents[4:-2]
     return body + neato.fold(body).to_bytes(2, "little")
+
+
+def _case(name: str, *, back: bool) -> Case:
+    wire, decoder = (BackFormat, BackDecoder) if back else (PacketFormat, PacketDecoder)
+    decode = partial(neato.decode, back=back)
+    return of_a_talker(
+        name,
+        wire,
+        decoder,
+        split=neato.split,
+        decode=decode,
+        contents=_contents,
+        seal=_sealed,
+        even=False,
+        intensity_bits=11,
+    )
 
 
 CASES = tuple(_case(name, back=True) for name in golden.names_of("neato"))

@@ -11,12 +11,9 @@ import lidario
 from lidario.families.neato.decode import BackDecoder, PacketDecoder
 from lidario.families.neato.formats import BackFormat, PacketFormat
 from lidario.families.neato.simulated.packers import pack_packet
-from lidario.families.unasked import begin
-from lidario.wire.events import Packets
-from lidario.wire.link import Link, LinkStats
 from tests.families.neato.about import CASES
 from tests.reference import golden, neato
-from tests.support.streams import cut_up, in_one_run
+from tests.support.streams import feed, in_one_run
 
 REAL = Path(__file__).parents[4] / "shared" / "golden" / "real_xv11.npz"
 """A recording of a real XV-11 by somebody else: read where it lies beside the project, and never copied."""
@@ -25,29 +22,19 @@ GREETING = b"Piccolo Laser Distance Scanner\r\nLoader\tV2.4.13386\r\n#"
 streams = pytest.mark.parametrize("path", STREAMS, ids=lambda path: path.stem)
 
 
-def received(raw: bytes, chunk: int | None = None) -> tuple[bytes, LinkStats]:
-    """The packets in these bytes, and the link's counters."""
-    link, found = Link(), b""
-    link.send_request(begin(BackFormat()))
-    for piece in cut_up(raw, chunk):
-        link.receive_data(piece, 0)
-        found += b"".join(event.data for event in link.events_received() if isinstance(event, Packets))
-    return found, link.stats
-
-
 @streams
 @pytest.mark.parametrize("chunk", [None, 1, 100])
 def test_each_sample_is_that_of_the_other_parser(path: Path, chunk: int | None) -> None:
     with np.load(path) as arrays:
         truth = {name: arrays[name] for name in ("raw", "angle_deg", "distance_mm", "intensity")}
     raw = truth["raw"].tobytes()
-    packets, stats = received(raw, chunk)
-    samples = BackDecoder().decode(in_one_run(BackFormat(), packets), None)
+    received = feed(CASES[0], raw, chunk)
+    samples = BackDecoder().decode(in_one_run(BackFormat(), received.data), None)
     np.testing.assert_array_equal(samples.distance_mm, truth["distance_mm"])
     np.testing.assert_array_equal(samples.angle_deg, truth["angle_deg"])
     np.testing.assert_array_equal(samples.intensity, np.minimum(truth["intensity"] >> 3, 255))
     assert samples.lost == 0
-    assert stats.packets == len(truth["angle_deg"]) // 4
+    assert received.stats.packets == len(truth["angle_deg"]) // 4
 
 
 @streams
@@ -98,24 +85,15 @@ def run_down() -> bytes:
 @pytest.mark.parametrize("chunk", [None, 1, 64])
 def test_a_motor_that_stops_makes_no_scans_and_loses_no_packets(chunk: int | None) -> None:
     raw = run_down()
-    packets, stats = received(raw, chunk)
+    received = feed(CASES[0], raw, chunk)
     slow = sum(packet[2] + 256 * packet[3] < 200 * 64 for packet in neato.split(raw[: -len(GREETING)]))
     assert slow == 400
-    assert (stats.packets, stats.records) == (90 * 4 + 100, 400)
-    assert len(packets) == stats.packets * PacketFormat().shortest
+    assert (received.stats.packets, received.stats.records) == (90 * 4 + 100, 400)
+    assert len(received.data) == received.stats.packets * PacketFormat().shortest
     # A last byte may begin another packet.
-    assert len(GREETING) - 22 <= stats.skipped_bytes <= len(GREETING)
+    assert len(GREETING) - 22 <= received.stats.skipped_bytes <= len(GREETING)
     scans = list(lidario.decode(raw, model="xv11"))
     whole = [scan for scan in scans if len(scan) == 360]
     assert len(whole) == 3
     assert all(scan.lost_packets <= 61 for scan in scans)
     assert len(scans) <= 7
-
-
-@pytest.mark.parametrize("rpm", [200, 240, 330, 349])
-def test_a_sample_takes_what_the_speed_says(rpm: int) -> None:
-    raw = b"".join(pack_packet(n % 90, [1000.0] * 4, [90] * 4, rpm=rpm) for n in range(90 * 12))
-    scans = list(lidario.decode(raw, model="lds02rr"))
-    assert len(scans) >= 10
-    assert all(scan.rpm == pytest.approx(rpm, rel=1e-3) for scan in scans[1:])
-    assert all(scan.duration_ns == pytest.approx(60e9 / rpm, rel=1e-3) for scan in scans)

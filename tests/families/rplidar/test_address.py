@@ -81,31 +81,23 @@ async def test_a_serial_device_has_none() -> None:
 
 
 @pytest.mark.parametrize(("model", "name"), [("rplidar-s2e", "RPLIDAR S2E"), ("rplidar-s2", "RPLIDAR S2M1")])
-def test_an_s2_with_an_ethernet_address_is_an_s2e(model: str, name: str) -> None:
+@driven
+async def test_an_s2_with_an_ethernet_address_is_an_s2e(model: str, name: str) -> None:
     """It is asked for that only where the line has no speed: a serial S2 would not respond."""
     rig = make_rig("rplidar", model)
-
-    @driven
-    async def main() -> None:
-        async with open_lidar(Bridged(rig.device), family="rplidar") as lidar:
-            asked = names(rig).count("get_lidar_conf")
-            assert lidar.info.model == name
-            assert (await lidar.get_info()).model == name
-            assert names(rig).count("get_lidar_conf") == asked
-
-    main()
+    async with open_lidar(Bridged(rig.device), family="rplidar") as lidar:
+        asked = names(rig).count("get_lidar_conf")
+        assert lidar.info.model == name
+        assert (await lidar.get_info()).model == name
+        assert names(rig).count("get_lidar_conf") == asked
 
 
-def test_a_serial_s2_is_not_asked_for_an_ethernet_address() -> None:
+@driven
+async def test_a_serial_s2_is_not_asked_for_an_ethernet_address() -> None:
     rig = make_rig("rplidar", "rplidar-s2")
-
-    @driven
-    async def main() -> None:
-        async with rig.open() as lidar:
-            assert lidar.info.model == "RPLIDAR S2M1"
-            assert "get_lidar_conf" not in names(rig)
-
-    main()
+    async with rig.open() as lidar:
+        assert lidar.info.model == "RPLIDAR S2M1"
+        assert "get_lidar_conf" not in names(rig)
 
 
 class Bridged(Relayed):

@@ -1,7 +1,9 @@
-"""Decoding inverts packing, format by format, for whatever a format can carry; and what a gap leaves untold."""
+"""Smoothing, the edges of angles, what a gap leaves untold, and several revolutions that are decoded together.
+
+`tests/properties/test_decoding.py` compares all formats with their scalar references.
+"""
 
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,12 +21,11 @@ from lidario.families.rplidar.formats import FORMATS
 from lidario.families.rplidar.simulated import packers
 from lidario.wire.events import Packets
 from tests.reference import rplidar
-from tests.support.streams import SINGLE_DEG, arrived, in_one_run
+from tests.support.streams import arrived, in_one_run
 
 Ints = NDArray[np.int64]
 P = 3
 """Packets a trial, and one behind them."""
-starts = st.tuples(st.integers(0, 23039), st.integers(200, 3000))
 
 
 def decode(kind: int, raw: bytes) -> Samples:
@@ -37,78 +38,6 @@ def beginnings(start: tuple[int, int], packets: int = P + 1) -> Ints:
     first, arc = start
     angles: Ints = (first + arc * np.arange(packets)) % 23040
     return angles
-
-
-def even(start: tuple[int, int], count: int) -> NDArray[np.float64]:
-    """Samples at equal steps, on and on."""
-    first, arc = start
-    degrees: NDArray[np.float64] = (first + arc * np.arange(P * count) / count) / 64
-    return degrees
-
-
-def apart(ours: NDArray[Any], theirs: NDArray[Any]) -> NDArray[np.float64]:
-    """Degrees from one to the other, the short way round."""
-    degrees: NDArray[np.float64] = (ours.astype(np.float64) - theirs + 180) % 360 - 180
-    return degrees
-
-
-def check_counts(samples: Samples, count: int) -> None:
-    """That nothing is missing, and that the samples are counted packet by packet."""
-    assert (samples.lost, samples.lost_behind, samples.unbroken) == (0, 0, P)
-    assert list(samples.ends) == [count * (n + 1) for n in range(P)]
-
-
-@given(start=starts, mm=hnp.arrays(np.int64, (P + 1, 40), elements=st.integers(0, 65535)))
-def test_dense(start: tuple[int, int], mm: Ints) -> None:
-    samples = decode(0x85, packers.pack_dense(beginnings(start), mm))
-    np.testing.assert_array_equal(samples.distance_mm, mm[:-1].ravel())
-    assert samples.intensity is None
-    check_counts(samples, 40)
-    assert np.abs(apart(samples.angle_deg, even(start, 40))).max() <= SINGLE_DEG
-
-
-@given(
-    start=starts,
-    mm=hnp.arrays(np.int64, (P + 1, 32), elements=st.integers(0, 16383)),
-    offsets=hnp.arrays(np.int64, (P + 1, 32), elements=st.integers(0, 63)),
-)
-def test_express(start: tuple[int, int], mm: Ints, offsets: Ints) -> None:
-    samples = decode(0x82, packers.pack_express(beginnings(start), mm, offsets))
-    np.testing.assert_array_equal(samples.distance_mm, mm[:-1].ravel())
-    check_counts(samples, 32)
-    behind = apart(even(start, 32), samples.angle_deg) * 8
-    np.testing.assert_allclose(behind, offsets[:-1].ravel(), atol=8 * SINGLE_DEG)
-
-
-@given(start=starts, mm=hnp.arrays(np.int64, (P + 1, 96), elements=st.integers(0, 30000)), seed=st.integers(0, 99))
-def test_ultra(start: tuple[int, int], mm: Ints, seed: int) -> None:
-    smooth = np.random.default_rng(seed).integers(-30, 30, mm.shape).cumsum(axis=None).reshape(mm.shape) + 3000
-    for scene in (mm, np.clip(smooth, 0, 28000)):
-        packets = [
-            packers.pack_ultra(start, row, following[0])
-            for start, row, following in zip(beginnings(start), scene, [*scene[1:], scene[0]], strict=True)
-        ]
-        raw = b"".join(packets)
-        reference, samples = rplidar.decode(0x84, rplidar.split(0x84, raw)), decode(0x84, raw)
-        assert samples.distance_mm.tolist() == [s.distance_mm for s in reference]
-        check_counts(samples, 96)
-
-
-@given(
-    start=starts,
-    mm=hnp.arrays(np.int64, (P + 1, 64), elements=st.integers(2060, 65522)),
-    quality=hnp.arrays(np.int64, (P + 1, 64), elements=st.integers(0, 255)),
-)
-def test_ultra_dense(start: tuple[int, int], mm: Ints, quality: Ints) -> None:
-    """Beyond the distances that the host smooths."""
-    raw = packers.pack_ultra_dense(beginnings(start), mm, quality, time_us=2**32 - 1, status=7)
-    reference, samples = rplidar.decode(0x86, rplidar.split(0x86, raw)), decode(0x86, raw)
-    assert samples.distance_mm.tolist() == [s.distance_mm for s in reference]
-    assert samples.intensity is not None
-    assert samples.intensity.tolist() == [s.quality for s in reference]
-    assert samples.intensity.dtype == np.uint8
-    check_counts(samples, 64)
-    assert np.abs(apart(samples.angle_deg, even(start, 64))).max() <= SINGLE_DEG
 
 
 @given(
@@ -142,20 +71,6 @@ def test_a_long_chain_of_smoothing_ends() -> None:
     assert distance.tolist() == expected
 
 
-@given(
-    angle=hnp.arrays(np.int64, (P, 96), elements=st.integers(0, 65535)),
-    distance=hnp.arrays(np.int64, (P, 96), elements=st.integers(0, 2**24 - 1)),
-    quality=hnp.arrays(np.int64, (P, 96), elements=st.integers(0, 255)),
-)
-def test_hq(angle: Ints, distance: Ints, quality: Ints) -> None:
-    raw = packers.pack_hq(angle, distance, quality, quality & 1, time_us=2**63)
-    samples = DECODERS[0x83]().decode(in_one_run(FORMATS[0x83](), raw), None)
-    np.testing.assert_array_equal(samples.distance_mm, distance.ravel() / 4)
-    np.testing.assert_array_equal(samples.angle_deg, (angle.ravel() * 90 / 16384).astype(np.float32))
-    assert samples.intensity is not None
-    np.testing.assert_array_equal(samples.intensity, quality.ravel())
-
-
 @pytest.mark.parametrize("first", [0, 20_000, 60_000, 65_500])
 def test_the_seam_may_lie_anywhere_in_a_packet_of_whole_nodes(first: int) -> None:
     angle = (first + 100 * np.arange(96)) % 65536
@@ -164,22 +79,6 @@ def test_the_seam_may_lie_anywhere_in_a_packet_of_whole_nodes(first: int) -> Non
         samples = DECODERS[0x83]().decode(packet, None, seam=(first + 100 * before - 50) % 65536)
         # One that the rotor passed just before the packet, it passes again a revolution later.
         assert samples.before_seam == (before or 96)
-
-
-@given(
-    angle=hnp.arrays(np.int64, 50, elements=st.integers(0, 23039)),
-    distance=hnp.arrays(np.int64, 50, elements=st.integers(0, 65535)),
-    quality=hnp.arrays(np.int64, 50, elements=st.integers(0, 63)),
-    start=hnp.arrays(np.bool_, 50),
-)
-def test_standard(angle: Ints, distance: Ints, quality: Ints, start: NDArray[np.bool_]) -> None:
-    samples = DECODERS[0x81]().decode(
-        in_one_run(FORMATS[0x81](), packers.pack_standard(angle, distance, quality, start)), None
-    )
-    np.testing.assert_array_equal(samples.distance_mm, distance / 4)
-    np.testing.assert_array_equal(samples.angle_deg, angle / 64)
-    assert samples.intensity is not None
-    np.testing.assert_array_equal(samples.intensity, quality << 2)
 
 
 # ----------------------------------------------------------------------------------------------------- gaps

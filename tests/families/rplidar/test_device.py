@@ -76,13 +76,6 @@ def test_health(payload: bytes, health: Health) -> None:
     assert drive(RplidarDevice().health(), {b"\xa5\x52": payload})[0] == health
 
 
-@pytest.mark.parametrize("status", [3, 128, 255])
-def test_an_undefined_status_is_a_warning(status: int) -> None:
-    health, _ = drive(RplidarDevice().health(), {b"\xa5\x52": bytes((status, 1, 0))})
-    assert (health.status, health.code, health.ok) == (HealthStatus.WARNING, 1, True)
-    assert f"health status {status}" in health.note
-
-
 def test_sample_rate() -> None:
     rate, _ = drive(identified().sample_rate(), {b"\xa5\x59": struct.pack("<HH", 62, 31)})
     assert rate == SampleRate(62.0, 31.0)

@@ -2,12 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from lidario.families.rplidar.formats import FORMATS, FULL_TURN_Q6, FULL_TURN_Q14, CapsuleFormat, HqFormat
 from lidario.families.rplidar.simulated import packers
-from lidario.wire.formats import NO_PACKET, RESTARTS
+from lidario.wire.formats import RESTARTS
 from tests.reference import rplidar
 from tests.support.cases import CASES
 from tests.support.streams import arrived, in_one_run
@@ -26,17 +24,6 @@ def test_every_format_is_in_the_table_with_the_references_size() -> None:
     assert len({make.name for make in FORMATS.values()}) == len(FORMATS)
 
 
-@pytest.mark.parametrize("kind", sorted(FORMATS))
-def test_a_packet_is_measured_by_its_first_bytes(kind: int) -> None:
-    stream, packet = FORMATS[kind](), bytearray(GOLDEN[kind].packets[5])
-    assert stream.measure(packet, 0) == len(packet)
-    assert stream.header.match(packet)
-    assert stream.measure(bytearray(packet[:1]), 0) in (0, stream.shortest)
-    assert stream.measure(bytearray(b"\0" + packet), 1) == len(packet)
-    for wrong in (b"\x00\x00", b"\xff\xff", b"\x50\xa5"):
-        assert stream.measure(bytearray(wrong), 0) == NO_PACKET
-
-
 @capsules
 def test_any_nibbles_may_stand_beside_the_marks(kind: int) -> None:
     stream = FORMATS[kind]()
@@ -47,30 +34,6 @@ def test_any_nibbles_may_stand_beside_the_marks(kind: int) -> None:
         if stream.measure(bytearray((first, second)), 0) == stream.shortest
     }
     assert found == {(0xA0 | low, 0x50 | high) for low in range(16) for high in range(16)}
-
-
-@pytest.mark.parametrize("kind", [*CAPSULES, 0x83])
-def test_every_single_flipped_bit_is_seen(kind: int) -> None:
-    stream, packet = FORMATS[kind](), bytearray(GOLDEN[kind].packets[7])
-    assert stream.intact(packet, 0, len(packet))
-    assert stream.intact(bytearray(b"xyz" + packet + b"z"), 3, len(packet))
-    for bit in range(8 * len(packet)):
-        packet[bit // 8] ^= 1 << bit % 8
-        size = stream.measure(packet, 0)
-        assert size == NO_PACKET or not stream.intact(packet, 0, size), f"bit {bit}"
-        packet[bit // 8] ^= 1 << bit % 8
-
-
-@capsules
-@given(st.data())
-def test_intact_is_what_the_reference_says(kind: int, data: st.DataObject) -> None:
-    body = data.draw(st.binary(min_size=rplidar.PACKET_BYTES[kind] - 2, max_size=rplidar.PACKET_BYTES[kind] - 2))
-    check = 0
-    for byte in body:
-        check ^= byte
-    stated = data.draw(st.one_of(st.just(check), st.integers(0, 255)))
-    packet = bytearray((0xA0 | stated & 15, 0x50 | stated >> 4)) + body
-    assert FORMATS[kind]().intact(packet, 0, len(packet)) is (stated == check)
 
 
 @capsules

@@ -6,8 +6,7 @@ import pytest
 
 from lidario.errors import Unsupported
 from lidario.families.rplidar.commands import Conf
-from lidario.families.rplidar.device import HQ_SCAN, RplidarDevice
-from lidario.model import ScanMode
+from lidario.families.rplidar.device import RplidarDevice
 from tests.support.rplidar_device import A1, C1, S2, STANDARD, conf, identified
 from tests.support.scripts import Answers, drive
 
@@ -25,14 +24,6 @@ def sent_at_start(device: RplidarDevice, answers: Answers) -> list[str]:
 
 def halted(device: RplidarDevice) -> list[str]:
     return [request.data.hex() or request.name for request in device.halt()]
-
-
-@pytest.mark.parametrize("model", [A2, A3])
-def test_an_accessory_board_is_asked_for_once_and_given_a_duty(model: int) -> None:
-    device = identified(model)
-    assert sent_at_start(device, YES) == [BOARD.hex(), "a5f0029402c1", "a520"]
-    assert sent_at_start(device, {}) == ["a5f0029402c1", "a520"]
-    assert halted(device) == ["a5f002000057", "a525"]
 
 
 def test_the_duty_is_the_one_that_the_device_tells() -> None:
@@ -54,20 +45,6 @@ def test_without_a_board_nothing_is_sent_to_the_motor(answers: Answers) -> None:
 def test_a_motor_is_stopped_although_its_way_is_not_decided_yet(model: int, request_: str) -> None:
     """A program that was killed may have left it on; a device that does not know the request ignores it."""
     assert halted(identified(model)) == [request_, "a525"]
-
-
-def test_the_motor_of_an_a1_is_switched_by_dtr() -> None:
-    device = identified(A1)
-    _, sent = drive(device.start(STANDARD), {})
-    assert [(request.data, request.dtr) for request in sent] == [(b"", False), (b"\xa5\x20", None)]
-    assert [(request.data, request.dtr) for request in device.halt()] == [(b"", True), (b"\xa5\x25", None)]
-
-
-def test_a_c1_that_tells_both_limits_takes_a_speed() -> None:
-    device = identified(C1)
-    assert drive(device.set_scan_frequency(9.0), LIMITS)[0] == 9.0
-    assert sent_at_start(device, LIMITS) == ["a5a8021c0211", "a520"]
-    assert drive(device.scan_frequency_range(), LIMITS)[0] == (8.0, 12.0)
 
 
 @pytest.mark.parametrize(
@@ -112,29 +89,3 @@ def test_another_model_at_the_same_port_is_decided_anew() -> None:
     device = identified(A1)
     drive(device.identify(), {b"\xa5\x50": bytes((S2, 2, 1, 18)) + bytes(16)})
     assert halted(device) == ["a5a80200000f", "a525"]
-
-
-# ------------------------------------------------------------------------------------- modes that are not listed
-
-
-def test_an_empty_list_of_an_a_series_device_means_the_legacy_modes() -> None:
-    """An A2M6 with firmware 1.27 lists none (rplidar_ros issue 168)."""
-    device = identified(0x26, (1, 27))
-    rates = {b"\xa5\x59": struct.pack("<HH", 500, 250)}
-    modes, _ = drive(device.modes(), {**conf(Conf.MODE_COUNT, bytes(2)), **rates})
-    assert modes == (
-        ScanMode(0, "Standard", 500.0, 16.0, 0x81),
-        ScanMode(0, "Express", 250.0, 16.0, 0x82, typical=True),
-    )
-    _, sent = drive(device.start(modes[1]), YES)
-    # Working mode 0.
-    assert sent[-1].data.hex() == "a58205000000000022"
-
-
-def test_hq_scan_is_asked_for_by_its_own_request() -> None:
-    device = identified(S2)
-    assert HQ_SCAN in device.unlisted_modes()
-    stream, sent = drive(device.start(HQ_SCAN), {})
-    assert sent[-1].data[:3].hex() == "a58321"
-    assert len(sent[-1].data) == 37
-    assert (stream.format.response_type, stream.sample_ns) == (0x83, 0.0)

@@ -8,7 +8,6 @@ import pytest
 
 from lidario.families.rplidar.simulated.device import PROFILES, Profile, make_simulated
 from tests.support.simulated_rplidar import (
-    EXPRESS_1,
     GET_HEALTH,
     GET_INFO,
     GET_SAMPLERATE,
@@ -33,14 +32,19 @@ class TestAnswers:
         assert answer == bytes.fromhex("a55a1400000004 71 02 01 12") + bytes(range(16))
 
     @pytest.mark.parametrize(
-        ("model", "major"),
+        ("model", "major", "firmware"),
         [
-            *(("rplidar-s1", 6), ("rplidar-s2", 7), ("rplidar-s3", 8), ("rplidar-old-firmware", 1)),
-            *(("rplidar-a1", 1), ("rplidar-a2", 2), ("rplidar-a3", 3), ("rplidar-c1", 4), ("rplidar-t1", 9)),
+            *(("rplidar-s1", 6, "1c 01"), ("rplidar-s2", 7, "02 01"), ("rplidar-s3", 8, "02 01")),
+            *(("rplidar-a1", 1, "1d 01"), ("rplidar-a2", 2, "20 01"), ("rplidar-a3", 3, "20 01")),
+            *(("rplidar-c1", 4, "02 01"), ("rplidar-t1", 9, None), ("rplidar-old-firmware", 1, None)),
         ],
     )
-    def test_model_byte(self, model: str, major: int) -> None:
-        assert Bench(model).ask(GET_INFO)[7] >> 4 == major
+    def test_model_and_firmware_of_devices_that_are_sold(
+        self, model: str, major: int, firmware: str | None
+    ) -> None:
+        info = Bench(model).ask(GET_INFO)
+        assert info[7] >> 4 == major
+        assert firmware is None or info[8:10] == bytes.fromhex(firmware)
 
     def test_two_devices_differ_and_one_seed_is_one_device(self) -> None:
         serials = [make_simulated("rplidar-s2", seed=seed).serial for seed in (1, 2, 1)]
@@ -140,16 +144,6 @@ class TestAnswers:
         assert bench.ask(conf(0x71, mode))[11:] == struct.pack("<I", int(us * 256))
         assert bench.ask(conf(0x74, mode))[11:] == struct.pack("<I", metres * 256)
 
-    @pytest.mark.parametrize(
-        ("model", "firmware"),
-        [
-            *(("rplidar-s1", "1c 01"), ("rplidar-s2", "02 01"), ("rplidar-s3", "02 01"), ("rplidar-c1", "02 01")),
-            *(("rplidar-a1", "1d 01"), ("rplidar-a2", "20 01"), ("rplidar-a3", "20 01")),
-        ],
-    )
-    def test_firmware_of_devices_that_are_sold(self, model: str, firmware: str) -> None:
-        assert Bench(model).ask(GET_INFO)[8:10] == bytes.fromhex(firmware)
-
     def test_awkward_devices(self) -> None:
         assert Bench("rplidar-zero-us").ask(conf(0x71, 1))[11:] == bytes(4)
         assert Bench("rplidar-unknown-response").ask(conf(0x75, 6))[11:] == b"\x8e"
@@ -164,27 +158,6 @@ class TestAnswers:
         assert bench.device.wakeup(bench.now) == bench.now + 17 * 10_000
         assert len(bench.run(170_000)) == 17
         assert bench.device.wakeup(bench.now) is None
-
-    def test_late(self, bench: Bench) -> None:
-        bench.device.response_delay_s = 3.0
-        assert bench.ask(GET_INFO, 3 * SECOND) == b""
-        assert len(bench.run(MS)) == 27
-
-    def test_garbled(self, bench: Bench) -> None:
-        good = bench.ask(GET_HEALTH)
-        bench.device.garble_responses = 1
-        bad = bench.ask(GET_HEALTH)
-        assert len(bad) == len(good)
-        assert bad != good
-        assert bench.ask(GET_HEALTH) == good
-
-    def test_mute_hears_and_obeys_but_says_nothing(self, bench: Bench) -> None:
-        bench.device.mute = True
-        assert bench.ask(GET_HEALTH) == b""
-        assert bench.ask(EXPRESS_1, SECOND) == b""
-        assert bench.device.scanning
-        bench.device.mute = False
-        assert bench.run(100 * MS)
 
 
 class TestRarerRequests:

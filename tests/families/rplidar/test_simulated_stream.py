@@ -8,7 +8,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from lidario.sim.rooms import make_world
 from lidario.sim.world import World
 from tests.reference import rplidar
 from tests.reference.samples import revolutions
@@ -57,11 +56,6 @@ class TestStream:
         assert stream[:7] == bytes.fromhex(descriptor)
         assert len(stream) > 1000
 
-    def test_a_mode_the_device_lacks(self, bench: Bench) -> None:
-        assert bench.ask(express(9), SECOND) == b""
-        assert bench.why == "no scan mode 9"
-        assert not bench.device.scanning
-
     @pytest.mark.exhaustive("how", sample=ONE_A_FORMAT, full=MODES)
     def test_what_is_decoded_is_what_there_is(self, how: tuple[str, int]) -> None:
         model, mode_id = how
@@ -69,8 +63,7 @@ class TestStream:
         direction = np.radians((np.arange(32768) + 0.5) * (360.0 / 32768))
         scene = World(3000.0 + 1500.0 * np.sin(direction) + 400.0 * np.cos(3 * direction))
         bench = Bench(model, world=scene)
-        mode = bench.device.profile.mode(mode_id)
-        assert mode is not None
+        mode = bench.mode(mode_id)
         bench.begin(mode)
         stream = bench.run(500 * MS, step=7 * MS)[7:]
         samples = rplidar.decode(mode.format, packets_of(mode.format, stream))
@@ -92,8 +85,7 @@ class TestStream:
     )
     def test_a_turn_takes_what_the_motor_says(self, model: str, mode_id: int, samples: float) -> None:
         bench = Bench(model)
-        mode = bench.device.profile.mode(mode_id)
-        assert mode is not None
+        mode = bench.mode(mode_id)
         for rpm in (600, 750):
             bench.send(framed(0xA8, struct.pack("<H", rpm)))
             bench.run(20 * MS)
@@ -120,8 +112,7 @@ class TestStream:
     )
     def test_only_the_first_packet_of_a_stream_is_new(self, model: str, mode_id: int) -> None:
         bench = Bench(model)
-        mode = bench.device.profile.mode(mode_id)
-        assert mode is not None
+        mode = bench.mode(mode_id)
         for _ in range(2):
             packets = packets_of(mode.format, bench.ask(express(mode_id), 400 * MS)[7:])
             new = [rplidar.is_reset(mode.format, packet) for packet in packets]
@@ -134,17 +125,6 @@ class TestStream:
             stream = Bench(seed=seed).ask(EXPRESS_1)
             starts.add(rplidar.start_q6(0x85, stream[7:91]))
         assert len(starts) == 5
-
-    def test_the_steps_of_time_make_no_difference(self) -> None:
-        world = make_world("room")
-        streams = []
-        for step in (0, 137_000, 13 * MS):
-            bench = Bench(world=world, spin_up_s=0.3)
-            bench.send(EXPRESS_1)
-            streams.append(bench.run(SECOND, step=step))
-        assert len(streams[0]) > 40_000
-        assert streams[0] == streams[1]
-        assert streams[0] == streams[2]
 
     def test_the_stream_leaves_at_the_samples_pace(self, bench: Bench) -> None:
         bench.send(EXPRESS_1)
@@ -191,8 +171,7 @@ class TestEndOfStream:
     @pytest.mark.parametrize("model", ["rplidar-s2", "rplidar-hq"])
     def test_a_speed_does_not_and_the_head_changes_to_it(self, model: str) -> None:
         bench = Bench(model)
-        mode = bench.device.profile.mode(1)
-        assert mode is not None
+        mode = bench.mode(1)
         stream = bench.ask(begin(mode), 400 * MS)
         stream += bench.ask(framed(0xA8, struct.pack("<H", 900)), 4 * SECOND)
         samples = rplidar.decode(mode.format, packets_of(mode.format, stream[7:]))

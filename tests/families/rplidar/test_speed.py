@@ -24,26 +24,22 @@ def test_the_documented_confirmation() -> None:
 
 
 @pytest.mark.parametrize("scanning", [False, True])
-def test_device_and_port_change_together(scanning: bool) -> None:
+@driven
+async def test_device_and_port_change_together(scanning: bool) -> None:
     rig = rig_of()
-
-    @driven
-    async def main() -> None:
-        async with rig.open() as lidar:
-            stream = lidar.scans()
-            if scanning:
-                await anext(stream)
-            await lidar.set_baudrate(1_500_000)
-            assert (lidar.baudrate, rig.device.baudrate) == (1_500_000, 1_500_000)
-            scans = [await anext(stream) for _ in range(3)]
-            assert all(len(scan) > 3000 and not scan.lost_packets for scan in scans)
-            # Nobody goes back: it was confirmed.
-            await asyncio.sleep(2.0)
-            assert (await lidar.get_health()).ok
-        assert left_still(rig)
-        assert "new_baudrate_confirm" in names(rig, obeyed=True)
-
-    main()
+    async with rig.open() as lidar:
+        stream = lidar.scans()
+        if scanning:
+            await anext(stream)
+        await lidar.set_baudrate(1_500_000)
+        assert (lidar.baudrate, rig.device.baudrate) == (1_500_000, 1_500_000)
+        scans = [await anext(stream) for _ in range(3)]
+        assert all(len(scan) > 3000 and not scan.lost_packets for scan in scans)
+        # Nobody goes back: it was confirmed.
+        await asyncio.sleep(2.0)
+        assert (await lidar.get_health()).ok
+    assert left_still(rig)
+    assert "new_baudrate_confirm" in names(rig, obeyed=True)
 
 
 def test_an_unconfirmed_speed_is_given_up_by_the_device() -> None:
@@ -71,141 +67,113 @@ def test_what_is_no_measurement_leaves_the_speed(how: str) -> None:
 
 
 @pytest.mark.parametrize("model", ["rplidar-a1", "rplidar-old-firmware"])
-def test_old_firmware_is_not_asked(model: str) -> None:
+@driven
+async def test_old_firmware_is_not_asked(model: str) -> None:
     rig = rig_of(model)
-
-    @driven
-    async def main() -> None:
-        async with rig.open() as lidar, lidar.scans() as stream:
-            await anext(stream)
-            with pytest.raises(Unsupported, match="too old"):
-                await lidar.set_baudrate(921_600)
-            assert lidar.stats.interruptions == 0
-            await anext(stream)
-
-    main()
+    async with rig.open() as lidar, lidar.scans() as stream:
+        await anext(stream)
+        with pytest.raises(Unsupported, match="too old"):
+            await lidar.set_baudrate(921_600)
+        assert lidar.stats.interruptions == 0
+        await anext(stream)
 
 
-def test_a_device_that_does_not_follow_is_reached_at_the_speed_before(monkeypatch: pytest.MonkeyPatch) -> None:
+@driven
+async def test_a_device_that_does_not_follow_is_reached_at_the_speed_before(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     rig = rig_of()
     monkeypatch.setattr(rig.device.line_speed, "hear", lambda data, now: b"")
-
-    @driven
-    async def main() -> None:
-        async with rig.open() as lidar:
-            began = asyncio.get_running_loop().time()
-            with pytest.raises(Unsupported, match="did not respond at 921600 baud"):
-                await lidar.set_baudrate(921_600)
-            assert asyncio.get_running_loop().time() - began < 1.8
-            assert lidar.baudrate == 1_000_000
-            assert len(await take(lidar, 2)) == 2
-        assert left_still(rig)
-
-    main()
+    async with rig.open() as lidar:
+        began = asyncio.get_running_loop().time()
+        with pytest.raises(Unsupported, match="did not respond at 921600 baud"):
+            await lidar.set_baudrate(921_600)
+        assert asyncio.get_running_loop().time() - began < 1.8
+        assert lidar.baudrate == 1_000_000
+        assert len(await take(lidar, 2)) == 2
+    assert left_still(rig)
 
 
 @pytest.mark.parametrize("after_s", [0.0, 0.02, 0.2, 0.34, 0.4])
-def test_cancelled_at_any_time_the_device_is_reached_and_left_still(after_s: float) -> None:
+@driven
+async def test_cancelled_at_any_time_the_device_is_reached_and_left_still(after_s: float) -> None:
     rig = rig_of()
-
-    @driven
-    async def main() -> None:
-        async with rig.open() as lidar:
-            await take(lidar, 1)
-            changing = asyncio.ensure_future(lidar.set_baudrate(921_600))
-            await asyncio.sleep(after_s)
-            changing.cancel()
-            await asyncio.wait([changing])
-            # A device that was measured and got no confirmation goes back within a second.
-            await asyncio.sleep(1.1)
-            assert lidar.baudrate == rig.device.baudrate
-            assert (await lidar.get_health()).ok
-        assert left_still(rig)
-
-    main()
+    async with rig.open() as lidar:
+        await take(lidar, 1)
+        changing = asyncio.ensure_future(lidar.set_baudrate(921_600))
+        await asyncio.sleep(after_s)
+        changing.cancel()
+        await asyncio.wait([changing])
+        # A device that was measured and got no confirmation goes back within a second.
+        await asyncio.sleep(1.1)
+        assert lidar.baudrate == rig.device.baudrate
+        assert (await lidar.get_health()).ok
+    assert left_still(rig)
 
 
-def test_an_adapter_that_cannot_do_it_is_left_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+@driven
+async def test_an_adapter_that_cannot_do_it_is_left_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = rig_of()
 
     def refuse(port: Port, baudrate: int) -> None:
         raise ConnectFailed("it cannot run at that speed", reason="silent")
 
-    @driven
-    async def main() -> None:
-        async with rig.open() as lidar:
-            with monkeypatch.context() as patch:
-                patch.setattr(Port, "set_baudrate", refuse)
-                with pytest.raises(ConnectFailed, match="cannot run"):
-                    await lidar.set_baudrate(921_600)
-            assert (await lidar.get_health()).ok
-            assert lidar.baudrate == 1_000_000
-
-    main()
-
-
-def test_one_that_falls_silent_after_the_confirmation_is_told() -> None:
-    rig = rig_of()
-
-    @driven
-    async def main() -> None:
-        async with rig.open() as lidar:
-            confirmed = rig.device.line_speed.confirm
-
-            def forgets(payload: bytes) -> str:
-                confirmed(payload)
-                rig.device.mute = True
-                return ""
-
-            rig.device.line_speed.confirm = forgets
-            with pytest.raises(ResponseTimeout):
+    async with rig.open() as lidar:
+        with monkeypatch.context() as patch:
+            patch.setattr(Port, "set_baudrate", refuse)
+            with pytest.raises(ConnectFailed, match="cannot run"):
                 await lidar.set_baudrate(921_600)
+        assert (await lidar.get_health()).ok
+        assert lidar.baudrate == 1_000_000
 
-    main()
+
+@driven
+async def test_one_that_falls_silent_after_the_confirmation_is_told() -> None:
+    rig = rig_of()
+    async with rig.open() as lidar:
+        confirmed = rig.device.line_speed.confirm
+
+        def forgets(payload: bytes) -> str:
+            confirmed(payload)
+            rig.device.mute = True
+            return ""
+
+        rig.device.line_speed.confirm = forgets
+        with pytest.raises(ResponseTimeout):
+            await lidar.set_baudrate(921_600)
 
 
 @pytest.mark.parametrize("wrong", [0, -1, 300, 5_000_000, 115_200.5, "115200", None])
-def test_what_is_no_speed(wrong: Any) -> None:
+@driven
+async def test_what_is_no_speed(wrong: Any) -> None:
     rig = rig_of()
-
-    @driven
-    async def main() -> None:
-        async with rig.open() as lidar:
-            with pytest.raises(InvalidValue, match=r"9600|whole number"):
-                await lidar.set_baudrate(wrong)
-
-    main()
+    async with rig.open() as lidar:
+        with pytest.raises(InvalidValue, match=r"9600|whole number"):
+            await lidar.set_baudrate(wrong)
 
 
-def test_a_line_without_a_speed_has_none_to_change() -> None:
+@driven
+async def test_a_line_without_a_speed_has_none_to_change() -> None:
     rig = rig_of()
-
-    @driven
-    async def main() -> None:
-        with cable_to(rig) as cable:
-            lidar = await rig.open()
-        async with lidar:
-            cable.ports[-1].baudrate = 0
-            with pytest.raises(Unsupported, match="no speed"):
-                await lidar.set_baudrate(921_600)
-
-    main()
+    with cable_to(rig) as cable:
+        lidar = await rig.open()
+    async with lidar:
+        cable.ports[-1].baudrate = 0
+        with pytest.raises(Unsupported, match="no speed"):
+            await lidar.set_baudrate(921_600)
 
 
 @pytest.mark.parametrize("model", ["ydlidar-4ros", "ldrobot-ld06"])
-def test_other_families_cannot(model: str) -> None:
+@driven
+async def test_other_families_cannot(model: str) -> None:
     rig = make_rig(model.partition("-")[0], model)
-
-    @driven
-    async def main() -> None:
-        async with open_lidar(rig.device, family=rig.family) as lidar:
-            with pytest.raises(Unsupported, match="cannot be changed"):
-                await lidar.set_baudrate(921_600)
-
-    main()
+    async with open_lidar(rig.device, family=rig.family) as lidar:
+        with pytest.raises(Unsupported, match="cannot be changed"):
+            await lidar.set_baudrate(921_600)
 
 
-def test_nothing_is_measured_while_a_device_is_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+@driven
+async def test_nothing_is_measured_while_a_device_is_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     """At any speed, and whoever is there: no byte of the pattern is ever written."""
     rig = rig_of()
     rig.device.mute = True
@@ -217,13 +185,8 @@ def test_nothing_is_measured_while_a_device_is_looked_for(monkeypatch: pytest.Mo
         write(port, data)
 
     monkeypatch.setattr(Port, "write", see)
-
-    @driven
-    async def main() -> None:
-        with pytest.raises(ConnectFailed):
-            await open_lidar(rig.device)
-
-    main()
+    with pytest.raises(ConnectFailed):
+        await open_lidar(rig.device)
     assert written
     assert b"AA" not in written
     assert b"\xa5\x90\x08" not in written
@@ -247,17 +210,13 @@ def test_a_confirmation_of_something_else_is_discarded(measured: bool, confirmed
     assert rig.device.baudrate == 1_000_000
 
 
-def test_a_loss_of_power_undoes_it_and_at_another_speed_nothing_is_understood() -> None:
+@driven
+async def test_a_loss_of_power_undoes_it_and_at_another_speed_nothing_is_understood() -> None:
     rig = rig_of()
-
-    @driven
-    async def main() -> None:
-        async with rig.open() as lidar:
-            await lidar.set_baudrate(921_600)
-            rig.device.reboot(round(asyncio.get_running_loop().time() * 1e9))
-            assert rig.device.baudrate == 1_000_000
-            await asyncio.sleep(1.0)
-            with pytest.raises(ResponseTimeout):
-                await lidar.get_info()
-
-    main()
+    async with rig.open() as lidar:
+        await lidar.set_baudrate(921_600)
+        rig.device.reboot(round(asyncio.get_running_loop().time() * 1e9))
+        assert rig.device.baudrate == 1_000_000
+        await asyncio.sleep(1.0)
+        with pytest.raises(ResponseTimeout):
+            await lidar.get_info()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lidario.errors import ResponseTimeout, Unsupported
-from lidario.families.ydlidar import FAMILY, commands
+from lidario.families.ydlidar import commands
 from lidario.families.ydlidar.device import YdlidarDevice
 from lidario.families.ydlidar.models import MODELS
 from lidario.families.ydlidar.simulated.device import make_simulated
@@ -19,22 +19,6 @@ from tests.support.streams import in_one_run
 @pytest.fixture
 def bench() -> Bench:
     return Bench(make_simulated("ydlidar-4ros", serial="2023061500001234"))
-
-
-def test_requests_are_two_bytes() -> None:
-    device = YdlidarDevice()
-    assert device.stop().data == b"\xa5\x65"
-    assert [request.data for request in device.halt()] == [b"\xa5\x00", b"\xa5\x65"]
-    assert device.reset().data == b"\xa5\x80"
-    assert all(request.ends_stream for request in (device.stop(), device.reset(), *device.halt()))
-    assert commands.KEEPALIVE.data == b"\xa5\x60"
-    assert commands.KEEPALIVE.expects is None
-    assert commands.KEEPALIVE.in_stream
-
-
-def test_no_request_that_steps_or_toggles_is_repeated_by_itself() -> None:
-    steps = tuple(commands.STEPS.values())
-    assert all(request.attempts == 1 for request in (*steps, commands.TOGGLE_PROTECTION))
 
 
 def test_identify(bench: Bench) -> None:
@@ -94,40 +78,10 @@ def test_only_one_that_hears_is_told_to_stop_and_only_one_that_may_talk_is_liste
     assert asked == twice + [b""] * (one_way or model is None)
 
 
-def test_an_undefined_health_is_a_warning() -> None:
-    health = played(YdlidarDevice().health(), lambda _: b"\x03\x00\x00")
-    assert health.status is HealthStatus.WARNING
-    assert "status 3" in health.note
-
-
 def test_the_only_mode(bench: Bench) -> None:
     (mode,) = bench.run(bench.device.modes())
     assert (mode.name, mode.samples_per_second, mode.max_distance, mode.typical) == ("Standard", 20_000, 30, True)
     assert bench.sent() == []
-
-
-def test_a_stream(bench: Bench) -> None:
-    (mode,) = bench.run(bench.device.modes())
-    stream = bench.run(bench.device.start(mode))
-    assert bench.link.state is LinkState.STREAMING
-    assert (stream.sample_ns, stream.mode, stream.keepalive) == (50_000, mode, None)
-    bench.pass_time(stream.spin_up_s)
-    assert bench.packets
-    bench.packets.clear()
-    bench.pass_time(1.0)
-    data = in_one_run(stream.format, b"".join(run.data for run in bench.packets))
-    samples = stream.decoder.decode(data, None)
-    assert len(samples.distance_mm) == pytest.approx(20_000, abs=120)
-    assert samples.lost == 0
-    assert bench.link.stats.skipped_bytes == 0
-    starts = [heading for heading in stream.format.headings(data) if heading >> 28]
-    assert len(starts) == 7
-    bench.ask(bench.device.stop())
-    bench.pass_time(0.1)
-    bench.packets.clear()
-    bench.pass_time(0.5)
-    assert not bench.packets
-    assert not bench.simulated.motor_on
 
 
 def test_each_stream_has_a_format_of_its_own(bench: Bench) -> None:
@@ -183,31 +137,6 @@ def test_what_is_not_this_device_is_not_decoded() -> None:
         played(device.start(mode), lambda _: b"")
 
 
-@pytest.mark.discards("asks a device that is scanning")
-def test_queries_wait_for_the_end_of_the_stream(bench: Bench) -> None:
-    bench.simulated.begin_streaming(bench.now)
-    with pytest.raises(ResponseTimeout):
-        bench.ask(commands.GET_INFO)
-    bench.ask(bench.device.stop())
-    bench.pass_time(FAMILY.timing.quiet_s)
-    assert bench.run(bench.device.identify()).model == "YDLIDAR 4ROS"
-
-
-def test_after_a_restart_it_is_asked_until_it_answers(bench: Bench) -> None:
-    bench.ask(bench.device.reset())
-    bench.link.drained()
-    tried = 0
-    while True:
-        tried += 1
-        try:
-            bench.run(bench.device.identify())
-            break
-        except ResponseTimeout:
-            assert bench.now < 10**9 + FAMILY.timing.boot_s * 1e9
-    assert bench.run(bench.device.health()).ok
-    assert bench.run(bench.device.scan_frequency()) == 7.0
-
-
 def test_an_answer_of_another_length_is_not_taken() -> None:
     # Information that nobody asked for has the same type as the answer to this question.
     bench = Bench(make_simulated("ydlidar-4ros-92"))
@@ -217,13 +146,6 @@ def test_an_answer_of_another_length_is_not_taken() -> None:
     bench.simulated.response_delay_s = 0.01
     assert bench.run(bench.device.scan_frequency()) == 7.0
     assert bench.link.stats.stray_bytes >= 27
-
-
-def test_garbled_answers_are_asked_again(bench: Bench) -> None:
-    bench.simulated.garble_responses = 1
-    assert bench.run(bench.device.identify()).model_id == 101
-    bench.simulated.garble_responses = 1
-    assert bench.run(bench.device.health()).ok
 
 
 def test_samples_show_the_world() -> None:

@@ -1,13 +1,11 @@
-"""Cutting the 4ROS's stream into packets, through a real `Link`."""
+"""Packets, records and noise of the stream of a 4ROS, through a real `Link`."""
 
-from collections.abc import Iterator, Sequence
 from random import Random
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lidario.families.ydlidar import commands
 from lidario.families.ydlidar.clouds import KINDS
 from lidario.families.ydlidar.formats import FULL_TURN_Q6, PointCloud
 from lidario.families.ydlidar.simulated.packers import (
@@ -18,51 +16,20 @@ from lidario.families.ydlidar.simulated.packers import (
     start_control,
 )
 from lidario.wire.blocks import packet_offsets
-from lidario.wire.events import Descriptor, Event, Packets
 from lidario.wire.formats import BEGINS, NO_PACKET
-from lidario.wire.link import Link, LinkStats
-from lidario.wire.states import LinkState
-from tests.reference import damage, golden, ydlidar
-from tests.support.streams import checked_one_by_one, in_one_run, merged
+from tests.families.ydlidar.about import CASES
+from tests.reference import damage, ydlidar
+from tests.support.streams import Received, feed, in_one_run
 
-SIZES = (None, 1, 2, 3, 8, 64, 997)
-
-
-def pieces(raw: bytes, size: int | None) -> Iterator[bytes]:
-    step = size or len(raw) or 1
-    for at in range(0, len(raw), step):
-        yield raw[at : at + step]
+FOUR_ROS = next(case for case in CASES if case.name == "ydlidar_4ros_wrap")
 
 
-def receive(raw: bytes, size: int | None = None) -> tuple[list[Event], LinkStats]:
-    """What a link makes of a stream that comes in pieces of `size` bytes; its descriptor is left out."""
-    link = Link()
-    link.send_request(commands.scan(PointCloud()))
-    events: list[Event] = []
-    for piece in pieces(SCAN_HEADER + raw, size):
-        link.receive_data(piece, 0)
-        events += link.events_received()
-    assert link.state is LinkState.STREAMING
-    assert events[0] == Descriptor(0x81, 5, continuous=True)
-    return merged(events[1:]), link.stats
-
-
-def kept(events: Sequence[Event]) -> list[bytes]:
-    packets: list[bytes] = []
-    for event in events:
-        if isinstance(event, Packets):
-            found = ydlidar.split(event.data)
-            assert len(found) == event.count
-            packets += found
-    return packets
-
-
-def in_any_pieces(raw: bytes) -> tuple[list[Event], LinkStats]:
-    """The same as `receive`, and proof that it does not depend on the pieces."""
-    events, stats = receive(raw)
-    for size in SIZES[1:]:
-        assert receive(raw, size) == (events, stats), f"in pieces of {size}"
-    return events, stats
+def in_any_pieces(raw: bytes) -> Received:
+    """What a link makes of a stream, and proof that it does not depend on the pieces."""
+    whole = feed(FOUR_ROS, raw)
+    for size in (1, 2, 3, 8, 64, 997):
+        assert feed(FOUR_ROS, raw, size) == whole, f"in pieces of {size}"
+    return whole
 
 
 def packet(count: int = 40, first: int = 100, *, seed: int = 0, marked: bool = True, control: int = 0) -> bytes:
@@ -74,65 +41,12 @@ def packet(count: int = 40, first: int = 100, *, seed: int = 0, marked: bool = T
 CLEAN = [packet(first=500 * n, seed=n) for n in range(12)]
 
 
-@pytest.mark.repeats
-@pytest.mark.parametrize("name", golden.names_of("ydlidar_4ros"))
-def test_golden_streams_arrive_whole_in_any_pieces(name: str) -> None:
-    raw = golden.load(name).raw
-    events, stats = in_any_pieces(raw)
-    assert len(events) == 1
-    assert kept(events) == ydlidar.split(raw)
-    assert (stats.skipped_bytes, stats.records, stats.stray_bytes) == (0, 0, 0)
-
-
-def test_a_flipped_bit_costs_its_packet_and_nothing_else() -> None:
-    clean = b"".join(CLEAN)
-    for bit in range(8 * len(CLEAN[5])):
-        raw = bytearray(clean)
-        raw[5 * 90 + bit // 8] ^= 1 << bit % 8
-        events, stats = receive(bytes(raw))
-        assert kept(events) == CLEAN[:5] + CLEAN[6:], f"bit {bit}"
-        assert stats.skipped_bytes == 90
-        assert stats.skipped_stretches == 1
-
-
-@pytest.mark.repeats
-def test_a_flipped_bit_is_the_same_in_any_pieces() -> None:
-    for bit in range(0, 8 * 90, 7):
-        raw = bytearray(b"".join(CLEAN))
-        raw[5 * 90 + bit // 8] ^= 1 << bit % 8
-        events = receive(bytes(raw))
-        assert receive(bytes(raw), 1) == events
-        assert receive(bytes(raw), 8) == events
-
-
-@pytest.mark.exhaustive("length", sample=range(1, 90, 4), full=range(1, 90))
-def test_a_truncated_packet_costs_itself(length: int) -> None:
-    events, stats = in_any_pieces(b"".join([*CLEAN[:5], CLEAN[5][:length], *CLEAN[6:]]))
-    assert kept(events) == CLEAN[:5] + CLEAN[6:]
-    assert stats.skipped_bytes == length
-
-
-@pytest.mark.parametrize("samples", [0, 81, 200, 255])
-def test_a_wrong_sample_count_costs_its_packet(samples: int) -> None:
-    bad = bytearray(CLEAN[5])
-    bad[3] = samples
-    bad[8:10] = (ydlidar.checksum(bytes(bad))).to_bytes(2, "little")
-    events, _ = in_any_pieces(b"".join([*CLEAN[:5], bytes(bad), *CLEAN[6:]]))
-    assert kept(events) == CLEAN[:5] + CLEAN[6:]
-
-
 @pytest.mark.parametrize("count", [1, 2, 39, 80, 81, 127, 128, 255])
 def test_every_length_is_a_packet(count: int) -> None:
     packets = [*CLEAN[:3], packet(count, 2000), *CLEAN[3:]]
-    events, stats = in_any_pieces(b"".join(packets))
-    assert kept(events) == packets
-    assert stats.skipped_bytes == 0
-
-
-def test_the_c_bit_is_no_reason_to_drop_a_packet() -> None:
-    packets = [*CLEAN[:3], packet(first=1500, marked=False), *CLEAN[4:]]
-    events, _ = in_any_pieces(b"".join(packets))
-    assert kept(events) == packets
+    received = in_any_pieces(b"".join(packets))
+    assert received.data == b"".join(packets)
+    assert received.stats.skipped_bytes == 0
 
 
 def magic_packet(seed: int) -> bytes:
@@ -142,28 +56,21 @@ def magic_packet(seed: int) -> bytes:
     return pack_points(words, 600 + seed, 1000 + seed)
 
 
-def test_magic_bytes_inside_samples_begin_nothing() -> None:
-    packets = [magic_packet(seed) for seed in range(20)]
-    events, stats = in_any_pieces(b"".join(packets))
-    assert kept(events) == packets
-    assert stats.skipped_bytes == 0
-
-
 @pytest.mark.exhaustive("seed", sample=range(6), full=range(20))
 def test_magic_bytes_inside_a_damaged_packet_cost_nothing_more(seed: int) -> None:
     bad = bytearray(magic_packet(seed))
     bad[9] ^= 0x10
     for broken in (bytes(bad), bytes(bad[:-1]), bytes(bad[5:])):
-        events, stats = in_any_pieces(b"".join([*CLEAN[:5], broken, *CLEAN[5:]]))
-        assert kept(events) == CLEAN
-        assert stats.skipped_bytes == len(broken)
+        received = in_any_pieces(b"".join([*CLEAN[:5], broken, *CLEAN[5:]]))
+        assert received.data == b"".join(CLEAN)
+        assert received.stats.skipped_bytes == len(broken)
 
 
-def test_a_stray_aa_before_a_packet_costs_itself() -> None:
+def test_stray_bytes_before_a_packet_cost_themselves() -> None:
     for stray in (b"\xaa", b"\xaa\xaa", b"\xa5", b"\xa5\x5a", b"\x00", b"\x55"):
-        events, stats = in_any_pieces(b"".join([*CLEAN[:5], stray, *CLEAN[5:]]))
-        assert kept(events) == CLEAN
-        assert (stats.skipped_bytes, stats.skipped_stretches) == (len(stray), 1)
+        received = in_any_pieces(b"".join([*CLEAN[:5], stray, *CLEAN[5:]]))
+        assert received.data == b"".join(CLEAN)
+        assert (received.stats.skipped_bytes, received.stats.skipped_stretches) == (len(stray), 1)
 
 
 RECORDS = {
@@ -178,25 +85,18 @@ RECORDS = {
 def test_records_between_packets_are_no_noise(name: str) -> None:
     record = RECORDS[name]
     raw = b"".join([record, *CLEAN[:5], record, record, *CLEAN[5:9], record, *CLEAN[9:]])
-    events, stats = in_any_pieces(raw)
-    assert kept(events) == CLEAN
-    assert len(events) == 1
-    assert (stats.records, stats.skipped_bytes) == (4, 0)
+    received = in_any_pieces(raw)
+    assert received.data == b"".join(CLEAN)
+    assert len(received.events) == 1
+    assert (received.stats.records, received.stats.skipped_bytes) == (4, 0)
 
 
 def test_a_damaged_time_stamp_is_noise() -> None:
     bad = bytearray(pack_time_stamp(1000))
     bad[2] ^= 1
-    events, stats = in_any_pieces(b"".join([*CLEAN[:5], bytes(bad), *CLEAN[5:]]))
-    assert kept(events) == CLEAN
-    assert (stats.records, stats.skipped_bytes) == (0, 8)
-
-
-def test_joining_in_mid_packet() -> None:
-    for cut in range(1, 90):
-        events, stats = receive(b"".join(CLEAN)[cut:])
-        assert kept(events) == CLEAN[1:]
-        assert stats.skipped_bytes == 90 - cut
+    received = in_any_pieces(b"".join([*CLEAN[:5], bytes(bad), *CLEAN[5:]]))
+    assert received.data == b"".join(CLEAN)
+    assert (received.stats.records, received.stats.skipped_bytes) == (0, 8)
 
 
 def test_headings_and_offsets() -> None:
@@ -207,17 +107,6 @@ def test_headings_and_offsets() -> None:
     # One sample that begins nothing is the last of its revolution: 2 degrees earlier it passes no seam.
     assert list(wire.headings(parsed)) == [22290, 22739 | BEGINS, 22751, 160 - 128, 0]
     assert list(packet_offsets(parsed.blocks)) == [0, 88, 100, 190, 202, len(raw)]
-
-
-@pytest.mark.parametrize("lead", [0, 1])
-def test_checking_as_an_array_finds_what_checking_one_by_one_finds(lead: int) -> None:
-    clean = golden.load("ydlidar_4ros_room10").raw[:16_000]
-    for flip in (None, 3, 4000, 9001, 15_000):
-        data = bytearray(bytes(lead) + clean)
-        if flip is not None:
-            data[flip] ^= 0x40
-        wire = PointCloud()
-        assert wire.run(data, lead) == checked_one_by_one(wire, data, lead)
 
 
 @pytest.mark.repeats
@@ -231,28 +120,19 @@ def test_damage_costs_what_it_hits_however_it_is_chopped(
     harm: object, probability: float, seed: int, cuts: list[int]
 ) -> None:
     assert callable(harm)
-    clean = golden.load("ydlidar_4ros_wrap").raw[:9020]
-    packets = ydlidar.split(clean)
-    harmed = harm(clean, probability, seed)
+    packets = ydlidar.split(FOUR_ROS.raw[:9020])
+    harmed = harm(FOUR_ROS.raw[:9020], probability, seed)
     # What is undecided at the end is told apart by what follows.
     raw = harmed.raw + b"".join(CLEAN)
-    whole = receive(raw)
-    assert receive(raw, 1) == whole
-    link = Link()
-    link.send_request(commands.scan(PointCloud()))
-    link.receive_data(SCAN_HEADER, 0)
-    at = turn = 0
-    while at < len(raw):
-        link.receive_data(raw[at : at + cuts[turn % len(cuts)]], 0)
-        at, turn = at + cuts[turn % len(cuts)], turn + 1
-    assert merged(link.events_received()[1:]) == whole[0]
+    whole = feed(FOUR_ROS, raw)
+    assert feed(FOUR_ROS, raw, 1) == feed(FOUR_ROS, raw, cuts) == whole
     hit = damage.hit_packets(harmed, packets)
     if harm is damage.flip:
         # Two flips in the same bit of two words leave the check value right: nobody can tell.
         hit = {number for number in hit if not undetectable(raw, packets, number)}
         packets = slices_of(raw, packets)
     survivors = [packet for number, packet in enumerate(packets) if number not in hit]
-    assert kept(whole[0]) == survivors + CLEAN
+    assert whole.data == b"".join(survivors + CLEAN)
 
 
 def slices_of(raw: bytes, packets: list[bytes]) -> list[bytes]:
@@ -273,8 +153,8 @@ def undetectable(raw: bytes, packets: list[bytes], number: int) -> bool:
 @pytest.mark.parametrize("behind", [0, 1, 11])
 def test_the_first_packet_after_noise_is_not_kept_waiting(behind: int) -> None:
     for noise in (b"\x00", CLEAN[0][:50], CLEAN[0][:-1] + b"\xff"):
-        events, _ = in_any_pieces(noise + CLEAN[1] + CLEAN[2][:behind])
-        assert kept(events) == [CLEAN[1]]
+        received = in_any_pieces(noise + CLEAN[1] + CLEAN[2][:behind])
+        assert received.data == CLEAN[1]
 
 
 @pytest.mark.parametrize("kind", KINDS)

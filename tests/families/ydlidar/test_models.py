@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import re
-from pathlib import Path
-
 import pytest
 
 from lidario.families.stream import Known
@@ -13,7 +10,6 @@ from lidario.families.ydlidar.raw import find_stream
 from lidario.families.ydlidar.simulated.packers import pack_points
 from tests.families.ydlidar.about import CASES
 
-DOCS = Path(__file__).parents[3] / "docs/devices.md"
 SHEET = {
     # Code, baud, thousand samples a second, whether it only talks; reach in metres by the vendor's tables.
     "4ros": (101, 512_000, (20,), False, 30), "tg30": (101, 512_000, (20,), False, 30),
@@ -54,18 +50,6 @@ def test_which_of_them_tell_an_offset_and_change_their_speed() -> None:
     assert {name for name, model in MODELS.items() if model.speeds is None} == FIXED
     for name in MODELS.keys() - FIXED:
         assert MODELS[name].speeds == (6.0 if name in FROM_6_HZ else 5.0, 12.0)
-
-
-def test_the_page_of_devices_tells_the_same_lines() -> None:
-    told: dict[str, set[int]] = {}
-    for row in DOCS.read_text(encoding="utf-8").splitlines():
-        cells = [cell.strip() for cell in row.split("|")]
-        if len(cells) > 4 and re.fullmatch(r"\d{6}(, \d{6})*", cells[3]):
-            for name in re.findall(r"`([\w-]+)`", cells[2]):
-                told.setdefault(name, set()).update(map(int, cells[3].split(", ")))
-    rows = {name: model.baudrate for name, model in MODELS.items() if name in told}
-    assert len(rows) == 20
-    assert {name for name, baud in rows.items() if baud not in told[name]} == set()
 
 
 def test_where_no_packet_tells_how_long_a_revolution_is_the_slowest_rate_of_the_model_is_taken() -> None:

@@ -13,7 +13,6 @@ from lidario.families.ydlidar.settings import learn_protection
 from lidario.families.ydlidar.simulated.device import make_simulated
 from lidario.wire.envelope import Request
 from tests.support.bench_4ros import Bench, played
-from tests.support.streams import in_one_run
 
 
 @pytest.fixture
@@ -112,22 +111,6 @@ def test_more_than_a_turn_is_no_zero_offset(quarters: int, degrees: str) -> None
         played(YdlidarDevice().zero_offset(), lambda _: struct.pack("<i", quarters))
 
 
-def test_zero_offset_is_applied_only_on_demand(bench: Bench) -> None:
-    bench.simulated.zero_offset = -10
-    (mode,) = bench.run(bench.device.modes())
-
-    def offset() -> float:
-        stream = bench.run(bench.device.start(mode))
-        bench.ask(bench.device.stop())
-        return stream.zero_offset_deg
-
-    assert offset() == 0.0
-    bench.run(bench.device.apply_zero_offset(True))
-    assert offset() == -2.5
-    bench.run(bench.device.apply_zero_offset(False))
-    assert offset() == 0.0
-
-
 @pytest.mark.parametrize("before", [False, True])
 @pytest.mark.parametrize("wanted", [False, True])
 def test_power_down_protection_is_toggled_until_it_is_as_wanted(bench: Bench, before: bool, wanted: bool) -> None:
@@ -184,21 +167,3 @@ def test_protection_that_does_not_change_is_an_error() -> None:
         played(YdlidarDevice().power_down_protection(True), lambda _: b"\x01")
     with pytest.raises(ResponseTimeout):
         played(YdlidarDevice().power_down_protection(True), lambda _: None)
-
-
-@pytest.mark.parametrize(("interval", "survives"), [(1.0, True), (2.5, True), (3.5, False)])
-def test_keepalive_holds_the_stream_of_a_protected_device(bench: Bench, interval: float, survives: bool) -> None:
-    bench.run(bench.device.power_down_protection(True))
-    (mode,) = bench.run(bench.device.modes())
-    stream = bench.run(bench.device.start(mode))
-    assert stream.keepalive is not None
-    for _ in range(round(10 / interval)):
-        bench.pass_time(interval)
-        if not bench.simulated.scanning:
-            break
-        bench.send(stream.keepalive.request)
-    assert (bench.simulated.lapses == 0) is survives
-    if survives:
-        data = in_one_run(stream.format, b"".join(run.data for run in bench.packets))
-        assert stream.decoder.decode(data, None).lost == 0
-        assert bench.link.stats.skipped_bytes == 0

@@ -4,7 +4,6 @@ import pytest
 
 from lidario.families.ydlidar.simulated.device import Simulated4Ros, make_simulated
 from lidario.families.ydlidar.simulated.packers import SCAN_HEADER
-from lidario.sim.device import SimulatedDevice
 from lidario.sim.rooms import make_world
 from lidario.sim.serve import MemoryLine
 from tests.reference import ydlidar
@@ -38,14 +37,6 @@ pytestmark = pytest.mark.discards("what the simulated device discards is tested 
 @pytest.fixture
 def device() -> Simulated4Ros:
     return make_simulated("ydlidar-4ros", world=make_world("circle"), serial="0123456789012345")
-
-
-def test_it_is_a_simulated_device(device: Simulated4Ros) -> None:
-    served: SimulatedDevice = device
-    assert served.baudrate == 512_000
-    assert not served.scanning
-    assert not served.motor_on
-    assert served.wakeup(BEGIN) is None
 
 
 def test_a_request_before_the_response_has_left_is_obeyed_and_remarked(device: Simulated4Ros) -> None:
@@ -203,36 +194,6 @@ def test_protection_outlives_the_program_that_switched_it_on() -> None:
     second.read(BEGIN + 63 * S)
     second.write(SCAN, BEGIN + 63 * S)
     assert len(second.read(BEGIN + 73 * S)) == pytest.approx(10 * 45_100, rel=0.01)
-
-
-def test_a_fault(device: Simulated4Ros) -> None:
-    stream_of(device, 1.0)
-    device.protection_stop(7)
-    assert not device.scanning
-    device.transmit(BEGIN + 2 * S)
-    assert asked(device, SCAN, BEGIN + 2 * S) == b""
-    assert why(device) == "in protection stop"
-    assert asked(device, HEALTH, BEGIN + 3 * S)[7:] == b"\x02\x07\x00"
-    device.faults_cleared_by_reset = False
-    device.receive(RESET, BEGIN + 4 * S)
-    device.transmit(BEGIN + 6 * S)
-    assert asked(device, HEALTH, BEGIN + 6 * S)[7:] == b"\x02\x07\x00"
-    device.faults_cleared_by_reset = True
-    device.receive(RESET, BEGIN + 7 * S)
-    device.transmit(BEGIN + 9 * S)
-    assert asked(device, HEALTH, BEGIN + 9 * S)[7:] == b"\x00\x00\x00"
-
-
-def test_mute_and_garbled(device: Simulated4Ros) -> None:
-    device.garble_responses = 1
-    garbled = asked(device, INFO, BEGIN)
-    assert len(garbled) == 27
-    assert not garbled.startswith(b"\xa5\x5a")
-    device.mute = True
-    assert asked(device, INFO, BEGIN + S) == b""
-    device.mute = False
-    assert device.transmit(BEGIN + 2 * S) == b""
-    assert asked(device, INFO, BEGIN + 3 * S)[:2] == b"\xa5\x5a"
 
 
 def test_seeds_and_serials() -> None:

@@ -60,41 +60,6 @@ def test_the_line_is_used_as_documented(device: Simulated4Ros) -> None:
     assert sum(packet[3] for packet in whole(data)) == pytest.approx(200_000, abs=100)
 
 
-@pytest.mark.parametrize("hundredths", [500, 700, 1000, 1200])
-@pytest.mark.parametrize("spin_up_s", [0.0, 0.3])
-def test_bytes_do_not_depend_on_the_steps_of_time(hundredths: int, spin_up_s: float) -> None:
-    def run(step: int) -> bytes:
-        device = make_simulated("ydlidar-4ros", seed=3)
-        device.set_speed, device.spin_up_s = hundredths, spin_up_s
-        device.receive(SCAN, BEGIN)
-        data, now = [], BEGIN
-        while now < BEGIN + S:
-            now = min(now + step, BEGIN + S)
-            data.append(device.transmit(now))
-        return b"".join(data)
-
-    data = run(S)
-    assert len(data) > 30_000 - 45_000 * spin_up_s
-    for step in (MS // 10, 2 * MS, 7 * MS + 1, 333 * MS):
-        assert run(step) == data
-
-
-def test_waking_up_as_told_misses_nothing(device: Simulated4Ros) -> None:
-    device.spin_up_s = 0.1
-    device.receive(SCAN, BEGIN)
-    data, now = b"", BEGIN
-    while now < BEGIN + S:
-        due = device.wakeup(now)
-        assert due is not None
-        assert due >= now
-        now = max(due, now + 1)
-        data += device.transmit(now)
-    other = make_simulated("ydlidar-4ros", world=make_world("circle"))
-    other.spin_up_s = 0.1
-    other.receive(SCAN, BEGIN)
-    assert data == other.transmit(now)
-
-
 @pytest.mark.parametrize("spin_up_s", [0.0, 0.5, 2.5])
 def test_the_header_comes_at_once_and_the_first_packet_after_spin_up(
     device: Simulated4Ros, spin_up_s: float
@@ -137,21 +102,6 @@ def test_protection_stops_a_scan_that_nobody_keeps_alive(device: Simulated4Ros) 
     assert len(rest) < 200
     # From standstill a scan is answered again.
     assert asked(device, SCAN, BEGIN + 21 * S)[:7] == SCAN_HEADER
-
-
-def test_a_late_look_at_a_lapsed_scan_finds_what_was_sent_before(device: Simulated4Ros) -> None:
-    asked(device, PROTECTION, BEGIN - S)
-    device.spin_up_s = 0.0
-    device.receive(SCAN, BEGIN)
-    data = device.transmit(BEGIN + 60 * S)
-    assert len(data) == pytest.approx(3 * 45_100, rel=0.01)
-    assert ydlidar.split(data[7:])
-
-
-def test_without_protection_it_scans_for_ever(device: Simulated4Ros) -> None:
-    stream_of(device, 1.0)
-    assert device.transmit(BEGIN + 60 * S)
-    assert device.scanning
 
 
 def test_time_stamps_between_the_packets() -> None:

@@ -1,0 +1,121 @@
+"""What simulated devices of all families do alike; what is particular to one stands in the tests of its family."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lidario.families.registry import family_of_simulated
+from tests.families.neato.about import LAYOUTS as READ_FORTH
+from tests.support.cases import ALL, Case
+from tests.support.samples import SOME_MODELS, every_model
+from tests.support.simulated_rplidar import DUTY_660, EXPRESS_1, SCAN
+from tests.support.streams import feed, in_one_run
+
+MS = 1_000_000
+S = 1000 * MS
+BEGIN = 1000 * S
+STARTED_BY = {
+    "rplidar": SCAN,
+    "ydlidar": b"\xa5\x60",
+    "hokuyo": b"MD0044072501000\n",
+    "rplidar-s2": EXPRESS_1,
+    **dict.fromkeys(("rplidar-a2", "rplidar-a3", "rplidar-a2-empty-list"), DUTY_660 + SCAN),
+    "hlds-lds01-2016": b"b",
+}
+"""What begins a stream, of a family or a model; the others stream from the first moment on."""
+TALKERS = [model for model in SOME_MODELS if model.partition("-")[0] not in (*STARTED_BY, "hlds")]
+"""Those that hear nothing that would stop them."""
+
+
+def made(model: str, *, spin_up_s: float = 0.0) -> Any:
+    device: Any = family_of_simulated(model).simulate(model, seed=3)
+    device.spin_up_s = spin_up_s
+    device.transmit(BEGIN)
+    device.receive(STARTED_BY.get(model, STARTED_BY.get(model.partition("-")[0], b"")), BEGIN)
+    return device
+
+
+@every_model()
+@pytest.mark.parametrize("spin_up_s", [0.0, 0.3])
+def test_bytes_do_not_depend_on_the_steps_of_time(model: str, spin_up_s: float) -> None:
+    """Nor is anything missed by who looks only when it is told to."""
+    whole = made(model, spin_up_s=spin_up_s).transmit(BEGIN + S)
+    assert len(whole) > 3000
+    for step in (137_000, 7 * MS + 1, 333 * MS):
+        device, times = made(model, spin_up_s=spin_up_s), [*range(BEGIN, BEGIN + S, step), BEGIN + S]
+        assert b"".join(map(device.transmit, times)) == whole
+    device, now, data = made(model, spin_up_s=spin_up_s), BEGIN, b""
+    while (due := device.wakeup(now)) <= BEGIN + S:
+        now = max(due, now + 1)
+        data += device.transmit(now)
+    assert data + device.transmit(BEGIN + S) == whole
+
+
+REFERENCES = {
+    "camsense_x1_5hz": ["camsense-x1"],
+    "hlds_lds01_5hz": ["hlds-lds01"],
+    "irobotix_2a_6hz": ["irobotix-delta2a", "irobotix-delta2b", "irobotix-delta2d"],
+    "irobotix_2g_5hz": ["irobotix-delta2g", "irobotix-lds08rr"],
+    "ldrobot_ld08_5hz": ["ldrobot-ld08"],
+    "ldrobot_ld14p_6hz": ["ldrobot-ld14", "ldrobot-ld14p"],
+    "ldrobot_ld19_6hz": [f"ldrobot-{name}" for name in ("ld06", "ld19", "stl06p", "stl19p", "stl26", "stl27l")],
+    "neato_xv11_5hz": ["neato-xv11"],
+}
+"""The stream of which the packets are, for some models; the scalar reference of that one judges them."""
+JUDGED = [
+    *((model, case) for case in ALL for model in REFERENCES.get(case.name, ())),
+    *((model, case) for case in READ_FORTH for model in ("neato-lds02rr", "neato-lds01rr")),
+]
+
+
+@pytest.mark.parametrize(("model", "case"), JUDGED, ids=[model for model, _ in JUDGED])
+def test_it_streams_from_the_first_moment_on_what_the_world_holds(model: str, case: Case) -> None:
+    device = made(model)
+    assert (device.scanning, device.motor_on) == (True, True)
+    heard = feed(case, device.transmit(BEGIN + S))
+    # The packet under way when it was first heard.
+    assert heard.stats.skipped_bytes < 2 * case.make_format().longest
+    packets = case.split(heard.data)
+    samples = case.decode(packets)
+    assert len(samples) == pytest.approx(device.profile.rate, rel=0.006, abs=2 * len(samples) / len(packets))
+    assert case.make_decoder().decode(in_one_run(case.make_format(), heard.data), None).lost == 0
+    passed = sum(b.raw_deg % 360 < a.raw_deg % 360 - 180 for a, b in pairwise(samples))
+    assert passed == pytest.approx(device.profile.hertz, abs=1)
+    angles = np.array([sample.angle_deg for sample in samples])
+    distances = np.array([sample.distance_mm for sample in samples])
+    assert (distances > 0).mean() > 0.5
+    seen = device.world.ranges_mm(angles, np.full(len(angles), BEGIN * 1e-9))
+    # The wall of the room is seen within noise, but for beams along its edges and the person who walks.
+    assert np.median(np.abs(seen - distances)[distances > 0]) < 40
+
+
+@pytest.mark.parametrize("model", TALKERS)
+def test_one_without_a_line_for_requests_sees_none(model: str) -> None:
+    deaf, asked = made(model), made(model)
+    if not deaf.profile.commands:
+        asked.receive(b"\x1b" * 3 + bytes.fromhex("54A104000000004A"), BEGIN)
+    assert asked.transmit(BEGIN + S) == deaf.transmit(BEGIN + S)
+    assert asked.log == []
+
+
+@pytest.mark.parametrize("model", TALKERS)
+@pytest.mark.parametrize("blocked", [False, True])
+def test_without_power_frozen_or_blocked_a_talker_is_silent(model: str, blocked: bool) -> None:
+    """Until it has booted again."""
+    device = made(model)
+    device.reboot(BEGIN + S)
+    device.transmit(BEGIN + S)
+    assert device.transmit(BEGIN + S + S // 3) == b""
+    assert len(device.transmit(BEGIN + 3 * S)) > 4000
+    if blocked:
+        device.protection_stop(1)
+    else:
+        device.freeze(BEGIN + 3 * S)
+    device.transmit(BEGIN + 3 * S + S // 10)
+    assert device.transmit(BEGIN + 4 * S) == b""
+    device.reboot(BEGIN + 4 * S)
+    assert len(device.transmit(BEGIN + 6 * S)) > 4000
