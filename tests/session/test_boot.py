@@ -9,7 +9,7 @@ from functools import partial
 import pytest
 
 from lidario import Lidar, ResponseTimeout
-from tests.support.devices import FAMILIES, both_families, discarded, left_still, make_rig, names
+from tests.support.devices import FAMILIES, Rig, discarded, left_still, make_rig, names
 from tests.support.loop import driven, run_driven
 
 BOOTS_FOR = [0.0, 0.0005, 0.02, 0.3, 0.9]
@@ -49,12 +49,9 @@ def test_what_follows_a_cancelled_reset_waits_until_the_device_has_booted(family
         run_driven(partial(after, seconds))
 
 
-@both_families
 @driven
-async def test_a_stream_goes_on_after_a_reset_that_was_cancelled(family: str) -> None:
-    rig = make_rig(family)
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+async def test_a_stream_goes_on_after_a_reset_that_was_cancelled(rig: Rig) -> None:
+    async with rig.read() as (lidar, stream):
         resetting = asyncio.ensure_future(lidar.reset())
         await asyncio.sleep(0.2)
         resetting.cancel()
@@ -64,10 +61,8 @@ async def test_a_stream_goes_on_after_a_reset_that_was_cancelled(family: str) ->
     assert not discarded(rig)
 
 
-@both_families
 @driven
-async def test_a_device_that_never_boots_is_waited_for_only_once(family: str) -> None:
-    rig = make_rig(family)
+async def test_a_device_that_never_boots_is_waited_for_only_once(rig: Rig) -> None:
     loop = asyncio.get_running_loop()
     async with rig.open() as lidar:
         resetting = asyncio.ensure_future(lidar.reset())

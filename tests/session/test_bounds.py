@@ -125,8 +125,7 @@ def test_run_ends_as_soon_as_its_sessions_are_closed(monkeypatch: pytest.MonkeyP
     async def main() -> None:
         loop = asyncio.get_running_loop()
         try:
-            async with rig.open() as lidar, lidar.scans() as scans:
-                await anext(scans)
+            async with rig.read():
                 harm(rig, "silent")
                 times.append(loop.time())
                 os.kill(os.getpid(), signal.SIGTERM)

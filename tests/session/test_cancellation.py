@@ -60,29 +60,25 @@ async def wait_for_a_late_scan(rig: Rig) -> None:
 
 
 async def ask_while_scanning(rig: Rig) -> None:
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+    async with rig.read() as (lidar, stream):
         await lidar.get_health()
         await anext(stream)
 
 
 async def wait_for_an_answer(rig: Rig) -> None:
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+    async with rig.read() as (lidar, _):
         rig.device.garble_responses = 1
         await lidar.get_info()
 
 
 async def change_speed(rig: Rig) -> None:
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+    async with rig.read() as (lidar, _):
         with suppress(Unsupported):
             await lidar.set_scan_frequency(8.0)
 
 
 async def reset_and_stop(rig: Rig) -> None:
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+    async with rig.read() as (lidar, _):
         with suppress(Unsupported):
             await lidar.reset()
         await lidar.stop()

@@ -12,7 +12,7 @@ import pytest
 from lidario import DeviceFault, Lidar, StreamFailed
 from lidario.revolution.seam import Seam
 from lidario.session.streaming.failures import Failures
-from tests.support.devices import Rig, both_families, left_still, make_rig, names
+from tests.support.devices import Rig, left_still, names
 from tests.support.loop import DrivenLoop, driven, run_driven
 
 CODE = 0x8001
@@ -43,12 +43,10 @@ async def error_of(
         return str(caught.value), clock() - began
 
 
-@both_families
 @driven
 async def test_a_protection_stop_in_mid_scan_is_cured_counted_and_told(
-    family: str, caplog: pytest.LogCaptureFixture
+    rig: Rig, caplog: pytest.LogCaptureFixture
 ) -> None:
-    rig = make_rig(family)
     async with rig.open() as lidar:
         await lidar.set_scan_frequency(9.0)
         async with lidar.scans() as stream:
@@ -68,12 +66,9 @@ async def test_a_protection_stop_in_mid_scan_is_cured_counted_and_told(
     assert left_still(rig)
 
 
-@both_families
 @driven
-async def test_a_program_that_asks_first_is_told_and_the_stream_goes_on(family: str) -> None:
-    rig = make_rig(family)
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+async def test_a_program_that_asks_first_is_told_and_the_stream_goes_on(rig: Rig) -> None:
+    async with rig.read() as (lidar, stream):
         rig.device.protection_stop(CODE)
         began = clock()
         assert (await lidar.get_health()).code == CODE
@@ -83,10 +78,8 @@ async def test_a_program_that_asks_first_is_told_and_the_stream_goes_on(family: 
         assert lidar.stats.protection_stops == 1
 
 
-@both_families
 @driven
-async def test_a_second_protection_stop_within_a_minute_is_raised(family: str) -> None:
-    rig = make_rig(family)
+async def test_a_second_protection_stop_within_a_minute_is_raised(rig: Rig) -> None:
     async with rig.open() as lidar:
         async with lidar.scans() as stream:
             await anext(stream)
@@ -107,11 +100,9 @@ async def test_a_second_protection_stop_within_a_minute_is_raised(family: str) -
     assert left_still(rig)
 
 
-@both_families
 @driven
-async def test_after_a_while_a_protection_stop_is_cured_again(family: str, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_after_a_while_a_protection_stop_is_cured_again(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.session.streaming.inquiry.PERIOD_S", 5.0)
-    rig = make_rig(family)
     async with rig.open() as lidar, lidar.scans() as stream:
         for count in (1, 2):
             await anext(stream)
@@ -122,10 +113,8 @@ async def test_after_a_while_a_protection_stop_is_cured_again(family: str, monke
             assert lidar.stats.protection_stops == lidar.stats.restarts == count
 
 
-@both_families
 @driven
-async def test_a_fault_that_stays_ends_the_stream_with_its_code_and_the_next_start_at_once(family: str) -> None:
-    rig = make_rig(family)
+async def test_a_fault_that_stays_ends_the_stream_with_its_code_and_the_next_start_at_once(rig: Rig) -> None:
     rig.device.faults_cleared_by_reset = False
     async with rig.open() as lidar:
         text, after = await error_of(lidar, lambda: rig.device.protection_stop(CODE), DeviceFault)
@@ -141,10 +130,8 @@ async def test_a_fault_that_stays_ends_the_stream_with_its_code_and_the_next_sta
 
 
 @pytest.mark.discards("a device in Protection Stop starts no stream, and does not say so")
-@both_families
 @driven
-async def test_a_protection_stop_while_nothing_runs_is_cured_by_the_next_start(family: str) -> None:
-    rig = make_rig(family)
+async def test_a_protection_stop_while_nothing_runs_is_cured_by_the_next_start(rig: Rig) -> None:
     async with rig.open() as lidar:
         await lidar.scan()
         await lidar.stop()
@@ -153,11 +140,9 @@ async def test_a_protection_stop_while_nothing_runs_is_cured_by_the_next_start(f
         assert lidar.stats.protection_stops == 1
 
 
-@both_families
 @driven
-async def test_after_a_rest_the_device_is_asked_before_it_is_started(family: str) -> None:
+async def test_after_a_rest_the_device_is_asked_before_it_is_started(rig: Rig) -> None:
     """As the vendors' manuals have it. It discards no request, and nobody waits for a stream that cannot begin."""
-    rig = make_rig(family)
     async with rig.open() as lidar:
         await lidar.scan()
         await lidar.stop()
@@ -174,12 +159,10 @@ async def test_after_a_rest_the_device_is_asked_before_it_is_started(family: str
         assert names(rig)[asked:].index("get_health") < names(rig)[asked:].index("reset")
 
 
-@both_families
 @driven
 async def test_a_protection_stop_at_open_is_cured_counted_and_told(
-    family: str, caplog: pytest.LogCaptureFixture
+    rig: Rig, caplog: pytest.LogCaptureFixture
 ) -> None:
-    rig = make_rig(family)
     rig.device.protection_stop(CODE)
     with caplog.at_level(logging.WARNING, "lidario"):
         async with rig.open() as lidar:
@@ -189,10 +172,8 @@ async def test_a_protection_stop_at_open_is_cured_counted_and_told(
     assert [record.message for record in caplog.records if "0x8001" in record.message]
 
 
-@both_families
 @driven
-async def test_a_well_device_that_falls_silent_is_restarted(family: str, caplog: pytest.LogCaptureFixture) -> None:
-    rig = make_rig(family)
+async def test_a_well_device_that_falls_silent_is_restarted(rig: Rig, caplog: pytest.LogCaptureFixture) -> None:
     async with rig.open() as lidar:
         async with lidar.scans() as stream:
             for count in (1, 2, 3):
@@ -214,10 +195,8 @@ async def test_a_well_device_that_falls_silent_is_restarted(family: str, caplog:
     assert left_still(rig)
 
 
-@both_families
 @driven
-async def test_a_dead_device_is_told_of_within_a_second(family: str) -> None:
-    rig = make_rig(family)
+async def test_a_dead_device_is_told_of_within_a_second(rig: Rig) -> None:
     async with rig.open() as lidar:
         text, after = await error_of(lidar, lambda: setattr(rig.device, "mute", True))
         assert "responds to no request: is it powered, and is the cable in?" in text
@@ -225,25 +204,21 @@ async def test_a_dead_device_is_told_of_within_a_second(family: str) -> None:
         rig.device.mute = False
 
 
-@both_families
 @driven
 async def test_a_rotor_that_stalls_is_told_of_within_three_slow_revolutions(
-    family: str, monkeypatch: pytest.MonkeyPatch
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    rig = make_rig(family)
     async with rig.open() as lidar:
         text, after = await error_of(lidar, lambda: monkeypatch.setattr(Seam, "splits", lambda *_: []))
         assert "no full revolution" in text
         assert "its health is ok: is the rotor blocked?" in text
-        assert after < {"rplidar": 3.3, "ydlidar": 1.9}[family]
+        assert after < {"rplidar": 3.3, "ydlidar": 1.9}[rig.family]
         assert lidar.stats.restarts == 0
 
 
-@both_families
 @driven
-async def test_a_blocked_rotor_that_stopped_the_device_is_told_by_its_code(family: str) -> None:
+async def test_a_blocked_rotor_that_stopped_the_device_is_told_by_its_code(rig: Rig) -> None:
     """A device that never brings a packet is asked too."""
-    rig = make_rig(family)
     rig.device.faults_cleared_by_reset = False
     async with rig.open() as lidar:
         await lidar.get_modes()
@@ -255,11 +230,9 @@ async def test_a_blocked_rotor_that_stopped_the_device_is_told_by_its_code(famil
             await scan
 
 
-@both_families
 @pytest.mark.parametrize("harm", ["half a packet", "a bad byte long ago", "a burst that is over"])
 @driven
-async def test_noise_is_told_only_where_noise_is_what_arrives(family: str, harm: str) -> None:
-    rig = make_rig(family)
+async def test_noise_is_told_only_where_noise_is_what_arrives(rig: Rig, harm: str) -> None:
     clean = rig.device.transmit
     left = {"half a packet": 50, "a bad byte long ago": 0, "a burst that is over": 0}[harm]
 
@@ -292,15 +265,14 @@ async def test_noise_is_told_only_where_noise_is_what_arrives(family: str, harm:
         rig.device.mute = False
 
 
-@both_families
 @pytest.mark.parametrize("act", ["stop", "close", "leave", "ask", "cancel", "join"])
 @pytest.mark.parametrize("harm", ["silent", "protect"])
 @pytest.mark.exhaustive("step", sample=[5], full=[1, 2, 3, 5, 8, 13, 21, 40])
 def test_whatever_is_done_while_the_device_is_asked(
-    family: str, harm: str, act: str, step: int, monkeypatch: pytest.MonkeyPatch
+    rig: Rig, harm: str, act: str, step: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """At a step of the loop after the silence was noticed, another task stops, closes, leaves, asks or joins."""
-    rig, noticed = make_rig(family), create_autospec(Failures.suspect, side_effect=Failures.suspect)
+    noticed = create_autospec(Failures.suspect, side_effect=Failures.suspect)
     monkeypatch.setattr(Failures, "suspect", noticed)
 
     async def main() -> None:

@@ -179,8 +179,7 @@ async def test_it_ends_with_the_stream_and_with_the_protection() -> None:
 @driven
 async def test_protection_switched_while_scanning() -> None:
     rig = make_rig("ydlidar")
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+    async with rig.read() as (lidar, stream):
         for wanted in (True, True, False, False, True):
             assert await lidar.set_power_down_protection(wanted) is wanted
             await anext(stream)

@@ -17,7 +17,7 @@ from lidario.source import as_source
 from tests.cli.processes import invoke_driven
 from tests.support.cable import on_a_cable
 from tests.support.coming_back import next_after
-from tests.support.devices import both_families, end_of, make_rig
+from tests.support.devices import Rig, end_of
 from tests.support.loop import driven, now
 
 
@@ -42,10 +42,8 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Counted:
     return Counted(monkeypatch)
 
 
-@both_families
 @driven
-async def test_they_are_in_stats_from_the_beginning_of_the_session(family: str, counted: Counted) -> None:
-    rig = make_rig(family)
+async def test_they_are_in_stats_from_the_beginning_of_the_session(rig: Rig, counted: Counted) -> None:
     async with rig.open() as lidar:
         # What came before, at other speeds, says nothing of this one.
         assert lidar.stats.line_trouble == ""
@@ -83,13 +81,10 @@ async def test_they_are_summed_over_all_lines(counted: Counted) -> None:
         (LineErrors(overruns=7), "; only noise arrives, with 7 overruns: this computer is too slow"),
     ],
 )
-@both_families
 @driven
-async def test_noise_is_told_with_them(family: str, counted: Counted, errors: LineErrors, says: str) -> None:
-    rig = make_rig(family)
+async def test_noise_is_told_with_them(rig: Rig, counted: Counted, errors: LineErrors, says: str) -> None:
     random = np.random.default_rng(3)
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+    async with rig.read() as (_, stream):
         clean = rig.device.transmit
         rig.device.transmit = lambda now: random.bytes(len(clean(now)))
         counted.errors += errors

@@ -86,8 +86,7 @@ def test_the_mode_that_runs_decides_not_the_typical_one() -> None:
 
     @driven
     async def main() -> None:
-        async with rig.open() as lidar, lidar.scans("Standard") as stream:
-            await anext(stream)
+        async with rig.read("Standard") as (lidar, stream):
             with pytest.raises(InvalidValue, match="'Standard' sends 25000"):
                 await lidar.set_baudrate(115_200)
             assert lidar.stats.interruptions == 0

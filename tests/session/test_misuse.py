@@ -15,7 +15,7 @@ import lidario
 from lidario import InternalError, InvalidValue, LocalProtocolError, SessionClosed
 from lidario.session.streaming.control import StreamControl
 from lidario.session.talking.trouble import Trouble
-from tests.support.devices import both_families, left_still, make_rig, take
+from tests.support.devices import Rig, left_still, make_rig, take
 from tests.support.loop import driven
 
 
@@ -85,10 +85,8 @@ def test_without_an_asyncio_loop_one_sentence_says_so() -> None:
         next(opening)
 
 
-@both_families
 @driven
-async def test_values_that_cannot_be_right(family: str) -> None:
-    rig = make_rig(family)
+async def test_values_that_cannot_be_right(rig: Rig) -> None:
     async with rig.open() as lidar:
         calls: list[Callable[[Any], Any]] = [lidar.set_scan_frequency, lidar.set_motor_speed]
         for wrong in ("x", None, float("nan"), -1.0, 1e9, [1]):
@@ -113,10 +111,8 @@ async def test_whatever_is_as_good_as_true() -> None:
             assert await lidar.set_power_down_protection(not yes) is False
 
 
-@both_families
 @driven
-async def test_a_stream_of_a_closed_session(family: str) -> None:
-    rig = make_rig(family)
+async def test_a_stream_of_a_closed_session(rig: Rig) -> None:
     async with rig.open() as lidar:
         stream = lidar.scans()
     with pytest.raises(SessionClosed, match="open_lidar"):
@@ -127,16 +123,14 @@ async def test_a_stream_of_a_closed_session(family: str) -> None:
     await lidar.close()
 
 
-@both_families
 @driven
 async def test_a_mistake_of_ours_in_a_start_ends_the_session_and_stops_the_device(
-    family: str, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+    rig: Rig, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def blunder(*_: object) -> None:
         raise IndexError("a bug")
 
     monkeypatch.setattr(StreamControl, "start", blunder)
-    rig = make_rig(family)
     async with rig.open() as lidar:
         with pytest.raises(InternalError, match=r"IndexError\('a bug'\).*report"):
             await lidar.scan()
@@ -185,8 +179,7 @@ def test_trouble_is_told_at_most_once_a_second(
 @driven
 async def test_a_revolution_that_is_discarded_is_logged(caplog: pytest.LogCaptureFixture) -> None:
     rig = make_rig("rplidar")
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+    async with rig.read() as (lidar, stream):
         clean = rig.device.transmit
         rig.device.transmit = lambda now: clean(now)[:0]
         await asyncio.sleep(1.5 * rig.turn_s)

@@ -115,8 +115,7 @@ async def test_a_motor_without_control_is_left_alone(model: str) -> None:
 @driven
 async def test_a_speed_is_refused_and_the_stream_goes_on(model: str) -> None:
     rig = rig_of(model)
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+    async with rig.read() as (lidar, stream):
         for request in (lidar.set_scan_frequency(8.0), lidar.get_scan_frequency()):
             with pytest.raises(Unsupported, match=r"Scan\.rpm"):
                 await request
@@ -152,8 +151,7 @@ async def test_hq_scan_by_name() -> None:
 
 
 async def _scan_and_ask(rig: Rig) -> None:
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+    async with rig.read() as (lidar, stream):
         await lidar.get_health()
         await anext(stream)
 
@@ -243,8 +241,7 @@ async def test_a_reboot_in_mid_scan_is_survived(model: str) -> None:
     """An accessory board has forgotten the duty, and an A1 has printed its banner."""
     rig = rig_of(model)
     loop = asyncio.get_running_loop()
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+    async with rig.read() as (_, stream):
         rig.device.reboot(round(loop.time() * 1e9), off_s=0.2)
         before = loop.time()
         await anext(stream)

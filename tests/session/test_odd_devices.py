@@ -13,7 +13,7 @@ from lidario import HealthStatus, Scan, Unsupported
 from lidario.families.rplidar.simulated.device import Profile, SimulatedRplidar
 from lidario.families.rplidar.simulated.requests import Request
 from lidario.sim.rooms import make_world
-from tests.support.devices import Rig, both_families, change_info, left_still, make_rig, names, take
+from tests.support.devices import Rig, change_info, left_still, make_rig, names, take
 from tests.support.loop import driven
 
 AS_REAL = {
@@ -43,11 +43,7 @@ async def test_the_length_in_a_scan_header_of_the_4ros_is_ignored(
 
 
 @pytest.mark.parametrize("status", [3, 128, 255])
-@both_families
-def test_a_health_that_is_not_defined_is_a_warning(
-    family: str, status: int, caplog: pytest.LogCaptureFixture
-) -> None:
-    rig = make_rig(family)
+def test_a_health_that_is_not_defined_is_a_warning(rig: Rig, status: int, caplog: pytest.LogCaptureFixture) -> None:
     rig.device.health = (status, 0x1234)
 
     @driven
@@ -65,12 +61,10 @@ def test_a_health_that_is_not_defined_is_a_warning(
     assert "reset" not in names(rig)
 
 
-@both_families
 @driven
 async def test_a_device_that_does_not_tell_its_health_is_used(
-    family: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    rig = make_rig(family)
     mute_for(rig, "get_health", monkeypatch)
     async with rig.open() as lidar:
         assert lidar.health.status is HealthStatus.WARNING
@@ -80,12 +74,8 @@ async def test_a_device_that_does_not_tell_its_health_is_used(
 
 
 @pytest.mark.parametrize("bit", [0, 3, 7, 8, 31, 70, 159])
-@both_families
 @driven
-async def test_one_flipped_bit_makes_no_other_device(
-    family: str, bit: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    rig = make_rig(family)
+async def test_one_flipped_bit_makes_no_other_device(rig: Rig, bit: int, monkeypatch: pytest.MonkeyPatch) -> None:
     flips = iter([bit])
 
     def flip(payload: bytes) -> bytes:

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from lidario import Lidar, LocalProtocolError, SessionClosed
-from tests.support.devices import both_families, discarded, left_still, make_rig
+from tests.support.devices import Rig, discarded, left_still
 from tests.support.loop import DrivenLoop, driven
 
 PATIENCE_S = 30.0
@@ -26,11 +26,9 @@ REFUSED_ELSEWHERE = [*CALLS, Lidar.close, lambda lidar: lidar.__aexit__(None, No
 """In another thread. After the loop was closed, closing is harmless instead."""
 
 
-@both_families
 @pytest.mark.parametrize("way", ["aclose", "release"])
 @driven
-async def test_a_stream_that_another_task_leaves_ends_for_its_reader(family: str, way: str) -> None:
-    rig = make_rig(family)
+async def test_a_stream_that_another_task_leaves_ends_for_its_reader(rig: Rig, way: str) -> None:
     async with rig.open() as lidar:
         stream = lidar.scans()
         reading = asyncio.ensure_future(anext(stream))
@@ -47,9 +45,7 @@ async def test_a_stream_that_another_task_leaves_ends_for_its_reader(family: str
     assert not discarded(rig)
 
 
-@both_families
-def test_a_session_that_is_used_after_its_loop_was_closed(family: str) -> None:
-    rig = make_rig(family)
+def test_a_session_that_is_used_after_its_loop_was_closed(rig: Rig) -> None:
     held: list[Any] = []
 
     async def first() -> None:
@@ -73,11 +69,9 @@ def test_a_session_that_is_used_after_its_loop_was_closed(family: str) -> None:
     assert left_still(rig)
 
 
-@both_families
 @driven
-async def test_a_session_that_another_thread_uses(family: str) -> None:
+async def test_a_session_that_another_thread_uses(rig: Rig) -> None:
     """Refused with the way to do it; the session is not harmed."""
-    rig = make_rig(family)
     refused: list[str] = []
 
     async def misuse(call: Callable[[Lidar], Awaitable[Any]]) -> None:
@@ -91,8 +85,7 @@ async def test_a_session_that_another_thread_uses(family: str) -> None:
             except LocalProtocolError as error:
                 refused.append(str(error))
 
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+    async with rig.read() as (lidar, stream):
         thread = threading.Thread(target=other)
         thread.start()
         thread.join()

@@ -11,7 +11,7 @@ import pytest
 
 from tests.support.cable import cable_to, on_a_cable
 from tests.support.coming_back import MODES, PROMISE_S, next_after
-from tests.support.devices import both_families, left_still, make_rig, names
+from tests.support.devices import Rig, both_families, left_still, make_rig, names
 from tests.support.ledger import assert_stats_close
 from tests.support.loop import driven, driven_loop, now, now_ns, run_driven
 
@@ -64,7 +64,6 @@ def is_mute_for_a_while(device: Any) -> None:
     asyncio.get_running_loop().call_later(4.0, lambda: setattr(device, "mute", False))
 
 
-@both_families
 @pytest.mark.parametrize(
     ("trouble", "responds_s"),
     [
@@ -79,8 +78,7 @@ def is_mute_for_a_while(device: Any) -> None:
     ],
 )
 @driven
-async def test_it_goes_on_after(family: str, trouble: Callable[[Any], None], responds_s: float) -> None:
-    rig = make_rig(family)
+async def test_it_goes_on_after(rig: Rig, trouble: Callable[[Any], None], responds_s: float) -> None:
     async with rig.open(reconnect=True) as lidar:
         async with lidar.scans() as stream:
             last = await anext(stream)
@@ -143,29 +141,27 @@ async def test_speed_and_mode_are_those_of_before() -> None:
         assert math.isclose(scan.rpm, 720, rel_tol=0.03)
 
 
-@both_families
 @driven
 async def test_another_lidar_on_the_same_port_is_not_taken_for_it(
-    family: str, caplog: pytest.LogCaptureFixture
+    rig: Rig, caplog: pytest.LogCaptureFixture
 ) -> None:
-    rig, other = make_rig(family), make_rig(family, seed=7)
-    with cable_to(rig) as cable:
-        async with rig.open(reconnect=True) as lidar:
-            serial = lidar.info.serial
-            async with lidar.scans() as stream:
-                await anext(stream)
-                cable.pull()
-                cable.plug(other.device)
-                await asyncio.sleep(5.0)
-                assert not lidar.is_connected
-                told = [each.message for each in caplog.records if "another lidar" in each.message]
-                assert len(told) == 1, "said once, not at each attempt"
-                assert serial in told[0]
-                assert not any("scan" in name for name in names(other))
-                cable.pull()
-                cable.plug()
-                await next_after(stream, now())
-                assert lidar.info.serial == serial
+    other = make_rig(rig.family, seed=7)
+    async with on_a_cable(rig) as (cable, lidar):
+        serial = lidar.info.serial
+        async with lidar.scans() as stream:
+            await anext(stream)
+            cable.pull()
+            cable.plug(other.device)
+            await asyncio.sleep(5.0)
+            assert not lidar.is_connected
+            told = [each.message for each in caplog.records if "another lidar" in each.message]
+            assert len(told) == 1, "said once, not at each attempt"
+            assert serial in told[0]
+            assert not any("scan" in name for name in names(other))
+            cable.pull()
+            cable.plug()
+            await next_after(stream, now())
+            assert lidar.info.serial == serial
     assert not other.device.scanning
     assert not other.device.motor_on
     assert left_still(rig)
@@ -216,8 +212,7 @@ def test_the_cable_is_pulled_out_again_at_every_step_of_coming_back(family: str,
         rig = make_rig(family)
         loop = driven_loop()
         with cable_to(rig) as cable:
-            async with rig.open(reconnect=True) as lidar, lidar.scans() as stream:
-                await anext(stream)
+            async with rig.read(reconnect=True) as (lidar, stream):
                 cable.pull()
                 cable.plug()
                 first = loop.turns

@@ -11,7 +11,7 @@ import pytest
 from lidario import Lidar, SessionClosed
 from tests.support.cable import cable_to, on_a_cable
 from tests.support.coming_back import ON_THE_WAY_S, next_after, next_attempt
-from tests.support.devices import both_families, left_still, make_rig
+from tests.support.devices import Rig, left_still, make_rig
 from tests.support.loop import DrivenLoop, driven, now, unless_unfinished
 
 pytestmark = pytest.mark.usefixtures("quick_collection")
@@ -42,10 +42,8 @@ async def test_nor_is_it_stopped_when_the_session_is_closed_on_the_way(after_s: 
     assert not cable.rig.device.scanning
 
 
-@both_families
 @on_the_way
-def test_the_loop_is_closed_on_the_way(family: str, after_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    rig = make_rig(family)
+def test_the_loop_is_closed_on_the_way(rig: Rig, after_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
     loop = DrivenLoop()
     loop.set_exception_handler(unless_unfinished)
     monkeypatch.setattr("lidario.port.port.time.sleep", loop.block)
@@ -68,11 +66,9 @@ def test_the_loop_is_closed_on_the_way(family: str, after_s: float, monkeypatch:
     assert left_still(rig)
 
 
-@both_families
 @on_the_way
 @driven
-async def test_a_session_that_nobody_holds_any_more_ends_while_it_is_away(family: str, after_s: float) -> None:
-    rig = make_rig(family)
+async def test_a_session_that_nobody_holds_any_more_ends_while_it_is_away(rig: Rig, after_s: float) -> None:
     with cable_to(rig) as cable:
         lidar = await rig.open(reconnect=True)
         await lidar.scan()

@@ -7,16 +7,13 @@ import asyncio
 import pytest
 
 from lidario import InvalidValue
-from tests.support.devices import both_families, discarded, left_still, make_rig
+from tests.support.devices import Rig, discarded, left_still, make_rig
 from tests.support.loop import driven
 
 
-@both_families
 @driven
-async def test_the_set_speed_is_checked_against_the_measured_one(family: str) -> None:
-    rig = make_rig(family)
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+async def test_the_set_speed_is_checked_against_the_measured_one(rig: Rig) -> None:
+    async with rig.read() as (lidar, stream):
         assert await lidar.set_scan_frequency(9.0) == pytest.approx(9.0, abs=0.05)
         assert lidar.measured_scan_frequency == pytest.approx(9.0, rel=0.05)
         assert await lidar.set_motor_speed(600) == pytest.approx(600, abs=3)
@@ -67,8 +64,7 @@ async def test_a_speed_that_is_set_in_mid_scan_is_one_request_and_interrupts_not
 @driven
 async def test_a_speed_beside_a_stop_leaves_the_rotor_at_rest(yields: int) -> None:
     rig = make_rig("rplidar")
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+    async with rig.read() as (lidar, _):
         # The second one waits until the device listens again.
         await lidar.set_scan_frequency(9.0, verify=False)
         setting = asyncio.ensure_future(lidar.set_scan_frequency(12.0, verify=False))
@@ -92,8 +88,7 @@ async def test_a_speed_that_is_refused_is_told_in_both_units() -> None:
 async def test_several_settings_in_a_row_wait_for_no_more_than_the_device_needs() -> None:
     """It hears nothing for 10 ms behind each; what is written then is written again soon."""
     rig, loop = make_rig("rplidar"), asyncio.get_running_loop()
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+    async with rig.read() as (lidar, _):
         began = loop.time()
         for hertz in (9.0, 11.0, 10.0):
             await lidar.set_scan_frequency(hertz, verify=False)

@@ -17,7 +17,7 @@ from lidario.port.port import Port
 from lidario.revolution.sectors import SectorAssembler
 from lidario.session.streaming.sectors import parts_of, sectors_of
 from tests.support.cable import on_a_cable
-from tests.support.devices import EVERY_FAMILY, both_families, left_still, make_rig
+from tests.support.devices import EVERY_FAMILY, Rig, both_families, left_still, make_rig
 from tests.support.loop import driven
 
 
@@ -55,10 +55,8 @@ async def test_scans_and_sectors_are_read_at_once(family: str) -> None:
     assert all(is_the_scan(scan, sectors) for scan in together)
 
 
-@both_families
 @driven
-async def test_a_sector_comes_when_it_was_measured(family: str) -> None:
-    rig = make_rig(family)
+async def test_a_sector_comes_when_it_was_measured(rig: Rig) -> None:
     loop = asyncio.get_running_loop()
     async with rig.open() as lidar, lidar.sectors() as sectors:
         await some(sectors, 9)
@@ -71,15 +69,13 @@ async def test_a_sector_comes_when_it_was_measured(family: str) -> None:
     assert rig.turn_s / 8 < 0.02
 
 
-@both_families
 @driven
-async def test_they_may_be_asked_for_while_scans_come(family: str, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_they_may_be_asked_for_while_scans_come(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     """From then on a port is polled for each of them, not only once in a revolution."""
     schedules: list[Schedule] = []
     monkeypatch.setattr(Port, "set_polling", lambda _, latency, schedule: schedules.append(schedule))
-    rig, loop = make_rig(family), asyncio.get_running_loop()
-    async with rig.open() as lidar, lidar.scans() as scans:
-        await anext(scans)
+    loop = asyncio.get_running_loop()
+    async with rig.read() as (lidar, scans):
         scan = await anext(scans)
         assert schedules[-1].rest(loop.time()) > 0.75 * rig.turn_s
         rests = []
@@ -103,10 +99,8 @@ async def test_who_reads_scans_alone_pays_nothing(monkeypatch: pytest.MonkeyPatc
     assert not made
 
 
-@both_families
 @driven
-async def test_a_question_interrupts_them_and_they_go_on(family: str) -> None:
-    rig = make_rig(family)
+async def test_a_question_interrupts_them_and_they_go_on(rig: Rig) -> None:
     async with rig.open() as lidar, lidar.sectors(depth=99) as sectors:
         before = await some(sectors, 12)
         await lidar.get_health()
@@ -150,9 +144,7 @@ async def test_sizes_that_are_none(degrees: float) -> None:
 
 
 @pytest.mark.long
-@both_families
-def test_without_await(family: str) -> None:
-    rig = make_rig(family)
+def test_without_await(rig: Rig) -> None:
     with open_sync(rig.device) as lidar:
         sectors = []
         with lidar.sectors(90) as stream:

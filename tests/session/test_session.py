@@ -16,14 +16,12 @@ from lidario import (
     Unsupported,
 )
 from lidario.sim.rooms import make_world
-from tests.support.devices import SWITCHED, both_families, end_of, left_still, make_rig, names, take
+from tests.support.devices import SWITCHED, Rig, end_of, left_still, make_rig, names, take
 from tests.support.loop import driven, now_ns
 
 
-@both_families
 @driven
-async def test_stamps_are_one_turn_apart_and_in_the_past(family: str) -> None:
-    rig = make_rig(family)
+async def test_stamps_are_one_turn_apart_and_in_the_past(rig: Rig) -> None:
     async with rig.open() as lidar:
         loop = asyncio.get_running_loop()
         last = None
@@ -39,12 +37,9 @@ async def test_stamps_are_one_turn_apart_and_in_the_past(family: str) -> None:
                     break
 
 
-@both_families
 @driven
-async def test_a_query_interrupts_the_stream_and_lets_it_go_on(family: str) -> None:
-    rig = make_rig(family)
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+async def test_a_query_interrupts_the_stream_and_lets_it_go_on(rig: Rig) -> None:
+    async with rig.read() as (lidar, stream):
         health = await lidar.get_health()
         assert health.ok
         after = [await anext(stream) for _ in range(3)]
@@ -54,10 +49,8 @@ async def test_a_query_interrupts_the_stream_and_lets_it_go_on(family: str) -> N
     assert left_still(rig)
 
 
-@both_families
 @driven
-async def test_every_question_has_an_answer_in_every_state(family: str) -> None:
-    rig = make_rig(family)
+async def test_every_question_has_an_answer_in_every_state(rig: Rig) -> None:
     async with rig.open() as lidar:
         for scanning in (False, True):
             if scanning:
@@ -76,20 +69,16 @@ async def test_every_question_has_an_answer_in_every_state(family: str) -> None:
                 assert left_still(rig)
 
 
-@both_families
 @driven
-async def test_several_readers_each_get_every_scan(family: str) -> None:
-    rig = make_rig(family)
+async def test_several_readers_each_get_every_scan(rig: Rig) -> None:
     async with rig.open() as lidar:
         one, two = await asyncio.gather(take(lidar, 4), take(lidar, 4))
         assert [scan.seq for scan in one] == [scan.seq for scan in two]
         assert names(rig).count("stop") <= 4
 
 
-@both_families
 @driven
-async def test_a_slow_reader_gets_the_latest_scan_and_the_count_of_the_missed(family: str) -> None:
-    rig = make_rig(family)
+async def test_a_slow_reader_gets_the_latest_scan_and_the_count_of_the_missed(rig: Rig) -> None:
     async with rig.open() as lidar, lidar.scans() as slow, lidar.scans(depth=4) as deep:
         first = await anext(slow)
         second = await anext(deep)
@@ -103,10 +92,8 @@ async def test_a_slow_reader_gets_the_latest_scan_and_the_count_of_the_missed(fa
         assert lidar.stats.dropped_scans == slow.dropped + deep.dropped
 
 
-@both_families
 @driven
-async def test_after_close_everything_says_so(family: str) -> None:
-    rig = make_rig(family)
+async def test_after_close_everything_says_so(rig: Rig) -> None:
     lidar = await rig.open()
     stream = lidar.scans()
     await anext(stream)
@@ -185,10 +172,8 @@ async def test_a_forced_scan_does_not_wait_for_the_rotor() -> None:
     assert waits[True] < waits[False] - 1.0
 
 
-@both_families
 @driven
-async def test_taps_see_every_byte_in_both_directions(family: str) -> None:
-    rig = make_rig(family)
+async def test_taps_see_every_byte_in_both_directions(rig: Rig) -> None:
     seen: dict[str, bytearray] = {"in": bytearray(), "out": bytearray()}
 
     def tap(direction: str, data: bytes, now: int) -> None:
@@ -200,7 +185,7 @@ async def test_taps_see_every_byte_in_both_directions(family: str) -> None:
         await take(lidar, 2)
         await lidar.stop()
         assert len(seen["in"]) == lidar.stats.bytes_received - before
-        assert bytes(seen["out"]).endswith(b"\xa5\x25" if family == "rplidar" else b"\xa5\x65")
+        assert bytes(seen["out"]).endswith(b"\xa5\x25" if rig.family == "rplidar" else b"\xa5\x65")
         lidar.untap(tap)
         heard = len(seen["out"])
         await lidar.get_health()
@@ -229,10 +214,8 @@ async def test_sample_rates_and_what_there_is_not() -> None:
             await lidar.get_sample_rate()
 
 
-@both_families
 @driven
-async def test_a_session_that_is_let_go_behind_a_stream_that_failed_is_left_still(family: str) -> None:
-    rig = make_rig(family)
+async def test_a_session_that_is_let_go_behind_a_stream_that_failed_is_left_still(rig: Rig) -> None:
     lidar = await rig.open()
     stream = lidar.scans()
     await anext(stream)

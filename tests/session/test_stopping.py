@@ -65,10 +65,8 @@ async def test_every_stop_is_followed_by_the_pause_it_demands(family: str, strid
         assert not discarded(rig), steps
 
 
-@both_families
 @driven
-async def test_the_stop_requests_are_written_once(family: str) -> None:
-    rig = make_rig(family)
+async def test_the_stop_requests_are_written_once(rig: Rig) -> None:
     async with rig.open() as lidar:
         await take(lidar, 2)
         heard = len(rig.device.log)
@@ -76,14 +74,12 @@ async def test_the_stop_requests_are_written_once(family: str) -> None:
     assert names(rig)[heard:] == []
     obeyed = [each.name for each in rig.device.log]
     began = max(at for at, name in enumerate(obeyed) if "scan" in name)
-    expected = ["motor_speed_ctrl", "stop"] if family == "rplidar" else ["forced_stop", "stop"]
+    expected = ["motor_speed_ctrl", "stop"] if rig.family == "rplidar" else ["forced_stop", "stop"]
     assert obeyed[began + 1 :] == expected
 
 
-@both_families
 @driven
-async def test_a_stream_left_by_break_stops_the_device_within_two_seconds(family: str) -> None:
-    rig = make_rig(family)
+async def test_a_stream_left_by_break_stops_the_device_within_two_seconds(rig: Rig) -> None:
     async with rig.open() as lidar:
         async for _ in lidar.scans():
             break
@@ -96,10 +92,8 @@ async def test_a_stream_left_by_break_stops_the_device_within_two_seconds(family
     assert not discarded(rig)
 
 
-@both_families
 @driven
-async def test_single_scans_in_a_row_do_not_restart_the_rotor(family: str) -> None:
-    rig = make_rig(family)
+async def test_single_scans_in_a_row_do_not_restart_the_rotor(rig: Rig) -> None:
     async with rig.open() as lidar:
         scans = [await lidar.scan() for _ in range(5)]
         assert [scan.seq for scan in scans] == [0, 1, 2, 3, 4]
@@ -111,34 +105,29 @@ async def test_single_scans_in_a_row_do_not_restart_the_rotor(family: str) -> No
     assert not discarded(rig)
 
 
-@both_families
 @driven
-async def test_a_question_without_a_request_interrupts_nothing(family: str) -> None:
-    rig = make_rig(family)
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+async def test_a_question_without_a_request_interrupts_nothing(rig: Rig) -> None:
+    async with rig.read() as (lidar, stream):
         heard = len(rig.device.log)
         refused: list[Awaitable[object]] = [lidar.set_scan_frequency(float("nan"))]
-        if family == "ydlidar":
+        if rig.family == "ydlidar":
             refused += [lidar.set_scan_frequency(4.9), lidar.get_sample_rate()]
             await lidar.get_scan_frequency_range()
             await lidar.set_zero_offset(False)
         else:
             refused += [lidar.get_zero_offset(), lidar.set_zero_offset(True), lidar.set_power_down_protection(True)]
-        for each in refused[1:] if family == "rplidar" else refused:
+        for each in refused[1:] if rig.family == "rplidar" else refused:
             with pytest.raises(Exception, match=r".+"):
                 await each
-        if family == "rplidar":
+        if rig.family == "rplidar":
             refused[0].close()  # type: ignore[attr-defined]  # that one asks for the device's limits
         assert lidar.stats.interruptions == 0
         assert len(rig.device.log) == heard
         assert (await anext(stream)).seq == 1
 
 
-@both_families
 @driven
-async def test_stop_in_every_state_and_twice_at_once(family: str) -> None:
-    rig = make_rig(family)
+async def test_stop_in_every_state_and_twice_at_once(rig: Rig) -> None:
     async with rig.open() as lidar:
         await asyncio.gather(lidar.stop(), lidar.stop())
         stream = lidar.scans()
@@ -149,10 +138,8 @@ async def test_stop_in_every_state_and_twice_at_once(family: str) -> None:
     assert not discarded(rig)
 
 
-@both_families
 @driven
-async def test_a_cancelled_reader_does_not_end_its_stream(family: str) -> None:
-    rig = make_rig(family)
+async def test_a_cancelled_reader_does_not_end_its_stream(rig: Rig) -> None:
     rig.device.spin_up_s = 2.0
     async with rig.open() as lidar, lidar.scans() as stream:
         for _ in range(20):

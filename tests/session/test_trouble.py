@@ -19,7 +19,7 @@ from lidario import (
 )
 from lidario.revolution.seam import Seam
 from tests.support.cable import cable_to
-from tests.support.devices import Rig, both_families, left_still, make_rig, names, take
+from tests.support.devices import Rig, left_still, make_rig, names, take
 from tests.support.loop import DrivenLoop, driven
 
 
@@ -30,10 +30,8 @@ async def until_it_fails(stream: ScanStream, why: str) -> None:
             await anext(stream)
 
 
-@both_families
 @driven
-async def test_a_silent_device_ends_the_stream_but_not_the_session(family: str) -> None:
-    rig = make_rig(family)
+async def test_a_silent_device_ends_the_stream_but_not_the_session(rig: Rig) -> None:
     async with rig.open() as lidar:
         loop = asyncio.get_running_loop()
         async with lidar.scans() as stream:
@@ -47,11 +45,9 @@ async def test_a_silent_device_ends_the_stream_but_not_the_session(family: str) 
     assert left_still(rig)
 
 
-@both_families
 @driven
-async def test_a_stream_that_failed_leaves_the_device_still_at_once(family: str) -> None:
+async def test_a_stream_that_failed_leaves_the_device_still_at_once(rig: Rig) -> None:
     """Also where its reader goes on holding it, and before the session ends."""
-    rig = make_rig(family)
     async with rig.open() as lidar:
         stream = lidar.scans()
         await anext(stream)
@@ -81,10 +77,8 @@ async def read_on(stream: ScanStream) -> None:
         pass
 
 
-@both_families
 @driven
-async def test_a_device_that_never_speeds_up_is_reported(family: str) -> None:
-    rig = make_rig(family)
+async def test_a_device_that_never_speeds_up_is_reported(rig: Rig) -> None:
     async with rig.open() as lidar:
         await lidar.get_modes()
         rig.device.spin_up_s = 1e6
@@ -93,10 +87,8 @@ async def test_a_device_that_never_speeds_up_is_reported(family: str) -> None:
     assert left_still(rig)
 
 
-@both_families
 @driven
-async def test_garbage_for_an_answer_is_asked_again(family: str) -> None:
-    rig = make_rig(family)
+async def test_garbage_for_an_answer_is_asked_again(rig: Rig) -> None:
     async with rig.open() as lidar:
         rig.device.garble_responses = 1
         assert (await lidar.get_info()) == lidar.info
@@ -128,10 +120,8 @@ async def test_protection_stop_is_cured_by_a_reset(family: str, model: str) -> N
         assert len(await take(lidar, 1)) == 1
 
 
-@both_families
 @driven
-async def test_a_fault_that_stays_is_raised_with_its_code(family: str) -> None:
-    rig = make_rig(family)
+async def test_a_fault_that_stays_is_raised_with_its_code(rig: Rig) -> None:
     rig.device.faults_cleared_by_reset = False
     rig.device.protection_stop(0x21)
     with pytest.raises(DeviceFault, match="33") as caught:
@@ -197,10 +187,8 @@ def test_rigs_are_strict() -> None:
     assert names(rig, obeyed=False) == ["get_info"]
 
 
-@both_families
 @driven
-async def test_a_stream_that_turns_to_noise_ends_and_leaves_nothing_behind(family: str) -> None:
-    rig = make_rig(family)
+async def test_a_stream_that_turns_to_noise_ends_and_leaves_nothing_behind(rig: Rig) -> None:
     random = np.random.default_rng(3)
     async with rig.open() as lidar:
         async with lidar.scans() as stream:
@@ -214,27 +202,21 @@ async def test_a_stream_that_turns_to_noise_ends_and_leaves_nothing_behind(famil
     assert left_still(rig)
 
 
-@both_families
 @driven
-async def test_a_rotor_that_stands_still_is_noticed(family: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    rig = make_rig(family)
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+async def test_a_rotor_that_stands_still_is_noticed(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    async with rig.read() as (_, stream):
         monkeypatch.setattr(Seam, "splits", lambda self, headings: [])
         await until_it_fails(stream, "no full revolution")
     assert left_still(rig)
 
 
-@both_families
 @driven
-async def test_a_mistake_of_ours_ends_the_stream_and_says_so(family: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    rig = make_rig(family)
+async def test_a_mistake_of_ours_ends_the_stream_and_says_so(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
 
     def blunder(seam: Seam, headings: object) -> list[Scan]:
         raise IndexError("a bug")
 
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+    async with rig.read() as (_, stream):
         monkeypatch.setattr(Seam, "splits", blunder)
         with pytest.raises(InternalError, match=r"IndexError\('a bug'\).*report") as caught:
             while True:
@@ -244,10 +226,8 @@ async def test_a_mistake_of_ours_ends_the_stream_and_says_so(family: str, monkey
     assert left_still(rig)
 
 
-@both_families
 @driven
-async def test_a_device_that_does_not_come_back_from_a_reset(family: str) -> None:
-    rig = make_rig(family)
+async def test_a_device_that_does_not_come_back_from_a_reset(rig: Rig) -> None:
     async with rig.open() as lidar:
         async with lidar.scans() as stream:
             await anext(stream)
@@ -258,12 +238,9 @@ async def test_a_device_that_does_not_come_back_from_a_reset(family: str) -> Non
         assert not lidar.is_scanning
 
 
-@both_families
 @driven
-async def test_a_device_that_does_not_stop_is_reported(family: str) -> None:
-    rig = make_rig(family)
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+async def test_a_device_that_does_not_stop_is_reported(rig: Rig) -> None:
+    async with rig.read() as (lidar, _):
         random = np.random.default_rng(1)
         rig.device.transmit = lambda now: random.bytes(64)
         rig.device.wakeup = lambda now: now + 5_000_000
@@ -271,10 +248,8 @@ async def test_a_device_that_does_not_stop_is_reported(family: str) -> None:
             await lidar.stop()
 
 
-@both_families
 @driven
-async def test_bytes_that_a_full_port_dropped_are_told(family: str) -> None:
-    rig = make_rig(family)
+async def test_bytes_that_a_full_port_dropped_are_told(rig: Rig) -> None:
     with cable_to(rig) as cable:
         lidar = await rig.open()
     async with lidar, lidar.scans() as stream:

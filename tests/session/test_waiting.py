@@ -8,16 +8,14 @@ import pytest
 
 from lidario import Health, Lidar, SessionClosed
 from lidario.session.talking.waiting import Awaited, Waiting
-from tests.support.devices import Rig, both_families, left_still, make_rig, names, take
+from tests.support.devices import Rig, left_still, make_rig, names, take
 from tests.support.loop import driven, now
 
 AT_ONCE_S = 1e-6
 
 
-@both_families
 @driven
-async def test_close_ends_also_those_who_wait_for_their_turn(family: str) -> None:
-    rig = make_rig(family)
+async def test_close_ends_also_those_who_wait_for_their_turn(rig: Rig) -> None:
     async with rig.open() as lidar:
         rig.device.mute = True
         asked = [asyncio.ensure_future(call()) for call in (lidar.get_health, lidar.get_info, lidar.reset)]
@@ -43,11 +41,9 @@ async def ask(rig: Rig, lidar: Lidar) -> asyncio.Future[Health]:
     return asked
 
 
-@both_families
 @driven
-async def test_behind_a_response_that_nobody_waits_for_the_next_request_follows_at_once(family: str) -> None:
+async def test_behind_a_response_that_nobody_waits_for_the_next_request_follows_at_once(rig: Rig) -> None:
     """Until it has responded, the device is busy. It is not waited for until the time of the response is over."""
-    rig = make_rig(family)
     async with rig.open() as lidar:
         asked = await ask(rig, lidar)
         asked.cancel()
@@ -60,8 +56,7 @@ async def test_behind_a_response_that_nobody_waits_for_the_next_request_follows_
 @driven
 async def test_behind_a_response_the_stop_requests_follow_at_once() -> None:
     rig = make_rig("rplidar")
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+    async with rig.read() as (lidar, _):
         asked = await ask(rig, lidar)
         assert rig.device.motor_on
         began = now()
@@ -73,13 +68,12 @@ async def test_behind_a_response_the_stop_requests_follow_at_once() -> None:
     assert left_still(rig)
 
 
-@both_families
 @driven
 async def test_the_last_reader_leaves_just_as_the_stream_begins(
-    family: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     """The device has said that it streams; the task that waited for that goes on after the reader has left."""
-    rig, leaving = make_rig(family), list[asyncio.Future[None]]()
+    leaving = list[asyncio.Future[None]]()
     async with rig.open() as lidar:
         stream = lidar.scans()
         wake = Waiting.wake

@@ -29,12 +29,10 @@ def mix_revolutions(rig: Rig, until_s: float = math.inf) -> None:
     rig.device.transmit = transmit
 
 
-@both_families
 @driven
-async def test_a_device_that_falls_silent_while_the_program_blocks_is_told_of(family: str) -> None:
-    rig, loop = make_rig(family), driven_loop()
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+async def test_a_device_that_falls_silent_while_the_program_blocks_is_told_of(rig: Rig) -> None:
+    loop = driven_loop()
+    async with rig.read() as (_, stream):
         rig.device.mute = True
         loop.block(1.0)
         unblocked = loop.time()
@@ -76,12 +74,9 @@ async def test_what_is_held_is_read_before_a_device_counts_as_silent(
         assert lidar.stats.restarts == 0
 
 
-@both_families
 @driven
-async def test_damage_that_keeps_revolutions_from_completing_is_named(family: str) -> None:
-    rig = make_rig(family)
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+async def test_damage_that_keeps_revolutions_from_completing_is_named(rig: Rig) -> None:
+    async with rig.read() as (_, stream):
         mix_revolutions(rig)
         why = str(await end_of(stream))
     assert "no full revolution" in why
@@ -89,10 +84,9 @@ async def test_damage_that_keeps_revolutions_from_completing_is_named(family: st
     assert left_still(rig)
 
 
-@both_families
 @driven
 async def test_damage_is_told_with_what_the_driver_counted_at_that_time(
-    family: str, monkeypatch: pytest.MonkeyPatch
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     counted, more = LineErrors(), LineErrors()
 
@@ -102,9 +96,7 @@ async def test_damage_is_told_with_what_the_driver_counted_at_that_time(
         return counted
 
     monkeypatch.setattr(Port, "errors", property(count))
-    rig = make_rig(family)
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+    async with rig.read() as (_, stream):
         counted = LineErrors(overruns=40)
         await anext(stream)
         mix_revolutions(rig)
@@ -124,12 +116,10 @@ async def read_through_damage(rig: Rig, stream: ScanStream) -> None:
         await anext(stream)
 
 
-@both_families
 @driven
 async def test_damage_before_the_last_scan_is_not_named_as_the_cause(
-    family: str, monkeypatch: pytest.MonkeyPatch
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    rig = make_rig(family)
     async with rig.open() as lidar, lidar.scans() as stream:
         await read_through_damage(rig, stream)
         assert lidar.stats.broken_scans > 0
@@ -138,12 +128,10 @@ async def test_damage_before_the_last_scan_is_not_named_as_the_cause(
     assert "is the rotor blocked?" in why
 
 
-@both_families
 @driven
-async def test_a_discarded_revolution_is_told_once(family: str, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_discarded_revolution_is_told_once(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     told: list[object] = []
     monkeypatch.setattr(Trouble, "tell", lambda _, message, *values: told.append((message, *values)))
-    rig = make_rig(family)
     async with rig.open() as lidar, lidar.scans() as stream:
         await read_through_damage(rig, stream)
         broken = lidar.stats.broken_scans

@@ -73,9 +73,9 @@ def cable_to(rig: Rig) -> Iterator[Cable]:
 
 
 @asynccontextmanager
-async def on_a_cable(name: str, **options: Any) -> AsyncIterator[tuple[Cable, Lidar]]:
-    """A device, the cable to it, and a session that is open and comes back, unless the options say otherwise."""
-    rig = make_rig(name)
+async def on_a_cable(rig: Rig | str, **options: Any) -> AsyncIterator[tuple[Cable, Lidar]]:
+    """The cable to a device, and a session that is open and comes back, unless the options say otherwise."""
+    rig = make_rig(rig) if isinstance(rig, str) else rig
     with cable_to(rig) as cable:
         async with rig.open(**{"reconnect": True, **options}) as lidar:
             yield cable, lidar

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import pytest
 
-from lidario import StreamFailed
+from lidario import ScanStream, StreamFailed
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
 from lidario.session.opening import OpenLidar, open_lidar
@@ -34,6 +35,13 @@ class Rig:
     def open(self, **options: Any) -> OpenLidar:
         """Open it in memory."""
         return open_lidar(self.device, family=self.family, **options)
+
+    @asynccontextmanager
+    async def read(self, mode: str | None = None, **options: Any) -> AsyncIterator[tuple[Lidar, ScanStream]]:
+        """Open it in memory, and read: a session, and a stream of it that has brought its first scan."""
+        async with self.open(**options) as lidar, lidar.scans(mode) as stream:
+            await anext(stream)
+            yield lidar, stream
 
 
 MAKERS = {name: about.MAKER for name, about in ABOUT.items()}

@@ -1,0 +1,13 @@
+"""What tests of sessions share."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.support.devices import FAMILIES, Rig, make_rig
+
+
+@pytest.fixture(params=FAMILIES)
+def rig(request: pytest.FixtureRequest) -> Rig:
+    """A device of each family that obeys requests, or of the models that `request` names."""
+    return make_rig(request.param)
