@@ -14,7 +14,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
 
-import numpy as np
 import pytest
 
 from lidario import Lidar, LidarError, NetworkAddress, run
@@ -26,9 +25,9 @@ from lidario.session.talking.intake import Delivery, Intake
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
 from lidario.wire.stats import LinkStats
-from tests.support.devices import FAMILIES, Rig, make_rig
+from tests.support.devices import FAMILIES, Rig, babble, make_rig
 from tests.support.links import PACKETS
-from tests.support.loop import DrivenLoop, driven, run_driven
+from tests.support.loop import DrivenLoop, driven, now, run_driven
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXT = (ROOT / "docs" / "bounds.md").read_text(encoding="utf-8")
@@ -50,36 +49,33 @@ def harm(rig: Rig, how: str) -> None:
     if how == "silent":
         rig.device.mute = True
     else:
-        random = np.random.default_rng(1)
-        rig.device.transmit = lambda now: random.bytes(1024)
-        rig.device.wakeup = lambda now: now + 20_000_000
+        babble(rig.device)
 
 
 async def seconds(rig: Rig, call: str, how: str, *, scanning: bool) -> float:
     """How long the call takes."""
-    loop = asyncio.get_running_loop()
     if call == "open_lidar":
         harm(rig, how)
-        began = loop.time()
+        began = now()
         with suppress(LidarError):
             await rig.open()
-        return loop.time() - began
+        return now() - began
     async with rig.open() as lidar:
         stream = lidar.scans()
         if scanning or call in ("anext", "aclose"):
             await anext(stream)
         harm(rig, how)
-        began = loop.time()
+        began = now()
         with suppress(LidarError):
             if call == "anext":
                 while True:
-                    began = loop.time()
+                    began = now()
                     await anext(stream)
             elif call == "aclose":
                 await stream.aclose()
             else:
                 await getattr(lidar, call)(*ARGUMENTS.get(call, ()))
-        return loop.time() - began
+        return now() - began
 
 
 IN_TURNS = [(call, FAMILIES[row % len(FAMILIES)]) for row, call in enumerate(BOUNDS)]
@@ -123,15 +119,14 @@ def test_run_ends_as_soon_as_its_sessions_are_closed(monkeypatch: pytest.MonkeyP
     times: list[float] = []
 
     async def main() -> None:
-        loop = asyncio.get_running_loop()
         try:
             async with rig.read():
                 harm(rig, "silent")
-                times.append(loop.time())
+                times.append(now())
                 os.kill(os.getpid(), signal.SIGTERM)
                 await asyncio.sleep(3600)
         finally:
-            times.append(loop.time())
+            times.append(now())
 
     with pytest.raises(SystemExit) as ended:
         run(main())

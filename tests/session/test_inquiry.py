@@ -13,20 +13,16 @@ from lidario import DeviceFault, Lidar, StreamFailed
 from lidario.revolution.seam import Seam
 from lidario.session.streaming.failures import Failures
 from tests.support.devices import Rig, left_still, names
-from tests.support.loop import DrivenLoop, driven, run_driven
+from tests.support.loop import DrivenLoop, driven, now, now_ns, run_driven
 
 CODE = 0x8001
 RECOVERED_S = 3.5
 """Silence of 0.6 s, the questions, a boot of 1 s, and the first revolution, which is a partial one."""
 
 
-def clock() -> float:
-    return asyncio.get_running_loop().time()
-
-
 def fall_silent(rig: Rig) -> None:
     """The stream ends by itself, and the device is well."""
-    rig.device.halt(round(clock() * 1e9))
+    rig.device.halt(now_ns())
 
 
 async def error_of(
@@ -35,12 +31,12 @@ async def error_of(
     """What a stream ends with after `harm`, and after how long."""
     async with lidar.scans() as stream:
         await anext(stream)
-        began = clock()
+        began = now()
         harm()
         with pytest.raises(kind) as caught:
             while True:
                 await anext(stream)
-        return str(caught.value), clock() - began
+        return str(caught.value), now() - began
 
 
 @driven
@@ -52,10 +48,10 @@ async def test_a_protection_stop_in_mid_scan_is_cured_counted_and_told(
         async with lidar.scans() as stream:
             await anext(stream)
             rig.device.protection_stop(CODE)
-            began = clock()
+            began = now()
             with caplog.at_level(logging.WARNING, "lidario"):
                 scans = [await anext(stream) for _ in range(4)]
-            assert clock() - began < RECOVERED_S
+            assert now() - began < RECOVERED_S
         assert (lidar.stats.protection_stops, lidar.stats.restarts) == (1, 1)
         assert lidar.health.ok
         assert "0x8001" in lidar.health.note
@@ -70,11 +66,11 @@ async def test_a_protection_stop_in_mid_scan_is_cured_counted_and_told(
 async def test_a_program_that_asks_first_is_told_and_the_stream_goes_on(rig: Rig) -> None:
     async with rig.read() as (lidar, stream):
         rig.device.protection_stop(CODE)
-        began = clock()
+        began = now()
         assert (await lidar.get_health()).code == CODE
         while (await anext(stream)).stamp_ns * 1e-9 < began + 0.5:
             pass
-        assert clock() - began < RECOVERED_S
+        assert now() - began < RECOVERED_S
         assert lidar.stats.protection_stops == 1
 
 
@@ -107,8 +103,8 @@ async def test_after_a_while_a_protection_stop_is_cured_again(rig: Rig, monkeypa
         for count in (1, 2):
             await anext(stream)
             rig.device.protection_stop(CODE)
-            began = clock()
-            while clock() - began < 6.0:
+            began = now()
+            while now() - began < 6.0:
                 await anext(stream)
             assert lidar.stats.protection_stops == lidar.stats.restarts == count
 
@@ -120,10 +116,10 @@ async def test_a_fault_that_stays_ends_the_stream_with_its_code_and_the_next_sta
         text, after = await error_of(lidar, lambda: rig.device.protection_stop(CODE), DeviceFault)
         assert "0x8001" in text
         assert after < 2.5
-        began = clock()
+        began = now()
         with pytest.raises(DeviceFault, match="0x8001"):
             await lidar.scan()
-        assert clock() - began < 2.5
+        assert now() - began < 2.5
         rig.device.faults_cleared_by_reset = True
         assert await lidar.scan()
     assert left_still(rig)
@@ -153,9 +149,9 @@ async def test_after_a_rest_the_device_is_asked_before_it_is_started(rig: Rig) -
         await asyncio.sleep(10.0)
         asked = len(names(rig))
         rig.device.protection_stop(CODE)
-        began = clock()
+        began = now()
         assert await lidar.scan()
-        assert clock() - began < rig.device.boot_s + rig.device.spin_up_s + 1.5
+        assert now() - began < rig.device.boot_s + rig.device.spin_up_s + 1.5
         assert names(rig)[asked:].index("get_health") < names(rig)[asked:].index("reset")
 
 
@@ -179,10 +175,10 @@ async def test_a_well_device_that_falls_silent_is_restarted(rig: Rig, caplog: py
             for count in (1, 2, 3):
                 await anext(stream)
                 fall_silent(rig)
-                began = clock()
+                began = now()
                 for _ in range(3):
                     await anext(stream)
-                assert clock() - began < 1.5
+                assert now() - began < 1.5
                 assert (lidar.stats.restarts, lidar.stats.protection_stops) == (count, 0)
             assert "no scan data for 0.6 s" in caplog.text
             fall_silent(rig)

@@ -10,7 +10,7 @@ import pytest
 from lidario import Lidar, StreamFailed
 from lidario.session.talking.dialogue import Dialogue
 from tests.support.devices import Rig, left_still, make_rig, names, take
-from tests.support.loop import driven, driven_loop, now_ns
+from tests.support.loop import driven, driven_loop, now, now_ns
 
 MINUTE_S = 60.0
 INTERVAL_S = 0.4
@@ -120,8 +120,8 @@ async def test_protection_is_not_toggled_unless_a_stream_ends_as_if_it_were_on()
         assert lidar.stats.keepalives == 0
         await scan_for(lidar, 2.9)
         async with lidar.scans() as stream:
-            began = asyncio.get_running_loop().time()
-            while asyncio.get_running_loop().time() - began < 3.0:
+            began = now()
+            while now() - began < 3.0:
                 await anext(stream)
             rig.device.halt(now_ns())
             for _ in range(40):

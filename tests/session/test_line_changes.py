@@ -13,7 +13,7 @@ from lidario.errors import Busy
 from lidario.session.streaming.line_changes import MOST, LineChange, LineChanges, LineWatch
 from tests.support.cable import on_a_cable
 from tests.support.devices import both_families, end_of, make_rig
-from tests.support.loop import driven
+from tests.support.loop import driven, now
 
 
 async def all_of(changes: LineChanges) -> list[LineChange]:
@@ -87,13 +87,13 @@ async def test_a_session_that_is_let_go_ends_it() -> None:
 
 async def test_an_end_that_another_thread_tells_is_seen_at_once() -> None:
     """The garbage collector may let go of a session in any thread, while the loop sleeps."""
-    watch, begun = LineWatch(), asyncio.get_running_loop().time()
+    watch, begun = LineWatch(), now()
     reading = asyncio.ensure_future(all_of(watch.read()))
     await asyncio.sleep(0.05)
     threading.Timer(0.1, watch.end).start()
     done, _ = await asyncio.wait([reading], timeout=20.0)
     assert done
-    assert asyncio.get_running_loop().time() - begun < 10.0
+    assert now() - begun < 10.0
 
 
 @driven

@@ -18,7 +18,7 @@ from lidario import Lidar, LidarError, Unsupported, open_lidar
 from lidario.sim.faults import parse_faults
 from lidario.sim.rooms import make_world
 from tests.support.devices import Rig, discarded, left_still, make_rig, names, take
-from tests.support.loop import driven, run_driven
+from tests.support.loop import driven, now, now_ns, run_driven
 
 TURNS_S = {"rplidar-a1": 60 / 428, "rplidar-a2": 0.1, "rplidar-a3": 0.1, "rplidar-c1": 0.1}
 models = pytest.mark.parametrize("model", TURNS_S)
@@ -70,7 +70,7 @@ async def test_every_mode_by_name(model: str, mode: str) -> None:
 @driven
 async def test_a_device_that_was_left_scanning_is_stopped(model: str) -> None:
     rig = rig_of(model)
-    rig.device.begin_streaming(1, round(asyncio.get_running_loop().time() * 1e9))
+    rig.device.begin_streaming(1, now_ns())
     async with rig.open():
         assert not rig.device.scanning
     assert left_still(rig)
@@ -223,13 +223,12 @@ def test_two_tasks(model: str, other: str, delay_s: float) -> None:
 async def test_scans_go_on_after_a_fault(model: str, fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
     rig = rig_of(model)
     monkeypatch.setattr("lidario.port.simulated.make_device", lambda _: (rig.device, parse_faults(fault, seed=1)))
-    loop = asyncio.get_running_loop()
     async with open_lidar(f"sim://{model}?via=memory") as lidar, lidar.scans() as stream:
-        began = loop.time()
+        began = now()
         async for scan in stream:
             # A sum of eight bits lets one damaged packet in 256 through.
             assert np.mean(np.abs(scan.ranges[scan.ranges > 0] - 2.0) < 0.05) > 0.98
-            if loop.time() > began + 6:
+            if now() > began + 6:
                 break
         assert lidar.stats.scans > 10
     assert left_still(rig)
@@ -240,13 +239,12 @@ async def test_scans_go_on_after_a_fault(model: str, fault: str, monkeypatch: py
 async def test_a_reboot_in_mid_scan_is_survived(model: str) -> None:
     """An accessory board has forgotten the duty, and an A1 has printed its banner."""
     rig = rig_of(model)
-    loop = asyncio.get_running_loop()
     async with rig.read() as (_, stream):
-        rig.device.reboot(round(loop.time() * 1e9), off_s=0.2)
-        before = loop.time()
+        rig.device.reboot(now_ns(), off_s=0.2)
+        before = now()
         await anext(stream)
         await anext(stream)
-        assert loop.time() - before < 5
+        assert now() - before < 5
     assert left_still(rig)
 
 

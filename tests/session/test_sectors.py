@@ -18,7 +18,7 @@ from lidario.revolution.sectors import SectorAssembler
 from lidario.session.streaming.sectors import parts_of, sectors_of
 from tests.support.cable import on_a_cable
 from tests.support.devices import EVERY_FAMILY, Rig, both_families, left_still, make_rig
-from tests.support.loop import driven
+from tests.support.loop import driven, now
 
 
 async def some(stream: AsyncIterator[Sector], count: int) -> list[Sector]:
@@ -57,13 +57,12 @@ async def test_scans_and_sectors_are_read_at_once(family: str) -> None:
 
 @driven
 async def test_a_sector_comes_when_it_was_measured(rig: Rig) -> None:
-    loop = asyncio.get_running_loop()
     async with rig.open() as lidar, lidar.sectors() as sectors:
         await some(sectors, 9)
         late = []
         for _ in range(16):
             sector = await anext(sectors)
-            late.append(loop.time() - (sector.stamp_ns + sector.duration_ns) * 1e-9)
+            late.append(now() - (sector.stamp_ns + sector.duration_ns) * 1e-9)
     # The packet behind the end of the sector must come first, and one more may lie across it.
     assert max(late) < 0.010
     assert rig.turn_s / 8 < 0.02
@@ -74,17 +73,16 @@ async def test_they_may_be_asked_for_while_scans_come(rig: Rig, monkeypatch: pyt
     """From then on a port is polled for each of them, not only once in a revolution."""
     schedules: list[Schedule] = []
     monkeypatch.setattr(Port, "set_polling", lambda _, latency, schedule: schedules.append(schedule))
-    loop = asyncio.get_running_loop()
     async with rig.read() as (lidar, scans):
         scan = await anext(scans)
-        assert schedules[-1].rest(loop.time()) > 0.75 * rig.turn_s
+        assert schedules[-1].rest(now()) > 0.75 * rig.turn_s
         rests = []
         async with lidar.sectors(depth=99) as sectors:
             for sector in await some(sectors, 8):
                 assert sector.seq > scan.seq
             for _ in range(16):
                 await anext(sectors)
-                rests.append(schedules[-1].rest(loop.time()))
+                rests.append(schedules[-1].rest(now()))
         assert lidar.stats.interruptions == 0
     assert 0 < max(rests) < 1.2 * rig.turn_s / 8
 

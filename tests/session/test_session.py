@@ -17,17 +17,16 @@ from lidario import (
 )
 from lidario.sim.rooms import make_world
 from tests.support.devices import SWITCHED, Rig, end_of, left_still, make_rig, names, take
-from tests.support.loop import driven, now_ns
+from tests.support.loop import driven, now, now_ns
 
 
 @driven
 async def test_stamps_are_one_turn_apart_and_in_the_past(rig: Rig) -> None:
     async with rig.open() as lidar:
-        loop = asyncio.get_running_loop()
         last = None
         async with lidar.scans() as stream:
             async for scan in stream:
-                age = loop.time() - scan.stamp_ns * 1e-9
+                age = now() - scan.stamp_ns * 1e-9
                 assert rig.turn_s < age < 1.2 * rig.turn_s
                 assert abs(scan.wall_stamp_ns - scan.stamp_ns - (time.time_ns() - now_ns())) < 60e9
                 if last is not None:
@@ -161,10 +160,10 @@ async def test_a_forced_scan_does_not_wait_for_the_rotor() -> None:
         rig.device.spin_up_s = 3.0
         async with rig.open() as lidar:
             await lidar.get_modes()
-            before = asyncio.get_running_loop().time()
+            before = now()
             async with lidar.scans("Standard", force=force) as stream:
                 first = await anext(stream)
-            waits[force] = asyncio.get_running_loop().time() - before
+            waits[force] = now() - before
             assert ("force_scan" in names(rig, obeyed=True)) is force
             assert first.intensities is not None
             with pytest.raises(Unsupported, match="forced"):

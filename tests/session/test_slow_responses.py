@@ -16,7 +16,7 @@ import pytest
 from lidario import ConnectFailed, Lidar, LidarError, ScanStream, StreamFailed, open_lidar
 from lidario.families.rplidar.simulated.device import SimulatedRplidar
 from tests.support.devices import Rig, both_families, left_still, make_rig, take
-from tests.support.loop import driven, now_ns, run_driven
+from tests.support.loop import driven, now, now_ns, run_driven
 
 pytestmark = pytest.mark.discards("stop requests are tried while a response is outstanding")
 
@@ -66,7 +66,6 @@ B: list[Other] = [b_stops, b_closes, b_cancels]
 
 async def both(rig: Rig, delay_s: float, a: Work, b: Other, moment_s: float) -> None:
     """Task A; after a while task B; then the device must be still, before the session is closed and behind it."""
-    loop = asyncio.get_running_loop()
     lidar = await rig.open()
     rig.device.response_delay_s = delay_s
 
@@ -84,9 +83,9 @@ async def both(rig: Rig, delay_s: float, a: Work, b: Other, moment_s: float) -> 
     assert not rig.device.scanning
     assert not rig.device.motor_on
     assert lidar.stats.stray_bytes - stray < 200, "a stream came into an idle session"
-    began = loop.time()
+    began = now()
     await lidar.close()
-    assert loop.time() - began < LONGEST_CLOSE_S
+    assert now() - began < LONGEST_CLOSE_S
     await asyncio.sleep(2 * SLOWEST_S)
     assert not rig.device.scanning
     assert not rig.device.motor_on
@@ -202,11 +201,10 @@ async def test_a_silent_port_is_not_waited_for() -> None:
     """Nothing has ever responded: there is no device that takes its time."""
     rig = make_rig("rplidar")
     rig.device.mute = True
-    loop = asyncio.get_running_loop()
     opening = asyncio.ensure_future(rig.open().__aenter__())
     await asyncio.sleep(2.0)
     opening.cancel()
-    began = loop.time()
+    began = now()
     with pytest.raises((asyncio.CancelledError, ConnectFailed)):
         await opening
-    assert loop.time() - began < 1.0
+    assert now() - began < 1.0

@@ -19,7 +19,7 @@ from lidario.families.rplidar import commands as rplidar
 from lidario.families.rplidar.nodes import NodeFormat
 from lidario.session.talking.stopper import Stopper
 from lidario.wire.envelope import Request
-from tests.support.loop import driven
+from tests.support.loop import driven, now
 
 LOOPS: list[Callable[[], asyncio.AbstractEventLoop]] = [asyncio.new_event_loop]
 if sys.platform != "win32":
@@ -43,7 +43,7 @@ class Paper:
         self.owes_until = 0.0
         self.told: list[bool] = []
         self.written: list[Request] = []
-        self._listens_at = asyncio.get_running_loop().time() + listens_in
+        self._listens_at = now() + listens_in
 
     def free_at(self, patient_until: float) -> float:
         return self._listens_at
@@ -130,9 +130,8 @@ async def test_only_who_hangs_up_leaves_the_port_to_timers() -> None:
 @driven
 async def test_a_device_that_owes_a_response_is_told_again_when_it_has_come(comes: bool) -> None:
     """Also where it never comes; what is quiet meanwhile proves nothing."""
-    loop = asyncio.get_running_loop()
     paper = Paper(0.0)
-    paper.owes_until = loop.time() + 1.5
+    paper.owes_until = now() + 1.5
     stopper = stopper_of(paper, 0.02)
     stopper.stop()
     count = len(stopper.requests())
@@ -144,7 +143,7 @@ async def test_a_device_that_owes_a_response_is_told_again_when_it_has_come(come
         stopper.try_now()
         assert len(paper.written) == 2 * count
     await stopper.surely_settled()
-    assert loop.time() == pytest.approx(1000.72 if comes else 1001.52, abs=0.01)
+    assert now() == pytest.approx(1000.72 if comes else 1001.52, abs=0.01)
     assert len(paper.written) == 2 * count
     assert paper.told == [True]
 
@@ -152,16 +151,15 @@ async def test_a_device_that_owes_a_response_is_told_again_when_it_has_come(come
 @driven
 async def test_a_line_that_is_left_is_not_waited_for() -> None:
     """Also where the stop requests were written before, and a response is owed."""
-    loop = asyncio.get_running_loop()
     paper = Paper(0.0)
-    paper.owes_until = loop.time() + 1.5
+    paper.owes_until = now() + 1.5
     stopper = stopper_of(paper, 0.02)
     stopper.stop()
     await asyncio.sleep(0.1)
     stopper.hang_up(patient=False)
     await stopper.surely_settled()
     assert not paper.is_open
-    assert loop.time() < 1000.2
+    assert now() < 1000.2
 
 
 @driven

@@ -20,7 +20,7 @@ from lidario import (
 from lidario.revolution.seam import Seam
 from tests.support.cable import cable_to
 from tests.support.devices import Rig, left_still, make_rig, names, take
-from tests.support.loop import DrivenLoop, driven
+from tests.support.loop import DrivenLoop, driven, now, now_ns
 
 
 async def until_it_fails(stream: ScanStream, why: str) -> None:
@@ -33,13 +33,12 @@ async def until_it_fails(stream: ScanStream, why: str) -> None:
 @driven
 async def test_a_silent_device_ends_the_stream_but_not_the_session(rig: Rig) -> None:
     async with rig.open() as lidar:
-        loop = asyncio.get_running_loop()
         async with lidar.scans() as stream:
             await anext(stream)
             rig.device.mute = True
-            before = loop.time()
+            before = now()
             await until_it_fails(stream, "no scan data")
-            assert loop.time() - before < 1.0 + rig.turn_s
+            assert now() - before < 1.0 + rig.turn_s
         rig.device.mute = False
         assert len(await take(lidar, 1)) == 1
     assert left_still(rig)
@@ -154,7 +153,7 @@ async def test_many_connects_to_a_device_that_still_streams(connects: int) -> No
 async def test_half_a_request_left_behind_does_no_harm() -> None:
     for half in (b"\xa5", b"\xa5\x82", b"\xa5\x82\x05\x01", b"\xa5\x84\xff"):
         rig = make_rig("rplidar")
-        rig.device.receive(half, round(asyncio.get_running_loop().time() * 1e9))
+        rig.device.receive(half, now_ns())
         async with rig.open() as lidar:
             assert len(await take(lidar, 1)) == 1
 

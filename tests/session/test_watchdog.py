@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import math
 import re
 
@@ -14,7 +13,7 @@ from lidario.port.port import Port
 from lidario.revolution.seam import Seam
 from lidario.session.talking.trouble import Trouble
 from tests.support.devices import Rig, both_families, end_of, left_still, make_rig
-from tests.support.loop import driven, driven_loop
+from tests.support.loop import driven, driven_loop, now
 
 
 def mix_revolutions(rig: Rig, until_s: float = math.inf) -> None:
@@ -111,7 +110,7 @@ async def test_damage_is_told_with_what_the_driver_counted_at_that_time(
 async def read_through_damage(rig: Rig, stream: ScanStream) -> None:
     """Read scans while revolutions are mixed, and some behind that."""
     await anext(stream)
-    mix_revolutions(rig, asyncio.get_running_loop().time() + 7 * rig.turn_s)
+    mix_revolutions(rig, now() + 7 * rig.turn_s)
     for _ in range(8):
         await anext(stream)
 

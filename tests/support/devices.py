@@ -8,6 +8,7 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import pytest
 
 from lidario import ScanStream, StreamFailed
@@ -108,6 +109,13 @@ def discarded(rig: Rig) -> list[tuple[str, str]]:
         and (each.name, each.why) != ("stop", PROTECTED)
         and not (each.name in ("set_motor_pwm", "motor_speed_ctrl") and each.why == "unknown to this device")
     ]
+
+
+def babble(device: Any) -> None:
+    """From now on the device sends noise, whatever it is told: half of what a fast line carries."""
+    random = np.random.default_rng(1)
+    device.transmit = lambda now: random.bytes(1024)
+    device.wakeup = lambda now: now + 20_000_000
 
 
 async def take(lidar: Lidar, count: int) -> list[Scan]:
