@@ -17,7 +17,7 @@ import anyio
 import pytest
 
 from lidario import LidarError, Unsupported
-from tests.support.devices import EVERY_KIND, FAMILIES, OTHERS, Rig, discarded, left_still, make_rig
+from tests.support.devices import EVERY_KIND, FAMILIES, OTHERS, SWITCHED, Rig, discarded, left_still, make_rig
 from tests.support.loop import driven_loop, now_ns, run_driven
 
 Scenario = Callable[[Rig], Awaitable[None]]
@@ -145,6 +145,7 @@ def cancelled_at(scenario: Scenario, family: str, turn: int, how: str) -> None:
 
 
 WAYS = ("once", "twice", "scope")
+THOROUGH = (*FAMILIES, *SWITCHED)
 
 
 def in_turns(kinds: tuple[str, ...]) -> list[tuple[Scenario, str, str]]:
@@ -163,8 +164,8 @@ def in_turns(kinds: tuple[str, ...]) -> list[tuple[Scenario, str, str]]:
 def test_cancelled_anywhere_the_device_is_left_still(what: tuple[Scenario, str, str], points: int) -> None:
     scenario, how, family = what
     turns = turns_of(scenario, family)
-    # The third family goes other ways only where nothing is written: a quarter of the points shows as much.
-    stride = max(1, turns // (points if family in FAMILIES else -(-points // 4)))
+    # Other families go other ways only where nothing is written: a quarter of the points shows as much.
+    stride = max(1, turns // (points if family in THOROUGH else -(-points // 4)))
     for turn in range(1, turns + 1, stride):
         cancelled_at(scenario, family, turn, how)
 

@@ -17,7 +17,6 @@ from lidario import (
     Reconnect,
     ScanStream,
     SessionClosed,
-    open_lidar,
 )
 from lidario.session.talking.dialogue import Dialogue
 from tests.support.cable import cable_to, on_a_cable
@@ -175,17 +174,6 @@ def test_stop_while_it_is_away(family: str, returns: bool) -> None:
                 assert len(await take(lidar, 2)) == 2
 
     run_driven(main)
-
-
-@driven
-async def test_without_it_a_lost_device_ends_the_session() -> None:
-    async with open_lidar("sim://rplidar-s2?via=memory&fault=replug:3s") as lidar:
-        with pytest.raises(DeviceLost, match="unplugged"):
-            async for _ in lidar.scans():
-                assert lidar.is_connected
-        assert not lidar.is_connected
-        with pytest.raises(DeviceLost, match="unplugged"):
-            await lidar.get_health()
 
 
 @driven

@@ -94,7 +94,7 @@ async def test_a_slow_reader_gets_the_latest_scan_and_the_count_of_the_missed(ri
 @driven
 async def test_after_close_everything_says_so(rig: Rig) -> None:
     lidar = await rig.open()
-    stream = lidar.scans()
+    stream, unread = lidar.scans(), lidar.scans()
     await anext(stream)
     reading = asyncio.ensure_future(stream.__anext__())
     await asyncio.sleep(0)
@@ -104,8 +104,11 @@ async def test_after_close_everything_says_so(rig: Rig) -> None:
         await reading
     with pytest.raises(SessionClosed):
         await lidar.get_health()
-    with pytest.raises(SessionClosed, match="open_lidar"):
-        await anext(lidar.scans())
+    with pytest.raises(SessionClosed):
+        await lidar.stop()
+    for each in (unread, lidar.scans()):
+        with pytest.raises(SessionClosed, match="open_lidar"):
+            await anext(each)
     await stream.aclose()
     await lidar.close()
 

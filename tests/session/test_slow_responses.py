@@ -126,7 +126,7 @@ async def test_it_is_told_in_the_log_where_it_cannot_be_seen(caplog: pytest.LogC
     stream = lidar.scans()
     await anext(stream)
     rig.device.receive = lambda data, now: None
-    with pytest.raises(StreamFailed, match="after 3 STOP requests"):
+    with pytest.raises(StreamFailed, match="bytes still arrive after 3 STOP requests"):
         await lidar.stop()
     caplog.clear()
     await lidar.close()

@@ -25,7 +25,7 @@ from itertools import product
 import pytest
 
 from lidario import Lidar, LidarError, LocalProtocolError, ScanStream, SessionClosed, Unsupported
-from tests.support.devices import EVERY_KIND, FAMILIES, OTHERS, Rig, discarded, left_still, make_rig
+from tests.support.devices import EVERY_KIND, FAMILIES, OTHERS, SWITCHED, Rig, discarded, left_still, make_rig
 from tests.support.loop import driven_loop, run_driven
 
 SAMPLE = 2
@@ -277,7 +277,7 @@ def test_two_tasks(who: tuple[Work, Work, str], stride: int, every_step: bool) -
 
 def two_tasks(family: str, a: Work, b: Work, stride: int, run: Cell = cell) -> None:
     steps = steps_of(family, a)
-    for step in chosen(steps, stride, SAMPLE if family in FAMILIES else SAMPLE_OF_OTHERS):
+    for step in chosen(steps, stride, SAMPLE if family in (*FAMILIES, *SWITCHED) else SAMPLE_OF_OTHERS):
         try:
             run_driven(lambda step=step: run(family, a, b, step))  # type: ignore[misc]
         except Exception as error:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 
 import pytest
 
@@ -12,7 +11,7 @@ from lidario.model import LineErrors
 from lidario.port.port import Port
 from lidario.revolution.seam import Seam
 from lidario.session.talking.trouble import Trouble
-from tests.support.devices import Rig, both_families, end_of, left_still, make_rig
+from tests.support.devices import Rig, end_of, left_still
 from tests.support.loop import driven, driven_loop, now
 
 
@@ -41,10 +40,9 @@ async def test_a_device_that_falls_silent_while_the_program_blocks_is_told_of(ri
     assert left_still(rig)
 
 
-@both_families
 @driven
 async def test_what_is_held_is_read_before_a_device_counts_as_silent(
-    family: str, monkeypatch: pytest.MonkeyPatch
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As on a terminal whose bytes nobody has read because its timers are late."""
     data_received, held = Port.data_received, bytearray()
@@ -61,7 +59,6 @@ async def test_what_is_held_is_read_before_a_device_counts_as_silent(
         if data:
             data_received(self, data)
 
-    rig = make_rig(family)
     async with rig.open() as lidar, lidar.scans(depth=100) as stream:
         await anext(stream)
         monkeypatch.setattr(Port, "data_received", hold)
@@ -73,19 +70,16 @@ async def test_what_is_held_is_read_before_a_device_counts_as_silent(
         assert lidar.stats.restarts == 0
 
 
-@driven
-async def test_damage_that_keeps_revolutions_from_completing_is_named(rig: Rig) -> None:
-    async with rig.read() as (_, stream):
-        mix_revolutions(rig)
-        why = str(await end_of(stream))
-    assert "no full revolution" in why
-    assert re.search(r"\b[1-9]\d* packets of it are damaged or missing", why)
-    assert left_still(rig)
-
-
+@pytest.mark.parametrize(
+    ("framing", "says"),
+    [
+        (0, r"missing\. Check the cable, the plug and the power supply"),
+        (4, r"missing, with \d+ framing errors: the baud rate is wrong or the cable is bad"),
+    ],
+)
 @driven
 async def test_damage_is_told_with_what_the_driver_counted_at_that_time(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch
+    rig: Rig, framing: int, says: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     counted, more = LineErrors(), LineErrors()
 
@@ -99,12 +93,10 @@ async def test_damage_is_told_with_what_the_driver_counted_at_that_time(
         counted = LineErrors(overruns=40)
         await anext(stream)
         mix_revolutions(rig)
-        more = LineErrors(framing=4)
-        why = str(await end_of(stream))
-    assert re.search(
-        r"are damaged or missing, with \d+ framing errors: the baud rate is wrong or the cable is bad", why
-    )
+        more = LineErrors(framing=framing)
+        why = str(await end_of(stream, why=r"no full revolution .*\b[1-9]\d* packets of it are damaged or " + says))
     assert "overrun" not in why
+    assert left_still(rig)
 
 
 async def read_through_damage(rig: Rig, stream: ScanStream) -> None:
