@@ -112,16 +112,15 @@ def test_each_row_names_a_test() -> None:
     assert [row for row in rows if not re.search(r"`tests/[\w/]+\.py::\w+`", row)] == []
 
 
-def test_run_ends_as_soon_as_its_sessions_are_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_run_ends_as_soon_as_its_sessions_are_closed(rplidar: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     """By a signal, also with a device that has fallen silent."""
     monkeypatch.setattr("asyncio.events.new_event_loop", DrivenLoop)
-    rig = make_rig("rplidar")
     times: list[float] = []
 
     async def main() -> None:
         try:
-            async with rig.read():
-                harm(rig, "silent")
+            async with rplidar.read():
+                harm(rplidar, "silent")
                 times.append(now())
                 os.kill(os.getpid(), signal.SIGTERM)
                 await asyncio.sleep(3600)
@@ -183,9 +182,8 @@ async def test_what_waits_to_be_parsed_is_bounded() -> None:
 
 
 @driven
-async def test_a_device_that_claims_many_modes() -> None:
-    rig = make_rig("rplidar")
-    conf = type(rig.device.profile).conf
+async def test_a_device_that_claims_many_modes(rplidar: Rig) -> None:
+    conf = type(rplidar.device.profile).conf
     asked: list[int] = []
 
     def claims(kind: int, arguments: bytes) -> bytes | None:
@@ -199,8 +197,8 @@ async def test_a_device_that_claims_many_modes() -> None:
         def __getattr__(self, name: str) -> object:
             return claims if name == "conf" else getattr(profile, name)
 
-    profile = rig.device.profile
-    rig.device.profile = Profile()
-    async with rig.open() as lidar:
+    profile = rplidar.device.profile
+    rplidar.device.profile = Profile()
+    async with rplidar.open() as lidar:
         assert len(await lidar.get_modes()) == 64
     assert max(asked) == 63

@@ -12,7 +12,7 @@ import lidario
 from lidario.errors import Busy
 from lidario.session.streaming.line_changes import MOST, LineChange, LineChanges, LineWatch
 from tests.support.cable import on_a_cable
-from tests.support.devices import both_families, end_of, make_rig
+from tests.support.devices import Rig, both_families, end_of
 from tests.support.loop import driven, now
 
 
@@ -75,9 +75,8 @@ async def test_a_limit_that_has_passed_ends_it() -> None:
 
 
 @driven
-async def test_a_session_that_is_let_go_ends_it() -> None:
-    rig = make_rig("rplidar")
-    lidar = await rig.open()
+async def test_a_session_that_is_let_go_ends_it(rplidar: Rig) -> None:
+    lidar = await rplidar.open()
     reading = asyncio.ensure_future(all_of(lidar.line_changes()))
     await asyncio.sleep(0.1)
     del lidar

@@ -15,7 +15,7 @@ import lidario
 from lidario import InternalError, InvalidValue, LocalProtocolError, SessionClosed
 from lidario.session.streaming.control import StreamControl
 from lidario.session.talking.trouble import Trouble
-from tests.support.devices import Rig, left_still, make_rig, take
+from tests.support.devices import Rig, left_still, take
 from tests.support.loop import driven
 
 
@@ -50,9 +50,8 @@ async def test_one_opening_is_entered_by_one_block_at_a_time() -> None:
 
 
 @driven
-async def test_a_recording_is_not_for_a_plain_with(tmp_path: Path) -> None:
-    rig = make_rig("rplidar")
-    async with rig.open() as lidar:
+async def test_a_recording_is_not_for_a_plain_with(rplidar: Rig, tmp_path: Path) -> None:
+    async with rplidar.open() as lidar:
         with (
             pytest.raises(LocalProtocolError, match=r"async with lidar\.record"),
             lidar.record(tmp_path / "x.mcap"),
@@ -61,9 +60,8 @@ async def test_a_recording_is_not_for_a_plain_with(tmp_path: Path) -> None:
 
 
 @driven
-async def test_a_lidar_is_neither_iterated_nor_entered_by_a_plain_with() -> None:
-    rig = make_rig("rplidar")
-    async with rig.open() as lidar:
+async def test_a_lidar_is_neither_iterated_nor_entered_by_a_plain_with(rplidar: Rig) -> None:
+    async with rplidar.open() as lidar:
         with pytest.raises(LocalProtocolError, match=r"lidar\.scans\(\)"):
             aiter(lidar)
         with pytest.raises(LocalProtocolError, match="async with"), lidar:
@@ -99,9 +97,8 @@ async def test_values_that_cannot_be_right(rig: Rig) -> None:
 
 
 @driven
-async def test_whatever_is_as_good_as_true() -> None:
-    rig = make_rig("ydlidar")
-    async with rig.open() as lidar:
+async def test_whatever_is_as_good_as_true(ydlidar: Rig) -> None:
+    async with ydlidar.open() as lidar:
         yes: Any
         for yes in (True, 1, np.True_, "on"):
             assert await lidar.set_power_down_protection(yes) is True
@@ -126,10 +123,9 @@ async def test_a_mistake_of_ours_in_a_start_ends_the_session_and_stops_the_devic
 
 
 @driven
-async def test_states_are_logged_for_who_looks_for_them(caplog: pytest.LogCaptureFixture) -> None:
+async def test_states_are_logged_for_who_looks_for_them(rplidar: Rig, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.DEBUG, "lidario")
-    rig = make_rig("rplidar")
-    async with rig.open() as lidar:
+    async with rplidar.open() as lidar:
         await take(lidar, 1)
         await asyncio.sleep(0.1)  # until the line was seen quiet
     states = [record.getMessage() for record in caplog.records if "->" in record.getMessage()]

@@ -31,12 +31,11 @@ HEADER = "lidario.families.ydlidar.simulated.device.SCAN_HEADER"
 @pytest.mark.parametrize("length", [0, 5, 90, 0x3FFF_FFFF])
 @driven
 async def test_the_length_in_a_scan_header_of_the_4ros_is_ignored(
-    length: int, monkeypatch: pytest.MonkeyPatch
+    ydlidar: Rig, length: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     header = b"\xa5\x5a" + (length | 1 << 30).to_bytes(4, "little") + b"\x81"
     monkeypatch.setattr(HEADER, header)
-    rig = make_rig("ydlidar")
-    async with rig.open() as lidar:
+    async with ydlidar.open() as lidar:
         scans = await take(lidar, 3)
         assert [len(scan.ranges) > 1000 for scan in scans] == [True] * 3
         assert lidar.stats.skipped_bytes == lidar.stats.stray_bytes == 0
@@ -95,11 +94,10 @@ async def test_one_flipped_bit_makes_no_other_device(rig: Rig, bit: int, monkeyp
 
 
 @driven
-async def test_a_4ros_says_that_it_cannot_keep_spinning() -> None:
-    rig = make_rig("ydlidar")
+async def test_a_4ros_says_that_it_cannot_keep_spinning(ydlidar: Rig) -> None:
     with pytest.raises(Unsupported, match="YDLIDAR 4ROS stops with its laser"):
-        await rig.open(keep_spinning=True)
-    assert left_still(rig)
+        await ydlidar.open(keep_spinning=True)
+    assert left_still(ydlidar)
 
 
 def mute_for(rig: Rig, name: str, patch: pytest.MonkeyPatch) -> None:
@@ -116,10 +114,9 @@ def mute_for(rig: Rig, name: str, patch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("foretold", [0x81, 0x82, 0x83, 0x84, 0x86])
 @driven
 async def test_the_descriptor_decides_which_format_is_decoded(
-    foretold: int, monkeypatch: pytest.MonkeyPatch
+    rplidar: Rig, foretold: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    rig = make_rig("rplidar")
-    tell = type(rig.device.profile).conf
+    tell = type(rplidar.device.profile).conf
 
     def mistaken(profile: Profile, kind: int, arguments: bytes) -> bytes:
         told = tell(profile, kind, arguments)
@@ -128,10 +125,10 @@ async def test_the_descriptor_decides_which_format_is_decoded(
             return (32_000).to_bytes(4, "little")
         return bytes((foretold,)) if kind == 0x75 and told == b"\x85" else told
 
-    monkeypatch.setattr(type(rig.device.profile), "conf", mistaken)
+    monkeypatch.setattr(type(rplidar.device.profile), "conf", mistaken)
     # SCAN is what a mode of plain nodes is started by; the device sends its own format all the same.
-    monkeypatch.setitem(type(rig.device).HANDLERS, "scan", lambda device, request: start_dense(device, request))
-    async with rig.open() as lidar:
+    monkeypatch.setitem(type(rplidar.device).HANDLERS, "scan", lambda device, request: start_dense(device, request))
+    async with rplidar.open() as lidar:
         scans = await take(lidar, 3)
         assert all(scan.lost_packets == 0 and 3000 < len(scan.ranges) < 3400 for scan in scans)
         assert all(scan.rpm == pytest.approx(600, rel=0.02) for scan in scans)
@@ -258,14 +255,13 @@ async def test_nothing_is_told_as_lost_of_devices_that_are_odd_as_real_ones(mode
 @pytest.mark.parametrize("factor", [0.8, 1.25, 2.0, 4.0])
 @driven
 async def test_a_sample_time_that_is_told_wrong_is_measured(
-    factor: float, mode: str, caplog: pytest.LogCaptureFixture
+    rplidar: Rig, factor: float, mode: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    rig = make_rig("rplidar")
-    profile = rig.device.profile
+    profile = rplidar.device.profile
     wrong = tuple(replace(each, reported_us_q8=round(each.us_q8 * factor)) for each in profile.modes)
-    rig.device.profile = replace(profile, modes=wrong)
+    rplidar.device.profile = replace(profile, modes=wrong)
     scans: list[Scan] = []
-    async with rig.open() as lidar, lidar.scans(mode) as stream:
+    async with rplidar.open() as lidar, lidar.scans(mode) as stream:
         while len(scans) < 60:
             scans.append(await anext(stream))
     rate = {"Standard": 16_000, "DenseBoost": 32_000}[mode]

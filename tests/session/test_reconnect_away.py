@@ -177,18 +177,16 @@ def test_stop_while_it_is_away(family: str, returns: bool) -> None:
 
 
 @driven
-async def test_the_first_opening_fails_as_without_it() -> None:
-    rig = make_rig("rplidar")
-    with cable_to(rig) as cable:
+async def test_the_first_opening_fails_as_without_it(rplidar: Rig) -> None:
+    with cable_to(rplidar) as cable:
         cable.pull()
         with pytest.raises(LidarError, match="no such port"):
-            await rig.open(reconnect=True)
+            await rplidar.open(reconnect=True)
 
 
 @driven
-async def test_a_mistake_of_ours_ends_the_session(monkeypatch: pytest.MonkeyPatch) -> None:
-    rig = make_rig("rplidar")
-    async with on_a_cable(rig) as (cable, lidar):
+async def test_a_mistake_of_ours_ends_the_session(rplidar: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    async with on_a_cable(rplidar) as (cable, lidar):
 
         async def fail(*_: object) -> None:
             raise ZeroDivisionError
@@ -218,10 +216,9 @@ def test_a_policy_that_cannot_be_right_is_refused(wrong: dict[str, Any]) -> None
 
 
 @driven
-async def test_what_happens_is_logged_once(caplog: pytest.LogCaptureFixture) -> None:
+async def test_what_happens_is_logged_once(rplidar: Rig, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO, "lidario")
-    rig = make_rig("rplidar")
-    async with on_a_cable(rig) as (cable, lidar):
+    async with on_a_cable(rplidar) as (cable, lidar):
         cable.pull()
         await asyncio.sleep(60.0)
         assert not lidar.is_connected

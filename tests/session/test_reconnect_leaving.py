@@ -11,7 +11,7 @@ import pytest
 from lidario import Lidar, SessionClosed
 from tests.support.cable import cable_to, on_a_cable
 from tests.support.coming_back import ON_THE_WAY_S, next_after, next_attempt
-from tests.support.devices import Rig, left_still, make_rig
+from tests.support.devices import Rig, left_still
 from tests.support.loop import DrivenLoop, driven, now, unless_unfinished
 
 pytestmark = pytest.mark.usefixtures("quick_collection")
@@ -88,10 +88,9 @@ async def test_a_session_that_nobody_holds_any_more_ends_while_it_is_away(rig: R
 
 
 @driven
-async def test_a_closed_session_stays_closed() -> None:
-    rig = make_rig("rplidar")
-    with cable_to(rig) as cable:
-        lidar = await rig.open(reconnect=True)
+async def test_a_closed_session_stays_closed(rplidar: Rig) -> None:
+    with cable_to(rplidar) as cable:
+        lidar = await rplidar.open(reconnect=True)
         cable.pull()
         await asyncio.sleep(1.0)
         await asyncio.wait_for(lidar.close(), 2.0)

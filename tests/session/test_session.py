@@ -114,9 +114,8 @@ async def test_after_close_everything_says_so(rig: Rig) -> None:
 
 
 @driven
-async def test_modes_by_name_and_id_and_not_two_at_a_time() -> None:
-    rig = make_rig("rplidar")
-    async with rig.open() as lidar:
+async def test_modes_by_name_and_id_and_not_two_at_a_time(rplidar: Rig) -> None:
+    async with rplidar.open() as lidar:
         dense = await lidar.scan()
         assert dense.mode == "DenseBoost"
         assert dense.intensities is None

@@ -119,20 +119,21 @@ def test_motors_of_other_kinds(model: str) -> None:
 
 
 @driven
-async def test_it_is_told_in_the_log_where_it_cannot_be_seen(caplog: pytest.LogCaptureFixture) -> None:
+async def test_it_is_told_in_the_log_where_it_cannot_be_seen(
+    rplidar: Rig, caplog: pytest.LogCaptureFixture
+) -> None:
     """A device that hears nothing any more and streams on."""
-    rig = make_rig("rplidar")
-    lidar = await rig.open()
+    lidar = await rplidar.open()
     stream = lidar.scans()
     await anext(stream)
-    rig.device.receive = lambda data, now: None
+    rplidar.device.receive = lambda data, now: None
     with pytest.raises(StreamFailed, match="bytes still arrive after 3 STOP requests"):
         await lidar.stop()
     caplog.clear()
     await lidar.close()
     told = [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING]
     assert told == ["the device goes on sending after 3 stop requests"]
-    assert rig.device.scanning
+    assert rplidar.device.scanning
 
 
 @pytest.mark.parametrize("timeout_s", [0.0, 0.01, 0.2, 0.7])
@@ -180,10 +181,9 @@ def garble(device: SimulatedRplidar, ways: str) -> None:
 
 
 @driven
-async def test_the_stop_requests_go_on_though_the_task_that_closes_is_cancelled_twice() -> None:
-    rig = make_rig("rplidar")
-    lidar = await rig.open()
-    rig.device.response_delay_s = 0.5
+async def test_the_stop_requests_go_on_though_the_task_that_closes_is_cancelled_twice(rplidar: Rig) -> None:
+    lidar = await rplidar.open()
+    rplidar.device.response_delay_s = 0.5
     reading = asyncio.ensure_future(ScanStream.__anext__(lidar.scans()))
     await asyncio.sleep(2.3)
     closing = asyncio.ensure_future(lidar.close())
@@ -193,15 +193,14 @@ async def test_the_stop_requests_go_on_though_the_task_that_closes_is_cancelled_
     await asyncio.wait([closing, reading])
     assert closing.cancelled()
     reading.exception()
-    assert left_still(rig)
+    assert left_still(rplidar)
 
 
 @driven
-async def test_a_silent_port_is_not_waited_for() -> None:
+async def test_a_silent_port_is_not_waited_for(rplidar: Rig) -> None:
     """Nothing has ever responded: there is no device that takes its time."""
-    rig = make_rig("rplidar")
-    rig.device.mute = True
-    opening = asyncio.ensure_future(rig.open().__aenter__())
+    rplidar.device.mute = True
+    opening = asyncio.ensure_future(rplidar.open().__aenter__())
     await asyncio.sleep(2.0)
     opening.cancel()
     began = now()

@@ -8,7 +8,7 @@ import pytest
 
 from lidario import Health, Lidar, SessionClosed
 from lidario.session.talking.waiting import Awaited, Waiting
-from tests.support.devices import Rig, left_still, make_rig, names, take
+from tests.support.devices import Rig, left_still, names, take
 from tests.support.loop import driven, now
 
 AT_ONCE_S = 1e-6
@@ -54,18 +54,17 @@ async def test_behind_a_response_that_nobody_waits_for_the_next_request_follows_
 
 
 @driven
-async def test_behind_a_response_the_stop_requests_follow_at_once() -> None:
-    rig = make_rig("rplidar")
-    async with rig.read() as (lidar, _):
-        asked = await ask(rig, lidar)
-        assert rig.device.motor_on
+async def test_behind_a_response_the_stop_requests_follow_at_once(rplidar: Rig) -> None:
+    async with rplidar.read() as (lidar, _):
+        asked = await ask(rplidar, lidar)
+        assert rplidar.device.motor_on
         began = now()
         stopping = asyncio.ensure_future(lidar.stop())
-        while rig.device.motor_on:
+        while rplidar.device.motor_on:
             await asyncio.sleep(0.0001)
         assert 0.019 < now() - began < 0.025
         await asyncio.gather(stopping, asked)
-    assert left_still(rig)
+    assert left_still(rplidar)
 
 
 @driven
