@@ -17,7 +17,7 @@ from lidario.port.diagnose import holders
 from lidario.sim.serve import PtyServer, TcpServer, UdpServer
 from lidario.simulation import simulate
 from tests.cli.processes import served
-from tests.session.test_killed import scan_once
+from tests.session.test_guarded import scan_once
 from tests.support.children import UNDISTURBED, child, forget, line_of, requests, until
 from tests.support.guards import guards_of, is_left_still, switches
 from tests.support.terminals import WaitingPtyServer
