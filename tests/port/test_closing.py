@@ -15,7 +15,7 @@ import serial
 
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
-from tests.support.ports import PATIENCE_S, Sink, open_files, written
+from tests.support.ports import PATIENCE_S, Sink, open_files, opened, written
 
 FLUSH_S = 10.0
 """How long a wedged adapter would keep whoever waits until it is empty."""
@@ -198,13 +198,11 @@ async def test_closing_twice_and_after_the_end(
     ends: tuple[int, int, str], caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.DEBUG, "lidario")
-    port, sink = await open_serial(ends[2], 115200), Sink()
-    port.attach(sink)
-    port.announce_close()
-    assert port.is_open
-    assert port.is_closing
-    await asyncio.gather(port.close(), port.close())
-    await port.close()
+    async with opened(ends[2]) as (port, sink):
+        port.announce_close()
+        assert port.is_open
+        assert port.is_closing
+        await asyncio.gather(port.close(), port.close())
     port.close_soon()
     port.poll()
     port.set_polling(0.005, None)

@@ -25,11 +25,10 @@ from lidario.wire.envelope import Request
 from tests.cli.processes import served
 from tests.support.children import requests, until
 from tests.support.drivers import LOW_LATENCY, SPEED_FLAG, FakeDriver
-from tests.support.guards import children_that_ended, guards_of, is_left_still, kilobytes, own_guards, switches
+from tests.support.guards import children_that_ended, guards_of, is_left_still, own_guards
 from tests.support.ports import PATIENCE_S, terminal_pair, written
 
 STOP = Request("STOP", b"stop!", settle=0.01)
-MOST_KB = 12 * 1024
 
 
 async def ended(process: int) -> None:
@@ -49,20 +48,6 @@ async def test_a_session_has_one_and_leaves_none() -> None:
         async with open_lidar(server.path):
             assert own_guards() == []
         until(lambda: is_left_still(server))
-
-
-@pytest.mark.long
-async def test_it_needs_little_memory_and_is_never_woken() -> None:
-    with served("rplidar-s2") as server:
-        async with open_lidar(server.path, guard=True) as lidar, lidar.scans() as scans:
-            for _ in range(3):
-                await anext(scans)
-            (guard,) = own_guards()
-            woken = switches(guard)
-            for _ in range(5):
-                await anext(scans)
-            assert switches(guard) == woken
-            assert kilobytes(guard, "Pss") <= kilobytes(guard, "Rss") < MOST_KB
 
 
 @pytest.mark.long

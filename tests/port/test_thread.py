@@ -16,7 +16,7 @@ import pytest
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
 from lidario.port.thread import Watched, reading_thread
-from tests.support.ports import PATIENCE_S, OnlyRead, Sink, terminal_pair
+from tests.support.ports import PATIENCE_S, OnlyRead, Seen, Sink, opened, terminal_pair
 
 ROOT = Path(__file__).resolve().parents[2]
 NAME = "lidario: read ports"
@@ -51,7 +51,7 @@ def block_until_read(size: int) -> None:
 async def test_all_ports_share_one_thread_that_ends_with_the_last() -> None:
     with terminal_pair() as one, terminal_pair() as two, terminal_pair() as three:
         ports = [await open_serial(path, 1_000_000) for _, _, path in (one, two, three)]
-        sinks = [Sink() for _ in ports]
+        sinks, taps = [Sink() for _ in ports], [Seen(port) for port in ports]
         assert threads() == []
         for port, sink in zip(ports, sinks, strict=True):
             port.attach(sink)
@@ -64,7 +64,8 @@ async def test_all_ports_share_one_thread_that_ends_with_the_last() -> None:
         for number, (port, sink) in enumerate(zip(ports, sinks, strict=True)):
             assert threads() == [thread]
             port.set_polling(0.0, None)
-            assert sink.chunks == [bytes([number]) * 4]
+            # At once: what comes next is another stream, or a response.
+            assert sink.chunks == [data for data, _ in taps[number].reads] == [bytes([number]) * 4]
         assert threads() == []
         assert not reading_thread().is_running
         ports[0].set_polling(0.005, Steady())
@@ -76,27 +77,25 @@ async def test_all_ports_share_one_thread_that_ends_with_the_last() -> None:
 
 async def test_each_read_has_its_own_time_while_the_loop_is_blocked() -> None:
     with terminal_pair() as (master, _, path):
-        port, sink = await open_serial(path, 1_000_000), Sink()
-        port.attach(sink)
-        seen: list[tuple[bytes, int]] = []
-        port.add_tap(lambda direction, data, now: seen.append((data, now)))
-        port.set_polling(0.005, Steady())
-        written, read = [], []
-        for number in range(5):
-            written.append(time.monotonic_ns())
-            os.write(master, bytes([number]))
-            block_until_read(number + 1)
-            read.append(time.monotonic_ns())
-        assert seen == []
-        port.poll()
-        assert sink.chunks == [b"\0\1\2\3\4"]
-        arrivals = [*sink.arrivals[0], (5, sink.times[0])]
-        assert [count for count, _ in arrivals] == [1, 2, 3, 4, 5]
-        # The taps are shown the same.
-        assert seen == [(bytes([number]), at) for number, (_, at) in enumerate(arrivals)]
-        for before, (_, at), after in zip(written, arrivals, read, strict=True):
-            assert before <= at <= after
-        await port.close()
+        async with opened(path, 1_000_000) as (port, sink):
+            seen: list[tuple[bytes, int]] = []
+            port.add_tap(lambda direction, data, now: seen.append((data, now)))
+            port.set_polling(0.005, Steady())
+            written, read = [], []
+            for number in range(5):
+                written.append(time.monotonic_ns())
+                os.write(master, bytes([number]))
+                block_until_read(number + 1)
+                read.append(time.monotonic_ns())
+            assert seen == []
+            port.poll()
+            assert sink.chunks == [b"\0\1\2\3\4"]
+            arrivals = [*sink.arrivals[0], (5, sink.times[0])]
+            assert [count for count, _ in arrivals] == [1, 2, 3, 4, 5]
+            # The taps are shown the same.
+            assert seen == [(bytes([number]), at) for number, (_, at) in enumerate(arrivals)]
+            for before, (_, at), after in zip(written, arrivals, read, strict=True):
+                assert before <= at <= after
 
 
 async def test_taps_see_what_the_thread_read_before_what_is_written_later() -> None:
@@ -120,41 +119,23 @@ async def test_taps_see_what_the_thread_read_before_what_is_written_later() -> N
         await port.close()
 
 
-async def test_taps_and_receiver_get_what_the_thread_read_when_it_reads_no_more() -> None:
-    with terminal_pair() as (master, _, path):
-        port, sink = await open_serial(path, 1_000_000), Sink()
-        port.attach(sink)
-        seen: list[tuple[str, bytes]] = []
-        port.add_tap(lambda direction, data, now: seen.append((direction, data)))
-        port.set_polling(0.005, Steady())
-        os.write(master, b"the last packets")
-        block_until_read(16)
-        port.set_polling(0.0, None)
-        # At once: what comes next is another stream, or a response.
-        assert seen == [("in", b"the last packets")]
-        assert sink.chunks == [b"the last packets"]
-        await port.close()
-
-
 async def test_beyond_a_mebibyte_the_port_tells_what_it_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.port.inbox.INBOX_BYTES", 6000)
     with terminal_pair() as (master, _, path):
-        port, sink = await open_serial(path, 1_000_000), Sink()
-        port.attach(sink)
-        port.set_polling(0.005, Steady())
-        sent, deadline = 0, time.monotonic() + PATIENCE_S
-        while port.late.overflow_bytes < 2000 and time.monotonic() < deadline:
-            sent += os.write(master, bytes(1000))
-            time.sleep(0.03)  # noqa: ASYNC251 - a program that blocks its loop
-        port.poll()
-        assert 0 < len(sink.data) <= 6000
-        # What comes next is kept.
-        os.write(master, b"next")
-        while not sink.data.endswith(b"next"):
-            assert time.monotonic() < deadline
+        async with opened(path, 1_000_000) as (port, sink):
+            port.set_polling(0.005, Steady())
+            sent, deadline = 0, time.monotonic() + PATIENCE_S
+            while port.late.overflow_bytes < 2000 and time.monotonic() < deadline:
+                sent += os.write(master, bytes(1000))
+                time.sleep(0.03)  # noqa: ASYNC251 - a program that blocks its loop
             port.poll()
-        assert port.late.overflow_bytes + len(sink.data) == sent + 4
-        await port.close()
+            assert 0 < len(sink.data) <= 6000
+            # What comes next is kept.
+            os.write(master, b"next")
+            while not sink.data.endswith(b"next"):
+                assert time.monotonic() < deadline
+                port.poll()
+            assert port.late.overflow_bytes + len(sink.data) == sent + 4
 
 
 @pytest.mark.parametrize("way", ["pulled", "hung up"])

@@ -19,13 +19,15 @@ from lidario.simulation import simulate
 from tests.cli.processes import served
 from tests.session.test_guarded import scan_once
 from tests.support.children import UNDISTURBED, child, forget, line_of, requests, until
-from tests.support.guards import guards_of, is_left_still, switches
+from tests.support.guards import guards_of, is_left_still, kilobytes, switches
 from tests.support.terminals import WaitingPtyServer
 
 pytestmark = pytest.mark.discards(
     "a guard cannot know what the killed program has just written, so it writes again"
 )
 
+MOST_KB = 12 * 1024
+"""Memory of a guard."""
 HEAD = """
 import asyncio, ctypes, os, signal, sys, time
 import lidario
@@ -243,7 +245,7 @@ def test_signals_of_the_terminal_do_not_end_it() -> None:
 
 
 @pytest.mark.long
-def test_it_sleeps_while_the_program_lives_also_while_that_is_frozen() -> None:
+def test_it_sleeps_in_little_memory_while_the_program_lives_also_while_that_is_frozen() -> None:
     with served("rplidar-s2") as server, child(UNDISTURBED + HEAD + SCAN + RUN, server.path) as process:
         for _ in range(3):
             line_of(process)
@@ -255,6 +257,7 @@ def test_it_sleeps_while_the_program_lives_also_while_that_is_frozen() -> None:
         process.send_signal(signal.SIGSTOP)
         time.sleep(0.5)
         assert switches(guard) == before
+        assert kilobytes(guard, "Pss") <= kilobytes(guard, "Rss") < MOST_KB
         assert requests(server) == []
         assert not is_left_still(server)
         killed(process, server)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from types import ModuleType
 from typing import Any
 
 import pytest
@@ -16,7 +15,7 @@ from lidario.families.registry import FAMILIES
 from lidario.session.talking.stopper import Stopper
 from lidario.wire.envelope import Request
 from tests.support.loop import now
-from tests.support.ports import both_loops, run_on
+from tests.support.ports import on_both_loops
 
 
 class Paper:
@@ -44,18 +43,15 @@ class Paper:
         """Nobody waits for that."""
 
 
-@both_loops
+@on_both_loops
 @pytest.mark.parametrize("listens_in", [1e-5, 3e-4, 2e-3])
-def test_the_device_listens_in_less_than_a_tick_of_the_clock(listens_in: float, library: ModuleType) -> None:
-    async def main() -> None:
-        for _ in range(20):
-            paper: Any = Paper(listens_in)
-            stopper = Stopper(paper, paper, FAMILIES[0].device(), 0.0)
-            stopper.stop()
-            began = time.monotonic()
-            await stopper.surely_settled()
-            assert stopper.still
-            assert len(paper.written) == len(stopper.requests())
-            assert time.monotonic() - began < 5.0
-
-    run_on(library, main)
+async def test_the_device_listens_in_less_than_a_tick_of_the_clock(listens_in: float) -> None:
+    for _ in range(20):
+        paper: Any = Paper(listens_in)
+        stopper = Stopper(paper, paper, FAMILIES[0].device(), 0.0)
+        stopper.stop()
+        began = time.monotonic()
+        await stopper.surely_settled()
+        assert stopper.still
+        assert len(paper.written) == len(stopper.requests())
+        assert time.monotonic() - began < 5.0
