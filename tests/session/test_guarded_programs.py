@@ -8,7 +8,8 @@ import signal
 import subprocess
 import threading
 import time
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -103,13 +104,17 @@ for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
 """
 
 
-def killed(process: subprocess.Popen[str], *servers: PtyServer | TcpServer | UdpServer) -> None:
-    """Kill it; its devices are left still, and no guard is left."""
+def kill(process: subprocess.Popen[str]) -> None:
+    """Kill it; no guard is left."""
     process.kill()
     process.wait()
-    until(lambda: all(map(is_left_still, servers)), lambda: [server.device.log[-12:] for server in servers])
     until(lambda: not guards_of(process.pid))
-    assert all(map(is_left_still, servers))
+
+
+def killed(process: subprocess.Popen[str], *servers: PtyServer | TcpServer | UdpServer) -> None:
+    """Kill it; its devices are left still, and no guard is left."""
+    kill(process)
+    until(lambda: all(map(is_left_still, servers)), lambda: [server.device.log[-12:] for server in servers])
 
 
 def scans(server: PtyServer) -> bool:
@@ -123,12 +128,20 @@ def guard_of(process: subprocess.Popen[str], count: int = 1) -> int:
     return guards[0]
 
 
+@contextmanager
+def guarded(
+    program: str = HEAD + SCAN + RUN, model: str = "rplidar-s2"
+) -> Iterator[tuple[PtyServer, subprocess.Popen[str], int]]:
+    """A device, a program that has read a scan of it, and the guard of that."""
+    with served(model) as server, child(UNDISTURBED + program, server.path) as process:
+        line_of(process)
+        yield server, process, guard_of(process)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("program", [SCAN + RUN, SCAN + UVLOOP, SYNC], ids=["asyncio", "uvloop", "sync"])
 def test_every_kind_of_program(program: str) -> None:
-    with served("rplidar-s2") as server, child(UNDISTURBED + HEAD + program, server.path) as process:
-        line_of(process)
-        guard_of(process)
+    with guarded(HEAD + program) as (server, process, _):
         killed(process, server)
         assert list(holders(server.path)) == []
 
@@ -140,14 +153,12 @@ MOTORS = ["rplidar-a2", "rplidar-a2-no-board", "rplidar-c1", "ldrobot-ld14p", "y
 @pytest.mark.exhaustive("model", sample=MOTORS[:1], full=MOTORS)
 def test_every_way_in_which_a_motor_is_driven(model: str) -> None:
     """An accessory board is found when the stream is started, and only then it is known what stops the motor."""
-    always_turns = model == "rplidar-a2-no-board"
-    with served(model) as server, child(UNDISTURBED + HEAD + SCAN + RUN, server.path) as process:
-        line_of(process)
-        if not always_turns:
+    with guarded(model=model) as (server, process, _):
+        if model != "rplidar-a2-no-board":
             killed(process, server)
-            return
-        process.kill()
-        until(lambda: not scans(server))
+        else:  # it always turns
+            process.kill()
+            until(lambda: not scans(server))
 
 
 @pytest.mark.long
@@ -159,20 +170,15 @@ def test_a_device_that_has_not_said_what_it_is() -> None:
         source = f"serial://{server.path}?baud={server.device.baudrate}&family=rplidar"
         with child(UNDISTURBED + HEAD + SCAN + RUN, source) as process:
             until(lambda: any(each.name == "get_info" for each in requests(server)))
-            process.kill()
-            process.wait()
-            until(lambda: not guards_of(process.pid))
+            kill(process)
         until(lambda: [each.name for each in requests(server)][-2:] == ["stop", "set_motor_pwm"])
 
 
 @pytest.mark.long
 def test_a_motor_that_shall_go_on_goes_on() -> None:
-    program = UNDISTURBED + HEAD.replace("guard=True", "guard=True, keep_spinning=True") + SCAN + RUN
-    with served("rplidar-s2") as server, child(program, server.path) as process:
-        line_of(process)
-        process.kill()
-        process.wait()
-        until(lambda: not guards_of(process.pid))
+    program = HEAD.replace("guard=True", "guard=True, keep_spinning=True") + SCAN + RUN
+    with guarded(program) as (server, process, _):
+        kill(process)
         until(lambda: not scans(server))
         assert not is_left_still(server)
 
@@ -196,7 +202,7 @@ def test_over_a_network_and_the_next_program_waits(kind: type[TcpServer | UdpSer
         source = f"{scheme}://{server.address[0]}:{server.address[1]}"
         with child(UNDISTURBED + HEAD + SCAN + RUN, source) as process:
             line_of(process)
-            (guard,) = guards_of(process.pid)
+            guard = guard_of(process)
             # It is made to hold the connection for a while longer; a bridge takes one.
             os.kill(guard, signal.SIGSTOP)
             process.kill()
@@ -226,11 +232,7 @@ def test_a_line_that_reconnecting_has_made(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_signals_of_the_terminal_do_not_end_it() -> None:
-    with served("rplidar-s2") as server, ExitStack() as stack:
-        program = UNDISTURBED + HEAD + SCAN + IGNORING + RUN
-        process = stack.enter_context(child(program, server.path))
-        line_of(process)
-        guard = guard_of(process)
+    with guarded(HEAD + SCAN + IGNORING + RUN) as (server, process, guard):
         assert os.getsid(guard) != os.getsid(process.pid)
         for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM, signal.SIGQUIT, signal.SIGTSTP):
             os.kill(guard, number)
@@ -246,10 +248,9 @@ def test_signals_of_the_terminal_do_not_end_it() -> None:
 
 @pytest.mark.long
 def test_it_sleeps_in_little_memory_while_the_program_lives_also_while_that_is_frozen() -> None:
-    with served("rplidar-s2") as server, child(UNDISTURBED + HEAD + SCAN + RUN, server.path) as process:
-        for _ in range(3):
+    with guarded() as (server, process, guard):
+        for _ in range(2):
             line_of(process)
-        guard = guard_of(process)
         forget(server)
         before = switches(guard)
         for _ in range(10):
