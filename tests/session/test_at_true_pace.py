@@ -22,8 +22,7 @@ import lidario
 from lidario import Lidar, LidarError, Unsupported
 from lidario.sim.serve import PtyServer
 from tests.cli.processes import served
-from tests.support.children import forget, requests, until
-from tests.support.guards import is_left_still
+from tests.support.children import forget, is_still, requests, until
 from tests.support.leaks import leaves_nothing
 
 LONGEST_S = 0.3
@@ -126,7 +125,7 @@ def end_at_random(server: PtyServer, family: str, seed: int) -> None:
     forget(server)
     with leaves_nothing(), suppress(KeyboardInterrupt), asyncio.Runner(loop_factory=loop) as runner:
         runner.run(end(program(server.path, family, dice), after))
-    until(lambda: is_left_still(server), lambda: (told, requests(server)[-5:]))
+    until(lambda: is_still(server), lambda: (told, requests(server)[-5:]))
     # What came too soon for it, the host may have sent in time: a busy machine lets the device see a STOP late, or
     # a question together with the stop requests that were written a tenth of a second after it.
     lost = [each for each in requests(server) if not each.obeyed and not each.why.startswith(NO_MISTAKE)]

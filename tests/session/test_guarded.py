@@ -23,8 +23,8 @@ import lidario
 from lidario.port.diagnose import holders
 from lidario.sim.serve import PtyServer
 from tests.cli.processes import served
-from tests.support.children import UNDISTURBED, child, forget, requests, until
-from tests.support.guards import guards_of, is_left_still
+from tests.support.children import UNDISTURBED, child, forget, is_still, requests, until
+from tests.support.guards import guards_of
 
 pytestmark = pytest.mark.discards(
     "nobody knows what the killed program has just written, and which response it was waiting for"
@@ -63,21 +63,21 @@ def kill_at_random(server: PtyServer, family: str, dice: random.Random, *, guard
     with child(UNDISTURBED + PROGRAM, *arguments) as process:
         until(lambda: requests(server) or process.poll() is not None)
         if scans:
-            until(lambda: not is_left_still(server) or process.poll() is not None)
+            until(lambda: not is_still(server) or process.poll() is not None)
         time.sleep(dice.uniform(0.0, LONGEST_S))
         with server.lock:
             scanned = server.device.scanning
             process.kill()
             killed = time.monotonic()
         if guard:
-            until(lambda: is_left_still(server))
+            until(lambda: is_still(server))
         lasted = time.monotonic() - killed
         _, said = process.communicate()
     assert said == ""
     if guard and dice.random() < 0.5:
         # Else the next program finds the guard still at the port.
         until(lambda: not guards_of(process.pid))
-        assert is_left_still(server), requests(server)[-12:]
+        assert is_still(server), requests(server)[-12:]
     return scanned, lasted
 
 
@@ -111,7 +111,7 @@ def test_killed_at_any_moment(killed: tuple[str, bool], rounds: int) -> None:
             assert len(scan.ranges) > 100, number
             # Nobody holds the port: neither the first guard nor that of this program.
             assert list(holders(server.path)) == []
-            until(lambda: is_left_still(server), lambda: requests(server)[-5:])
+            until(lambda: is_still(server), lambda: requests(server)[-5:])
     assert scanned >= rounds // 4
     half, most = sorted(worst)[len(worst) // 2], sorted(worst)[-len(worst) // 20]
     print(
@@ -130,7 +130,7 @@ def test_a_program_that_opens_the_port_meanwhile_waits(real: bool, monkeypatch: 
         served("rplidar-s2") as server,
         child(UNDISTURBED + PROGRAM, server.path, "rplidar", "1", "guard") as process,
     ):
-        until(lambda: not is_left_still(server))
+        until(lambda: not is_still(server))
         (guard,) = guards_of(process.pid)
         # It is made to stay at the port for a while longer.
         os.kill(guard, signal.SIGSTOP)
@@ -138,7 +138,7 @@ def test_a_program_that_opens_the_port_meanwhile_waits(real: bool, monkeypatch: 
         process.communicate()
         with pytest.raises(lidario.ConnectFailed, match=r"busy: held by PID .*lidario-guard"), soon(monkeypatch):
             asyncio.run(scan_once(server.path, "rplidar", guard=True))
-        assert not is_left_still(server)
+        assert not is_still(server)
         threading.Timer(0.2, os.kill, (guard, signal.SIGCONT)).start()
         scan = asyncio.run(scan_once(server.path, "rplidar", guard=True))
         assert len(scan.ranges) > 100

@@ -19,8 +19,8 @@ from lidario.sim.serve import PtyServer, TcpServer, UdpServer
 from lidario.simulation import simulate
 from tests.cli.processes import served
 from tests.session.test_guarded import scan_once
-from tests.support.children import UNDISTURBED, child, forget, line_of, requests, until
-from tests.support.guards import guards_of, is_left_still, kilobytes, switches
+from tests.support.children import UNDISTURBED, child, forget, is_still, line_of, requests, until
+from tests.support.guards import guards_of, kilobytes, switches
 from tests.support.terminals import WaitingPtyServer
 
 pytestmark = pytest.mark.discards(
@@ -114,7 +114,7 @@ def kill(process: subprocess.Popen[str]) -> None:
 def killed(process: subprocess.Popen[str], *servers: PtyServer | TcpServer | UdpServer) -> None:
     """Kill it; its devices are left still, and no guard is left."""
     kill(process)
-    until(lambda: all(map(is_left_still, servers)), lambda: [server.device.log[-12:] for server in servers])
+    until(lambda: all(map(is_still, servers)), lambda: [server.device.log[-12:] for server in servers])
 
 
 def scans(server: PtyServer) -> bool:
@@ -180,7 +180,7 @@ def test_a_motor_that_shall_go_on_goes_on() -> None:
     with guarded(program) as (server, process, _):
         kill(process)
         until(lambda: not scans(server))
-        assert not is_left_still(server)
+        assert not is_still(server)
 
 
 def test_two_sessions_in_one_program_have_two_guards() -> None:
@@ -189,7 +189,7 @@ def test_two_sessions_in_one_program_have_two_guards() -> None:
         served("ydlidar-4ros") as other,
         child(UNDISTURBED + HEAD + SCAN + RUN, one.path, other.path) as process,
     ):
-        until(lambda: not is_left_still(one) and not is_left_still(other))
+        until(lambda: not is_still(one) and not is_still(other))
         guard_of(process, 2)
         killed(process, one, other)
 
@@ -210,7 +210,7 @@ def test_over_a_network_and_the_next_program_waits(kind: type[TcpServer | UdpSer
             threading.Timer(0.2, os.kill, (guard, signal.SIGCONT)).start()
             assert asyncio.run(scan_once(source, "rplidar", guard=True)).mode
             assert guards_of(process.pid) == []
-        until(lambda: is_left_still(server))
+        until(lambda: is_still(server))
 
 
 @pytest.mark.long
@@ -260,7 +260,7 @@ def test_it_sleeps_in_little_memory_while_the_program_lives_also_while_that_is_f
         assert switches(guard) == before
         assert kilobytes(guard, "Pss") <= kilobytes(guard, "Rss") < MOST_KB
         assert requests(server) == []
-        assert not is_left_still(server)
+        assert not is_still(server)
         killed(process, server)
 
 
@@ -271,7 +271,7 @@ def test_half_a_request_that_was_written_last(half: str) -> None:
         with child(UNDISTURBED + HEAD + IN_HALF + RUN, server.path, half) as process:
             assert process.wait() == 9
             until(lambda: not guards_of(process.pid))
-        until(lambda: is_left_still(server), lambda: requests(server)[-12:])
+        until(lambda: is_still(server), lambda: requests(server)[-12:])
 
 
 @pytest.mark.long
@@ -297,7 +297,7 @@ def test_a_forked_child_neither_keeps_it_from_its_work_nor_begins_it() -> None:
     with served("rplidar-s2") as server, child(program, server.path) as parent:
         forked = int(line_of(parent))
         try:
-            assert not is_left_still(server)
+            assert not is_still(server)
             killed(parent, server)
         finally:
             os.kill(forked, signal.SIGKILL)
@@ -313,4 +313,4 @@ def test_the_program_has_no_child_that_it_did_not_start(adopts: list[str]) -> No
             out, said = process.communicate()
             assert (out, said) == ("no children\n", "")
             assert guards_of(process.pid) == []
-        until(lambda: is_left_still(server))
+        until(lambda: is_still(server))

@@ -15,8 +15,7 @@ from lidario.port.port import Port
 from lidario.session.finding.silence import ReceivedInSilence
 from lidario.source import as_source
 from tests.cli.processes import invoke_driven
-from tests.support.cable import on_a_cable
-from tests.support.coming_back import next_after
+from tests.support.cable import next_after, on_a_cable
 from tests.support.devices import Rig, end_of
 from tests.support.loop import driven, now
 

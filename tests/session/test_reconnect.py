@@ -9,11 +9,14 @@ from typing import Any
 
 import pytest
 
-from tests.support.cable import cable_to, on_a_cable
-from tests.support.coming_back import MODES, PROMISE_S, next_after
+from tests.support.cable import cable_to, next_after, on_a_cable
 from tests.support.devices import Rig, both_families, left_still, make_rig, names
 from tests.support.ledger import assert_stats_close
 from tests.support.loop import driven, driven_loop, now, now_ns, run_driven
+
+PROMISE_S = 2.0
+"""Longest time from the moment at which the device responds again to the next scan."""
+MODES = {"rplidar": "Standard", "ydlidar": None}
 
 
 @both_families

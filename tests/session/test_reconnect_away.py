@@ -19,10 +19,14 @@ from lidario import (
     SessionClosed,
 )
 from lidario.session.talking.dialogue import Dialogue
-from tests.support.cable import cable_to, on_a_cable
-from tests.support.coming_back import causes, next_after
+from tests.support.cable import cable_to, next_after, on_a_cable
 from tests.support.devices import Rig, both_families, left_still, make_rig, take
 from tests.support.loop import driven, now, now_ns, run_driven
+
+
+def causes(error: BaseException) -> list[BaseException]:
+    cause = error.__cause__
+    return [] if cause is None else [cause, *causes(cause)]
 
 
 async def read_to_the_end(stream: ScanStream) -> None:

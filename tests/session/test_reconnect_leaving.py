@@ -9,13 +9,23 @@ import weakref
 import pytest
 
 from lidario import Lidar, SessionClosed
-from tests.support.cable import cable_to, on_a_cable
-from tests.support.coming_back import ON_THE_WAY_S, next_after, next_attempt
+from tests.support.cable import Cable, cable_to, next_after, on_a_cable
 from tests.support.devices import Rig, left_still
 from tests.support.loop import DrivenLoop, driven, now, unless_unfinished
 
 pytestmark = pytest.mark.usefixtures("quick_collection")
+ON_THE_WAY_S = [0.001, 0.02, 0.045, 0.06, 0.08, 0.15]
+"""Moments after an attempt has begun: it is asked what it is, then how it is, then it scans."""
 on_the_way = pytest.mark.exhaustive("after_s", sample=ON_THE_WAY_S[::3], full=ON_THE_WAY_S)
+
+
+async def next_attempt(cable: Cable, after_s: float) -> None:
+    """Return so long after the next attempt to reach the device was begun."""
+    attempts = len(cable.attempts)
+    async with asyncio.timeout(5.0):
+        while len(cable.attempts) == attempts:
+            await asyncio.sleep(0.001)
+    await asyncio.sleep(after_s)
 
 
 @driven

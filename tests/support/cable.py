@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from lidario import ConnectFailed, Lidar
+from lidario import ConnectFailed, Lidar, Scan, ScanStream
 from lidario.port import simulated
 from lidario.port.port import Port
 from lidario.port.simulated import MemoryTransport
@@ -79,3 +79,11 @@ async def on_a_cable(rig: Rig | str, **options: Any) -> AsyncIterator[tuple[Cabl
     with cable_to(rig) as cable:
         async with rig.open(**{"reconnect": True, **options}) as lidar:
             yield cable, lidar
+
+
+async def next_after(stream: ScanStream, moment: float) -> Scan:
+    """The first scan that was measured after `moment`."""
+    while True:
+        scan = await asyncio.wait_for(anext(stream), 30.0)
+        if scan.stamp_ns > moment * 1e9:
+            return scan
