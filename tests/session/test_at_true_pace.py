@@ -22,6 +22,7 @@ import lidario
 from lidario import Lidar, LidarError, Unsupported
 from lidario.sim.serve import PtyServer
 from tests.cli.processes import served
+from tests.session.test_many_tasks import leave_at_once, read
 from tests.support.children import forget, is_still, requests, until
 from tests.support.leaks import leaves_nothing
 
@@ -34,17 +35,6 @@ NO_MISTAKE = ("within ", "while the response to ", "still booting", "unknown to 
 know."""
 Action = Callable[[Lidar], Awaitable[object]]
 End = Callable[[Awaitable[None], float], Coroutine[Any, Any, None]]
-
-
-async def read(lidar: Lidar) -> None:
-    async with lidar.scans() as stream:
-        await anext(stream)
-        await anext(stream)
-
-
-async def read_and_break(lidar: Lidar) -> None:
-    async for _ in lidar.scans():
-        break
 
 
 async def ask_beside_a_reader(lidar: Lidar) -> None:
@@ -67,7 +57,7 @@ ACTIONS: tuple[Action, ...] = (
     Lidar.get_health,
     Lidar.get_modes,
     read,
-    read_and_break,
+    leave_at_once,
     ask_beside_a_reader,
     stop_beside_a_reader,
     change_speed,

@@ -182,23 +182,18 @@ async def test_what_waits_to_be_parsed_is_bounded() -> None:
 
 
 @driven
-async def test_a_device_that_claims_many_modes(rplidar: Rig) -> None:
+async def test_a_device_that_claims_many_modes(rplidar: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     conf = type(rplidar.device.profile).conf
     asked: list[int] = []
 
-    def claims(kind: int, arguments: bytes) -> bytes | None:
+    def claims(profile: object, kind: int, arguments: bytes) -> bytes | None:
         if kind == 0x70:
             return b"\xff\xff"
         asked.append(int.from_bytes(arguments[:2], "little"))
         told: bytes | None = conf(profile, kind, b"\1\0" if arguments else b"")
         return told
 
-    class Profile:
-        def __getattr__(self, name: str) -> object:
-            return claims if name == "conf" else getattr(profile, name)
-
-    profile = rplidar.device.profile
-    rplidar.device.profile = Profile()
+    monkeypatch.setattr(type(rplidar.device.profile), "conf", claims)
     async with rplidar.open() as lidar:
         assert len(await lidar.get_modes()) == 64
     assert max(asked) == 63

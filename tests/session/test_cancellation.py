@@ -17,7 +17,8 @@ import anyio
 import pytest
 
 from lidario import LidarError, Unsupported
-from tests.support.devices import EVERY_KIND, FAMILIES, OTHERS, SWITCHED, Rig, discarded, left_still, make_rig
+from tests.support.devices import EVERY_KIND, FAMILIES, OTHERS, SWITCHED, Rig, left_still, make_rig
+from tests.support.discards import all_obeyed
 from tests.support.loop import driven_loop, now_ns, run_driven
 
 Scenario = Callable[[Rig], Awaitable[None]]
@@ -139,7 +140,7 @@ def cancelled_at(scenario: Scenario, family: str, turn: int, how: str) -> None:
         await asyncio.sleep(5.0)
         if rig.device.log:
             assert left_still(rig), [(each.name, each.obeyed, each.why) for each in rig.device.log][-5:]
-        assert not discarded(rig)
+        all_obeyed([rig.device])
 
     run_driven(main)
 

@@ -50,21 +50,16 @@ async def test_one_opening_is_entered_by_one_block_at_a_time() -> None:
 
 
 @driven
-async def test_a_recording_is_not_for_a_plain_with(rplidar: Rig, tmp_path: Path) -> None:
-    async with rplidar.open() as lidar:
-        with (
-            pytest.raises(LocalProtocolError, match=r"async with lidar\.record"),
-            lidar.record(tmp_path / "x.mcap"),
-        ):
-            raise AssertionError("never here")
-
-
-@driven
-async def test_a_lidar_is_neither_iterated_nor_entered_by_a_plain_with(rplidar: Rig) -> None:
+async def test_a_lidar_and_a_recording_are_not_for_a_plain_with(rplidar: Rig, tmp_path: Path) -> None:
     async with rplidar.open() as lidar:
         with pytest.raises(LocalProtocolError, match=r"lidar\.scans\(\)"):
             aiter(lidar)
         with pytest.raises(LocalProtocolError, match="async with"), lidar:
+            raise AssertionError("never here")
+        with (
+            pytest.raises(LocalProtocolError, match=r"async with lidar\.record"),
+            lidar.record(tmp_path / "x.mcap"),
+        ):
             raise AssertionError("never here")
         for each in (lidar, lidar.scans(), lidar.sectors()):
             with pytest.raises(LocalProtocolError, match="async for"):

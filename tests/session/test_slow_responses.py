@@ -8,13 +8,23 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable
 from contextlib import suppress
 
 import pytest
 
-from lidario import ConnectFailed, Lidar, LidarError, ScanStream, StreamFailed, open_lidar
+from lidario import ConnectFailed, LidarError, ScanStream, StreamFailed, open_lidar
 from lidario.families.rplidar.simulated.device import SimulatedRplidar
+from tests.session.test_two_tasks import (
+    Scene,
+    Work,
+    ask_while_scanning,
+    b_cancels,
+    b_closes,
+    b_stops,
+    reset,
+    set_speed,
+    start,
+)
 from tests.support.devices import Rig, both_families, left_still, make_rig, take
 from tests.support.loop import driven, now, now_ns, run_driven
 
@@ -26,58 +36,29 @@ LONGEST_CLOSE_S = 2.5
 """A response is waited for for 2 s at most; then the line is listened to."""
 
 
-async def start(lidar: Lidar) -> None:
-    await anext(lidar.scans())
-
-
-async def ask_while_scanning(lidar: Lidar) -> None:
-    await lidar.scan()
-    await lidar.get_health()
-
-
-async def set_speed(lidar: Lidar) -> None:
-    await lidar.scan()
-    await lidar.set_scan_frequency(8.0)
-
-
-async def reset(lidar: Lidar) -> None:
-    await lidar.scan()
-    await lidar.reset()
-
-
-async def b_stops(lidar: Lidar, work: asyncio.Task[None]) -> None:
-    with suppress(StreamFailed):
-        await lidar.stop()
-
-
-async def b_closes(lidar: Lidar, work: asyncio.Task[None]) -> None:
-    await lidar.close()
-
-
-async def b_cancels(lidar: Lidar, work: asyncio.Task[None]) -> None:
-    work.cancel()
-
-
-Work = Callable[[Lidar], Awaitable[None]]
-Other = Callable[[Lidar, "asyncio.Task[None]"], Awaitable[None]]
 A: list[Work] = [start, ask_while_scanning, set_speed, reset]
-B: list[Other] = [b_stops, b_closes, b_cancels]
+B: list[Work] = [b_stops, b_closes, b_cancels]
 
 
-async def both(rig: Rig, delay_s: float, a: Work, b: Other, moment_s: float) -> None:
+async def both(rig: Rig, delay_s: float, a: Work, b: Work, moment_s: float) -> None:
     """Task A; after a while task B; then the device must be still, before the session is closed and behind it."""
     lidar = await rig.open()
+    scene = Scene(rig, lidar)
     rig.device.response_delay_s = delay_s
 
     async def work() -> None:
         with suppress(LidarError, StopAsyncIteration):
-            await a(lidar)
+            await a(scene)
 
     task = asyncio.ensure_future(work())
     await asyncio.sleep(moment_s)
     stray = lidar.stats.stray_bytes
-    await b(lidar, task)
+    if b is b_cancels:
+        task.cancel()
+    with suppress(StreamFailed):
+        await b(scene)
     await asyncio.wait([task])
+    scene.streams.clear()
     await asyncio.sleep(5.0)
     assert not lidar.is_scanning
     assert not rig.device.scanning
@@ -95,7 +76,7 @@ async def both(rig: Rig, delay_s: float, a: Work, b: Other, moment_s: float) -> 
 @pytest.mark.exhaustive("delay_s", sample=[0.13, 0.2, SLOWEST_S], full=DELAYS_S)
 @pytest.mark.parametrize("b", B, ids=lambda work: work.__name__)
 @both_families
-def test_it_is_stopped_at_any_moment(family: str, b: Other, delay_s: float, phases: int) -> None:
+def test_it_is_stopped_at_any_moment(family: str, b: Work, delay_s: float, phases: int) -> None:
     for a in A:
         for phase in range(phases):
             moment_s = 0.02 + 4 * delay_s * (phase + 0.3) / phases

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidario import Busy, DeviceLost, InvalidValue, Scan
+from lidario import Busy, DeviceLost, Scan
 from lidario.session.streaming.readers import Hub
 from lidario.session.streaming.stream import Mailbox
 from tests.support.loop import driven
@@ -28,19 +28,6 @@ async def test_the_latest_win_and_the_rest_are_counted(depth: int) -> None:
     got = [await mailbox.get() for _ in range(depth)]
     assert [scan.seq for scan in got] == list(range(10 - depth, 10))
     assert mailbox.dropped == 10 - depth
-
-
-@driven
-async def test_an_ended_mailbox_gives_what_it_holds_first() -> None:
-    mailbox = Mailbox[Scan](2)
-    mailbox.put(numbered(0))
-    mailbox.end(DeviceLost("gone"))
-    mailbox.end()
-    assert mailbox.put(numbered(1)) == 0
-    assert (await mailbox.get()).seq == 0
-    for _ in range(2):
-        with pytest.raises(DeviceLost, match="gone"):
-            await mailbox.get()
 
 
 @driven
@@ -70,21 +57,6 @@ async def test_a_reader_that_only_the_loop_holds_is_not_collected() -> None:
     mailbox.put(numbered(3))
     await asyncio.sleep(0.001)
     assert got == [3]
-
-
-@driven
-async def test_the_hub_hands_scans_to_those_it_holds() -> None:
-    hub, kept, other = Hub(print), Mailbox[Scan](1), Mailbox[Scan](1)
-    hub.let_in(kept)
-    hub.let_in(other)
-    hub.discard(other)
-    assert len(hub) == 1
-    hub.publish(numbered(0))
-    hub.publish(numbered(1))
-    assert hub.dropped == 1
-    hub.discard(kept)
-    hub.publish(numbered(2))
-    assert (await kept.get()).seq == 1
 
 
 @driven
@@ -121,11 +93,6 @@ async def test_each_reader_gets_an_error_of_its_own() -> None:
         errors.append(caught.value)
     assert errors[0] is not errors[1]
     assert errors[0].__cause__ is errors[1].__cause__ is cause
-
-
-def test_a_mailbox_holds_at_least_one() -> None:
-    with pytest.raises(InvalidValue, match="not 0"):
-        Mailbox[Scan](0)
 
 
 @driven

@@ -25,7 +25,8 @@ from itertools import product
 import pytest
 
 from lidario import Lidar, LidarError, LocalProtocolError, ScanStream, SessionClosed, Unsupported
-from tests.support.devices import EVERY_KIND, FAMILIES, OTHERS, SWITCHED, Rig, discarded, left_still, make_rig
+from tests.support.devices import EVERY_KIND, FAMILIES, OTHERS, SWITCHED, Rig, left_still, make_rig
+from tests.support.discards import all_obeyed
 from tests.support.loop import driven_loop, run_driven
 
 SAMPLE = 2
@@ -231,7 +232,7 @@ async def cell(family: str, a: Work, b: Work, step: int) -> None:
     await lidar.close()
     await asyncio.sleep(0)
     assert left_still(rig)
-    assert not discarded(rig), [(each.name, each.why) for each in rig.device.log][-8:]
+    all_obeyed([rig.device])
     assert all(not each.remark for each in rig.device.log)
     assert not loop.timers
 
@@ -293,7 +294,7 @@ async def silent_cell(family: str, a: Work, b: Work, step: int) -> None:
     await lidar.close()
     await asyncio.sleep(0)
     assert left_still(rig)
-    assert not discarded(rig), [(each.name, each.why) for each in rig.device.log][-8:]
+    all_obeyed([rig.device])
     assert not loop.timers
 
 

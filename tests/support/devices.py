@@ -95,22 +95,6 @@ def left_still(rig: Rig) -> bool:
     return not rig.device.scanning and not rig.device.motor_on and moved[-1] in ("stop", "reset")
 
 
-def discarded(rig: Rig) -> list[tuple[str, str]]:
-    """Requests the strict device discarded, and why.
-
-    Not those that are meant to be lost: questions to a device that boots, STOP to one in Protection Stop, and what
-    stops the motor of another model, where the device has not said which it is.
-    """
-    return [
-        (each.name, each.why)
-        for each in rig.device.log
-        if not each.obeyed
-        and each.why != "still booting after reset"
-        and (each.name, each.why) != ("stop", PROTECTED)
-        and not (each.name in ("set_motor_pwm", "motor_speed_ctrl") and each.why == "unknown to this device")
-    ]
-
-
 def babble(device: Any) -> None:
     """From now on the device sends noise, whatever it is told: half of what a fast line carries."""
     random = np.random.default_rng(1)
