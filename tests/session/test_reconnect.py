@@ -19,18 +19,17 @@ PROMISE_S = 2.0
 MODES = {"rplidar": "Standard", "ydlidar": None}
 
 
-@both_families
 @driven
-async def test_it_goes_on_after_the_cable_was_pulled_out(family: str) -> None:
-    async with on_a_cable(family) as (cable, lidar):
-        async with lidar.scans(MODES[family]) as stream:
+async def test_it_goes_on_after_the_cable_was_pulled_out(rig: Rig) -> None:
+    async with on_a_cable(rig) as (cable, lidar):
+        async with lidar.scans(MODES[rig.family]) as stream:
             last = [await anext(stream) for _ in range(3)][-1]
             cable.pull()
             pulled = now()
             await asyncio.sleep(3.0)
             assert (lidar.is_connected, lidar.is_scanning, lidar.stats.reconnects) == (False, True, 0)
             cable.plug()
-            responds = now() + cable.rig.device.boot_s
+            responds = now() + rig.device.boot_s
             first = await next_after(stream, pulled)
             assert now() <= responds + PROMISE_S
             second = await anext(stream)
@@ -40,13 +39,13 @@ async def test_it_goes_on_after_the_cable_was_pulled_out(family: str) -> None:
         assert math.isclose(first.rpm, last.rpm, rel_tol=0.05)
         # The gap can be seen: the number jumps by as many revolutions as the rotor would have made.
         gap_s = (first.stamp_ns - last.stamp_ns) * 1e-9
-        assert abs(first.seq - last.seq - gap_s / cable.rig.turn_s) <= 2
+        assert abs(first.seq - last.seq - gap_s / rig.turn_s) <= 2
         assert second.seq == first.seq + 1
         assert lidar.stats.reconnects == 1
         # A scan may have been dropped while the test slept.
         assert lidar.stats.missed_scans >= first.seq - last.seq - 2
         assert lidar.stats.scans + lidar.stats.missed_scans > second.seq
-    assert left_still(cable.rig)
+    assert left_still(rig)
 
 
 def restarts(device: Any) -> None:
@@ -192,11 +191,10 @@ async def test_taps_see_the_new_line() -> None:
             assert not seen
 
 
-@both_families
 @driven
-async def test_a_program_that_blocks_its_loop_meanwhile(family: str) -> None:
+async def test_a_program_that_blocks_its_loop_meanwhile(rig: Rig) -> None:
     loop = driven_loop()
-    async with on_a_cable(family) as (cable, lidar), lidar.scans() as stream:
+    async with on_a_cable(rig) as (cable, lidar), lidar.scans() as stream:
         await anext(stream)
         cable.pull()
         cable.plug()
@@ -205,7 +203,7 @@ async def test_a_program_that_blocks_its_loop_meanwhile(family: str) -> None:
             await asyncio.sleep(0.01)
         await next_after(stream, now())
         assert lidar.stats.reconnects >= 1
-    assert left_still(cable.rig)
+    assert left_still(rig)
 
 
 @both_families

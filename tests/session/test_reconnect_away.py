@@ -20,8 +20,8 @@ from lidario import (
 )
 from lidario.session.talking.dialogue import Dialogue
 from tests.support.cable import cable_to, next_after, on_a_cable
-from tests.support.devices import Rig, both_families, left_still, make_rig, take
-from tests.support.loop import driven, now, now_ns, run_driven
+from tests.support.devices import Rig, left_still, take
+from tests.support.loop import driven, now, now_ns
 
 
 def causes(error: BaseException) -> list[BaseException]:
@@ -153,31 +153,27 @@ async def test_a_stream_that_is_begun_while_it_is_away_waits(rig: Rig) -> None:
     assert left_still(rig)
 
 
-@both_families
 @pytest.mark.parametrize("returns", [True, False])
-def test_stop_while_it_is_away(family: str, returns: bool) -> None:
-    async def main() -> None:
-        rig = make_rig(family)
-        async with on_a_cable(rig) as (cable, lidar):
-            stream = lidar.scans()
-            await anext(stream)
-            reader = asyncio.ensure_future(read_to_the_end(stream))
-            cable.pull()
-            await asyncio.sleep(1.0)
-            began = now()
-            await lidar.stop()
-            assert now() - began < 0.1
-            await reader
-            assert not lidar.is_scanning
-            if returns:
-                cable.plug(boots=False)  # it had power all the time, and goes on scanning
-                assert rig.device.scanning
-                await asyncio.sleep(3.0)
-                assert lidar.is_connected
-                assert left_still(rig)
-                assert len(await take(lidar, 2)) == 2
-
-    run_driven(main)
+@driven
+async def test_stop_while_it_is_away(rig: Rig, returns: bool) -> None:
+    async with on_a_cable(rig) as (cable, lidar):
+        stream = lidar.scans()
+        await anext(stream)
+        reader = asyncio.ensure_future(read_to_the_end(stream))
+        cable.pull()
+        await asyncio.sleep(1.0)
+        began = now()
+        await lidar.stop()
+        assert now() - began < 0.1
+        await reader
+        assert not lidar.is_scanning
+        if returns:
+            cable.plug(boots=False)  # it had power all the time, and goes on scanning
+            assert rig.device.scanning
+            await asyncio.sleep(3.0)
+            assert lidar.is_connected
+            assert left_still(rig)
+            assert len(await take(lidar, 2)) == 2
 
 
 @driven

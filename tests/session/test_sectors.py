@@ -17,7 +17,7 @@ from lidario.port.port import Port
 from lidario.revolution.sectors import SectorAssembler
 from lidario.session.streaming.sectors import parts_of, sectors_of
 from tests.support.cable import on_a_cable
-from tests.support.devices import EVERY_FAMILY, Rig, both_families, left_still, make_rig
+from tests.support.devices import EVERY_FAMILY, Rig, left_still, make_rig
 from tests.support.loop import driven, now
 
 
@@ -158,10 +158,9 @@ def test_without_await(rig: Rig) -> None:
     assert (lidario.SyncLidar.sectors.__doc__ or "").replace("``for``", "``async for``") == Lidar.sectors.__doc__
 
 
-@both_families
 @driven
-async def test_they_go_on_after_the_line_was_lost(family: str) -> None:
-    async with on_a_cable(family) as (cable, lidar):
+async def test_they_go_on_after_the_line_was_lost(rig: Rig) -> None:
+    async with on_a_cable(rig) as (cable, lidar):
         async with lidar.sectors(depth=99) as sectors:
             before = (await some(sectors, 20))[-1]
             cable.pull()
@@ -172,17 +171,16 @@ async def test_they_go_on_after_the_line_was_lost(family: str) -> None:
             after = await some(sectors, 16)
         assert (lidar.stats.reconnects, first.index) == (1, 0)
         gap_s = (first.stamp_ns - before.stamp_ns) * 1e-9
-        assert abs(first.seq - before.seq - gap_s / cable.rig.turn_s) <= 2
+        assert abs(first.seq - before.seq - gap_s / rig.turn_s) <= 2
         assert after[-1].seq == first.seq + 2
         assert lidar.stats.scans + lidar.stats.missed_scans == first.seq + 2
-    assert left_still(cable.rig)
+    assert left_still(rig)
 
 
-@both_families
 @driven
-async def test_a_scan_that_came_whole_is_divided(family: str) -> None:
+async def test_a_scan_that_came_whole_is_divided(rig: Rig) -> None:
     """As over zenoh, where nothing but whole scans arrive."""
-    async with make_rig(family).open() as lidar:
+    async with rig.open() as lidar:
         scan = await lidar.scan()
     parts = list(sectors_of(scan, 8))
     assert [part.index for part in parts] == list(range(8))

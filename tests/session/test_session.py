@@ -130,10 +130,9 @@ async def test_modes_by_name_and_id_and_not_two_at_a_time(rplidar: Rig) -> None:
             assert (await anext(lidar.scans())).mode == "Standard"
 
 
-@pytest.mark.parametrize("model", ["rplidar-s2", *SWITCHED])
+@pytest.mark.parametrize("rig", ["rplidar-s2", *SWITCHED], indirect=True)
 @driven
-async def test_keep_spinning_stops_the_laser_alone(model: str) -> None:
-    rig = make_rig(model)
+async def test_keep_spinning_stops_the_laser_alone(rig: Rig) -> None:
     async with rig.open(keep_spinning=True) as lidar:
         await lidar.scan()
     assert not rig.device.scanning

@@ -133,13 +133,12 @@ async def test_a_reset_that_is_given_up_does_not_leave_the_motor_on(timeout_s: f
     assert not rig.device.motor_on
 
 
-@pytest.mark.parametrize("model", ["rplidar-a1", "rplidar-a2", "rplidar-s2"])
+@pytest.mark.parametrize("rig", ["rplidar-a1", "rplidar-a2", "rplidar-s2"], indirect=True)
 @pytest.mark.parametrize("ways", ["unknown type", "always another"])
 @pytest.mark.parametrize("family", ["rplidar", None])
 @driven
-async def test_a_device_that_nobody_understands_is_left_still(model: str, ways: str, family: str | None) -> None:
+async def test_a_device_that_nobody_understands_is_left_still(rig: Rig, ways: str, family: str | None) -> None:
     """Its motor is driven by DTR, by an accessory board, by its own request; it was on before."""
-    rig = make_rig(model)
     rig.device.begin_streaming(1, now_ns())
     garble(rig.device, ways)
     with pytest.raises(LidarError):

@@ -29,9 +29,8 @@ OTHERS = {
     "XV-11 or alike": ["lds02rr"],
 }
 """What else some could be, as far as anybody knows."""
-talkers = pytest.mark.parametrize(
-    "model", ["ldrobot-ld06", "ydlidar-x2", "neato-xv11", "camsense-x1", "irobotix-delta2a"]
-)
+SOME = ("ldrobot-ld06", "ydlidar-x2", "neato-xv11", "camsense-x1", "irobotix-delta2a")
+talkers = pytest.mark.parametrize("rig", SOME, indirect=True)
 
 
 def opened(rig: Rig, **options: Any) -> Any:
@@ -84,8 +83,7 @@ async def test_every_one_of_them_is_opened_read_and_left(model: str, caplog: pyt
 
 @talkers
 @driven
-async def test_what_needs_a_request_is_refused_and_the_stream_goes_on(model: str) -> None:
-    rig = make_rig(model)
+async def test_what_needs_a_request_is_refused_and_the_stream_goes_on(rig: Rig) -> None:
     async with opened(rig, keep_spinning=True) as lidar, lidar.scans() as stream:
         before = await anext(stream)
         refused: list[Callable[[], Awaitable[object]]] = [
@@ -140,8 +138,7 @@ async def test_a_name_by_which_no_packet_is_found_is_told(model: str, named: str
 
 @talkers
 @driven
-async def test_closing_does_not_wait_for_silence(model: str) -> None:
-    rig = make_rig(model)
+async def test_closing_does_not_wait_for_silence(rig: Rig) -> None:
     lidar = await opened(rig)
     stream = lidar.scans()
     await anext(stream)
@@ -152,7 +149,7 @@ async def test_closing_does_not_wait_for_silence(model: str) -> None:
         await anext(stream)
 
 
-@talkers
+@pytest.mark.parametrize("model", SOME)
 @pytest.mark.parametrize("fault", ["drop:1%", "flip:1%", "babble:100"])
 @driven
 async def test_one_on_a_damaged_line_is_opened_all_the_same(model: str, fault: str) -> None:
@@ -165,8 +162,7 @@ async def test_one_on_a_damaged_line_is_opened_all_the_same(model: str, fault: s
 
 @talkers
 @driven
-async def test_one_that_is_silent_is_not_found(model: str) -> None:
-    rig = make_rig(model)
+async def test_one_that_is_silent_is_not_found(rig: Rig) -> None:
     rig.device.mute = True
     with pytest.raises(ConnectFailed, match="nothing came back") as caught:
         await opened(rig)
@@ -175,8 +171,7 @@ async def test_one_that_is_silent_is_not_found(model: str) -> None:
 
 @talkers
 @driven
-async def test_one_that_falls_silent_is_told_of_and_may_come_back(model: str) -> None:
-    rig = make_rig(model)
+async def test_one_that_falls_silent_is_told_of_and_may_come_back(rig: Rig) -> None:
     async with opened(rig) as lidar:
         stream = lidar.scans()
         await anext(stream)
@@ -188,8 +183,7 @@ async def test_one_that_falls_silent_is_told_of_and_may_come_back(model: str) ->
 
 @talkers
 @driven
-async def test_a_session_comes_back_to_it(model: str) -> None:
-    rig = make_rig(model)
+async def test_a_session_comes_back_to_it(rig: Rig) -> None:
     async with opened(rig, reconnect=True) as lidar, lidar.scans() as stream:
         for _ in range(2):
             await anext(stream)
