@@ -26,7 +26,7 @@ from tests.cli.processes import served
 from tests.support.children import is_still, requests, until
 from tests.support.drivers import LOW_LATENCY, SPEED_FLAG, FakeDriver
 from tests.support.guards import children_that_ended, guards_of, own_guards
-from tests.support.ports import PATIENCE_S, terminal_pair, written
+from tests.support.ports import PATIENCE_S, terminal_pair
 
 STOP = Request("STOP", b"stop!", settle=0.01)
 
@@ -138,22 +138,6 @@ async def test_cancelled_while_it_starts_it_ends(monkeypatch: pytest.MonkeyPatch
     await run_in_thread(lambda: until(lambda: not own_guards()))
 
 
-async def test_the_end_of_the_socket_without_a_farewell_is_the_end_of_the_program() -> None:
-    with terminal_pair() as (master, _, path):
-        port = await open_serial(path, 115200)
-        # No event loop watches it: that would see the end of the socket too.
-        guard = Guard(path)
-        (process,) = own_guards()
-        handle = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-        guard.take(handle)
-        os.close(handle)
-        guard.tell([STOP], [], 0.0)
-        guard.let_go()
-        assert written(master, 25) == b"stop!" * guard_process.LEAST
-        await ended(process)
-        await port.close()
-
-
 async def test_it_is_told_what_stops_the_device_and_again_when_that_changes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -203,18 +187,6 @@ async def test_a_farewell_is_the_end_of_it(
     assert [timer.cancelled() for timer in timers] == [True]
     await ended(process)
     assert caplog.records == []
-
-
-async def test_its_end_without_a_farewell_is_told(caplog: pytest.LogCaptureFixture) -> None:
-    guard = await start_guard("x")
-    os.kill(own_guards()[0], signal.SIGKILL)
-    async with asyncio.timeout(PATIENCE_S):
-        while not caplog.records:
-            await asyncio.sleep(0.001)
-    assert [record.message[:24] for record in caplog.records] == ["x: its guard has ended ("]
-    called: list[int] = []
-    guard.dismiss(lambda: called.append(1))
-    assert called == [1]
 
 
 def test_a_port_that_a_guard_has_is_held_by_its_program() -> None:

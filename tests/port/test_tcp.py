@@ -15,11 +15,8 @@ import pytest
 from lidario import ConnectFailed, open_lidar
 from lidario.port.port import Port
 from lidario.port.tcp import open_tcp
-from lidario.sim.serve import TcpServer
-from tests.support.devices import make_rig
 from tests.support.loop import now
 from tests.support.ports import PATIENCE_S, Sink, on_both_loops, open_files
-from tests.support.speeds import SpeedPtyServer
 
 
 @asynccontextmanager
@@ -125,19 +122,6 @@ async def test_a_dead_bridge_is_looked_for(monkeypatch: pytest.MonkeyPatch) -> N
         assert chosen[socket.TCP_NODELAY] == 1
         assert chosen[socket.TCP_KEEPIDLE] + chosen[socket.TCP_KEEPINTVL] * chosen[socket.TCP_KEEPCNT] == 11
         await port.close()
-
-
-@pytest.mark.long
-@on_both_loops
-async def test_a_session_over_tcp_and_one_on_a_terminal() -> None:
-    rig = make_rig("rplidar")
-    with TcpServer(rig.device) as server:
-        async with asyncio.timeout(PATIENCE_S), open_lidar("tcp://{}:{}".format(*server.address)) as lidar:
-            assert len(await lidar.scan()) > 1000
-    rig = make_rig("rplidar")
-    with SpeedPtyServer(rig.device) as terminal:
-        async with asyncio.timeout(PATIENCE_S), open_lidar(terminal.path) as lidar:
-            assert len(await lidar.scan()) > 1000
 
 
 @pytest.mark.parametrize(

@@ -9,13 +9,9 @@ from collections.abc import Iterator
 import pytest
 
 from lidario import ConnectFailed, DeviceLost, open_lidar
-from lidario.families.registry import FAMILIES
-from lidario.model import LineErrors
 from lidario.port.udp import open_udp
-from lidario.session.finding.silence import ReceivedInSilence
 from lidario.sim.rooms import make_world
 from lidario.sim.serve import UdpServer
-from lidario.source import as_source
 from tests.support.devices import left_still, make_rig, names
 from tests.support.ports import PATIENCE_S, Sink, impatient, on_both_loops, open_files
 
@@ -110,16 +106,6 @@ async def test_where_nothing_listens(peer: socket.socket) -> None:
         await open_lidar(f"udp://{host}:{number}")
     # As by TCP, although the port could be opened: only a request shows that nobody is there.
     assert caught.value.reason == "refused"
-
-
-@pytest.mark.parametrize(("kind", "words"), [("udp", "from no lidar"), ("serial", "at a wrong baud rate")])
-def test_garbage_of_a_network_is_not_explained_by_a_speed(kind: str, words: str) -> None:
-    heard = ReceivedInSilence()
-    heard.see("in", bytes(range(1, 200)), 0)
-    source = as_source("udp://127.0.0.1:8089" if kind == "udp" else "/dev/ttyUSB0")
-    assert f"199 bytes of garbage came back, as {words}. Is the" in str(
-        heard.nothing_responds(source, FAMILIES, (), LineErrors())
-    )
 
 
 async def test_a_host_that_is_silent(peer: socket.socket, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,8 +7,7 @@ from itertools import pairwise
 
 import pytest
 
-from lidario import Lidar, StreamFailed
-from lidario.session.talking.dialogue import Dialogue
+from lidario import Lidar
 from tests.support.devices import Rig, left_still, make_rig, names, take
 from tests.support.loop import driven, driven_loop, now, now_ns
 
@@ -141,16 +140,6 @@ async def test_a_reset_keeps_what_the_program_has_set(ydlidar: Rig, wanted: bool
         toggled = names(ydlidar).count("toggle_protection")
         await take(lidar, 2)
         assert names(ydlidar).count("toggle_protection") == toggled
-
-
-@driven
-async def test_without_it_the_device_stops(ydlidar: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The two tests above can fail."""
-    monkeypatch.setattr(Dialogue, "keep_alive", lambda self, request: True)
-    async with ydlidar.open() as lidar:
-        await lidar.set_power_down_protection(True)
-        with pytest.raises(StreamFailed, match="no scan data"):
-            await scan_for(lidar, 60.0)
 
 
 @driven

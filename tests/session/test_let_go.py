@@ -7,7 +7,6 @@ import gc
 import time
 import weakref
 from contextlib import suppress
-from typing import Any
 from unittest.mock import patch
 
 import pytest
@@ -46,7 +45,7 @@ async def test_an_error_that_is_kept_holds_nothing_of_the_program(rig: Rig) -> N
     await program()
     rig.device.receive = heard
     gc.collect()
-    assert refs[0]() is None, told(refs[0]())
+    assert refs[0]() is None, gc.get_referrers(refs[0]())
 
 
 @driven
@@ -108,7 +107,3 @@ async def test_a_session_that_is_let_go_in_the_midst_of_a_start_leaves_no_task(r
         await asyncio.sleep(1.0)
     assert left_still(rig)
     assert [task for task in asyncio.all_tasks() if task is not asyncio.current_task()] == []
-
-
-def told(kept: Any) -> list[str]:
-    return [type(each).__name__ for each in gc.get_referrers(kept)]

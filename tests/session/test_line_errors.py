@@ -9,11 +9,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import pytest
 
-from lidario.families.registry import FAMILIES
 from lidario.model import LineErrors
 from lidario.port.port import Port
-from lidario.session.finding.silence import ReceivedInSilence
-from lidario.source import as_source
 from tests.cli.processes import invoke_driven
 from tests.support.cable import next_after, on_a_cable
 from tests.support.devices import Rig, end_of
@@ -90,15 +87,6 @@ async def test_noise_is_told_with_them(rig: Rig, counted: Counted, errors: LineE
         failed = await end_of(stream)
         rig.device.transmit = clean
     assert says in str(failed)
-
-
-@pytest.mark.parametrize("speeds", [(115200,), (115200, 115200), (115200, 256000)])
-def test_what_comes_back_at_the_one_speed_that_was_named(speeds: tuple[int, ...]) -> None:
-    heard = ReceivedInSilence()
-    heard.see("in", bytes(range(1, 200)), 0)
-    told = str(heard.nothing_responds(as_source("/dev/ttyUSB0"), FAMILIES, speeds, LineErrors(framing=3)))
-    assert ("came back, with 3 framing errors: the baud rate" in told) == (len(set(speeds)) == 1)
-    assert ("came back, as at a wrong baud rate" in told) == (len(set(speeds)) > 1)
 
 
 def test_the_doctor_and_the_measuring_tell_them(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -49,7 +49,6 @@ MAKERS = {name: about.MAKER for name, about in ABOUT.items()}
 FAMILIES = tuple(name for name, maker in MAKERS.items() if maker.obeys and maker.tuned)
 """Those whose devices obey requests, and so are asked, stopped and reset in most tests of sessions."""
 EVERY_FAMILY = tuple(MAKERS)
-OBEDIENT = tuple(name for name, maker in MAKERS.items() if maker.obeys)
 SWITCHED = ("rplidar-a1", "rplidar-a2")
 """Models whose motor takes no speed: it is switched by DTR, and by an accessory board."""
 EVERY_KIND = (*EVERY_FAMILY, *SWITCHED)
