@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import re
 from dataclasses import replace
 
@@ -14,7 +13,7 @@ from lidario.families.rplidar.simulated.device import Profile, SimulatedRplidar
 from lidario.families.rplidar.simulated.requests import Request
 from lidario.sim.rooms import make_world
 from tests.support.devices import Rig, change_info, left_still, make_rig, names, take
-from tests.support.loop import driven
+from tests.support.loop import driven, now_ns
 
 AS_REAL = {
     "ydlidar-tg15": 20_000,
@@ -42,20 +41,17 @@ async def test_the_length_in_a_scan_header_of_the_4ros_is_ignored(
 
 
 @pytest.mark.parametrize("status", [3, 128, 255])
-def test_a_health_that_is_not_defined_is_a_warning(rig: Rig, status: int, caplog: pytest.LogCaptureFixture) -> None:
+@driven
+async def test_a_health_that_is_not_defined_is_a_warning(
+    rig: Rig, status: int, caplog: pytest.LogCaptureFixture
+) -> None:
     rig.device.health = (status, 0x1234)
-
-    @driven
-    async def main() -> None:
-        async with rig.open() as lidar:
-            assert lidar.health.status is HealthStatus.WARNING
-            assert lidar.health.code == 0x1234
-            assert str(status) in lidar.health.note
-            await lidar.scan()
-            assert await lidar.get_health() == lidar.health
-
-    with caplog.at_level(logging.WARNING, "lidario"):
-        main()
+    async with rig.open() as lidar:
+        assert lidar.health.status is HealthStatus.WARNING
+        assert lidar.health.code == 0x1234
+        assert str(status) in lidar.health.note
+        await lidar.scan()
+        assert await lidar.get_health() == lidar.health
     assert f"health status {status}" in caplog.text
     assert "reset" not in names(rig)
 
@@ -65,10 +61,14 @@ async def test_a_device_that_does_not_tell_its_health_is_used(
     rig: Rig, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     mute_for(rig, "get_health", monkeypatch)
-    async with rig.open() as lidar:
+    async with rig.read() as (lidar, stream):
         assert lidar.health.status is HealthStatus.WARNING
         assert "GET_HEALTH" in lidar.health.note
-        await lidar.scan()
+        # Also where its stream ends and it is asked why.
+        rig.device.halt(now_ns())
+        for _ in range(2):
+            await anext(stream)
+        assert lidar.stats.restarts == 1
     assert "does not tell its health" in caplog.text
 
 
