@@ -13,7 +13,6 @@ from lidario.families.ydlidar.simulated.device import PROFILES
 from lidario.model import HealthStatus
 from lidario.session.lidar import Lidar
 from tests.support.devices import Rig, take
-from tests.support.loop import driven
 
 DARK = [name for name, profile in PROFILES.items() if profile.by_dtr]
 QUESTIONS: dict[str, Callable[[Lidar], Awaitable[object]]] = {
@@ -31,7 +30,6 @@ def is_dark(rig: Rig) -> bool:
 @pytest.mark.parametrize("stopped", [True, False], ids=["after stop", "after opening"])
 @pytest.mark.parametrize("question", QUESTIONS)
 @pytest.mark.parametrize("rig", DARK, indirect=True)
-@driven
 async def test_a_question_at_rest_is_heard(rig: Rig, question: str, stopped: bool) -> None:
     async with open_lidar(rig.device, family=rig.family) as lidar:
         if stopped:
@@ -49,7 +47,6 @@ async def test_a_question_at_rest_is_heard(rig: Rig, question: str, stopped: boo
 
 
 @pytest.mark.parametrize("rig", DARK, indirect=True)
-@driven
 async def test_a_question_leaves_a_resting_device_at_rest(rig: Rig) -> None:
     async with open_lidar(rig.device, family=rig.family) as lidar:
         await lidar.stop()

@@ -52,7 +52,6 @@ model of a family with others that obey, after it went on in spite of two STOPs;
 
 
 @pytest.mark.parametrize("model", ONE_OF_EACH)
-@driven
 async def test_auto_finds_each_in_turn(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
     device = make_rig(model).device
     written = plugged_in(monkeypatch, only=device)
@@ -73,7 +72,6 @@ async def test_auto_finds_each_in_turn(model: str, monkeypatch: pytest.MonkeyPat
     ("model", "title"),
     [("camsense-lds08rr", "LDS08RR of Camsense"), ("irobotix-lds08rr", "LDS08RR of 3irobotix")],
 )
-@driven
 async def test_a_name_that_two_families_have_is_that_of_the_one_that_is_heard(
     model: str, title: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -83,7 +81,6 @@ async def test_a_name_that_two_families_have_is_that_of_the_one_that_is_heard(
         await lidar.scan()
 
 
-@driven
 async def test_one_that_was_stopped_is_woken(monkeypatch: pytest.MonkeyPatch) -> None:
     device = make_rig("ldrobot-ld14p").device
     device.spin_up_s = 1.0
@@ -98,7 +95,6 @@ async def test_one_that_was_stopped_is_woken(monkeypatch: pytest.MonkeyPatch) ->
 
 
 @pytest.mark.parametrize("model", ["hlds-lds01", "hlds-lds01-2016"])
-@driven
 async def test_one_that_turns_evenly_after_two_seconds_is_found(
     model: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -160,7 +156,6 @@ TALKING = (
 )
 
 
-@driven
 async def test_fifteen_of_them_together(monkeypatch: pytest.MonkeyPatch) -> None:
     plugged_in(monkeypatch, **{model: make_rig(model).device for model in TOGETHER})
     began = now()
@@ -205,7 +200,6 @@ def _lose(patch: pytest.MonkeyPatch, share: float, random: np.random.Generator) 
     patch.setattr(TransmitQueue, "push", some)
 
 
-@driven
 async def test_the_last_one_at_an_adapter_is_tried_first(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
     # What is remembered outlives the test, and so its adapter has a name of its own.
     link = tmp_path / f"usb-{tmp_path.name}"
@@ -233,7 +227,6 @@ def test_nothing_is_remembered_of_a_port_without_a_lasting_name(
     assert listening.adapter_of("/dev/ttyUSB0") is None
 
 
-@driven
 async def test_one_that_responds_while_others_are_looked_for_by_dtr_is_what_it_says() -> None:
     """A model that needs DTR is only a guess: what responds meanwhile may be another one of its family."""
     device = make_rig("ydlidar-4ros").device
@@ -248,7 +241,6 @@ async def test_one_that_responds_while_others_are_looked_for_by_dtr_is_what_it_s
     await connection.dialogue.close()
 
 
-@driven
 async def test_one_whose_response_is_damaged_while_dtr_is_asserted_is_asked_once_more() -> None:
     """It is dark before, so the question that was damaged is the only one that it was asked."""
     damaged = 0

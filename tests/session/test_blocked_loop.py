@@ -8,11 +8,10 @@ import pytest
 
 from lidario.scan import Scan
 from tests.support.devices import Rig
-from tests.support.loop import driven, driven_loop
+from tests.support.loop import driven_loop
 
 
 @pytest.mark.parametrize("block_s", [0.2, 0.8, 3.0])
-@driven
 async def test_revolutions_that_come_late_and_whole_are_delivered(rig: Rig, block_s: float) -> None:
     loop = driven_loop()
     scans: list[Scan] = []

@@ -10,7 +10,7 @@ import pytest
 
 from lidario import Lidar, ResponseTimeout
 from tests.support.devices import FAMILIES, Rig, left_still, make_rig, names
-from tests.support.loop import driven, run_driven
+from tests.support.loop import run_driven
 
 BOOTS_FOR = [0.0, 0.0005, 0.02, 0.3, 0.9]
 """Seconds after which `reset` is cancelled: at once, when RESET was just written, and while the device is asked."""
@@ -48,7 +48,6 @@ def test_what_follows_a_cancelled_reset_waits_until_the_device_has_booted(family
         run_driven(partial(after, seconds))
 
 
-@driven
 async def test_a_stream_goes_on_after_a_reset_that_was_cancelled(rig: Rig) -> None:
     async with rig.read() as (lidar, stream):
         resetting = asyncio.ensure_future(lidar.reset())
@@ -59,7 +58,6 @@ async def test_a_stream_goes_on_after_a_reset_that_was_cancelled(rig: Rig) -> No
     assert "reset" in names(rig)
 
 
-@driven
 async def test_a_device_that_never_boots_is_waited_for_only_once(rig: Rig) -> None:
     loop = asyncio.get_running_loop()
     async with rig.open() as lidar:

@@ -27,7 +27,7 @@ from lidario.wire.events import Packets
 from lidario.wire.stats import LinkStats
 from tests.support.devices import FAMILIES, Rig, babble, make_rig
 from tests.support.links import PACKETS
-from tests.support.loop import DrivenLoop, driven, now, run_driven
+from tests.support.loop import DrivenLoop, now, run_driven
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXT = (ROOT / "docs" / "bounds.md").read_text(encoding="utf-8")
@@ -181,7 +181,6 @@ async def test_what_waits_to_be_parsed_is_bounded() -> None:
     assert intake.stats.discarded_bytes == (999 - waits) * 10 * 84
 
 
-@driven
 async def test_a_device_that_claims_many_modes(rplidar: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     conf = type(rplidar.device.profile).conf
     asked: list[int] = []

@@ -16,7 +16,6 @@ from lidario.session.lidar import Lidar
 from lidario.session.opening import open_lidar
 from lidario.sim.serve import PtyServer
 from tests.support.devices import Rig, take
-from tests.support.loop import driven
 from tests.support.ports import PATIENCE_S
 
 
@@ -45,7 +44,6 @@ async def use(lidar: Lidar) -> None:
     await lidar.stop()
 
 
-@driven
 async def test_in_memory(rig: Rig) -> None:
     sent = Sent(rig)
     async with rig.open() as lidar:

@@ -16,7 +16,6 @@ from lidario.scan import Scan
 from lidario.session.finding.silence import ReceivedInSilence
 from lidario.source import as_source
 from tests.support.devices import make_rig
-from tests.support.loop import driven
 from tests.support.speeds import plugged_in
 from tests.support.terminals import WaitingPtyServer
 
@@ -52,7 +51,6 @@ async def test_both_families_are_found_and_stream_side_by_side(soak: float) -> N
         assert one.lost == two.lost == 0
 
 
-@driven
 async def test_auto_takes_the_only_lidar_that_answers(monkeypatch: pytest.MonkeyPatch) -> None:
     lidar, silent = make_rig("ydlidar").device, make_rig("rplidar").device
     silent.mute = True
@@ -67,7 +65,6 @@ async def test_auto_takes_the_only_lidar_that_answers(monkeypatch: pytest.Monkey
     assert caught.value.reason == "missing"
 
 
-@driven
 async def test_auto_does_not_choose_among_several(monkeypatch: pytest.MonkeyPatch) -> None:
     plugged_in(monkeypatch, one=make_rig("rplidar", seed=1).device, two=make_rig("rplidar", seed=2).device)
     with pytest.raises(ConnectFailed, match=r"2 lidars respond(.|\n)*S2M1") as caught:
@@ -75,7 +72,6 @@ async def test_auto_does_not_choose_among_several(monkeypatch: pytest.MonkeyPatc
     assert caught.value.reason == "ambiguous"
 
 
-@driven
 async def test_auto_does_not_write_to_strange_adapters(monkeypatch: pytest.MonkeyPatch) -> None:
     written = plugged_in(monkeypatch, "", somebodys=make_rig("rplidar").device)
     with pytest.raises(ConnectFailed, match="somebodys") as caught:
@@ -94,7 +90,6 @@ async def test_auto_does_not_write_to_strange_adapters(monkeypatch: pytest.Monke
     ],
     ids=["silence", "zeros", "garbage", "packets"],
 )
-@driven
 async def test_what_came_back_is_said(babble: bytes, verdict: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The device sends the same bytes after every request, at whatever speed."""
     device, due = make_rig("rplidar").device, list[bytes]()
@@ -113,7 +108,6 @@ async def test_what_came_back_is_said(babble: bytes, verdict: str, monkeypatch: 
     assert caught.value.reason == "silent"
 
 
-@driven
 async def test_a_wrong_baud_rate_is_garbage_and_not_a_crash() -> None:
     with pytest.raises(ConnectFailed, match="garbage"):
         await open_lidar("sim://rplidar-s2?via=memory&fault=garbage")

@@ -86,7 +86,6 @@ async def test_each_turn_of_the_loop_does_a_bounded_part(kind: str, monkeypatch:
     assert MOST_STEPS - 1 <= max(steps.each_turn) <= MOST_STEPS
 
 
-@driven
 async def test_what_is_too_much_is_dropped_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     loop = driven_loop()
     steps, rig = Steps(monkeypatch, loop), make_rig("rplidar")
@@ -112,7 +111,6 @@ async def test_what_is_too_much_is_dropped_and_counted(monkeypatch: pytest.Monke
         assert after.bytes_received - before.bytes_received - dropped <= steps.all * IDLE_SLICE
 
 
-@driven
 async def test_what_came_before_the_line_was_lost_is_decoded_first(monkeypatch: pytest.MonkeyPatch) -> None:
     loop = driven_loop()
     steps, rig = Steps(monkeypatch, loop), make_rig("rplidar")

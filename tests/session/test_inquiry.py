@@ -12,7 +12,7 @@ from lidario import DeviceFault, Lidar, StreamFailed
 from lidario.revolution.seam import Seam
 from lidario.session.streaming.failures import Failures
 from tests.support.devices import Rig, end_of, left_still, names
-from tests.support.loop import DrivenLoop, driven, now, now_ns, run_driven
+from tests.support.loop import DrivenLoop, now, now_ns, run_driven
 
 CODE = 0x8001
 OF_EACH_BOOT = ("rplidar-s2", "rplidar-s1", "rplidar-old-firmware", "ydlidar-4ros")
@@ -37,7 +37,6 @@ async def error_of(
         return str(await end_of(stream, kind)), now() - began
 
 
-@driven
 async def test_a_protection_stop_in_mid_scan_is_cured_counted_and_told(
     rig: Rig, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -59,7 +58,6 @@ async def test_a_protection_stop_in_mid_scan_is_cured_counted_and_told(
     assert left_still(rig)
 
 
-@driven
 async def test_a_program_that_asks_first_is_told_and_the_stream_goes_on(rig: Rig) -> None:
     async with rig.read() as (lidar, stream):
         rig.device.protection_stop(CODE)
@@ -71,7 +69,6 @@ async def test_a_program_that_asks_first_is_told_and_the_stream_goes_on(rig: Rig
         assert lidar.stats.protection_stops == 1
 
 
-@driven
 async def test_a_second_protection_stop_within_a_minute_is_raised(rig: Rig) -> None:
     async with rig.open() as lidar:
         async with lidar.scans() as stream:
@@ -91,7 +88,6 @@ async def test_a_second_protection_stop_within_a_minute_is_raised(rig: Rig) -> N
     assert left_still(rig)
 
 
-@driven
 async def test_after_a_while_a_protection_stop_is_cured_again(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.session.streaming.inquiry.PERIOD_S", 5.0)
     async with rig.open() as lidar, lidar.scans() as stream:
@@ -104,7 +100,6 @@ async def test_after_a_while_a_protection_stop_is_cured_again(rig: Rig, monkeypa
             assert lidar.stats.protection_stops == lidar.stats.restarts == count
 
 
-@driven
 async def test_a_fault_that_stays_ends_the_stream_with_its_code_and_the_next_start_at_once(rig: Rig) -> None:
     rig.device.faults_cleared_by_reset = False
     async with rig.open() as lidar:
@@ -121,7 +116,6 @@ async def test_a_fault_that_stays_ends_the_stream_with_its_code_and_the_next_sta
 
 
 @pytest.mark.discards("a device in Protection Stop starts no stream, and does not say so")
-@driven
 async def test_a_protection_stop_while_nothing_runs_is_cured_by_the_next_start(rig: Rig) -> None:
     async with rig.open() as lidar:
         await lidar.scan()
@@ -131,7 +125,6 @@ async def test_a_protection_stop_while_nothing_runs_is_cured_by_the_next_start(r
         assert lidar.stats.protection_stops == 1
 
 
-@driven
 async def test_after_a_rest_the_device_is_asked_before_it_is_started(rig: Rig) -> None:
     """As the vendors' manuals have it. It discards no request, and nobody waits for a stream that cannot begin."""
     async with rig.open() as lidar:
@@ -151,7 +144,6 @@ async def test_after_a_rest_the_device_is_asked_before_it_is_started(rig: Rig) -
 
 
 @pytest.mark.parametrize("rig", OF_EACH_BOOT, indirect=True)
-@driven
 async def test_a_protection_stop_at_open_is_cured_counted_and_told(
     rig: Rig, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -165,7 +157,6 @@ async def test_a_protection_stop_at_open_is_cured_counted_and_told(
     assert [record.message for record in caplog.records if "0x8001" in record.message]
 
 
-@driven
 async def test_a_well_device_that_falls_silent_is_restarted(rig: Rig, caplog: pytest.LogCaptureFixture) -> None:
     async with rig.open() as lidar:
         async with lidar.scans() as stream:
@@ -184,7 +175,6 @@ async def test_a_well_device_that_falls_silent_is_restarted(rig: Rig, caplog: py
     assert left_still(rig)
 
 
-@driven
 async def test_a_dead_device_is_told_of_within_a_second(rig: Rig) -> None:
     async with rig.open() as lidar:
         text, after = await error_of(lidar, lambda: setattr(rig.device, "mute", True))
@@ -196,7 +186,6 @@ async def test_a_dead_device_is_told_of_within_a_second(rig: Rig) -> None:
     assert left_still(rig)
 
 
-@driven
 async def test_a_rotor_that_stalls_is_told_of_within_three_slow_revolutions(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -209,7 +198,6 @@ async def test_a_rotor_that_stalls_is_told_of_within_three_slow_revolutions(
     assert left_still(rig)
 
 
-@driven
 async def test_a_blocked_rotor_that_stopped_the_device_is_told_by_its_code(rig: Rig) -> None:
     """A device that never brings a packet is asked too."""
     rig.device.faults_cleared_by_reset = False
@@ -224,7 +212,6 @@ async def test_a_blocked_rotor_that_stopped_the_device_is_told_by_its_code(rig: 
 
 
 @pytest.mark.parametrize("harm", ["half a packet", "a bad byte long ago", "a burst that is over"])
-@driven
 async def test_noise_is_told_only_where_noise_is_what_arrives(rig: Rig, harm: str) -> None:
     clean = rig.device.transmit
     left = {"half a packet": 50, "a bad byte long ago": 0, "a burst that is over": 0}[harm]

@@ -9,7 +9,7 @@ import pytest
 
 from lidario import Lidar
 from tests.support.devices import Rig, left_still, make_rig, names, take
-from tests.support.loop import driven, driven_loop, now, now_ns
+from tests.support.loop import driven_loop, now, now_ns
 
 MINUTE_S = 60.0
 INTERVAL_S = 0.4
@@ -44,7 +44,6 @@ async def scan_for(lidar: Lidar, seconds: float, block_s: float = 0.0) -> int:
 
 
 @pytest.mark.exhaustive("minutes", sample=[2], full=[10])
-@driven
 async def test_many_minutes_with_protection_on(ydlidar: Rig, minutes: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.port.simulated.TICK_S", 0.1)
     seconds = minutes * MINUTE_S
@@ -57,7 +56,6 @@ async def test_many_minutes_with_protection_on(ydlidar: Rig, minutes: int, monke
     assert left_still(ydlidar)
 
 
-@driven
 async def test_a_program_that_blocks_the_loop_does_not_stop_the_device_in_any_phase(ydlidar: Rig) -> None:
     """For 2.5 s, beginning 0 to 0.95 s after a keepalive; without a thread."""
     loop = driven_loop()
@@ -75,7 +73,6 @@ async def test_a_program_that_blocks_the_loop_does_not_stop_the_device_in_any_ph
         assert ydlidar.device.lapses == lidar.stats.restarts == lidar.stats.interruptions == 0
 
 
-@driven
 async def test_after_a_lapse_the_next_keepalive_starts_the_device_again(ydlidar: Rig) -> None:
     loop = driven_loop()
     async with ydlidar.open() as lidar:
@@ -88,7 +85,6 @@ async def test_after_a_lapse_the_next_keepalive_starts_the_device_again(ydlidar:
         assert (ydlidar.device.lapses, lidar.stats.restarts) == (1, 0)
 
 
-@driven
 async def test_protection_that_an_earlier_program_left_on_is_learned(ydlidar: Rig) -> None:
     ydlidar.device.protected = True
     async with ydlidar.open() as lidar:
@@ -100,7 +96,6 @@ async def test_protection_that_an_earlier_program_left_on_is_learned(ydlidar: Ri
     assert left_still(ydlidar)
 
 
-@driven
 async def test_protection_is_not_toggled_unless_a_stream_ends_as_if_it_were_on(ydlidar: Rig) -> None:
     async with ydlidar.open() as lidar:
         async with lidar.scans() as stream:
@@ -126,7 +121,6 @@ async def test_protection_is_not_toggled_unless_a_stream_ends_as_if_it_were_on(y
 
 
 @pytest.mark.parametrize("wanted", [True, False])
-@driven
 async def test_a_reset_keeps_what_the_program_has_set(ydlidar: Rig, wanted: bool) -> None:
     async with ydlidar.open() as lidar:
         await lidar.set_power_down_protection(wanted)
@@ -142,7 +136,6 @@ async def test_a_reset_keeps_what_the_program_has_set(ydlidar: Rig, wanted: bool
         assert names(ydlidar).count("toggle_protection") == toggled
 
 
-@driven
 async def test_it_ends_with_the_stream_and_with_the_protection(ydlidar: Rig) -> None:
     async with ydlidar.open() as lidar:
         await lidar.set_power_down_protection(True)
@@ -157,7 +150,6 @@ async def test_it_ends_with_the_stream_and_with_the_protection(ydlidar: Rig) -> 
         assert lidar.stats.keepalives == sent
 
 
-@driven
 async def test_protection_switched_while_scanning(ydlidar: Rig) -> None:
     async with ydlidar.read() as (lidar, stream):
         for wanted in (True, True, False, False, True):
@@ -169,7 +161,6 @@ async def test_protection_switched_while_scanning(ydlidar: Rig) -> None:
         assert lidar.stats.keepalives > before
 
 
-@driven
 async def test_zero_offset_is_told_and_applied_only_when_asked() -> None:
     plain = make_rig("ydlidar")
     plain.device.zero_offset = -50
@@ -187,7 +178,6 @@ async def test_zero_offset_is_told_and_applied_only_when_asked() -> None:
 
 @pytest.mark.parametrize("steps", range(1, 40, 3))
 @pytest.mark.parametrize("on", [True, False])
-@driven
 async def test_a_toggle_that_was_not_confirmed_is_looked_at_before_the_next_stream(
     ydlidar: Rig, on: bool, steps: int
 ) -> None:
@@ -210,7 +200,6 @@ async def test_a_toggle_that_was_not_confirmed_is_looked_at_before_the_next_stre
     assert left_still(ydlidar)
 
 
-@driven
 async def test_a_toggle_whose_response_was_lost_is_looked_at(ydlidar: Rig) -> None:
     async with ydlidar.open() as lidar:
         await lidar.set_power_down_protection(True)

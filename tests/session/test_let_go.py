@@ -13,10 +13,8 @@ import pytest
 
 from lidario import Lidar
 from tests.support.devices import Rig, left_still
-from tests.support.loop import driven
 
 
-@driven
 async def test_an_error_that_is_kept_holds_nothing_of_the_program(rig: Rig) -> None:
     """The line is lost while the stop requests are written, and these while a cancelled task leaves its stream."""
     heard = rig.device.receive
@@ -48,7 +46,6 @@ async def test_an_error_that_is_kept_holds_nothing_of_the_program(rig: Rig) -> N
     assert refs[0]() is None, gc.get_referrers(refs[0]())
 
 
-@driven
 async def test_who_keeps_the_error_of_a_cancelled_setting_keeps_no_stream(rig: Rig) -> None:
     """The setting reads scans to measure the speed; the reader before is gone meanwhile."""
     async with rig.open() as lidar:
@@ -68,7 +65,6 @@ async def test_who_keeps_the_error_of_a_cancelled_setting_keeps_no_stream(rig: R
 
 @pytest.mark.parametrize("sectors", [False, True])
 @pytest.mark.parametrize("awaited", [False, True])
-@driven
 async def test_who_keeps_a_cancelled_task_keeps_no_stream(rig: Rig, *, sectors: bool, awaited: bool) -> None:
     """Its error holds the frames in which it was raised. What they iterated over is garbage all the same."""
     async with rig.open() as lidar:
@@ -90,7 +86,6 @@ async def test_who_keeps_a_cancelled_task_keeps_no_stream(rig: Rig, *, sectors: 
         del kept
 
 
-@driven
 async def test_a_session_that_is_let_go_in_the_midst_of_a_start_leaves_no_task(rig: Rig) -> None:
     """It waited for the stop requests, which nobody wrote any more, ten times a second and for ever."""
     with patch.object(time, "sleep", asyncio.get_running_loop().block):  # type: ignore[attr-defined]

@@ -14,7 +14,7 @@ from lidario.port.port import Port
 from tests.cli.processes import invoke_driven
 from tests.support.cable import next_after, on_a_cable
 from tests.support.devices import Rig, end_of
-from tests.support.loop import driven, now
+from tests.support.loop import now
 
 
 class Counted:
@@ -38,7 +38,6 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Counted:
     return Counted(monkeypatch)
 
 
-@driven
 async def test_they_are_in_stats_from_the_beginning_of_the_session(rig: Rig, counted: Counted) -> None:
     async with rig.open() as lidar:
         # What came before, at other speeds, says nothing of this one.
@@ -50,7 +49,6 @@ async def test_they_are_in_stats_from_the_beginning_of_the_session(rig: Rig, cou
         assert (await lidar.scan()).seq == 0
 
 
-@driven
 async def test_they_are_summed_over_all_lines(counted: Counted) -> None:
     async with on_a_cable("rplidar") as (cable, lidar), lidar.scans() as stream:
         await anext(stream)
@@ -77,7 +75,6 @@ async def test_they_are_summed_over_all_lines(counted: Counted) -> None:
         (LineErrors(overruns=7), "; only noise arrives, with 7 overruns: this computer is too slow"),
     ],
 )
-@driven
 async def test_noise_is_told_with_them(rig: Rig, counted: Counted, errors: LineErrors, says: str) -> None:
     random = np.random.default_rng(3)
     async with rig.read() as (_, stream):

@@ -15,7 +15,6 @@ from tests.support.loop import driven
 
 
 @pytest.mark.parametrize("scanning", [False, True])
-@driven
 async def test_a_speed_that_the_mode_does_not_fit_is_refused_and_nothing_has_changed(*, scanning: bool) -> None:
     rig = make_rig("rplidar", "rplidar-s2")
     async with rig.open() as lidar:
@@ -34,7 +33,6 @@ async def test_a_speed_that_the_mode_does_not_fit_is_refused_and_nothing_has_cha
     assert names(rig, obeyed=True).count("new_baudrate_confirm") == 1
 
 
-@driven
 async def test_a_device_that_is_found_at_too_slow_a_speed_says_so_when_it_shall_scan(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -55,7 +53,6 @@ async def test_a_device_that_is_found_at_too_slow_a_speed_says_so_when_it_shall_
     assert left_still(rig)
 
 
-@driven
 async def test_a_mode_that_does_not_fit_is_refused_beside_one_that_does() -> None:
     rig = make_rig("rplidar", "rplidar-c1")
     async with rig.open() as lidar:
@@ -87,7 +84,6 @@ MODELS = [(family.name, model) for family in FAMILIES for model in family.simula
 
 
 @pytest.mark.exhaustive("which", sample=MODELS[::6], full=MODELS)
-@driven
 async def test_each_mode_of_each_model_fits_its_own_line(which: tuple[str, str]) -> None:
     family, model = which
     found = await connect(parse_source(f"sim://{model}?via=memory"), family)

@@ -16,7 +16,7 @@ from lidario.session.finding.discovery import PortInfo
 from lidario.session.finding.listening import LISTEN_S, family_of_stream, listen
 from tests.support.cases import CASES
 from tests.support.devices import babble, make_rig
-from tests.support.loop import driven, now, now_ns
+from tests.support.loop import now, now_ns
 from tests.support.speeds import misread, serial_in_memory
 
 STREAMING = (
@@ -40,7 +40,6 @@ def stream(device: Any, mode: int) -> None:
 
 
 @pytest.mark.parametrize(("model", "mode"), STREAMING)
-@driven
 async def test_a_device_that_streams_is_recognised_before_a_byte_is_written(
     model: str, mode: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -64,7 +63,6 @@ ONE_SPEED = pytest.param(
 @pytest.mark.parametrize("shared", [pytest.param(False, id="by speed"), ONE_SPEED])
 @pytest.mark.parametrize("boot_s", [0.7, 2.0, 3.1, 4.2])
 @pytest.mark.parametrize("model", ["rplidar-s1", "rplidar-s2", "ydlidar-4ros"])
-@driven
 async def test_a_device_that_boots_is_asked_again(
     model: str, boot_s: float, shared: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -87,7 +85,6 @@ async def test_a_device_that_boots_is_asked_again(
     ids=["by speed", "one speed", "its family is known"],
 )
 @pytest.mark.parametrize("model", ["rplidar-s1", "rplidar-s2"])
-@driven
 async def test_half_a_request_is_outlived(
     model: str, shared: bool, family: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -142,7 +139,6 @@ def test_most_of_the_bytes_must_be_packets_and_three_of_them(name: str) -> None:
                 assert (family is not None) == recognised
 
 
-@driven
 async def test_where_nothing_listens_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     device = make_rig("rplidar-s2").device
     device.mute = True
@@ -162,7 +158,6 @@ async def test_where_nothing_listens_it_ends(monkeypatch: pytest.MonkeyPatch) ->
 
 @pytest.mark.parametrize("ended_after_s", [0.5, 2.0, 4.0, None])
 @pytest.mark.parametrize("model", ["ldrobot-ld14p", "hlds-lds01"])
-@driven
 async def test_what_the_search_may_have_started_is_left_still(
     model: str, ended_after_s: float | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -181,7 +176,6 @@ async def test_what_the_search_may_have_started_is_left_still(
     assert not device.motor_on
 
 
-@driven
 async def test_where_only_noise_comes_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     device = make_rig("rplidar-s2").device
     babble(device)
@@ -193,7 +187,6 @@ async def test_where_only_noise_comes_it_ends(monkeypatch: pytest.MonkeyPatch) -
     assert 9.0 < now() - began < 17.0
 
 
-@driven
 async def test_a_speed_the_adapter_cannot_do_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     device = make_rig("rplidar-s1").device
     serial_in_memory(monkeypatch, poor=device)
@@ -211,7 +204,6 @@ async def test_a_speed_the_adapter_cannot_do_is_left_out(monkeypatch: pytest.Mon
             assert lidar.info.family == "rplidar"
 
 
-@driven
 async def test_cancelled_while_it_listens_it_has_written_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     device = make_rig("rplidar-s2").device
     written = serial_in_memory(monkeypatch, rests=device)
@@ -229,7 +221,6 @@ async def test_cancelled_while_it_listens_it_has_written_nothing(monkeypatch: py
     assert written == []
 
 
-@driven
 async def test_ports_are_asked_side_by_side_and_patiently_only_where_none_responds(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -20,7 +20,7 @@ import pytest
 from lidario import Lidar, LidarError
 from tests.support.cable import Cable, cable_to
 from tests.support.devices import EVERY_FAMILY, left_still, make_rig
-from tests.support.loop import driven, driven_loop, now
+from tests.support.loop import driven_loop, now
 
 LONGEST_S = 40.0
 """No call takes longer: a speed that is not reached, behind a boot and a reconnection."""
@@ -151,7 +151,6 @@ class Program:
 @pytest.mark.parametrize("family", EVERY_FAMILY)
 @pytest.mark.parametrize("reconnect", [False, True])
 @pytest.mark.exhaustive("seed", sample=range(2), full=range(4))
-@driven
 async def test_many_tasks_at_once(family: str, seed: int, *, reconnect: bool) -> None:
     rig = make_rig(family)
     loop = driven_loop()

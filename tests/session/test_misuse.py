@@ -16,7 +16,6 @@ from lidario import InternalError, InvalidValue, LocalProtocolError, SessionClos
 from lidario.session.streaming.control import StreamControl
 from lidario.session.talking.trouble import Trouble
 from tests.support.devices import Rig, left_still, take
-from tests.support.loop import driven
 
 
 def test_open_lidar_is_neither_for_a_plain_with_nor_iterated() -> None:
@@ -28,7 +27,6 @@ def test_open_lidar_is_neither_for_a_plain_with_nor_iterated() -> None:
         aiter(lidario.open_lidar("sim://rplidar-s2"))
 
 
-@driven
 async def test_one_opening_is_entered_by_one_block_at_a_time() -> None:
     opening = lidario.open_lidar("sim://rplidar-s2?via=memory")
     async with opening as first:
@@ -49,7 +47,6 @@ async def test_one_opening_is_entered_by_one_block_at_a_time() -> None:
         await third.scan()
 
 
-@driven
 async def test_a_lidar_and_a_recording_are_not_for_a_plain_with(rplidar: Rig, tmp_path: Path) -> None:
     async with rplidar.open() as lidar:
         with pytest.raises(LocalProtocolError, match=r"lidar\.scans\(\)"):
@@ -75,7 +72,6 @@ def test_without_an_asyncio_loop_one_sentence_says_so() -> None:
         next(opening)
 
 
-@driven
 async def test_values_that_cannot_be_right(rig: Rig) -> None:
     async with rig.open() as lidar:
         calls: list[Callable[[Any], Any]] = [lidar.set_scan_frequency, lidar.set_motor_speed]
@@ -91,7 +87,6 @@ async def test_values_that_cannot_be_right(rig: Rig) -> None:
         assert not lidar.is_scanning
 
 
-@driven
 async def test_whatever_is_as_good_as_true(ydlidar: Rig) -> None:
     async with ydlidar.open() as lidar:
         yes: Any
@@ -100,7 +95,6 @@ async def test_whatever_is_as_good_as_true(ydlidar: Rig) -> None:
             assert await lidar.set_power_down_protection(not yes) is False
 
 
-@driven
 async def test_a_mistake_of_ours_in_a_start_ends_the_session_and_stops_the_device(
     rig: Rig, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -117,7 +111,6 @@ async def test_a_mistake_of_ours_in_a_start_ends_the_session_and_stops_the_devic
     assert left_still(rig)
 
 
-@driven
 async def test_states_are_logged_for_who_looks_for_them(rplidar: Rig, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.DEBUG, "lidario")
     async with rplidar.open() as lidar:

@@ -14,7 +14,7 @@ from lidario import Unsupported, open_lidar
 from lidario.sim.faults import parse_faults
 from lidario.sim.rooms import make_world
 from tests.support.devices import SWITCHED, Rig, left_still, make_rig, names, take
-from tests.support.loop import driven, now, now_ns
+from tests.support.loop import now, now_ns
 
 TURNS_S = {"rplidar-a1": 60 / 428, "rplidar-a2": 0.1, "rplidar-a3": 0.1, "rplidar-c1": 0.1}
 switched = pytest.mark.parametrize("rig", SWITCHED, indirect=True)
@@ -28,7 +28,6 @@ def rig(request: pytest.FixtureRequest) -> Rig:
     return made
 
 
-@driven
 async def test_one_that_was_left_scanning_is_stopped_shows_the_world_and_is_left_still(rig: Rig) -> None:
     rig.device.begin_streaming(1, now_ns())
     async with rig.open() as lidar:
@@ -48,7 +47,6 @@ async def test_one_that_was_left_scanning_is_stopped_shows_the_world_and_is_left
 
 @pytest.mark.parametrize("mode", ["Standard", "Express", "Boost", "Stability", "Legacy express"])
 @switched
-@driven
 async def test_every_mode_by_name(rig: Rig, mode: str) -> None:
     async with rig.open() as lidar:
         async with lidar.scans(mode) as stream:
@@ -61,7 +59,6 @@ async def test_every_mode_by_name(rig: Rig, mode: str) -> None:
     assert left_still(rig)
 
 
-@driven
 async def test_the_way_is_decided_once() -> None:
     rig = make_rig("rplidar-a2")
     async with rig.open() as lidar:
@@ -72,7 +69,6 @@ async def test_the_way_is_decided_once() -> None:
 
 
 @pytest.mark.parametrize("rig", ["rplidar-a2-no-board", "rplidar-c1-fixed"], indirect=True)
-@driven
 async def test_a_motor_without_control_is_left_alone(rig: Rig) -> None:
     async with rig.open() as lidar:
         await take(lidar, 1)
@@ -85,7 +81,6 @@ async def test_a_motor_without_control_is_left_alone(rig: Rig) -> None:
 
 
 @switched
-@driven
 async def test_a_speed_is_refused_and_the_stream_goes_on(rig: Rig) -> None:
     async with rig.read() as (lidar, stream):
         for request in (lidar.set_scan_frequency(8.0), lidar.get_scan_frequency()):
@@ -95,7 +90,6 @@ async def test_a_speed_is_refused_and_the_stream_goes_on(rig: Rig) -> None:
         assert lidar.stats.interruptions == 0
 
 
-@driven
 async def test_a_c1_takes_a_speed() -> None:
     rig = make_rig("rplidar-c1")
     async with rig.open() as lidar:
@@ -103,7 +97,6 @@ async def test_a_c1_takes_a_speed() -> None:
         assert (await take(lidar, 3))[-1].rpm == pytest.approx(480, rel=0.01)
 
 
-@driven
 async def test_an_empty_list_of_modes() -> None:
     rig = make_rig("rplidar-a2-empty-list")
     async with rig.open() as lidar:
@@ -111,7 +104,6 @@ async def test_an_empty_list_of_modes() -> None:
         assert {len(scan) for scan in await take(lidar, 3)} <= {399, 400, 401}
 
 
-@driven
 async def test_hq_scan_by_name() -> None:
     rig = make_rig("rplidar-hq")
     async with rig.open() as lidar:
@@ -125,7 +117,6 @@ async def test_hq_scan_by_name() -> None:
     full=["drop:0.1%", "flip:0.1%", "reboot:2s", "late:0.05s", "protect:2s", "duplicate:0.1%"],
 )
 @switched
-@driven
 async def test_scans_go_on_after_a_fault(rig: Rig, fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Behind a reboot an accessory board has forgotten the duty, and an A1 has printed its banner."""
     monkeypatch.setattr("lidario.port.simulated.make_device", lambda _: (rig.device, parse_faults(fault, seed=1)))
@@ -141,7 +132,6 @@ async def test_scans_go_on_after_a_fault(rig: Rig, fault: str, monkeypatch: pyte
     assert left_still(rig)
 
 
-@driven
 async def test_a_board_whose_responses_were_lost_is_found_when_no_packet_comes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -13,7 +13,7 @@ from lidario.families.rplidar.simulated.device import Profile, SimulatedRplidar
 from lidario.families.rplidar.simulated.requests import Request
 from lidario.sim.rooms import make_world
 from tests.support.devices import Rig, change_info, left_still, make_rig, names, take
-from tests.support.loop import driven, now_ns
+from tests.support.loop import now_ns
 
 AS_REAL = {
     "ydlidar-tg15": 20_000,
@@ -28,7 +28,6 @@ HEADER = "lidario.families.ydlidar.simulated.device.SCAN_HEADER"
 
 
 @pytest.mark.parametrize("length", [0, 5, 90, 0x3FFF_FFFF])
-@driven
 async def test_the_length_in_a_scan_header_of_the_4ros_is_ignored(
     ydlidar: Rig, length: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -41,7 +40,6 @@ async def test_the_length_in_a_scan_header_of_the_4ros_is_ignored(
 
 
 @pytest.mark.parametrize("status", [3, 128, 255])
-@driven
 async def test_a_health_that_is_not_defined_is_a_warning(
     rig: Rig, status: int, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -56,7 +54,6 @@ async def test_a_health_that_is_not_defined_is_a_warning(
     assert "reset" not in names(rig)
 
 
-@driven
 async def test_a_device_that_does_not_tell_its_health_is_used(
     rig: Rig, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -73,7 +70,6 @@ async def test_a_device_that_does_not_tell_its_health_is_used(
 
 
 @pytest.mark.parametrize("bit", [0, 3, 7, 8, 31, 70, 159])
-@driven
 async def test_one_flipped_bit_makes_no_other_device(rig: Rig, bit: int, monkeypatch: pytest.MonkeyPatch) -> None:
     flips = iter([bit])
 
@@ -93,7 +89,6 @@ async def test_one_flipped_bit_makes_no_other_device(rig: Rig, bit: int, monkeyp
         assert await lidar.get_info() == damaged
 
 
-@driven
 async def test_a_4ros_says_that_it_cannot_keep_spinning(ydlidar: Rig) -> None:
     with pytest.raises(Unsupported, match="YDLIDAR 4ROS stops with its laser"):
         await ydlidar.open(keep_spinning=True)
@@ -112,7 +107,6 @@ def mute_for(rig: Rig, name: str, patch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("foretold", [0x81, 0x82, 0x83, 0x84, 0x86])
-@driven
 async def test_the_descriptor_decides_which_format_is_decoded(
     rplidar: Rig, foretold: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -140,7 +134,6 @@ def start_dense(device: SimulatedRplidar, request: Request) -> str:
     return device.HANDLERS["express_scan"](device, replace(request, payload=bytes((1, 0, 0, 0, 0))))
 
 
-@driven
 async def test_modes_with_holes_in_their_numbers_are_all_found() -> None:
     rig = make_rig("rplidar-holes")
     async with rig.open() as lidar:
@@ -165,7 +158,6 @@ async def test_modes_with_holes_in_their_numbers_are_all_found() -> None:
         ("ydlidar-4ros-stamps", None),
     ],
 )
-@driven
 async def test_awkward_devices_do_what_they_can(model: str, mode: str | None) -> None:
     rig = make_rig(model, world=make_world("circle"))
     async with rig.open() as lidar:
@@ -182,7 +174,6 @@ async def test_awkward_devices_do_what_they_can(model: str, mode: str | None) ->
             assert len(await take(lidar, 1)) == 1
 
 
-@driven
 async def test_turns_are_told_apart_even_if_the_device_never_marks_one(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = make_rig("ydlidar", world=make_world("circle"))
     clean = rig.device.transmit
@@ -203,7 +194,6 @@ async def test_turns_are_told_apart_even_if_the_device_never_marks_one(monkeypat
 
 @pytest.mark.parametrize("model", ["rplidar-s2", "rplidar-s1"])
 @pytest.mark.parametrize("name", ["Legacy express", "legacy EXPRESS"])
-@driven
 async def test_a_legacy_express_scan_can_be_asked_for_by_name(model: str, name: str) -> None:
     rig = make_rig(model, world=make_world("circle"))
     async with rig.open() as lidar:
@@ -229,7 +219,6 @@ async def test_a_legacy_express_scan_can_be_asked_for_by_name(model: str, name: 
         ("rplidar-old-firmware", "Legacy express", "no scan mode 'Legacy express'"),
     ],
 )
-@driven
 async def test_an_unknown_mode_is_told(model: str, mode: str, says: str) -> None:
     async with make_rig(model).open() as lidar:
         with pytest.raises(Unsupported, match=says):
@@ -237,7 +226,6 @@ async def test_an_unknown_mode_is_told(model: str, mode: str, says: str) -> None
 
 
 @pytest.mark.parametrize(("model", "rate"), AS_REAL.items())
-@driven
 async def test_nothing_is_told_as_lost_of_devices_that_are_odd_as_real_ones(model: str, rate: float) -> None:
     rig = make_rig(model)
     async with rig.open() as lidar:
@@ -253,7 +241,6 @@ async def test_nothing_is_told_as_lost_of_devices_that_are_odd_as_real_ones(mode
 
 @pytest.mark.parametrize("mode", ["Standard", "DenseBoost"])
 @pytest.mark.parametrize("factor", [0.8, 1.25, 2.0, 4.0])
-@driven
 async def test_a_sample_time_that_is_told_wrong_is_measured(
     rplidar: Rig, factor: float, mode: str, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from lidario import Lidar, LocalProtocolError, SessionClosed
 from tests.support.devices import Rig, left_still
-from tests.support.loop import DrivenLoop, driven
+from tests.support.loop import DrivenLoop
 
 PATIENCE_S = 30.0
 CALLS: list[Callable[[Lidar], Awaitable[Any]]] = [
@@ -27,7 +27,6 @@ REFUSED_ELSEWHERE = [*CALLS, Lidar.close, lambda lidar: lidar.__aexit__(None, No
 
 
 @pytest.mark.parametrize("way", ["aclose", "release"])
-@driven
 async def test_a_stream_that_another_task_leaves_ends_for_its_reader(rig: Rig, way: str) -> None:
     async with rig.open() as lidar:
         stream = lidar.scans()
@@ -68,7 +67,6 @@ def test_a_session_that_is_used_after_its_loop_was_closed(rig: Rig) -> None:
     assert left_still(rig)
 
 
-@driven
 async def test_a_session_that_another_thread_uses(rig: Rig) -> None:
     """Refused with the way to do it; the session is not harmed."""
     refused: list[str] = []

@@ -12,14 +12,13 @@ import pytest
 from tests.support.cable import cable_to, next_after, on_a_cable
 from tests.support.devices import Rig, both_families, left_still, make_rig, names
 from tests.support.ledger import assert_stats_close
-from tests.support.loop import driven, driven_loop, now, now_ns, run_driven
+from tests.support.loop import driven_loop, now, now_ns, run_driven
 
 PROMISE_S = 2.0
 """Longest time from the moment at which the device responds again to the next scan."""
 MODES = {"rplidar": "Standard", "ydlidar": None}
 
 
-@driven
 async def test_it_goes_on_after_the_cable_was_pulled_out(rig: Rig) -> None:
     async with on_a_cable(rig) as (cable, lidar):
         async with lidar.scans(MODES[rig.family]) as stream:
@@ -79,7 +78,6 @@ def is_mute_for_a_while(device: Any) -> None:
         (is_mute_for_a_while, 4.0),
     ],
 )
-@driven
 async def test_it_goes_on_after(rig: Rig, trouble: Callable[[Any], None], responds_s: float) -> None:
     async with rig.open(reconnect=True) as lidar:
         async with lidar.scans() as stream:
@@ -98,7 +96,6 @@ async def test_it_goes_on_after(rig: Rig, trouble: Callable[[Any], None], respon
     assert left_still(rig)
 
 
-@driven
 async def test_a_setting_is_made_again() -> None:
     async with on_a_cable("ydlidar") as (cable, lidar):
         cable.rig.device.zero_offset = 40
@@ -120,7 +117,6 @@ async def test_a_setting_is_made_again() -> None:
         assert lidar.stats.reconnects == 1
 
 
-@driven
 async def test_speed_and_mode_are_those_of_before() -> None:
     async with on_a_cable("rplidar") as (cable, lidar):
         await lidar.set_scan_frequency(12.0)
@@ -143,7 +139,6 @@ async def test_speed_and_mode_are_those_of_before() -> None:
         assert math.isclose(scan.rpm, 720, rel_tol=0.03)
 
 
-@driven
 async def test_another_lidar_on_the_same_port_is_not_taken_for_it(
     rig: Rig, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -169,7 +164,6 @@ async def test_another_lidar_on_the_same_port_is_not_taken_for_it(
     assert left_still(rig)
 
 
-@driven
 async def test_taps_see_the_new_line() -> None:
     seen: list[str] = []
 
@@ -191,7 +185,6 @@ async def test_taps_see_the_new_line() -> None:
             assert not seen
 
 
-@driven
 async def test_a_program_that_blocks_its_loop_meanwhile(rig: Rig) -> None:
     loop = driven_loop()
     async with on_a_cable(rig) as (cable, lidar), lidar.scans() as stream:

@@ -21,7 +21,7 @@ from lidario import (
 from lidario.session.talking.dialogue import Dialogue
 from tests.support.cable import cable_to, next_after, on_a_cable
 from tests.support.devices import Rig, left_still, take
-from tests.support.loop import driven, now, now_ns
+from tests.support.loop import now, now_ns
 
 
 def causes(error: BaseException) -> list[BaseException]:
@@ -35,7 +35,6 @@ async def read_to_the_end(stream: ScanStream) -> None:
             pass
 
 
-@driven
 async def test_it_gives_up_at_the_limit_with_the_first_error(rig: Rig) -> None:
     async with on_a_cable(rig, reconnect=Reconnect(limit_s=10.0)) as (cable, lidar):
         async with lidar.scans() as stream:
@@ -59,7 +58,6 @@ async def test_it_gives_up_at_the_limit_with_the_first_error(rig: Rig) -> None:
         assert math.isclose(waits[-1], 0.5, abs_tol=0.01)
 
 
-@driven
 async def test_a_device_that_responds_but_never_scans_does_not_put_the_limit_off(rig: Rig) -> None:
     async with rig.open(reconnect=Reconnect(limit_s=30.0)) as lidar:
         async with lidar.scans() as stream:
@@ -76,7 +74,6 @@ async def test_a_device_that_responds_but_never_scans_does_not_put_the_limit_off
     assert left_still(rig)
 
 
-@driven
 async def test_questions_end_at_once_while_it_is_away(rig: Rig) -> None:
     async with on_a_cable(rig) as (cable, lidar):
         modes = await lidar.get_modes()
@@ -105,7 +102,6 @@ async def test_questions_end_at_once_while_it_is_away(rig: Rig) -> None:
             assert (await lidar.get_health()).ok
 
 
-@driven
 async def test_a_stream_that_waits_for_a_question_when_the_line_is_lost(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -137,7 +133,6 @@ async def test_a_stream_that_waits_for_a_question_when_the_line_is_lost(
     assert left_still(rig)
 
 
-@driven
 async def test_a_stream_that_is_begun_while_it_is_away_waits(rig: Rig) -> None:
     async with on_a_cable(rig) as (cable, lidar):
         cable.pull()
@@ -154,7 +149,6 @@ async def test_a_stream_that_is_begun_while_it_is_away_waits(rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("returns", [True, False])
-@driven
 async def test_stop_while_it_is_away(rig: Rig, returns: bool) -> None:
     async with on_a_cable(rig) as (cable, lidar):
         stream = lidar.scans()
@@ -176,7 +170,6 @@ async def test_stop_while_it_is_away(rig: Rig, returns: bool) -> None:
             assert len(await take(lidar, 2)) == 2
 
 
-@driven
 async def test_the_first_opening_fails_as_without_it(rplidar: Rig) -> None:
     with cable_to(rplidar) as cable:
         cable.pull()
@@ -184,7 +177,6 @@ async def test_the_first_opening_fails_as_without_it(rplidar: Rig) -> None:
             await rplidar.open(reconnect=True)
 
 
-@driven
 async def test_a_mistake_of_ours_ends_the_session(rplidar: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     async with on_a_cable(rplidar) as (cable, lidar):
 
@@ -215,7 +207,6 @@ def test_a_policy_that_cannot_be_right_is_refused(wrong: dict[str, Any]) -> None
         Reconnect(**wrong)
 
 
-@driven
 async def test_what_happens_is_logged_once(rplidar: Rig, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO, "lidario")
     async with on_a_cable(rplidar) as (cable, lidar):
@@ -233,7 +224,6 @@ async def test_what_happens_is_logged_once(rplidar: Rig, caplog: pytest.LogCaptu
     assert "is back on memory, after 6" in told[-1]
 
 
-@driven
 async def test_a_question_on_the_new_line_ends_at_once_when_the_session_is_closed(rig: Rig) -> None:
     async with on_a_cable(rig) as (cable, lidar):
         async with lidar.scans() as stream:

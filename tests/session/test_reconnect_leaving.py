@@ -11,7 +11,7 @@ import pytest
 from lidario import Lidar, SessionClosed
 from tests.support.cable import Cable, cable_to, next_after, on_a_cable
 from tests.support.devices import Rig, left_still
-from tests.support.loop import DrivenLoop, driven, now, unless_unfinished
+from tests.support.loop import DrivenLoop, now, unless_unfinished
 
 pytestmark = pytest.mark.usefixtures("quick_collection")
 ON_THE_WAY_S = [0.001, 0.02, 0.045, 0.06, 0.08, 0.15]
@@ -28,7 +28,6 @@ async def next_attempt(cable: Cable, after_s: float) -> None:
     await asyncio.sleep(after_s)
 
 
-@driven
 async def test_the_motor_that_shall_go_on_does() -> None:
     async with on_a_cable("rplidar", keep_spinning=True) as (cable, lidar), lidar.scans() as stream:
         await anext(stream)
@@ -40,7 +39,6 @@ async def test_the_motor_that_shall_go_on_does() -> None:
 
 
 @on_the_way
-@driven
 async def test_nor_is_it_stopped_when_the_session_is_closed_on_the_way(after_s: float) -> None:
     async with on_a_cable("rplidar", keep_spinning=True) as (cable, lidar):
         await lidar.scan()
@@ -77,7 +75,6 @@ def test_the_loop_is_closed_on_the_way(rig: Rig, after_s: float, monkeypatch: py
 
 
 @on_the_way
-@driven
 async def test_a_session_that_nobody_holds_any_more_ends_while_it_is_away(rig: Rig, after_s: float) -> None:
     with cable_to(rig) as cable:
         lidar = await rig.open(reconnect=True)
@@ -97,7 +94,6 @@ async def test_a_session_that_nobody_holds_any_more_ends_while_it_is_away(rig: R
         assert left_still(rig)
 
 
-@driven
 async def test_a_closed_session_stays_closed(rplidar: Rig) -> None:
     with cable_to(rplidar) as cable:
         lidar = await rplidar.open(reconnect=True)

@@ -8,10 +8,9 @@ import pytest
 
 from lidario import InvalidValue
 from tests.support.devices import Rig, left_still
-from tests.support.loop import driven, now
+from tests.support.loop import now
 
 
-@driven
 async def test_the_set_speed_is_checked_against_the_measured_one(rig: Rig) -> None:
     async with rig.read() as (lidar, stream):
         assert await lidar.set_scan_frequency(9.0) == pytest.approx(9.0, abs=0.05)
@@ -26,7 +25,6 @@ async def test_the_set_speed_is_checked_against_the_measured_one(rig: Rig) -> No
         assert (await anext(stream)).rpm == pytest.approx(600, rel=0.05)
 
 
-@driven
 async def test_a_speed_that_is_set_beside_a_question_for_it_stays_set(rplidar: Rig) -> None:
     async with rplidar.open() as lidar:
         await asyncio.gather(lidar.set_scan_frequency(9.0, verify=False), lidar.get_scan_frequency())
@@ -36,7 +34,6 @@ async def test_a_speed_that_is_set_beside_a_question_for_it_stays_set(rplidar: R
 
 
 @pytest.mark.parametrize("mode", ["Standard", "DenseBoost"])
-@driven
 async def test_a_speed_that_is_set_in_mid_scan_is_one_request_and_interrupts_nothing(
     rplidar: Rig, mode: str
 ) -> None:
@@ -60,7 +57,6 @@ async def test_a_speed_that_is_set_in_mid_scan_is_one_request_and_interrupts_not
 
 
 @pytest.mark.parametrize("yields", range(12))
-@driven
 async def test_a_speed_beside_a_stop_leaves_the_rotor_at_rest(rplidar: Rig, yields: int) -> None:
     async with rplidar.read() as (lidar, _):
         # The second one waits until the device listens again.
@@ -74,14 +70,12 @@ async def test_a_speed_beside_a_stop_leaves_the_rotor_at_rest(rplidar: Rig, yiel
         assert left_still(rplidar)
 
 
-@driven
 async def test_a_speed_that_is_refused_is_told_in_both_units(rplidar: Rig) -> None:
     async with rplidar.open() as lidar:
         with pytest.raises(InvalidValue, match=r"^500 Hz \(30000 rpm\) .* 8 to 20 Hz \(480 to 1200 rpm\)$"):
             await lidar.set_scan_frequency(500)
 
 
-@driven
 async def test_several_settings_in_a_row_wait_for_no_more_than_the_device_needs(rplidar: Rig) -> None:
     """It hears nothing for 10 ms behind each; what is written then is written again soon."""
     async with rplidar.read() as (lidar, _):

@@ -34,7 +34,6 @@ def is_the_scan(scan: Scan, sectors: list[Sector]) -> bool:
 
 
 @pytest.mark.parametrize("family", EVERY_FAMILY)
-@driven
 async def test_scans_and_sectors_are_read_at_once(family: str) -> None:
     rig = make_rig(family)
     async with rig.open() as lidar:
@@ -55,7 +54,6 @@ async def test_scans_and_sectors_are_read_at_once(family: str) -> None:
     assert all(is_the_scan(scan, sectors) for scan in together)
 
 
-@driven
 async def test_a_sector_comes_when_it_was_measured(rig: Rig) -> None:
     async with rig.open() as lidar, lidar.sectors() as sectors:
         await some(sectors, 9)
@@ -68,7 +66,6 @@ async def test_a_sector_comes_when_it_was_measured(rig: Rig) -> None:
     assert rig.turn_s / 8 < 0.02
 
 
-@driven
 async def test_they_may_be_asked_for_while_scans_come(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     """From then on a port is polled for each of them, not only once in a revolution."""
     schedules: list[Schedule] = []
@@ -87,7 +84,6 @@ async def test_they_may_be_asked_for_while_scans_come(rig: Rig, monkeypatch: pyt
     assert 0 < max(rests) < 1.2 * rig.turn_s / 8
 
 
-@driven
 async def test_who_reads_scans_alone_pays_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     made = []
     monkeypatch.setattr(SectorAssembler, "__init__", lambda *_: made.append(1))
@@ -97,7 +93,6 @@ async def test_who_reads_scans_alone_pays_nothing(monkeypatch: pytest.MonkeyPatc
     assert not made
 
 
-@driven
 async def test_a_question_interrupts_them_and_they_go_on(rig: Rig) -> None:
     async with rig.open() as lidar, lidar.sectors(depth=99) as sectors:
         before = await some(sectors, 12)
@@ -111,7 +106,6 @@ async def test_a_question_interrupts_them_and_they_go_on(rig: Rig) -> None:
     assert stats.lost_packets == 0
 
 
-@driven
 async def test_a_slow_reader_is_told() -> None:
     async with make_rig("rplidar").open() as lidar, lidar.sectors(depth=2) as sectors:
         await anext(sectors)
@@ -132,7 +126,6 @@ def test_a_revolution_has_up_to_72_sectors(parts: int) -> None:
 
 
 @pytest.mark.parametrize("degrees", [0, -45, 7, 361, 800, 4, 360 / 73, float("nan"), float("inf"), "wide", None])
-@driven
 async def test_sizes_that_are_none(degrees: float) -> None:
     async with make_rig("rplidar").open() as lidar:
         with pytest.raises(InvalidValue, match="5 degrees"):
@@ -158,7 +151,6 @@ def test_without_await(rig: Rig) -> None:
     assert (lidario.SyncLidar.sectors.__doc__ or "").replace("``for``", "``async for``") == Lidar.sectors.__doc__
 
 
-@driven
 async def test_they_go_on_after_the_line_was_lost(rig: Rig) -> None:
     async with on_a_cable(rig) as (cable, lidar):
         async with lidar.sectors(depth=99) as sectors:
@@ -177,7 +169,6 @@ async def test_they_go_on_after_the_line_was_lost(rig: Rig) -> None:
     assert left_still(rig)
 
 
-@driven
 async def test_a_scan_that_came_whole_is_divided(rig: Rig) -> None:
     """As over zenoh, where nothing but whole scans arrive."""
     async with rig.open() as lidar:

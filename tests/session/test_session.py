@@ -17,10 +17,9 @@ from lidario import (
 )
 from lidario.sim.rooms import make_world
 from tests.support.devices import SWITCHED, Rig, end_of, left_still, make_rig, names, take
-from tests.support.loop import driven, now, now_ns
+from tests.support.loop import now, now_ns
 
 
-@driven
 async def test_stamps_are_one_turn_apart_and_in_the_past(rig: Rig) -> None:
     async with rig.open() as lidar:
         last = None
@@ -36,7 +35,6 @@ async def test_stamps_are_one_turn_apart_and_in_the_past(rig: Rig) -> None:
                     break
 
 
-@driven
 async def test_a_query_interrupts_the_stream_and_lets_it_go_on(rig: Rig) -> None:
     async with rig.read() as (lidar, stream):
         health = await lidar.get_health()
@@ -48,7 +46,6 @@ async def test_a_query_interrupts_the_stream_and_lets_it_go_on(rig: Rig) -> None
     assert left_still(rig)
 
 
-@driven
 async def test_every_question_has_an_answer_in_every_state(rig: Rig) -> None:
     async with rig.open() as lidar:
         for scanning in (False, True):
@@ -68,7 +65,6 @@ async def test_every_question_has_an_answer_in_every_state(rig: Rig) -> None:
                 assert left_still(rig)
 
 
-@driven
 async def test_several_readers_each_get_every_scan(rig: Rig) -> None:
     async with rig.open() as lidar:
         one, two = await asyncio.gather(take(lidar, 4), take(lidar, 4))
@@ -76,7 +72,6 @@ async def test_several_readers_each_get_every_scan(rig: Rig) -> None:
         assert names(rig).count("stop") <= 4
 
 
-@driven
 async def test_a_slow_reader_gets_the_latest_scan_and_the_count_of_the_missed(rig: Rig) -> None:
     async with rig.open() as lidar, lidar.scans() as slow, lidar.scans(depth=4) as deep:
         first = await anext(slow)
@@ -91,7 +86,6 @@ async def test_a_slow_reader_gets_the_latest_scan_and_the_count_of_the_missed(ri
         assert lidar.stats.dropped_scans == slow.dropped + deep.dropped
 
 
-@driven
 async def test_after_close_everything_says_so(rig: Rig) -> None:
     lidar = await rig.open()
     stream, unread = lidar.scans(), lidar.scans()
@@ -113,7 +107,6 @@ async def test_after_close_everything_says_so(rig: Rig) -> None:
     await lidar.close()
 
 
-@driven
 async def test_modes_by_name_and_id_and_not_two_at_a_time(rplidar: Rig) -> None:
     async with rplidar.open() as lidar:
         dense = await lidar.scan()
@@ -131,7 +124,6 @@ async def test_modes_by_name_and_id_and_not_two_at_a_time(rplidar: Rig) -> None:
 
 
 @pytest.mark.parametrize("rig", ["rplidar-s2", *SWITCHED], indirect=True)
-@driven
 async def test_keep_spinning_stops_the_laser_alone(rig: Rig) -> None:
     async with rig.open(keep_spinning=True) as lidar:
         await lidar.scan()
@@ -139,7 +131,6 @@ async def test_keep_spinning_stops_the_laser_alone(rig: Rig) -> None:
     assert rig.device.motor_on
 
 
-@driven
 async def test_two_lidars_share_nothing() -> None:
     one, two = make_rig("rplidar", seed=1, world=make_world("circle")), make_rig("ydlidar", seed=2)
     async with one.open() as first, two.open() as second:
@@ -153,7 +144,6 @@ async def test_two_lidars_share_nothing() -> None:
         assert len(await take(second, 1)) == 1
 
 
-@driven
 async def test_a_forced_scan_does_not_wait_for_the_rotor() -> None:
     waits = {}
     for force in (False, True):
@@ -172,7 +162,6 @@ async def test_a_forced_scan_does_not_wait_for_the_rotor() -> None:
     assert waits[True] < waits[False] - 1.0
 
 
-@driven
 async def test_taps_see_every_byte_in_both_directions(rig: Rig) -> None:
     seen: dict[str, bytearray] = {"in": bytearray(), "out": bytearray()}
 
@@ -192,7 +181,6 @@ async def test_taps_see_every_byte_in_both_directions(rig: Rig) -> None:
         assert len(seen["out"]) == heard
 
 
-@driven
 async def test_sample_rates_and_what_there_is_not() -> None:
     first, second = make_rig("rplidar"), make_rig("ydlidar")
     async with first.open() as lidar:
@@ -214,7 +202,6 @@ async def test_sample_rates_and_what_there_is_not() -> None:
             await lidar.get_sample_rate()
 
 
-@driven
 async def test_a_session_that_is_let_go_behind_a_stream_that_failed_is_left_still(rig: Rig) -> None:
     lidar = await rig.open()
     stream = lidar.scans()

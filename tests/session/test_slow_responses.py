@@ -26,7 +26,7 @@ from tests.session.test_two_tasks import (
     start,
 )
 from tests.support.devices import Rig, both_families, left_still, make_rig, take
-from tests.support.loop import driven, now, now_ns, run_driven
+from tests.support.loop import now, now_ns, run_driven
 
 pytestmark = pytest.mark.discards("stop requests are tried while a response is outstanding")
 
@@ -99,7 +99,6 @@ def test_motors_of_other_kinds(model: str) -> None:
                 )
 
 
-@driven
 async def test_it_is_told_in_the_log_where_it_cannot_be_seen(
     rplidar: Rig, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -118,7 +117,6 @@ async def test_it_is_told_in_the_log_where_it_cannot_be_seen(
 
 
 @pytest.mark.parametrize("timeout_s", [0.0, 0.01, 0.2, 0.7])
-@driven
 async def test_a_reset_that_is_given_up_does_not_leave_the_motor_on(timeout_s: float) -> None:
     """The motor of an A1 hangs on DTR, which a reset does not touch."""
     rig = make_rig("rplidar-a1")
@@ -136,7 +134,6 @@ async def test_a_reset_that_is_given_up_does_not_leave_the_motor_on(timeout_s: f
 @pytest.mark.parametrize("rig", ["rplidar-a1", "rplidar-a2", "rplidar-s2"], indirect=True)
 @pytest.mark.parametrize("ways", ["unknown type", "always another"])
 @pytest.mark.parametrize("family", ["rplidar", None])
-@driven
 async def test_a_device_that_nobody_understands_is_left_still(rig: Rig, ways: str, family: str | None) -> None:
     """Its motor is driven by DTR, by an accessory board, by its own request; it was on before."""
     rig.device.begin_streaming(1, now_ns())
@@ -160,7 +157,6 @@ def garble(device: SimulatedRplidar, ways: str) -> None:
     device.respond = odd  # type: ignore[method-assign]
 
 
-@driven
 async def test_the_stop_requests_go_on_though_the_task_that_closes_is_cancelled_twice(rplidar: Rig) -> None:
     lidar = await rplidar.open()
     rplidar.device.response_delay_s = 0.5
@@ -176,7 +172,6 @@ async def test_the_stop_requests_go_on_though_the_task_that_closes_is_cancelled_
     assert left_still(rplidar)
 
 
-@driven
 async def test_a_silent_port_is_not_waited_for(rplidar: Rig) -> None:
     """Nothing has ever responded: there is no device that takes its time."""
     rplidar.device.mute = True

@@ -5,6 +5,7 @@ What they do otherwise is in `test_slow_responses` and `test_stopping`.
 
 from __future__ import annotations
 
+import asyncio
 import time
 from collections.abc import Sequence
 from typing import Any
@@ -42,13 +43,34 @@ class Paper:
     def settled(self, still: bool) -> None:
         """Nobody waits for that."""
 
+    def close_soon(self) -> None:
+        self.is_open = False
+
+
+def stopper_of(paper: Any, quiet_s: float) -> Stopper:
+    return Stopper(paper, paper, FAMILIES[0].device(), quiet_s)
+
+
+async def test_a_line_that_is_left_is_not_waited_for() -> None:
+    """Also where the stop requests were written before, and a response is owed."""
+    paper = Paper(0.0)
+    began = now()
+    paper.owes_until = began + 1.5
+    stopper = stopper_of(paper, 0.02)
+    stopper.stop()
+    await asyncio.sleep(0.1)
+    stopper.hang_up(patient=False)
+    await stopper.surely_settled()
+    assert not paper.is_open
+    assert now() - began < 0.2
+
 
 @on_both_loops
 @pytest.mark.parametrize("listens_in", [1e-5, 3e-4, 2e-3])
 async def test_the_device_listens_in_less_than_a_tick_of_the_clock(listens_in: float) -> None:
     for _ in range(20):
-        paper: Any = Paper(listens_in)
-        stopper = Stopper(paper, paper, FAMILIES[0].device(), 0.0)
+        paper = Paper(listens_in)
+        stopper = stopper_of(paper, 0.0)
         stopper.stop()
         began = time.monotonic()
         await stopper.surely_settled()

@@ -18,14 +18,12 @@ from tests.support.devices import (
     names,
     take,
 )
-from tests.support.loop import driven
 
 MOMENTS_S = [n * 1e-3 for n in range(0, 60, 4)]
 
 
 @both_families
 @pytest.mark.parametrize("known", [False, True], ids=["modes asked now", "modes known"])
-@driven
 async def test_stop_while_a_stream_is_started(family: str, known: bool) -> None:
     for moment in MOMENTS_S:
         rig = make_rig(family)
@@ -46,7 +44,6 @@ async def test_stop_while_a_stream_is_started(family: str, known: bool) -> None:
 
 @pytest.mark.exhaustive("stride", sample=[4], full=[1])
 @both_families
-@driven
 async def test_every_stop_is_followed_by_the_pause_it_demands(family: str, stride: int) -> None:
     """A start is cancelled at every step, and the next request is written as soon as the session allows."""
     for steps in range(1, 60, stride):
@@ -62,7 +59,6 @@ async def test_every_stop_is_followed_by_the_pause_it_demands(family: str, strid
             assert (await take(lidar, 2))[-1].rpm == pytest.approx(540, rel=0.02)
 
 
-@driven
 async def test_the_stop_requests_are_written_once(rig: Rig) -> None:
     async with rig.open() as lidar:
         await take(lidar, 2)
@@ -75,7 +71,6 @@ async def test_the_stop_requests_are_written_once(rig: Rig) -> None:
     assert obeyed[began + 1 :] == expected
 
 
-@driven
 async def test_a_stream_left_by_break_stops_the_device_within_two_seconds(rig: Rig) -> None:
     async with rig.open() as lidar:
         async for _ in lidar.scans():
@@ -88,7 +83,6 @@ async def test_a_stream_left_by_break_stops_the_device_within_two_seconds(rig: R
         assert len(await take(lidar, 2)) == 2
 
 
-@driven
 async def test_single_scans_in_a_row_do_not_restart_the_rotor(rig: Rig) -> None:
     async with rig.open() as lidar:
         scans = [await lidar.scan() for _ in range(5)]
@@ -100,7 +94,6 @@ async def test_single_scans_in_a_row_do_not_restart_the_rotor(rig: Rig) -> None:
         assert left_still(rig)
 
 
-@driven
 async def test_a_question_without_a_request_interrupts_nothing(rig: Rig) -> None:
     async with rig.read() as (lidar, stream):
         heard = len(rig.device.log)
@@ -121,7 +114,6 @@ async def test_a_question_without_a_request_interrupts_nothing(rig: Rig) -> None
         assert (await anext(stream)).seq == 1
 
 
-@driven
 async def test_stop_in_every_state_and_twice_at_once(rig: Rig) -> None:
     async with rig.open() as lidar:
         await asyncio.gather(lidar.stop(), lidar.stop())
@@ -132,7 +124,6 @@ async def test_stop_in_every_state_and_twice_at_once(rig: Rig) -> None:
         await asyncio.gather(lidar.close(), lidar.close())
 
 
-@driven
 async def test_a_cancelled_reader_does_not_end_its_stream(rig: Rig) -> None:
     rig.device.spin_up_s = 2.0
     async with rig.open() as lidar, lidar.scans() as stream:
@@ -145,7 +136,6 @@ async def test_a_cancelled_reader_does_not_end_its_stream(rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("name", [*FAMILIES, *SWITCHED])
-@driven
 async def test_a_session_that_is_dropped_leaves_the_device_still(name: str) -> None:
     rig: Rig = make_rig(name)
     lidar = await rig.open()

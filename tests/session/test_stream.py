@@ -12,7 +12,6 @@ import pytest
 from lidario import Busy, DeviceLost, Scan
 from lidario.session.streaming.readers import Hub
 from lidario.session.streaming.stream import Mailbox
-from tests.support.loop import driven
 
 
 def numbered(seq: int) -> Scan:
@@ -21,7 +20,6 @@ def numbered(seq: int) -> Scan:
 
 
 @pytest.mark.parametrize("depth", [1, 2, 5])
-@driven
 async def test_the_latest_win_and_the_rest_are_counted(depth: int) -> None:
     mailbox = Mailbox[Scan](depth)
     assert sum(mailbox.put(numbered(seq)) for seq in range(10)) == 10 - depth == mailbox.total_dropped
@@ -30,7 +28,6 @@ async def test_the_latest_win_and_the_rest_are_counted(depth: int) -> None:
     assert mailbox.dropped == 10 - depth
 
 
-@driven
 async def test_cancelling_a_reader_loses_nothing() -> None:
     mailbox = Mailbox[Scan](1)
     reading = asyncio.ensure_future(mailbox.get())
@@ -44,7 +41,6 @@ async def test_cancelling_a_reader_loses_nothing() -> None:
     assert (await mailbox.get()).seq == 3
 
 
-@driven
 async def test_a_reader_that_only_the_loop_holds_is_not_collected() -> None:
     mailbox, got = Mailbox[Scan](1), list[int]()
 
@@ -59,7 +55,6 @@ async def test_a_reader_that_only_the_loop_holds_is_not_collected() -> None:
     assert got == [3]
 
 
-@driven
 async def test_who_wants_what_runs_joins_at_once_unless_others_wait() -> None:
     """Those who come later must not get scans of a mode for which they did not wait."""
     hub, (reading, joins, chooses, follows) = Hub(print), (Mailbox[Scan](1) for _ in range(4))
@@ -79,7 +74,6 @@ async def test_who_wants_what_runs_joins_at_once_unless_others_wait() -> None:
     assert (waiting(), len(hub)) == ([follows], 2)
 
 
-@driven
 async def test_each_reader_gets_an_error_of_its_own() -> None:
     hub, mailboxes = Hub(print), [Mailbox[Scan](1), Mailbox[Scan](1)]
     for mailbox in mailboxes:
@@ -95,7 +89,6 @@ async def test_each_reader_gets_an_error_of_its_own() -> None:
     assert errors[0].__cause__ is errors[1].__cause__ is cause
 
 
-@driven
 async def test_an_error_that_was_raised_does_not_keep_its_reader_alive() -> None:
     """The finalizer of a stream holds the mailbox: what the mailbox holds must not lead back to the stream."""
     mailbox = Mailbox[Scan](1)

@@ -20,10 +20,9 @@ from lidario.revolution.ended import EndedRevolution
 from lidario.revolution.seam import Seam
 from tests.support.cable import cable_to
 from tests.support.devices import Rig, end_of, left_still, make_rig, take
-from tests.support.loop import driven, driven_loop, now_ns
+from tests.support.loop import driven_loop, now_ns
 
 
-@driven
 async def test_a_device_that_never_speeds_up_is_reported(rig: Rig) -> None:
     async with rig.open() as lidar:
         await lidar.get_modes()
@@ -33,7 +32,6 @@ async def test_a_device_that_never_speeds_up_is_reported(rig: Rig) -> None:
     assert left_still(rig)
 
 
-@driven
 async def test_garbage_for_an_answer_is_asked_again(rig: Rig) -> None:
     async with rig.open() as lidar:
         rig.device.garble_responses = 1
@@ -47,7 +45,6 @@ async def test_garbage_for_an_answer_is_asked_again(rig: Rig) -> None:
         assert (await lidar.get_info()) == lidar.info
 
 
-@driven
 async def test_a_fault_that_stays_is_raised_with_its_code(rig: Rig) -> None:
     rig.device.faults_cleared_by_reset = False
     rig.device.protection_stop(0x21)
@@ -59,7 +56,6 @@ async def test_a_fault_that_stays_is_raised_with_its_code(rig: Rig) -> None:
 
 
 @pytest.mark.exhaustive("connects", sample=[200], full=[1000])
-@driven
 async def test_many_connects_to_a_device_that_still_streams(connects: int) -> None:
     random = np.random.default_rng(7)
     for round_number in range(connects):
@@ -74,7 +70,6 @@ async def test_many_connects_to_a_device_that_still_streams(connects: int) -> No
         assert left_still(rig)
 
 
-@driven
 async def test_a_stream_that_turns_to_noise_ends_and_leaves_the_device_still_at_once(rig: Rig) -> None:
     """Also where its reader goes on holding it, and before the session ends."""
     random = np.random.default_rng(3)
@@ -93,7 +88,6 @@ async def test_a_stream_that_turns_to_noise_ends_and_leaves_the_device_still_at_
     assert left_still(rig)
 
 
-@driven
 async def test_a_line_that_is_never_quiet_is_not_called_a_device_that_goes_on_sending(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -104,7 +98,6 @@ async def test_a_line_that_is_never_quiet_is_not_called_a_device_that_goes_on_se
         monkeypatch.undo()
 
 
-@driven
 async def test_a_lost_line_ends_every_stream_and_is_told_once(caplog: pytest.LogCaptureFixture) -> None:
     """Also where it comes back: nobody has asked the session to go on."""
     async with open_lidar("sim://rplidar-s2?via=memory&fault=replug:3s") as lidar:
@@ -123,7 +116,6 @@ async def test_a_lost_line_ends_every_stream_and_is_told_once(caplog: pytest.Log
     assert "unplugged" in told
 
 
-@driven
 async def test_a_mistake_of_ours_ends_the_stream_and_says_so(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     def blunder(seam: Seam, headings: object) -> list[Scan]:
         raise IndexError("a bug")
@@ -136,7 +128,6 @@ async def test_a_mistake_of_ours_ends_the_stream_and_says_so(rig: Rig, monkeypat
     assert left_still(rig)
 
 
-@driven
 async def test_a_device_that_does_not_come_back_from_a_reset(rig: Rig) -> None:
     async with rig.open() as lidar:
         async with lidar.scans() as stream:
@@ -148,7 +139,6 @@ async def test_a_device_that_does_not_come_back_from_a_reset(rig: Rig) -> None:
         assert not lidar.is_scanning
 
 
-@driven
 async def test_bytes_that_a_full_port_dropped_are_told(rig: Rig) -> None:
     with cable_to(rig) as cable:
         lidar = await rig.open()
@@ -167,7 +157,6 @@ async def test_bytes_that_a_full_port_dropped_are_told(rig: Rig) -> None:
     assert 5100 < after.bytes_received - before.bytes_received < 5100 + ordinary
 
 
-@driven
 async def test_the_speed_that_a_device_reports_reaches_the_user() -> None:
     rig = make_rig("ydlidar")
     async with rig.open() as lidar:

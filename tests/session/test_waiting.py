@@ -9,12 +9,11 @@ import pytest
 from lidario import Health, Lidar, SessionClosed
 from lidario.session.talking.waiting import Awaited, Waiting
 from tests.support.devices import Rig, left_still, names, take
-from tests.support.loop import driven, now
+from tests.support.loop import now
 
 AT_ONCE_S = 1e-6
 
 
-@driven
 async def test_close_ends_also_those_who_wait_for_their_turn(rig: Rig) -> None:
     async with rig.open() as lidar:
         rig.device.mute = True
@@ -41,7 +40,6 @@ async def ask(rig: Rig, lidar: Lidar) -> asyncio.Future[Health]:
     return asked
 
 
-@driven
 async def test_behind_a_response_that_nobody_waits_for_the_next_request_follows_at_once(rig: Rig) -> None:
     """Until it has responded, the device is busy. It is not waited for until the time of the response is over."""
     async with rig.open() as lidar:
@@ -53,7 +51,6 @@ async def test_behind_a_response_that_nobody_waits_for_the_next_request_follows_
         assert 0.059 < now() - began < 0.07
 
 
-@driven
 async def test_behind_a_response_the_stop_requests_follow_at_once(rplidar: Rig) -> None:
     async with rplidar.read() as (lidar, _):
         asked = await ask(rplidar, lidar)
@@ -67,7 +64,6 @@ async def test_behind_a_response_the_stop_requests_follow_at_once(rplidar: Rig) 
     assert left_still(rplidar)
 
 
-@driven
 async def test_the_last_reader_leaves_just_as_the_stream_begins(
     rig: Rig, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

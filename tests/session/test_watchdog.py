@@ -12,7 +12,7 @@ from lidario.port.port import Port
 from lidario.revolution.seam import Seam
 from lidario.session.talking.trouble import Trouble
 from tests.support.devices import Rig, end_of, left_still
-from tests.support.loop import driven, driven_loop, now
+from tests.support.loop import driven_loop, now
 
 
 def mix_revolutions(rig: Rig, until_s: float = math.inf) -> None:
@@ -27,7 +27,6 @@ def mix_revolutions(rig: Rig, until_s: float = math.inf) -> None:
     rig.device.transmit = transmit
 
 
-@driven
 async def test_a_device_that_falls_silent_while_the_program_blocks_is_told_of(rig: Rig) -> None:
     loop = driven_loop()
     async with rig.read() as (_, stream):
@@ -40,7 +39,6 @@ async def test_a_device_that_falls_silent_while_the_program_blocks_is_told_of(ri
     assert left_still(rig)
 
 
-@driven
 async def test_what_is_held_is_read_before_a_device_counts_as_silent(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -77,7 +75,6 @@ async def test_what_is_held_is_read_before_a_device_counts_as_silent(
         (4, r"missing, with \d+ framing errors: the baud rate is wrong or the cable is bad"),
     ],
 )
-@driven
 async def test_damage_is_told_with_what_the_driver_counted_at_that_time(
     rig: Rig, framing: int, says: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -107,7 +104,6 @@ async def read_through_damage(rig: Rig, stream: ScanStream) -> None:
         await anext(stream)
 
 
-@driven
 async def test_damage_before_the_last_scan_is_not_named_as_the_cause(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -119,7 +115,6 @@ async def test_damage_before_the_last_scan_is_not_named_as_the_cause(
     assert "is the rotor blocked?" in why
 
 
-@driven
 async def test_a_discarded_revolution_is_told_once(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     told: list[object] = []
     monkeypatch.setattr(Trouble, "tell", lambda _, message, *values: told.append((message, *values)))
