@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from lidario.families.registry import FAMILIES
+from lidario.families.rplidar.commands import motor_speed
 from lidario.session.talking.stopper import Stopper
 from lidario.wire.envelope import Request
 from tests.support.loop import now
@@ -63,6 +64,23 @@ async def test_a_line_that_is_left_is_not_waited_for() -> None:
     await stopper.surely_settled()
     assert not paper.is_open
     assert now() - began < 0.2
+
+
+async def test_only_who_hangs_up_leaves_the_port_to_timers() -> None:
+    stopper = stopper_of(Paper(0.0), 0.0)
+    states = [stopper.ends_by_itself]
+    stopper.stop()
+    states.append(stopper.ends_by_itself)
+    await stopper.surely_settled()
+    # Now it is still.
+    states.append(stopper.ends_by_itself)
+    stopper.sent(motor_speed(600))
+    stopper.hang_up()
+    states.append(stopper.ends_by_itself)
+    stopper.cancel()
+    states.append(stopper.ends_by_itself)
+    stopper.still = True
+    assert [*states, stopper.ends_by_itself] == [False, False, False, True, False, True]
 
 
 @on_both_loops
