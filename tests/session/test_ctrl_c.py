@@ -11,50 +11,18 @@ import gc
 import sys
 from collections.abc import Callable, Coroutine
 from contextlib import closing, suppress
-from types import FrameType
 from typing import Any
 
 import pytest
 
 from tests.support.devices import both_families, left_still, make_rig, names
-from tests.support.interrupt import no_collection
+from tests.support.interrupt import CtrlC, no_collection
 from tests.support.loop import DrivenLoop, now_ns
 
 pytestmark = [
     pytest.mark.discards("where Ctrl-C comes right after a request was written, what follows may come too early"),
     pytest.mark.usefixtures("quick_collection"),
 ]
-
-
-class CtrlC:
-    """Raises KeyboardInterrupt at the n-th line that is executed in its block, of what lies in these folders.
-
-    Attributes:
-        place: Where that was; empty where there are fewer lines.
-    """
-
-    def __init__(self, line: int, *folders: str) -> None:
-        self.place = ""
-        self._left = line
-        self._folders = folders
-
-    def __enter__(self) -> None:
-        self._before = sys.gettrace()
-        sys.settrace(self._trace)
-
-    def __exit__(self, *exception: object) -> None:
-        sys.settrace(self._before)
-
-    def _trace(self, frame: FrameType, event: str, _: object) -> Any:
-        if not any(each in frame.f_code.co_filename for each in self._folders):
-            return None
-        if event == "line":
-            self._left -= 1
-            if self._left < 0:
-                sys.settrace(None)
-                self.place = f"{frame.f_code.co_qualname}:{frame.f_lineno}"
-                raise KeyboardInterrupt
-        return self._trace
 
 
 def run(main: Callable[[], Coroutine[Any, Any, None]], patch: pytest.MonkeyPatch, *, orderly: bool = True) -> None:

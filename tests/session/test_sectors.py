@@ -18,7 +18,8 @@ from lidario.revolution.sectors import SectorAssembler
 from lidario.session.streaming.sectors import parts_of, sectors_of
 from tests.support.cable import on_a_cable
 from tests.support.devices import EVERY_FAMILY, Rig, left_still, make_rig
-from tests.support.loop import driven, now
+from tests.support.loop import now, run_driven
+from tests.support.recorded import record
 
 
 async def some(stream: AsyncIterator[Sector], count: int) -> list[Sector]:
@@ -182,29 +183,17 @@ async def test_a_scan_that_came_whole_is_divided(rig: Rig) -> None:
 
 def test_of_a_recording(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-
-    @driven
-    async def record() -> None:
-        async with make_rig("rplidar").open() as lidar, lidar.record(path), lidar.scans() as scans:
-            for _ in range(5):
-                await anext(scans)
+    record(path, "sim://rplidar-s2", 5)
 
     async def play() -> tuple[list[Scan], list[Sector]]:
-        scans: list[Scan] = []
-        sectors: list[Sector] = []
-
-        async def read() -> None:
-            async for scan in lidar.scans():
-                scans.append(scan)
+        async def read() -> list[Scan]:
+            return [scan async for scan in lidar.scans()]
 
         async with lidario.open_lidar(f"{path}?rate=0") as lidar:
             reading = asyncio.ensure_future(read())
-            async for sector in lidar.sectors():
-                sectors.append(sector)
-            await reading
-        return scans, sectors
+            sectors = [sector async for sector in lidar.sectors()]
+            return await reading, sectors
 
-    record()
-    scans, sectors = asyncio.run(play())
+    scans, sectors = run_driven(play)
     assert len(scans) >= 4
     assert sum(is_the_scan(scan, sectors) for scan in scans) >= len(scans) - 1
