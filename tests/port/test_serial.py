@@ -23,6 +23,7 @@ from tests.support.ports import (
     on_both_loops,
     open_files,
     opened,
+    opened_terminal,
     terminal_pair,
     written,
 )
@@ -32,9 +33,8 @@ LATENCIES = (0.0, 0.005)
 
 @pytest.mark.usefixtures("system")
 @pytest.mark.parametrize("latency", LATENCIES)
-async def test_every_byte_arrives_in_order(terminal: tuple[int, str], latency: float) -> None:
-    master, path = terminal
-    async with opened(path, 1_000_000) as (port, sink):
+async def test_every_byte_arrives_in_order(latency: float) -> None:
+    async with opened_terminal(1_000_000) as (port, sink, master):
         port.set_polling(latency, None)
         sent = bytes(range(256)) * 200
         for begin in range(0, len(sent), 1000):
@@ -97,10 +97,9 @@ async def test_both_event_loops_read_poll_write_and_close() -> None:
 
 
 @pytest.mark.parametrize("latency", LATENCIES)
-async def test_bytes_gather_in_the_kernel_between_two_polls(terminal: tuple[int, str], latency: float) -> None:
-    master, path = terminal
+async def test_bytes_gather_in_the_kernel_between_two_polls(latency: float) -> None:
     plan = Plan(0.05, 0.05)
-    async with opened(path, 1_000_000) as (port, sink):
+    async with opened_terminal(1_000_000) as (port, sink, master):
         port.set_polling(latency, plan)
         await asyncio.sleep(0)  # reading starts in the loop's next iteration
         for piece in (b"one ", b"two ", b"three"):
@@ -118,9 +117,8 @@ async def test_bytes_gather_in_the_kernel_between_two_polls(terminal: tuple[int,
         assert bytes(sink.data) == b"one two threefourfive"
 
 
-async def test_a_poll_just_before_the_wake_up_is_no_hang_up(terminal: tuple[int, str]) -> None:
-    master, path = terminal
-    async with opened(path) as (port, sink):
+async def test_a_poll_just_before_the_wake_up_is_no_hang_up() -> None:
+    async with opened_terminal() as (port, sink, master):
         os.write(master, b"warm up")
         await sink.until(7)
         os.write(master, b"taken")
@@ -169,11 +167,8 @@ async def test_a_line_that_was_hung_up_is_noticed(latency: float) -> None:
     os.close(ours)
 
 
-async def test_a_tap_that_raises_is_removed_and_costs_nothing(
-    terminal: tuple[int, str], caplog: pytest.LogCaptureFixture
-) -> None:
-    master, path = terminal
-    async with opened(path) as (port, sink):
+async def test_a_tap_that_raises_is_removed_and_costs_nothing(caplog: pytest.LogCaptureFixture) -> None:
+    async with opened_terminal() as (port, sink, master):
         calls = []
 
         def bad(direction: str, data: bytes, now: int) -> None:

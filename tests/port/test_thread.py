@@ -16,7 +16,7 @@ import pytest
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
 from lidario.port.thread import Watched, reading_thread
-from tests.support.ports import PATIENCE_S, OnlyRead, Seen, Sink, opened, terminal_pair
+from tests.support.ports import PATIENCE_S, OnlyRead, Seen, Sink, opened_terminal, terminal_pair
 
 ROOT = Path(__file__).resolve().parents[2]
 NAME = "lidario: read ports"
@@ -76,26 +76,25 @@ async def test_all_ports_share_one_thread_that_ends_with_the_last() -> None:
 
 
 async def test_each_read_has_its_own_time_while_the_loop_is_blocked() -> None:
-    with terminal_pair() as (master, _, path):
-        async with opened(path, 1_000_000) as (port, sink):
-            seen: list[tuple[bytes, int]] = []
-            port.add_tap(lambda direction, data, now: seen.append((data, now)))
-            port.set_polling(0.005, Steady())
-            written, read = [], []
-            for number in range(5):
-                written.append(time.monotonic_ns())
-                os.write(master, bytes([number]))
-                block_until_read(number + 1)
-                read.append(time.monotonic_ns())
-            assert seen == []
-            port.poll()
-            assert sink.chunks == [b"\0\1\2\3\4"]
-            arrivals = [*sink.arrivals[0], (5, sink.times[0])]
-            assert [count for count, _ in arrivals] == [1, 2, 3, 4, 5]
-            # The taps are shown the same.
-            assert seen == [(bytes([number]), at) for number, (_, at) in enumerate(arrivals)]
-            for before, (_, at), after in zip(written, arrivals, read, strict=True):
-                assert before <= at <= after
+    async with opened_terminal(1_000_000) as (port, sink, master):
+        seen: list[tuple[bytes, int]] = []
+        port.add_tap(lambda direction, data, now: seen.append((data, now)))
+        port.set_polling(0.005, Steady())
+        written, read = [], []
+        for number in range(5):
+            written.append(time.monotonic_ns())
+            os.write(master, bytes([number]))
+            block_until_read(number + 1)
+            read.append(time.monotonic_ns())
+        assert seen == []
+        port.poll()
+        assert sink.chunks == [b"\0\1\2\3\4"]
+        arrivals = [*sink.arrivals[0], (5, sink.times[0])]
+        assert [count for count, _ in arrivals] == [1, 2, 3, 4, 5]
+        # The taps are shown the same.
+        assert seen == [(bytes([number]), at) for number, (_, at) in enumerate(arrivals)]
+        for before, (_, at), after in zip(written, arrivals, read, strict=True):
+            assert before <= at <= after
 
 
 async def test_taps_see_what_the_thread_read_before_what_is_written_later() -> None:
@@ -121,21 +120,20 @@ async def test_taps_see_what_the_thread_read_before_what_is_written_later() -> N
 
 async def test_beyond_a_mebibyte_the_port_tells_what_it_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.port.inbox.INBOX_BYTES", 6000)
-    with terminal_pair() as (master, _, path):
-        async with opened(path, 1_000_000) as (port, sink):
-            port.set_polling(0.005, Steady())
-            sent, deadline = 0, time.monotonic() + PATIENCE_S
-            while port.late.overflow_bytes < 2000 and time.monotonic() < deadline:
-                sent += os.write(master, bytes(1000))
-                time.sleep(0.03)  # noqa: ASYNC251 - a program that blocks its loop
+    async with opened_terminal(1_000_000) as (port, sink, master):
+        port.set_polling(0.005, Steady())
+        sent, deadline = 0, time.monotonic() + PATIENCE_S
+        while port.late.overflow_bytes < 2000 and time.monotonic() < deadline:
+            sent += os.write(master, bytes(1000))
+            time.sleep(0.03)  # noqa: ASYNC251 - a program that blocks its loop
+        port.poll()
+        assert 0 < len(sink.data) <= 6000
+        # What comes next is kept.
+        os.write(master, b"next")
+        while not sink.data.endswith(b"next"):
+            assert time.monotonic() < deadline
             port.poll()
-            assert 0 < len(sink.data) <= 6000
-            # What comes next is kept.
-            os.write(master, b"next")
-            while not sink.data.endswith(b"next"):
-                assert time.monotonic() < deadline
-                port.poll()
-            assert port.late.overflow_bytes + len(sink.data) == sent + 4
+        assert port.late.overflow_bytes + len(sink.data) == sent + 4
 
 
 @pytest.mark.parametrize("way", ["pulled", "hung up"])

@@ -19,16 +19,15 @@ from lidario.session.opening import open_lidar
 from lidario.sim.serve import PtyServer
 from tests.port.test_thread import Steady, block_until_read, threads
 from tests.support.devices import both_families, left_still, make_rig
-from tests.support.ports import PATIENCE_S, opened, written
+from tests.support.ports import PATIENCE_S, opened_terminal, written
 
 pytestmark = pytest.mark.usefixtures("windows")
 REQUEST = b"\xa5\x60"
 
 
-async def test_a_blocked_loop_loses_nothing(terminal: tuple[int, str]) -> None:
+async def test_a_blocked_loop_loses_nothing() -> None:
     """Five times what the terminal holds comes while the loop stands still."""
-    master, path = terminal
-    async with opened(path, 1_000_000) as (port, sink):
+    async with opened_terminal(1_000_000) as (port, sink, master):
         port.set_polling(0.005, Steady())
         assert len(threads()) == 1
         os.set_blocking(master, False)
@@ -45,9 +44,8 @@ async def test_a_blocked_loop_loses_nothing(terminal: tuple[int, str]) -> None:
     assert threads() == []
 
 
-async def test_the_thread_repeats_a_request_while_the_loop_is_blocked(terminal: tuple[int, str]) -> None:
-    master, path = terminal
-    async with opened(path, 1_000_000) as (port, _):
+async def test_the_thread_repeats_a_request_while_the_loop_is_blocked() -> None:
+    async with opened_terminal(1_000_000) as (port, _, master):
         port.set_polling(0.005, Steady())
         port.set_repeat(REQUEST, 0.02)
         assert written(master, len(REQUEST)) == REQUEST

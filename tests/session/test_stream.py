@@ -28,6 +28,18 @@ async def test_the_latest_win_and_the_rest_are_counted(depth: int) -> None:
     assert mailbox.dropped == 10 - depth
 
 
+async def test_an_ended_mailbox_gives_what_it_holds_first() -> None:
+    mailbox = Mailbox[Scan](2)
+    mailbox.put(numbered(0))
+    mailbox.end(DeviceLost("gone"))
+    mailbox.end()
+    assert mailbox.put(numbered(1)) == 0
+    assert (await mailbox.get()).seq == 0
+    for _ in range(2):
+        with pytest.raises(DeviceLost, match="gone"):
+            await mailbox.get()
+
+
 async def test_cancelling_a_reader_loses_nothing() -> None:
     mailbox = Mailbox[Scan](1)
     reading = asyncio.ensure_future(mailbox.get())

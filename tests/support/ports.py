@@ -155,6 +155,14 @@ async def opened(path: str, baudrate: int = 115200) -> AsyncIterator[tuple[Port,
         await port.close()
 
 
+@asynccontextmanager
+async def opened_terminal(baudrate: int = 115200) -> AsyncIterator[tuple[Port, Sink, int]]:
+    """A serial port that is a pseudo-terminal, what it brings, and the other end of it."""
+    with terminal_pair() as (master, _, path):
+        async with opened(path, baudrate) as (port, sink):
+            yield port, sink, master
+
+
 @contextmanager
 def another_program(path: str = "", stderr: int | None = None) -> Iterator[subprocess.Popen[bytes]]:
     """A program that holds this port, or none, and has said so; it ends with its input."""
