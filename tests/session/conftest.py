@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from typing import TypeVar
 
 import pytest
 
-from tests.support.devices import FAMILIES, Rig, make_rig
+from tests.support.devices import FAMILIES, Rig, left_still_at_the_end, make_rig
 from tests.support.loop import driven
 
 T = TypeVar("T")
@@ -26,18 +26,24 @@ def pytest_pycollect_makeitem() -> Generator[None, T, T]:
 
 
 @pytest.fixture(params=FAMILIES)
-def rig(request: pytest.FixtureRequest) -> Rig:
-    """A device of each family that obeys requests, or of the models that `request` names."""
-    return make_rig(request.param)
+def rig(request: pytest.FixtureRequest) -> Iterator[Rig]:
+    """A device of each family that obeys requests, or of the models that `request` names.
+
+    Whatever the test does with it, it is still behind it. A test that shows something else makes its own.
+    """
+    with left_still_at_the_end(make_rig(request.param)) as made:
+        yield made
 
 
 @pytest.fixture
-def rplidar() -> Rig:
+def rplidar() -> Iterator[Rig]:
     """One of them."""
-    return make_rig("rplidar")
+    with left_still_at_the_end(make_rig("rplidar")) as made:
+        yield made
 
 
 @pytest.fixture
-def ydlidar() -> Rig:
+def ydlidar() -> Iterator[Rig]:
     """The other one."""
-    return make_rig("ydlidar")
+    with left_still_at_the_end(make_rig("ydlidar")) as made:
+        yield made

@@ -12,7 +12,7 @@ import lidario
 from lidario.errors import Busy
 from lidario.session.streaming.line_changes import MOST, LineChange, LineChanges, LineWatch
 from tests.support.cable import on_a_cable
-from tests.support.devices import Rig, end_of
+from tests.support.devices import Rig, both_families, end_of
 
 
 async def all_of(changes: LineChanges) -> list[LineChange]:
@@ -45,8 +45,9 @@ async def test_each_loss_and_each_return_is_told(rig: Rig, scanning: bool) -> No
     assert "unplugged" in changes[1].reason
 
 
-async def test_without_reconnecting_it_ends(rig: Rig) -> None:
-    async with on_a_cable(rig, reconnect=False) as (cable, lidar):
+@both_families
+async def test_without_reconnecting_it_ends(family: str) -> None:
+    async with on_a_cable(family, reconnect=False) as (cable, lidar):
         reading = asyncio.ensure_future(all_of(lidar.line_changes()))
         stream = lidar.scans()
         await anext(stream)

@@ -6,6 +6,7 @@ Cancelled and in two tasks they are tried in `test_cancellation` and `test_two_t
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ import pytest
 from lidario import Unsupported, open_lidar
 from lidario.sim.faults import parse_faults
 from lidario.sim.rooms import make_world
-from tests.support.devices import SWITCHED, Rig, left_still, make_rig, names, take
+from tests.support.devices import SWITCHED, Rig, left_still, left_still_at_the_end, make_rig, names, take
 from tests.support.loop import now, now_ns
 
 TURNS_S = {"rplidar-a1": 60 / 428, "rplidar-a2": 0.1, "rplidar-a3": 0.1, "rplidar-c1": 0.1}
@@ -21,11 +22,12 @@ switched = pytest.mark.parametrize("rig", SWITCHED, indirect=True)
 
 
 @pytest.fixture(params=TURNS_S)
-def rig(request: pytest.FixtureRequest) -> Rig:
+def rig(request: pytest.FixtureRequest) -> Iterator[Rig]:
     """In a round room."""
     made = make_rig(request.param, world=make_world("circle"))
     made.turn_s = TURNS_S.get(request.param, made.turn_s)
-    return made
+    with left_still_at_the_end(made):
+        yield made
 
 
 async def test_one_that_was_left_scanning_is_stopped_shows_the_world_and_is_left_still(rig: Rig) -> None:
@@ -42,7 +44,6 @@ async def test_one_that_was_left_scanning_is_stopped_shows_the_world_and_is_left
         # What the device was still sending when it was stopped belongs to the stream.
         await asyncio.sleep(0.1)
         assert lidar.stats.stray_bytes == 0
-    assert left_still(rig)
 
 
 @pytest.mark.parametrize("mode", ["Standard", "Express", "Boost", "Stability", "Legacy express"])
@@ -56,7 +57,6 @@ async def test_every_mode_by_name(rig: Rig, mode: str) -> None:
             await lidar.get_health()
             await anext(stream)
         assert lidar.stats.stray_bytes == 0
-    assert left_still(rig)
 
 
 async def test_the_way_is_decided_once() -> None:
@@ -68,8 +68,9 @@ async def test_the_way_is_decided_once() -> None:
     assert names(rig).count("set_motor_pwm") == 6
 
 
-@pytest.mark.parametrize("rig", ["rplidar-a2-no-board", "rplidar-c1-fixed"], indirect=True)
-async def test_a_motor_without_control_is_left_alone(rig: Rig) -> None:
+@pytest.mark.parametrize("model", ["rplidar-a2-no-board", "rplidar-c1-fixed"])
+async def test_a_motor_without_control_is_left_alone(model: str) -> None:
+    rig = make_rig(model)
     async with rig.open() as lidar:
         await take(lidar, 1)
         await take(lidar, 1)
@@ -129,7 +130,6 @@ async def test_scans_go_on_after_a_fault(rig: Rig, fault: str, monkeypatch: pyte
                 break
         assert now() < began + 8
         assert lidar.stats.scans > 10
-    assert left_still(rig)
 
 
 async def test_a_board_whose_responses_were_lost_is_found_when_no_packet_comes(

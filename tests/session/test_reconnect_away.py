@@ -20,7 +20,7 @@ from lidario import (
 )
 from lidario.session.talking.dialogue import Dialogue
 from tests.support.cable import cable_to, next_after, on_a_cable
-from tests.support.devices import Rig, left_still, take
+from tests.support.devices import Rig, both_families, left_still, make_rig, take
 from tests.support.loop import now, now_ns
 
 
@@ -35,8 +35,9 @@ async def read_to_the_end(stream: ScanStream) -> None:
             pass
 
 
-async def test_it_gives_up_at_the_limit_with_the_first_error(rig: Rig) -> None:
-    async with on_a_cable(rig, reconnect=Reconnect(limit_s=10.0)) as (cable, lidar):
+@both_families
+async def test_it_gives_up_at_the_limit_with_the_first_error(family: str) -> None:
+    async with on_a_cable(family, reconnect=Reconnect(limit_s=10.0)) as (cable, lidar):
         async with lidar.scans() as stream:
             await anext(stream)
             cable.pull()
@@ -71,7 +72,6 @@ async def test_a_device_that_responds_but_never_scans_does_not_put_the_limit_off
         # that follow them.
         assert now() - began < 40.0
         assert 2 < lidar.stats.reconnects < 20
-    assert left_still(rig)
 
 
 async def test_questions_end_at_once_while_it_is_away(rig: Rig) -> None:
@@ -130,7 +130,6 @@ async def test_a_stream_that_waits_for_a_question_when_the_line_is_lost(
             began = now()
             assert (await reading).stamp_ns * 1e-9 > began
             assert lidar.stats.reconnects == 1
-    assert left_still(rig)
 
 
 async def test_a_stream_that_is_begun_while_it_is_away_waits(rig: Rig) -> None:
@@ -145,11 +144,12 @@ async def test_a_stream_that_is_begun_while_it_is_away_waits(rig: Rig) -> None:
         cable.plug()
         scan = await asyncio.wait_for(waiting, 5.0)
         assert scan.seq == 0, "nothing was read before, so nothing was missed"
-    assert left_still(rig)
 
 
+@both_families
 @pytest.mark.parametrize("returns", [True, False])
-async def test_stop_while_it_is_away(rig: Rig, returns: bool) -> None:
+async def test_stop_while_it_is_away(family: str, returns: bool) -> None:
+    rig = make_rig(family)
     async with on_a_cable(rig) as (cable, lidar):
         stream = lidar.scans()
         await anext(stream)
@@ -170,14 +170,16 @@ async def test_stop_while_it_is_away(rig: Rig, returns: bool) -> None:
             assert len(await take(lidar, 2)) == 2
 
 
-async def test_the_first_opening_fails_as_without_it(rplidar: Rig) -> None:
+async def test_the_first_opening_fails_as_without_it() -> None:
+    rplidar = make_rig("rplidar")
     with cable_to(rplidar) as cable:
         cable.pull()
         with pytest.raises(LidarError, match="no such port"):
             await rplidar.open(reconnect=True)
 
 
-async def test_a_mistake_of_ours_ends_the_session(rplidar: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_mistake_of_ours_ends_the_session(monkeypatch: pytest.MonkeyPatch) -> None:
+    rplidar = make_rig("rplidar")
     async with on_a_cable(rplidar) as (cable, lidar):
 
         async def fail(*_: object) -> None:

@@ -71,7 +71,6 @@ def test_the_loop_is_closed_on_the_way(rig: Rig, after_s: float, monkeypatch: py
         loop.close()
         del lidar
         gc.collect()
-    assert left_still(rig)
 
 
 @on_the_way

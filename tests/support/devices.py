@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -92,6 +92,13 @@ def left_still(rig: Rig) -> bool:
     heard = [each.name for each in rig.device.log if each.obeyed or each.why == PROTECTED]
     moved = [name for name in heard if name in MOVING]
     return not rig.device.scanning and not rig.device.motor_on and moved[-1] in ("stop", "reset")
+
+
+@contextmanager
+def left_still_at_the_end(rig: Rig) -> Iterator[Rig]:
+    """Whatever is done with the device in the block, laser and motor are off behind it."""
+    yield rig
+    assert left_still(rig) or not rig.device.log, names(rig)[-6:]
 
 
 def babble(device: Any) -> None:
