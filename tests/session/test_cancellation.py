@@ -17,7 +17,7 @@ import anyio
 import pytest
 
 from lidario import LidarError, Unsupported
-from tests.support.devices import EVERY_KIND, FAMILIES, OTHERS, SWITCHED, Rig, left_still, make_rig
+from tests.support.devices import EVERY_KIND, FAMILIES, OTHERS, SWITCHED, Rig, left_still, make_rig, some
 from tests.support.discards import all_obeyed
 from tests.support.loop import driven_loop, now_ns, run_driven
 
@@ -50,8 +50,7 @@ async def open_a_streaming_device(rig: Rig) -> None:
 
 async def read_scans(rig: Rig) -> None:
     async with rig.open() as lidar, lidar.scans() as stream:
-        for _ in range(3):
-            await anext(stream)
+        await some(stream, 3)
 
 
 async def wait_for_a_late_scan(rig: Rig) -> None:

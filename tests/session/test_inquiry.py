@@ -11,7 +11,7 @@ import pytest
 from lidario import DeviceFault, Lidar, StreamFailed
 from lidario.revolution.seam import Seam
 from lidario.session.streaming.failures import Failures
-from tests.support.devices import Rig, end_of, left_still, names
+from tests.support.devices import Rig, end_of, left_still, names, some
 from tests.support.loop import DrivenLoop, now, now_ns, run_driven
 
 CODE = 0x8001
@@ -46,7 +46,7 @@ async def test_a_protection_stop_in_mid_scan_is_cured_counted_and_told(
             await anext(stream)
             rig.device.protection_stop(CODE)
             began = now()
-            scans = [await anext(stream) for _ in range(4)]
+            scans = await some(stream, 4)
             assert now() - began < RECOVERED_S
         assert (lidar.stats.protection_stops, lidar.stats.restarts) == (1, 1)
         assert lidar.health.ok
@@ -73,8 +73,7 @@ async def test_a_second_protection_stop_within_a_minute_is_raised(rig: Rig) -> N
         async with lidar.scans() as stream:
             await anext(stream)
             rig.device.protection_stop(CODE)
-            for _ in range(20):
-                await anext(stream)
+            await some(stream, 20)
             rig.device.protection_stop(CODE)
             error = await end_of(stream, DeviceFault, r"0x8001.*again within 60 s")
         assert error.health.code == CODE
@@ -161,8 +160,7 @@ async def test_a_well_device_that_falls_silent_is_restarted(rig: Rig, caplog: py
                 await anext(stream)
                 fall_silent(rig)
                 began = now()
-                for _ in range(3):
-                    await anext(stream)
+                await some(stream, 3)
                 assert now() - began < 1.5
                 assert (lidar.stats.restarts, lidar.stats.protection_stops) == (count, 0)
             assert "no scan data for 0.6 s" in caplog.text

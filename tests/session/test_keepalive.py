@@ -8,7 +8,7 @@ from itertools import pairwise
 import pytest
 
 from lidario import Lidar
-from tests.support.devices import Rig, make_rig, names, take
+from tests.support.devices import Rig, make_rig, names, some, take
 from tests.support.loop import driven_loop, now, now_ns
 
 MINUTE_S = 60.0
@@ -29,16 +29,13 @@ def pauses(rig: Rig) -> list[float]:
     return [(later - earlier) * 1e-9 for earlier, later in pairwise(heard)]
 
 
-async def scan_for(lidar: Lidar, seconds: float, block_s: float = 0.0) -> int:
-    loop = driven_loop()
-    end = loop.time() + seconds
+async def scan_for(lidar: Lidar, seconds: float) -> int:
+    end = now() + seconds
     count = 0
     async with lidar.scans(depth=64) as stream:
         async for _ in stream:
             count += 1
-            if block_s and count % 20 == 0:
-                loop.block(block_s)
-            if loop.time() > end:
+            if now() > end:
                 break
     return count
 
@@ -79,8 +76,7 @@ async def test_after_a_lapse_the_next_keepalive_starts_the_device_again(ydlidar:
         async with lidar.scans() as stream:
             await anext(stream)
             loop.block(4.0)
-            for _ in range(50):
-                await anext(stream)
+            await some(stream, 50)
         assert (ydlidar.device.lapses, lidar.stats.restarts) == (1, 0)
 
 
@@ -97,11 +93,9 @@ async def test_protection_that_an_earlier_program_left_on_is_learned(ydlidar: Ri
 async def test_protection_is_not_toggled_unless_a_stream_ends_as_if_it_were_on(ydlidar: Rig) -> None:
     async with ydlidar.open() as lidar:
         async with lidar.scans() as stream:
-            for _ in range(10):
-                await anext(stream)
+            await some(stream, 10)
             ydlidar.device.halt(now_ns())
-            for _ in range(40):
-                await anext(stream)
+            await some(stream, 40)
         assert lidar.stats.restarts == 1
         assert "toggle_protection" not in names(ydlidar)
         assert lidar.stats.keepalives == 0
@@ -111,8 +105,7 @@ async def test_protection_is_not_toggled_unless_a_stream_ends_as_if_it_were_on(y
             while now() - began < 3.0:
                 await anext(stream)
             ydlidar.device.halt(now_ns())
-            for _ in range(40):
-                await anext(stream)
+            await some(stream, 40)
     assert names(ydlidar).count("toggle_protection") == 2
     assert not ydlidar.device.protected
     assert lidar.stats.keepalives == 0
@@ -154,8 +147,7 @@ async def test_protection_switched_while_scanning(ydlidar: Rig) -> None:
             assert await lidar.set_power_down_protection(wanted) is wanted
             await anext(stream)
         before = lidar.stats.keepalives
-        for _ in range(40):
-            await anext(stream)
+        await some(stream, 40)
         assert lidar.stats.keepalives > before
 
 
@@ -190,8 +182,7 @@ async def test_a_toggle_that_was_not_confirmed_is_looked_at_before_the_next_stre
             setting.cancel()
             await asyncio.wait([setting])
             before = names(ydlidar).count("scan")
-            for _ in range(50):
-                await anext(stream)
+            await some(stream, 50)
         kept = names(ydlidar).count("scan") - before
         assert (kept > 10) is ydlidar.device.protected, (kept, ydlidar.device.protected)
         assert ydlidar.device.lapses == 0

@@ -19,7 +19,7 @@ import pytest
 
 from lidario import Lidar, LidarError
 from tests.support.cable import Cable, cable_to
-from tests.support.devices import EVERY_FAMILY, left_still, make_rig
+from tests.support.devices import EVERY_FAMILY, left_still, make_rig, some
 from tests.support.loop import driven_loop, now
 
 LONGEST_S = 40.0
@@ -29,8 +29,7 @@ LONGEST_CLOSE_S = 8.0
 
 async def read(lidar: Lidar) -> None:
     async with lidar.scans(depth=2) as stream:
-        for _ in range(3):
-            await anext(stream)
+        await some(stream, 3)
 
 
 async def leave_at_once(lidar: Lidar) -> None:
@@ -46,8 +45,7 @@ async def fail_in_the_body(lidar: Lidar) -> None:
 
 async def read_sectors(lidar: Lidar) -> None:
     async with lidar.sectors(90) as stream:
-        for _ in range(6):
-            await anext(stream)
+        await some(stream, 6)
 
 
 async def tap(lidar: Lidar) -> None:

@@ -12,7 +12,7 @@ from lidario import HealthStatus, Scan, Unsupported
 from lidario.families.rplidar.simulated.device import Profile, SimulatedRplidar
 from lidario.families.rplidar.simulated.requests import Request
 from lidario.sim.rooms import make_world
-from tests.support.devices import Rig, change_info, make_rig, names, take
+from tests.support.devices import Rig, change_info, make_rig, names, some, take
 from tests.support.loop import now_ns
 
 AS_REAL = {
@@ -63,8 +63,7 @@ async def test_a_device_that_does_not_tell_its_health_is_used(
         assert "GET_HEALTH" in lidar.health.note
         # Also where its stream ends and it is asked why.
         rig.device.halt(now_ns())
-        for _ in range(2):
-            await anext(stream)
+        await some(stream, 2)
         assert lidar.stats.restarts == 1
     assert "does not tell its health" in caplog.text
 
@@ -197,7 +196,7 @@ async def test_a_legacy_express_scan_can_be_asked_for_by_name(model: str, name: 
     rig = make_rig(model, world=make_world("circle"))
     async with rig.open() as lidar:
         async with lidar.scans(name) as stream:
-            scans = [await anext(stream) for _ in range(3)]
+            scans = await some(stream, 3)
         assert name.casefold() not in [mode.name.casefold() for mode in await lidar.get_modes()]
         assert scans[-1].mode == "Legacy express"
         np.testing.assert_allclose(scans[-1].ranges, 2.0, atol=0.005)

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from tests.support.cable import cable_to, next_after, on_a_cable
-from tests.support.devices import Rig, both_families, left_still, make_rig, names
+from tests.support.devices import Rig, both_families, left_still, make_rig, names, some
 from tests.support.ledger import assert_stats_close
 from tests.support.loop import driven_loop, now, now_ns, run_driven
 
@@ -22,7 +22,7 @@ MODES = {"rplidar": "Standard", "ydlidar": None}
 async def test_it_goes_on_after_the_cable_was_pulled_out(rig: Rig) -> None:
     async with on_a_cable(rig) as (cable, lidar):
         async with lidar.scans(MODES[rig.family]) as stream:
-            last = [await anext(stream) for _ in range(3)][-1]
+            last = (await some(stream, 3))[-1]
             cable.pull()
             pulled = now()
             await asyncio.sleep(3.0)

@@ -21,7 +21,7 @@ from lidario.sim.serve import TcpServer
 from tests.cli.processes import served
 from tests.support.cable import next_after
 from tests.support.children import is_still, requests, until
-from tests.support.devices import make_rig
+from tests.support.devices import make_rig, some
 from tests.support.terminals import WaitingPtyServer
 
 BOUND_S = 30.0
@@ -157,15 +157,13 @@ async def test_a_recording_goes_on_when_the_line_is_back(tmp_path: Path) -> None
         server.link(path)
         async with open_lidar(str(path), family="rplidar", reconnect=True) as lidar, lidar.scans() as stream:
             async with lidar.record(tmp_path / "run.mcap") as recording:
-                for _ in range(3):
-                    await anext(stream)
+                await some(stream, 3)
                 await run_in_thread(lambda: server.replug(GAP_S))
                 await next_after(stream, time.monotonic())
                 assert recording.is_running
             assert recording.error is None
             async with lidar.record(tmp_path / "more.mcap") as another:
-                for _ in range(4):
-                    await anext(stream)
+                await some(stream, 4)
             assert another.error is None
         until(lambda: is_still(server))
     for name in ("run", "more"):

@@ -7,7 +7,7 @@ import asyncio
 import pytest
 
 from lidario import InvalidValue
-from tests.support.devices import Rig, left_still
+from tests.support.devices import Rig, left_still, some
 from tests.support.loop import now
 
 
@@ -49,7 +49,7 @@ async def test_a_speed_that_is_set_in_mid_scan_is_one_request_and_interrupts_not
         assert await lidar.get_scan_frequency() == 10.0
         await asyncio.sleep(1.0)
         assert rplidar.device.motor_rpm == pytest.approx(600)
-        scans += [await anext(stream) for _ in range(20)]
+        scans += await some(stream, 20)
         assert [scan.seq for scan in scans] == list(range(21))
         stats = lidar.stats
         assert (stats.interruptions, stats.lost_packets, stats.missed_scans, stats.broken_scans) == (0, 0, 0, 0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
 from pathlib import Path
 
 import numpy as np
@@ -17,13 +16,9 @@ from lidario.port.port import Port
 from lidario.revolution.sectors import SectorAssembler
 from lidario.session.streaming.sectors import parts_of, sectors_of
 from tests.support.cable import on_a_cable
-from tests.support.devices import EVERY_FAMILY, Rig, left_still, make_rig
+from tests.support.devices import EVERY_FAMILY, Rig, left_still, make_rig, some
 from tests.support.loop import now, run_driven
 from tests.support.recorded import record
-
-
-async def some(stream: AsyncIterator[Sector], count: int) -> list[Sector]:
-    return [await anext(stream) for _ in range(count)]
 
 
 def is_the_scan(scan: Scan, sectors: list[Sector]) -> bool:
@@ -43,7 +38,7 @@ async def test_scans_and_sectors_are_read_at_once(family: str) -> None:
             second = asyncio.ensure_future(some(eighths, 32))
             third = await some(sixths, 18)
             sectors = await second
-            seen = [await first, *[await anext(scans) for _ in range(3)]]
+            seen = [await first, *await some(scans, 3)]
         assert left_still(rig)
     assert [(each.seq, each.index) for each in sectors[8:]] == [
         (seq, index) for seq in range(sectors[8].seq, sectors[8].seq + 3) for index in range(8)
@@ -89,8 +84,7 @@ async def test_who_reads_scans_alone_pays_nothing(monkeypatch: pytest.MonkeyPatc
     made = []
     monkeypatch.setattr(SectorAssembler, "__init__", lambda *_: made.append(1))
     async with make_rig("rplidar").open() as lidar, lidar.scans() as scans:
-        for _ in range(3):
-            await anext(scans)
+        await some(scans, 3)
     assert not made
 
 

@@ -16,7 +16,7 @@ from lidario import (
     Unsupported,
 )
 from lidario.sim.rooms import make_world
-from tests.support.devices import SWITCHED, Rig, end_of, left_still, make_rig, names, take
+from tests.support.devices import SWITCHED, Rig, end_of, left_still, make_rig, names, some, take
 from tests.support.loop import now, now_ns
 
 
@@ -39,7 +39,7 @@ async def test_a_query_interrupts_the_stream_and_lets_it_go_on(rig: Rig) -> None
     async with rig.read() as (lidar, stream):
         health = await lidar.get_health()
         assert health.ok
-        after = [await anext(stream) for _ in range(3)]
+        after = await some(stream, 3)
         assert [scan.seq for scan in after] == [1, 2, 3]
         assert lidar.stats.interruptions == 1
         assert lidar.is_scanning
@@ -78,7 +78,7 @@ async def test_a_slow_reader_gets_the_latest_scan_and_the_count_of_the_missed(ri
         await asyncio.sleep(10 * rig.turn_s)
         late = await anext(slow)
         assert late.dropped_before == late.seq - first.seq - 1 > 5
-        kept = [await anext(deep) for _ in range(4)]
+        kept = await some(deep, 4)
         assert [scan.seq for scan in kept] == list(range(kept[0].seq, kept[0].seq + 4))
         assert kept[0].dropped_before == kept[0].seq - second.seq - 1
         assert [scan.dropped_before for scan in kept[1:]] == [0, 0, 0]

@@ -25,7 +25,7 @@ from itertools import product
 import pytest
 
 from lidario import Lidar, LidarError, LocalProtocolError, ScanStream, SessionClosed, Unsupported
-from tests.support.devices import EVERY_KIND, FAMILIES, OTHERS, SWITCHED, Rig, left_still, make_rig
+from tests.support.devices import EVERY_KIND, FAMILIES, OTHERS, SWITCHED, Rig, left_still, make_rig, some
 from tests.support.discards import all_obeyed
 from tests.support.loop import driven_loop, run_driven
 
@@ -65,8 +65,7 @@ class Scene:
             try:
                 async with asyncio.timeout(LONGEST_S):
                     # A scan may be held already; the one after the next is of now.
-                    for _ in range(3):
-                        await anext(stream)
+                    await some(stream, 3)
                 going_on = True
             except (StopAsyncIteration, LidarError):
                 assert loop.time() == began
@@ -82,8 +81,7 @@ async def start(scene: Scene) -> None:
 
 async def read(scene: Scene) -> None:
     stream = scene.stream()
-    for _ in range(3):
-        await anext(stream)
+    await some(stream, 3)
 
 
 async def ask(scene: Scene) -> None:

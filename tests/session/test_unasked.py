@@ -15,7 +15,7 @@ from lidario.families.ldrobot.simulated.device import PROFILES as LDROBOT
 from lidario.families.registry import FAMILIES, family_named
 from lidario.families.ydlidar.simulated.device import PROFILES as YDLIDAR
 from lidario.session.lidar import Lidar
-from tests.support.devices import Rig, end_of, left_still, make_rig, names, take
+from tests.support.devices import Rig, end_of, left_still, make_rig, names, some, take
 from tests.support.loop import now, now_ns
 
 TALKING = [name for name, profile in LDROBOT.items() if not profile.commands]
@@ -176,11 +176,9 @@ async def test_one_that_falls_silent_is_told_of_and_may_come_back(rig: Rig) -> N
 @talkers
 async def test_a_session_comes_back_to_it(rig: Rig) -> None:
     async with opened(rig, reconnect=True) as lidar, lidar.scans() as stream:
-        for _ in range(2):
-            await anext(stream)
+        await some(stream, 2)
         rig.device.reboot(now_ns(), off_s=2.0)
-        for _ in range(20):
-            await anext(stream)
+        await some(stream, 20)
         assert lidar.stats.reconnects + lidar.stats.restarts == 1
 
 

@@ -11,7 +11,7 @@ from lidario.model import LineErrors
 from lidario.port.port import Port
 from lidario.revolution.seam import Seam
 from lidario.session.talking.trouble import Trouble
-from tests.support.devices import Rig, end_of
+from tests.support.devices import Rig, end_of, some
 from tests.support.loop import driven_loop, now
 
 
@@ -60,8 +60,7 @@ async def test_what_is_held_is_read_before_a_device_counts_as_silent(
         await anext(stream)
         monkeypatch.setattr(Port, "data_received", hold)
         monkeypatch.setattr(Port, "poll", poll)
-        for _ in range(30):
-            await anext(stream)
+        await some(stream, 30)
         monkeypatch.undo()
         assert polls >= 30 * rig.turn_s / 0.6 - 1
         assert lidar.stats.restarts == 0
@@ -98,8 +97,7 @@ async def read_through_damage(rig: Rig, stream: ScanStream) -> None:
     """Read scans while revolutions are mixed, and some behind that."""
     await anext(stream)
     mix_revolutions(rig, now() + 7 * rig.turn_s)
-    for _ in range(8):
-        await anext(stream)
+    await some(stream, 8)
 
 
 async def test_damage_before_the_last_scan_is_not_named_as_the_cause(

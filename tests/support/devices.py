@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pytest
@@ -17,6 +17,8 @@ from lidario.session.lidar import Lidar
 from lidario.session.opening import OpenLidar, open_lidar
 from tests.support.discards import PROTECTED
 from tests.support.families import ABOUT
+
+T = TypeVar("T")
 
 
 @dataclass
@@ -106,6 +108,11 @@ def babble(device: Any) -> None:
     random = np.random.default_rng(1)
     device.transmit = lambda now: random.bytes(1024)
     device.wakeup = lambda now: now + 20_000_000
+
+
+async def some(stream: AsyncIterator[T], count: int) -> list[T]:
+    """The next ones of a stream."""
+    return [await anext(stream) for _ in range(count)]
 
 
 async def take(lidar: Lidar, count: int) -> list[Scan]:
