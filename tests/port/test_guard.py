@@ -189,6 +189,18 @@ async def test_a_farewell_is_the_end_of_it(
     assert caplog.records == []
 
 
+async def test_its_end_without_a_farewell_is_told(caplog: pytest.LogCaptureFixture) -> None:
+    guard = await start_guard("x")
+    os.kill(own_guards()[0], signal.SIGKILL)
+    async with asyncio.timeout(PATIENCE_S):
+        while not caplog.records:
+            await asyncio.sleep(0.001)
+    assert [record.message[:24] for record in caplog.records] == ["x: its guard has ended ("]
+    called: list[int] = []
+    guard.dismiss(lambda: called.append(1))
+    assert called == [1]
+
+
 def test_a_port_that_a_guard_has_is_held_by_its_program() -> None:
     """What is said to the next program: the guard of a program that lives is not waited for, and not named."""
     with served("rplidar-s2") as server:
