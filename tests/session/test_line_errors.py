@@ -13,7 +13,7 @@ from lidario.model import LineErrors
 from lidario.port.port import Port
 from tests.cli.processes import invoke_driven
 from tests.support.cable import next_after, on_a_cable
-from tests.support.devices import Rig, end_of
+from tests.support.devices import Rig, end_of, left_still
 from tests.support.loop import now
 
 
@@ -75,15 +75,22 @@ async def test_they_are_summed_over_all_lines(counted: Counted) -> None:
         (LineErrors(overruns=7), "; only noise arrives, with 7 overruns: this computer is too slow"),
     ],
 )
-async def test_noise_is_told_with_them(rig: Rig, counted: Counted, errors: LineErrors, says: str) -> None:
+async def test_noise_is_told_with_them_and_leaves_the_device_still_at_once(
+    rig: Rig, counted: Counted, errors: LineErrors, says: str
+) -> None:
+    """Also where its reader goes on holding the stream, and before the session ends; which can go on."""
     random = np.random.default_rng(3)
-    async with rig.read() as (_, stream):
+    async with rig.read() as (lidar, stream):
         clean = rig.device.transmit
         rig.device.transmit = lambda now: random.bytes(len(clean(now)))
         counted.errors += errors
-        failed = await end_of(stream)
+        assert says in str(await end_of(stream))
+        assert lidar.stats.skipped_bytes > 10_000
         rig.device.transmit = clean
-    assert says in str(failed)
+        await asyncio.sleep(0.2)
+        assert left_still(rig)
+        assert not lidar.is_scanning
+        assert await lidar.scan()
 
 
 def test_the_doctor_and_the_measuring_tell_them(monkeypatch: pytest.MonkeyPatch) -> None:

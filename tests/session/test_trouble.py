@@ -68,23 +68,6 @@ async def test_many_connects_to_a_device_that_still_streams(connects: int) -> No
         assert left_still(rig)
 
 
-async def test_a_stream_that_turns_to_noise_ends_and_leaves_the_device_still_at_once(rig: Rig) -> None:
-    """Also where its reader goes on holding it, and before the session ends."""
-    random = np.random.default_rng(3)
-    async with rig.open() as lidar:
-        async with lidar.scans() as stream:
-            await anext(stream)
-            clean = rig.device.transmit
-            rig.device.transmit = lambda now: random.bytes(len(clean(now)))
-            await end_of(stream, why="only noise arrives")
-            assert lidar.stats.skipped_bytes > 10_000
-            rig.device.transmit = clean
-            await asyncio.sleep(0.2)
-            assert left_still(rig)
-            assert not lidar.is_scanning
-        assert len(await take(lidar, 1)) == 1
-
-
 async def test_a_line_that_is_never_quiet_is_not_called_a_device_that_goes_on_sending(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
