@@ -15,8 +15,11 @@ import pytest
 from lidario import ConnectFailed, open_lidar
 from lidario.port.port import Port
 from lidario.port.tcp import open_tcp
+from lidario.sim.serve import TcpServer
+from tests.support.devices import make_rig
 from tests.support.loop import now
 from tests.support.ports import PATIENCE_S, Sink, on_both_loops
+from tests.support.speeds import SpeedPtyServer
 
 
 @asynccontextmanager
@@ -136,3 +139,13 @@ async def test_what_cannot_be_connected_to_says_so(host: str, number: int, says:
     assert caught.value.reason == "refused"
     assert str(caught.value).startswith(f"tcp://{host}:{number}: ")
     assert says in str(caught.value)
+
+
+@pytest.mark.long
+@on_both_loops
+async def test_a_session_over_tcp_and_one_on_a_terminal() -> None:
+    one, other = make_rig("rplidar"), make_rig("rplidar")
+    with TcpServer(one.device) as server, SpeedPtyServer(other.device) as terminal:
+        for source in ("tcp://{}:{}".format(*server.address), terminal.path):
+            async with asyncio.timeout(PATIENCE_S), open_lidar(source) as lidar:
+                assert len(await lidar.scan()) > 1000

@@ -71,20 +71,17 @@ async def program(path: str, family: str, dice: random.Random) -> None:
             await dice.choice(ACTIONS)(lidar)
 
 
-async def cancelled(work: Awaitable[None], after: float) -> None:
+async def cancelled(work: Awaitable[None], after: float, times: int = 1) -> None:
     task = asyncio.ensure_future(work)
-    asyncio.get_running_loop().call_later(after, task.cancel)
+    for number in range(times):
+        asyncio.get_running_loop().call_later(after + number * 0.0005, task.cancel)
     with pytest.raises(asyncio.CancelledError):
         await task
 
 
 async def cancelled_twice(work: Awaitable[None], after: float) -> None:
     """The loop is closed as soon as the task has ended."""
-    loop, task = asyncio.get_running_loop(), asyncio.ensure_future(work)
-    loop.call_later(after, task.cancel)
-    loop.call_later(after + 0.0005, task.cancel)
-    with pytest.raises(asyncio.CancelledError):
-        await task
+    await cancelled(work, after, 2)
 
 
 async def timed_out(work: Awaitable[None], after: float) -> None:
