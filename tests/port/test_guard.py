@@ -26,7 +26,7 @@ from tests.cli.processes import served
 from tests.support.children import is_still, requests, until
 from tests.support.drivers import LOW_LATENCY, SPEED_FLAG, FakeDriver
 from tests.support.guards import children_that_ended, guards_of, own_guards
-from tests.support.ports import PATIENCE_S, terminal_pair
+from tests.support.ports import PATIENCE_S, terminal_pair, written
 
 STOP = Request("STOP", b"stop!", settle=0.01)
 
@@ -136,6 +136,22 @@ async def test_cancelled_while_it_starts_it_ends(monkeypatch: pytest.MonkeyPatch
     with pytest.raises(asyncio.CancelledError):
         await starting
     await run_in_thread(lambda: until(lambda: not own_guards()))
+
+
+async def test_the_end_of_the_socket_without_a_farewell_is_the_end_of_the_program() -> None:
+    with terminal_pair() as (master, _, path):
+        port = await open_serial(path, 115200)
+        # No event loop watches it: that would see the end of the socket too.
+        guard = Guard(path)
+        (process,) = own_guards()
+        handle = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        guard.take(handle)
+        os.close(handle)
+        guard.tell([STOP], [], 0.0)
+        guard.let_go()
+        assert written(master, 25) == b"stop!" * guard_process.LEAST
+        await ended(process)
+        await port.close()
 
 
 async def test_it_is_told_what_stops_the_device_and_again_when_that_changes(

@@ -102,7 +102,8 @@ async def test_after_close_everything_says_so(rig: Rig) -> None:
     for each in (unread, lidar.scans()):
         with pytest.raises(SessionClosed, match="open_lidar"):
             await anext(each)
-    await stream.aclose()
+    for each in (stream, unread):
+        await each.aclose()
     await lidar.close()
 
 

@@ -8,7 +8,7 @@ from collections.abc import Awaitable
 
 import pytest
 
-from lidario import InvalidValue, Unsupported
+from lidario import InvalidValue, LocalProtocolError, Unsupported
 from tests.support.devices import (
     FAMILIES,
     SWITCHED,
@@ -121,6 +121,11 @@ async def test_stop_in_every_state_and_twice_at_once(rig: Rig) -> None:
         await anext(stream)
         await asyncio.gather(lidar.stop(), lidar.stop())
         assert left_still(rig)
+        scanning = asyncio.ensure_future(lidar.scan())
+        await asyncio.sleep(0.05)
+        await lidar.stop()
+        with pytest.raises(LocalProtocolError, match="another task stopped the lidar before the scan was complete"):
+            await scanning
         await asyncio.gather(lidar.close(), lidar.close())
 
 
