@@ -105,9 +105,12 @@ async def test_it_is_told_in_the_log_where_it_cannot_be_seen(caplog: pytest.LogC
     lidar = await rplidar.open()
     stream = lidar.scans()
     await anext(stream)
-    rplidar.device.receive = lambda data, now: None
+    heard: list[bytes] = []
+    rplidar.device.receive = lambda data, now: heard.append(data)
     with pytest.raises(StreamFailed, match="bytes still arrive after 3 STOP requests"):
         await lidar.stop()
+    # Those that stop laser and motor were tried before, as often.
+    assert b"".join(heard).count(b"\xa5\x25") == 3 + 3
     caplog.clear()
     await lidar.close()
     told = [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING]
