@@ -63,7 +63,7 @@ NEEDS_PACKAGE = {
 NEEDS_LINUX = re.compile(
     r"^\s*(import|from) (pty|tty|termios|fcntl|resource)\b|PtyServer|/proc/"
     r"|tests\.support\.(terminals|shells)\b|benchmarks\.soak\b|os\.fork\b"
-    r"|import .*\b(served|terminal_pair|paired|walked)\b|via=pty",
+    r"|import .*\b(served|opened_terminal|terminal_pair|paired|walked)\b|via=pty",
     re.MULTILINE,
 )
 """Pseudo-terminals at any baud rate, terminals of shells, /proc: what only Linux has."""

@@ -8,8 +8,8 @@ import pytest
 
 from tests.cli.processes import BOUND, served, started
 from tests.cli.test_stopped_terminal import on_terminal
-from tests.support.children import until
-from tests.support.guards import guards_of, is_left_still
+from tests.support.children import is_still, until
+from tests.support.guards import guards_of
 
 pytestmark = pytest.mark.discards(
     "a guard cannot know what the killed program has just written, so it writes again"
@@ -29,20 +29,20 @@ def test_a_verb_that_is_killed(verb: str, tmp_path: Path) -> None:
     options = [str(tmp_path / each) if each.endswith(".mcap") else each for each in VERBS[verb]]
     with served("rplidar-s2") as server:
         with started(verb, server.path, *options, "--guard") as process:
-            until(lambda: not is_left_still(server) or process.poll() is not None)
+            until(lambda: not is_still(server) or process.poll() is not None)
             assert len(guards_of(process.pid)) == 1
             process.kill()
             process.communicate(timeout=BOUND)
             until(lambda: not guards_of(process.pid))
-        until(lambda: is_left_still(server))
+        until(lambda: is_still(server))
 
 
 @pytest.mark.long
 def test_on_a_terminal() -> None:
     with served("rplidar-s2") as server, on_terminal("watch", server.path, "--guard") as (process, _, _):
-        until(lambda: not is_left_still(server) or process.poll() is not None)
+        until(lambda: not is_still(server) or process.poll() is not None)
         assert len(guards_of(process.pid)) == 1
         process.kill()
         process.wait(BOUND)
         until(lambda: not guards_of(process.pid))
-        until(lambda: is_left_still(server))
+        until(lambda: is_still(server))

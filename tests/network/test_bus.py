@@ -233,12 +233,6 @@ async def test_what_is_dropped_while_it_is_taken_is_no_error() -> None:
     assert (taken, due) == (["a"], [asked])
 
 
-async def test_messages_without_a_byte_are_bounded_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(handover, "MOST_WAITING_BYTES", 100 * handover.ITEM_BYTES)
-    inbox = handover.Handover[str](print, lambda _: None)
-    assert sum(inbox.put("", 0) for _ in range(150)) == 50
-
-
 async def test_the_responses_to_a_query_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "MOST_REPLY_BYTES", 10 * (handover.ITEM_BYTES + 101))
     session = Session()

@@ -54,19 +54,23 @@ class Network:
                     self._receive(Came(lidar, self._numbers[lidar], self.now_ms))
 
 
-async def read(
-    monkeypatch: pytest.MonkeyPatch, rounds: int, **options: Any
-) -> tuple[list[tuple[int, FleetScan]], Fleet]:
-    """What a slow reader gets, each with its age in milliseconds."""
-    session = Session()
+@pytest.fixture
+def session(monkeypatch: pytest.MonkeyPatch) -> Session:
+    """The session of zenoh that each bus has."""
+    made = Session()
 
     async def opened(router: str) -> Bus:
-        return Bus(session, router)
+        return Bus(made, router)
 
     monkeypatch.setattr(Bus, "open", opened)
     monkeypatch.setattr(Bus, "close", lambda _: asyncio.sleep(0))
     # The reader's time is driven; how fast this machine is at parsing must not end a turn of the loop.
     monkeypatch.setattr(handover, "TURN_NS", 10**12)
+    return made
+
+
+async def read(session: Session, rounds: int, **options: Any) -> tuple[list[tuple[int, FleetScan]], Fleet]:
+    """What a slow reader gets, each with its age in milliseconds."""
     found = list[tuple[int, FleetScan]]()
     async with Fleet("robots/*/scan", **options) as fleet:
         network = Network(session.receive)
@@ -79,8 +83,8 @@ async def read(
     return found, fleet
 
 
-async def test_a_slow_reader_gets_no_old_scans(monkeypatch: pytest.MonkeyPatch) -> None:
-    found, fleet = await read(monkeypatch, 20)
+async def test_a_slow_reader_gets_no_old_scans(session: Session) -> None:
+    found, fleet = await read(session, 20)
     # Each lidar has its turn, and what it gives is of the last revolution. Much had come before the first round.
     assert max(age for age, _ in found[LIDARS:]) <= TURN_MS
     assert set(Counter(each.key for _, each in found).values()) == {20}
@@ -91,20 +95,13 @@ async def test_a_slow_reader_gets_no_old_scans(monkeypatch: pytest.MonkeyPatch) 
     assert sum(1 + each.lost for _, each in last) == pytest.approx(2 * LIDARS * LIDARS * WORK_MS / TURN_MS, rel=0.1)
 
 
-async def test_a_reader_that_wants_all_says_how_many_may_wait(monkeypatch: pytest.MonkeyPatch) -> None:
-    found, fleet = await read(monkeypatch, 4, depth=64)
+async def test_a_reader_that_wants_all_says_how_many_may_wait(session: Session) -> None:
+    found, fleet = await read(session, 4, depth=64)
     assert fleet.dropped == fleet.lost == 0
     assert not any(each.lost for _, each in found)
 
 
-async def test_two_tasks_that_read_one_fleet_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    session = Session()
-
-    async def opened(router: str) -> Bus:
-        return Bus(session, router)
-
-    monkeypatch.setattr(Bus, "open", opened)
-    monkeypatch.setattr(Bus, "close", lambda _: asyncio.sleep(0))
+async def test_two_tasks_that_read_one_fleet_are_told(session: Session) -> None:
     async with Fleet("robots/*/scan") as fleet:
         Network(session.receive).pass_time(TURN_MS)
         results = await asyncio.gather(anext(fleet), anext(fleet), return_exceptions=True)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
+import importlib.util
+import os
 from collections.abc import Iterator
 
 import pytest
+import serial_asyncio
 
 from tests.support.ports import terminal_pair
 
@@ -20,3 +24,33 @@ def ends() -> Iterator[tuple[int, int, str]]:
 def terminal(ends: tuple[int, int, str]) -> tuple[int, str]:
     """Its controlling end, and the path of the other."""
     return ends[0], ends[2]
+
+
+@pytest.fixture
+def windows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Take the way of Windows, where no event loop waits for a serial port: a thread reads by pyserial's own calls.
+
+    pyserial-asyncio is as it is there; it asks for the system when it is loaded.
+    """
+    spec = importlib.util.find_spec(serial_asyncio.__name__)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "name", "nt")
+        spec.loader.exec_module(module)
+
+    def refuse(*_: object) -> None:
+        raise NotImplementedError("no event loop on Windows waits for a serial port")
+
+    monkeypatch.setattr("lidario.port.serial.POSIX", False)
+    monkeypatch.setattr("lidario.port.serial.serial_asyncio", module)
+    for name in ("add_reader", "add_writer"):
+        monkeypatch.setattr(asyncio.SelectorEventLoop, name, refuse)
+
+
+@pytest.fixture(params=["posix", "windows"])
+def system(request: pytest.FixtureRequest) -> None:
+    """Once on this system, and once as on Windows."""
+    if request.param == "windows":
+        request.getfixturevalue("windows")

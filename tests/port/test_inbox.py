@@ -9,7 +9,6 @@ import struct
 import termios
 import threading
 import time
-import tty
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -169,9 +168,7 @@ def test_a_closed_inbox_reads_nothing_and_waits_for_the_read_in_progress() -> No
 
 
 def test_a_read_that_finds_the_buffer_full_is_counted() -> None:
-    ours, theirs = os.openpty()
-    try:
-        tty.setraw(theirs)
+    with terminal_pair() as (ours, theirs, _):
         os.set_blocking(theirs, False)
         os.set_blocking(ours, False)
         late = Late()
@@ -186,6 +183,3 @@ def test_a_read_that_finds_the_buffer_full_is_counted() -> None:
                 os.write(ours, bytes(4096))
         inbox.read()
         assert late.full_reads == 1
-    finally:
-        os.close(ours)
-        os.close(theirs)

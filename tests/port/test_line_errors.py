@@ -10,7 +10,7 @@ from lidario.model import LineErrors
 from lidario.port.adapter import count_errors
 from lidario.port.serial import open_serial
 from tests.support.drivers import FakeDriver
-from tests.support.ports import Sink
+from tests.support.ports import opened
 
 
 @pytest.fixture
@@ -37,17 +37,15 @@ async def test_of_an_adapter_that_was_pulled_out_the_last_counts_are_known(
     ends: tuple[int, int, str], driver: FakeDriver
 ) -> None:
     driver.counted = {"frame": 0}
-    port, sink = await open_serial(ends[2], 115200), Sink()
-    port.attach(sink)
-    driver.counted = {"frame": 6}
-    assert port.errors.framing == 6
-    driver.gone = True
-    assert port.errors.framing == 6
-    for end in ends[:2]:
-        os.close(end)
-    await sink.until_lost()
-    assert port.errors.framing == 6
-    await port.close()
+    async with opened(ends[2]) as (port, sink):
+        driver.counted = {"frame": 6}
+        assert port.errors.framing == 6
+        driver.gone = True
+        assert port.errors.framing == 6
+        for end in ends[:2]:
+            os.close(end)
+        await sink.until_lost()
+        assert port.errors.framing == 6
 
 
 async def test_a_driver_that_cannot_count_counts_nothing(ends: tuple[int, int, str]) -> None:

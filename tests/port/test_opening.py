@@ -49,9 +49,8 @@ async def test_what_is_no_serial_port_says_so(path: str, says: str) -> None:
     assert failed.reason == "missing"
 
 
-async def test_a_speed_that_no_port_has() -> None:
-    with terminal_pair() as (_, _, path):
-        assert "could not open" in str(await failure(path, 2**40))
+async def test_a_speed_that_no_port_has(terminal: tuple[int, str]) -> None:
+    assert "could not open" in str(await failure(terminal[1], 2**40))
 
 
 async def test_dev_null_is_no_serial_port_even_while_others_hold_it() -> None:
@@ -61,13 +60,12 @@ async def test_dev_null_is_no_serial_port_even_while_others_hold_it() -> None:
     assert "busy" not in str(failed)
 
 
-async def test_forbidden(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_forbidden(terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch) -> None:
     def forbid(self: serial.Serial) -> None:
         raise serial.SerialException(13, "could not open port: Permission denied")
 
     monkeypatch.setattr(serial.Serial, "open", forbid)
-    with terminal_pair() as (_, _, path):
-        failed = await failure(path)
+    failed = await failure(terminal[1])
     assert failed.reason == "permission"
 
 
@@ -104,14 +102,13 @@ async def until(event: threading.Event) -> None:
             await asyncio.sleep(0.001)
 
 
-async def test_the_loop_goes_on_while_a_port_is_opened(slow: SlowOpening) -> None:
-    with terminal_pair() as (_, _, path):
-        task = asyncio.create_task(open_serial(path, 115200))
-        await until(slow.begun)
-        assert slow.thread is not threading.current_thread()
-        slow.go_on.set()
-        port = await task
-        await port.close()
+async def test_the_loop_goes_on_while_a_port_is_opened(terminal: tuple[int, str], slow: SlowOpening) -> None:
+    task = asyncio.create_task(open_serial(terminal[1], 115200))
+    await until(slow.begun)
+    assert slow.thread is not threading.current_thread()
+    slow.go_on.set()
+    port = await task
+    await port.close()
 
 
 async def test_the_list_of_processes_is_read_off_the_loop(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -127,19 +124,18 @@ async def test_the_list_of_processes_is_read_off_the_loop(monkeypatch: pytest.Mo
     assert readers[0] is not threading.current_thread()
 
 
-async def test_cancelled_while_it_opens_leaves_nothing_open(slow: SlowOpening) -> None:
-    with terminal_pair() as (_, _, path):
-        before = open_files()
-        task = asyncio.create_task(open_serial(path, 115200))
-        await until(slow.begun)
-        task.cancel()
-        with pytest.raises(asyncio.CancelledError):
-            await task
-        slow.go_on.set()
-        async with asyncio.timeout(PATIENCE_S):
-            while not slow.opened or slow.opened[0].is_open or (slow.thread and slow.thread.is_alive()):
-                await asyncio.sleep(0.001)
-        assert open_files() == before
+async def test_cancelled_while_it_opens_leaves_nothing_open(terminal: tuple[int, str], slow: SlowOpening) -> None:
+    before = open_files()
+    task = asyncio.create_task(open_serial(terminal[1], 115200))
+    await until(slow.begun)
+    task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    slow.go_on.set()
+    async with asyncio.timeout(PATIENCE_S):
+        while not slow.opened or slow.opened[0].is_open or (slow.thread and slow.thread.is_alive()):
+            await asyncio.sleep(0.001)
+    assert open_files() == before
 
 
 async def test_a_link_to_a_port_is_opened(tmp_path: Path) -> None:

@@ -9,14 +9,10 @@ from types import SimpleNamespace
 
 import pytest
 
-import lidario
 from lidario.port.repeat import Repeat
 from lidario.port.serial import open_serial
 from lidario.port.thread import Served
-from lidario.sim.serve import PtyServer
 from tests.port.test_thread import Steady
-from tests.support.children import is_still, until
-from tests.support.devices import make_rig
 from tests.support.ports import terminal_pair, written
 
 REQUEST = b"\xa5\x60"
@@ -104,21 +100,6 @@ async def test_the_thread_writes_it_while_the_loop_is_blocked_and_taps_see_it_in
         assert [now for *_, now in seen] == sorted(now for *_, now in seen)
         assert min(later - earlier for earlier, later in pairwise(out)) >= 100_000_000
         await port.close()
-
-
-@pytest.mark.long
-async def test_protection_survives_a_block_that_is_longer_than_its_time() -> None:
-    rig = make_rig("ydlidar")
-    with PtyServer(rig.device) as server:
-        async with lidario.open_lidar(server.path, family="ydlidar") as lidar:
-            await lidar.set_power_down_protection(True)
-            async with lidar.scans(depth=64) as stream:
-                await anext(stream)
-                time.sleep(3.3)  # noqa: ASYNC251 - the block is what it tests
-                await anext(stream)
-            assert rig.device.lapses == 0
-            assert lidar.stats.keepalives >= 2
-        until(lambda: is_still(server))
 
 
 def test_what_no_tap_has_seen_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:

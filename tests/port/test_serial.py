@@ -6,23 +6,24 @@ import asyncio
 import os
 import termios
 import time
-from types import ModuleType
 
 import pytest
 import serial
-import uvloop
 
 from lidario.errors import ConnectFailed
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
+from tests.port.test_thread import Steady, threads
 from tests.support.ports import (
     PATIENCE_S,
     OnlyRead,
     Plan,
     Seen,
     Sink,
-    every_byte_arrives,
+    on_both_loops,
     open_files,
+    opened,
+    opened_terminal,
     terminal_pair,
     written,
 )
@@ -30,83 +31,105 @@ from tests.support.ports import (
 LATENCIES = (0.0, 0.005)
 
 
+@pytest.mark.usefixtures("system")
 @pytest.mark.parametrize("latency", LATENCIES)
-async def test_every_byte_arrives_in_order(terminal: tuple[int, str], latency: float) -> None:
-    master, path = terminal
-    port = await open_serial(path, 1_000_000)
-    sink = await every_byte_arrives(port, master, 50, latency)
-    assert sink.times == sorted(sink.times)
-    await port.close()
+async def test_every_byte_arrives_in_order(latency: float) -> None:
+    async with opened_terminal(1_000_000) as (port, sink, master):
+        port.set_polling(latency, None)
+        sent = bytes(range(256)) * 200
+        for begin in range(0, len(sent), 1000):
+            os.write(master, sent[begin : begin + 1000])
+            await sink.until(min(begin + 1000, len(sent)))
+        assert bytes(sink.data) == sent
+        assert sink.times == sorted(sink.times)
+        assert threads() == []
     assert sink.lost == [None]
 
 
+@pytest.mark.usefixtures("system")
 async def test_a_write_is_out_before_it_returns(terminal: tuple[int, str]) -> None:
     master, path = terminal
-    port = await open_serial(path, 115200)
-    os.set_blocking(master, False)
-    port.write(b"\xa5\x25")
-    assert written(master, 2) == b"\xa5\x25"
-    await port.close()
+    async with opened(path) as (port, _):
+        os.set_blocking(master, False)
+        port.write(b"\xa5\x25")
+        assert written(master, 2) == b"\xa5\x25"
     port.write(b"too late")
     with pytest.raises(BlockingIOError):
         os.read(master, 16)
 
 
+@pytest.mark.usefixtures("system")
+@pytest.mark.parametrize("schedule", [None, Steady()], ids=["always polled", "seldom polled"])
 @pytest.mark.parametrize("latency", LATENCIES)
-async def test_bytes_gather_in_the_kernel_between_two_polls(terminal: tuple[int, str], latency: float) -> None:
-    master, path = terminal
-    port, sink, plan = await open_serial(path, 1_000_000), Sink(), Plan(0.05, 0.05)
-    port.attach(sink)
-    port.set_polling(latency, plan)
-    await asyncio.sleep(0)  # reading starts in the loop's next iteration
-    for piece in (b"one ", b"two ", b"three"):
-        os.write(master, piece)
-    time.sleep(0.1)  # noqa: ASYNC251 - a program that blocks its loop
-    await sink.until(13)
-    assert sink.chunks == [b"one two three"]
-    assert sink.arrivals == [[]]
-    os.write(master, b"four")
-    await sink.until(17)
-    # The rest is over: as `latency` says, from now on.
-    assert not plan.rests
-    os.write(master, b"five")
-    await sink.until(21)
-    assert bytes(sink.data) == b"one two threefourfive"
-    await port.close()
-
-
-async def test_a_poll_just_before_the_wake_up_is_no_hang_up(terminal: tuple[int, str]) -> None:
-    master, path = terminal
-    port, sink = await open_serial(path, 115200), Sink()
-    port.attach(sink)
-    os.write(master, b"warm up")
-    await sink.until(7)
-    os.write(master, b"taken")
-    # The loop asks which descriptors are readable, then runs this, then the reader, which finds nothing.
-    asyncio.get_running_loop().call_soon(port.poll)
-    await asyncio.sleep(0)
-    await asyncio.sleep(0)
-    os.write(master, b" and on")
-    await sink.until(19)
-    assert bytes(sink.data) == b"warm uptaken and on"
-    assert sink.lost == []
-    await port.close()
-
-
-@pytest.mark.parametrize("latency", LATENCIES)
-async def test_a_pulled_cable_is_noticed(latency: float) -> None:
+async def test_a_pulled_cable_is_noticed(latency: float, schedule: Steady | None) -> None:
     with terminal_pair() as (master, slave, path):
-        port, sink = await open_serial(path, 115200), Sink()
-        os.close(slave)
-        port.attach(sink)
-        port.set_polling(latency, None)
-        os.write(master, b"the end")
+        async with opened(path) as (port, sink):
+            os.close(slave)
+            port.set_polling(latency, None)
+            os.write(master, b"the end")
+            await sink.until(7)
+            port.set_polling(latency, schedule)
+            os.close(master)
+            error = await sink.until_lost()
+            assert "unplugged" in str(error)
+            assert isinstance(error.__cause__ if error else None, OSError)
+    assert threads() == []
+
+
+@on_both_loops
+async def test_both_event_loops_read_poll_write_and_close() -> None:
+    with terminal_pair() as (master, _, path):
+        before = open_files()
+        async with opened(path, 1_000_000) as (port, sink):
+            os.write(master, b"woken, ")
+            await sink.until(7)
+            port.set_polling(0.005, Plan(*[0.01] * 3))
+            os.write(master, b"polled")
+            await sink.until(13)
+            assert bytes(sink.data) == b"woken, polled"
+            # Even where the loop's own clock stands still while a callback runs.
+            assert sink.times == sorted(sink.times)
+            assert abs(sink.times[-1] - time.monotonic_ns()) < 5e9
+            port.write(b"out")
+            assert written(master, 3) == b"out"
+        assert sink.lost == [None]
+        assert open_files() == before
+
+
+@pytest.mark.parametrize("latency", LATENCIES)
+async def test_bytes_gather_in_the_kernel_between_two_polls(latency: float) -> None:
+    plan = Plan(0.05, 0.05)
+    async with opened_terminal(1_000_000) as (port, sink, master):
+        port.set_polling(latency, plan)
+        await asyncio.sleep(0)  # reading starts in the loop's next iteration
+        for piece in (b"one ", b"two ", b"three"):
+            os.write(master, piece)
+        time.sleep(0.1)  # noqa: ASYNC251 - a program that blocks its loop
+        await sink.until(13)
+        assert sink.chunks == [b"one two three"]
+        assert sink.arrivals == [[]]
+        os.write(master, b"four")
+        await sink.until(17)
+        # The rest is over: as `latency` says, from now on.
+        assert not plan.rests
+        os.write(master, b"five")
+        await sink.until(21)
+        assert bytes(sink.data) == b"one two threefourfive"
+
+
+async def test_a_poll_just_before_the_wake_up_is_no_hang_up() -> None:
+    async with opened_terminal() as (port, sink, master):
+        os.write(master, b"warm up")
         await sink.until(7)
-        os.close(master)
-        error = await sink.until_lost()
-        assert "unplugged" in str(error)
-        assert isinstance(error.__cause__ if error else None, OSError)
-        await port.close()
+        os.write(master, b"taken")
+        # The loop asks which descriptors are readable, then runs this, then the reader, which finds nothing.
+        asyncio.get_running_loop().call_soon(port.poll)
+        await asyncio.sleep(0)
+        await asyncio.sleep(0)
+        os.write(master, b" and on")
+        await sink.until(19)
+        assert bytes(sink.data) == b"warm uptaken and on"
+        assert sink.lost == []
 
 
 async def test_a_loss_that_nobody_was_told_is_told_to_who_comes_next() -> None:
@@ -144,36 +167,31 @@ async def test_a_line_that_was_hung_up_is_noticed(latency: float) -> None:
     os.close(ours)
 
 
-async def test_a_tap_that_raises_is_removed_and_costs_nothing(
-    terminal: tuple[int, str], caplog: pytest.LogCaptureFixture
-) -> None:
-    master, path = terminal
-    port, sink = await open_serial(path, 115200), Sink()
-    port.attach(sink)
-    calls = []
+async def test_a_tap_that_raises_is_removed_and_costs_nothing(caplog: pytest.LogCaptureFixture) -> None:
+    async with opened_terminal() as (port, sink, master):
+        calls = []
 
-    def bad(direction: str, data: bytes, now: int) -> None:
-        calls.append(direction)
-        raise RuntimeError("a mistake in a tap")
+        def bad(direction: str, data: bytes, now: int) -> None:
+            calls.append(direction)
+            raise RuntimeError("a mistake in a tap")
 
-    port.add_tap(bad)
-    seen = Seen(port)
-    port.write(b"\xa5\x25")
-    assert written(master, 2) == b"\xa5\x25"
-    port.add_tap(bad)
-    os.write(master, b"data")
-    await sink.until(4)
-    assert calls == ["out", "in"]
-    assert seen.reads[0][0] == b"data"
-    problems = [record for record in caplog.records if record.levelname == "WARNING"]
-    assert len(problems) == 2
-    assert all(record.exc_info and "mistake in a tap" in str(record.exc_info[1]) for record in problems)
-    port.remove_tap(bad)  # not there any more: ignored
-    port.remove_tap(seen)
-    os.write(master, b"more")
-    await sink.until(8)
-    assert len(seen.reads) == 1
-    await port.close()
+        port.add_tap(bad)
+        seen = Seen(port)
+        port.write(b"\xa5\x25")
+        assert written(master, 2) == b"\xa5\x25"
+        port.add_tap(bad)
+        os.write(master, b"data")
+        await sink.until(4)
+        assert calls == ["out", "in"]
+        assert seen.reads[0][0] == b"data"
+        problems = [record for record in caplog.records if record.levelname == "WARNING"]
+        assert len(problems) == 2
+        assert all(record.exc_info and "mistake in a tap" in str(record.exc_info[1]) for record in problems)
+        port.remove_tap(bad)  # not there any more: ignored
+        port.remove_tap(seen)
+        os.write(master, b"more")
+        await sink.until(8)
+        assert len(seen.reads) == 1
 
 
 async def test_taps_see_what_was_written_already(terminal: tuple[int, str]) -> None:
@@ -203,30 +221,3 @@ async def test_a_speed_that_the_adapter_cannot_do(
         port.set_baudrate(460800)
     assert port.baudrate == 256000
     await port.close()
-
-
-@pytest.mark.parametrize("library", [asyncio, uvloop], ids=["asyncio", "uvloop"])
-def test_both_event_loops_read_poll_write_and_close(library: ModuleType) -> None:
-    async def main() -> None:
-        with terminal_pair() as (master, _, path):
-            before = open_files()
-            port, sink = await open_serial(path, 1_000_000), Sink()
-            port.attach(sink)
-            os.write(master, b"woken, ")
-            await sink.until(7)
-            plan = Plan(*[0.01] * 3)
-            port.set_polling(0.005, plan)
-            os.write(master, b"polled")
-            await sink.until(13)
-            assert bytes(sink.data) == b"woken, polled"
-            # Even where the loop's own clock stands still while a callback runs.
-            assert sink.times == sorted(sink.times)
-            assert abs(sink.times[-1] - time.monotonic_ns()) < 5e9
-            port.write(b"out")
-            assert written(master, 3) == b"out"
-            await port.close()
-            assert sink.lost == [None]
-            assert open_files() == before
-
-    with asyncio.Runner(loop_factory=library.new_event_loop) as runner:
-        runner.run(main())

@@ -6,119 +6,80 @@ import asyncio
 import gc
 import socket
 from asyncio.trsock import TransportSocket
-from types import ModuleType
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from typing import Any
 
 import pytest
 
 from lidario import ConnectFailed, open_lidar
+from lidario.port.port import Port
 from lidario.port.tcp import open_tcp
 from lidario.sim.serve import TcpServer
 from tests.support.devices import make_rig
-from tests.support.ports import PATIENCE_S, Sink, both_loops, open_files, run_on
+from tests.support.loop import now
+from tests.support.ports import PATIENCE_S, Sink, on_both_loops
 from tests.support.speeds import SpeedPtyServer
 
 
-@both_loops
-def test_bytes_both_ways_at_once(library: ModuleType) -> None:
-    async def once() -> int:
-        with socket.create_server(("127.0.0.1", 0)) as server:
-            port, sink = await open_tcp("tcp://x", *server.getsockname()), Sink()
-            port.attach(sink)
-            peer, _ = server.accept()
-            peer.settimeout(PATIENCE_S)
-            # Reaches the system before `write` returns: nothing else runs between these two lines.
-            port.write(b"request")
-            assert peer.recv(100) == b"request"
-            peer.sendall(b"response")
-            await sink.until(8)
-            assert bytes(sink.data) == b"response"
-            port.set_polling(0.005, None)  # is for serial ports; ignored
-            port.poll()
-            port.write(b"the last")
-            await port.close()
-            assert peer.recv(100) == b"the last"
-            assert peer.recv(100) == b""
-            assert sink.lost == [None]
-            peer.close()
-            return open_files()
-
-    async def main() -> None:
-        # The first time, uvloop opens something of its own.
-        assert await once() == await once()
-
-    run_on(library, main)
-
-
-@pytest.mark.long
-@both_loops
-def test_a_session_over_tcp_and_one_on_a_terminal(library: ModuleType) -> None:
-    async def main() -> None:
-        rig = make_rig("rplidar")
-        with TcpServer(rig.device) as server:
-            async with asyncio.timeout(PATIENCE_S), open_lidar("tcp://{}:{}".format(*server.address)) as lidar:
-                assert len(await lidar.scan()) > 1000
-        rig = make_rig("rplidar")
-        with SpeedPtyServer(rig.device) as terminal:
-            async with asyncio.timeout(PATIENCE_S), open_lidar(terminal.path) as lidar:
-                assert len(await lidar.scan()) > 1000
-
-    run_on(library, main)
-
-
-@both_loops
-def test_a_peer_that_ends_is_noticed(library: ModuleType) -> None:
-    async def main() -> None:
-        with socket.create_server(("127.0.0.1", 0)) as server:
-            port, sink = await open_tcp("tcp://x", *server.getsockname()), Sink()
-            port.attach(sink)
-            peer, _ = server.accept()
-            peer.close()
-            error = await sink.until_lost()
-            assert "tcp://x is gone" in str(error)
-            port.write(b"ignored")
-            await port.close()
-
-    run_on(library, main)
-
-
-@both_loops
-def test_closing_is_bounded_when_the_peer_takes_nothing(
-    library: ModuleType, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("lidario.port.port.CLOSE_TIMEOUT_S", 0.1)
-
-    async def main() -> None:
-        with socket.create_server(("127.0.0.1", 0)) as server:
-            port = await open_tcp("tcp://x", *server.getsockname())
-            peer, _ = server.accept()
-            port.write(bytes(20_000_000))
-            loop = asyncio.get_running_loop()
-            before = loop.time()
-            await port.close()
-            assert 0.09 < loop.time() - before < 5
-            assert not port.is_open
-            peer.close()
-
-    run_on(library, main)
-
-
-@both_loops
-def test_abandoned_writes_the_stop_requests(library: ModuleType) -> None:
+@asynccontextmanager
+async def connected() -> AsyncIterator[tuple[Port, Sink, socket.socket]]:
+    """A port that is connected, what it brings, and its peer."""
     with socket.create_server(("127.0.0.1", 0)) as server:
-
-        async def main() -> socket.socket:
-            port = await open_tcp("tcp://x", *server.getsockname())
-            peer, _ = server.accept()
+        port, sink = await open_tcp("tcp://x", *server.getsockname()), Sink()
+        port.attach(sink)
+        peer, _ = server.accept()
+        with peer:
             peer.settimeout(PATIENCE_S)
-            port.abandon(b"stop")
-            assert peer.recv(100) == b"stop"
-            await port.wait_closed()
-            assert peer.recv(100) == b""
-            port.abandon(b"again")
-            return peer
+            yield port, sink, peer
 
-        run_on(library, main).close()
+
+@on_both_loops
+async def test_bytes_both_ways_at_once() -> None:
+    async with connected() as (port, sink, peer):
+        # Reaches the system before `write` returns: nothing else runs between these two lines.
+        port.write(b"request")
+        assert peer.recv(100) == b"request"
+        peer.sendall(b"response")
+        await sink.until(8)
+        assert bytes(sink.data) == b"response"
+        port.set_polling(0.005, None)  # is for serial ports; ignored
+        port.poll()
+        port.write(b"the last")
+        await port.close()
+        assert peer.recv(100) == b"the last"
+        assert peer.recv(100) == b""
+        assert sink.lost == [None]
+
+
+@on_both_loops
+async def test_a_peer_that_ends_is_noticed() -> None:
+    async with connected() as (port, sink, peer):
+        peer.close()
+        assert "tcp://x is gone" in str(await sink.until_lost())
+        port.write(b"ignored")
+        await port.close()
+
+
+@on_both_loops
+async def test_closing_is_bounded_when_the_peer_takes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lidario.port.port.CLOSE_TIMEOUT_S", 0.1)
+    async with connected() as (port, _, _):
+        port.write(bytes(20_000_000))
+        before = now()
+        await port.close()
+        assert 0.09 < now() - before < 5
+        assert not port.is_open
+
+
+@on_both_loops
+async def test_abandoned_writes_the_stop_requests() -> None:
+    async with connected() as (port, _, peer):
+        port.abandon(b"stop")
+        assert peer.recv(100) == b"stop"
+        await port.wait_closed()
+        assert peer.recv(100) == b""
+        port.abandon(b"again")
 
 
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
@@ -127,13 +88,38 @@ def test_abandoned_after_the_loop_was_closed() -> None:
         with asyncio.Runner() as runner:
             port = runner.run(open_tcp("tcp://x", *server.getsockname()))
             peer, _ = server.accept()
-        peer.settimeout(PATIENCE_S)
-        port.abandon(b"stop")
-        assert peer.recv(100) == b"stop"
-        assert peer.recv(100) == b""
-        peer.close()
+        with peer:
+            peer.settimeout(PATIENCE_S)
+            port.abandon(b"stop")
+            assert peer.recv(100) == b"stop"
+            assert peer.recv(100) == b""
         del port
         gc.collect()
+
+
+@on_both_loops
+async def test_a_refused_connection_says_what_to_do() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        host, number = server.getsockname()
+    with pytest.raises(ConnectFailed, match=r"Connection refused\. Is the server running") as caught:
+        await open_lidar(f"tcp://{host}:{number}")
+    assert caught.value.reason == "refused"
+
+
+async def test_a_dead_bridge_is_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    chosen: dict[int, int] = {}
+    original = TransportSocket.setsockopt
+
+    def note(self: Any, level: int, option: int, value: int) -> None:
+        chosen[option if level != socket.SOL_SOCKET else -option] = value
+        original(self, level, option, value)
+
+    monkeypatch.setattr(TransportSocket, "setsockopt", note)
+    async with connected() as (port, _, _):
+        assert chosen[-socket.SO_KEEPALIVE] == 1
+        assert chosen[socket.TCP_NODELAY] == 1
+        assert chosen[socket.TCP_KEEPIDLE] + chosen[socket.TCP_KEEPINTVL] * chosen[socket.TCP_KEEPCNT] == 11
+        await port.close()
 
 
 @pytest.mark.parametrize(
@@ -146,45 +132,20 @@ def test_abandoned_after_the_loop_was_closed() -> None:
         ("no.such.host.invalid", 1, "Is the name of the host right?"),
     ],
 )
-@both_loops
-def test_what_cannot_be_connected_to_says_so(library: ModuleType, host: str, number: int, says: str) -> None:
-    async def main() -> None:
-        with pytest.raises(ConnectFailed) as caught:
-            await open_tcp(f"tcp://{host}:{number}", host, number)
-        assert caught.value.reason == "refused"
-        assert str(caught.value).startswith(f"tcp://{host}:{number}: ")
-        assert says in str(caught.value)
-
-    run_on(library, main)
+@on_both_loops
+async def test_what_cannot_be_connected_to_says_so(host: str, number: int, says: str) -> None:
+    with pytest.raises(ConnectFailed) as caught:
+        await open_tcp(f"tcp://{host}:{number}", host, number)
+    assert caught.value.reason == "refused"
+    assert str(caught.value).startswith(f"tcp://{host}:{number}: ")
+    assert says in str(caught.value)
 
 
-@both_loops
-def test_a_refused_connection_says_what_to_do(library: ModuleType) -> None:
-    async def main() -> None:
-        with socket.create_server(("127.0.0.1", 0)) as server:
-            host, number = server.getsockname()
-        with pytest.raises(ConnectFailed, match=r"Connection refused\. Is the server running") as caught:
-            await open_lidar(f"tcp://{host}:{number}")
-        assert caught.value.reason == "refused"
-
-    run_on(library, main)
-
-
-async def test_a_dead_bridge_is_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    chosen: dict[int, int] = {}
-
-    original = TransportSocket.setsockopt
-
-    def note(self: Any, level: int, option: int, value: int) -> None:
-        chosen[option if level != socket.SOL_SOCKET else -option] = value
-        original(self, level, option, value)
-
-    monkeypatch.setattr(TransportSocket, "setsockopt", note)
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port = await open_tcp("tcp://x", *server.getsockname())
-        peer, _ = server.accept()
-        assert chosen[-socket.SO_KEEPALIVE] == 1
-        assert chosen[socket.TCP_NODELAY] == 1
-        assert chosen[socket.TCP_KEEPIDLE] + chosen[socket.TCP_KEEPINTVL] * chosen[socket.TCP_KEEPCNT] == 11
-        await port.close()
-        peer.close()
+@pytest.mark.long
+@on_both_loops
+async def test_a_session_over_tcp_and_one_on_a_terminal() -> None:
+    one, other = make_rig("rplidar"), make_rig("rplidar")
+    with TcpServer(one.device) as server, SpeedPtyServer(other.device) as terminal:
+        for source in ("tcp://{}:{}".format(*server.address), terminal.path):
+            async with asyncio.timeout(PATIENCE_S), open_lidar(source) as lidar:
+                assert len(await lidar.scan()) > 1000

@@ -16,7 +16,7 @@ import pytest
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
 from lidario.port.thread import Watched, reading_thread
-from tests.support.ports import PATIENCE_S, OnlyRead, Sink, terminal_pair
+from tests.support.ports import PATIENCE_S, OnlyRead, Seen, Sink, opened_terminal, terminal_pair
 
 ROOT = Path(__file__).resolve().parents[2]
 NAME = "lidario: read ports"
@@ -51,7 +51,7 @@ def block_until_read(size: int) -> None:
 async def test_all_ports_share_one_thread_that_ends_with_the_last() -> None:
     with terminal_pair() as one, terminal_pair() as two, terminal_pair() as three:
         ports = [await open_serial(path, 1_000_000) for _, _, path in (one, two, three)]
-        sinks = [Sink() for _ in ports]
+        sinks, taps = [Sink() for _ in ports], [Seen(port) for port in ports]
         assert threads() == []
         for port, sink in zip(ports, sinks, strict=True):
             port.attach(sink)
@@ -64,7 +64,8 @@ async def test_all_ports_share_one_thread_that_ends_with_the_last() -> None:
         for number, (port, sink) in enumerate(zip(ports, sinks, strict=True)):
             assert threads() == [thread]
             port.set_polling(0.0, None)
-            assert sink.chunks == [bytes([number]) * 4]
+            # At once: what comes next is another stream, or a response.
+            assert sink.chunks == [data for data, _ in taps[number].reads] == [bytes([number]) * 4]
         assert threads() == []
         assert not reading_thread().is_running
         ports[0].set_polling(0.005, Steady())
@@ -75,9 +76,7 @@ async def test_all_ports_share_one_thread_that_ends_with_the_last() -> None:
 
 
 async def test_each_read_has_its_own_time_while_the_loop_is_blocked() -> None:
-    with terminal_pair() as (master, _, path):
-        port, sink = await open_serial(path, 1_000_000), Sink()
-        port.attach(sink)
+    async with opened_terminal(1_000_000) as (port, sink, master):
         seen: list[tuple[bytes, int]] = []
         port.add_tap(lambda direction, data, now: seen.append((data, now)))
         port.set_polling(0.005, Steady())
@@ -96,7 +95,6 @@ async def test_each_read_has_its_own_time_while_the_loop_is_blocked() -> None:
         assert seen == [(bytes([number]), at) for number, (_, at) in enumerate(arrivals)]
         for before, (_, at), after in zip(written, arrivals, read, strict=True):
             assert before <= at <= after
-        await port.close()
 
 
 async def test_taps_see_what_the_thread_read_before_what_is_written_later() -> None:
@@ -120,27 +118,9 @@ async def test_taps_see_what_the_thread_read_before_what_is_written_later() -> N
         await port.close()
 
 
-async def test_taps_and_receiver_get_what_the_thread_read_when_it_reads_no_more() -> None:
-    with terminal_pair() as (master, _, path):
-        port, sink = await open_serial(path, 1_000_000), Sink()
-        port.attach(sink)
-        seen: list[tuple[str, bytes]] = []
-        port.add_tap(lambda direction, data, now: seen.append((direction, data)))
-        port.set_polling(0.005, Steady())
-        os.write(master, b"the last packets")
-        block_until_read(16)
-        port.set_polling(0.0, None)
-        # At once: what comes next is another stream, or a response.
-        assert seen == [("in", b"the last packets")]
-        assert sink.chunks == [b"the last packets"]
-        await port.close()
-
-
 async def test_beyond_a_mebibyte_the_port_tells_what_it_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.port.inbox.INBOX_BYTES", 6000)
-    with terminal_pair() as (master, _, path):
-        port, sink = await open_serial(path, 1_000_000), Sink()
-        port.attach(sink)
+    async with opened_terminal(1_000_000) as (port, sink, master):
         port.set_polling(0.005, Steady())
         sent, deadline = 0, time.monotonic() + PATIENCE_S
         while port.late.overflow_bytes < 2000 and time.monotonic() < deadline:
@@ -154,7 +134,6 @@ async def test_beyond_a_mebibyte_the_port_tells_what_it_dropped(monkeypatch: pyt
             assert time.monotonic() < deadline
             port.poll()
         assert port.late.overflow_bytes + len(sink.data) == sent + 4
-        await port.close()
 
 
 @pytest.mark.parametrize("way", ["pulled", "hung up"])

@@ -118,18 +118,6 @@ def test_ports_that_are_due_soon_are_read_together() -> None:
     assert clock.reads == [100.04, 100.04]
 
 
-def test_a_port_that_was_removed_meanwhile_is_not_read() -> None:
-    """The thread has just looked up its ports; a byte that it took now would be seen by nobody."""
-    clock = Clock()
-    watched = clock.watched(0.04)
-    clock.run(watched, 0.1)
-    watched.inbox.share(False)
-    clock.reads.clear()
-    clock.now += 0.04
-    watched.serve(clock.now, 0.0)
-    assert clock.reads == []
-
-
 def test_an_error_is_told_and_tried_again() -> None:
     clock = Clock()
     watched = clock.watched(0.04)

@@ -5,20 +5,15 @@ from __future__ import annotations
 import asyncio
 import socket
 from collections.abc import Iterator
-from types import ModuleType
 
 import pytest
 
 from lidario import ConnectFailed, DeviceLost, open_lidar
-from lidario.families.registry import FAMILIES
-from lidario.model import LineErrors
 from lidario.port.udp import open_udp
-from lidario.session.finding.silence import ReceivedInSilence
 from lidario.sim.rooms import make_world
 from lidario.sim.serve import UdpServer
-from lidario.source import as_source
 from tests.support.devices import left_still, make_rig, names
-from tests.support.ports import PATIENCE_S, Sink, both_loops, impatient, open_files, run_on
+from tests.support.ports import PATIENCE_S, Sink, impatient, on_both_loops
 
 
 @pytest.fixture
@@ -29,116 +24,83 @@ def peer() -> Iterator[socket.socket]:
         yield made
 
 
-@both_loops
-def test_bytes_both_ways(library: ModuleType, peer: socket.socket) -> None:
-    async def once() -> int:
-        port, sink = await open_udp("udp://x", *peer.getsockname()), Sink()
-        assert (port.baudrate, port.is_open) == (0, True)
-        port.attach(sink)
-        # Reaches the system before `write` returns: nothing else runs between these two lines.
-        port.write(b"request")
-        data, client = peer.recvfrom(100)
-        assert data == b"request"
-        for piece in (b"resp", b"", b"onse"):
-            peer.sendto(piece, client)
-        await sink.until(8)
-        assert bytes(sink.data) == b"response"
-        port.set_polling(0.005, None)  # is for serial ports; ignored
-        port.set_dtr(True)
-        port.poll()
-        port.write(b"the last")
-        await port.close()
-        assert peer.recv(100) == b"the last"
-        assert sink.lost == [None]
-        port.write(b"ignored")
-        return open_files()
-
-    async def main() -> None:
-        # The first time, uvloop opens something of its own.
-        assert await once() == await once()
-
-    run_on(library, main)
+@on_both_loops
+async def test_bytes_both_ways(peer: socket.socket) -> None:
+    port, sink = await open_udp("udp://x", *peer.getsockname()), Sink()
+    assert (port.baudrate, port.is_open) == (0, True)
+    port.attach(sink)
+    # Reaches the system before `write` returns: nothing else runs between these two lines.
+    port.write(b"request")
+    data, client = peer.recvfrom(100)
+    assert data == b"request"
+    for piece in (b"resp", b"", b"onse"):
+        peer.sendto(piece, client)
+    await sink.until(8)
+    assert bytes(sink.data) == b"response"
+    port.set_polling(0.005, None)  # is for serial ports; ignored
+    port.set_dtr(True)
+    port.poll()
+    port.write(b"the last")
+    await port.close()
+    assert peer.recv(100) == b"the last"
+    assert sink.lost == [None]
+    port.write(b"ignored")
 
 
-@both_loops
-def test_each_request_is_a_datagram_of_its_own(library: ModuleType, peer: socket.socket) -> None:
+@on_both_loops
+async def test_each_request_is_a_datagram_of_its_own(peer: socket.socket) -> None:
     """No document says that a device looks for a second request in one."""
-
-    async def main() -> None:
-        source = "udp://{}:{}?family=rplidar".format(*peer.getsockname())
-        opening = asyncio.ensure_future(open_lidar(source).__aenter__())
-        loop = asyncio.get_running_loop()
-        first = await loop.run_in_executor(None, peer.recv, 100)
-        assert first == b"\xa5\x25"
-        opening.cancel()
-        with pytest.raises(asyncio.CancelledError):
-            await opening
-        assert [peer.recv(100) for _ in range(2)] == [bytes.fromhex("a5a80200000f"), b"\xa5\x25"]
-
-    run_on(library, main)
+    source = "udp://{}:{}?family=rplidar".format(*peer.getsockname())
+    opening = asyncio.ensure_future(open_lidar(source).__aenter__())
+    loop = asyncio.get_running_loop()
+    first = await loop.run_in_executor(None, peer.recv, 100)
+    assert first == b"\xa5\x25"
+    opening.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await opening
+    assert [peer.recv(100) for _ in range(2)] == [bytes.fromhex("a5a80200000f"), b"\xa5\x25"]
 
 
 @pytest.mark.long
-@both_loops
-def test_what_the_system_does_not_send_is_not_the_end(library: ModuleType, peer: socket.socket) -> None:
+@on_both_loops
+async def test_what_the_system_does_not_send_is_not_the_end(peer: socket.socket) -> None:
     """As where a network card has no room; no datagram is as long as this one."""
-
-    async def main() -> None:
-        port, sink = await open_udp("udp://x", *peer.getsockname()), Sink()
-        port.attach(sink)
-        port.write(bytes(70_000))
-        await asyncio.sleep(0.001)
-        assert port.is_open
-        port.write(b"request")
-        assert peer.recvfrom(100)[0] == b"request"
-        await port.close()
-
-    run_on(library, main)
+    port, sink = await open_udp("udp://x", *peer.getsockname()), Sink()
+    port.attach(sink)
+    port.write(bytes(70_000))
+    await asyncio.sleep(0.001)
+    assert port.is_open
+    port.write(b"request")
+    assert peer.recvfrom(100)[0] == b"request"
+    await port.close()
 
 
-@both_loops
-def test_a_session(library: ModuleType) -> None:
-    async def main() -> None:
-        rig = make_rig("rplidar-s2e", world=make_world("circle"))
-        with UdpServer(rig.device) as server:
-            source = "udp://{}:{}".format(*server.address)
-            async with asyncio.timeout(PATIENCE_S), open_lidar(source) as lidar:
-                assert lidar.info.model == "RPLIDAR S2E"
-                scan = await lidar.scan()
-                assert len(scan) == pytest.approx(3200, abs=3)
-                assert scan.ranges[scan.ranges > 0] == pytest.approx(2.0, abs=0.01)
-                await lidar.get_health()
-                await lidar.scan()
-            assert server.lost == 0
-        assert left_still(rig)
-
-    run_on(library, main)
+@on_both_loops
+async def test_a_session() -> None:
+    rig = make_rig("rplidar-s2e", world=make_world("circle"))
+    with UdpServer(rig.device) as server:
+        source = "udp://{}:{}".format(*server.address)
+        async with asyncio.timeout(PATIENCE_S), open_lidar(source) as lidar:
+            assert lidar.info.model == "RPLIDAR S2E"
+            scan = await lidar.scan()
+            assert len(scan) == pytest.approx(3200, abs=3)
+            assert scan.ranges[scan.ranges > 0] == pytest.approx(2.0, abs=0.01)
+            await lidar.get_health()
+            await lidar.scan()
+        assert server.lost == 0
+    assert left_still(rig)
 
 
-@both_loops
-def test_where_nothing_listens(library: ModuleType, peer: socket.socket) -> None:
+@on_both_loops
+async def test_where_nothing_listens(peer: socket.socket) -> None:
     host, number = peer.getsockname()
     peer.close()
-
-    async def main() -> None:
-        with pytest.raises(
-            ConnectFailed, match=r"\d: nothing listens at this UDP port\. Are address and port right\?$"
-        ) as caught:
-            await open_lidar(f"udp://{host}:{number}")
-        # As by TCP, although the port could be opened: only a request shows that nobody is there.
-        assert caught.value.reason == "refused"
-
-    run_on(library, main)
-
-
-@pytest.mark.parametrize(("kind", "words"), [("udp", "from no lidar"), ("serial", "at a wrong baud rate")])
-def test_garbage_of_a_network_is_not_explained_by_a_speed(kind: str, words: str) -> None:
-    heard = ReceivedInSilence()
-    heard.see("in", bytes(range(1, 200)), 0)
-    source = as_source("udp://127.0.0.1:8089" if kind == "udp" else "/dev/ttyUSB0")
-    assert f"199 bytes of garbage came back, as {words}. Is the" in str(
-        heard.nothing_responds(source, FAMILIES, (), LineErrors())
-    )
+    with pytest.raises(
+        ConnectFailed, match=r"\d: nothing listens at this UDP port\. Are address and port right\?$"
+    ) as caught:
+        await open_lidar(f"udp://{host}:{number}")
+    # As by TCP, although the port could be opened: only a request shows that nobody is there.
+    assert caught.value.reason == "refused"
 
 
 async def test_a_host_that_is_silent(peer: socket.socket, monkeypatch: pytest.MonkeyPatch) -> None:

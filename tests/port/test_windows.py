@@ -2,118 +2,55 @@
 
 These tests take that way on Linux. What does not depend on the system is real: pyserial on a pseudo-terminal, the
 part of pyserial-asyncio that is meant for Windows, and an event loop that refuses to wait for a terminal.
+`test_serial` has what holds on each system alike.
 """
 
 from __future__ import annotations
 
 import asyncio
-import importlib.util
 import os
 import select
 import time
-from types import ModuleType
 
 import pytest
-import serial_asyncio
 
-from lidario.errors import DeviceLost
-from lidario.port.serial import open_serial
 from lidario.port.thread import reading_thread
 from lidario.session.opening import open_lidar
 from lidario.sim.serve import PtyServer
 from tests.port.test_thread import Steady, block_until_read, threads
 from tests.support.devices import both_families, left_still, make_rig
-from tests.support.ports import PATIENCE_S, Sink, every_byte_arrives, terminal_pair, written
+from tests.support.ports import PATIENCE_S, opened_terminal, written
 
+pytestmark = pytest.mark.usefixtures("windows")
 REQUEST = b"\xa5\x60"
 
 
-def for_windows() -> ModuleType:
-    """pyserial-asyncio as it is on Windows; it asks for the system when it is loaded."""
-    spec = importlib.util.find_spec(serial_asyncio.__name__)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(os, "name", "nt")
-        spec.loader.exec_module(module)
-    return module
-
-
-@pytest.fixture(autouse=True)
-def _on_windows(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: object) -> None:
-        raise NotImplementedError("no event loop on Windows waits for a serial port")
-
-    monkeypatch.setattr("lidario.port.serial.POSIX", False)
-    monkeypatch.setattr("lidario.port.serial.serial_asyncio", for_windows())
-    for name in ("add_reader", "add_writer"):
-        monkeypatch.setattr(asyncio.SelectorEventLoop, name, refuse)
-
-
-@pytest.mark.parametrize("latency", [0.0, 0.005])
-async def test_every_byte_arrives_in_order(terminal: tuple[int, str], latency: float) -> None:
-    master, path = terminal
-    port = await open_serial(path, 1_000_000)
-    sink = await every_byte_arrives(port, master, 10, latency)
-    assert threads() == []
-    await port.close()
-    assert sink.lost == [None]
-
-
-async def test_a_write_is_out_before_it_returns(terminal: tuple[int, str]) -> None:
-    master, path = terminal
-    port = await open_serial(path, 1_000_000)
-    port.write(REQUEST)
-    assert written(master, len(REQUEST)) == REQUEST
-    await port.close()
-
-
-async def test_a_blocked_loop_loses_nothing(terminal: tuple[int, str]) -> None:
+async def test_a_blocked_loop_loses_nothing() -> None:
     """Five times what the terminal holds comes while the loop stands still."""
-    master, path = terminal
-    port, sink = await open_serial(path, 1_000_000), Sink()
-    port.attach(sink)
-    port.set_polling(0.005, Steady())
-    assert len(threads()) == 1
-    os.set_blocking(master, False)
-    sent, deadline = bytes(range(250)) * 400, time.monotonic() + PATIENCE_S
-    at = 0
-    while at < len(sent):
-        assert time.monotonic() < deadline, f"the line is full after {at} bytes"
-        # Nothing of this program reads but the thread.
-        if select.select([], [master], [], 1.0)[1]:
-            at += os.write(master, sent[at : at + 1000])
-    block_until_read(len(sent))
-    port.poll()
-    assert bytes(sink.data) == sent
-    await port.close()
+    async with opened_terminal(1_000_000) as (port, sink, master):
+        port.set_polling(0.005, Steady())
+        assert len(threads()) == 1
+        os.set_blocking(master, False)
+        sent, deadline = bytes(range(250)) * 400, time.monotonic() + PATIENCE_S
+        at = 0
+        while at < len(sent):
+            assert time.monotonic() < deadline, f"the line is full after {at} bytes"
+            # Nothing of this program reads but the thread.
+            if select.select([], [master], [], 1.0)[1]:
+                at += os.write(master, sent[at : at + 1000])
+        block_until_read(len(sent))
+        port.poll()
+        assert bytes(sink.data) == sent
     assert threads() == []
 
 
-async def test_the_thread_repeats_a_request_while_the_loop_is_blocked(terminal: tuple[int, str]) -> None:
-    master, path = terminal
-    port = await open_serial(path, 1_000_000)
-    port.set_polling(0.005, Steady())
-    port.set_repeat(REQUEST, 0.02)
-    assert written(master, len(REQUEST)) == REQUEST
-    port.set_repeat(b"", 0.0)
-    assert port.repeated >= 1
-    await port.close()
-
-
-@pytest.mark.parametrize("polled", [False, True])
-async def test_a_pulled_cable_is_noticed(polled: bool) -> None:
-    with terminal_pair() as (master, slave, path):
-        port, sink = await open_serial(path, 1_000_000), Sink()
-        port.attach(sink)
-        if polled:
-            port.set_polling(0.005, Steady())
-        os.close(slave)
-        os.close(master)
-        error = await sink.until_lost()
-    assert isinstance(error, DeviceLost)
-    assert threads() == []
+async def test_the_thread_repeats_a_request_while_the_loop_is_blocked() -> None:
+    async with opened_terminal(1_000_000) as (port, _, master):
+        port.set_polling(0.005, Steady())
+        port.set_repeat(REQUEST, 0.02)
+        assert written(master, len(REQUEST)) == REQUEST
+        port.set_repeat(b"", 0.0)
+        assert port.repeated >= 1
 
 
 @pytest.mark.long

@@ -12,8 +12,7 @@ from lidario import Unsupported, open_lidar
 from lidario.families.ydlidar.simulated.device import PROFILES
 from lidario.model import HealthStatus
 from lidario.session.lidar import Lidar
-from tests.support.devices import Rig, make_rig, take
-from tests.support.loop import driven
+from tests.support.devices import Rig, take
 
 DARK = [name for name, profile in PROFILES.items() if profile.by_dtr]
 QUESTIONS: dict[str, Callable[[Lidar], Awaitable[object]]] = {
@@ -30,10 +29,8 @@ def is_dark(rig: Rig) -> bool:
 
 @pytest.mark.parametrize("stopped", [True, False], ids=["after stop", "after opening"])
 @pytest.mark.parametrize("question", QUESTIONS)
-@pytest.mark.parametrize("model", DARK)
-@driven
-async def test_a_question_at_rest_is_heard(model: str, question: str, stopped: bool) -> None:
-    rig = make_rig(model)
+@pytest.mark.parametrize("rig", DARK, indirect=True)
+async def test_a_question_at_rest_is_heard(rig: Rig, question: str, stopped: bool) -> None:
     async with open_lidar(rig.device, family=rig.family) as lidar:
         if stopped:
             await take(lidar, 2)
@@ -49,10 +46,8 @@ async def test_a_question_at_rest_is_heard(model: str, question: str, stopped: b
     assert is_dark(rig)
 
 
-@pytest.mark.parametrize("model", DARK)
-@driven
-async def test_a_question_leaves_a_resting_device_at_rest(model: str) -> None:
-    rig = make_rig(model)
+@pytest.mark.parametrize("rig", DARK, indirect=True)
+async def test_a_question_leaves_a_resting_device_at_rest(rig: Rig) -> None:
     async with open_lidar(rig.device, family=rig.family) as lidar:
         await lidar.stop()
         assert is_dark(rig)

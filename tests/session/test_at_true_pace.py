@@ -22,8 +22,8 @@ import lidario
 from lidario import Lidar, LidarError, Unsupported
 from lidario.sim.serve import PtyServer
 from tests.cli.processes import served
-from tests.support.children import forget, requests, until
-from tests.support.guards import is_left_still
+from tests.session.test_many_tasks import leave_at_once, read
+from tests.support.children import forget, is_still, requests, until
 from tests.support.leaks import leaves_nothing
 
 LONGEST_S = 0.3
@@ -35,17 +35,6 @@ NO_MISTAKE = ("within ", "while the response to ", "still booting", "unknown to 
 know."""
 Action = Callable[[Lidar], Awaitable[object]]
 End = Callable[[Awaitable[None], float], Coroutine[Any, Any, None]]
-
-
-async def read(lidar: Lidar) -> None:
-    async with lidar.scans() as stream:
-        await anext(stream)
-        await anext(stream)
-
-
-async def read_and_break(lidar: Lidar) -> None:
-    async for _ in lidar.scans():
-        break
 
 
 async def ask_beside_a_reader(lidar: Lidar) -> None:
@@ -68,7 +57,7 @@ ACTIONS: tuple[Action, ...] = (
     Lidar.get_health,
     Lidar.get_modes,
     read,
-    read_and_break,
+    leave_at_once,
     ask_beside_a_reader,
     stop_beside_a_reader,
     change_speed,
@@ -82,20 +71,17 @@ async def program(path: str, family: str, dice: random.Random) -> None:
             await dice.choice(ACTIONS)(lidar)
 
 
-async def cancelled(work: Awaitable[None], after: float) -> None:
+async def cancelled(work: Awaitable[None], after: float, times: int = 1) -> None:
     task = asyncio.ensure_future(work)
-    asyncio.get_running_loop().call_later(after, task.cancel)
+    for number in range(times):
+        asyncio.get_running_loop().call_later(after + number * 0.0005, task.cancel)
     with pytest.raises(asyncio.CancelledError):
         await task
 
 
 async def cancelled_twice(work: Awaitable[None], after: float) -> None:
     """The loop is closed as soon as the task has ended."""
-    loop, task = asyncio.get_running_loop(), asyncio.ensure_future(work)
-    loop.call_later(after, task.cancel)
-    loop.call_later(after + 0.0005, task.cancel)
-    with pytest.raises(asyncio.CancelledError):
-        await task
+    await cancelled(work, after, 2)
 
 
 async def timed_out(work: Awaitable[None], after: float) -> None:
@@ -126,7 +112,7 @@ def end_at_random(server: PtyServer, family: str, seed: int) -> None:
     forget(server)
     with leaves_nothing(), suppress(KeyboardInterrupt), asyncio.Runner(loop_factory=loop) as runner:
         runner.run(end(program(server.path, family, dice), after))
-    until(lambda: is_left_still(server), lambda: (told, requests(server)[-5:]))
+    until(lambda: is_still(server), lambda: (told, requests(server)[-5:]))
     # What came too soon for it, the host may have sent in time: a busy machine lets the device see a STOP late, or
     # a question together with the stop requests that were written a tenth of a second after it.
     lost = [each for each in requests(server) if not each.obeyed and not each.why.startswith(NO_MISTAKE)]

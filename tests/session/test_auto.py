@@ -11,18 +11,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidario import ConnectFailed, list_lidars, open_lidar, simulate
+from lidario import list_lidars, open_lidar
 from lidario.families.registry import family_named
 from lidario.port.simulated import connect_in_memory
 from lidario.session.finding import listening
 from lidario.session.finding.asking import Attempt, Woken, find_by_dtr
 from lidario.session.finding.connect import connect
-from lidario.session.finding.discovery import PortInfo
 from lidario.sim.line import TransmitQueue
 from lidario.source import parse_source
 from tests.support.devices import make_rig
-from tests.support.loop import driven, run_driven
-from tests.support.speeds import serial_in_memory
+from tests.support.loop import driven, now, now_ns
+from tests.support.speeds import plugged_in, serial_in_memory
 
 ONE_OF_EACH: dict[str, tuple[float, int]] = {  # seconds, bytes written
     "rplidar-s2": (0.2, 12),
@@ -52,96 +51,66 @@ ONE_OF_EACH: dict[str, tuple[float, int]] = {  # seconds, bytes written
 model of a family with others that obey, after it went on in spite of two STOPs; the LD14P is left with one."""
 
 
-def port(path: str) -> PortInfo:
-    return PortInfo(path, "", "CP2102", "")
-
-
-def made(model: str) -> Any:
-    return make_rig(model.partition("-")[0], model).device
-
-
 @pytest.mark.parametrize("model", ONE_OF_EACH)
-def test_auto_finds_each_in_turn(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    device = made(model)
-    written = serial_in_memory(monkeypatch, only=device)
-    monkeypatch.setattr("lidario.session.finding.discovery.list_serial_ports", lambda: [port("only")])
+async def test_auto_finds_each_in_turn(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    device = make_rig(model).device
+    written = plugged_in(monkeypatch, only=device)
     longest, most = ONE_OF_EACH[model]
-
-    @driven
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        began = loop.time()
-        (found,) = await list_lidars()
-        took, size = loop.time() - began, sum(len(data) for _, data in written)
-        print(f"{model:20} {took:5.2f} s {size:4} bytes written")
-        assert found.info is not None, found.error
-        assert found.info.family == model.partition("-")[0]
-        assert found.baudrate == device.baudrate
-        assert (took < longest, size <= most) == (True, True), (took, size)
-        async with open_lidar("auto") as lidar, lidar.scans() as stream:
-            await anext(stream)
-
-    main()
+    began = now()
+    (found,) = await list_lidars()
+    took, size = now() - began, sum(len(data) for _, data in written)
+    print(f"{model:20} {took:5.2f} s {size:4} bytes written")
+    assert found.info is not None, found.error
+    assert found.info.family == model.partition("-")[0]
+    assert found.baudrate == device.baudrate
+    assert (took < longest, size <= most) == (True, True), (took, size)
+    async with open_lidar("auto") as lidar, lidar.scans() as stream:
+        await anext(stream)
 
 
 @pytest.mark.parametrize(
     ("model", "title"),
     [("camsense-lds08rr", "LDS08RR of Camsense"), ("irobotix-lds08rr", "LDS08RR of 3irobotix")],
 )
-def test_a_name_that_two_families_have_is_that_of_the_one_that_is_heard(
+async def test_a_name_that_two_families_have_is_that_of_the_one_that_is_heard(
     model: str, title: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    serial_in_memory(monkeypatch, only=made(model))
-
-    @driven
-    async def main() -> None:
-        async with open_lidar("serial://only?model=lds08rr") as lidar:
-            assert (lidar.info.family, lidar.info.model) == (model.partition("-")[0], title)
-            await lidar.scan()
-
-    main()
+    serial_in_memory(monkeypatch, only=make_rig(model).device)
+    async with open_lidar("serial://only?model=lds08rr") as lidar:
+        assert (lidar.info.family, lidar.info.model) == (model.partition("-")[0], title)
+        await lidar.scan()
 
 
-def test_one_that_was_stopped_is_woken(monkeypatch: pytest.MonkeyPatch) -> None:
-    device = made("ldrobot-ld14p")
+async def test_one_that_was_stopped_is_woken(monkeypatch: pytest.MonkeyPatch) -> None:
+    device = make_rig("ldrobot-ld14p").device
     device.spin_up_s = 1.0
-    serial_in_memory(monkeypatch, only=device)
-    monkeypatch.setattr("lidario.session.finding.discovery.list_serial_ports", lambda: [port("only")])
-
-    @driven
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        device.receive(bytes.fromhex("54A104000000004A"), round(loop.time() * 1e9))
-        began = loop.time()
-        async with open_lidar("auto") as lidar:
-            assert lidar.info.model == "LDROBOT LD14P"
-            # A first, short search has stopped it again.
-            assert loop.time() - began < 7.5
-        assert not device.motor_on
-
-    main()
+    plugged_in(monkeypatch, only=device)
+    device.receive(bytes.fromhex("54A104000000004A"), now_ns())
+    began = now()
+    async with open_lidar("auto") as lidar:
+        assert lidar.info.model == "LDROBOT LD14P"
+        # A first, short search has stopped it again.
+        assert now() - began < 7.5
+    assert not device.motor_on
 
 
 @pytest.mark.parametrize("model", ["hlds-lds01", "hlds-lds01-2016"])
-def test_one_that_turns_evenly_after_two_seconds_is_found(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    device = made(model)
+async def test_one_that_turns_evenly_after_two_seconds_is_found(
+    model: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device = make_rig(model).device
     device.spin_up_s = 2.0
     serial_in_memory(monkeypatch, only=device)
-
-    @driven
-    async def main() -> None:
-        device.receive(b"e", round(asyncio.get_running_loop().time() * 1e9))
-        async with open_lidar("serial://only") as lidar:
-            assert lidar.info.model == "HLDS LDS-01"
-            assert len(await lidar.scan()) == 360
-        assert not device.motor_on
-
-    main()
+    device.receive(b"e", now_ns())
+    async with open_lidar("serial://only") as lidar:
+        assert lidar.info.model == "HLDS LDS-01"
+        assert len(await lidar.scan()) == 360
+    assert not device.motor_on
 
 
 @pytest.mark.parametrize("options", ["", "?baud=115200", "?model=x2"], ids=["unnamed", "its speed", "its name"])
 def test_a_motor_switched_on_by_dtr_has_time_to_turn(options: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    device = made("ydlidar-x2")
+    device = make_rig("ydlidar-x2").device
     device.spin_up_s = 1.4
     serial_in_memory(monkeypatch, only=device)
 
@@ -156,23 +125,6 @@ def test_a_motor_switched_on_by_dtr_has_time_to_turn(options: str, monkeypatch: 
     main()
 
 
-TOGETHER = (
-    "rplidar-s2",
-    "rplidar-c1",
-    "ydlidar-4ros",
-    "ydlidar-x4",
-    "ydlidar-f4",
-    "ydlidar-x2",
-    "ldrobot-ld06",
-    "ldrobot-stl27l",
-    "ldrobot-ld14",
-    "hokuyo-urg04lx",
-    "neato-xv11",
-    "camsense-x1",
-    "irobotix-delta2a",
-    "irobotix-delta2g",
-    "hlds-lds01",
-)
 TALKING = (
     "ydlidar-x4-pro",
     "ldrobot-ld06",
@@ -187,50 +139,33 @@ TALKING = (
 )
 
 
-def test_fifteen_of_them_together(monkeypatch: pytest.MonkeyPatch) -> None:
-    models = TOGETHER
-    serial_in_memory(monkeypatch, **{model: made(model) for model in models})
-    monkeypatch.setattr(
-        "lidario.session.finding.discovery.list_serial_ports", lambda: [port(model) for model in models]
-    )
-
-    @driven
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        began = loop.time()
-        found = await list_lidars()
-        assert len(found) == 15
-        assert [each.info.family if each.info else "" for each in found] == [
-            model.partition("-")[0] for model in models
-        ]
-        # As long as the slowest of them alone.
-        assert loop.time() - began < 2.4
-
-    main()
+async def test_all_of_them_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    plugged_in(monkeypatch, **{model: make_rig(model).device for model in ONE_OF_EACH})
+    began = now()
+    found = await list_lidars()
+    assert [each.info.family if each.info else "" for each in found] == [
+        model.partition("-")[0] for model in ONE_OF_EACH
+    ]
+    # As long as the slowest of them alone.
+    assert now() - began < max(seconds for seconds, _ in ONE_OF_EACH.values())
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.3])
-def test_none_is_taken_for_another_where_packets_are_lost(share: float, monkeypatch: pytest.MonkeyPatch) -> None:
+@driven
+async def test_none_is_taken_for_another_where_packets_are_lost(
+    share: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Of those that are found by listening; the marks of two of them are the same."""
     _lose(monkeypatch, share, np.random.default_rng(7))
     for seed in range(5):
-        devices = {model: make_rig(model.partition("-")[0], model, seed=seed).device for model in TALKING}
-        serial_in_memory(monkeypatch, **devices)
-        monkeypatch.setattr(
-            "lidario.session.finding.discovery.list_serial_ports", lambda: [port(model) for model in TALKING]
-        )
-
-        @driven
-        async def main() -> None:
-            found = await list_lidars()
-            told = {each.port.path: each.info.family if each.info else each.error for each in found}
-            assert told == {model: model.partition("-")[0] for model in TALKING}
-            models = {each.port.path: each.info.model for each in found if each.info}
-            assert models["irobotix-delta2g"] == "Delta-2G or LDS08RR"
-            assert models["irobotix-delta2a"] == "Delta-2A, 2B or 2D"
-
-        main()
+        plugged_in(monkeypatch, **{model: make_rig(model, seed=seed).device for model in TALKING})
+        found = await list_lidars()
+        told = {each.port.path: each.info.family if each.info else each.error for each in found}
+        assert told == {model: model.partition("-")[0] for model in TALKING}
+        models = {each.port.path: each.info.model for each in found if each.info}
+        assert models["irobotix-delta2g"] == "Delta-2G or LDS08RR"
+        assert models["irobotix-delta2a"] == "Delta-2A, 2B or 2D"
 
 
 def _lose(patch: pytest.MonkeyPatch, share: float, random: np.random.Generator) -> None:
@@ -247,27 +182,22 @@ def _lose(patch: pytest.MonkeyPatch, share: float, random: np.random.Generator) 
     patch.setattr(TransmitQueue, "push", some)
 
 
-def test_the_last_one_at_an_adapter_is_tried_first(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
+async def test_the_last_one_at_an_adapter_is_tried_first(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
     # What is remembered outlives the test, and so its adapter has a name of its own.
     link = tmp_path / f"usb-{tmp_path.name}"
     link.symlink_to(tmp_path / "ttyUSB0")
     monkeypatch.setattr(listening, "BY_ID", tmp_path)
     path = str(tmp_path / "ttyUSB0")
-    written = serial_in_memory(monkeypatch, **{path: made("ydlidar-f4")})
-
-    @driven
-    async def main() -> None:
-        loop, took = asyncio.get_running_loop(), []
-        for _ in range(2):
-            written.clear()
-            began = loop.time()
-            connection = await connect(parse_source(path))
-            took.append(loop.time() - began)
-            await connection.dialogue.close()
-        assert took[1] < 0.2 < took[0]
-        assert {speed for speed, _ in written} == {115_200}
-
-    main()
+    written = serial_in_memory(monkeypatch, **{path: make_rig("ydlidar-f4").device})
+    loop, took = asyncio.get_running_loop(), []
+    for _ in range(2):
+        written.clear()
+        began = loop.time()
+        connection = await connect(parse_source(path))
+        took.append(loop.time() - began)
+        await connection.dialogue.close()
+    assert took[1] < 0.2 < took[0]
+    assert {speed for speed, _ in written} == {115_200}
 
 
 def test_nothing_is_remembered_of_a_port_without_a_lasting_name(
@@ -279,71 +209,35 @@ def test_nothing_is_remembered_of_a_port_without_a_lasting_name(
     assert listening.adapter_of("/dev/ttyUSB0") is None
 
 
-@pytest.mark.parametrize(("noise", "longest"), [(False, 11.0), (True, 16.0)])
-def test_a_port_where_nothing_responds_is_given_up_in_time(
-    noise: bool, longest: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    device = made("rplidar-s2")
-    device.mute = True
-    if noise:
-        random = np.random.default_rng(1)
-        device.transmit = lambda now: random.bytes(20)
-        device.wakeup = lambda now: now + 5_000_000
-    serial_in_memory(monkeypatch, only=device)
-
-    @driven
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        began = loop.time()
-        with pytest.raises(ConnectFailed) as caught:
-            await open_lidar("serial://only")
-        took = loop.time() - began
-        # Half a request keeps an RPLIDAR from hearing for five seconds.
-        assert 5.0 < took < longest
-        assert caught.value.reason == "silent"
-
-    main()
-
-
-def test_one_that_responds_while_others_are_looked_for_by_dtr_is_what_it_says() -> None:
+async def test_one_that_responds_while_others_are_looked_for_by_dtr_is_what_it_says() -> None:
     """A model that needs DTR is only a guess: what responds meanwhile may be another one of its family."""
-    device = made("ydlidar-4ros")
+    device = make_rig("ydlidar-4ros").device
     device.response_delay_s = 0.12
-
-    @driven
-    async def main() -> None:
-        port = connect_in_memory(device)
-        port.baudrate = 0
-        connection = await find_by_dtr(port, [Attempt(family_named("ydlidar"), 0)], Woken(port))
-        assert connection is not None
-        assert connection.info.model == "YDLIDAR 4ROS"
-        (mode,) = await connection.dialogue.run(connection.device.modes())
-        assert mode.response_type == 0x81
-        await connection.dialogue.close()
-
-    main()
+    port = connect_in_memory(device)
+    port.baudrate = 0
+    connection = await find_by_dtr(port, [Attempt(family_named("ydlidar"), 0)], Woken(port))
+    assert connection is not None
+    assert connection.info.model == "YDLIDAR 4ROS"
+    (mode,) = await connection.dialogue.run(connection.device.modes())
+    assert mode.response_type == 0x81
+    await connection.dialogue.close()
 
 
-def test_one_whose_response_is_damaged_while_dtr_is_asserted_is_asked_once_more() -> None:
+async def test_one_whose_response_is_damaged_while_dtr_is_asserted_is_asked_once_more() -> None:
     """It is dark before, so the question that was damaged is the only one that it was asked."""
     damaged = 0
+    device = make_rig("ydlidar-x4").device
+    send = device.transmit
 
-    async def main() -> None:
+    def transmit(now: int) -> bytes:
         nonlocal damaged
-        device = simulate("ydlidar-x4")
-        send = device.transmit
+        data: bytes = send(now)
+        if data and not damaged:
+            damaged = len(data)
+            return data[:-1]
+        return data
 
-        def transmit(now: int) -> bytes:
-            nonlocal damaged
-            data = send(now)
-            if data and not damaged:
-                damaged = len(data)
-                return data[:-1]
-            return data
-
-        device.transmit = transmit  # type: ignore[method-assign]
-        async with open_lidar(device) as lidar:
-            assert lidar.info.model.startswith("YDLIDAR X4")
-
-    run_driven(main)
+    device.transmit = transmit
+    async with open_lidar(device) as lidar:
+        assert lidar.info.model.startswith("YDLIDAR X4")
     assert damaged

@@ -7,15 +7,13 @@ from itertools import pairwise
 import pytest
 
 from lidario.scan import Scan
-from tests.support.devices import both_families, make_rig
-from tests.support.loop import driven, driven_loop
+from tests.support.devices import Rig
+from tests.support.loop import driven_loop
 
 
-@both_families
 @pytest.mark.parametrize("block_s", [0.2, 0.8, 3.0])
-@driven
-async def test_revolutions_that_come_late_and_whole_are_delivered(family: str, block_s: float) -> None:
-    rig, loop = make_rig(family), driven_loop()
+async def test_revolutions_that_come_late_and_whole_are_delivered(rig: Rig, block_s: float) -> None:
+    loop = driven_loop()
     scans: list[Scan] = []
     async with rig.open() as lidar:
         stream = lidar.scans(depth=100)

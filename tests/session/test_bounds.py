@@ -14,7 +14,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
 
-import numpy as np
 import pytest
 
 from lidario import Lidar, LidarError, NetworkAddress, run
@@ -26,9 +25,9 @@ from lidario.session.talking.intake import Delivery, Intake
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
 from lidario.wire.stats import LinkStats
-from tests.support.devices import FAMILIES, Rig, make_rig
+from tests.support.devices import FAMILIES, Rig, babble, make_rig
 from tests.support.links import PACKETS
-from tests.support.loop import DrivenLoop, driven, run_driven
+from tests.support.loop import DrivenLoop, now, run_driven
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXT = (ROOT / "docs" / "bounds.md").read_text(encoding="utf-8")
@@ -50,36 +49,33 @@ def harm(rig: Rig, how: str) -> None:
     if how == "silent":
         rig.device.mute = True
     else:
-        random = np.random.default_rng(1)
-        rig.device.transmit = lambda now: random.bytes(1024)
-        rig.device.wakeup = lambda now: now + 20_000_000
+        babble(rig.device)
 
 
 async def seconds(rig: Rig, call: str, how: str, *, scanning: bool) -> float:
     """How long the call takes."""
-    loop = asyncio.get_running_loop()
     if call == "open_lidar":
         harm(rig, how)
-        began = loop.time()
+        began = now()
         with suppress(LidarError):
             await rig.open()
-        return loop.time() - began
+        return now() - began
     async with rig.open() as lidar:
         stream = lidar.scans()
         if scanning or call in ("anext", "aclose"):
             await anext(stream)
         harm(rig, how)
-        began = loop.time()
+        began = now()
         with suppress(LidarError):
             if call == "anext":
                 while True:
-                    began = loop.time()
+                    began = now()
                     await anext(stream)
             elif call == "aclose":
                 await stream.aclose()
             else:
                 await getattr(lidar, call)(*ARGUMENTS.get(call, ()))
-        return loop.time() - began
+        return now() - began
 
 
 IN_TURNS = [(call, FAMILIES[row % len(FAMILIES)]) for row, call in enumerate(BOUNDS)]
@@ -116,23 +112,20 @@ def test_each_row_names_a_test() -> None:
     assert [row for row in rows if not re.search(r"`tests/[\w/]+\.py::\w+`", row)] == []
 
 
-def test_run_ends_as_soon_as_its_sessions_are_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_run_ends_as_soon_as_its_sessions_are_closed(rplidar: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     """By a signal, also with a device that has fallen silent."""
     monkeypatch.setattr("asyncio.events.new_event_loop", DrivenLoop)
-    rig = make_rig("rplidar")
     times: list[float] = []
 
     async def main() -> None:
-        loop = asyncio.get_running_loop()
         try:
-            async with rig.open() as lidar, lidar.scans() as scans:
-                await anext(scans)
-                harm(rig, "silent")
-                times.append(loop.time())
+            async with rplidar.read():
+                harm(rplidar, "silent")
+                times.append(now())
                 os.kill(os.getpid(), signal.SIGTERM)
                 await asyncio.sleep(3600)
         finally:
-            times.append(loop.time())
+            times.append(now())
 
     with pytest.raises(SystemExit) as ended:
         run(main())
@@ -188,25 +181,18 @@ async def test_what_waits_to_be_parsed_is_bounded() -> None:
     assert intake.stats.discarded_bytes == (999 - waits) * 10 * 84
 
 
-@driven
-async def test_a_device_that_claims_many_modes() -> None:
-    rig = make_rig("rplidar")
-    conf = type(rig.device.profile).conf
+async def test_a_device_that_claims_many_modes(rplidar: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    conf = type(rplidar.device.profile).conf
     asked: list[int] = []
 
-    def claims(kind: int, arguments: bytes) -> bytes | None:
+    def claims(profile: object, kind: int, arguments: bytes) -> bytes | None:
         if kind == 0x70:
             return b"\xff\xff"
         asked.append(int.from_bytes(arguments[:2], "little"))
         told: bytes | None = conf(profile, kind, b"\1\0" if arguments else b"")
         return told
 
-    class Profile:
-        def __getattr__(self, name: str) -> object:
-            return claims if name == "conf" else getattr(profile, name)
-
-    profile = rig.device.profile
-    rig.device.profile = Profile()
-    async with rig.open() as lidar:
+    monkeypatch.setattr(type(rplidar.device.profile), "conf", claims)
+    async with rplidar.open() as lidar:
         assert len(await lidar.get_modes()) == 64
     assert max(asked) == 63

@@ -15,8 +15,7 @@ import pytest
 from lidario.session.lidar import Lidar
 from lidario.session.opening import open_lidar
 from lidario.sim.serve import PtyServer
-from tests.support.devices import Rig, both_families, make_rig, take
-from tests.support.loop import driven
+from tests.support.devices import Rig, take
 from tests.support.ports import PATIENCE_S
 
 
@@ -45,10 +44,7 @@ async def use(lidar: Lidar) -> None:
     await lidar.stop()
 
 
-@both_families
-@driven
-async def test_in_memory(family: str) -> None:
-    rig = make_rig(family)
+async def test_in_memory(rig: Rig) -> None:
     sent = Sent(rig)
     async with rig.open() as lidar:
         await use(lidar)
@@ -56,13 +52,11 @@ async def test_in_memory(family: str) -> None:
 
 
 @pytest.mark.long
-@both_families
-async def test_on_a_terminal_whose_reader_is_blocked(family: str) -> None:
+async def test_on_a_terminal_whose_reader_is_blocked(rig: Rig) -> None:
     """Also what the thread has read while the loop stood still, and what came behind the STOP."""
-    rig = make_rig(family)
     sent = Sent(rig)
     with PtyServer(rig.device) as server:
-        async with asyncio.timeout(PATIENCE_S), open_lidar(server.path, family=family) as lidar:
+        async with asyncio.timeout(PATIENCE_S), open_lidar(server.path, family=rig.family) as lidar:
             async with lidar.scans(depth=50) as stream:
                 scans = [await anext(stream)]
                 time.sleep(0.4)  # noqa: ASYNC251 - a program that blocks its loop

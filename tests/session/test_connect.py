@@ -7,41 +7,19 @@ import asyncio
 import pytest
 
 from lidario import ConnectFailed, Lidar, list_lidars, open_lidar
+from lidario.families.registry import FAMILIES
 from lidario.families.rplidar.simulated.packers import pack_dense
 from lidario.model import LineErrors
 from lidario.port.port import Port
 from lidario.port.simulated import connect_in_memory
 from lidario.scan import Scan
 from lidario.session.finding.silence import ReceivedInSilence
-from lidario.sim.device import Received
+from lidario.source import as_source
 from tests.support.devices import make_rig
-from tests.support.loop import driven
 from tests.support.speeds import plugged_in
 from tests.support.terminals import WaitingPtyServer
 
 PATIENCE_S = 60.0
-
-
-class Babbler:
-    """A simulated device that sends the same bytes after every request, at whatever speed."""
-
-    baudrate = 1_000_000
-
-    def __init__(self, babble: bytes) -> None:
-        self.log: list[Received] = []
-        self.scanning = self.motor_on = False
-        self._babble = babble
-        self._due = b""
-
-    def receive(self, data: bytes, now: int) -> None:
-        self._due += self._babble
-
-    def transmit(self, now: int) -> bytes:
-        data, self._due = self._due, b""
-        return data
-
-    def wakeup(self, now: int) -> int | None:
-        return now if self._due else None
 
 
 @pytest.mark.long
@@ -73,7 +51,6 @@ async def test_both_families_are_found_and_stream_side_by_side(soak: float) -> N
         assert one.lost == two.lost == 0
 
 
-@driven
 async def test_auto_takes_the_only_lidar_that_answers(monkeypatch: pytest.MonkeyPatch) -> None:
     lidar, silent = make_rig("ydlidar").device, make_rig("rplidar").device
     silent.mute = True
@@ -88,7 +65,6 @@ async def test_auto_takes_the_only_lidar_that_answers(monkeypatch: pytest.Monkey
     assert caught.value.reason == "missing"
 
 
-@driven
 async def test_auto_does_not_choose_among_several(monkeypatch: pytest.MonkeyPatch) -> None:
     plugged_in(monkeypatch, one=make_rig("rplidar", seed=1).device, two=make_rig("rplidar", seed=2).device)
     with pytest.raises(ConnectFailed, match=r"2 lidars respond(.|\n)*S2M1") as caught:
@@ -96,7 +72,6 @@ async def test_auto_does_not_choose_among_several(monkeypatch: pytest.MonkeyPatc
     assert caught.value.reason == "ambiguous"
 
 
-@driven
 async def test_auto_does_not_write_to_strange_adapters(monkeypatch: pytest.MonkeyPatch) -> None:
     written = plugged_in(monkeypatch, "", somebodys=make_rig("rplidar").device)
     with pytest.raises(ConnectFailed, match="somebodys") as caught:
@@ -115,10 +90,15 @@ async def test_auto_does_not_write_to_strange_adapters(monkeypatch: pytest.Monke
     ],
     ids=["silence", "zeros", "garbage", "packets"],
 )
-@driven
 async def test_what_came_back_is_said(babble: bytes, verdict: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The device sends the same bytes after every request, at whatever speed."""
+    device, due = make_rig("rplidar").device, list[bytes]()
+    device.receive = lambda data, now: due.append(babble)
+    device.transmit = lambda now: due.pop() if due else b""
+    device.wakeup = lambda now: now if due else None
+
     async def open_babbler(path: str, _: int) -> Port:
-        return connect_in_memory(Babbler(babble), name=path)
+        return connect_in_memory(device, name=path)
 
     monkeypatch.setattr("lidario.session.finding.connect.open_serial", open_babbler)
     with pytest.raises(ConnectFailed, match=verdict) as caught:
@@ -128,7 +108,6 @@ async def test_what_came_back_is_said(babble: bytes, verdict: str, monkeypatch: 
     assert caught.value.reason == "silent"
 
 
-@driven
 async def test_a_wrong_baud_rate_is_garbage_and_not_a_crash() -> None:
     with pytest.raises(ConnectFailed, match="garbage"):
         await open_lidar("sim://rplidar-s2?via=memory&fault=garbage")
@@ -141,3 +120,21 @@ def test_the_received_is_bounded() -> None:
         received.see("in", bytes([min(number, 1)]) * 4096, 0)
         received.see("out", b"ours", 0)
     assert received.describe(LineErrors()).startswith("4096000 bytes came back, nearly all zero")
+
+
+@pytest.mark.parametrize(
+    ("source", "speeds", "says"),
+    [
+        ("udp://127.0.0.1:8089", (), ", as from no lidar. Is the"),
+        ("/dev/ttyUSB0", (), ", as at a wrong baud rate. Is the"),
+        ("/dev/ttyUSB0", (115200, 256000), ", as at a wrong baud rate. Is the"),
+        # What the driver has counted says something of one speed alone.
+        ("/dev/ttyUSB0", (115200,), ", with 3 framing errors: the baud rate"),
+        ("/dev/ttyUSB0", (115200, 115200), ", with 3 framing errors: the baud rate"),
+    ],
+)
+def test_how_garbage_is_explained(source: str, speeds: tuple[int, ...], says: str) -> None:
+    heard = ReceivedInSilence()
+    heard.see("in", bytes(range(1, 200)), 0)
+    told = str(heard.nothing_responds(as_source(source), FAMILIES, speeds, LineErrors(framing=3)))
+    assert f"199 bytes of garbage came back{says}" in told

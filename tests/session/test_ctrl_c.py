@@ -1,72 +1,89 @@
-"""A second Ctrl-C is raised wherever the interpreter is, also in the midst of `close`: the device is left still."""
+"""Ctrl-C is raised wherever the interpreter is, in the midst of opening and of closing: the device is left still.
+
+A program that is ended by Ctrl-C runs no `await` any more where the exception passes its event loop. So whatever
+was written by then, a finalizer must know the device, and when it listens again.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import gc
 import sys
-from types import FrameType
+from collections.abc import Callable, Coroutine
+from contextlib import closing, suppress
 from typing import Any
 
 import pytest
 
-from tests.support.devices import Rig, both_families, left_still, make_rig, names
-from tests.support.interrupt import no_collection
-from tests.support.loop import DrivenLoop
+from tests.support.devices import both_families, left_still, make_rig, names
+from tests.support.interrupt import CtrlC, no_collection
+from tests.support.loop import DrivenLoop, now_ns
 
 pytestmark = [
-    pytest.mark.discards("where Ctrl-C comes right after the stop requests were written, they are written again"),
+    pytest.mark.discards("where Ctrl-C comes right after a request was written, what follows may come too early"),
     pytest.mark.usefixtures("quick_collection"),
 ]
-LIBRARY = "/lidario/session/"
+
+
+def run(main: Callable[[], Coroutine[Any, Any, None]], patch: pytest.MonkeyPatch, *, orderly: bool = True) -> None:
+    """Run a program that Ctrl-C may end, by `asyncio.run` or on a loop that is closed at once."""
+    loop, before = DrivenLoop(), sys.gettrace()
+    patch.setattr("lidario.port.port.time.sleep", loop.block)
+    try:
+        with suppress(KeyboardInterrupt):
+            if orderly:
+                with asyncio.Runner(loop_factory=lambda: loop) as runner:
+                    runner.run(main())
+            else:
+                with closing(loop):
+                    loop.run_until_complete(main())
+    finally:
+        sys.settrace(before)
+        gc.collect()
 
 
 @both_families
 @pytest.mark.exhaustive("stride", sample=[5], full=[1])
 def test_ctrl_c_at_every_line_of_close(family: str, stride: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def main() -> None:
+        lidar = await rig.open()
+        stream = lidar.scans()
+        await anext(stream)
+        with no_collection(), ctrl_c:
+            await lidar.close()
+
     line, cut = 0, True
     while cut:
-        rig = make_rig(family)
-        cut = ctrl_c_in_close(rig, line, monkeypatch)
+        rig, ctrl_c = make_rig(family), CtrlC(line, "/lidario/session/")
+        run(main, monkeypatch)
+        cut = bool(ctrl_c.place)
         assert left_still(rig), (line, names(rig)[-4:])
         line += stride
     assert line > 30
 
 
-def ctrl_c_in_close(rig: Rig, line: int, monkeypatch: pytest.MonkeyPatch) -> bool:
-    """Raise KeyboardInterrupt at the n-th line that closing executes; False when it has fewer."""
-    loop = DrivenLoop()
-    monkeypatch.setattr("lidario.port.port.time.sleep", loop.block)
-    left = line
-
-    def trace(frame: FrameType, event: str, _: object) -> Any:
-        nonlocal left
-        if LIBRARY not in frame.f_code.co_filename:
-            return None
-        if event == "line":
-            left -= 1
-            if left < 0:
-                sys.settrace(None)
-                raise KeyboardInterrupt
-        return trace
+@both_families
+@pytest.mark.exhaustive("ending", sample=[("orderly", 37), ("at once", 37)], full=[("orderly", 5), ("at once", 3)])
+def test_ctrl_c_at_every_line_of_opening(
+    family: str, ending: tuple[str, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A device that still streams. A loop that `asyncio.run` ends has more time to stop it."""
 
     async def main() -> None:
-        lidar = await rig.open()
-        stream = lidar.scans()
-        await anext(stream)
-        sys.settrace(trace)
-        try:
-            await lidar.close()
-        finally:
-            sys.settrace(before)
+        rig.device.begin_streaming(*([1, now_ns()] if family == "rplidar" else [now_ns()]))
+        with no_collection(), ctrl_c:
+            lidar = await rig.open()
+        await lidar.close()
 
-    before = sys.gettrace()
-    try:
-        with no_collection(), asyncio.Runner(loop_factory=lambda: loop) as runner:
-            runner.run(main())
-    except KeyboardInterrupt:
-        return True
-    finally:
-        sys.settrace(before)
-        gc.collect()
-    return False
+    way, stride = ending
+    line, cut, moving = stride // 2, True, []
+    while cut:
+        rig, ctrl_c = make_rig(family), CtrlC(line, "/lidario/session/", "/lidario/port/")
+        run(main, monkeypatch, orderly=way == "orderly")
+        cut = bool(ctrl_c.place)
+        # Before anything was written, the device goes on as the program found it.
+        if cut and rig.device.log and not left_still(rig):
+            moving.append((line, ctrl_c.place, names(rig)[-4:]))
+        line += stride
+    assert line > 300
+    assert not moving, moving

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import asyncio
 from functools import partial
 
 import pytest
 
 from lidario import ConnectFailed, Health, LidarError, ScanMode, Unsupported, open_lidar
-from tests.support.loop import run_driven
+from tests.support.loop import now, run_driven
 
 SEEDS = 24
 MODELS = ["rplidar-s2", "rplidar-a1", "rplidar-express", "ydlidar-4ros"]
@@ -57,13 +56,12 @@ def test_to_ask_until_two_are_alike_takes_a_bounded_time(model: str) -> None:
     """Where most questions have no response, or one that is late, too."""
 
     async def main(seed: int) -> float:
-        loop = asyncio.get_running_loop()
         device = f"sim://{model}?via=memory&seed={seed}&fault=late:700ms,wrong-response:40%25,drop:1%25"
         try:
             async with open_lidar(device) as lidar:
-                began = loop.time()
+                began = now()
                 await lidar.get_modes()
-                return loop.time() - began
+                return now() - began
         except LidarError:
             return 0.0
 

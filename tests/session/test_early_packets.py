@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import asyncio
 
-from tests.support.devices import both_families, make_rig
-from tests.support.loop import driven, driven_loop, now_ns
+from tests.support.devices import Rig
+from tests.support.loop import driven_loop, now_ns
 
 BLOCKED_S = 0.05
 """For so long the program blocks its loop: then the descriptor and many packets are read at once."""
 
 
-@both_families
-@driven
-async def test_a_stream_that_was_stopped_as_it_began_leaves_no_packets_to_the_next(family: str) -> None:
-    rig = make_rig(family)
+async def test_a_stream_that_was_stopped_as_it_began_leaves_no_packets_to_the_next(rig: Rig) -> None:
     loop = driven_loop()
     async with rig.open() as lidar:
         await lidar.get_modes()
@@ -32,11 +29,8 @@ async def test_a_stream_that_was_stopped_as_it_began_leaves_no_packets_to_the_ne
         assert stats.lost_packets == stats.broken_scans == stats.missed_scans == 0, stats
 
 
-@both_families
-@driven
-async def test_what_was_read_together_with_the_descriptor_is_delivered(family: str) -> None:
+async def test_what_was_read_together_with_the_descriptor_is_delivered(rig: Rig) -> None:
     """Three revolutions and more, too many bytes to be parsed in one step."""
-    rig = make_rig(family)
     loop = driven_loop()
     async with rig.open() as lidar:
         await lidar.get_modes()

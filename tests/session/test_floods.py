@@ -51,6 +51,14 @@ class Steps:
         monkeypatch.setattr(Assembler, "ends", ended)
         loop.at_turn = self._turn
 
+    async def flooded(self, rig: Rig) -> None:
+        """The steps take their time for a while, in which others run, too; then the device falls silent."""
+        self.takes_time = True
+        for _ in range(15):
+            await asyncio.sleep(STEP_S)
+        self.takes_time = False
+        rig.device.transmit = lambda _: b""
+
     def _step(self) -> None:
         if self.takes_time:
             self.all += 1
@@ -74,20 +82,13 @@ def flood(rig: Rig, kind: str, size: int) -> None:
 async def test_each_turn_of_the_loop_does_a_bounded_part(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     loop = driven_loop()
     steps, rig = Steps(monkeypatch, loop), make_rig("rplidar")
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+    async with rig.read():
         flood(rig, kind, 256 * 1024)
-        steps.takes_time = True
-        # Others run in between.
-        for _ in range(15):
-            await asyncio.sleep(STEP_S)
-        steps.takes_time = False
-        rig.device.transmit = lambda _: b""
+        await steps.flooded(rig)
     assert steps.all > 40
     assert MOST_STEPS - 1 <= max(steps.each_turn) <= MOST_STEPS
 
 
-@driven
 async def test_what_is_too_much_is_dropped_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     loop = driven_loop()
     steps, rig = Steps(monkeypatch, loop), make_rig("rplidar")
@@ -96,16 +97,12 @@ async def test_what_is_too_much_is_dropped_and_counted(monkeypatch: pytest.Monke
             await anext(stream)
             before = lidar.stats
             flood(rig, "short", 256 * 1024)
-            steps.takes_time = True
             tracemalloc.start()
             try:
-                for _ in range(15):
-                    await asyncio.sleep(STEP_S)
+                await steps.flooded(rig)
                 assert tracemalloc.get_traced_memory()[1] < 8 * MOST_WAITING
             finally:
                 tracemalloc.stop()
-            steps.takes_time = False
-            rig.device.transmit = lambda _: b""
             after = lidar.stats
         dropped = after.discarded_bytes - before.discarded_bytes
         assert dropped > MOST_WAITING
@@ -113,7 +110,6 @@ async def test_what_is_too_much_is_dropped_and_counted(monkeypatch: pytest.Monke
         assert after.bytes_received - before.bytes_received - dropped <= steps.all * IDLE_SLICE
 
 
-@driven
 async def test_what_came_before_the_line_was_lost_is_decoded_first(monkeypatch: pytest.MonkeyPatch) -> None:
     loop = driven_loop()
     steps, rig = Steps(monkeypatch, loop), make_rig("rplidar")

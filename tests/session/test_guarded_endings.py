@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from tests.cli.processes import served
-from tests.support.children import UNDISTURBED, child, until
-from tests.support.guards import guards_of, is_left_still
+from tests.support.children import UNDISTURBED, child, is_still, until
+from tests.support.guards import guards_of
 
 pytestmark = pytest.mark.discards("a guard cannot know what the program has just written, so it writes again")
 
@@ -65,4 +65,4 @@ def test_a_program_that_ends_by_itself_leaves_none(ending: str) -> None:
             _, said = process.communicate()
             assert (process.returncode, said) == (0, "")
             until(lambda: not guards_of(process.pid))
-        until(lambda: is_left_still(server))
+        until(lambda: is_still(server))

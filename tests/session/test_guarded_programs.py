@@ -8,7 +8,8 @@ import signal
 import subprocess
 import threading
 import time
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -17,15 +18,17 @@ from lidario.port.diagnose import holders
 from lidario.sim.serve import PtyServer, TcpServer, UdpServer
 from lidario.simulation import simulate
 from tests.cli.processes import served
-from tests.session.test_killed import scan_once
-from tests.support.children import UNDISTURBED, child, forget, line_of, requests, until
-from tests.support.guards import guards_of, is_left_still, switches
+from tests.session.test_guarded import scan_once
+from tests.support.children import UNDISTURBED, child, forget, is_still, line_of, requests, until
+from tests.support.guards import guards_of, kilobytes, switches
 from tests.support.terminals import WaitingPtyServer
 
 pytestmark = pytest.mark.discards(
     "a guard cannot know what the killed program has just written, so it writes again"
 )
 
+MOST_KB = 12 * 1024
+"""Memory of a guard."""
 HEAD = """
 import asyncio, ctypes, os, signal, sys, time
 import lidario
@@ -101,13 +104,17 @@ for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
 """
 
 
-def killed(process: subprocess.Popen[str], *servers: PtyServer | TcpServer | UdpServer) -> None:
-    """Kill it; its devices are left still, and no guard is left."""
+def kill(process: subprocess.Popen[str]) -> None:
+    """Kill it; no guard is left."""
     process.kill()
     process.wait()
-    until(lambda: all(map(is_left_still, servers)), lambda: [server.device.log[-12:] for server in servers])
     until(lambda: not guards_of(process.pid))
-    assert all(map(is_left_still, servers))
+
+
+def killed(process: subprocess.Popen[str], *servers: PtyServer | TcpServer | UdpServer) -> None:
+    """Kill it; its devices are left still, and no guard is left."""
+    kill(process)
+    until(lambda: all(map(is_still, servers)), lambda: [server.device.log[-12:] for server in servers])
 
 
 def scans(server: PtyServer) -> bool:
@@ -121,12 +128,20 @@ def guard_of(process: subprocess.Popen[str], count: int = 1) -> int:
     return guards[0]
 
 
+@contextmanager
+def guarded(
+    program: str = HEAD + SCAN + RUN, model: str = "rplidar-s2"
+) -> Iterator[tuple[PtyServer, subprocess.Popen[str], int]]:
+    """A device, a program that has read a scan of it, and the guard of that."""
+    with served(model) as server, child(UNDISTURBED + program, server.path) as process:
+        line_of(process)
+        yield server, process, guard_of(process)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("program", [SCAN + RUN, SCAN + UVLOOP, SYNC], ids=["asyncio", "uvloop", "sync"])
 def test_every_kind_of_program(program: str) -> None:
-    with served("rplidar-s2") as server, child(UNDISTURBED + HEAD + program, server.path) as process:
-        line_of(process)
-        guard_of(process)
+    with guarded(HEAD + program) as (server, process, _):
         killed(process, server)
         assert list(holders(server.path)) == []
 
@@ -138,14 +153,12 @@ MOTORS = ["rplidar-a2", "rplidar-a2-no-board", "rplidar-c1", "ldrobot-ld14p", "y
 @pytest.mark.exhaustive("model", sample=MOTORS[:1], full=MOTORS)
 def test_every_way_in_which_a_motor_is_driven(model: str) -> None:
     """An accessory board is found when the stream is started, and only then it is known what stops the motor."""
-    always_turns = model == "rplidar-a2-no-board"
-    with served(model) as server, child(UNDISTURBED + HEAD + SCAN + RUN, server.path) as process:
-        line_of(process)
-        if not always_turns:
+    with guarded(model=model) as (server, process, _):
+        if model != "rplidar-a2-no-board":
             killed(process, server)
-            return
-        process.kill()
-        until(lambda: not scans(server))
+        else:  # it always turns
+            process.kill()
+            until(lambda: not scans(server))
 
 
 @pytest.mark.long
@@ -157,22 +170,17 @@ def test_a_device_that_has_not_said_what_it_is() -> None:
         source = f"serial://{server.path}?baud={server.device.baudrate}&family=rplidar"
         with child(UNDISTURBED + HEAD + SCAN + RUN, source) as process:
             until(lambda: any(each.name == "get_info" for each in requests(server)))
-            process.kill()
-            process.wait()
-            until(lambda: not guards_of(process.pid))
+            kill(process)
         until(lambda: [each.name for each in requests(server)][-2:] == ["stop", "set_motor_pwm"])
 
 
 @pytest.mark.long
 def test_a_motor_that_shall_go_on_goes_on() -> None:
-    program = UNDISTURBED + HEAD.replace("guard=True", "guard=True, keep_spinning=True") + SCAN + RUN
-    with served("rplidar-s2") as server, child(program, server.path) as process:
-        line_of(process)
-        process.kill()
-        process.wait()
-        until(lambda: not guards_of(process.pid))
+    program = HEAD.replace("guard=True", "guard=True, keep_spinning=True") + SCAN + RUN
+    with guarded(program) as (server, process, _):
+        kill(process)
         until(lambda: not scans(server))
-        assert not is_left_still(server)
+        assert not is_still(server)
 
 
 def test_two_sessions_in_one_program_have_two_guards() -> None:
@@ -181,7 +189,7 @@ def test_two_sessions_in_one_program_have_two_guards() -> None:
         served("ydlidar-4ros") as other,
         child(UNDISTURBED + HEAD + SCAN + RUN, one.path, other.path) as process,
     ):
-        until(lambda: not is_left_still(one) and not is_left_still(other))
+        until(lambda: not is_still(one) and not is_still(other))
         guard_of(process, 2)
         killed(process, one, other)
 
@@ -194,7 +202,7 @@ def test_over_a_network_and_the_next_program_waits(kind: type[TcpServer | UdpSer
         source = f"{scheme}://{server.address[0]}:{server.address[1]}"
         with child(UNDISTURBED + HEAD + SCAN + RUN, source) as process:
             line_of(process)
-            (guard,) = guards_of(process.pid)
+            guard = guard_of(process)
             # It is made to hold the connection for a while longer; a bridge takes one.
             os.kill(guard, signal.SIGSTOP)
             process.kill()
@@ -202,7 +210,7 @@ def test_over_a_network_and_the_next_program_waits(kind: type[TcpServer | UdpSer
             threading.Timer(0.2, os.kill, (guard, signal.SIGCONT)).start()
             assert asyncio.run(scan_once(source, "rplidar", guard=True)).mode
             assert guards_of(process.pid) == []
-        until(lambda: is_left_still(server))
+        until(lambda: is_still(server))
 
 
 @pytest.mark.long
@@ -224,11 +232,7 @@ def test_a_line_that_reconnecting_has_made(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_signals_of_the_terminal_do_not_end_it() -> None:
-    with served("rplidar-s2") as server, ExitStack() as stack:
-        program = UNDISTURBED + HEAD + SCAN + IGNORING + RUN
-        process = stack.enter_context(child(program, server.path))
-        line_of(process)
-        guard = guard_of(process)
+    with guarded(HEAD + SCAN + IGNORING + RUN) as (server, process, guard):
         assert os.getsid(guard) != os.getsid(process.pid)
         for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM, signal.SIGQUIT, signal.SIGTSTP):
             os.kill(guard, number)
@@ -243,11 +247,10 @@ def test_signals_of_the_terminal_do_not_end_it() -> None:
 
 
 @pytest.mark.long
-def test_it_sleeps_while_the_program_lives_also_while_that_is_frozen() -> None:
-    with served("rplidar-s2") as server, child(UNDISTURBED + HEAD + SCAN + RUN, server.path) as process:
-        for _ in range(3):
+def test_it_sleeps_in_little_memory_while_the_program_lives_also_while_that_is_frozen() -> None:
+    with guarded() as (server, process, guard):
+        for _ in range(2):
             line_of(process)
-        guard = guard_of(process)
         forget(server)
         before = switches(guard)
         for _ in range(10):
@@ -255,8 +258,9 @@ def test_it_sleeps_while_the_program_lives_also_while_that_is_frozen() -> None:
         process.send_signal(signal.SIGSTOP)
         time.sleep(0.5)
         assert switches(guard) == before
+        assert kilobytes(guard, "Pss") <= kilobytes(guard, "Rss") < MOST_KB
         assert requests(server) == []
-        assert not is_left_still(server)
+        assert not is_still(server)
         killed(process, server)
 
 
@@ -267,7 +271,7 @@ def test_half_a_request_that_was_written_last(half: str) -> None:
         with child(UNDISTURBED + HEAD + IN_HALF + RUN, server.path, half) as process:
             assert process.wait() == 9
             until(lambda: not guards_of(process.pid))
-        until(lambda: is_left_still(server), lambda: requests(server)[-12:])
+        until(lambda: is_still(server), lambda: requests(server)[-12:])
 
 
 @pytest.mark.long
@@ -293,7 +297,7 @@ def test_a_forked_child_neither_keeps_it_from_its_work_nor_begins_it() -> None:
     with served("rplidar-s2") as server, child(program, server.path) as parent:
         forked = int(line_of(parent))
         try:
-            assert not is_left_still(server)
+            assert not is_still(server)
             killed(parent, server)
         finally:
             os.kill(forked, signal.SIGKILL)
@@ -309,4 +313,4 @@ def test_the_program_has_no_child_that_it_did_not_start(adopts: list[str]) -> No
             out, said = process.communicate()
             assert (out, said) == ("no children\n", "")
             assert guards_of(process.pid) == []
-        until(lambda: is_left_still(server))
+        until(lambda: is_still(server))

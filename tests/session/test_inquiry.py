@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 from collections.abc import Callable
 from unittest.mock import create_autospec
 
@@ -12,21 +11,19 @@ import pytest
 from lidario import DeviceFault, Lidar, StreamFailed
 from lidario.revolution.seam import Seam
 from lidario.session.streaming.failures import Failures
-from tests.support.devices import Rig, both_families, left_still, make_rig, names
-from tests.support.loop import DrivenLoop, driven, run_driven
+from tests.support.devices import Rig, end_of, left_still, names, some
+from tests.support.loop import DrivenLoop, now, now_ns, run_driven
 
 CODE = 0x8001
+OF_EACH_BOOT = ("rplidar-s2", "rplidar-s1", "rplidar-old-firmware", "ydlidar-4ros")
+"""The second one is silent for two seconds, and the third one prints a banner."""
 RECOVERED_S = 3.5
 """Silence of 0.6 s, the questions, a boot of 1 s, and the first revolution, which is a partial one."""
 
 
-def clock() -> float:
-    return asyncio.get_running_loop().time()
-
-
 def fall_silent(rig: Rig) -> None:
     """The stream ends by itself, and the device is well."""
-    rig.device.halt(round(clock() * 1e9))
+    rig.device.halt(now_ns())
 
 
 async def error_of(
@@ -35,29 +32,22 @@ async def error_of(
     """What a stream ends with after `harm`, and after how long."""
     async with lidar.scans() as stream:
         await anext(stream)
-        began = clock()
+        began = now()
         harm()
-        with pytest.raises(kind) as caught:
-            while True:
-                await anext(stream)
-        return str(caught.value), clock() - began
+        return str(await end_of(stream, kind)), now() - began
 
 
-@both_families
-@driven
 async def test_a_protection_stop_in_mid_scan_is_cured_counted_and_told(
-    family: str, caplog: pytest.LogCaptureFixture
+    rig: Rig, caplog: pytest.LogCaptureFixture
 ) -> None:
-    rig = make_rig(family)
     async with rig.open() as lidar:
         await lidar.set_scan_frequency(9.0)
         async with lidar.scans() as stream:
             await anext(stream)
             rig.device.protection_stop(CODE)
-            began = clock()
-            with caplog.at_level(logging.WARNING, "lidario"):
-                scans = [await anext(stream) for _ in range(4)]
-            assert clock() - began < RECOVERED_S
+            began = now()
+            scans = await some(stream, 4)
+            assert now() - began < RECOVERED_S
         assert (lidar.stats.protection_stops, lidar.stats.restarts) == (1, 1)
         assert lidar.health.ok
         assert "0x8001" in lidar.health.note
@@ -65,86 +55,64 @@ async def test_a_protection_stop_in_mid_scan_is_cured_counted_and_told(
         assert any("started again" in record.message for record in caplog.records)
         assert scans[-1].rpm == pytest.approx(540, rel=0.01)
     assert names(rig).count("reset") == 1
-    assert left_still(rig)
 
 
-@both_families
-@driven
-async def test_a_program_that_asks_first_is_told_and_the_stream_goes_on(family: str) -> None:
-    rig = make_rig(family)
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+async def test_a_program_that_asks_first_is_told_and_the_stream_goes_on(rig: Rig) -> None:
+    async with rig.read() as (lidar, stream):
         rig.device.protection_stop(CODE)
-        began = clock()
+        began = now()
         assert (await lidar.get_health()).code == CODE
         while (await anext(stream)).stamp_ns * 1e-9 < began + 0.5:
             pass
-        assert clock() - began < RECOVERED_S
+        assert now() - began < RECOVERED_S
         assert lidar.stats.protection_stops == 1
 
 
-@both_families
-@driven
-async def test_a_second_protection_stop_within_a_minute_is_raised(family: str) -> None:
-    rig = make_rig(family)
+async def test_a_second_protection_stop_within_a_minute_is_raised(rig: Rig) -> None:
     async with rig.open() as lidar:
         async with lidar.scans() as stream:
             await anext(stream)
             rig.device.protection_stop(CODE)
-            for _ in range(20):
-                await anext(stream)
+            await some(stream, 20)
             rig.device.protection_stop(CODE)
-            with pytest.raises(DeviceFault, match=r"0x8001.*again within 60 s") as caught:
-                while True:
-                    await anext(stream)
-        assert caught.value.health.code == CODE
+            error = await end_of(stream, DeviceFault, r"0x8001.*again within 60 s")
+        assert error.health.code == CODE
         assert lidar.health.code == CODE
         assert lidar.stats.protection_stops == 2
         assert names(rig).count("reset") == 1
         # The session goes on, and a start that the program asks for is worth another reset.
         assert await lidar.scan()
         assert lidar.stats.protection_stops == 3
-    assert left_still(rig)
 
 
-@both_families
-@driven
-async def test_after_a_while_a_protection_stop_is_cured_again(family: str, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_after_a_while_a_protection_stop_is_cured_again(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.session.streaming.inquiry.PERIOD_S", 5.0)
-    rig = make_rig(family)
     async with rig.open() as lidar, lidar.scans() as stream:
         for count in (1, 2):
             await anext(stream)
             rig.device.protection_stop(CODE)
-            began = clock()
-            while clock() - began < 6.0:
+            began = now()
+            while now() - began < 6.0:
                 await anext(stream)
             assert lidar.stats.protection_stops == lidar.stats.restarts == count
 
 
-@both_families
-@driven
-async def test_a_fault_that_stays_ends_the_stream_with_its_code_and_the_next_start_at_once(family: str) -> None:
-    rig = make_rig(family)
+async def test_a_fault_that_stays_ends_the_stream_with_its_code_and_the_next_start_at_once(rig: Rig) -> None:
     rig.device.faults_cleared_by_reset = False
     async with rig.open() as lidar:
         text, after = await error_of(lidar, lambda: rig.device.protection_stop(CODE), DeviceFault)
         assert "0x8001" in text
         assert after < 2.5
-        began = clock()
+        began = now()
         with pytest.raises(DeviceFault, match="0x8001"):
             await lidar.scan()
-        assert clock() - began < 2.5
+        assert now() - began < 2.5
         rig.device.faults_cleared_by_reset = True
         assert await lidar.scan()
-    assert left_still(rig)
 
 
 @pytest.mark.discards("a device in Protection Stop starts no stream, and does not say so")
-@both_families
-@driven
-async def test_a_protection_stop_while_nothing_runs_is_cured_by_the_next_start(family: str) -> None:
-    rig = make_rig(family)
+async def test_a_protection_stop_while_nothing_runs_is_cured_by_the_next_start(rig: Rig) -> None:
     async with rig.open() as lidar:
         await lidar.scan()
         await lidar.stop()
@@ -153,11 +121,8 @@ async def test_a_protection_stop_while_nothing_runs_is_cured_by_the_next_start(f
         assert lidar.stats.protection_stops == 1
 
 
-@both_families
-@driven
-async def test_after_a_rest_the_device_is_asked_before_it_is_started(family: str) -> None:
+async def test_after_a_rest_the_device_is_asked_before_it_is_started(rig: Rig) -> None:
     """As the vendors' manuals have it. It discards no request, and nobody waits for a stream that cannot begin."""
-    rig = make_rig(family)
     async with rig.open() as lidar:
         await lidar.scan()
         await lidar.stop()
@@ -168,82 +133,65 @@ async def test_after_a_rest_the_device_is_asked_before_it_is_started(family: str
         await asyncio.sleep(10.0)
         asked = len(names(rig))
         rig.device.protection_stop(CODE)
-        began = clock()
+        began = now()
         assert await lidar.scan()
-        assert clock() - began < rig.device.boot_s + rig.device.spin_up_s + 1.5
+        assert now() - began < rig.device.boot_s + rig.device.spin_up_s + 1.5
         assert names(rig)[asked:].index("get_health") < names(rig)[asked:].index("reset")
 
 
-@both_families
-@driven
+@pytest.mark.parametrize("rig", OF_EACH_BOOT, indirect=True)
 async def test_a_protection_stop_at_open_is_cured_counted_and_told(
-    family: str, caplog: pytest.LogCaptureFixture
+    rig: Rig, caplog: pytest.LogCaptureFixture
 ) -> None:
-    rig = make_rig(family)
     rig.device.protection_stop(CODE)
-    with caplog.at_level(logging.WARNING, "lidario"):
-        async with rig.open() as lidar:
-            assert lidar.health.ok
-            assert "0x8001" in lidar.health.note
-            assert lidar.stats.protection_stops == 1
+    async with rig.open() as lidar:
+        assert lidar.health.ok
+        assert "0x8001" in lidar.health.note
+        assert lidar.stats.protection_stops == 1
+        assert await lidar.scan()
+    assert "reset" in names(rig, obeyed=True)
     assert [record.message for record in caplog.records if "0x8001" in record.message]
 
 
-@both_families
-@driven
-async def test_a_well_device_that_falls_silent_is_restarted(family: str, caplog: pytest.LogCaptureFixture) -> None:
-    rig = make_rig(family)
+async def test_a_well_device_that_falls_silent_is_restarted(rig: Rig, caplog: pytest.LogCaptureFixture) -> None:
     async with rig.open() as lidar:
         async with lidar.scans() as stream:
             for count in (1, 2, 3):
                 await anext(stream)
                 fall_silent(rig)
-                began = clock()
-                for _ in range(3):
-                    await anext(stream)
-                assert clock() - began < 1.5
+                began = now()
+                await some(stream, 3)
+                assert now() - began < 1.5
                 assert (lidar.stats.restarts, lidar.stats.protection_stops) == (count, 0)
             assert "no scan data for 0.6 s" in caplog.text
             fall_silent(rig)
-            with pytest.raises(
-                StreamFailed, match="fourth time within 60 s, though it responds and its health is ok"
-            ):
-                while True:
-                    await anext(stream)
+            await end_of(stream, why="fourth time within 60 s, though it responds and its health is ok")
         assert await lidar.scan()
-    assert left_still(rig)
 
 
-@both_families
-@driven
-async def test_a_dead_device_is_told_of_within_a_second(family: str) -> None:
-    rig = make_rig(family)
+async def test_a_dead_device_is_told_of_within_a_second(rig: Rig) -> None:
     async with rig.open() as lidar:
         text, after = await error_of(lidar, lambda: setattr(rig.device, "mute", True))
         assert "responds to no request: is it powered, and is the cable in?" in text
         assert after < 1.0
+        # The session goes on.
         rig.device.mute = False
+        assert await lidar.scan()
 
 
-@both_families
-@driven
 async def test_a_rotor_that_stalls_is_told_of_within_three_slow_revolutions(
-    family: str, monkeypatch: pytest.MonkeyPatch
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    rig = make_rig(family)
     async with rig.open() as lidar:
         text, after = await error_of(lidar, lambda: monkeypatch.setattr(Seam, "splits", lambda *_: []))
         assert "no full revolution" in text
         assert "its health is ok: is the rotor blocked?" in text
-        assert after < {"rplidar": 3.3, "ydlidar": 1.9}[family]
+        assert after < {"rplidar": 3.3, "ydlidar": 1.9}[rig.family]
         assert lidar.stats.restarts == 0
 
 
-@both_families
-@driven
-async def test_a_blocked_rotor_that_stopped_the_device_is_told_by_its_code(family: str) -> None:
+async def test_a_blocked_rotor_that_stopped_the_device_is_told_by_its_code(rig: Rig) -> None:
     """A device that never brings a packet is asked too."""
-    rig = make_rig(family)
     rig.device.faults_cleared_by_reset = False
     async with rig.open() as lidar:
         await lidar.get_modes()
@@ -255,11 +203,8 @@ async def test_a_blocked_rotor_that_stopped_the_device_is_told_by_its_code(famil
             await scan
 
 
-@both_families
 @pytest.mark.parametrize("harm", ["half a packet", "a bad byte long ago", "a burst that is over"])
-@driven
-async def test_noise_is_told_only_where_noise_is_what_arrives(family: str, harm: str) -> None:
-    rig = make_rig(family)
+async def test_noise_is_told_only_where_noise_is_what_arrives(rig: Rig, harm: str) -> None:
     clean = rig.device.transmit
     left = {"half a packet": 50, "a bad byte long ago": 0, "a burst that is over": 0}[harm]
 
@@ -292,15 +237,14 @@ async def test_noise_is_told_only_where_noise_is_what_arrives(family: str, harm:
         rig.device.mute = False
 
 
-@both_families
 @pytest.mark.parametrize("act", ["stop", "close", "leave", "ask", "cancel", "join"])
 @pytest.mark.parametrize("harm", ["silent", "protect"])
 @pytest.mark.exhaustive("step", sample=[5], full=[1, 2, 3, 5, 8, 13, 21, 40])
 def test_whatever_is_done_while_the_device_is_asked(
-    family: str, harm: str, act: str, step: int, monkeypatch: pytest.MonkeyPatch
+    rig: Rig, harm: str, act: str, step: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """At a step of the loop after the silence was noticed, another task stops, closes, leaves, asks or joins."""
-    rig, noticed = make_rig(family), create_autospec(Failures.suspect, side_effect=Failures.suspect)
+    noticed = create_autospec(Failures.suspect, side_effect=Failures.suspect)
     monkeypatch.setattr(Failures, "suspect", noticed)
 
     async def main() -> None:
@@ -321,9 +265,7 @@ def test_whatever_is_done_while_the_device_is_asked(
                     await asyncio.sleep(0.004)
             if act == "stop":
                 await lidar.stop()
-                with pytest.raises(StopAsyncIteration):
-                    while True:
-                        await anext(stream)
+                await end_of(stream, StopAsyncIteration)
             elif act == "close":
                 await lidar.close()
             elif act == "leave":

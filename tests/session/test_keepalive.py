@@ -7,10 +7,9 @@ from itertools import pairwise
 
 import pytest
 
-from lidario import Lidar, StreamFailed
-from lidario.session.talking.dialogue import Dialogue
-from tests.support.devices import Rig, left_still, make_rig, names, take
-from tests.support.loop import driven, driven_loop, now_ns
+from lidario import Lidar
+from tests.support.devices import Rig, make_rig, names, some, take
+from tests.support.loop import driven_loop, now, now_ns
 
 MINUTE_S = 60.0
 INTERVAL_S = 0.4
@@ -30,41 +29,33 @@ def pauses(rig: Rig) -> list[float]:
     return [(later - earlier) * 1e-9 for earlier, later in pairwise(heard)]
 
 
-async def scan_for(lidar: Lidar, seconds: float, block_s: float = 0.0) -> int:
-    loop = driven_loop()
-    end = loop.time() + seconds
+async def scan_for(lidar: Lidar, seconds: float) -> int:
+    end = now() + seconds
     count = 0
     async with lidar.scans(depth=64) as stream:
         async for _ in stream:
             count += 1
-            if block_s and count % 20 == 0:
-                loop.block(block_s)
-            if loop.time() > end:
+            if now() > end:
                 break
     return count
 
 
 @pytest.mark.exhaustive("minutes", sample=[2], full=[10])
-@driven
-async def test_many_minutes_with_protection_on(minutes: int, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_many_minutes_with_protection_on(ydlidar: Rig, minutes: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.port.simulated.TICK_S", 0.1)
     seconds = minutes * MINUTE_S
-    rig = make_rig("ydlidar")
-    async with rig.open() as lidar:
+    async with ydlidar.open() as lidar:
         assert await lidar.set_power_down_protection(True) is True
         count = await scan_for(lidar, seconds)
-        assert count == pytest.approx(seconds / rig.turn_s, rel=0.001)
+        assert count == pytest.approx(seconds / ydlidar.turn_s, rel=0.001)
         assert lidar.stats.keepalives == pytest.approx(seconds / INTERVAL_S, rel=0.001, abs=1)
         assert lidar.stats.interruptions == lidar.stats.skipped_bytes == lidar.stats.lost_packets == 0
-    assert left_still(rig)
 
 
-@driven
-async def test_a_program_that_blocks_the_loop_does_not_stop_the_device_in_any_phase() -> None:
+async def test_a_program_that_blocks_the_loop_does_not_stop_the_device_in_any_phase(ydlidar: Rig) -> None:
     """For 2.5 s, beginning 0 to 0.95 s after a keepalive; without a thread."""
-    rig = make_rig("ydlidar")
     loop = driven_loop()
-    async with rig.open() as lidar:
+    async with ydlidar.open() as lidar:
         await lidar.set_power_down_protection(True)
         async with lidar.scans(depth=64) as stream:
             for phase in range(20):
@@ -74,123 +65,92 @@ async def test_a_program_that_blocks_the_loop_does_not_stop_the_device_in_any_ph
                     await asyncio.sleep(0.001)
                 await asyncio.sleep(phase / 20)
                 loop.block(2.5)
-        assert 2.5 + 0.8 * INTERVAL_S < max(pauses(rig)) < LIMIT_S
-        assert rig.device.lapses == lidar.stats.restarts == lidar.stats.interruptions == 0
+        assert 2.5 + 0.8 * INTERVAL_S < max(pauses(ydlidar)) < LIMIT_S
+        assert ydlidar.device.lapses == lidar.stats.restarts == lidar.stats.interruptions == 0
 
 
-@driven
-async def test_after_a_lapse_the_next_keepalive_starts_the_device_again() -> None:
-    rig = make_rig("ydlidar")
+async def test_after_a_lapse_the_next_keepalive_starts_the_device_again(ydlidar: Rig) -> None:
     loop = driven_loop()
-    async with rig.open() as lidar:
+    async with ydlidar.open() as lidar:
         await lidar.set_power_down_protection(True)
         async with lidar.scans() as stream:
             await anext(stream)
             loop.block(4.0)
-            for _ in range(50):
-                await anext(stream)
-        assert (rig.device.lapses, lidar.stats.restarts) == (1, 0)
+            await some(stream, 50)
+        assert (ydlidar.device.lapses, lidar.stats.restarts) == (1, 0)
 
 
-@driven
-async def test_protection_that_an_earlier_program_left_on_is_learned() -> None:
-    rig = make_rig("ydlidar")
-    rig.device.protected = True
-    async with rig.open() as lidar:
+async def test_protection_that_an_earlier_program_left_on_is_learned(ydlidar: Rig) -> None:
+    ydlidar.device.protected = True
+    async with ydlidar.open() as lidar:
         await scan_for(lidar, 20.0)
-        assert (rig.device.lapses, lidar.stats.restarts) == (1, 1)
+        assert (ydlidar.device.lapses, lidar.stats.restarts) == (1, 1)
         await scan_for(lidar, 20.0)
-        assert (rig.device.lapses, lidar.stats.restarts) == (1, 1)
-    assert rig.device.protected
-    assert left_still(rig)
+        assert (ydlidar.device.lapses, lidar.stats.restarts) == (1, 1)
+    assert ydlidar.device.protected
 
 
-@driven
-async def test_protection_is_not_toggled_unless_a_stream_ends_as_if_it_were_on() -> None:
-    rig = make_rig("ydlidar")
-    async with rig.open() as lidar:
+async def test_protection_is_not_toggled_unless_a_stream_ends_as_if_it_were_on(ydlidar: Rig) -> None:
+    async with ydlidar.open() as lidar:
         async with lidar.scans() as stream:
-            for _ in range(10):
-                await anext(stream)
-            rig.device.halt(now_ns())
-            for _ in range(40):
-                await anext(stream)
+            await some(stream, 10)
+            ydlidar.device.halt(now_ns())
+            await some(stream, 40)
         assert lidar.stats.restarts == 1
-        assert "toggle_protection" not in names(rig)
+        assert "toggle_protection" not in names(ydlidar)
         assert lidar.stats.keepalives == 0
         await scan_for(lidar, 2.9)
         async with lidar.scans() as stream:
-            began = asyncio.get_running_loop().time()
-            while asyncio.get_running_loop().time() - began < 3.0:
+            began = now()
+            while now() - began < 3.0:
                 await anext(stream)
-            rig.device.halt(now_ns())
-            for _ in range(40):
-                await anext(stream)
-    assert names(rig).count("toggle_protection") == 2
-    assert not rig.device.protected
+            ydlidar.device.halt(now_ns())
+            await some(stream, 40)
+    assert names(ydlidar).count("toggle_protection") == 2
+    assert not ydlidar.device.protected
     assert lidar.stats.keepalives == 0
 
 
 @pytest.mark.parametrize("wanted", [True, False])
-@driven
-async def test_a_reset_keeps_what_the_program_has_set(wanted: bool) -> None:
-    rig = make_rig("ydlidar")
-    async with rig.open() as lidar:
+async def test_a_reset_keeps_what_the_program_has_set(ydlidar: Rig, wanted: bool) -> None:
+    async with ydlidar.open() as lidar:
         await lidar.set_power_down_protection(wanted)
         await lidar.set_scan_frequency(9.0)
         await lidar.reset()
         scans = await take(lidar, 60)
         assert scans[-1].rpm == pytest.approx(540, rel=0.01)
-        assert rig.device.protected is wanted
+        assert ydlidar.device.protected is wanted
         assert bool(lidar.stats.keepalives) is wanted
-        assert rig.device.lapses == 0
-        toggled = names(rig).count("toggle_protection")
+        assert ydlidar.device.lapses == 0
+        toggled = names(ydlidar).count("toggle_protection")
         await take(lidar, 2)
-        assert names(rig).count("toggle_protection") == toggled
+        assert names(ydlidar).count("toggle_protection") == toggled
 
 
-@driven
-async def test_without_it_the_device_stops(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The two tests above can fail."""
-    monkeypatch.setattr(Dialogue, "keep_alive", lambda self, request: True)
-    rig = make_rig("ydlidar")
-    async with rig.open() as lidar:
-        await lidar.set_power_down_protection(True)
-        with pytest.raises(StreamFailed, match="no scan data"):
-            await scan_for(lidar, 60.0)
-
-
-@driven
-async def test_it_ends_with_the_stream_and_with_the_protection() -> None:
-    rig = make_rig("ydlidar")
-    async with rig.open() as lidar:
+async def test_it_ends_with_the_stream_and_with_the_protection(ydlidar: Rig) -> None:
+    async with ydlidar.open() as lidar:
         await lidar.set_power_down_protection(True)
         await scan_for(lidar, 5.0)
         sent = lidar.stats.keepalives
-        heard = len(rig.device.log)
+        heard = len(ydlidar.device.log)
         await asyncio.sleep(10.0)
         assert lidar.stats.keepalives == sent >= 4
-        assert len(rig.device.log) == heard
+        assert len(ydlidar.device.log) == heard
         assert await lidar.set_power_down_protection(False) is False
         await scan_for(lidar, 5.0)
         assert lidar.stats.keepalives == sent
 
 
-@driven
-async def test_protection_switched_while_scanning() -> None:
-    rig = make_rig("ydlidar")
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+async def test_protection_switched_while_scanning(ydlidar: Rig) -> None:
+    async with ydlidar.read() as (lidar, stream):
         for wanted in (True, True, False, False, True):
             assert await lidar.set_power_down_protection(wanted) is wanted
             await anext(stream)
         before = lidar.stats.keepalives
-        for _ in range(40):
-            await anext(stream)
+        await some(stream, 40)
         assert lidar.stats.keepalives > before
 
 
-@driven
 async def test_zero_offset_is_told_and_applied_only_when_asked() -> None:
     plain = make_rig("ydlidar")
     plain.device.zero_offset = -50
@@ -208,11 +168,11 @@ async def test_zero_offset_is_told_and_applied_only_when_asked() -> None:
 
 @pytest.mark.parametrize("steps", range(1, 40, 3))
 @pytest.mark.parametrize("on", [True, False])
-@driven
-async def test_a_toggle_that_was_not_confirmed_is_looked_at_before_the_next_stream(on: bool, steps: int) -> None:
+async def test_a_toggle_that_was_not_confirmed_is_looked_at_before_the_next_stream(
+    ydlidar: Rig, on: bool, steps: int
+) -> None:
     """Without protection nothing is sent in mid-scan; with it, what keeps the device going."""
-    rig = make_rig("ydlidar")
-    async with rig.open() as lidar:
+    async with ydlidar.open() as lidar:
         await lidar.set_power_down_protection(not on)
         async with lidar.scans() as stream:
             await anext(stream)
@@ -221,28 +181,24 @@ async def test_a_toggle_that_was_not_confirmed_is_looked_at_before_the_next_stre
                 await asyncio.sleep(0)
             setting.cancel()
             await asyncio.wait([setting])
-            before = names(rig).count("scan")
-            for _ in range(50):
-                await anext(stream)
-        kept = names(rig).count("scan") - before
-        assert (kept > 10) is rig.device.protected, (kept, rig.device.protected)
-        assert rig.device.lapses == 0
-    assert left_still(rig)
+            before = names(ydlidar).count("scan")
+            await some(stream, 50)
+        kept = names(ydlidar).count("scan") - before
+        assert (kept > 10) is ydlidar.device.protected, (kept, ydlidar.device.protected)
+        assert ydlidar.device.lapses == 0
 
 
-@driven
-async def test_a_toggle_whose_response_was_lost_is_looked_at() -> None:
-    rig = make_rig("ydlidar")
-    async with rig.open() as lidar:
+async def test_a_toggle_whose_response_was_lost_is_looked_at(ydlidar: Rig) -> None:
+    async with ydlidar.open() as lidar:
         await lidar.set_power_down_protection(True)
-        rig.device.response_delay_s = 0.3
+        ydlidar.device.response_delay_s = 0.3
         with pytest.raises(TimeoutError):
             async with asyncio.timeout(0.1):
                 await lidar.set_power_down_protection(False)
-        assert not rig.device.protected
-        rig.device.response_delay_s = 0.0005
+        assert not ydlidar.device.protected
+        ydlidar.device.response_delay_s = 0.0005
         before = lidar.stats.keepalives
         await scan_for(lidar, 20.0)
         assert lidar.stats.keepalives == before
-        assert not rig.device.protected
-        assert rig.device.lapses == 0
+        assert not ydlidar.device.protected
+        assert ydlidar.device.lapses == 0

@@ -7,18 +7,15 @@ import gc
 import time
 import weakref
 from contextlib import suppress
-from typing import Any
 from unittest.mock import patch
 
 import pytest
 
 from lidario import Lidar
-from tests.support.devices import both_families, left_still, make_rig
-from tests.support.loop import driven
+from tests.support.devices import Rig, both_families, left_still, make_rig
 
 
 @both_families
-@driven
 async def test_an_error_that_is_kept_holds_nothing_of_the_program(family: str) -> None:
     """The line is lost while the stop requests are written, and these while a cancelled task leaves its stream."""
     rig = make_rig(family)
@@ -48,14 +45,11 @@ async def test_an_error_that_is_kept_holds_nothing_of_the_program(family: str) -
     await program()
     rig.device.receive = heard
     gc.collect()
-    assert refs[0]() is None, told(refs[0]())
+    assert refs[0]() is None, gc.get_referrers(refs[0]())
 
 
-@both_families
-@driven
-async def test_who_keeps_the_error_of_a_cancelled_setting_keeps_no_stream(family: str) -> None:
+async def test_who_keeps_the_error_of_a_cancelled_setting_keeps_no_stream(rig: Rig) -> None:
     """The setting reads scans to measure the speed; the reader before is gone meanwhile."""
-    rig = make_rig(family)
     async with rig.open() as lidar:
         await lidar.scan()
         setting = asyncio.ensure_future(lidar.set_scan_frequency(8.0))
@@ -73,11 +67,8 @@ async def test_who_keeps_the_error_of_a_cancelled_setting_keeps_no_stream(family
 
 @pytest.mark.parametrize("sectors", [False, True])
 @pytest.mark.parametrize("awaited", [False, True])
-@both_families
-@driven
-async def test_who_keeps_a_cancelled_task_keeps_no_stream(family: str, *, sectors: bool, awaited: bool) -> None:
+async def test_who_keeps_a_cancelled_task_keeps_no_stream(rig: Rig, *, sectors: bool, awaited: bool) -> None:
     """Its error holds the frames in which it was raised. What they iterated over is garbage all the same."""
-    rig = make_rig(family)
     async with rig.open() as lidar:
         began = asyncio.Event()
 
@@ -97,11 +88,8 @@ async def test_who_keeps_a_cancelled_task_keeps_no_stream(family: str, *, sector
         del kept
 
 
-@both_families
-@driven
-async def test_a_session_that_is_let_go_in_the_midst_of_a_start_leaves_no_task(family: str) -> None:
+async def test_a_session_that_is_let_go_in_the_midst_of_a_start_leaves_no_task(rig: Rig) -> None:
     """It waited for the stop requests, which nobody wrote any more, ten times a second and for ever."""
-    rig = make_rig(family)
     with patch.object(time, "sleep", asyncio.get_running_loop().block):  # type: ignore[attr-defined]
         lidar = await rig.open()
         async with lidar.scans() as scans:
@@ -114,9 +102,4 @@ async def test_a_session_that_is_let_go_in_the_midst_of_a_start_leaves_no_task(f
         del lidar, scans, again
         gc.collect()
         await asyncio.sleep(1.0)
-    assert left_still(rig)
     assert [task for task in asyncio.all_tasks() if task is not asyncio.current_task()] == []
-
-
-def told(kept: Any) -> list[str]:
-    return [type(each).__name__ for each in gc.get_referrers(kept)]

@@ -9,16 +9,12 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import pytest
 
-from lidario.families.registry import FAMILIES
 from lidario.model import LineErrors
 from lidario.port.port import Port
-from lidario.session.finding.silence import ReceivedInSilence
-from lidario.source import as_source
 from tests.cli.processes import invoke_driven
-from tests.support.cable import on_a_cable
-from tests.support.coming_back import next_after
-from tests.support.devices import both_families, end_of, make_rig
-from tests.support.loop import driven, now
+from tests.support.cable import next_after, on_a_cable
+from tests.support.devices import Rig, end_of, left_still
+from tests.support.loop import now
 
 
 class Counted:
@@ -42,10 +38,7 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Counted:
     return Counted(monkeypatch)
 
 
-@both_families
-@driven
-async def test_they_are_in_stats_from_the_beginning_of_the_session(family: str, counted: Counted) -> None:
-    rig = make_rig(family)
+async def test_they_are_in_stats_from_the_beginning_of_the_session(rig: Rig, counted: Counted) -> None:
     async with rig.open() as lidar:
         # What came before, at other speeds, says nothing of this one.
         assert lidar.stats.line_trouble == ""
@@ -56,7 +49,6 @@ async def test_they_are_in_stats_from_the_beginning_of_the_session(family: str, 
         assert (await lidar.scan()).seq == 0
 
 
-@driven
 async def test_they_are_summed_over_all_lines(counted: Counted) -> None:
     async with on_a_cable("rplidar") as (cable, lidar), lidar.scans() as stream:
         await anext(stream)
@@ -83,28 +75,22 @@ async def test_they_are_summed_over_all_lines(counted: Counted) -> None:
         (LineErrors(overruns=7), "; only noise arrives, with 7 overruns: this computer is too slow"),
     ],
 )
-@both_families
-@driven
-async def test_noise_is_told_with_them(family: str, counted: Counted, errors: LineErrors, says: str) -> None:
-    rig = make_rig(family)
+async def test_noise_is_told_with_them_and_leaves_the_device_still_at_once(
+    rig: Rig, counted: Counted, errors: LineErrors, says: str
+) -> None:
+    """Also where its reader goes on holding the stream, and before the session ends; which can go on."""
     random = np.random.default_rng(3)
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+    async with rig.read() as (lidar, stream):
         clean = rig.device.transmit
         rig.device.transmit = lambda now: random.bytes(len(clean(now)))
         counted.errors += errors
-        failed = await end_of(stream)
+        assert says in str(await end_of(stream))
+        assert lidar.stats.skipped_bytes > 10_000
         rig.device.transmit = clean
-    assert says in str(failed)
-
-
-@pytest.mark.parametrize("speeds", [(115200,), (115200, 115200), (115200, 256000)])
-def test_what_comes_back_at_the_one_speed_that_was_named(speeds: tuple[int, ...]) -> None:
-    heard = ReceivedInSilence()
-    heard.see("in", bytes(range(1, 200)), 0)
-    told = str(heard.nothing_responds(as_source("/dev/ttyUSB0"), FAMILIES, speeds, LineErrors(framing=3)))
-    assert ("came back, with 3 framing errors: the baud rate" in told) == (len(set(speeds)) == 1)
-    assert ("came back, as at a wrong baud rate" in told) == (len(set(speeds)) > 1)
+        await asyncio.sleep(0.2)
+        assert left_still(rig)
+        assert not lidar.is_scanning
+        assert await lidar.scan()
 
 
 def test_the_doctor_and_the_measuring_tell_them(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,70 +15,55 @@ from tests.support.loop import driven
 
 
 @pytest.mark.parametrize("scanning", [False, True])
-def test_a_speed_that_the_mode_does_not_fit_is_refused_and_nothing_has_changed(*, scanning: bool) -> None:
+async def test_a_speed_that_the_mode_does_not_fit_is_refused_and_nothing_has_changed(*, scanning: bool) -> None:
     rig = make_rig("rplidar", "rplidar-s2")
-
-    @driven
-    async def main() -> None:
-        async with rig.open() as lidar:
-            stream = lidar.scans()
-            if scanning:
-                await anext(stream)
-            # 32000 samples a second, 40 of them in 84 bytes; a start bit, eight data bits, a stop bit.
-            with pytest.raises(InvalidValue, match=r"'DenseBoost' sends 67200 bytes.* carries 25600.* 672000 baud"):
-                await lidar.set_baudrate(256_000)
-            assert lidar.stats.interruptions == 0
-            assert (lidar.baudrate, rig.device.baudrate) == (1_000_000, 1_000_000)
-            assert len(await anext(stream)) > 3000
-            await lidar.set_baudrate(672_000)
-            assert len(await anext(stream)) > 3000
-        assert left_still(rig)
-        assert names(rig, obeyed=True).count("new_baudrate_confirm") == 1
-
-    main()
+    async with rig.open() as lidar:
+        stream = lidar.scans()
+        if scanning:
+            await anext(stream)
+        # 32000 samples a second, 40 of them in 84 bytes; a start bit, eight data bits, a stop bit.
+        with pytest.raises(InvalidValue, match=r"'DenseBoost' sends 67200 bytes.* carries 25600.* 672000 baud"):
+            await lidar.set_baudrate(256_000)
+        assert lidar.stats.interruptions == 0
+        assert (lidar.baudrate, rig.device.baudrate) == (1_000_000, 1_000_000)
+        assert len(await anext(stream)) > 3000
+        await lidar.set_baudrate(672_000)
+        assert len(await anext(stream)) > 3000
+    assert left_still(rig)
+    assert names(rig, obeyed=True).count("new_baudrate_confirm") == 1
 
 
-def test_a_device_that_is_found_at_too_slow_a_speed_says_so_when_it_shall_scan(
+async def test_a_device_that_is_found_at_too_slow_a_speed_says_so_when_it_shall_scan(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Another program left it so. It can be asked, and set to a speed at which it can scan."""
     rig = make_rig("rplidar", "rplidar-s2")
-
-    @driven
-    async def main() -> None:
-        with monkeypatch.context() as patch:
-            patch.setattr(RplidarDevice, "load", lambda device, mode: 0.0)
-            async with rig.open() as lidar:
-                await lidar.set_baudrate(256_000)
-        assert rig.device.baudrate == 256_000
-        async with open_lidar(rig.device, family="rplidar", baudrate=256_000) as lidar:
-            assert (await lidar.get_health()).ok
-            for _ in range(2):
-                with pytest.raises(Unsupported, match="'DenseBoost' sends 67200 bytes"):
-                    await lidar.scan()
-            await lidar.set_baudrate(1_000_000)
-            assert len(await lidar.scan()) > 3000
-        assert left_still(rig)
-
-    main()
-
-
-def test_a_mode_that_does_not_fit_is_refused_beside_one_that_does() -> None:
-    rig = make_rig("rplidar", "rplidar-c1")
-
-    @driven
-    async def main() -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(RplidarDevice, "load", lambda device, mode: 0.0)
         async with rig.open() as lidar:
-            assert len(await lidar.scan("Standard")) > 100
-            await lidar.stop()
-            # The typical mode, which is asked for where none is, fits.
-            await lidar.set_baudrate(115_200)
-            with pytest.raises(Unsupported, match=r"'Standard' sends 25000 .* or choose 'DenseBoost'"):
-                await lidar.scan("Standard")
-            assert not (await lidar.scan()).lost_packets
-        assert left_still(rig)
+            await lidar.set_baudrate(256_000)
+    assert rig.device.baudrate == 256_000
+    async with open_lidar(rig.device, family="rplidar", baudrate=256_000) as lidar:
+        assert (await lidar.get_health()).ok
+        for _ in range(2):
+            with pytest.raises(Unsupported, match="'DenseBoost' sends 67200 bytes"):
+                await lidar.scan()
+        await lidar.set_baudrate(1_000_000)
+        assert len(await lidar.scan()) > 3000
+    assert left_still(rig)
 
-    main()
+
+async def test_a_mode_that_does_not_fit_is_refused_beside_one_that_does() -> None:
+    rig = make_rig("rplidar", "rplidar-c1")
+    async with rig.open() as lidar:
+        assert len(await lidar.scan("Standard")) > 100
+        await lidar.stop()
+        # The typical mode, which is asked for where none is, fits.
+        await lidar.set_baudrate(115_200)
+        with pytest.raises(Unsupported, match=r"'Standard' sends 25000 .* or choose 'DenseBoost'"):
+            await lidar.scan("Standard")
+        assert not (await lidar.scan()).lost_packets
+    assert left_still(rig)
 
 
 def test_the_mode_that_runs_decides_not_the_typical_one() -> None:
@@ -86,8 +71,7 @@ def test_the_mode_that_runs_decides_not_the_typical_one() -> None:
 
     @driven
     async def main() -> None:
-        async with rig.open() as lidar, lidar.scans("Standard") as stream:
-            await anext(stream)
+        async with rig.read("Standard") as (lidar, stream):
             with pytest.raises(InvalidValue, match="'Standard' sends 25000"):
                 await lidar.set_baudrate(115_200)
             assert lidar.stats.interruptions == 0
@@ -100,15 +84,10 @@ MODELS = [(family.name, model) for family in FAMILIES for model in family.simula
 
 
 @pytest.mark.exhaustive("which", sample=MODELS[::6], full=MODELS)
-def test_each_mode_of_each_model_fits_its_own_line(which: tuple[str, str]) -> None:
+async def test_each_mode_of_each_model_fits_its_own_line(which: tuple[str, str]) -> None:
     family, model = which
-
-    @driven
-    async def main() -> None:
-        found = await connect(parse_source(f"sim://{model}?via=memory"), family)
-        modes = await found.dialogue.run(found.device.modes())
-        for mode in modes:
-            assert does_not_fit(found.device, modes, mode, found.port.baudrate) == ""
-        await found.dialogue.close()
-
-    main()
+    found = await connect(parse_source(f"sim://{model}?via=memory"), family)
+    modes = await found.dialogue.run(found.device.modes())
+    for mode in modes:
+        assert does_not_fit(found.device, modes, mode, found.port.baudrate) == ""
+    await found.dialogue.close()

@@ -15,8 +15,8 @@ from lidario.port.port import Port
 from lidario.session.finding.discovery import PortInfo
 from lidario.session.finding.listening import LISTEN_S, family_of_stream, listen
 from tests.support.cases import CASES
-from tests.support.devices import make_rig
-from tests.support.loop import driven, now_ns
+from tests.support.devices import babble, make_rig
+from tests.support.loop import now, now_ns
 from tests.support.speeds import misread, serial_in_memory
 
 STREAMING = (
@@ -39,26 +39,20 @@ def stream(device: Any, mode: int) -> None:
     device.begin_streaming(*arguments)
 
 
-def speed_of(device: Any) -> int:
-    return int(device.baudrate)
-
-
 @pytest.mark.parametrize(("model", "mode"), STREAMING)
-@driven
 async def test_a_device_that_streams_is_recognised_before_a_byte_is_written(
     model: str, mode: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     device = make_rig(model).device
     written = serial_in_memory(monkeypatch, left=device)
-    loop = asyncio.get_running_loop()
     stream(device, mode)
-    began = loop.time()
+    began = now()
     async with open_lidar("left") as lidar:
-        assert loop.time() - began < 0.9
+        assert now() - began < 0.9
         assert lidar.info.family == model.partition("-")[0]
         speeds = [each for family in FAMILIES for each in family.baudrates]
         assert len(written) > 1
-        assert {speed for speed, _ in written} == {speed_of(device)} <= set(speeds)
+        assert {speed for speed, _ in written} == {device.baudrate} <= set(speeds)
 
 
 ONE_SPEED = pytest.param(
@@ -69,7 +63,6 @@ ONE_SPEED = pytest.param(
 @pytest.mark.parametrize("shared", [pytest.param(False, id="by speed"), ONE_SPEED])
 @pytest.mark.parametrize("boot_s", [0.7, 2.0, 3.1, 4.2])
 @pytest.mark.parametrize("model", ["rplidar-s1", "rplidar-s2", "ydlidar-4ros"])
-@driven
 async def test_a_device_that_boots_is_asked_again(
     model: str, boot_s: float, shared: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -78,27 +71,30 @@ async def test_a_device_that_boots_is_asked_again(
     serial_in_memory(monkeypatch, boots=device)
     family = model.partition("-")[0]
     device.boot_s = boot_s
-    loop = asyncio.get_running_loop()
     device.receive(b"\xa5\x80" if family == "ydlidar" else b"\xa5\x40", now_ns())
-    began = loop.time()
+    began = now()
     async with open_lidar(device if shared else "boots") as lidar:
         assert lidar.info.family == family
-        assert loop.time() - began < boot_s + 8.5
+        assert now() - began < boot_s + 8.5
 
 
 @pytest.mark.discards("half a request swallows what follows it")
-@pytest.mark.parametrize("shared", [False, True], ids=["by speed", "one speed"])
-@pytest.mark.parametrize("half", [b"\xa5\x82", b"\xa5\x84\xff", b"\xa5\x82\x05\x01"])
+@pytest.mark.parametrize(
+    ("shared", "family"),
+    [(False, None), (True, None), (True, "rplidar")],
+    ids=["by speed", "one speed", "its family is known"],
+)
 @pytest.mark.parametrize("model", ["rplidar-s1", "rplidar-s2"])
-@driven
 async def test_half_a_request_is_outlived(
-    model: str, half: bytes, shared: bool, monkeypatch: pytest.MonkeyPatch
+    model: str, shared: bool, family: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    device = make_rig(model).device
-    serial_in_memory(monkeypatch, holds=device)
-    device.receive(half, now_ns())
-    async with open_lidar(device if shared else "holds") as lidar:
-        assert lidar.info.family == "rplidar"
+    for half in (b"\xa5", b"\xa5\x82", b"\xa5\x84\xff", b"\xa5\x82\x05\x01"):
+        device = make_rig(model).device
+        serial_in_memory(monkeypatch, holds=device)
+        device.receive(half, now_ns())
+        async with open_lidar(device if shared else "holds", family=family) as lidar:
+            assert lidar.info.family == "rplidar", half
+            await lidar.scan()
 
 
 def test_no_question_reads_as_a_request_at_another_speed() -> None:
@@ -143,16 +139,15 @@ def test_most_of_the_bytes_must_be_packets_and_three_of_them(name: str) -> None:
                 assert (family is not None) == recognised
 
 
-@driven
 async def test_where_nothing_listens_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     device = make_rig("rplidar-s2").device
     device.mute = True
     written = serial_in_memory(monkeypatch, mute=device)
-    loop = asyncio.get_running_loop()
-    began = loop.time()
-    with pytest.raises(ConnectFailed, match="nothing came back"):
+    began = now()
+    with pytest.raises(ConnectFailed, match="nothing came back") as caught:
         await open_lidar("mute")
-    assert 5.0 < loop.time() - began < 11.0
+    assert caught.value.reason == "silent"
+    assert 5.0 < now() - began < 11.0
     at_each = [
         next(data for each, data in written if each == speed) for speed in dict.fromkeys(s for s, _ in written)
     ]
@@ -163,13 +158,11 @@ async def test_where_nothing_listens_it_ends(monkeypatch: pytest.MonkeyPatch) ->
 
 @pytest.mark.parametrize("ended_after_s", [0.5, 2.0, 4.0, None])
 @pytest.mark.parametrize("model", ["ldrobot-ld14p", "hlds-lds01"])
-@driven
 async def test_what_the_search_may_have_started_is_left_still(
     model: str, ended_after_s: float | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     device = make_rig(model).device
     serial_in_memory(monkeypatch, mute=device)
-    loop = asyncio.get_running_loop()
     device.receive(bytes.fromhex("54A104000000004A") if model == "ldrobot-ld14p" else b"e", now_ns())
     assert not device.motor_on
     device.mute = True
@@ -177,47 +170,23 @@ async def test_what_the_search_may_have_started_is_left_still(
         async with asyncio.timeout(ended_after_s):
             await open_lidar("mute")
     # What was written last may still be under way.
-    until = loop.time() + 1.0
-    while device.motor_on and loop.time() < until:
+    until = now() + 1.0
+    while device.motor_on and now() < until:
         await asyncio.sleep(0.01)
     assert not device.motor_on
 
 
-class Noise:
-    """A line on which bytes come that say nothing, at whatever speed they are read."""
-
-    baudrate = 1_000_000
-    motor_on = scanning = False
-
-    def __init__(self) -> None:
-        self.dice = random.Random(1)
-        self.sent_ns: int | None = None
-
-    def receive(self, data: bytes, now_ns: int) -> None:
-        pass
-
-    def transmit(self, now_ns: int) -> bytes:
-        if self.sent_ns is None:
-            self.sent_ns = now_ns
-        count = (now_ns - self.sent_ns) // 20_000
-        self.sent_ns += count * 20_000
-        return self.dice.randbytes(count)
-
-    def wakeup(self, now_ns: int) -> int:
-        return now_ns + 2_000_000
-
-
-@driven
 async def test_where_only_noise_comes_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    serial_in_memory(monkeypatch, noisy=Noise())
-    loop = asyncio.get_running_loop()
-    began = loop.time()
-    with pytest.raises(ConnectFailed, match="garbage"):
+    device = make_rig("rplidar-s2").device
+    babble(device)
+    serial_in_memory(monkeypatch, noisy=device)
+    began = now()
+    with pytest.raises(ConnectFailed, match="garbage") as caught:
         await open_lidar("noisy")
-    assert 9.0 < loop.time() - began < 17.0
+    assert caught.value.reason == "silent"
+    assert 9.0 < now() - began < 17.0
 
 
-@driven
 async def test_a_speed_the_adapter_cannot_do_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     device = make_rig("rplidar-s1").device
     serial_in_memory(monkeypatch, poor=device)
@@ -230,13 +199,11 @@ async def test_a_speed_the_adapter_cannot_do_is_left_out(monkeypatch: pytest.Mon
 
     monkeypatch.setattr(Port, "set_baudrate", refuse)
     stream(device, 1)
-    async with open_lidar("poor") as lidar:
-        assert lidar.info.family == "rplidar"
-    async with open_lidar("poor") as lidar:
-        assert lidar.info.family == "rplidar"
+    for _ in range(2):
+        async with open_lidar("poor") as lidar:
+            assert lidar.info.family == "rplidar"
 
 
-@driven
 async def test_cancelled_while_it_listens_it_has_written_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     device = make_rig("rplidar-s2").device
     written = serial_in_memory(monkeypatch, rests=device)
@@ -254,26 +221,20 @@ async def test_cancelled_while_it_listens_it_has_written_nothing(monkeypatch: py
     assert written == []
 
 
-@driven
 async def test_ports_are_asked_side_by_side_and_patiently_only_where_none_responds(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    first, second, third, mute = (
-        make_rig("rplidar-s2").device,
-        make_rig("ydlidar-4ros").device,
-        make_rig("rplidar-s1").device,
-        make_rig("rplidar-s1").device,
-    )
+    models = ("rplidar-s2", "ydlidar-4ros", "rplidar-s1", "rplidar-s1")
+    first, second, third, mute = (make_rig(model).device for model in models)
     mute.mute = True
     third.boot_s = 4.0
     serial_in_memory(monkeypatch, a=first, b=mute, c=second, d=third)
     known = [PortInfo(path, "", "CP2102", "") for path in "bd"]
     monkeypatch.setattr("lidario.session.finding.discovery.list_serial_ports", lambda: known)
-    loop = asyncio.get_running_loop()
-    began = loop.time()
+    began = now()
     found = await list_lidars(("a", "b", "c"))
     assert [each.port.path for each in found if each.info] == ["a", "c"]
-    assert loop.time() - began < 5.5
+    assert now() - began < 5.5
     third.receive(b"\xa5\x40", now_ns())
     async with open_lidar("auto") as lidar:
         assert lidar.info.serial == third.serial.hex().upper()

@@ -8,11 +8,14 @@ from __future__ import annotations
 import asyncio
 import gc
 from collections.abc import Awaitable, Callable
+from contextlib import closing, suppress
+from functools import partial
 
 import pytest
 
 from lidario import Lidar
-from tests.support.devices import Rig, both_families, discarded, left_still, make_rig, names
+from tests.support.devices import Rig, both_families, left_still, make_rig, names
+from tests.support.discards import all_obeyed
 from tests.support.loop import DrivenLoop, unless_unfinished
 
 Interrupt = Callable[[DrivenLoop, "asyncio.Task[None]"], None]
@@ -40,25 +43,40 @@ WORK = [ask, start, read_and_stop]
 
 
 def run_and_close(
-    rig: Rig, work: Callable[[Lidar], Awaitable[None]], at: int, what: Interrupt, monkeypatch: pytest.MonkeyPatch
+    rig: Rig,
+    work: Callable[[Lidar], Awaitable[None]],
+    at: int,
+    what: Interrupt,
+    monkeypatch: pytest.MonkeyPatch,
+    *,
+    plain: bool = False,
 ) -> int:
-    """Run `work`, interrupt it when the loop has gone round `at` times, close the loop; the turns that it went."""
+    """Run `work`, interrupt it when the loop has gone round `at` times, close the loop; the turns that it went.
+
+    A plain loop cancels nothing when KeyboardInterrupt comes out of it: `loop.run_until_complete`, Ctrl-C,
+    `loop.close`. The session is garbage then, also where a reader waited.
+    """
     loop = DrivenLoop()
     monkeypatch.setattr("lidario.port.port.time.sleep", loop.block)
 
     async def main() -> None:
         task = asyncio.current_task()
         assert task is not None
-        loop.at_turn = lambda turn: what(loop, task) if at <= turn < at + TIMES else None
+        loop.at_turn = lambda turn: what(loop, task) if at <= turn < at + (1 if plain else TIMES) else None
         async with rig.open() as lidar:
             await work(lidar)
 
-    with asyncio.Runner(loop_factory=lambda: loop) as runner:
-        try:
-            runner.run(main())
-        except (asyncio.CancelledError, KeyboardInterrupt):
-            loop.at_turn = None
+    if plain:
+        loop.set_exception_handler(unless_unfinished)
+        with suppress(KeyboardInterrupt), closing(loop):
+            loop.run_until_complete(main())
         turns = loop.turns
+    else:
+        with asyncio.Runner(loop_factory=lambda: loop) as runner:
+            with suppress(asyncio.CancelledError, KeyboardInterrupt):
+                runner.run(main())
+            loop.at_turn = None
+            turns = loop.turns
     gc.collect()
     return turns
 
@@ -77,38 +95,10 @@ def never(_: DrivenLoop, task: asyncio.Task[None]) -> None:
     pass
 
 
-def run_plain(
-    rig: Rig, work: Callable[[Lidar], Awaitable[None]], at: int, what: Interrupt, monkeypatch: pytest.MonkeyPatch
-) -> int:
-    """As `run_and_close`, on a loop that cancels nothing when KeyboardInterrupt comes out of it.
-
-    `loop.run_until_complete`, Ctrl-C, `loop.close`: the session is garbage then, also where a reader waited.
-    """
-    loop = DrivenLoop()
-    loop.set_exception_handler(unless_unfinished)
-    monkeypatch.setattr("lidario.port.port.time.sleep", loop.block)
-
-    async def main() -> None:
-        task = asyncio.current_task()
-        assert task is not None
-        loop.at_turn = lambda turn: what(loop, task) if turn == at else None
-        async with rig.open() as lidar:
-            await work(lidar)
-
-    try:
-        loop.run_until_complete(main())
-    except KeyboardInterrupt:
-        pass
-    finally:
-        loop.close()
-    gc.collect()
-    return loop.turns
-
-
 WAYS = {
-    "cancelled": (run_and_close, cancel_again_and_again),
-    "Ctrl-C": (run_and_close, interrupt),
-    "a plain loop": (run_plain, interrupt),
+    "cancelled": cancel_again_and_again,
+    "Ctrl-C": interrupt,
+    "a plain loop": interrupt,
 }
 
 
@@ -125,11 +115,11 @@ def test_ended_at_every_turn_of_the_loop(
     points: int,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    run, what = WAYS[way]
+    run = partial(run_and_close, plain=way == "a plain loop")
     turns = run(make_rig(family), work, 1, never, monkeypatch)
     for at in range(2, turns, max(1, turns // points)):
         rig = make_rig(family)
-        run(rig, work, at, what, monkeypatch)
+        run(rig, work, at, WAYS[way], monkeypatch)
         if any("scan" in name for name in names(rig)):
             assert left_still(rig), (at, names(rig)[-4:])
-        assert not discarded(rig), at
+        all_obeyed([rig.device])

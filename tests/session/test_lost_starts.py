@@ -7,12 +7,12 @@ from typing import Any
 import pytest
 
 from lidario import ResponseTimeout, StreamFailed
-from tests.support.devices import OBEDIENT, Rig, end_of, left_still, make_rig
-from tests.support.loop import driven, now
+from tests.support.devices import MAKERS, Rig, end_of, left_still, make_rig
+from tests.support.loop import now
 
 STARTS = (b"\xa5\x20", b"\xa5\x82", b"\xa5\x83", b"\xa5\x60", b"MD")
 """How the requests begin that start a stream."""
-KINDS = [(name, None) for name in OBEDIENT] + [("rplidar-c1", "Standard")]
+KINDS = [(name, None) for name, maker in MAKERS.items() if maker.obeys] + [("rplidar-c1", "Standard")]
 kinds = pytest.mark.parametrize(("name", "mode"), KINDS, ids=[name for name, _ in KINDS])
 FOREVER = 1000
 
@@ -51,7 +51,6 @@ class PoorLine:
 
 @kinds
 @pytest.mark.parametrize("way", ["request", "response"])
-@driven
 async def test_two_starts_that_are_lost_in_a_row_end_nothing(name: str, mode: str | None, way: str) -> None:
     rig = make_rig(name)
     line = PoorLine(rig, way)
@@ -70,7 +69,6 @@ async def test_two_starts_that_are_lost_in_a_row_end_nothing(name: str, mode: st
 
 
 @kinds
-@driven
 async def test_starts_that_are_always_lost_end_the_stream_in_a_bounded_time(name: str, mode: str | None) -> None:
     rig = make_rig(name)
     line = PoorLine(rig, "request")
@@ -92,7 +90,6 @@ async def test_starts_that_are_always_lost_end_the_stream_in_a_bounded_time(name
     assert left_still(rig)
 
 
-@driven
 async def test_a_mode_that_is_not_listed_and_starts_nothing_is_told_of_at_once() -> None:
     rig = make_rig("rplidar-s2")
     line = PoorLine(rig, "request")

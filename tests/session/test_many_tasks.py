@@ -19,8 +19,8 @@ import pytest
 
 from lidario import Lidar, LidarError
 from tests.support.cable import Cable, cable_to
-from tests.support.devices import EVERY_FAMILY, discarded, left_still, make_rig
-from tests.support.loop import driven, driven_loop
+from tests.support.devices import EVERY_FAMILY, left_still, make_rig, some
+from tests.support.loop import driven_loop, now
 
 LONGEST_S = 40.0
 """No call takes longer: a speed that is not reached, behind a boot and a reconnection."""
@@ -29,8 +29,7 @@ LONGEST_CLOSE_S = 8.0
 
 async def read(lidar: Lidar) -> None:
     async with lidar.scans(depth=2) as stream:
-        for _ in range(3):
-            await anext(stream)
+        await some(stream, 3)
 
 
 async def leave_at_once(lidar: Lidar) -> None:
@@ -46,8 +45,7 @@ async def fail_in_the_body(lidar: Lidar) -> None:
 
 async def read_sectors(lidar: Lidar) -> None:
     async with lidar.sectors(90) as stream:
-        for _ in range(6):
-            await anext(stream)
+        await some(stream, 6)
 
 
 async def tap(lidar: Lidar) -> None:
@@ -115,17 +113,16 @@ class Program:
             assert found is None or isinstance(found, asyncio.CancelledError), repr(found)
 
     async def _work(self) -> None:
-        loop = asyncio.get_running_loop()
         for _ in range(self._random.randint(1, 4)):
             await asyncio.sleep(self._random.choice([0, 0.001, 0.05, 0.3, 1.2]))
             if self._random.random() < 0.1:
                 self._lose_the_line()
-            began = loop.time()
+            began = now()
             with suppress(LidarError, TimeoutError, StopAsyncIteration):
                 await self._call(
                     self._random.choice(CALLS), self._random.choice([None, None, 0.001, 0.05, 0.2, 1.0])
                 )
-            self.longest_s = max(self.longest_s, loop.time() - began)
+            self.longest_s = max(self.longest_s, now() - began)
 
     async def _call(self, call: Callable[[Lidar], Awaitable[object]], at_most_s: float | None) -> None:
         if at_most_s is None:
@@ -152,7 +149,6 @@ class Program:
 @pytest.mark.parametrize("family", EVERY_FAMILY)
 @pytest.mark.parametrize("reconnect", [False, True])
 @pytest.mark.exhaustive("seed", sample=range(2), full=range(4))
-@driven
 async def test_many_tasks_at_once(family: str, seed: int, *, reconnect: bool) -> None:
     rig = make_rig(family)
     loop = driven_loop()
@@ -168,6 +164,6 @@ async def test_many_tasks_at_once(family: str, seed: int, *, reconnect: bool) ->
         began = loop.time()
         await lidar.close()
         assert loop.time() - began < LONGEST_CLOSE_S
-        assert program.pulled or (left_still(rig), discarded(rig)) == (True, [])
+        assert program.pulled or left_still(rig)
     await asyncio.sleep(0)
     assert loop.timers == []

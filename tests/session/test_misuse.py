@@ -15,23 +15,18 @@ import lidario
 from lidario import InternalError, InvalidValue, LocalProtocolError, SessionClosed
 from lidario.session.streaming.control import StreamControl
 from lidario.session.talking.trouble import Trouble
-from tests.support.devices import both_families, left_still, make_rig, take
-from tests.support.loop import driven
+from tests.support.devices import Rig, take
 
 
-def test_open_lidar_is_not_for_a_plain_with() -> None:
+def test_open_lidar_is_neither_for_a_plain_with_nor_iterated() -> None:
     with pytest.raises(LocalProtocolError, match=r"async with.*open_sync"), lidario.open_lidar("sim://rplidar-s2"):
         raise AssertionError("never here")
     with pytest.raises(LocalProtocolError, match=r"async with.*open_sync"):
         iter(lidario.open_lidar("sim://rplidar-s2"))
-
-
-def test_open_lidar_is_not_iterated() -> None:
     with pytest.raises(LocalProtocolError, match=r"async with.*scans\(\)"):
         aiter(lidario.open_lidar("sim://rplidar-s2"))
 
 
-@driven
 async def test_one_opening_is_entered_by_one_block_at_a_time() -> None:
     opening = lidario.open_lidar("sim://rplidar-s2?via=memory")
     async with opening as first:
@@ -52,24 +47,16 @@ async def test_one_opening_is_entered_by_one_block_at_a_time() -> None:
         await third.scan()
 
 
-@driven
-async def test_a_recording_is_not_for_a_plain_with(tmp_path: Path) -> None:
-    rig = make_rig("rplidar")
-    async with rig.open() as lidar:
+async def test_a_lidar_and_a_recording_are_not_for_a_plain_with(rplidar: Rig, tmp_path: Path) -> None:
+    async with rplidar.open() as lidar:
+        with pytest.raises(LocalProtocolError, match=r"lidar\.scans\(\)"):
+            aiter(lidar)
+        with pytest.raises(LocalProtocolError, match="async with"), lidar:
+            raise AssertionError("never here")
         with (
             pytest.raises(LocalProtocolError, match=r"async with lidar\.record"),
             lidar.record(tmp_path / "x.mcap"),
         ):
-            raise AssertionError("never here")
-
-
-@driven
-async def test_a_lidar_is_neither_iterated_nor_entered_by_a_plain_with() -> None:
-    rig = make_rig("rplidar")
-    async with rig.open() as lidar:
-        with pytest.raises(LocalProtocolError, match=r"lidar\.scans\(\)"):
-            aiter(lidar)
-        with pytest.raises(LocalProtocolError, match="async with"), lidar:
             raise AssertionError("never here")
         for each in (lidar, lidar.scans(), lidar.sectors()):
             with pytest.raises(LocalProtocolError, match="async for"):
@@ -85,10 +72,7 @@ def test_without_an_asyncio_loop_one_sentence_says_so() -> None:
         next(opening)
 
 
-@both_families
-@driven
-async def test_values_that_cannot_be_right(family: str) -> None:
-    rig = make_rig(family)
+async def test_values_that_cannot_be_right(rig: Rig) -> None:
     async with rig.open() as lidar:
         calls: list[Callable[[Any], Any]] = [lidar.set_scan_frequency, lidar.set_motor_speed]
         for wrong in ("x", None, float("nan"), -1.0, 1e9, [1]):
@@ -103,54 +87,32 @@ async def test_values_that_cannot_be_right(family: str) -> None:
         assert not lidar.is_scanning
 
 
-@driven
-async def test_whatever_is_as_good_as_true() -> None:
-    rig = make_rig("ydlidar")
-    async with rig.open() as lidar:
+async def test_whatever_is_as_good_as_true(ydlidar: Rig) -> None:
+    async with ydlidar.open() as lidar:
         yes: Any
         for yes in (True, 1, np.True_, "on"):
             assert await lidar.set_power_down_protection(yes) is True
             assert await lidar.set_power_down_protection(not yes) is False
 
 
-@both_families
-@driven
-async def test_a_stream_of_a_closed_session(family: str) -> None:
-    rig = make_rig(family)
-    async with rig.open() as lidar:
-        stream = lidar.scans()
-    with pytest.raises(SessionClosed, match="open_lidar"):
-        await anext(stream)
-    with pytest.raises(SessionClosed):
-        await lidar.stop()
-    await stream.aclose()
-    await lidar.close()
-
-
-@both_families
-@driven
 async def test_a_mistake_of_ours_in_a_start_ends_the_session_and_stops_the_device(
-    family: str, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+    rig: Rig, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def blunder(*_: object) -> None:
         raise IndexError("a bug")
 
     monkeypatch.setattr(StreamControl, "start", blunder)
-    rig = make_rig(family)
     async with rig.open() as lidar:
         with pytest.raises(InternalError, match=r"IndexError\('a bug'\).*report"):
             await lidar.scan()
         with pytest.raises(InternalError):
             await lidar.get_health()
     assert "a bug" in caplog.text
-    assert left_still(rig)
 
 
-@driven
-async def test_states_are_logged_for_who_looks_for_them(caplog: pytest.LogCaptureFixture) -> None:
+async def test_states_are_logged_for_who_looks_for_them(rplidar: Rig, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.DEBUG, "lidario")
-    rig = make_rig("rplidar")
-    async with rig.open() as lidar:
+    async with rplidar.open() as lidar:
         await take(lidar, 1)
         await asyncio.sleep(0.1)  # until the line was seen quiet
     states = [record.getMessage() for record in caplog.records if "->" in record.getMessage()]
@@ -180,18 +142,3 @@ def test_trouble_is_told_at_most_once_a_second(
         "something else",
         "revolutions discarded: 4 (and 49 times more since the last such line)",
     ]
-
-
-@driven
-async def test_a_revolution_that_is_discarded_is_logged(caplog: pytest.LogCaptureFixture) -> None:
-    rig = make_rig("rplidar")
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
-        clean = rig.device.transmit
-        rig.device.transmit = lambda now: clean(now)[:0]
-        await asyncio.sleep(1.5 * rig.turn_s)
-        rig.device.transmit = clean
-        await anext(stream)
-    discarded = lidar.stats.broken_scans
-    assert discarded
-    assert [record.getMessage() for record in caplog.records] == [f"revolutions discarded: {discarded} so far"]

@@ -1,42 +1,39 @@
 """Models whose motor takes no speed, in driven time: an A1 by DTR, an A2 by an accessory board, a C1 by itself.
 
-What holds for the models of the families' default holds for them: scans, stopping, questions in between,
-cancellation, two tasks at once, and faults; in small samples.
+Cancelled and in two tasks they are tried in `test_cancellation` and `test_two_tasks`.
 """
 
 from __future__ import annotations
 
 import asyncio
-import gc
-from collections.abc import Awaitable, Callable
-from contextlib import suppress
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
 
-from lidario import Lidar, LidarError, Unsupported, open_lidar
+from lidario import Unsupported, open_lidar
 from lidario.sim.faults import parse_faults
 from lidario.sim.rooms import make_world
-from tests.support.devices import Rig, discarded, left_still, make_rig, names, take
-from tests.support.loop import driven, run_driven
+from tests.support.devices import SWITCHED, Rig, left_still, left_still_at_the_end, make_rig, names, take
+from tests.support.loop import now, now_ns
 
 TURNS_S = {"rplidar-a1": 60 / 428, "rplidar-a2": 0.1, "rplidar-a3": 0.1, "rplidar-c1": 0.1}
-models = pytest.mark.parametrize("model", TURNS_S)
-SWITCHED = ("rplidar-a1", "rplidar-a2")
-switched = pytest.mark.parametrize("model", SWITCHED)
+switched = pytest.mark.parametrize("rig", SWITCHED, indirect=True)
 
 
-def rig_of(model: str) -> Rig:
-    rig = make_rig("rplidar", model, world=make_world("circle"))
-    rig.turn_s = TURNS_S[model]
-    return rig
+@pytest.fixture(params=TURNS_S)
+def rig(request: pytest.FixtureRequest) -> Iterator[Rig]:
+    """In a round room."""
+    made = make_rig(request.param, world=make_world("circle"))
+    made.turn_s = TURNS_S.get(request.param, made.turn_s)
+    with left_still_at_the_end(made):
+        yield made
 
 
-@models
-@driven
-async def test_scans_show_the_world_and_the_device_is_left_still(model: str) -> None:
-    rig = rig_of(model)
+async def test_one_that_was_left_scanning_is_stopped_shows_the_world_and_is_left_still(rig: Rig) -> None:
+    rig.device.begin_streaming(1, now_ns())
     async with rig.open() as lidar:
+        assert not rig.device.scanning
         scans = await take(lidar, 4)
         assert [scan.seq for scan in scans] == [0, 1, 2, 3]
         for scan in scans:
@@ -47,14 +44,11 @@ async def test_scans_show_the_world_and_the_device_is_left_still(model: str) -> 
         # What the device was still sending when it was stopped belongs to the stream.
         await asyncio.sleep(0.1)
         assert lidar.stats.stray_bytes == 0
-    assert left_still(rig)
 
 
 @pytest.mark.parametrize("mode", ["Standard", "Express", "Boost", "Stability", "Legacy express"])
 @switched
-@driven
-async def test_every_mode_by_name(model: str, mode: str) -> None:
-    rig = rig_of(model)
+async def test_every_mode_by_name(rig: Rig, mode: str) -> None:
     async with rig.open() as lidar:
         async with lidar.scans(mode) as stream:
             scan = await anext(stream)
@@ -63,33 +57,10 @@ async def test_every_mode_by_name(model: str, mode: str) -> None:
             await lidar.get_health()
             await anext(stream)
         assert lidar.stats.stray_bytes == 0
-    assert left_still(rig)
 
 
-@models
-@driven
-async def test_a_device_that_was_left_scanning_is_stopped(model: str) -> None:
-    rig = rig_of(model)
-    rig.device.begin_streaming(1, round(asyncio.get_running_loop().time() * 1e9))
-    async with rig.open():
-        assert not rig.device.scanning
-    assert left_still(rig)
-
-
-@switched
-@driven
-async def test_the_motor_goes_on_where_it_shall(model: str) -> None:
-    rig = rig_of(model)
-    async with rig.open(keep_spinning=True) as lidar:
-        await take(lidar, 1)
-        assert rig.device.motor_on
-    assert rig.device.motor_on
-    assert not rig.device.scanning
-
-
-@driven
 async def test_the_way_is_decided_once() -> None:
-    rig = rig_of("rplidar-a2")
+    rig = make_rig("rplidar-a2")
     async with rig.open() as lidar:
         for _ in range(3):
             await take(lidar, 1)
@@ -98,9 +69,8 @@ async def test_the_way_is_decided_once() -> None:
 
 
 @pytest.mark.parametrize("model", ["rplidar-a2-no-board", "rplidar-c1-fixed"])
-@driven
 async def test_a_motor_without_control_is_left_alone(model: str) -> None:
-    rig = make_rig("rplidar", model)
+    rig = make_rig(model)
     async with rig.open() as lidar:
         await take(lidar, 1)
         await take(lidar, 1)
@@ -108,15 +78,12 @@ async def test_a_motor_without_control_is_left_alone(model: str) -> None:
             await lidar.set_scan_frequency(10.0)
     assert not rig.device.scanning
     assert "stop" in names(rig)
-    assert len(discarded(rig)) <= 2
+    assert len(names(rig, obeyed=False)) <= 2
 
 
 @switched
-@driven
-async def test_a_speed_is_refused_and_the_stream_goes_on(model: str) -> None:
-    rig = rig_of(model)
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+async def test_a_speed_is_refused_and_the_stream_goes_on(rig: Rig) -> None:
+    async with rig.read() as (lidar, stream):
         for request in (lidar.set_scan_frequency(8.0), lidar.get_scan_frequency()):
             with pytest.raises(Unsupported, match=r"Scan\.rpm"):
                 await request
@@ -124,95 +91,25 @@ async def test_a_speed_is_refused_and_the_stream_goes_on(model: str) -> None:
         assert lidar.stats.interruptions == 0
 
 
-@driven
 async def test_a_c1_takes_a_speed() -> None:
-    rig = rig_of("rplidar-c1")
+    rig = make_rig("rplidar-c1")
     async with rig.open() as lidar:
         assert await lidar.set_scan_frequency(8.0) == 8.0
         assert (await take(lidar, 3))[-1].rpm == pytest.approx(480, rel=0.01)
 
 
-@driven
 async def test_an_empty_list_of_modes() -> None:
-    rig = make_rig("rplidar", "rplidar-a2-empty-list")
+    rig = make_rig("rplidar-a2-empty-list")
     async with rig.open() as lidar:
         assert [(mode.id, mode.name) for mode in await lidar.get_modes()] == [(0, "Standard"), (0, "Express")]
         assert {len(scan) for scan in await take(lidar, 3)} <= {399, 400, 401}
 
 
-@driven
 async def test_hq_scan_by_name() -> None:
-    rig = make_rig("rplidar", "rplidar-hq")
+    rig = make_rig("rplidar-hq")
     async with rig.open() as lidar:
         assert len(await lidar.scan("HQ scan")) == pytest.approx(1000, abs=2)
     assert "hq_scan" in names(rig)
-
-
-# --------------------------------------------------------------------------------------- cancelled, in two tasks
-
-
-async def _scan_and_ask(rig: Rig) -> None:
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
-        await lidar.get_health()
-        await anext(stream)
-
-
-@pytest.mark.exhaustive("step", sample=[1, 40, 90, 150, 210, 260], full=range(0, 420, 10))
-@switched
-def test_cancelled_at_any_step_it_is_left_still(model: str, step: int) -> None:
-    async def scenario() -> None:
-        loop = asyncio.get_running_loop()
-        rig = rig_of(model)
-        task = loop.create_task(_scan_and_ask(rig))
-        for _ in range(step):
-            await asyncio.sleep(0)
-            if loop.time() > 60 or task.done():
-                break
-        task.cancel()
-        with suppress(asyncio.CancelledError):
-            await task
-        assert not rig.device.scanning
-        # Before it has said what it is, nobody knows how to stop its motor.
-        assert "get_health" not in names(rig) or left_still(rig)
-
-    run_driven(scenario)
-
-
-OTHERS: dict[str, Callable[[Lidar], Awaitable[object]]] = {
-    "stop": Lidar.stop,
-    "close": Lidar.close,
-    "health": Lidar.get_health,
-    "scan": Lidar.scan,
-}
-
-
-@pytest.mark.exhaustive("delay_s", sample=[0.01, 0.1, 0.35], full=[n * 0.026 for n in range(30)])
-@pytest.mark.parametrize("other", OTHERS)
-@switched
-def test_two_tasks(model: str, other: str, delay_s: float) -> None:
-    async def scenario() -> None:
-        rig = rig_of(model)
-        async with rig.open() as lidar:
-
-            async def read() -> None:
-                async with lidar.scans() as stream:
-                    async for scan in stream:
-                        if scan.seq == 4:
-                            break
-
-            reader = asyncio.create_task(read())
-            await asyncio.sleep(delay_s)
-            with suppress(LidarError):
-                await OTHERS[other](lidar)
-            with suppress(LidarError):
-                await reader
-        assert left_still(rig)
-
-    run_driven(scenario)
-
-
-# ------------------------------------------------------------------------------------------------------ faults
 
 
 @pytest.mark.exhaustive(
@@ -221,43 +118,24 @@ def test_two_tasks(model: str, other: str, delay_s: float) -> None:
     full=["drop:0.1%", "flip:0.1%", "reboot:2s", "late:0.05s", "protect:2s", "duplicate:0.1%"],
 )
 @switched
-@driven
-async def test_scans_go_on_after_a_fault(model: str, fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    rig = rig_of(model)
+async def test_scans_go_on_after_a_fault(rig: Rig, fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Behind a reboot an accessory board has forgotten the duty, and an A1 has printed its banner."""
     monkeypatch.setattr("lidario.port.simulated.make_device", lambda _: (rig.device, parse_faults(fault, seed=1)))
-    loop = asyncio.get_running_loop()
-    async with open_lidar(f"sim://{model}?via=memory") as lidar, lidar.scans() as stream:
-        began = loop.time()
+    async with open_lidar("sim://rplidar-a1?via=memory") as lidar, lidar.scans() as stream:
+        began = now()
         async for scan in stream:
             # A sum of eight bits lets one damaged packet in 256 through.
             assert np.mean(np.abs(scan.ranges[scan.ranges > 0] - 2.0) < 0.05) > 0.98
-            if loop.time() > began + 6:
+            if now() > began + 6:
                 break
+        assert now() < began + 8
         assert lidar.stats.scans > 10
-    assert left_still(rig)
 
 
-@switched
-@driven
-async def test_a_reboot_in_mid_scan_is_survived(model: str) -> None:
-    """An accessory board has forgotten the duty, and an A1 has printed its banner."""
-    rig = rig_of(model)
-    loop = asyncio.get_running_loop()
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
-        rig.device.reboot(round(loop.time() * 1e9), off_s=0.2)
-        before = loop.time()
-        await anext(stream)
-        await anext(stream)
-        assert loop.time() - before < 5
-    assert left_still(rig)
-
-
-@driven
 async def test_a_board_whose_responses_were_lost_is_found_when_no_packet_comes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    rig = rig_of("rplidar-a2")
+    rig = make_rig("rplidar-a2")
     lost = 2
     flag = type(rig.device).HANDLERS["get_acc_board_flag"]
 
@@ -274,21 +152,6 @@ async def test_a_board_whose_responses_were_lost_is_found_when_no_packet_comes(
     assert left_still(rig)
 
 
-@switched
-@driven
-async def test_a_session_that_is_abandoned_is_left_still(model: str) -> None:
-    """By a finalizer, which cannot wait."""
-    rig = rig_of(model)
-    lidar = await rig.open()
-    stream = lidar.scans()
-    await anext(stream)
-    del lidar, stream
-    gc.collect()
-    assert left_still(rig)
-    await asyncio.sleep(0.1)
-
-
-@driven
 async def test_a_c1_whose_limits_were_lost_on_the_way_is_left_still() -> None:
     rig = make_rig("rplidar-c1")
     receive = rig.device.receive

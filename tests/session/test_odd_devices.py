@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import re
 from dataclasses import replace
 
@@ -13,8 +12,8 @@ from lidario import HealthStatus, Scan, Unsupported
 from lidario.families.rplidar.simulated.device import Profile, SimulatedRplidar
 from lidario.families.rplidar.simulated.requests import Request
 from lidario.sim.rooms import make_world
-from tests.support.devices import Rig, both_families, change_info, left_still, make_rig, names, take
-from tests.support.loop import driven
+from tests.support.devices import Rig, change_info, make_rig, names, some, take
+from tests.support.loop import now_ns
 
 AS_REAL = {
     "ydlidar-tg15": 20_000,
@@ -29,63 +28,48 @@ HEADER = "lidario.families.ydlidar.simulated.device.SCAN_HEADER"
 
 
 @pytest.mark.parametrize("length", [0, 5, 90, 0x3FFF_FFFF])
-@driven
 async def test_the_length_in_a_scan_header_of_the_4ros_is_ignored(
-    length: int, monkeypatch: pytest.MonkeyPatch
+    ydlidar: Rig, length: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     header = b"\xa5\x5a" + (length | 1 << 30).to_bytes(4, "little") + b"\x81"
     monkeypatch.setattr(HEADER, header)
-    rig = make_rig("ydlidar")
-    async with rig.open() as lidar:
+    async with ydlidar.open() as lidar:
         scans = await take(lidar, 3)
         assert [len(scan.ranges) > 1000 for scan in scans] == [True] * 3
         assert lidar.stats.skipped_bytes == lidar.stats.stray_bytes == 0
 
 
 @pytest.mark.parametrize("status", [3, 128, 255])
-@both_families
-def test_a_health_that_is_not_defined_is_a_warning(
-    family: str, status: int, caplog: pytest.LogCaptureFixture
+async def test_a_health_that_is_not_defined_is_a_warning(
+    rig: Rig, status: int, caplog: pytest.LogCaptureFixture
 ) -> None:
-    rig = make_rig(family)
     rig.device.health = (status, 0x1234)
-
-    @driven
-    async def main() -> None:
-        async with rig.open() as lidar:
-            assert lidar.health.status is HealthStatus.WARNING
-            assert lidar.health.code == 0x1234
-            assert str(status) in lidar.health.note
-            await lidar.scan()
-            assert await lidar.get_health() == lidar.health
-
-    with caplog.at_level(logging.WARNING, "lidario"):
-        main()
+    async with rig.open() as lidar:
+        assert lidar.health.status is HealthStatus.WARNING
+        assert lidar.health.code == 0x1234
+        assert str(status) in lidar.health.note
+        await lidar.scan()
+        assert await lidar.get_health() == lidar.health
     assert f"health status {status}" in caplog.text
     assert "reset" not in names(rig)
 
 
-@both_families
-@driven
 async def test_a_device_that_does_not_tell_its_health_is_used(
-    family: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    rig = make_rig(family)
     mute_for(rig, "get_health", monkeypatch)
-    async with rig.open() as lidar:
+    async with rig.read() as (lidar, stream):
         assert lidar.health.status is HealthStatus.WARNING
         assert "GET_HEALTH" in lidar.health.note
-        await lidar.scan()
+        # Also where its stream ends and it is asked why.
+        rig.device.halt(now_ns())
+        await some(stream, 2)
+        assert lidar.stats.restarts == 1
     assert "does not tell its health" in caplog.text
 
 
 @pytest.mark.parametrize("bit", [0, 3, 7, 8, 31, 70, 159])
-@both_families
-@driven
-async def test_one_flipped_bit_makes_no_other_device(
-    family: str, bit: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    rig = make_rig(family)
+async def test_one_flipped_bit_makes_no_other_device(rig: Rig, bit: int, monkeypatch: pytest.MonkeyPatch) -> None:
     flips = iter([bit])
 
     def flip(payload: bytes) -> bytes:
@@ -104,12 +88,9 @@ async def test_one_flipped_bit_makes_no_other_device(
         assert await lidar.get_info() == damaged
 
 
-@driven
-async def test_a_4ros_says_that_it_cannot_keep_spinning() -> None:
-    rig = make_rig("ydlidar")
+async def test_a_4ros_says_that_it_cannot_keep_spinning(ydlidar: Rig) -> None:
     with pytest.raises(Unsupported, match="YDLIDAR 4ROS stops with its laser"):
-        await rig.open(keep_spinning=True)
-    assert left_still(rig)
+        await ydlidar.open(keep_spinning=True)
 
 
 def mute_for(rig: Rig, name: str, patch: pytest.MonkeyPatch) -> None:
@@ -124,12 +105,10 @@ def mute_for(rig: Rig, name: str, patch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("foretold", [0x81, 0x82, 0x83, 0x84, 0x86])
-@driven
 async def test_the_descriptor_decides_which_format_is_decoded(
-    foretold: int, monkeypatch: pytest.MonkeyPatch
+    rplidar: Rig, foretold: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    rig = make_rig("rplidar")
-    tell = type(rig.device.profile).conf
+    tell = type(rplidar.device.profile).conf
 
     def mistaken(profile: Profile, kind: int, arguments: bytes) -> bytes:
         told = tell(profile, kind, arguments)
@@ -138,10 +117,10 @@ async def test_the_descriptor_decides_which_format_is_decoded(
             return (32_000).to_bytes(4, "little")
         return bytes((foretold,)) if kind == 0x75 and told == b"\x85" else told
 
-    monkeypatch.setattr(type(rig.device.profile), "conf", mistaken)
+    monkeypatch.setattr(type(rplidar.device.profile), "conf", mistaken)
     # SCAN is what a mode of plain nodes is started by; the device sends its own format all the same.
-    monkeypatch.setitem(type(rig.device).HANDLERS, "scan", lambda device, request: start_dense(device, request))
-    async with rig.open() as lidar:
+    monkeypatch.setitem(type(rplidar.device).HANDLERS, "scan", lambda device, request: start_dense(device, request))
+    async with rplidar.open() as lidar:
         scans = await take(lidar, 3)
         assert all(scan.lost_packets == 0 and 3000 < len(scan.ranges) < 3400 for scan in scans)
         assert all(scan.rpm == pytest.approx(600, rel=0.02) for scan in scans)
@@ -153,7 +132,6 @@ def start_dense(device: SimulatedRplidar, request: Request) -> str:
     return device.HANDLERS["express_scan"](device, replace(request, payload=bytes((1, 0, 0, 0, 0))))
 
 
-@driven
 async def test_modes_with_holes_in_their_numbers_are_all_found() -> None:
     rig = make_rig("rplidar-holes")
     async with rig.open() as lidar:
@@ -178,7 +156,6 @@ async def test_modes_with_holes_in_their_numbers_are_all_found() -> None:
         ("ydlidar-4ros-stamps", None),
     ],
 )
-@driven
 async def test_awkward_devices_do_what_they_can(model: str, mode: str | None) -> None:
     rig = make_rig(model, world=make_world("circle"))
     async with rig.open() as lidar:
@@ -195,7 +172,6 @@ async def test_awkward_devices_do_what_they_can(model: str, mode: str | None) ->
             assert len(await take(lidar, 1)) == 1
 
 
-@driven
 async def test_turns_are_told_apart_even_if_the_device_never_marks_one(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = make_rig("ydlidar", world=make_world("circle"))
     clean = rig.device.transmit
@@ -216,12 +192,11 @@ async def test_turns_are_told_apart_even_if_the_device_never_marks_one(monkeypat
 
 @pytest.mark.parametrize("model", ["rplidar-s2", "rplidar-s1"])
 @pytest.mark.parametrize("name", ["Legacy express", "legacy EXPRESS"])
-@driven
 async def test_a_legacy_express_scan_can_be_asked_for_by_name(model: str, name: str) -> None:
     rig = make_rig(model, world=make_world("circle"))
     async with rig.open() as lidar:
         async with lidar.scans(name) as stream:
-            scans = [await anext(stream) for _ in range(3)]
+            scans = await some(stream, 3)
         assert name.casefold() not in [mode.name.casefold() for mode in await lidar.get_modes()]
         assert scans[-1].mode == "Legacy express"
         np.testing.assert_allclose(scans[-1].ranges, 2.0, atol=0.005)
@@ -242,7 +217,6 @@ async def test_a_legacy_express_scan_can_be_asked_for_by_name(model: str, name: 
         ("rplidar-old-firmware", "Legacy express", "no scan mode 'Legacy express'"),
     ],
 )
-@driven
 async def test_an_unknown_mode_is_told(model: str, mode: str, says: str) -> None:
     async with make_rig(model).open() as lidar:
         with pytest.raises(Unsupported, match=says):
@@ -250,7 +224,6 @@ async def test_an_unknown_mode_is_told(model: str, mode: str, says: str) -> None
 
 
 @pytest.mark.parametrize(("model", "rate"), AS_REAL.items())
-@driven
 async def test_nothing_is_told_as_lost_of_devices_that_are_odd_as_real_ones(model: str, rate: float) -> None:
     rig = make_rig(model)
     async with rig.open() as lidar:
@@ -266,16 +239,14 @@ async def test_nothing_is_told_as_lost_of_devices_that_are_odd_as_real_ones(mode
 
 @pytest.mark.parametrize("mode", ["Standard", "DenseBoost"])
 @pytest.mark.parametrize("factor", [0.8, 1.25, 2.0, 4.0])
-@driven
 async def test_a_sample_time_that_is_told_wrong_is_measured(
-    factor: float, mode: str, caplog: pytest.LogCaptureFixture
+    rplidar: Rig, factor: float, mode: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    rig = make_rig("rplidar")
-    profile = rig.device.profile
+    profile = rplidar.device.profile
     wrong = tuple(replace(each, reported_us_q8=round(each.us_q8 * factor)) for each in profile.modes)
-    rig.device.profile = replace(profile, modes=wrong)
+    rplidar.device.profile = replace(profile, modes=wrong)
     scans: list[Scan] = []
-    async with rig.open() as lidar, lidar.scans(mode) as stream:
+    async with rplidar.open() as lidar, lidar.scans(mode) as stream:
         while len(scans) < 60:
             scans.append(await anext(stream))
     rate = {"Standard": 16_000, "DenseBoost": 32_000}[mode]

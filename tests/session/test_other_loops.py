@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from lidario import Lidar, LocalProtocolError, SessionClosed
-from tests.support.devices import both_families, discarded, left_still, make_rig
-from tests.support.loop import DrivenLoop, driven
+from tests.support.devices import Rig, left_still
+from tests.support.loop import DrivenLoop
 
 PATIENCE_S = 30.0
 CALLS: list[Callable[[Lidar], Awaitable[Any]]] = [
@@ -26,11 +26,8 @@ REFUSED_ELSEWHERE = [*CALLS, Lidar.close, lambda lidar: lidar.__aexit__(None, No
 """In another thread. After the loop was closed, closing is harmless instead."""
 
 
-@both_families
 @pytest.mark.parametrize("way", ["aclose", "release"])
-@driven
-async def test_a_stream_that_another_task_leaves_ends_for_its_reader(family: str, way: str) -> None:
-    rig = make_rig(family)
+async def test_a_stream_that_another_task_leaves_ends_for_its_reader(rig: Rig, way: str) -> None:
     async with rig.open() as lidar:
         stream = lidar.scans()
         reading = asyncio.ensure_future(anext(stream))
@@ -44,12 +41,9 @@ async def test_a_stream_that_another_task_leaves_ends_for_its_reader(family: str
                 await reading
         await asyncio.sleep(2.0)
         assert left_still(rig)
-    assert not discarded(rig)
 
 
-@both_families
-def test_a_session_that_is_used_after_its_loop_was_closed(family: str) -> None:
-    rig = make_rig(family)
+def test_a_session_that_is_used_after_its_loop_was_closed(rig: Rig) -> None:
     held: list[Any] = []
 
     async def first() -> None:
@@ -70,14 +64,10 @@ def test_a_session_that_is_used_after_its_loop_was_closed(family: str) -> None:
     for main in (first, second):
         with asyncio.Runner(loop_factory=DrivenLoop) as runner:
             runner.run(main())
-    assert left_still(rig)
 
 
-@both_families
-@driven
-async def test_a_session_that_another_thread_uses(family: str) -> None:
+async def test_a_session_that_another_thread_uses(rig: Rig) -> None:
     """Refused with the way to do it; the session is not harmed."""
-    rig = make_rig(family)
     refused: list[str] = []
 
     async def misuse(call: Callable[[Lidar], Awaitable[Any]]) -> None:
@@ -91,8 +81,7 @@ async def test_a_session_that_another_thread_uses(family: str) -> None:
             except LocalProtocolError as error:
                 refused.append(str(error))
 
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+    async with rig.read() as (lidar, stream):
         thread = threading.Thread(target=other)
         thread.start()
         thread.join()
@@ -100,5 +89,3 @@ async def test_a_session_that_another_thread_uses(family: str) -> None:
         assert all("run_coroutine_threadsafe" in text for text in refused)
         async with asyncio.timeout(PATIENCE_S):
             await anext(stream)
-    assert left_still(rig)
-    assert not discarded(rig)

@@ -17,13 +17,16 @@ from lidario import (
     Reconnect,
     ScanStream,
     SessionClosed,
-    open_lidar,
 )
 from lidario.session.talking.dialogue import Dialogue
-from tests.support.cable import cable_to
-from tests.support.coming_back import causes, next_after
-from tests.support.devices import both_families, left_still, make_rig, take
-from tests.support.loop import driven, now, now_ns, run_driven
+from tests.support.cable import cable_to, next_after, on_a_cable
+from tests.support.devices import Rig, both_families, left_still, make_rig, take
+from tests.support.loop import now, now_ns
+
+
+def causes(error: BaseException) -> list[BaseException]:
+    cause = error.__cause__
+    return [] if cause is None else [cause, *causes(cause)]
 
 
 async def read_to_the_end(stream: ScanStream) -> None:
@@ -33,36 +36,30 @@ async def read_to_the_end(stream: ScanStream) -> None:
 
 
 @both_families
-@driven
 async def test_it_gives_up_at_the_limit_with_the_first_error(family: str) -> None:
-    rig = make_rig(family)
-    with cable_to(rig) as cable:
-        async with rig.open(reconnect=Reconnect(limit_s=10.0)) as lidar:
-            async with lidar.scans() as stream:
-                await anext(stream)
-                cable.pull()
-                began = now()
-                with pytest.raises(DeviceLost, match=r"did not come back within 10 s .*no such port") as caught:
-                    await read_to_the_end(stream)
-            assert math.isclose(now() - began, 10.0, abs_tol=0.2)
-            chain = [caught.value, *causes(caught.value)]
-            assert any("unplugged" in str(each) for each in chain[1:])
-            with pytest.raises(DeviceLost, match="did not come back"):
-                await lidar.get_health()
-            with pytest.raises(DeviceLost, match="did not come back"):
-                await anext(lidar.scans())
-            assert not lidar.is_connected
-            # It backs off: the waits grow, up to half a second.
-            waits = [after - before for before, after in itertools.pairwise(cable.attempts[1:])]
-            assert waits == sorted(waits)
-            assert math.isclose(waits[0], 0.1, abs_tol=0.01)
-            assert math.isclose(waits[-1], 0.5, abs_tol=0.01)
+    async with on_a_cable(family, reconnect=Reconnect(limit_s=10.0)) as (cable, lidar):
+        async with lidar.scans() as stream:
+            await anext(stream)
+            cable.pull()
+            began = now()
+            with pytest.raises(DeviceLost, match=r"did not come back within 10 s .*no such port") as caught:
+                await read_to_the_end(stream)
+        assert math.isclose(now() - began, 10.0, abs_tol=0.2)
+        chain = [caught.value, *causes(caught.value)]
+        assert any("unplugged" in str(each) for each in chain[1:])
+        with pytest.raises(DeviceLost, match="did not come back"):
+            await lidar.get_health()
+        with pytest.raises(DeviceLost, match="did not come back"):
+            await anext(lidar.scans())
+        assert not lidar.is_connected
+        # It backs off: the waits grow, up to half a second.
+        waits = [after - before for before, after in itertools.pairwise(cable.attempts[1:])]
+        assert waits == sorted(waits)
+        assert math.isclose(waits[0], 0.1, abs_tol=0.01)
+        assert math.isclose(waits[-1], 0.5, abs_tol=0.01)
 
 
-@both_families
-@driven
-async def test_a_device_that_responds_but_never_scans_does_not_put_the_limit_off(family: str) -> None:
-    rig = make_rig(family)
+async def test_a_device_that_responds_but_never_scans_does_not_put_the_limit_off(rig: Rig) -> None:
     async with rig.open(reconnect=Reconnect(limit_s=30.0)) as lidar:
         async with lidar.scans() as stream:
             await anext(stream)
@@ -75,157 +72,125 @@ async def test_a_device_that_responds_but_never_scans_does_not_put_the_limit_off
         # that follow them.
         assert now() - began < 40.0
         assert 2 < lidar.stats.reconnects < 20
-    assert left_still(rig)
 
 
-@both_families
-@driven
-async def test_questions_end_at_once_while_it_is_away(family: str) -> None:
-    rig = make_rig(family)
-    with cable_to(rig) as cable:
-        async with rig.open(reconnect=True) as lidar:
-            modes = await lidar.get_modes()
-            async with lidar.scans() as stream:
-                await anext(stream)
-                asked = asyncio.ensure_future(lidar.get_health())
-                waits = asyncio.ensure_future(lidar.get_info())
-                await asyncio.sleep(0.0005)
-                cable.pull()
-                began = now()
-                with pytest.raises(DeviceLost):
-                    await asked
-                with pytest.raises(DeviceLost, match="before this request was sent: ask again"):
-                    await waits
-                for call in (lidar.get_health, lidar.get_scan_frequency, lidar.reset):
-                    with pytest.raises(DeviceLost, match=r"has been away for .* ask again") as caught:
-                        await call()
-                    assert any("unplugged" in str(each) for each in causes(caught.value))
-                with pytest.raises(DeviceLost):
-                    await lidar.set_scan_frequency(8.0)
-                assert now() - began < 0.1
-                assert await lidar.get_modes() == modes
-                assert "away" in repr(lidar)
-                cable.plug()
-                await next_after(stream, began)
-                assert (await lidar.get_health()).ok
+async def test_questions_end_at_once_while_it_is_away(rig: Rig) -> None:
+    async with on_a_cable(rig) as (cable, lidar):
+        modes = await lidar.get_modes()
+        async with lidar.scans() as stream:
+            await anext(stream)
+            asked = asyncio.ensure_future(lidar.get_health())
+            waits = asyncio.ensure_future(lidar.get_info())
+            await asyncio.sleep(0.0005)
+            cable.pull()
+            began = now()
+            with pytest.raises(DeviceLost):
+                await asked
+            with pytest.raises(DeviceLost, match="before this request was sent: ask again"):
+                await waits
+            for call in (lidar.get_health, lidar.get_scan_frequency, lidar.reset):
+                with pytest.raises(DeviceLost, match=r"has been away for .* ask again") as caught:
+                    await call()
+                assert any("unplugged" in str(each) for each in causes(caught.value))
+            with pytest.raises(DeviceLost):
+                await lidar.set_scan_frequency(8.0)
+            assert now() - began < 0.1
+            assert await lidar.get_modes() == modes
+            assert "away" in repr(lidar)
+            cable.plug()
+            await next_after(stream, began)
+            assert (await lidar.get_health()).ok
 
 
-@both_families
-@driven
 async def test_a_stream_that_waits_for_a_question_when_the_line_is_lost(
-    family: str, monkeypatch: pytest.MonkeyPatch
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The task that starts it gets its turn when there is no line any more, and does not try again and again."""
-    rig, begin, operations = make_rig(family), Dialogue.begin, itertools.count()
+    begin, operations = Dialogue.begin, itertools.count()
 
     def begin_and_count(self: Dialogue) -> None:
         assert next(operations) < 20
         begin(self)
 
     monkeypatch.setattr(Dialogue, "begin", begin_and_count)
-    with cable_to(rig) as cable:
-        async with rig.open(reconnect=True) as lidar:
-            asked = asyncio.ensure_future(lidar.get_health())
-            await asyncio.sleep(0.0005)
-            async with lidar.scans() as stream:
-                reading = asyncio.ensure_future(anext(stream))
-                await asyncio.sleep(0)
-                assert not asked.done()
-                cable.pull()
-                with pytest.raises(DeviceLost):
-                    await asked
-                await asyncio.sleep(1.0)
-                assert not reading.done()
-                assert lidar.is_scanning
-                cable.plug()
-                began = now()
-                assert (await reading).stamp_ns * 1e-9 > began
-                assert lidar.stats.reconnects == 1
-    assert left_still(rig)
-
-
-@both_families
-@driven
-async def test_a_stream_that_is_begun_while_it_is_away_waits(family: str) -> None:
-    rig = make_rig(family)
-    with cable_to(rig) as cable:
-        async with rig.open(reconnect=True) as lidar:
+    async with on_a_cable(rig) as (cable, lidar):
+        asked = asyncio.ensure_future(lidar.get_health())
+        await asyncio.sleep(0.0005)
+        async with lidar.scans() as stream:
+            reading = asyncio.ensure_future(anext(stream))
+            await asyncio.sleep(0)
+            assert not asked.done()
             cable.pull()
+            with pytest.raises(DeviceLost):
+                await asked
             await asyncio.sleep(1.0)
-            assert not lidar.is_connected
-            waiting = asyncio.ensure_future(lidar.scan())
-            await asyncio.sleep(1.0)
-            assert not waiting.done()
+            assert not reading.done()
             assert lidar.is_scanning
             cable.plug()
-            scan = await asyncio.wait_for(waiting, 5.0)
-            assert scan.seq == 0, "nothing was read before, so nothing was missed"
-    assert left_still(rig)
+            began = now()
+            assert (await reading).stamp_ns * 1e-9 > began
+            assert lidar.stats.reconnects == 1
+
+
+async def test_a_stream_that_is_begun_while_it_is_away_waits(rig: Rig) -> None:
+    async with on_a_cable(rig) as (cable, lidar):
+        cable.pull()
+        await asyncio.sleep(1.0)
+        assert not lidar.is_connected
+        waiting = asyncio.ensure_future(lidar.scan())
+        await asyncio.sleep(1.0)
+        assert not waiting.done()
+        assert lidar.is_scanning
+        cable.plug()
+        scan = await asyncio.wait_for(waiting, 5.0)
+        assert scan.seq == 0, "nothing was read before, so nothing was missed"
 
 
 @both_families
 @pytest.mark.parametrize("returns", [True, False])
-def test_stop_while_it_is_away(family: str, returns: bool) -> None:
-    async def main() -> None:
-        rig = make_rig(family)
-        with cable_to(rig) as cable:
-            async with rig.open(reconnect=True) as lidar:
-                stream = lidar.scans()
-                await anext(stream)
-                reader = asyncio.ensure_future(read_to_the_end(stream))
-                cable.pull()
-                await asyncio.sleep(1.0)
-                began = now()
-                await lidar.stop()
-                assert now() - began < 0.1
-                await reader
-                assert not lidar.is_scanning
-                if returns:
-                    cable.plug(boots=False)  # it had power all the time, and goes on scanning
-                    assert rig.device.scanning
-                    await asyncio.sleep(3.0)
-                    assert lidar.is_connected
-                    assert left_still(rig)
-                    assert len(await take(lidar, 2)) == 2
-
-    run_driven(main)
+async def test_stop_while_it_is_away(family: str, returns: bool) -> None:
+    rig = make_rig(family)
+    async with on_a_cable(rig) as (cable, lidar):
+        stream = lidar.scans()
+        await anext(stream)
+        reader = asyncio.ensure_future(read_to_the_end(stream))
+        cable.pull()
+        await asyncio.sleep(1.0)
+        began = now()
+        await lidar.stop()
+        assert now() - began < 0.1
+        await reader
+        assert not lidar.is_scanning
+        if returns:
+            cable.plug(boots=False)  # it had power all the time, and goes on scanning
+            assert rig.device.scanning
+            await asyncio.sleep(3.0)
+            assert lidar.is_connected
+            assert left_still(rig)
+            assert len(await take(lidar, 2)) == 2
 
 
-@driven
-async def test_without_it_a_lost_device_ends_the_session() -> None:
-    async with open_lidar("sim://rplidar-s2?via=memory&fault=replug:3s") as lidar:
-        with pytest.raises(DeviceLost, match="unplugged"):
-            async for _ in lidar.scans():
-                assert lidar.is_connected
-        assert not lidar.is_connected
-        with pytest.raises(DeviceLost, match="unplugged"):
-            await lidar.get_health()
-
-
-@driven
 async def test_the_first_opening_fails_as_without_it() -> None:
-    rig = make_rig("rplidar")
-    with cable_to(rig) as cable:
+    rplidar = make_rig("rplidar")
+    with cable_to(rplidar) as cable:
         cable.pull()
         with pytest.raises(LidarError, match="no such port"):
-            await rig.open(reconnect=True)
+            await rplidar.open(reconnect=True)
 
 
-@driven
 async def test_a_mistake_of_ours_ends_the_session(monkeypatch: pytest.MonkeyPatch) -> None:
-    rig = make_rig("rplidar")
-    with cable_to(rig) as cable:
-        async with rig.open(reconnect=True) as lidar:
+    rplidar = make_rig("rplidar")
+    async with on_a_cable(rplidar) as (cable, lidar):
 
-            async def fail(*_: object) -> None:
-                raise ZeroDivisionError
+        async def fail(*_: object) -> None:
+            raise ZeroDivisionError
 
-            monkeypatch.setattr("lidario.session.finding.places.Places.candidates", fail)
-            async with lidar.scans() as stream:
-                await anext(stream)
-                cable.pull()
-                with pytest.raises(LidarError, match="please report this"):
-                    await read_to_the_end(stream)
+        monkeypatch.setattr("lidario.session.finding.places.Places.candidates", fail)
+        async with lidar.scans() as stream:
+            await anext(stream)
+            cable.pull()
+            with pytest.raises(LidarError, match="please report this"):
+                await read_to_the_end(stream)
 
 
 @pytest.mark.parametrize(
@@ -244,17 +209,14 @@ def test_a_policy_that_cannot_be_right_is_refused(wrong: dict[str, Any]) -> None
         Reconnect(**wrong)
 
 
-@driven
-async def test_what_happens_is_logged_once(caplog: pytest.LogCaptureFixture) -> None:
+async def test_what_happens_is_logged_once(rplidar: Rig, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO, "lidario")
-    rig = make_rig("rplidar")
-    with cable_to(rig) as cable:
-        async with rig.open(reconnect=True) as lidar:
-            cable.pull()
-            await asyncio.sleep(60.0)
-            assert not lidar.is_connected
-            cable.plug()
-            await asyncio.sleep(3.0)
+    async with on_a_cable(rplidar) as (cable, lidar):
+        cable.pull()
+        await asyncio.sleep(60.0)
+        assert not lidar.is_connected
+        cable.plug()
+        await asyncio.sleep(3.0)
     told = [each.message for each in caplog.records]
     assert [message.partition(":")[0] for message in told] == [
         "the line to the lidar is lost, and the session comes back",
@@ -264,25 +226,21 @@ async def test_what_happens_is_logged_once(caplog: pytest.LogCaptureFixture) -> 
     assert "is back on memory, after 6" in told[-1]
 
 
-@both_families
-@driven
-async def test_a_question_on_the_new_line_ends_at_once_when_the_session_is_closed(family: str) -> None:
-    rig = make_rig(family)
-    with cable_to(rig) as cable:
-        async with rig.open(reconnect=True) as lidar:
-            async with lidar.scans() as stream:
-                await anext(stream)
-                cable.pull()
-                pulled = now()
-                cable.plug()
-                await next_after(stream, pulled)
-            await asyncio.sleep(0.1)
-            rig.device.mute = True
-            asked = asyncio.ensure_future(lidar.get_health())
-            await asyncio.sleep(0.02)
-            assert not asked.done()
-            closing, began = asyncio.ensure_future(lidar.close()), now()
-            with pytest.raises(SessionClosed):
-                await asked
-            assert now() - began < 0.001
-            await closing
+async def test_a_question_on_the_new_line_ends_at_once_when_the_session_is_closed(rig: Rig) -> None:
+    async with on_a_cable(rig) as (cable, lidar):
+        async with lidar.scans() as stream:
+            await anext(stream)
+            cable.pull()
+            pulled = now()
+            cable.plug()
+            await next_after(stream, pulled)
+        await asyncio.sleep(0.1)
+        rig.device.mute = True
+        asked = asyncio.ensure_future(lidar.get_health())
+        await asyncio.sleep(0.02)
+        assert not asked.done()
+        closing, began = asyncio.ensure_future(lidar.close()), now()
+        with pytest.raises(SessionClosed):
+            await asked
+        assert now() - began < 0.001
+        await closing

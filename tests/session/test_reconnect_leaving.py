@@ -9,16 +9,25 @@ import weakref
 import pytest
 
 from lidario import Lidar, SessionClosed
-from tests.support.cable import cable_to, on_a_cable
-from tests.support.coming_back import ON_THE_WAY_S, next_after, next_attempt
-from tests.support.devices import both_families, left_still, make_rig
-from tests.support.loop import DrivenLoop, driven, now, unless_unfinished
+from tests.support.cable import Cable, cable_to, next_after, on_a_cable
+from tests.support.devices import Rig, left_still
+from tests.support.loop import DrivenLoop, now, unless_unfinished
 
 pytestmark = pytest.mark.usefixtures("quick_collection")
+ON_THE_WAY_S = [0.001, 0.02, 0.045, 0.06, 0.08, 0.15]
+"""Moments after an attempt has begun: it is asked what it is, then how it is, then it scans."""
 on_the_way = pytest.mark.exhaustive("after_s", sample=ON_THE_WAY_S[::3], full=ON_THE_WAY_S)
 
 
-@driven
+async def next_attempt(cable: Cable, after_s: float) -> None:
+    """Return so long after the next attempt to reach the device was begun."""
+    attempts = len(cable.attempts)
+    async with asyncio.timeout(5.0):
+        while len(cable.attempts) == attempts:
+            await asyncio.sleep(0.001)
+    await asyncio.sleep(after_s)
+
+
 async def test_the_motor_that_shall_go_on_does() -> None:
     async with on_a_cable("rplidar", keep_spinning=True) as (cable, lidar), lidar.scans() as stream:
         await anext(stream)
@@ -30,7 +39,6 @@ async def test_the_motor_that_shall_go_on_does() -> None:
 
 
 @on_the_way
-@driven
 async def test_nor_is_it_stopped_when_the_session_is_closed_on_the_way(after_s: float) -> None:
     async with on_a_cable("rplidar", keep_spinning=True) as (cable, lidar):
         await lidar.scan()
@@ -42,10 +50,8 @@ async def test_nor_is_it_stopped_when_the_session_is_closed_on_the_way(after_s: 
     assert not cable.rig.device.scanning
 
 
-@both_families
 @on_the_way
-def test_the_loop_is_closed_on_the_way(family: str, after_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    rig = make_rig(family)
+def test_the_loop_is_closed_on_the_way(rig: Rig, after_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
     loop = DrivenLoop()
     loop.set_exception_handler(unless_unfinished)
     monkeypatch.setattr("lidario.port.port.time.sleep", loop.block)
@@ -65,14 +71,10 @@ def test_the_loop_is_closed_on_the_way(family: str, after_s: float, monkeypatch:
         loop.close()
         del lidar
         gc.collect()
-    assert left_still(rig)
 
 
-@both_families
 @on_the_way
-@driven
-async def test_a_session_that_nobody_holds_any_more_ends_while_it_is_away(family: str, after_s: float) -> None:
-    rig = make_rig(family)
+async def test_a_session_that_nobody_holds_any_more_ends_while_it_is_away(rig: Rig, after_s: float) -> None:
     with cable_to(rig) as cable:
         lidar = await rig.open(reconnect=True)
         await lidar.scan()
@@ -91,11 +93,9 @@ async def test_a_session_that_nobody_holds_any_more_ends_while_it_is_away(family
         assert left_still(rig)
 
 
-@driven
-async def test_a_closed_session_stays_closed() -> None:
-    rig = make_rig("rplidar")
-    with cable_to(rig) as cable:
-        lidar = await rig.open(reconnect=True)
+async def test_a_closed_session_stays_closed(rplidar: Rig) -> None:
+    with cable_to(rplidar) as cable:
+        lidar = await rplidar.open(reconnect=True)
         cable.pull()
         await asyncio.sleep(1.0)
         await asyncio.wait_for(lidar.close(), 2.0)

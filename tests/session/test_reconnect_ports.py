@@ -14,27 +14,20 @@ from pathlib import Path
 import pytest
 import serial
 
-from lidario import DeviceLost, Reconnect, Scan, ScanStream, open_lidar
+from lidario import DeviceLost, Reconnect, open_lidar
 from lidario.port.background import run_in_thread
 from lidario.session.finding.discovery import PortInfo
 from lidario.sim.serve import TcpServer
 from tests.cli.processes import served
+from tests.support.cable import next_after
 from tests.support.children import is_still, requests, until
-from tests.support.devices import make_rig
+from tests.support.devices import make_rig, some
 from tests.support.terminals import WaitingPtyServer
 
 BOUND_S = 30.0
 PROMISE_S = 2.0
 BOOT_S = 0.2
 GAP_S = 0.2
-
-
-async def first_scan_of_the_new_line(stream: ScanStream, after_ns: int) -> Scan:
-    async with asyncio.timeout(BOUND_S):
-        async for scan in stream:
-            if scan.stamp_ns > after_ns:
-                return scan
-    raise AssertionError("the stream ended")
 
 
 @pytest.mark.long
@@ -49,11 +42,11 @@ async def test_within_two_seconds_through_a_link(family: str, tmp_path: Path) ->
             last = await anext(stream)
             name = server.path
             await run_in_thread(lambda: server.replug(GAP_S))
-            pulled = time.monotonic_ns()
+            pulled = time.monotonic()
             await run_in_thread(lambda: until(server.plugged.is_set))
             responds = time.monotonic() + BOOT_S
             assert server.path != name
-            scan = await first_scan_of_the_new_line(stream, pulled)
+            scan = await next_after(stream, pulled)
             assert time.monotonic() < responds + PROMISE_S
             assert scan.seq > last.seq + 2
             assert lidar.stats.reconnects == 1
@@ -80,7 +73,7 @@ async def test_under_another_name_held_for_a_while_beside_other_ports(
             await anext(stream)
             asked = len(requests(bystander))
             await run_in_thread(lambda: server.replug(GAP_S))
-            pulled = time.monotonic_ns()
+            pulled = time.monotonic()
             await run_in_thread(lambda: until(server.plugged.is_set))
             assert server.path != first
             with serial.Serial(server.path, exclusive=True):
@@ -88,12 +81,12 @@ async def test_under_another_name_held_for_a_while_beside_other_ports(
                 await asyncio.sleep(BOOT_S + 0.4)
                 assert not lidar.is_connected
             freed = time.monotonic()
-            await first_scan_of_the_new_line(stream, pulled)
+            await next_after(stream, pulled)
             assert time.monotonic() < freed + PROMISE_S
             assert len(requests(bystander)) == asked, "a port that was there all the time is not written to"
             # And once more: now it is known where it was last.
             await run_in_thread(lambda: server.replug(GAP_S))
-            await first_scan_of_the_new_line(stream, time.monotonic_ns())
+            await next_after(stream, time.monotonic())
             assert lidar.stats.reconnects == 2
         until(lambda: is_still(server))
 
@@ -117,8 +110,8 @@ async def test_two_that_change_their_names_at_once(monkeypatch: pytest.MonkeyPat
             streams = a.scans(), b.scans()
             await asyncio.gather(*(anext(stream) for stream in streams))
             await asyncio.gather(*(run_in_thread(partial(each.replug, GAP_S)) for each in (one, two)))
-            pulled = time.monotonic_ns()
-            await asyncio.gather(*(first_scan_of_the_new_line(stream, pulled) for stream in streams))
+            pulled = time.monotonic()
+            await asyncio.gather(*(next_after(stream, pulled) for stream in streams))
             assert [each.info.serial for each in (a, b)] == [rig.device.serial.hex().upper() for rig in rigs]
         until(lambda: is_still(one) and is_still(two))
 
@@ -132,7 +125,7 @@ async def test_a_network_connection_that_was_closed() -> None:
         async with open_lidar(source, family="ydlidar", reconnect=True) as lidar, lidar.scans() as stream:
             await anext(stream)
             await run_in_thread(lambda: server.replug(GAP_S))
-            await first_scan_of_the_new_line(stream, time.monotonic_ns())
+            await next_after(stream, time.monotonic())
             assert lidar.stats.reconnects == 1
         until(lambda: not device.scanning)
 
@@ -164,15 +157,13 @@ async def test_a_recording_goes_on_when_the_line_is_back(tmp_path: Path) -> None
         server.link(path)
         async with open_lidar(str(path), family="rplidar", reconnect=True) as lidar, lidar.scans() as stream:
             async with lidar.record(tmp_path / "run.mcap") as recording:
-                for _ in range(3):
-                    await anext(stream)
+                await some(stream, 3)
                 await run_in_thread(lambda: server.replug(GAP_S))
-                await first_scan_of_the_new_line(stream, time.monotonic_ns())
+                await next_after(stream, time.monotonic())
                 assert recording.is_running
             assert recording.error is None
             async with lidar.record(tmp_path / "more.mcap") as another:
-                for _ in range(4):
-                    await anext(stream)
+                await some(stream, 4)
             assert another.error is None
         until(lambda: is_still(server))
     for name in ("run", "more"):

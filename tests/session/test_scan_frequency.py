@@ -7,16 +7,12 @@ import asyncio
 import pytest
 
 from lidario import InvalidValue
-from tests.support.devices import both_families, discarded, left_still, make_rig
-from tests.support.loop import driven
+from tests.support.devices import Rig, left_still, some
+from tests.support.loop import now
 
 
-@both_families
-@driven
-async def test_the_set_speed_is_checked_against_the_measured_one(family: str) -> None:
-    rig = make_rig(family)
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+async def test_the_set_speed_is_checked_against_the_measured_one(rig: Rig) -> None:
+    async with rig.read() as (lidar, stream):
         assert await lidar.set_scan_frequency(9.0) == pytest.approx(9.0, abs=0.05)
         assert lidar.measured_scan_frequency == pytest.approx(9.0, rel=0.05)
         assert await lidar.set_motor_speed(600) == pytest.approx(600, abs=3)
@@ -29,46 +25,39 @@ async def test_the_set_speed_is_checked_against_the_measured_one(family: str) ->
         assert (await anext(stream)).rpm == pytest.approx(600, rel=0.05)
 
 
-@driven
-async def test_a_speed_that_is_set_beside_a_question_for_it_stays_set() -> None:
-    rig = make_rig("rplidar")
-    async with rig.open() as lidar:
+async def test_a_speed_that_is_set_beside_a_question_for_it_stays_set(rplidar: Rig) -> None:
+    async with rplidar.open() as lidar:
         await asyncio.gather(lidar.set_scan_frequency(9.0, verify=False), lidar.get_scan_frequency())
         assert await lidar.get_scan_frequency() == 9.0
         await lidar.scan()
-        assert rig.device.motor_rpm == 540
+        assert rplidar.device.motor_rpm == 540
 
 
 @pytest.mark.parametrize("mode", ["Standard", "DenseBoost"])
-@driven
-async def test_a_speed_that_is_set_in_mid_scan_is_one_request_and_interrupts_nothing(mode: str) -> None:
-    rig = make_rig("rplidar")
-    async with rig.open() as lidar, lidar.scans(mode, depth=256) as stream:
+async def test_a_speed_that_is_set_in_mid_scan_is_one_request_and_interrupts_nothing(
+    rplidar: Rig, mode: str
+) -> None:
+    async with rplidar.open() as lidar, lidar.scans(mode, depth=256) as stream:
         scans = [await anext(stream)]
         for hertz in (15.0, 8.0):
-            asked = len(rig.device.log)
+            asked = len(rplidar.device.log)
             assert await lidar.set_scan_frequency(hertz) == hertz
-            assert [entry.name for entry in rig.device.log[asked:]] == ["motor_speed_ctrl"]
+            assert [entry.name for entry in rplidar.device.log[asked:]] == ["motor_speed_ctrl"]
             assert lidar.measured_scan_frequency == pytest.approx(hertz, rel=0.05)
         # A question for it asks nothing, and two at once are two requests, each in its own time.
         await asyncio.gather(*(lidar.set_scan_frequency(each, verify=False) for each in (9.0, 10.0)))
         assert await lidar.get_scan_frequency() == 10.0
         await asyncio.sleep(1.0)
-        assert rig.device.motor_rpm == pytest.approx(600)
-        scans += [await anext(stream) for _ in range(20)]
+        assert rplidar.device.motor_rpm == pytest.approx(600)
+        scans += await some(stream, 20)
         assert [scan.seq for scan in scans] == list(range(21))
         stats = lidar.stats
         assert (stats.interruptions, stats.lost_packets, stats.missed_scans, stats.broken_scans) == (0, 0, 0, 0)
-    assert left_still(rig)
-    assert not discarded(rig)
 
 
 @pytest.mark.parametrize("yields", range(12))
-@driven
-async def test_a_speed_beside_a_stop_leaves_the_rotor_at_rest(yields: int) -> None:
-    rig = make_rig("rplidar")
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+async def test_a_speed_beside_a_stop_leaves_the_rotor_at_rest(rplidar: Rig, yields: int) -> None:
+    async with rplidar.read() as (lidar, _):
         # The second one waits until the device listens again.
         await lidar.set_scan_frequency(9.0, verify=False)
         setting = asyncio.ensure_future(lidar.set_scan_frequency(12.0, verify=False))
@@ -77,24 +66,19 @@ async def test_a_speed_beside_a_stop_leaves_the_rotor_at_rest(yields: int) -> No
         await lidar.stop()
         await asyncio.wait([setting])
         await asyncio.sleep(1.0)
-        assert left_still(rig)
+        assert left_still(rplidar)
 
 
-@driven
-async def test_a_speed_that_is_refused_is_told_in_both_units() -> None:
-    rig = make_rig("rplidar")
-    async with rig.open() as lidar:
+async def test_a_speed_that_is_refused_is_told_in_both_units(rplidar: Rig) -> None:
+    async with rplidar.open() as lidar:
         with pytest.raises(InvalidValue, match=r"^500 Hz \(30000 rpm\) .* 8 to 20 Hz \(480 to 1200 rpm\)$"):
             await lidar.set_scan_frequency(500)
 
 
-@driven
-async def test_several_settings_in_a_row_wait_for_no_more_than_the_device_needs() -> None:
+async def test_several_settings_in_a_row_wait_for_no_more_than_the_device_needs(rplidar: Rig) -> None:
     """It hears nothing for 10 ms behind each; what is written then is written again soon."""
-    rig, loop = make_rig("rplidar"), asyncio.get_running_loop()
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
-        began = loop.time()
+    async with rplidar.read() as (lidar, _):
+        began = now()
         for hertz in (9.0, 11.0, 10.0):
             await lidar.set_scan_frequency(hertz, verify=False)
-        assert loop.time() - began < 0.05
+        assert now() - began < 0.05

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,12 +18,9 @@ from lidario.revolution.sectors import SectorAssembler
 from lidario.revolution.whole import sectors_of
 from lidario.session.streaming.sectors import parts_of
 from tests.support.cable import on_a_cable
-from tests.support.devices import EVERY_FAMILY, both_families, left_still, make_rig
-from tests.support.loop import driven
-
-
-async def some(stream: AsyncIterator[Sector], count: int) -> list[Sector]:
-    return [await anext(stream) for _ in range(count)]
+from tests.support.devices import EVERY_FAMILY, Rig, left_still, make_rig, some
+from tests.support.loop import now, run_driven
+from tests.support.recorded import record
 
 
 def is_the_scan(scan: Scan, sectors: list[Sector]) -> bool:
@@ -36,7 +32,6 @@ def is_the_scan(scan: Scan, sectors: list[Sector]) -> bool:
 
 
 @pytest.mark.parametrize("family", EVERY_FAMILY)
-@driven
 async def test_scans_and_sectors_are_read_at_once(family: str) -> None:
     rig = make_rig(family)
     async with rig.open() as lidar:
@@ -45,7 +40,7 @@ async def test_scans_and_sectors_are_read_at_once(family: str) -> None:
             second = asyncio.ensure_future(some(eighths, 32))
             third = await some(sixths, 18)
             sectors = await second
-            seen = [await first, *[await anext(scans) for _ in range(3)]]
+            seen = [await first, *await some(scans, 3)]
         assert left_still(rig)
     assert [(each.seq, each.index) for each in sectors[8:]] == [
         (seq, index) for seq in range(sectors[8].seq, sectors[8].seq + 3) for index in range(8)
@@ -57,58 +52,45 @@ async def test_scans_and_sectors_are_read_at_once(family: str) -> None:
     assert all(is_the_scan(scan, sectors) for scan in together)
 
 
-@both_families
-@driven
-async def test_a_sector_comes_when_it_was_measured(family: str) -> None:
-    rig = make_rig(family)
-    loop = asyncio.get_running_loop()
+async def test_a_sector_comes_when_it_was_measured(rig: Rig) -> None:
     async with rig.open() as lidar, lidar.sectors() as sectors:
         await some(sectors, 9)
         late = []
         for _ in range(16):
             sector = await anext(sectors)
-            late.append(loop.time() - (sector.stamp_ns + sector.duration_ns) * 1e-9)
+            late.append(now() - (sector.stamp_ns + sector.duration_ns) * 1e-9)
     # The packet behind the end of the sector must come first, and one more may lie across it.
     assert max(late) < 0.010
     assert rig.turn_s / 8 < 0.02
 
 
-@both_families
-@driven
-async def test_they_may_be_asked_for_while_scans_come(family: str, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_they_may_be_asked_for_while_scans_come(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     """From then on a port is polled for each of them, not only once in a revolution."""
     schedules: list[Schedule] = []
     monkeypatch.setattr(Port, "set_polling", lambda _, latency, schedule: schedules.append(schedule))
-    rig, loop = make_rig(family), asyncio.get_running_loop()
-    async with rig.open() as lidar, lidar.scans() as scans:
-        await anext(scans)
+    async with rig.read() as (lidar, scans):
         scan = await anext(scans)
-        assert schedules[-1].rest(loop.time()) > 0.75 * rig.turn_s
+        assert schedules[-1].rest(now()) > 0.75 * rig.turn_s
         rests = []
         async with lidar.sectors(depth=99) as sectors:
             for sector in await some(sectors, 8):
                 assert sector.seq > scan.seq
             for _ in range(16):
                 await anext(sectors)
-                rests.append(schedules[-1].rest(loop.time()))
+                rests.append(schedules[-1].rest(now()))
         assert lidar.stats.interruptions == 0
     assert 0 < max(rests) < 1.2 * rig.turn_s / 8
 
 
-@driven
 async def test_who_reads_scans_alone_pays_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     made = []
     monkeypatch.setattr(SectorAssembler, "__init__", lambda *_: made.append(1))
     async with make_rig("rplidar").open() as lidar, lidar.scans() as scans:
-        for _ in range(3):
-            await anext(scans)
+        await some(scans, 3)
     assert not made
 
 
-@both_families
-@driven
-async def test_a_question_interrupts_them_and_they_go_on(family: str) -> None:
-    rig = make_rig(family)
+async def test_a_question_interrupts_them_and_they_go_on(rig: Rig) -> None:
     async with rig.open() as lidar, lidar.sectors(depth=99) as sectors:
         before = await some(sectors, 12)
         await lidar.get_health()
@@ -121,7 +103,6 @@ async def test_a_question_interrupts_them_and_they_go_on(family: str) -> None:
     assert stats.lost_packets == 0
 
 
-@driven
 async def test_a_slow_reader_is_told() -> None:
     async with make_rig("rplidar").open() as lidar, lidar.sectors(depth=2) as sectors:
         await anext(sectors)
@@ -142,7 +123,6 @@ def test_a_revolution_has_up_to_72_sectors(parts: int) -> None:
 
 
 @pytest.mark.parametrize("degrees", [0, -45, 7, 361, 800, 4, 360 / 73, float("nan"), float("inf"), "wide", None])
-@driven
 async def test_sizes_that_are_none(degrees: float) -> None:
     async with make_rig("rplidar").open() as lidar:
         with pytest.raises(InvalidValue, match="5 degrees"):
@@ -152,9 +132,7 @@ async def test_sizes_that_are_none(degrees: float) -> None:
 
 
 @pytest.mark.long
-@both_families
-def test_without_await(family: str) -> None:
-    rig = make_rig(family)
+def test_without_await(rig: Rig) -> None:
     with open_sync(rig.device) as lidar:
         sectors = []
         # The clock is real: a reader that is late finds what has come since, and numbers tell what passed unseen.
@@ -167,14 +145,11 @@ def test_without_await(family: str) -> None:
         assert [each.index for each in sectors] == [0, 1, 2, 3, 0, 1]
         assert len({each.seq for each in sectors[:4]}) == len({each.seq for each in sectors[4:]}) == 1
         assert sectors[4].seq > sectors[3].seq
-    assert left_still(rig)
     assert (lidario.SyncLidar.sectors.__doc__ or "").replace("``for``", "``async for``") == Lidar.sectors.__doc__
 
 
-@both_families
-@driven
-async def test_they_go_on_after_the_line_was_lost(family: str) -> None:
-    async with on_a_cable(family) as (cable, lidar):
+async def test_they_go_on_after_the_line_was_lost(rig: Rig) -> None:
+    async with on_a_cable(rig) as (cable, lidar):
         async with lidar.sectors(depth=99) as sectors:
             before = (await some(sectors, 20))[-1]
             cable.pull()
@@ -185,17 +160,14 @@ async def test_they_go_on_after_the_line_was_lost(family: str) -> None:
             after = await some(sectors, 16)
         assert (lidar.stats.reconnects, first.index) == (1, 0)
         gap_s = (first.stamp_ns - before.stamp_ns) * 1e-9
-        assert abs(first.seq - before.seq - gap_s / cable.rig.turn_s) <= 2
+        assert abs(first.seq - before.seq - gap_s / rig.turn_s) <= 2
         assert after[-1].seq == first.seq + 2
         assert lidar.stats.scans + lidar.stats.missed_scans == first.seq + 2
-    assert left_still(cable.rig)
 
 
-@both_families
-@driven
-async def test_a_scan_that_came_whole_is_divided(family: str) -> None:
+async def test_a_scan_that_came_whole_is_divided(rig: Rig) -> None:
     """As over zenoh, where nothing but whole scans arrive."""
-    async with make_rig(family).open() as lidar:
+    async with rig.open() as lidar:
         scan = await lidar.scan()
     parts = list(sectors_of(scan, 8))
     assert [part.index for part in parts] == list(range(8))
@@ -204,10 +176,8 @@ async def test_a_scan_that_came_whole_is_divided(family: str) -> None:
     assert sum(part.duration_ns for part in parts) == scan.duration_ns
 
 
-@both_families
-@driven
-async def test_a_part_of_which_nothing_came_is_stepped_over(family: str) -> None:
-    async with make_rig(family).open() as lidar:
+async def test_a_part_of_which_nothing_came_is_stepped_over(rig: Rig) -> None:
+    async with rig.open() as lidar:
         whole = await lidar.scan()
     for missing in (range(3), range(2, 5), range(6, 8)):
         kept = np.isin((whole.device_angles // 45.0).astype(int), missing, invert=True)
@@ -225,29 +195,17 @@ async def test_a_part_of_which_nothing_came_is_stepped_over(family: str) -> None
 
 def test_of_a_recording(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-
-    @driven
-    async def record() -> None:
-        async with make_rig("rplidar").open() as lidar, lidar.record(path), lidar.scans() as scans:
-            for _ in range(5):
-                await anext(scans)
+    record(path, "sim://rplidar-s2", 5)
 
     async def play() -> tuple[list[Scan], list[Sector]]:
-        scans: list[Scan] = []
-        sectors: list[Sector] = []
-
-        async def read() -> None:
-            async for scan in lidar.scans():
-                scans.append(scan)
+        async def read() -> list[Scan]:
+            return [scan async for scan in lidar.scans()]
 
         async with lidario.open_lidar(f"{path}?rate=0") as lidar:
             reading = asyncio.ensure_future(read())
-            async for sector in lidar.sectors():
-                sectors.append(sector)
-            await reading
-        return scans, sectors
+            sectors = [sector async for sector in lidar.sectors()]
+            return await reading, sectors
 
-    record()
-    scans, sectors = asyncio.run(play())
+    scans, sectors = run_driven(play)
     assert len(scans) >= 4
     assert sum(is_the_scan(scan, sectors) for scan in scans) >= len(scans) - 1

@@ -17,20 +17,16 @@ from lidario import (
     Unsupported,
 )
 from lidario.sim.rooms import make_world
-from tests.support.devices import SWITCHED, both_families, end_of, left_still, make_rig, names, take
-from tests.support.loop import driven, now_ns
+from tests.support.devices import SWITCHED, Rig, end_of, left_still, make_rig, names, some, take
+from tests.support.loop import now, now_ns
 
 
-@both_families
-@driven
-async def test_stamps_are_one_turn_apart_and_in_the_past(family: str) -> None:
-    rig = make_rig(family)
+async def test_stamps_are_one_turn_apart_and_in_the_past(rig: Rig) -> None:
     async with rig.open() as lidar:
-        loop = asyncio.get_running_loop()
         last = None
         async with lidar.scans() as stream:
             async for scan in stream:
-                age = loop.time() - scan.stamp_ns * 1e-9
+                age = now() - scan.stamp_ns * 1e-9
                 assert rig.turn_s < age < 1.2 * rig.turn_s
                 assert abs(scan.wall_stamp_ns - scan.stamp_ns - (time.time_ns() - now_ns())) < 60e9
                 if last is not None:
@@ -40,25 +36,17 @@ async def test_stamps_are_one_turn_apart_and_in_the_past(family: str) -> None:
                     break
 
 
-@both_families
-@driven
-async def test_a_query_interrupts_the_stream_and_lets_it_go_on(family: str) -> None:
-    rig = make_rig(family)
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+async def test_a_query_interrupts_the_stream_and_lets_it_go_on(rig: Rig) -> None:
+    async with rig.read() as (lidar, stream):
         health = await lidar.get_health()
         assert health.ok
-        after = [await anext(stream) for _ in range(3)]
+        after = await some(stream, 3)
         assert [scan.seq for scan in after] == [1, 2, 3]
         assert lidar.stats.interruptions == 1
         assert lidar.is_scanning
-    assert left_still(rig)
 
 
-@both_families
-@driven
-async def test_every_question_has_an_answer_in_every_state(family: str) -> None:
-    rig = make_rig(family)
+async def test_every_question_has_an_answer_in_every_state(rig: Rig) -> None:
     async with rig.open() as lidar:
         for scanning in (False, True):
             if scanning:
@@ -77,39 +65,30 @@ async def test_every_question_has_an_answer_in_every_state(family: str) -> None:
                 assert left_still(rig)
 
 
-@both_families
-@driven
-async def test_several_readers_each_get_every_scan(family: str) -> None:
-    rig = make_rig(family)
+async def test_several_readers_each_get_every_scan(rig: Rig) -> None:
     async with rig.open() as lidar:
         one, two = await asyncio.gather(take(lidar, 4), take(lidar, 4))
         assert [scan.seq for scan in one] == [scan.seq for scan in two]
         assert names(rig).count("stop") <= 4
 
 
-@both_families
-@driven
-async def test_a_slow_reader_gets_the_latest_scan_and_the_count_of_the_missed(family: str) -> None:
-    rig = make_rig(family)
+async def test_a_slow_reader_gets_the_latest_scan_and_the_count_of_the_missed(rig: Rig) -> None:
     async with rig.open() as lidar, lidar.scans() as slow, lidar.scans(depth=4) as deep:
         first = await anext(slow)
         second = await anext(deep)
         await asyncio.sleep(10 * rig.turn_s)
         late = await anext(slow)
         assert late.dropped_before == late.seq - first.seq - 1 > 5
-        kept = [await anext(deep) for _ in range(4)]
+        kept = await some(deep, 4)
         assert [scan.seq for scan in kept] == list(range(kept[0].seq, kept[0].seq + 4))
         assert kept[0].dropped_before == kept[0].seq - second.seq - 1
         assert [scan.dropped_before for scan in kept[1:]] == [0, 0, 0]
         assert lidar.stats.dropped_scans == slow.dropped + deep.dropped
 
 
-@both_families
-@driven
-async def test_after_close_everything_says_so(family: str) -> None:
-    rig = make_rig(family)
+async def test_after_close_everything_says_so(rig: Rig) -> None:
     lidar = await rig.open()
-    stream = lidar.scans()
+    stream, unread = lidar.scans(), lidar.scans()
     await anext(stream)
     reading = asyncio.ensure_future(stream.__anext__())
     await asyncio.sleep(0)
@@ -119,16 +98,18 @@ async def test_after_close_everything_says_so(family: str) -> None:
         await reading
     with pytest.raises(SessionClosed):
         await lidar.get_health()
-    with pytest.raises(SessionClosed, match="open_lidar"):
-        await anext(lidar.scans())
-    await stream.aclose()
+    with pytest.raises(SessionClosed):
+        await lidar.stop()
+    for each in (unread, lidar.scans()):
+        with pytest.raises(SessionClosed, match="open_lidar"):
+            await anext(each)
+    for each in (stream, unread):
+        await each.aclose()
     await lidar.close()
 
 
-@driven
-async def test_modes_by_name_and_id_and_not_two_at_a_time() -> None:
-    rig = make_rig("rplidar")
-    async with rig.open() as lidar:
+async def test_modes_by_name_and_id_and_not_two_at_a_time(rplidar: Rig) -> None:
+    async with rplidar.open() as lidar:
         dense = await lidar.scan()
         assert dense.mode == "DenseBoost"
         assert dense.intensities is None
@@ -144,7 +125,6 @@ async def test_modes_by_name_and_id_and_not_two_at_a_time() -> None:
 
 
 @pytest.mark.parametrize("model", ["rplidar-s2", *SWITCHED])
-@driven
 async def test_keep_spinning_stops_the_laser_alone(model: str) -> None:
     rig = make_rig(model)
     async with rig.open(keep_spinning=True) as lidar:
@@ -153,7 +133,6 @@ async def test_keep_spinning_stops_the_laser_alone(model: str) -> None:
     assert rig.device.motor_on
 
 
-@driven
 async def test_two_lidars_share_nothing() -> None:
     one, two = make_rig("rplidar", seed=1, world=make_world("circle")), make_rig("ydlidar", seed=2)
     async with one.open() as first, two.open() as second:
@@ -167,7 +146,6 @@ async def test_two_lidars_share_nothing() -> None:
         assert len(await take(second, 1)) == 1
 
 
-@driven
 async def test_a_forced_scan_does_not_wait_for_the_rotor() -> None:
     waits = {}
     for force in (False, True):
@@ -175,10 +153,10 @@ async def test_a_forced_scan_does_not_wait_for_the_rotor() -> None:
         rig.device.spin_up_s = 3.0
         async with rig.open() as lidar:
             await lidar.get_modes()
-            before = asyncio.get_running_loop().time()
+            before = now()
             async with lidar.scans("Standard", force=force) as stream:
                 first = await anext(stream)
-            waits[force] = asyncio.get_running_loop().time() - before
+            waits[force] = now() - before
             assert ("force_scan" in names(rig, obeyed=True)) is force
             assert first.intensities is not None
             with pytest.raises(Unsupported, match="forced"):
@@ -186,10 +164,7 @@ async def test_a_forced_scan_does_not_wait_for_the_rotor() -> None:
     assert waits[True] < waits[False] - 1.0
 
 
-@both_families
-@driven
-async def test_taps_see_every_byte_in_both_directions(family: str) -> None:
-    rig = make_rig(family)
+async def test_taps_see_every_byte_in_both_directions(rig: Rig) -> None:
     seen: dict[str, bytearray] = {"in": bytearray(), "out": bytearray()}
 
     def tap(direction: str, data: bytes, now: int) -> None:
@@ -201,14 +176,13 @@ async def test_taps_see_every_byte_in_both_directions(family: str) -> None:
         await take(lidar, 2)
         await lidar.stop()
         assert len(seen["in"]) == lidar.stats.bytes_received - before
-        assert bytes(seen["out"]).endswith(b"\xa5\x25" if family == "rplidar" else b"\xa5\x65")
+        assert bytes(seen["out"]).endswith(b"\xa5\x25" if rig.family == "rplidar" else b"\xa5\x65")
         lidar.untap(tap)
         heard = len(seen["out"])
         await lidar.get_health()
         assert len(seen["out"]) == heard
 
 
-@driven
 async def test_sample_rates_and_what_there_is_not() -> None:
     first, second = make_rig("rplidar"), make_rig("ydlidar")
     async with first.open() as lidar:
@@ -231,7 +205,6 @@ async def test_sample_rates_and_what_there_is_not() -> None:
 
 
 @pytest.mark.parametrize("rate", [9000, 8000, 4000])
-@driven
 async def test_a_sample_rate_that_the_device_does_not_tell_is_measured(rate: int) -> None:
     rig = make_rig("ydlidar-g4")
     rig.device.profile = replace(rig.device.profile, sample_ns=10**9 // rate)
@@ -241,10 +214,7 @@ async def test_a_sample_rate_that_the_device_does_not_tell_is_measured(rate: int
         assert (await take(lidar, 4))[-1].time_increment_ns == pytest.approx(1e9 / rate, rel=0.001)
 
 
-@both_families
-@driven
-async def test_a_session_that_is_let_go_behind_a_stream_that_failed_is_left_still(family: str) -> None:
-    rig = make_rig(family)
+async def test_a_session_that_is_let_go_behind_a_stream_that_failed_is_left_still(rig: Rig) -> None:
     lidar = await rig.open()
     stream = lidar.scans()
     await anext(stream)
@@ -258,4 +228,3 @@ async def test_a_session_that_is_let_go_behind_a_stream_that_failed_is_left_stil
     gc.collect()
     assert gone() is None
     await asyncio.sleep(2.0)
-    assert left_still(rig)

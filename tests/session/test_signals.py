@@ -9,7 +9,8 @@ import asyncio
 import signal
 import subprocess
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import pytest
 
@@ -60,23 +61,26 @@ WITHOUT_RUN = "asyncio.run(main())"
 EXIT_TERM, EXIT_HUP = 128 + signal.SIGTERM, 128 + signal.SIGHUP
 
 
-def family_of(model: str) -> str:
-    return model.partition("-")[0]
-
-
 def scanning(process: subprocess.Popen[str]) -> None:
     """Return when the program has read scans."""
     for _ in range(2):
         assert line_of(process).strip().isdecimal()
 
 
-def ended_by(server: PtyServer, program: str, model: str, numbers: Sequence[int]) -> tuple[int, str, str]:
-    """Exit code, output and errors of a program that got these signals while it read scans."""
-    with child(UNDISTURBED + PROGRAM + program, server.path, family_of(model)) as process:
+@contextmanager
+def running(program: str, model: str = MODELS[0]) -> Iterator[tuple[PtyServer, subprocess.Popen[str]]]:
+    """A device, and a program that has read scans of it."""
+    text = UNDISTURBED + PROGRAM + program
+    with served(model) as server, child(text, server.path, model.partition("-")[0]) as process:
         scanning(process)
-        for number in numbers:
-            process.send_signal(number)
-        out, said = process.communicate(timeout=BOUND)
+        yield server, process
+
+
+def ended_by(process: subprocess.Popen[str], *numbers: int) -> tuple[int, str, str]:
+    """Exit code, output and errors of a program that gets these signals."""
+    for number in numbers:
+        process.send_signal(number)
+    out, said = process.communicate(timeout=BOUND)
     return process.returncode, out, said
 
 
@@ -99,9 +103,8 @@ WAYS = {
 @pytest.mark.parametrize("way", WAYS)
 def test_a_signal_leaves_the_device_still(way: str) -> None:
     program, numbers, code, printed, error = WAYS[way]
-    model = MODELS[list(WAYS).index(way) % 2]
-    with served(model) as server:
-        returned, out, said = ended_by(server, program, model, numbers)
+    with running(program, MODELS[list(WAYS).index(way) % 2]) as (server, process):
+        returned, out, said = ended_by(process, *numbers)
         until(lambda: was_stopped(server), lambda: (said, requests(server)[-5:]))
     assert returned == code, said
     assert out.strip().endswith(printed)
@@ -111,24 +114,18 @@ def test_a_signal_leaves_the_device_still(way: str) -> None:
 @pytest.mark.long
 def test_without_run_sigterm_leaves_the_device_scanning() -> None:
     """The limit that the documentation states; it shows that the tests above can fail."""
-    with served(MODELS[0]) as server:
-        returned, _, _ = ended_by(server, WITHOUT_RUN, MODELS[0], [signal.SIGTERM])
-        assert returned == -signal.SIGTERM
+    with running(WITHOUT_RUN) as (server, process):
+        assert ended_by(process, signal.SIGTERM)[0] == -signal.SIGTERM
         assert not is_still(server)
 
 
 @pytest.mark.long
 def test_a_hang_up_that_is_ignored_stays_ignored() -> None:
     """As under nohup."""
-    program = f"signal.signal(signal.SIGHUP, signal.SIG_IGN)\n{RUN}"
-    with served(MODELS[0]) as server:
-        with child(UNDISTURBED + PROGRAM + program, server.path, family_of(MODELS[0])) as process:
-            scanning(process)
-            process.send_signal(signal.SIGHUP)
-            scanning(process)
-            process.send_signal(signal.SIGTERM)
-            process.communicate(timeout=BOUND)
-        assert process.returncode == EXIT_TERM
+    with running(f"signal.signal(signal.SIGHUP, signal.SIG_IGN)\n{RUN}") as (server, process):
+        process.send_signal(signal.SIGHUP)
+        scanning(process)
+        assert ended_by(process, signal.SIGTERM)[0] == EXIT_TERM
         until(lambda: was_stopped(server))
 
 
@@ -136,16 +133,12 @@ def test_a_hang_up_that_is_ignored_stays_ignored() -> None:
 def test_a_handler_of_the_program_is_left_in_place() -> None:
     # Not `print`: a handler that comes in the midst of another one must not use the same stream.
     program = f"import os; signal.signal(signal.SIGTERM, lambda *_: os.write(1, b'its own handler\\n'))\n{RUN}"
-    with served(MODELS[0]) as server:
-        with child(UNDISTURBED + PROGRAM + program, server.path, family_of(MODELS[0])) as process:
-            scanning(process)
-            process.send_signal(signal.SIGTERM)
-            lines = [line_of(process) for _ in range(10)]
-            assert "its own handler\n" in lines
-            assert lines[-1].strip().isdecimal()
-            process.send_signal(signal.SIGHUP)
-            process.communicate(timeout=BOUND)
-        assert process.returncode == EXIT_HUP
+    with running(program) as (server, process):
+        process.send_signal(signal.SIGTERM)
+        lines = [line_of(process) for _ in range(10)]
+        assert "its own handler\n" in lines
+        assert lines[-1].strip().isdecimal()
+        assert ended_by(process, signal.SIGHUP)[0] == EXIT_HUP
         until(lambda: was_stopped(server))
 
 
@@ -154,11 +147,9 @@ def test_signals_while_a_session_opens() -> None:
     with served(MODELS[0]) as server:
         with server.lock:
             server.device.response_delay_s = 0.05  # type: ignore[attr-defined]
-        with child(UNDISTURBED + PROGRAM + RUN, server.path, family_of(MODELS[0])) as process:
+        with child(UNDISTURBED + PROGRAM + RUN, server.path, "rplidar") as process:
             until(lambda: any(each.name == "get_info" for each in requests(server)))
-            process.send_signal(signal.SIGTERM)
-            _, said = process.communicate(timeout=BOUND)
-        assert (process.returncode, said) == (EXIT_TERM, "")
+            assert ended_by(process, signal.SIGTERM) == (EXIT_TERM, "", "")
         assert is_still(server)
         assert [each.name for each in requests(server) if each.obeyed][-1] == "stop"
 

@@ -8,15 +8,25 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable
 from contextlib import suppress
 
 import pytest
 
-from lidario import ConnectFailed, Lidar, LidarError, ScanStream, StreamFailed, open_lidar
+from lidario import ConnectFailed, LidarError, ScanStream, StreamFailed, open_lidar
 from lidario.families.rplidar.simulated.device import SimulatedRplidar
+from tests.session.test_two_tasks import (
+    Scene,
+    Work,
+    ask_while_scanning,
+    b_cancels,
+    b_closes,
+    b_stops,
+    reset,
+    set_speed,
+    start,
+)
 from tests.support.devices import Rig, both_families, left_still, make_rig, take
-from tests.support.loop import driven, now_ns, run_driven
+from tests.support.loop import now, now_ns, run_driven
 
 pytestmark = pytest.mark.discards("stop requests are tried while a response is outstanding")
 
@@ -26,67 +36,37 @@ LONGEST_CLOSE_S = 2.5
 """A response is waited for for 2 s at most; then the line is listened to."""
 
 
-async def start(lidar: Lidar) -> None:
-    await anext(lidar.scans())
-
-
-async def ask_while_scanning(lidar: Lidar) -> None:
-    await lidar.scan()
-    await lidar.get_health()
-
-
-async def set_speed(lidar: Lidar) -> None:
-    await lidar.scan()
-    await lidar.set_scan_frequency(8.0)
-
-
-async def reset(lidar: Lidar) -> None:
-    await lidar.scan()
-    await lidar.reset()
-
-
-async def b_stops(lidar: Lidar, work: asyncio.Task[None]) -> None:
-    with suppress(StreamFailed):
-        await lidar.stop()
-
-
-async def b_closes(lidar: Lidar, work: asyncio.Task[None]) -> None:
-    await lidar.close()
-
-
-async def b_cancels(lidar: Lidar, work: asyncio.Task[None]) -> None:
-    work.cancel()
-
-
-Work = Callable[[Lidar], Awaitable[None]]
-Other = Callable[[Lidar, "asyncio.Task[None]"], Awaitable[None]]
 A: list[Work] = [start, ask_while_scanning, set_speed, reset]
-B: list[Other] = [b_stops, b_closes, b_cancels]
+B: list[Work] = [b_stops, b_closes, b_cancels]
 
 
-async def both(rig: Rig, delay_s: float, a: Work, b: Other, moment_s: float) -> None:
+async def both(rig: Rig, delay_s: float, a: Work, b: Work, moment_s: float) -> None:
     """Task A; after a while task B; then the device must be still, before the session is closed and behind it."""
-    loop = asyncio.get_running_loop()
     lidar = await rig.open()
+    scene = Scene(rig, lidar)
     rig.device.response_delay_s = delay_s
 
     async def work() -> None:
         with suppress(LidarError, StopAsyncIteration):
-            await a(lidar)
+            await a(scene)
 
     task = asyncio.ensure_future(work())
     await asyncio.sleep(moment_s)
     stray = lidar.stats.stray_bytes
-    await b(lidar, task)
+    if b is b_cancels:
+        task.cancel()
+    with suppress(StreamFailed):
+        await b(scene)
     await asyncio.wait([task])
+    scene.streams.clear()
     await asyncio.sleep(5.0)
     assert not lidar.is_scanning
     assert not rig.device.scanning
     assert not rig.device.motor_on
     assert lidar.stats.stray_bytes - stray < 200, "a stream came into an idle session"
-    began = loop.time()
+    began = now()
     await lidar.close()
-    assert loop.time() - began < LONGEST_CLOSE_S
+    assert now() - began < LONGEST_CLOSE_S
     await asyncio.sleep(2 * SLOWEST_S)
     assert not rig.device.scanning
     assert not rig.device.motor_on
@@ -96,7 +76,7 @@ async def both(rig: Rig, delay_s: float, a: Work, b: Other, moment_s: float) -> 
 @pytest.mark.exhaustive("delay_s", sample=[0.13, 0.2, SLOWEST_S], full=DELAYS_S)
 @pytest.mark.parametrize("b", B, ids=lambda work: work.__name__)
 @both_families
-def test_it_is_stopped_at_any_moment(family: str, b: Other, delay_s: float, phases: int) -> None:
+def test_it_is_stopped_at_any_moment(family: str, b: Work, delay_s: float, phases: int) -> None:
     for a in A:
         for phase in range(phases):
             moment_s = 0.02 + 4 * delay_s * (phase + 0.3) / phases
@@ -139,25 +119,26 @@ def test_motors_of_other_kinds(model: str) -> None:
                 )
 
 
-@driven
 async def test_it_is_told_in_the_log_where_it_cannot_be_seen(caplog: pytest.LogCaptureFixture) -> None:
     """A device that hears nothing any more and streams on."""
-    rig = make_rig("rplidar")
-    lidar = await rig.open()
+    rplidar = make_rig("rplidar")
+    lidar = await rplidar.open()
     stream = lidar.scans()
     await anext(stream)
-    rig.device.receive = lambda data, now: None
-    with pytest.raises(StreamFailed, match="after 3 STOP requests"):
+    heard: list[bytes] = []
+    rplidar.device.receive = lambda data, now: heard.append(data)
+    with pytest.raises(StreamFailed, match="bytes still arrive after 3 STOP requests"):
         await lidar.stop()
+    # Those that stop laser and motor were tried before, as often.
+    assert b"".join(heard).count(b"\xa5\x25") == 3 + 3
     caplog.clear()
     await lidar.close()
     told = [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING]
     assert told == ["the device goes on sending after 3 stop requests"]
-    assert rig.device.scanning
+    assert rplidar.device.scanning
 
 
 @pytest.mark.parametrize("timeout_s", [0.0, 0.01, 0.2, 0.7])
-@driven
 async def test_a_reset_that_is_given_up_does_not_leave_the_motor_on(timeout_s: float) -> None:
     """The motor of an A1 hangs on DTR, which a reset does not touch."""
     rig = make_rig("rplidar-a1")
@@ -172,13 +153,11 @@ async def test_a_reset_that_is_given_up_does_not_leave_the_motor_on(timeout_s: f
     assert not rig.device.motor_on
 
 
-@pytest.mark.parametrize("model", ["rplidar-a1", "rplidar-a2", "rplidar-s2"])
+@pytest.mark.parametrize("rig", ["rplidar-a1", "rplidar-a2", "rplidar-s2"], indirect=True)
 @pytest.mark.parametrize("ways", ["unknown type", "always another"])
 @pytest.mark.parametrize("family", ["rplidar", None])
-@driven
-async def test_a_device_that_nobody_understands_is_left_still(model: str, ways: str, family: str | None) -> None:
+async def test_a_device_that_nobody_understands_is_left_still(rig: Rig, ways: str, family: str | None) -> None:
     """Its motor is driven by DTR, by an accessory board, by its own request; it was on before."""
-    rig = make_rig(model)
     rig.device.begin_streaming(1, now_ns())
     garble(rig.device, ways)
     with pytest.raises(LidarError):
@@ -200,11 +179,9 @@ def garble(device: SimulatedRplidar, ways: str) -> None:
     device.respond = odd  # type: ignore[method-assign]
 
 
-@driven
-async def test_the_stop_requests_go_on_though_the_task_that_closes_is_cancelled_twice() -> None:
-    rig = make_rig("rplidar")
-    lidar = await rig.open()
-    rig.device.response_delay_s = 0.5
+async def test_the_stop_requests_go_on_though_the_task_that_closes_is_cancelled_twice(rplidar: Rig) -> None:
+    lidar = await rplidar.open()
+    rplidar.device.response_delay_s = 0.5
     reading = asyncio.ensure_future(ScanStream.__anext__(lidar.scans()))
     await asyncio.sleep(2.3)
     closing = asyncio.ensure_future(lidar.close())
@@ -214,19 +191,15 @@ async def test_the_stop_requests_go_on_though_the_task_that_closes_is_cancelled_
     await asyncio.wait([closing, reading])
     assert closing.cancelled()
     reading.exception()
-    assert left_still(rig)
 
 
-@driven
-async def test_a_silent_port_is_not_waited_for() -> None:
+async def test_a_silent_port_is_not_waited_for(rplidar: Rig) -> None:
     """Nothing has ever responded: there is no device that takes its time."""
-    rig = make_rig("rplidar")
-    rig.device.mute = True
-    loop = asyncio.get_running_loop()
-    opening = asyncio.ensure_future(rig.open().__aenter__())
+    rplidar.device.mute = True
+    opening = asyncio.ensure_future(rplidar.open().__aenter__())
     await asyncio.sleep(2.0)
     opening.cancel()
-    began = loop.time()
+    began = now()
     with pytest.raises((asyncio.CancelledError, ConnectFailed)):
         await opening
-    assert loop.time() - began < 1.0
+    assert now() - began < 1.0

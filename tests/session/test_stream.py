@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidario import Busy, DeviceLost, InvalidValue, Scan
+from lidario import Busy, DeviceLost, Scan
 from lidario.session.streaming.readers import Hub
 from lidario.session.streaming.stream import Mailbox
-from tests.support.loop import driven
 
 
 def numbered(seq: int) -> Scan:
@@ -21,7 +20,6 @@ def numbered(seq: int) -> Scan:
 
 
 @pytest.mark.parametrize("depth", [1, 2, 5])
-@driven
 async def test_the_latest_win_and_the_rest_are_counted(depth: int) -> None:
     mailbox = Mailbox[Scan](depth)
     assert sum(mailbox.put(numbered(seq)) for seq in range(10)) == 10 - depth == mailbox.total_dropped
@@ -30,7 +28,6 @@ async def test_the_latest_win_and_the_rest_are_counted(depth: int) -> None:
     assert mailbox.dropped == 10 - depth
 
 
-@driven
 async def test_an_ended_mailbox_gives_what_it_holds_first() -> None:
     mailbox = Mailbox[Scan](2)
     mailbox.put(numbered(0))
@@ -43,7 +40,6 @@ async def test_an_ended_mailbox_gives_what_it_holds_first() -> None:
             await mailbox.get()
 
 
-@driven
 async def test_cancelling_a_reader_loses_nothing() -> None:
     mailbox = Mailbox[Scan](1)
     reading = asyncio.ensure_future(mailbox.get())
@@ -57,7 +53,6 @@ async def test_cancelling_a_reader_loses_nothing() -> None:
     assert (await mailbox.get()).seq == 3
 
 
-@driven
 async def test_a_reader_that_only_the_loop_holds_is_not_collected() -> None:
     mailbox, got = Mailbox[Scan](1), list[int]()
 
@@ -72,22 +67,6 @@ async def test_a_reader_that_only_the_loop_holds_is_not_collected() -> None:
     assert got == [3]
 
 
-@driven
-async def test_the_hub_hands_scans_to_those_it_holds() -> None:
-    hub, kept, other = Hub(print), Mailbox[Scan](1), Mailbox[Scan](1)
-    hub.let_in(kept)
-    hub.let_in(other)
-    hub.discard(other)
-    assert len(hub) == 1
-    hub.publish(numbered(0))
-    hub.publish(numbered(1))
-    assert hub.dropped == 1
-    hub.discard(kept)
-    hub.publish(numbered(2))
-    assert (await kept.get()).seq == 1
-
-
-@driven
 async def test_who_wants_what_runs_joins_at_once_unless_others_wait() -> None:
     """Those who come later must not get scans of a mode for which they did not wait."""
     hub, (reading, joins, chooses, follows) = Hub(print), (Mailbox[Scan](1) for _ in range(4))
@@ -107,7 +86,6 @@ async def test_who_wants_what_runs_joins_at_once_unless_others_wait() -> None:
     assert (waiting(), len(hub)) == ([follows], 2)
 
 
-@driven
 async def test_each_reader_gets_an_error_of_its_own() -> None:
     hub, mailboxes = Hub(print), [Mailbox[Scan](1), Mailbox[Scan](1)]
     for mailbox in mailboxes:
@@ -123,12 +101,6 @@ async def test_each_reader_gets_an_error_of_its_own() -> None:
     assert errors[0].__cause__ is errors[1].__cause__ is cause
 
 
-def test_a_mailbox_holds_at_least_one() -> None:
-    with pytest.raises(InvalidValue, match="not 0"):
-        Mailbox[Scan](0)
-
-
-@driven
 async def test_an_error_that_was_raised_does_not_keep_its_reader_alive() -> None:
     """The finalizer of a stream holds the mailbox: what the mailbox holds must not lead back to the stream."""
     mailbox = Mailbox[Scan](1)

@@ -13,90 +13,25 @@ from lidario import (
     InternalError,
     ResponseTimeout,
     Scan,
-    ScanStream,
     StreamFailed,
     open_lidar,
 )
+from lidario.revolution.ended import EndedRevolution
 from lidario.revolution.seam import Seam
 from tests.support.cable import cable_to
-from tests.support.devices import Rig, both_families, left_still, make_rig, names, take
-from tests.support.loop import DrivenLoop, driven
+from tests.support.devices import Rig, end_of, left_still, make_rig, take
+from tests.support.loop import driven_loop, now_ns
 
 
-async def until_it_fails(stream: ScanStream, why: str) -> None:
-    """Take scans until the stream fails for that reason."""
-    with pytest.raises(StreamFailed, match=why):
-        while True:
-            await anext(stream)
-
-
-@both_families
-@driven
-async def test_a_silent_device_ends_the_stream_but_not_the_session(family: str) -> None:
-    rig = make_rig(family)
-    async with rig.open() as lidar:
-        loop = asyncio.get_running_loop()
-        async with lidar.scans() as stream:
-            await anext(stream)
-            rig.device.mute = True
-            before = loop.time()
-            await until_it_fails(stream, "no scan data")
-            assert loop.time() - before < 1.0 + rig.turn_s
-        rig.device.mute = False
-        assert len(await take(lidar, 1)) == 1
-    assert left_still(rig)
-
-
-@both_families
-@driven
-async def test_a_stream_that_failed_leaves_the_device_still_at_once(family: str) -> None:
-    """Also where its reader goes on holding it, and before the session ends."""
-    rig = make_rig(family)
-    async with rig.open() as lidar:
-        stream = lidar.scans()
-        await anext(stream)
-        clean = rig.device.transmit
-        rig.device.transmit = lambda now: b"\0" * len(clean(now))
-        await until_it_fails(stream, "only noise arrives")
-        rig.device.transmit = clean
-        await asyncio.sleep(0.2)
-        assert left_still(rig)
-        assert not lidar.is_scanning
-
-
-@driven
-async def test_a_session_that_was_ended_by_its_device_is_told_once(caplog: pytest.LogCaptureFixture) -> None:
-    async with open_lidar("sim://rplidar-s2?via=memory&fault=unplug:1s") as lidar:
-        with pytest.raises(DeviceLost):
-            await asyncio.gather(*(read_on(lidar.scans()) for _ in range(2)))
-        await asyncio.sleep(1.0)
-    (told,) = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
-    assert told.startswith("the session ended: ")
-    assert "unplugged" in told
-
-
-async def read_on(stream: ScanStream) -> None:
-    """Take scans as long as there are any."""
-    async for _ in stream:
-        pass
-
-
-@both_families
-@driven
-async def test_a_device_that_never_speeds_up_is_reported(family: str) -> None:
-    rig = make_rig(family)
+async def test_a_device_that_never_speeds_up_is_reported(rig: Rig) -> None:
     async with rig.open() as lidar:
         await lidar.get_modes()
         rig.device.spin_up_s = 1e6
         with pytest.raises(StreamFailed, match="no scan data"):
             await lidar.scan()
-    assert left_still(rig)
 
 
-@both_families
-@driven
-async def test_garbage_for_an_answer_is_asked_again(family: str) -> None:
-    rig = make_rig(family)
+async def test_garbage_for_an_answer_is_asked_again(rig: Rig) -> None:
     async with rig.open() as lidar:
         rig.device.garble_responses = 1
         assert (await lidar.get_info()) == lidar.info
@@ -109,49 +44,23 @@ async def test_garbage_for_an_answer_is_asked_again(family: str) -> None:
         assert (await lidar.get_info()) == lidar.info
 
 
-@pytest.mark.parametrize(
-    ("family", "model"),
-    [
-        ("rplidar", "rplidar-s2"),
-        ("rplidar", "rplidar-s1"),  # silent for two seconds
-        ("rplidar", "rplidar-old-firmware"),  # prints a banner
-        ("ydlidar", "ydlidar-4ros"),
-    ],
-)
-@driven
-async def test_protection_stop_is_cured_by_a_reset(family: str, model: str) -> None:
-    rig = make_rig(family, model)
-    rig.device.protection_stop(0x21)
-    async with rig.open() as lidar:
-        assert lidar.health.ok
-        assert "reset" in names(rig, obeyed=True)
-        assert len(await take(lidar, 1)) == 1
-
-
-@both_families
-@driven
-async def test_a_fault_that_stays_is_raised_with_its_code(family: str) -> None:
-    rig = make_rig(family)
+async def test_a_fault_that_stays_is_raised_with_its_code(rig: Rig) -> None:
     rig.device.faults_cleared_by_reset = False
     rig.device.protection_stop(0x21)
     with pytest.raises(DeviceFault, match="33") as caught:
         async with rig.open():
             raise AssertionError("a faulty device was opened")
     assert caught.value.health.code == 0x21
-    assert left_still(rig)
 
 
 @pytest.mark.exhaustive("connects", sample=[200], full=[1000])
-@driven
 async def test_many_connects_to_a_device_that_still_streams(connects: int) -> None:
     random = np.random.default_rng(7)
     for round_number in range(connects):
         rig = make_rig("rplidar", seed=int(random.integers(1 << 30)))
-        loop = asyncio.get_running_loop()
-        assert isinstance(loop, DrivenLoop)
+        loop = driven_loop()
         leftover = int(random.integers(0, 4097))
-        start = round(loop.time() * 1e9)
-        rig.device.begin_streaming(1, start)
+        rig.device.begin_streaming(1, now_ns())
         # What the kernel still holds of a killed program's stream: up to 4 KiB, then the device goes on.
         loop.block(leftover / (rig.device.baudrate / 10))
         async with rig.open() as lidar:
@@ -159,122 +68,57 @@ async def test_many_connects_to_a_device_that_still_streams(connects: int) -> No
         assert left_still(rig)
 
 
-@pytest.mark.discards("the half of a request that a killed program has left")
-@driven
-async def test_half_a_request_left_behind_does_no_harm() -> None:
-    for half in (b"\xa5", b"\xa5\x82", b"\xa5\x82\x05\x01", b"\xa5\x84\xff"):
-        rig = make_rig("rplidar")
-        rig.device.receive(half, round(asyncio.get_running_loop().time() * 1e9))
-        async with rig.open() as lidar:
-            assert len(await take(lidar, 1)) == 1
+async def test_a_line_that_is_never_quiet_is_not_called_a_device_that_goes_on_sending(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async with open_lidar("sim://rplidar-s2?via=memory&fault=babble:1000&seed=3") as lidar:
+        # As if too little came through for a scan.
+        monkeypatch.setattr(EndedRevolution, "is_broken", lambda *_: True)
+        await end_of(lidar.scans(), why="the device does not hear them, or it is noise on the line")
+        monkeypatch.undo()
 
 
-@driven
-async def test_an_unplugged_device_ends_every_stream_and_waiter() -> None:
-    async with open_lidar("sim://rplidar-s2?via=memory&fault=unplug:3s") as lidar:
+async def test_a_lost_line_ends_every_stream_and_is_told_once(caplog: pytest.LogCaptureFixture) -> None:
+    """Also where it comes back: nobody has asked the session to go on."""
+    async with open_lidar("sim://rplidar-s2?via=memory&fault=replug:3s") as lidar:
         streams = [lidar.scans() for _ in range(3)]
         for stream in streams:
             await anext(stream)
-
-        async def until_lost(stream: object) -> None:
-            with pytest.raises(DeviceLost, match="unplugged"):
-                while True:
-                    await anext(stream)  # type: ignore[call-overload]
-
-        await asyncio.gather(*map(until_lost, streams))
-        with pytest.raises(DeviceLost) as caught:
+        connected = [lidar.is_connected]
+        await asyncio.gather(*(end_of(stream, DeviceLost, "unplugged") for stream in streams))
+        assert [*connected, lidar.is_connected] == [True, False]
+        with pytest.raises(DeviceLost, match="unplugged") as caught:
             await lidar.get_health()
         assert caught.value.__cause__ is not None
+        await asyncio.sleep(1.0)
+    (told,) = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
+    assert told.startswith("the session ended: ")
+    assert "unplugged" in told
 
 
-@pytest.mark.discards("a request too early is what it tests")
-def test_rigs_are_strict() -> None:
-    """The tests above mean something: the device they talk to refuses what comes too early."""
-    rig: Rig = make_rig("rplidar")
-    rig.device.begin_streaming(1, 0)
-    rig.device.receive(b"\xa5\x25", 0)
-    rig.device.receive(b"\xa5\x50", 9_000_000)
-    assert names(rig, obeyed=False) == ["get_info"]
-
-
-@both_families
-@driven
-async def test_a_stream_that_turns_to_noise_ends_and_leaves_nothing_behind(family: str) -> None:
-    rig = make_rig(family)
-    random = np.random.default_rng(3)
-    async with rig.open() as lidar:
-        async with lidar.scans() as stream:
-            await anext(stream)
-            clean = rig.device.transmit
-            rig.device.transmit = lambda now: random.bytes(len(clean(now)))
-            await until_it_fails(stream, "only noise arrives")
-            assert lidar.stats.skipped_bytes > 10_000
-            rig.device.transmit = clean
-        assert len(await take(lidar, 1)) == 1
-    assert left_still(rig)
-
-
-@both_families
-@driven
-async def test_a_rotor_that_stands_still_is_noticed(family: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    rig = make_rig(family)
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
-        monkeypatch.setattr(Seam, "splits", lambda self, headings: [])
-        await until_it_fails(stream, "no full revolution")
-    assert left_still(rig)
-
-
-@both_families
-@driven
-async def test_a_mistake_of_ours_ends_the_stream_and_says_so(family: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    rig = make_rig(family)
-
+async def test_a_mistake_of_ours_ends_the_stream_and_says_so(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     def blunder(seam: Seam, headings: object) -> list[Scan]:
         raise IndexError("a bug")
 
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+    async with rig.read() as (_, stream):
         monkeypatch.setattr(Seam, "splits", blunder)
-        with pytest.raises(InternalError, match=r"IndexError\('a bug'\).*report") as caught:
-            while True:
-                await anext(stream)
-        assert isinstance(caught.value.__cause__, InternalError)
-        assert isinstance(caught.value.__cause__.__cause__, IndexError)
-    assert left_still(rig)
+        error = await end_of(stream, InternalError, r"IndexError\('a bug'\).*report")
+        assert isinstance(error.__cause__, InternalError)
+        assert isinstance(error.__cause__.__cause__, IndexError)
 
 
-@both_families
-@driven
-async def test_a_device_that_does_not_come_back_from_a_reset(family: str) -> None:
-    rig = make_rig(family)
+async def test_a_device_that_does_not_come_back_from_a_reset(rig: Rig) -> None:
     async with rig.open() as lidar:
         async with lidar.scans() as stream:
             await anext(stream)
             rig.device.boot_s = 600.0
             with pytest.raises(ResponseTimeout, match="no response to"):
                 await lidar.reset()
-            await until_it_fails(stream, "could not be started again")
+            await end_of(stream, why="could not be started again")
         assert not lidar.is_scanning
 
 
-@both_families
-@driven
-async def test_a_device_that_does_not_stop_is_reported(family: str) -> None:
-    rig = make_rig(family)
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
-        random = np.random.default_rng(1)
-        rig.device.transmit = lambda now: random.bytes(64)
-        rig.device.wakeup = lambda now: now + 5_000_000
-        with pytest.raises(StreamFailed, match="bytes still arrive after 3 STOP requests"):
-            await lidar.stop()
-
-
-@both_families
-@driven
-async def test_bytes_that_a_full_port_dropped_are_told(family: str) -> None:
-    rig = make_rig(family)
+async def test_bytes_that_a_full_port_dropped_are_told(rig: Rig) -> None:
     with cable_to(rig) as cable:
         lidar = await rig.open()
     async with lidar, lidar.scans() as stream:
@@ -292,7 +136,6 @@ async def test_bytes_that_a_full_port_dropped_are_told(family: str) -> None:
     assert 5100 < after.bytes_received - before.bytes_received < 5100 + ordinary
 
 
-@driven
 async def test_the_speed_that_a_device_reports_reaches_the_user() -> None:
     rig = make_rig("ydlidar")
     async with rig.open() as lidar:

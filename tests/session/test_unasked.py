@@ -15,8 +15,8 @@ from lidario.families.ldrobot.simulated.device import PROFILES as LDROBOT
 from lidario.families.registry import FAMILIES, family_named
 from lidario.families.ydlidar.simulated.device import PROFILES as YDLIDAR
 from lidario.session.lidar import Lidar
-from tests.support.devices import Rig, end_of, left_still, make_rig, names, take
-from tests.support.loop import driven, now_ns
+from tests.support.devices import Rig, end_of, left_still, make_rig, names, some, take
+from tests.support.loop import now, now_ns
 
 TALKING = [name for name, profile in LDROBOT.items() if not profile.commands]
 TALKING += [name for name, other in YDLIDAR.items() if not other.commands]
@@ -29,9 +29,8 @@ OTHERS = {
     "XV-11 or alike": ["lds02rr"],
 }
 """What else some could be, as far as anybody knows."""
-talkers = pytest.mark.parametrize(
-    "model", ["ldrobot-ld06", "ydlidar-x2", "neato-xv11", "camsense-x1", "irobotix-delta2a"]
-)
+SOME = ("ldrobot-ld06", "ydlidar-x2", "neato-xv11", "camsense-x1", "irobotix-delta2a")
+talkers = pytest.mark.parametrize("rig", SOME, indirect=True)
 
 
 def opened(rig: Rig, **options: Any) -> Any:
@@ -52,7 +51,6 @@ class Written:
 
 
 @pytest.mark.parametrize("model", TALKING)
-@driven
 async def test_every_one_of_them_is_opened_read_and_left(model: str, caplog: pytest.LogCaptureFixture) -> None:
     rig = make_rig(model)
     caplog.clear()
@@ -83,9 +81,7 @@ async def test_every_one_of_them_is_opened_read_and_left(model: str, caplog: pyt
 
 
 @talkers
-@driven
-async def test_what_needs_a_request_is_refused_and_the_stream_goes_on(model: str) -> None:
-    rig = make_rig(model)
+async def test_what_needs_a_request_is_refused_and_the_stream_goes_on(rig: Rig) -> None:
     async with opened(rig, keep_spinning=True) as lidar, lidar.scans() as stream:
         before = await anext(stream)
         refused: list[Callable[[], Awaitable[object]]] = [
@@ -116,7 +112,6 @@ async def test_what_needs_a_request_is_refused_and_the_stream_goes_on(model: str
         ("ldrobot-ld19", "ld14p", "LDROBOT LD06"),
     ],
 )
-@driven
 async def test_a_name_that_its_packets_speak_against_is_told(
     model: str, named: str, of: str, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -132,29 +127,25 @@ async def test_a_name_that_its_packets_speak_against_is_told(
 
 
 @pytest.mark.parametrize(("model", "named"), [("camsense-x1", "lds08rr"), ("camsense-lds08rr", "x1")])
-@driven
 async def test_a_name_by_which_no_packet_is_found_is_told(model: str, named: str) -> None:
     with pytest.raises(ConnectFailed, match=f"Camsense packets among them, but of another model than '{named}'"):
         await open_lidar(f"sim://{model}?via=memory&model={named}")
 
 
 @talkers
-@driven
-async def test_closing_does_not_wait_for_silence(model: str) -> None:
-    rig = make_rig(model)
+async def test_closing_does_not_wait_for_silence(rig: Rig) -> None:
     lidar = await opened(rig)
     stream = lidar.scans()
     await anext(stream)
-    before = asyncio.get_running_loop().time()
+    before = now()
     await asyncio.wait_for(lidar.close(), 1.0)
-    assert asyncio.get_running_loop().time() - before < 0.02
+    assert now() - before < 0.02
     with pytest.raises(SessionClosed):
         await anext(stream)
 
 
-@talkers
+@pytest.mark.parametrize("model", SOME)
 @pytest.mark.parametrize("fault", ["drop:1%", "flip:1%", "babble:100"])
-@driven
 async def test_one_on_a_damaged_line_is_opened_all_the_same(model: str, fault: str) -> None:
     """Its packets tell what it is, and here so many of them in a row never come."""
     async with open_lidar(f"sim://{model}?via=memory&seed=1&fault={fault}") as lidar:
@@ -164,9 +155,7 @@ async def test_one_on_a_damaged_line_is_opened_all_the_same(model: str, fault: s
 
 
 @talkers
-@driven
-async def test_one_that_is_silent_is_not_found(model: str) -> None:
-    rig = make_rig(model)
+async def test_one_that_is_silent_is_not_found(rig: Rig) -> None:
     rig.device.mute = True
     with pytest.raises(ConnectFailed, match="nothing came back") as caught:
         await opened(rig)
@@ -174,9 +163,7 @@ async def test_one_that_is_silent_is_not_found(model: str) -> None:
 
 
 @talkers
-@driven
-async def test_one_that_falls_silent_is_told_of_and_may_come_back(model: str) -> None:
-    rig = make_rig(model)
+async def test_one_that_falls_silent_is_told_of_and_may_come_back(rig: Rig) -> None:
     async with opened(rig) as lidar:
         stream = lidar.scans()
         await anext(stream)
@@ -187,15 +174,11 @@ async def test_one_that_falls_silent_is_told_of_and_may_come_back(model: str) ->
 
 
 @talkers
-@driven
-async def test_a_session_comes_back_to_it(model: str) -> None:
-    rig = make_rig(model)
+async def test_a_session_comes_back_to_it(rig: Rig) -> None:
     async with opened(rig, reconnect=True) as lidar, lidar.scans() as stream:
-        for _ in range(2):
-            await anext(stream)
+        await some(stream, 2)
         rig.device.reboot(now_ns(), off_s=2.0)
-        for _ in range(20):
-            await anext(stream)
+        await some(stream, 20)
         assert lidar.stats.reconnects + lidar.stats.restarts == 1
 
 
@@ -214,7 +197,6 @@ def test_an_unknown_model_is_answered_with_the_known_ones() -> None:
         assert caught.value.reason == "source"
 
 
-@driven
 async def test_one_whose_motor_nobody_powers_says_so_and_makes_no_scans_of_what_comes() -> None:
     rig = make_rig("neato-xv11")
     async with opened(rig) as lidar:
@@ -236,7 +218,6 @@ async def test_one_whose_motor_nobody_powers_says_so_and_makes_no_scans_of_what_
 # ----------------------------------------------------------------------------------------------- the one that hears
 
 
-@driven
 async def test_the_ld14p_is_started_and_stopped_by_requests() -> None:
     rig = make_rig("ldrobot-ld14p")
     async with rig.open() as lidar:

@@ -8,16 +8,13 @@ import pytest
 
 from lidario import Health, Lidar, SessionClosed
 from lidario.session.talking.waiting import Awaited, Waiting
-from tests.support.devices import Rig, both_families, left_still, make_rig, names, take
-from tests.support.loop import driven, now
+from tests.support.devices import Rig, left_still, names, take
+from tests.support.loop import now
 
 AT_ONCE_S = 1e-6
 
 
-@both_families
-@driven
-async def test_close_ends_also_those_who_wait_for_their_turn(family: str) -> None:
-    rig = make_rig(family)
+async def test_close_ends_also_those_who_wait_for_their_turn(rig: Rig) -> None:
     async with rig.open() as lidar:
         rig.device.mute = True
         asked = [asyncio.ensure_future(call()) for call in (lidar.get_health, lidar.get_info, lidar.reset)]
@@ -43,11 +40,8 @@ async def ask(rig: Rig, lidar: Lidar) -> asyncio.Future[Health]:
     return asked
 
 
-@both_families
-@driven
-async def test_behind_a_response_that_nobody_waits_for_the_next_request_follows_at_once(family: str) -> None:
+async def test_behind_a_response_that_nobody_waits_for_the_next_request_follows_at_once(rig: Rig) -> None:
     """Until it has responded, the device is busy. It is not waited for until the time of the response is over."""
-    rig = make_rig(family)
     async with rig.open() as lidar:
         asked = await ask(rig, lidar)
         asked.cancel()
@@ -57,29 +51,23 @@ async def test_behind_a_response_that_nobody_waits_for_the_next_request_follows_
         assert 0.059 < now() - began < 0.07
 
 
-@driven
-async def test_behind_a_response_the_stop_requests_follow_at_once() -> None:
-    rig = make_rig("rplidar")
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
-        asked = await ask(rig, lidar)
-        assert rig.device.motor_on
+async def test_behind_a_response_the_stop_requests_follow_at_once(rplidar: Rig) -> None:
+    async with rplidar.read() as (lidar, _):
+        asked = await ask(rplidar, lidar)
+        assert rplidar.device.motor_on
         began = now()
         stopping = asyncio.ensure_future(lidar.stop())
-        while rig.device.motor_on:
+        while rplidar.device.motor_on:
             await asyncio.sleep(0.0001)
         assert 0.019 < now() - began < 0.025
         await asyncio.gather(stopping, asked)
-    assert left_still(rig)
 
 
-@both_families
-@driven
 async def test_the_last_reader_leaves_just_as_the_stream_begins(
-    family: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     """The device has said that it streams; the task that waited for that goes on after the reader has left."""
-    rig, leaving = make_rig(family), list[asyncio.Future[None]]()
+    leaving = list[asyncio.Future[None]]()
     async with rig.open() as lidar:
         stream = lidar.scans()
         wake = Waiting.wake
@@ -96,5 +84,4 @@ async def test_the_last_reader_leaves_just_as_the_stream_begins(
         assert left_still(rig)
         assert not lidar.is_scanning
         assert len(await take(lidar, 2)) == 2
-    assert left_still(rig)
     assert not caplog.records

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import asyncio
 import math
-import re
 
 import pytest
 
@@ -13,8 +11,8 @@ from lidario.model import LineErrors
 from lidario.port.port import Port
 from lidario.revolution.seam import Seam
 from lidario.session.talking.trouble import Trouble
-from tests.support.devices import Rig, both_families, end_of, left_still, make_rig
-from tests.support.loop import driven, driven_loop
+from tests.support.devices import Rig, end_of, some
+from tests.support.loop import driven_loop, now
 
 
 def mix_revolutions(rig: Rig, until_s: float = math.inf) -> None:
@@ -29,25 +27,19 @@ def mix_revolutions(rig: Rig, until_s: float = math.inf) -> None:
     rig.device.transmit = transmit
 
 
-@both_families
-@driven
-async def test_a_device_that_falls_silent_while_the_program_blocks_is_told_of(family: str) -> None:
-    rig, loop = make_rig(family), driven_loop()
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+async def test_a_device_that_falls_silent_while_the_program_blocks_is_told_of(rig: Rig) -> None:
+    loop = driven_loop()
+    async with rig.read() as (_, stream):
         rig.device.mute = True
         loop.block(1.0)
         unblocked = loop.time()
         assert "no scan data" in str(await end_of(stream))
         # What came meanwhile may be on its way; then the device is asked what is wrong.
         assert loop.time() - unblocked < 0.6
-    assert left_still(rig)
 
 
-@both_families
-@driven
 async def test_what_is_held_is_read_before_a_device_counts_as_silent(
-    family: str, monkeypatch: pytest.MonkeyPatch
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As on a terminal whose bytes nobody has read because its timers are late."""
     data_received, held = Port.data_received, bytearray()
@@ -64,35 +56,25 @@ async def test_what_is_held_is_read_before_a_device_counts_as_silent(
         if data:
             data_received(self, data)
 
-    rig = make_rig(family)
     async with rig.open() as lidar, lidar.scans(depth=100) as stream:
         await anext(stream)
         monkeypatch.setattr(Port, "data_received", hold)
         monkeypatch.setattr(Port, "poll", poll)
-        for _ in range(30):
-            await anext(stream)
+        await some(stream, 30)
         monkeypatch.undo()
         assert polls >= 30 * rig.turn_s / 0.6 - 1
         assert lidar.stats.restarts == 0
 
 
-@both_families
-@driven
-async def test_damage_that_keeps_revolutions_from_completing_is_named(family: str) -> None:
-    rig = make_rig(family)
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
-        mix_revolutions(rig)
-        why = str(await end_of(stream))
-    assert "no full revolution" in why
-    assert re.search(r"\b[1-9]\d* packets of it are damaged or missing", why)
-    assert left_still(rig)
-
-
-@both_families
-@driven
+@pytest.mark.parametrize(
+    ("framing", "says"),
+    [
+        (0, r"missing\. Check the cable, the plug and the power supply"),
+        (4, r"missing, with \d+ framing errors: the baud rate is wrong or the cable is bad"),
+    ],
+)
 async def test_damage_is_told_with_what_the_driver_counted_at_that_time(
-    family: str, monkeypatch: pytest.MonkeyPatch
+    rig: Rig, framing: int, says: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     counted, more = LineErrors(), LineErrors()
 
@@ -102,34 +84,25 @@ async def test_damage_is_told_with_what_the_driver_counted_at_that_time(
         return counted
 
     monkeypatch.setattr(Port, "errors", property(count))
-    rig = make_rig(family)
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+    async with rig.read() as (_, stream):
         counted = LineErrors(overruns=40)
         await anext(stream)
         mix_revolutions(rig)
-        more = LineErrors(framing=4)
-        why = str(await end_of(stream))
-    assert re.search(
-        r"are damaged or missing, with \d+ framing errors: the baud rate is wrong or the cable is bad", why
-    )
+        more = LineErrors(framing=framing)
+        why = str(await end_of(stream, why=r"no full revolution .*\b[1-9]\d* packets of it are damaged or " + says))
     assert "overrun" not in why
 
 
 async def read_through_damage(rig: Rig, stream: ScanStream) -> None:
     """Read scans while revolutions are mixed, and some behind that."""
     await anext(stream)
-    mix_revolutions(rig, asyncio.get_running_loop().time() + 7 * rig.turn_s)
-    for _ in range(8):
-        await anext(stream)
+    mix_revolutions(rig, now() + 7 * rig.turn_s)
+    await some(stream, 8)
 
 
-@both_families
-@driven
 async def test_damage_before_the_last_scan_is_not_named_as_the_cause(
-    family: str, monkeypatch: pytest.MonkeyPatch
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    rig = make_rig(family)
     async with rig.open() as lidar, lidar.scans() as stream:
         await read_through_damage(rig, stream)
         assert lidar.stats.broken_scans > 0
@@ -138,12 +111,9 @@ async def test_damage_before_the_last_scan_is_not_named_as_the_cause(
     assert "is the rotor blocked?" in why
 
 
-@both_families
-@driven
-async def test_a_discarded_revolution_is_told_once(family: str, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_discarded_revolution_is_told_once(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     told: list[object] = []
     monkeypatch.setattr(Trouble, "tell", lambda _, message, *values: told.append((message, *values)))
-    rig = make_rig(family)
     async with rig.open() as lidar, lidar.scans() as stream:
         await read_through_damage(rig, stream)
         broken = lidar.stats.broken_scans

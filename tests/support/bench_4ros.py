@@ -1,6 +1,6 @@
-"""The scripts of the 4ROS: against the simulated device through a real `Link`, and against a function."""
+"""The scripts of the 4ROS against the simulated device, through a real `Link`."""
 
-from collections.abc import Callable
+from contextlib import suppress
 from typing import TypeVar
 
 from lidario.errors import ResponseTimeout
@@ -10,6 +10,9 @@ from lidario.families.ydlidar.simulated.device import Simulated4Ros
 from lidario.wire.envelope import Request
 from lidario.wire.events import Packets, Response
 from lidario.wire.link import Link
+from tests.support.scripts import played
+
+__all__ = ["Bench", "played"]
 
 T = TypeVar("T")
 MS = 1_000_000
@@ -59,33 +62,12 @@ class Bench:
         raise ResponseTimeout(request.name, request.timeout)
 
     def run(self, script: Script[T]) -> T:
-        try:
-            request = next(script)
-            while True:
-                try:
-                    payload = self.ask(request)
-                except ResponseTimeout as timeout:
-                    request = script.throw(timeout)
-                else:
-                    request = script.send(payload)
-        except StopIteration as stop:
-            value: T = stop.value
-            return value
+        def answer(request: Request) -> bytes | None:
+            with suppress(ResponseTimeout):
+                return self.ask(request)
+            return None
+
+        return played(script, answer)
 
     def sent(self) -> list[str]:
         return [received.name for received in self.simulated.log]
-
-
-def played(script: Script[T], answer: Callable[[Request], bytes | None]) -> T:
-    """Run a script against a function; None is silence."""
-    try:
-        request = next(script)
-        while True:
-            payload = answer(request)
-            if payload is None:
-                request = script.throw(ResponseTimeout(request.name, request.timeout))
-            else:
-                request = script.send(payload)
-    except StopIteration as stop:
-        value: T = stop.value
-        return value

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from lidario import ConnectFailed, Lidar
+from lidario import ConnectFailed, Lidar, Scan, ScanStream
 from lidario.port import simulated
 from lidario.port.port import Port
 from lidario.port.simulated import MemoryTransport
@@ -73,9 +73,17 @@ def cable_to(rig: Rig) -> Iterator[Cable]:
 
 
 @asynccontextmanager
-async def on_a_cable(name: str, **options: Any) -> AsyncIterator[tuple[Cable, Lidar]]:
-    """A device, the cable to it, and a session that is open and comes back, unless the options say otherwise."""
-    rig = make_rig(name)
+async def on_a_cable(rig: Rig | str, **options: Any) -> AsyncIterator[tuple[Cable, Lidar]]:
+    """The cable to a device, and a session that is open and comes back, unless the options say otherwise."""
+    rig = make_rig(rig) if isinstance(rig, str) else rig
     with cable_to(rig) as cable:
         async with rig.open(**{"reconnect": True, **options}) as lidar:
             yield cable, lidar
+
+
+async def next_after(stream: ScanStream, moment: float) -> Scan:
+    """The first scan that was measured after `moment`."""
+    while True:
+        scan = await asyncio.wait_for(anext(stream), 30.0)
+        if scan.stamp_ns > moment * 1e9:
+            return scan

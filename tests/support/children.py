@@ -13,9 +13,11 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any, cast
 
 from lidario.sim.device import Received
 from lidario.sim.serve import PtyServer
+from lidario.sim.server import Server
 
 BOUND = 30.0
 UNDISTURBED = "import logging\nlogging.getLogger('lidario').setLevel(logging.ERROR)\n"
@@ -71,10 +73,12 @@ def forget(server: PtyServer) -> None:
         server.device.log.clear()
 
 
-def is_still(server: PtyServer) -> bool:
-    """Whether laser and motor are off."""
+def is_still(server: Server) -> bool:
+    """Whether laser and motor are off; a pseudo-terminal has no DTR, by which an A1 stops its motor."""
     with server.lock:
-        return not server.device.scanning and not server.device.motor_on
+        device = cast("Any", server.device)
+        by_dtr = getattr(device.profile, "motor", "") == "dtr"
+        return not device.scanning and (by_dtr or not device.motor_on)
 
 
 def was_stopped(server: PtyServer) -> bool:

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
+import numpy as np
 import pytest
 
-from lidario import StreamFailed
+from lidario import ScanStream, StreamFailed
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
 from lidario.session.opening import OpenLidar, open_lidar
 from tests.support.discards import PROTECTED
 from tests.support.families import ABOUT
+
+T = TypeVar("T")
 
 
 @dataclass
@@ -35,12 +39,18 @@ class Rig:
         """Open it in memory."""
         return open_lidar(self.device, family=self.family, **options)
 
+    @asynccontextmanager
+    async def read(self, mode: str | None = None, **options: Any) -> AsyncIterator[tuple[Lidar, ScanStream]]:
+        """Open it in memory, and read: a session, and a stream of it that has brought its first scan."""
+        async with self.open(**options) as lidar, lidar.scans(mode) as stream:
+            await anext(stream)
+            yield lidar, stream
+
 
 MAKERS = {name: about.MAKER for name, about in ABOUT.items()}
 FAMILIES = tuple(name for name, maker in MAKERS.items() if maker.obeys and maker.tuned)
 """Those whose devices obey requests, and so are asked, stopped and reset in most tests of sessions."""
 EVERY_FAMILY = tuple(MAKERS)
-OBEDIENT = tuple(name for name, maker in MAKERS.items() if maker.obeys)
 SWITCHED = ("rplidar-a1", "rplidar-a2")
 """Models whose motor takes no speed: it is switched by DTR, and by an accessory board."""
 EVERY_KIND = (*EVERY_FAMILY, *SWITCHED)
@@ -86,20 +96,23 @@ def left_still(rig: Rig) -> bool:
     return not rig.device.scanning and not rig.device.motor_on and moved[-1] in ("stop", "reset")
 
 
-def discarded(rig: Rig) -> list[tuple[str, str]]:
-    """Requests the strict device discarded, and why.
+@contextmanager
+def left_still_at_the_end(rig: Rig) -> Iterator[Rig]:
+    """Whatever is done with the device in the block, laser and motor are off behind it."""
+    yield rig
+    assert left_still(rig) or not rig.device.log, names(rig)[-6:]
 
-    Not those that are meant to be lost: questions to a device that boots, STOP to one in Protection Stop, and what
-    stops the motor of another model, where the device has not said which it is.
-    """
-    return [
-        (each.name, each.why)
-        for each in rig.device.log
-        if not each.obeyed
-        and each.why != "still booting after reset"
-        and (each.name, each.why) != ("stop", PROTECTED)
-        and not (each.name in ("set_motor_pwm", "motor_speed_ctrl") and each.why == "unknown to this device")
-    ]
+
+def babble(device: Any) -> None:
+    """From now on the device sends noise, whatever it is told: half of what a fast line carries."""
+    random = np.random.default_rng(1)
+    device.transmit = lambda now: random.bytes(1024)
+    device.wakeup = lambda now: now + 20_000_000
+
+
+async def some(stream: AsyncIterator[T], count: int) -> list[T]:
+    """The next ones of a stream."""
+    return [await anext(stream) for _ in range(count)]
 
 
 async def take(lidar: Lidar, count: int) -> list[Scan]:

@@ -6,10 +6,8 @@ import os
 import re
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, cast
 
 from lidario.port.guard import NAME
-from lidario.sim.server import Server
 
 
 def guards_of(program: int) -> list[int]:
@@ -37,14 +35,6 @@ def _number(path: Path, what: str) -> int:
     match = re.search(rf"^{what}:\s*(\d+)", path.read_text(), re.MULTILINE)
     assert match is not None, path
     return int(match[1])
-
-
-def is_left_still(server: Server) -> bool:
-    """Whether laser and motor are off; a pseudo-terminal has no DTR, by which an A1 stops its motor."""
-    with server.lock:
-        device = cast("Any", server.device)
-        by_dtr = getattr(device.profile, "motor", "") == "dtr"
-        return not device.scanning and (by_dtr or not device.motor_on)
 
 
 def own_guards() -> list[int]:

@@ -50,32 +50,47 @@ def no_collection() -> Iterator[None]:
             gc.enable()
 
 
-def interrupted(line: int, function: Callable[[], object]) -> None:
-    """Call `function`, and raise KeyboardInterrupt at the n-th line that is executed, if there are so many.
+class CtrlC:
+    """Raises KeyboardInterrupt at the n-th line that is executed in its block, if there are so many.
 
     Args:
         line: Which line, from 0 on; those of what is called are counted too.
-        function: What to call.
+        folders: Only lines of files whose paths have one of these in them are counted; by default all.
+
+    Attributes:
+        place: Where that was; empty where there are fewer lines.
     """
-    left = line
 
-    def trace(frame: FrameType, event: str, _: object) -> Any:
-        nonlocal left
+    def __init__(self, line: int, *folders: str) -> None:
+        self.place = ""
+        self._left = line
+        self._folders = folders or ("",)
+
+    def __enter__(self) -> None:
+        self._before = sys.gettrace()
+        sys.settrace(self._trace)
+
+    def __exit__(self, *exception: object) -> None:
+        sys.settrace(self._before)
+
+    def _trace(self, frame: FrameType, event: str, _: object) -> Any:
+        path = frame.f_code.co_filename
         # Python ignores what is raised in the callback of a weak reference.
-        if event == "line" and "_weakrefset" not in frame.f_code.co_filename:
-            left -= 1
-            if left < 0:
+        if not any(each in path for each in self._folders) or "_weakrefset" in path:
+            return None
+        if event == "line":
+            self._left -= 1
+            if self._left < 0:
                 sys.settrace(None)
-                raise KeyboardInterrupt(f"{frame.f_code.co_qualname}:{frame.f_lineno}")
-        return trace
+                self.place = f"{frame.f_code.co_qualname}:{frame.f_lineno}"
+                raise KeyboardInterrupt(self.place)
+        return self._trace
 
-    before = sys.gettrace()
-    with no_collection():
-        sys.settrace(trace)
-        try:
-            function()
-        finally:
-            sys.settrace(before)
+
+def interrupted(line: int, function: Callable[[], object]) -> None:
+    """Call `function`, and raise KeyboardInterrupt at the n-th line that is executed, if there are so many."""
+    with no_collection(), CtrlC(line):
+        function()
 
 
 def interrupted_at_call(number: int, function: Callable[[], object]) -> str:

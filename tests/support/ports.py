@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import inspect
 import os
 import select
 import subprocess
 import sys
-from collections.abc import Callable, Coroutine, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator, Sequence
+from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import replace
+from functools import wraps
 from types import ModuleType
 from typing import Any, TypeVar
 
@@ -19,6 +21,7 @@ from lidario.errors import DeviceLost
 from lidario.families.registry import FAMILIES
 from lidario.port.port import Port
 from lidario.port.reading import PolledLine
+from lidario.port.serial import open_serial
 
 PATIENCE_S = 20.0
 T = TypeVar("T")
@@ -28,6 +31,19 @@ if sys.platform != "win32":
 
     LIBRARIES.append(uvloop)
 both_loops = pytest.mark.parametrize("library", LIBRARIES, ids=lambda library: library.__name__)
+
+
+def on_both_loops(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
+    """Decorate an async test to run on the event loop of each library."""
+
+    def on_each(library: ModuleType, **values: Any) -> None:
+        run_on(library, lambda: test(**values))
+
+    own = inspect.Parameter("library", inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    wraps(test)(on_each)
+    on_each.__signature__ = inspect.Signature([own, *inspect.signature(test).parameters.values()])  # type: ignore[attr-defined]
+    decorated: Callable[..., None] = both_loops(on_each)
+    return decorated
 
 
 def run_on(library: ModuleType, main: Callable[[], Coroutine[Any, Any, T]]) -> T:
@@ -128,6 +144,25 @@ class Seen:
                 await self.more.wait()
 
 
+@asynccontextmanager
+async def opened(path: str, baudrate: int = 115200) -> AsyncIterator[tuple[Port, Sink]]:
+    """A serial port, which is closed behind the block, and what it brings."""
+    port, sink = await open_serial(path, baudrate), Sink()
+    port.attach(sink)
+    try:
+        yield port, sink
+    finally:
+        await port.close()
+
+
+@asynccontextmanager
+async def opened_terminal(baudrate: int = 115200) -> AsyncIterator[tuple[Port, Sink, int]]:
+    """A serial port that is a pseudo-terminal, what it brings, and the other end of it."""
+    with terminal_pair() as (master, _, path):
+        async with opened(path, baudrate) as (port, sink):
+            yield port, sink, master
+
+
 @contextmanager
 def another_program(path: str = "", stderr: int | None = None) -> Iterator[subprocess.Popen[bytes]]:
     """A program that holds this port, or none, and has said so; it ends with its input."""
@@ -166,19 +201,6 @@ def written(master: int, size: int) -> bytes:
     while len(data) < size and select.select([master], [], [], PATIENCE_S)[0]:
         data += os.read(master, size + 16)
     return data
-
-
-async def every_byte_arrives(port: Port, master: int, kilobytes: int, latency: float) -> Sink:
-    """Write at the other end of a port, and find that all of it comes, in order; return what was received."""
-    sink = Sink()
-    port.attach(sink)
-    port.set_polling(latency, None)
-    sent = bytes(range(256)) * 4 * kilobytes
-    for begin in range(0, len(sent), 1000):
-        os.write(master, sent[begin : begin + 1000])
-        await sink.until(min(begin + 1000, len(sent)))
-    assert bytes(sink.data) == sent
-    return sink
 
 
 def open_files() -> int:

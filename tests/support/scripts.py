@@ -1,6 +1,6 @@
-"""Running a family's scripts by hand: no link, no device, only a table of responses."""
+"""Running a family's scripts by hand: no link, no device, only responses."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TypeVar
 
 from lidario.errors import ResponseTimeout
@@ -12,19 +12,28 @@ Answers = Mapping[bytes, bytes | None]
 """Bytes of a request -> payload of its response; None or absent: silence."""
 
 
-def drive(script: Script[T], answers: Answers) -> tuple[T, list[Request]]:
-    """Run a script against a device that gives these responses; its result, and what it sent."""
-    sent: list[Request] = []
+def played(script: Script[T], answer: Callable[[Request], bytes | None]) -> T:
+    """Run a script against a function; None is silence."""
     try:
         request = next(script)
         while True:
-            sent.append(request)
-            answer = answers.get(request.data)
-            if request.expects is None or request.stream is not None:
-                request = script.send(b"")
-            elif answer is None:
+            payload = answer(request)
+            if payload is None:
                 request = script.throw(ResponseTimeout(request.name, request.timeout))
             else:
-                request = script.send(answer)
+                request = script.send(payload)
     except StopIteration as stop:
-        return stop.value, sent
+        value: T = stop.value
+        return value
+
+
+def drive(script: Script[T], answers: Answers) -> tuple[T, list[Request]]:
+    """Run a script against a device that gives these responses; its result, and what it sent."""
+    sent: list[Request] = []
+
+    def answer(request: Request) -> bytes | None:
+        sent.append(request)
+        waits = request.expects is not None and request.stream is None
+        return answers.get(request.data) if waits else b""
+
+    return played(script, answer), sent
