@@ -72,7 +72,8 @@ async def test_closing_does_not_wait_for_a_boot_that_a_start_would_wait_for(rig:
         await asyncio.sleep(0.6)
         began = now()
         await lidar.close()
-        assert now() - began < 0.5
+        # A response that the device may owe is waited for for two seconds.
+        assert now() - began < 2.5
         ended = await asyncio.gather(resetting, reading, return_exceptions=True)
-        assert now() - began < 0.5
+        assert now() - began < 2.5
     assert [type(each) for each in ended] == [SessionClosed, SessionClosed]

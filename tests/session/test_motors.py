@@ -78,7 +78,8 @@ async def test_a_motor_without_control_is_left_alone(model: str) -> None:
             await lidar.set_scan_frequency(10.0)
     assert not rig.device.scanning
     assert "stop" in names(rig)
-    assert len(names(rig, obeyed=False)) <= 2
+    # What stops the motor of a C1 that takes a speed: whether this one does, may only have been lost on the way.
+    assert len([name for name in names(rig, obeyed=False) if name != "motor_speed_ctrl"]) <= 2
 
 
 @switched
