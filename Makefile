@@ -11,13 +11,14 @@ SCANS ?= 3
 CORES := $(shell getconf _NPROCESSORS_ONLN)
 WORKERS ?= $(shell expr 2 \* $(CORES))
 CHECK_WORKERS ?= $(shell expr 2 \* $(CORES))
+TESTS ?= --long
 # Without compiled files, each program that the tests start compiles everything again: 0.8 s each time.
 unexport PYTHONDONTWRITEBYTECODE
 SEED ?= 7
 HOURS ?= 24
 FUZZ_S ?= 600
 
-.PHONY: demo test check docs bench faults soak fuzz floods package arm64 s390x release clean
+.PHONY: demo test check lint covered docs bench faults soak fuzz floods package arm64 s390x release clean
 .DEFAULT_GOAL := demo
 
 # What the command needs is a fifth of what the tests and checks need.
@@ -39,7 +40,10 @@ demo: $(RUNS)  ## live scans of a simulated lidar, as bytes through a real pseud
 test: $(READY)  ## the quick tests, two on every core; `make check` runs all of them
 	$(BIN)/python -m pytest -n $(WORKERS)
 
-check: $(READY)  ## lint, format, types, workflows, and all tests at full length under coverage
+check: $(READY)  ## lint, types and workflows, beside all tests under coverage; TESTS=--exhaustive: at full length
+	+$(MAKE) --no-print-directory -j2 lint covered
+
+lint: $(READY)  ## lint, format, types, workflows
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
@@ -47,7 +51,9 @@ check: $(READY)  ## lint, format, types, workflows, and all tests at full length
 	$(PYRIGHT)
 	$(PYRIGHT) --verifytypes lidario --ignoreexternal
 	$(BIN)/zizmor --offline --quiet --pedantic .
-	$(BIN)/python -m pytest -n $(CHECK_WORKERS) --exhaustive --cov --cov-report=term-missing:skip-covered
+
+covered: $(READY)
+	$(BIN)/python -m pytest -n $(CHECK_WORKERS) $(TESTS) --cov --cov-report=term-missing:skip-covered
 
 docs: $(READY)  ## the documentation, in .site/; any warning is an error
 	$(BIN)/zensical build --strict --clean
