@@ -112,7 +112,7 @@ class FileWriter:
             from mcap.writer import CompressionType, Writer
         except ModuleNotFoundError:
             raise CannotRecord("recording needs mcap, which is not installed: pip install mcap") from None
-        self.path = target or path
+        self.path: Path = target or path
         self.size: int = 0
         self._sync = sync
         self._sink = _Sink()

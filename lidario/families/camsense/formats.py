@@ -57,7 +57,7 @@ class PacketFormat(TwoAngleFormat):
     told_by = 0
     full_turn = FULL_TURN
     zero = ZERO
-    an_rpm = 64
+    an_rpm: float = 64
 
     def _turns(self, data: bytearray, at: int) -> bool:
         end = at + self.shortest - 4

@@ -7,13 +7,13 @@ divided by 32, so that 8160 is the largest one that is told.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.hlds.formats import PacketFormat
-from lidario.families.slots import DegreeDecoder
+from lidario.families.slots import DegreeDecoder, DegreeFormat
 
 __all__ = ["PacketDecoder"]
 
@@ -21,7 +21,7 @@ __all__ = ["PacketDecoder"]
 class PacketDecoder(DegreeDecoder):
     """Decodes the packets of one stream."""
 
-    wire = PacketFormat
+    wire: ClassVar[type[DegreeFormat]] = PacketFormat
 
     def _returns(self, rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         samples = rows["samples"]

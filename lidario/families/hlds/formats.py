@@ -16,7 +16,7 @@ as one without a check value, and what it sends tells whether one of the two hol
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,12 +55,12 @@ class CheckedFormat(DegreeFormat):
 
     name = "FA A0, 42 bytes"
     response_type = 0x43
-    layout = np.dtype(
+    layout: np.dtype[Any] = np.dtype(
         [("mark", "u1"), ("number", "u1"), ("speed", "<u2"), ("samples", SAMPLE, 6), ("check", "u1", 2)]
     )
-    marks = (b"\xfa", bytes(range(0xA0, 0xDC)))
+    marks: tuple[bytes, ...] = (b"\xfa", bytes(range(0xA0, 0xDC)))
     check: Check = EitherCheck()
-    an_rpm = 10
+    an_rpm: float = 10
 
 
 class PacketFormat(CheckedFormat):

@@ -14,12 +14,14 @@ uncorrected angle.
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from lidario.families.arcs import Output
 from lidario.families.ldrobot.formats import PacketFormat
 from lidario.families.spans import Heads
-from lidario.families.two_angles import TwoAngleDecoder
+from lidario.families.two_angles import TwoAngleDecoder, TwoAngleFormat
 
 __all__ = ["AxisDecoder", "PacketDecoder", "TriangleDecoder"]
 
@@ -27,7 +29,7 @@ __all__ = ["AxisDecoder", "PacketDecoder", "TriangleDecoder"]
 class PacketDecoder(TwoAngleDecoder):
     """Decodes the packets of one stream; angles are those of the beam."""
 
-    wire = PacketFormat
+    wire: ClassVar[type[TwoAngleFormat]] = PacketFormat
 
 
 class TriangleDecoder(PacketDecoder):

@@ -18,7 +18,7 @@ their length in the third byte. Each ends with the same CRC.
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from lidario.families.two_angles import TwoAngleFormat
 from lidario.wire.events import Packets
 from lidario.wire.formats import NO_PACKET, Ticks
-from lidario.wire.rows import Crc8
+from lidario.wire.rows import Check, Crc8
 
 __all__ = ["CRC", "HEAD", "SIZE", "AxisFormat", "PacketFormat", "TriangleFormat"]
 
@@ -56,11 +56,11 @@ class PacketFormat(TwoAngleFormat):
 
     name = "54 2C"
     response_type = 0x2C
-    layout = PACKET
-    marks = (b"\x54", b"\x2c\xec")
-    check = CRC
+    layout: np.dtype[Any] = PACKET
+    marks: tuple[bytes, ...] = (b"\x54", b"\x2c\xec")
+    check: Check = CRC
     full_turn = 36_000
-    an_rpm = 6
+    an_rpm: float = 6
     ticks: Ticks | None = Ticks(1_000_000, 30_000)
 
     def stamps(self, packets: Packets) -> NDArray[np.int64]:

@@ -36,4 +36,4 @@ class PacketDecoder(DegreeDecoder):
 class BackDecoder(PacketDecoder):
     """Decodes the packets of one stream of an XV-11, which turns counter-clockwise."""
 
-    wire = BackFormat
+    wire: ClassVar[type[DegreeFormat]] = BackFormat

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.slots import DegreeFormat
-from lidario.wire.rows import Fold15
+from lidario.wire.rows import Check, Fold15
 
 __all__ = ["SLOWEST", "AnySpeed", "BackFormat", "PacketFormat"]
 
@@ -37,13 +37,13 @@ class PacketFormat(DegreeFormat):
 
     name = "FA A0"
     response_type = 0x16
-    layout = np.dtype(
+    layout: np.dtype[Any] = np.dtype(
         [("mark", "u1"), ("number", "u1"), ("speed", "<u2"), ("samples", SAMPLE, 4), ("check", "<u2")]
     )
-    marks = (b"\xfa", bytes(range(0xA0, 0xFA)))
-    check = Fold15(10)
+    marks: tuple[bytes, ...] = (b"\xfa", bytes(range(0xA0, 0xFA)))
+    check: Check = Fold15(10)
     told_by: int = 4
-    an_rpm = 64
+    an_rpm: float = 64
 
     def _turns(self, data: bytearray, at: int) -> bool:
         return data[at + 2] | data[at + 3] << 8 >= SLOWEST
