@@ -182,7 +182,8 @@ async def test_a_publisher_that_sends_nothing_is_told(
     router: Router, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its process is there, so nothing is lost; it may hang, or its lidar may stand still."""
-    monkeypatch.setattr("lidario.network.port.SILENCE_S", 0.05)
+    # Within this time it must be seen that the publisher is there.
+    monkeypatch.setattr("lidario.network.port.SILENCE_S", 1.0)
     async with AsyncExitStack() as stack:
         rig = Rig(stack, router)
         share = await rig.share("mute/scan")
