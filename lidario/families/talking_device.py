@@ -90,6 +90,13 @@ class TalkingDevice(Device):
         # Where it can be stopped, the motor stops with the stream.
         return (self.stop(),)
 
+    def halt_unknown(self) -> tuple[Request, ...]:
+        # One that streams, and was not heard for long enough, may be of a model that can be stopped.
+        if self._was_heard or self.can_be_stopped:
+            return ()
+        stop = self._talkers.to_be_woken(self._named).stop
+        return (Request("STOP", stop),) if stop else ()
+
     def reset(self) -> Request:
         raise Unsupported("this device cannot be restarted from here: cut its power")
 
