@@ -232,7 +232,6 @@ class Stopper:
                 _log.warning("the device goes on sending after %d stop requests", ATTEMPTS)
                 self._settle(still=False)
         elif self._doubtful and (owed := self._hearing.owes_until) - self._loop.time() > CLOCK_S:
-            self._seen = self._writer.stats.bytes_received
             self._come_back(min(owed, self._loop.time() + self._quiet_s), self._after_listening)
         elif self._doubtful:
             self.try_now()
