@@ -34,6 +34,8 @@ TIMING: Final = Timing(
 HEAR_S: Final = 0.5
 """How long the packets by which a device is known may take."""
 SPIN_UP_S: Final = 3.0
+START_ATTEMPTS: Final = 2
+"""What starts a device may be lost, and is harmless to one that runs: ROBOTIS' driver sends it to such, too."""
 SETTLE_S: Final = 0.02
 """After a stop; no document demands it, and a packet takes less."""
 
@@ -88,6 +90,13 @@ class TalkingDevice(Device):
         # Where it can be stopped, the motor stops with the stream.
         return (self.stop(),)
 
+    def halt_unknown(self) -> tuple[Request, ...]:
+        # One that streams, and was not heard for long enough, may be of a model that can be stopped.
+        if self._was_heard or self.can_be_stopped:
+            return ()
+        stop = self._talkers.to_be_woken(self._named).stop
+        return (Request("STOP", stop),) if stop else ()
+
     def reset(self) -> Request:
         raise Unsupported("this device cannot be restarted from here: cut its power")
 
@@ -122,14 +131,16 @@ class TalkingDevice(Device):
                     raise
         # What starts it may reach it though nothing comes back: from now on it must be stopped.
         self._be(woken)
-        return (yield from hear_runs(wires[0], of.heard, SPIN_UP_S, woken.start, of.linked))
+        # While it is opened it is asked in rounds.
+        attempts = START_ATTEMPTS if self._was_heard else 1
+        return (yield from hear_runs(wires[0], of.heard, SPIN_UP_S, woken.start, of.linked, attempts))
 
     def health(self) -> Script[Health]:
         """As `Device.health`: a warning where the rotor does not turn, a note where it may be another model."""
         trouble = yield from self._trouble()
         if trouble:
             return Health(HealthStatus.WARNING, 0, trouble)
-        yield hear(self.wire(), LINKED, self.patience_s, self.wake)
+        yield hear(self.wire(), LINKED, self.patience_s, self.wake, START_ATTEMPTS if self.wake else 1)
         return Health(HealthStatus.OK, 0, self._model.note)
 
     def explain_silence(self, lasted_s: float) -> Script[bool]:

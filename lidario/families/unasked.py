@@ -25,15 +25,25 @@ NOT_STOPPED = Request("STOP", b"", ends_stream=True)
 """Sends nothing to the device. The host only stops listening."""
 
 
-def hear(wire: StreamFormat, packets: int = LINKED, timeout: float = 0.5, wake: bytes = b"") -> Request:
-    """Wait for so many packets in a row; their bytes are the response. `wake` starts a device that was stopped."""
+def hear(
+    wire: StreamFormat, packets: int = LINKED, timeout: float = 0.5, wake: bytes = b"", attempts: int = 1
+) -> Request:
+    """Wait for so many packets in a row; their bytes are the response.
+
+    `wake` starts a device that was stopped, and changes nothing about one that runs.
+    """
     expected = Expected(wire.response_type, packets * wire.shortest)
     name = "START" if wake else "LISTEN"
-    return Request(name, wake, expected, timeout, attempts=1, stream=wire, packets=packets)
+    return Request(name, wake, expected, timeout, attempts=attempts, stream=wire, packets=packets)
 
 
 def hear_runs(
-    wire: Callable[[], StreamFormat], packets: int, timeout: float, wake: bytes = b"", linked: int = LINKED
+    wire: Callable[[], StreamFormat],
+    packets: int,
+    timeout: float,
+    wake: bytes = b"",
+    linked: int = LINKED,
+    attempts: int = 1,
 ) -> Script[tuple[bytes, ...]]:
     """Hear so many packets in a row, or `RUNS` short runs where the line damages so much that they do not come.
 
@@ -43,6 +53,7 @@ def hear_runs(
         timeout: How long each run may take, in seconds.
         wake: As for `hear`.
         linked: Packets of a short run.
+        attempts: How often the first run is waited for.
 
     Returns:
         The bytes of each run. No packet is missing within one.
@@ -50,7 +61,7 @@ def hear_runs(
     Raises:
         ResponseTimeout: Not even a short run came.
     """
-    yield hear(wire(), linked, timeout, wake)
+    yield hear(wire(), linked, timeout, wake, attempts)
     try:
         return ((yield hear(wire(), packets, timeout)),)
     except ResponseTimeout:

@@ -94,6 +94,7 @@ class Request:
             announces nothing; 0 where there is another response, or none.
         dtr: State in which the control line DTR is put before the bytes are written; None to leave it as it is.
         baudrate: Speed to which the port is set before the bytes are written; None to leave it as it is.
+        acknowledged: Bytes with which the device says that it has heard the request, where nobody waits for them.
 
     A request with a `stream`, but without `expects`, begins a stream that is not announced: what comes next
     belongs to it. A request without bytes that ends a stream only has the host not listen any more: nobody is told,
@@ -113,6 +114,7 @@ class Request:
     packets: int = 0
     dtr: bool | None = None
     baudrate: int | None = None
+    acknowledged: int = 0
 
     def admits(self, descriptor: Descriptor) -> bool:
         """Whether `descriptor` announces the response to this request."""

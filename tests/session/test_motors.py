@@ -68,18 +68,23 @@ async def test_the_way_is_decided_once() -> None:
     assert names(rig).count("set_motor_pwm") == 6
 
 
-@pytest.mark.parametrize("model", ["rplidar-a2-no-board", "rplidar-c1-fixed"])
-async def test_a_motor_without_control_is_left_alone(model: str) -> None:
+@pytest.mark.parametrize(
+    ("model", "why"), [("rplidar-a2-no-board", "no motor control"), ("rplidar-c1-fixed", "takes none")]
+)
+async def test_a_motor_without_control_is_left_alone(model: str, why: str) -> None:
     rig = make_rig(model)
     async with rig.open() as lidar:
         await take(lidar, 1)
         await take(lidar, 1)
-        with pytest.raises(Unsupported, match="no motor control"):
+        asked = names(rig, obeyed=False)
+        with pytest.raises(Unsupported, match=why):
             await lidar.set_scan_frequency(10.0)
     assert not rig.device.scanning
     assert "stop" in names(rig)
-    # What stops the motor of a C1 that takes a speed: whether this one does, may only have been lost on the way.
-    assert len([name for name in names(rig, obeyed=False) if name != "motor_speed_ctrl"]) <= 2
+    # What stops the motor of one that takes a speed or a duty: whether this one does, may only have been lost on
+    # the way.
+    stops = ("motor_speed_ctrl", "set_motor_pwm")
+    assert len([name for name in asked if name not in stops]) <= 2
 
 
 @switched
@@ -164,4 +169,41 @@ async def test_a_c1_whose_limits_were_lost_on_the_way_is_left_still() -> None:
     rig.device.receive = lossy
     async with rig.open() as lidar:
         await lidar.scan()
+    assert left_still(rig)
+
+
+async def test_a_c1_whose_limits_were_lost_on_the_way_takes_a_speed_as_soon_as_it_tells_them() -> None:
+    rig = make_rig("rplidar-c1")
+    receive = rig.device.receive
+    rig.device.receive = lambda data, now: None if data.startswith(b"\xa5\x84\x04\x04") else receive(data, now)
+    async with rig.open() as lidar:
+        await lidar.scan()
+        with pytest.raises(Unsupported, match="were lost"):
+            await lidar.set_scan_frequency(8.0)
+        rig.device.receive = receive
+        assert await lidar.set_scan_frequency(8.0) == 8.0
+        assert (await take(lidar, 3))[-1].rpm == pytest.approx(480, rel=0.01)
+
+
+async def test_a_c1_that_says_that_it_has_no_limits_is_believed() -> None:
+    """Its response is there, and empty: nothing was lost."""
+    rig = make_rig("rplidar-c1-fixed")
+    conf = rig.device.identity.conf
+    rig.device.identity.conf = lambda profile, asked: b"" if asked[0] in (4, 5) else conf(profile, asked)
+    async with rig.read() as (lidar, stream):
+        asked = len(names(rig))
+        with pytest.raises(Unsupported, match="no motor control"):
+            await lidar.set_scan_frequency(8.0)
+        await anext(stream)
+        assert len(names(rig)) == asked
+
+
+async def test_a_motor_that_was_left_on_is_stopped_though_the_board_was_lost_on_the_way() -> None:
+    rig = make_rig("rplidar-a2")
+    rig.device.begin_streaming(1, now_ns())
+    receive = rig.device.receive
+    rig.device.receive = lambda data, now: None if data.startswith(b"\xa5\xff") else receive(data, now)
+    async with rig.open() as lidar:
+        await lidar.scan()
+        assert rig.device.motor_on
     assert left_still(rig)

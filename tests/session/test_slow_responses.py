@@ -25,7 +25,7 @@ from tests.session.test_two_tasks import (
     set_speed,
     start,
 )
-from tests.support.devices import Rig, both_families, left_still, make_rig, take
+from tests.support.devices import Rig, both_families, left_still, make_rig, names, take
 from tests.support.loop import now, now_ns, run_driven
 
 pytestmark = pytest.mark.discards("stop requests are tried while a response is outstanding")
@@ -203,3 +203,27 @@ async def test_a_silent_port_is_not_waited_for(rplidar: Rig) -> None:
     with pytest.raises((asyncio.CancelledError, ConnectFailed)):
         await opening
     assert now() - began < 1.0
+
+
+@pytest.mark.parametrize("delay_s", [0.05, 0.1, 0.15, 0.2, 0.3])
+async def test_responses_to_the_stop_requests_are_not_taken_for_a_stream(
+    delay_s: float, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A Hokuyo responds to them, too."""
+    rig = make_rig("hokuyo")
+    async with rig.open() as lidar:
+        rig.device.response_delay_s = delay_s
+        await lidar.scan()
+        await lidar.stop()
+        assert left_still(rig)
+    assert not [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING]
+    assert names(rig).count("stop") < 8
+
+
+async def test_a_hokuyo_that_hears_nothing_and_streams_on_is_told_of(caplog: pytest.LogCaptureFixture) -> None:
+    rig = make_rig("hokuyo")
+    async with rig.read() as (lidar, _):
+        rig.device.receive = lambda data, now: None
+        with pytest.raises(StreamFailed, match="bytes still arrive after 3 STOP requests"):
+            await lidar.stop()
+    assert "goes on sending after 3 stop requests" in caplog.text

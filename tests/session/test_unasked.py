@@ -6,6 +6,7 @@ import asyncio
 import logging
 import math
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from typing import Any
 
 import pytest
@@ -233,3 +234,18 @@ async def test_the_ld14p_is_started_and_stopped_by_requests() -> None:
     async with rig.open() as lidar:
         assert lidar.info.model == "LDROBOT LD14P"
     assert left_still(rig)
+
+
+@pytest.mark.parametrize("moment_s", [0.001, 0.02, 0.06, 0.15])
+@pytest.mark.parametrize("model", ["hlds-lds01", "hlds-lds01-2016", "ldrobot-ld14p"])
+async def test_one_that_streams_is_stopped_where_its_opening_is_cancelled(model: str, moment_s: float) -> None:
+    """Also before enough was heard of it to know what it is."""
+    rig = make_rig(model)
+    rig.device.begin_streaming(now_ns())
+    with suppress(TimeoutError):
+        async with asyncio.timeout(moment_s), rig.open():
+            pass
+    # What was written last may still be under way.
+    await asyncio.sleep(0.01)
+    assert left_still(rig)
+    assert names(rig)

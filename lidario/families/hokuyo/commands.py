@@ -35,7 +35,8 @@ _MEANINGS: Final = {
 }
 
 FILL: Final = Request("FILL", b"\n")
-STOP: Final = Request("QT", b"QT\n", settle=SETTLE_S, ends_stream=True)
+# Echo, status and an empty line come back.
+STOP: Final = Request("QT", b"QT\n", settle=SETTLE_S, ends_stream=True, acknowledged=len(b"QT\n00P\n\n"))
 RESET: Final = Request("RS", b"RS\n", settle=SETTLE_S, ends_stream=True)
 
 

@@ -57,7 +57,7 @@ class RplidarDevice(Device):
     def __init__(self) -> None:
         self._major = 0
         self._firmware: tuple[int, int] = (0, 0)
-        self._is_ethernet: bool | None = None
+        self._is_ethernet = False
         self._configuration = Configuration()
         self._motor = MotorControl(self._configuration.ask_bytes)
 
@@ -80,7 +80,8 @@ class RplidarDevice(Device):
         self._major, self._firmware = model >> 4, (major, minor)
         self._configuration.known = self._major >= FIRST_DIRECT_TOF or self._firmware >= CONF_FIRMWARE
         self._motor.identified(self._major)
-        if self.by_network and self._major == S2_MAJOR and self._is_ethernet is None:
+        # Until it says so: its response may be lost.
+        if self.by_network and self._major == S2_MAJOR and not self._is_ethernet:
             self._is_ethernet = yield from self._has_mac()
         return DeviceInfo(
             family="rplidar",

@@ -6,13 +6,15 @@ way    who                                        what the host does
 RPM    S and T series; a C1 that tells its limits MOTOR_SPEED_CTRL, revolutions a minute
 PWM    A2, A3 with an accessory board             SET_MOTOR_PWM, a duty. They send no packet before
 DTR    A1                                         the control line: cleared turns it, asserted stops it
-NONE   A2, A3 on a bare UART; other C1            nothing, but for what stops the motor of a C1
+NONE   A2, A3 on a bare UART; other C1            nothing, but for what would stop the motor
 =====  =========================================  ====================================================
 
 Vendor's SDK 2.1.0, `checkMotorCtrlSupport` and `setMotorSpeed`, with two differences. The SDK takes the C1 for one
 without a motor request; here it is asked for its limits, since a user's C1 obeyed MOTOR_SPEED_CTRL. And the SDK
 moves DTR wherever it knows no other way; users report that an A2 or A3 hears nothing while DTR is asserted, so
 there it stays cleared, as it is when the port was opened.
+
+A C1 whose response does not come is started as one that has no limits, and asked again when its speed is wanted.
 """
 
 from __future__ import annotations
@@ -56,6 +58,10 @@ class Way(Enum):
         "Scan.rpm tells what it is"
     )
     NONE = "this model has no motor control that the host could use. Scan.rpm tells how fast it turns"
+    UNTOLD = (
+        "this device did not tell between which speeds its motor turns: it takes none, or its responses were lost, "
+        "and then it helps to try again. Scan.rpm tells how fast it turns"
+    )
 
 
 class MotorControl:
@@ -86,14 +92,13 @@ class MotorControl:
 
     def halt(self) -> tuple[Request, ...]:
         """What stops the motor; where the way is not decided yet, a request that does no harm."""
-        if self._way is Way.NONE and self._major < FIRST_C:
-            return ()
         if self._way is Way.DTR:
             return (commands.DTR_STOPS,)
-        if self._way is Way.PWM or A1 < self._major < FIRST_C:
+        # That it has a board, or takes a speed, may only have been lost on the way: one that does not know the
+        # request ignores it.
+        if A1 < self._major < FIRST_C:
             return (commands.motor_pwm(0),)
-        # Before the device is identified too: one that does not know it ignores it. So does a C1, whose limits may
-        # have been lost on the way, and whose motor is started by SCAN.
+        # Before the device is identified too.
         return (commands.motor_speed(0),)
 
     def start(self) -> Script[None]:
@@ -166,6 +171,8 @@ class MotorControl:
         return lowest / 60, highest / 60
 
     def _check_speed(self) -> Script[None]:
+        if self._way is Way.UNTOLD:
+            self._way = None  # a start does not wait for that again, but who asks for the speed does
         way = yield from self._decided()
         if way is not Way.RPM:
             raise Unsupported(way.value)
@@ -178,12 +185,12 @@ class MotorControl:
         return self._way
 
     def _limited(self) -> Script[Way]:
-        """A C1 that tells both limits takes a speed."""
+        """A C1 that tells both limits takes a speed; one that is silent may not know the question."""
         for kind in (Conf.MIN_ROTATION, Conf.MAX_ROTATION):
             try:
                 told = yield replace(commands.get_lidar_conf(kind), timeout=LIMITS_TIMEOUT_S)
             except ResponseTimeout:
-                return Way.NONE
+                return Way.UNTOLD
             if len(told) < 6:
                 return Way.NONE
         return Way.RPM

@@ -6,7 +6,7 @@ reached the operating system before `stop` returns. Else a timer writes them, wh
 That they were written does not mean that they were heard. A device that has not responded yet discards what it is
 sent, and a damaged line may lose it. So the line is listened to afterwards:
 
-* Bytes come: the stop requests are written again, `ATTEMPTS` times at most.
+* Bytes come, and more than what acknowledges them: the stop requests are written again, `ATTEMPTS` times at most.
 * It is quiet, but the device owed a response when they were written: they are written again as soon as it comes,
   or when it is not waited for any more.
 * It is quiet, and nothing was owed: the device is still.
@@ -84,7 +84,7 @@ class Stopper:
         self._step: Callable[[], None] = self.try_now
         self._patient_until = 0.0
         self._attempts = 0
-        self._seen = 0
+        self._seen = self._acknowledged = 0
         self._doubtful = False
         self._patient = True
         self._hanging_up = False
@@ -205,6 +205,7 @@ class Stopper:
         self._doubtful = self._patient and self._hearing.owes_until - self._loop.time() > CLOCK_S
         self._attempts, self._moved = self._attempts + 1, False
         requests = self.requests()
+        self._acknowledged = sum(request.acknowledged for request in requests)
         self._write_all(requests)
         if any(request.data for request in requests):
             self._come_back(max(self._hearing.free_at(0.0), self._loop.time()), self._listen)
@@ -221,7 +222,8 @@ class Stopper:
         self._seen = self._writer.stats.bytes_received
 
     def _after_listening(self) -> None:
-        if self._writer.stats.bytes_received != self._seen:
+        came = self._writer.stats.bytes_received - self._seen
+        if came and (self._doubtful or came > self._acknowledged):
             # Whatever the device owed is among that.
             self._hearing.forget()
             if self._attempts < ATTEMPTS:
@@ -230,7 +232,6 @@ class Stopper:
                 _log.warning("the device goes on sending after %d stop requests", ATTEMPTS)
                 self._settle(still=False)
         elif self._doubtful and (owed := self._hearing.owes_until) - self._loop.time() > CLOCK_S:
-            self._seen = self._writer.stats.bytes_received
             self._come_back(min(owed, self._loop.time() + self._quiet_s), self._after_listening)
         elif self._doubtful:
             self.try_now()

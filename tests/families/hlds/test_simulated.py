@@ -77,3 +77,23 @@ async def test_one_whose_check_value_nobody_knows_says_so() -> None:
         assert "no check value" in (await lidar.get_health()).note
         for _ in range(3):
             assert len(await anext(stream)) == 360
+
+
+@pytest.mark.parametrize("ask", ["get_health", "get_info"])
+@driven
+async def test_a_start_that_is_lost_is_sent_again(ask: str) -> None:
+    rig = make_rig("hlds", "hlds-lds01")
+    async with open_lidar(rig.device, family="hlds") as lidar:
+        await lidar.stop()
+        receive, lost = rig.device.receive, list[bytes]()
+
+        def lossy(data: bytes, now: int) -> None:
+            if data == b"b" and not lost:
+                lost.append(data)
+            else:
+                receive(data, now)
+
+        rig.device.receive = lossy
+        await getattr(lidar, ask)()
+        assert lost == [b"b"]
+    assert not rig.device.motor_on

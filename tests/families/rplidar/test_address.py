@@ -80,16 +80,30 @@ async def test_a_serial_device_has_none() -> None:
                 await request
 
 
-@pytest.mark.parametrize(("model", "name"), [("rplidar-s2e", "RPLIDAR S2E"), ("rplidar-s2", "RPLIDAR S2M1")])
+@pytest.mark.parametrize(
+    ("model", "name", "again"), [("rplidar-s2e", "RPLIDAR S2E", 0), ("rplidar-s2", "RPLIDAR S2M1", 1)]
+)
 @driven
-async def test_an_s2_with_an_ethernet_address_is_an_s2e(model: str, name: str) -> None:
+async def test_an_s2_with_an_ethernet_address_is_an_s2e(model: str, name: str, again: int) -> None:
     """It is asked for that only where the line has no speed: a serial S2 would not respond."""
     rig = make_rig("rplidar", model)
     async with open_lidar(Bridged(rig.device), family="rplidar") as lidar:
         asked = names(rig).count("get_lidar_conf")
         assert lidar.info.model == name
         assert (await lidar.get_info()).model == name
-        assert names(rig).count("get_lidar_conf") == asked
+        assert names(rig).count("get_lidar_conf") == asked + again
+
+
+@driven
+async def test_an_s2e_whose_ethernet_address_was_lost_on_the_way_is_one_as_soon_as_it_tells_it() -> None:
+    rig = make_rig("rplidar", "rplidar-s2e")
+    receive = rig.device.receive
+    rig.device.receive = lambda data, now: None if data[1:2] == b"\x84" else receive(data, now)
+    async with open_lidar(Bridged(rig.device), family="rplidar") as lidar:
+        assert lidar.info.model == "RPLIDAR S2M1"
+        rig.device.receive = receive
+        assert (await lidar.get_info()).model == "RPLIDAR S2E"
+        assert lidar.info.model == "RPLIDAR S2E"
 
 
 @driven

@@ -34,11 +34,12 @@ def test_the_duty_is_the_one_that_the_device_tells() -> None:
 
 
 @pytest.mark.parametrize("answers", [NO, {}])
-def test_without_a_board_nothing_is_sent_to_the_motor(answers: Answers) -> None:
+def test_without_a_board_nothing_starts_the_motor(answers: Answers) -> None:
     device = identified(A2)
     assert sent_at_start(device, answers)[-1] == "a520"
     assert sent_at_start(device, {}) == ["a520"]
-    assert halted(device) == ["a525"]
+    # That there is one may have been lost.
+    assert halted(device) == ["a5f002000057", "a525"]
 
 
 @pytest.mark.parametrize(("model", "request_"), [(A2, "a5f002000057"), (C1, "a5a80200000f")])
@@ -66,13 +67,24 @@ def test_another_c1_is_asked_once_and_takes_none(answers: Answers) -> None:
 
 @pytest.mark.parametrize(
     ("model", "answers", "why"),
-    [(A1, {}, "on and off"), (A2, YES, "a duty"), (A2, {}, "no motor control"), (C1, {}, "no motor control")],
+    [(A1, {}, "on and off"), (A2, YES, "a duty"), (A2, {}, "no motor control"), (C1, {}, "were lost")],
 )
 def test_a_speed_that_cannot_be_set_is_refused_with_the_reason(model: int, answers: Answers, why: str) -> None:
     device = identified(model)
     for script in (device.set_scan_frequency(10.0), device.scan_frequency(), device.scan_frequency_range()):
         with pytest.raises(Unsupported, match=why):
             drive(script, answers)
+
+
+def test_a_c1_is_asked_again_for_limits_that_were_lost_and_not_for_those_that_it_does_not_have() -> None:
+    device = identified(C1)
+    assert sent_at_start(device, {}) == ["a520"]
+    assert drive(device.set_scan_frequency(10.0), LIMITS)[0] == 10.0
+    none = {**conf(Conf.MIN_ROTATION, b""), **conf(Conf.MAX_ROTATION, b"")}
+    device = identified(C1)
+    assert sent_at_start(device, none) == ["a520"]
+    with pytest.raises(Unsupported, match="no motor control"):
+        drive(device.set_scan_frequency(10.0), LIMITS)
 
 
 def test_a_board_whose_response_was_lost_is_asked_for_again_when_no_packet_comes() -> None:
