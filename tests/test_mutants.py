@@ -96,6 +96,7 @@ def test_only_those_tests_judge_that_run_the_line(tmp_path: Path) -> None:
     covering = Covering(tmp_path / ".coverage", tmp_path)
     first, second, two, three = (Place("lidario/wire/one.py", line, 0, 1, "", "number") for line in (1, 2, 6, 11))
 
+    assert [covering.is_run(place) for place in (first, second, two, three)] == [False, False, True, True]
     assert covering.tests(two, ["tests/wire"]) == [[near], [far]]
     assert covering.tests(three, ["tests/wire"]) == [[f"{far}2"]]
     # Of a line that is run by the import: those that read what it defines, or else those that run anything.
