@@ -284,11 +284,10 @@ class Assembler:
     def _scan(self, ended: EndedRevolution) -> Scan | None:
         """Date a revolution and build its scan; None when it is not whole, or parts of two have met in it."""
         self._date(ended)
-        stats, packets, lost = self.stats, ended.packets, ended.lost
+        stats, lost = self.stats, ended.lost
         ordinary_ns = self._last_spanned_ns or ended.spanned_ns
         number = stats.scans + stats.missed_scans - self._told_unseen - (not ended.partial.whole)
-        before = stats.all_packets - (0 if packets is None else packets.count)
-        if not self._is_whole(ended, ordinary_ns, number, before):
+        if not self._is_whole(ended, ordinary_ns, number):
             return None
         spanned_ns = self._last_spanned_ns = ended.spanned_ns
         samples, arrays = ended.samples, ended.arrays
@@ -308,7 +307,7 @@ class Assembler:
             ended.sample_ns = self.incoming.time.of(ended)
         ended.spanned_ns = ended.count * ended.sample_ns
 
-    def _is_whole(self, ended: EndedRevolution, ordinary_ns: float, number: int, packets_before: int) -> bool:
+    def _is_whole(self, ended: EndedRevolution, ordinary_ns: float, number: int) -> bool:
         """Count a revolution, and tell whether it makes a scan."""
         partial, packets, samples, wire = ended.partial, ended.packets, ended.samples, self._stream.format
         if samples is not None:
@@ -325,7 +324,8 @@ class Assembler:
             # Where only marks tell where revolutions begin, the first part may be longer than one.
             self._clock.restart()
         else:
-            before = packets_before - samples.lost - partial.lost_behind_carried - ended.revoked
+            told = samples.lost + partial.lost_behind_carried + ended.revoked
+            before = self.stats.all_packets - packets.count - told
             beginning = ended.beginning(wire, broken=broken, number=number, packets_before=before)
             passed = self._clock.follow(beginning)
             ended.revolution_ns = math.nan if beginning.borrowed else beginning.revolution_ns

@@ -54,7 +54,7 @@ class PacketFormat(DegreeFormat):
 
     def measure(self, data: bytearray, at: int) -> int:
         size = self._begun(data, at, 4)
-        return size if size <= 0 or _speed(data, at) >= SLOWEST else NO_PACKET
+        return size if size <= 0 or not _is_slow(data, at) else NO_PACKET
 
     def intact(self, data: bytearray, at: int, size: int) -> bool:  # noqa: ARG002
         return CHECK.holds(data, at)
@@ -70,7 +70,7 @@ class PacketFormat(DegreeFormat):
         size = self._begun(data, at, SIZE)
         if size <= 0:
             return size
-        return SIZE if _speed(data, at) < SLOWEST and CHECK.holds(data, at) else NO_PACKET
+        return SIZE if _is_slow(data, at) and CHECK.holds(data, at) else NO_PACKET
 
 
 class BackFormat(PacketFormat):
@@ -87,5 +87,6 @@ class AnySpeed(PacketFormat):
         return self._begun(data, at)
 
 
-def _speed(data: bytearray, at: int) -> int:
-    return data[at + 2] | data[at + 3] << 8
+def _is_slow(data: bytearray, at: int) -> bool:
+    # The low byte of that limit is 0: the high byte tells.
+    return data[at + 3] < SLOWEST >> 8
