@@ -172,14 +172,31 @@ class Taken(Intake):
         raise error
 
 
-async def test_what_waits_to_be_parsed_is_bounded() -> None:
+def slow_intake() -> Taken:
+    """Each step of its work takes all the time of a turn of the loop."""
     times = count(0, TURN_NS)
     late = SimpleNamespace(overflow_bytes=0, full_reads=0)
     port = SimpleNamespace(now=lambda: next(times), errors=LineErrors(), late=late)
     intake = Taken(cast("Port", port))
     intake.link.enter_stream(DenseFormat())
     intake.deliver_to(lambda packets: iter([None] * packets.count))
-    packets = b"".join(PACKETS[:10])
+    return intake
+
+
+async def test_much_that_comes_together_is_parsed_in_steps() -> None:
+    intake, packets = slow_intake(), b"".join(PACKETS[:10])
+    intake.data_received(packets * 100, 0)
+    assert 0 < intake.stats.bytes_received <= 8192
+    intake.data_received(packets, 0)
+    while intake.stats.bytes_received < 101 * len(packets):
+        before = intake.stats.bytes_received
+        await asyncio.sleep(0)
+        assert intake.stats.bytes_received - before <= 8192
+    assert intake.stats.packets == 1010
+
+
+async def test_what_waits_to_be_parsed_is_bounded() -> None:
+    intake, packets = slow_intake(), b"".join(PACKETS[:10])
     # The first is parsed at once, and what becomes of its packets takes long.
     for _ in range(1000):
         intake.data_received(packets, 0)
