@@ -80,6 +80,21 @@ async def test_a_device_that_responds_but_never_scans_does_not_put_the_limit_off
 
 @both_families
 @driven
+async def test_a_loss_behind_scans_has_all_the_time_again(family: str) -> None:
+    rig = make_rig(family)
+    with cable_to(rig) as cable:
+        coming_back = Reconnect(limit_s=10.0)
+        async with open_lidar(rig.device, family=family, reconnect=coming_back) as lidar, lidar.scans() as stream:
+            for count in (1, 2):
+                await anext(stream)
+                cable.pull()
+                asyncio.get_running_loop().call_later(6.0, cable.plug)
+                while lidar.stats.reconnects < count:
+                    await anext(stream)
+
+
+@both_families
+@driven
 async def test_questions_end_at_once_while_it_is_away(family: str) -> None:
     rig = make_rig(family)
     with cable_to(rig) as cable:

@@ -46,7 +46,8 @@ def test_each_damaged_bit_is_found_where_the_check_value_is_known() -> None:
 def test_many_are_judged_as_one_is(wire: type[PacketFormat], count: int) -> None:
     packets = list(PACKETS[:count])
     packets[-2] = packets[-2][:1] + b"\xff" + packets[-2][2:]
-    for raw in (b"".join(packets), b"".join(PACKETS[:count]), b"".join(PACKETS[:count]) + b"\xfa"):
+    whole = b"".join(PACKETS[:count])
+    for raw in (b"".join(packets), whole, whole + b"\xfa", whole + PACKETS[count][:2]):
         data = bytearray(raw)
         assert wire().run(data, 0) == checked_one_by_one(wire(), data, 0)
 
