@@ -172,13 +172,13 @@ def _stages(place: Place, covering: Covering | None, whole: bool) -> list[list[s
     found = covering.tests(place, list(chain.from_iterable(stages)))
     judging = [[test for test in tests if not test.startswith(_ABOUT_TEXT_MODULES)] for tests in found]
     judging = [tests for tests in judging if tests]
-    # Of very many that run a line only some are taken: those that are named like the file are not left out.
-    named = [tests for tests in stages[:1] if tests[0].endswith(".py")]
     if not judging:
         return stages
     if not covering.is_run(place):
         # Tests may compare what the import has made, and run nothing of the file.
-        return [*named, *judging, *stages[:_NEAREST], [_FIGURES]]
+        return [*stages[:_NEAREST], *judging, [_FIGURES]]
+    # Of very many that run a line only some are taken: those that are named like the file are not left out.
+    named = [tests for tests in stages[:1] if tests[0].endswith(".py")]
     # Of what is made once and kept, only the test is known that was the first to need it.
     return [*named, *judging, *(stages[:_NEAREST] if sum(map(len, judging)) < _FEW else ())]
 
