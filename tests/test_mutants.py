@@ -85,17 +85,23 @@ def test_the_nearest_tests_judge_first() -> None:
 def test_only_those_tests_judge_that_run_the_line(tmp_path: Path) -> None:
     module = tmp_path / "lidario" / "wire" / "one.py"
     module.parent.mkdir(parents=True)
-    module.write_text("A = 1\nB = 1\n\ndef f():\n    return (\n        2\n    )\n\n\ndef g():\n    return 3 + A\n")
+    functions = "def f():\n    return (\n        2\n    )\n\n\ndef g():\n    return 3 + A\n"
+    module.write_text(f"A = 1\nB = 1\n\n{functions}\n\nC = [lambda: 4]\n")
     near, far = "tests/wire/test_one.py::test_f[a b]", "tests/test_far.py::test_f"
     measured = CoverageData(basename=str(tmp_path / ".coverage"))
-    for context, lines in (("", [1, 2, 4, 10]), (f"{far}|run", [5]), (f"{near}|run", [5]), (f"{far}2|run", [11])):
+    runs = (("", [1, 2, 4, 10]), (f"{far}|run", [5]), (f"{near}|run", [5]), (f"{far}2|run", [11, 14]))
+    for context, lines in runs:
         measured.set_context(context)
         measured.add_lines({str(module): lines})
     measured.write()
 
     covering = Covering(tmp_path / ".coverage", tmp_path)
-    first, second, two, three = (Place("lidario/wire/one.py", line, 0, 1, "", "number") for line in (1, 2, 6, 11))
+    first, second, two, three, four = (
+        Place("lidario/wire/one.py", line, 0, 1, "", "number") for line in (1, 2, 6, 11, 14)
+    )
 
+    assert [covering.is_run(place) for place in (two, three)] == [True, True]
+    assert [covering.is_run(place) for place in (first, second, four)] == [False, False, False]
     assert covering.tests(two, ["tests/wire"]) == [[near], [far]]
     assert covering.tests(three, ["tests/wire"]) == [[f"{far}2"]]
     # Of a line that is run by the import: those that read what it defines, or else those that run anything.

@@ -50,9 +50,9 @@ class Samples:
     ends: Sequence[int]
     lost: int
     unbroken: int
+    revolution_packets: float
+    revolution_samples: float
     lost_behind: int = 0
-    revolution_packets: float = 0.0
-    revolution_samples: float = 0.0
     certain: bool = True
     reported_rpm: float = math.nan
     gaps: Sequence[tuple[int, int]] = ()

@@ -44,8 +44,6 @@ class Repeat:
         self.count: int = 0
         self._write = write
         self._clock = clock
-        self._interval_ns = 0
-        self._written_ns = 0
         self._unshown: deque[tuple[bytes, int]] = deque(maxlen=_UNSHOWN)
         # Reentrant: the garbage collector may call `set` in the midst of `serve`.
         self._lock = threading.RLock()

@@ -241,33 +241,34 @@ class Assembler:
 
     def _ended(self, partial: PartialRevolution, split: Split, following: bytes) -> EndedRevolution | None:
         """Decode a revolution, and carry over to the next what lies behind the seam; None when it has no sample."""
-        arrays, samples, lost = partial.carried, None, partial.lost_behind_carried
+        packets = partial.packets()
+        if packets is None:
+            return None
+        if self._clock.needs_speed:
+            self._clock.learn_speed(dated_angles(self._stream.format, packets))
+        carried, lost, revoked = partial.carried, partial.lost_behind_carried, 0
+        room = 0 if carried is None else len(carried.angle)
+        samples = self._decode(partial, packets, split, following, room)
+        self.incoming.measure(samples, packets)
+        self.stats.lost_packets += samples.lost
+        self.partial.behind_gap = samples.lost_behind > 0 or not samples.certain
+        lost += samples.lost
+        here = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
+        if carried is not None:
+            here.begin_with(carried)
+        if partial.first_packets and samples.certain:
+            revoked = partial.revoke_carried(samples.revolution_packets)
+            self.stats.lost_packets += revoked
+            lost += revoked
+        crossed = room + samples.before_seam
+        if crossed < len(here.angle):
+            self.partial.carry(here.part(crossed), partial.last_ns, samples)
+            lost -= samples.lost_behind
         gaps: list[tuple[int, int]] | None = []
-        packets, revoked = partial.packets(), 0
-        if packets is not None:
-            if self._clock.needs_speed:
-                self._clock.learn_speed(dated_angles(self._stream.format, packets))
-            room = 0 if arrays is None else len(arrays.angle)
-            samples = self._decode(partial, packets, split, following, room)
-            self.incoming.measure(samples, packets)
-            self.stats.lost_packets += samples.lost
-            self.partial.behind_gap = samples.lost_behind > 0 or not samples.certain
-            lost += samples.lost
-            here = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
-            if arrays is not None:
-                here.begin_with(arrays)
-            if partial.first_packets and samples.certain:
-                revoked = partial.revoke_carried(samples.revolution_packets)
-                self.stats.lost_packets += revoked
-                lost += revoked
-            crossed = room + samples.before_seam
-            if crossed < len(here.angle):
-                self.partial.carry(here.part(crossed), partial.last_ns, samples)
-                lost -= samples.lost_behind
-            if samples.gaps or lost:
-                gaps = partial.gaps(samples, room, crossed, revoked=bool(revoked))
-            arrays = here.part(room if revoked else 0, crossed)
-        if arrays is None or not len(arrays.angle):
+        if samples.gaps or lost:
+            gaps = partial.gaps(samples, room, crossed, revoked=bool(revoked))
+        arrays = here.part(room if revoked else 0, crossed)
+        if not len(arrays.angle):
             return None
         return EndedRevolution(partial, packets, samples, arrays, lost, gaps, revoked)
 
@@ -286,36 +287,32 @@ class Assembler:
     def _scan(self, ended: EndedRevolution) -> Scan | None:
         """Date a revolution and build its scan; None when it is not whole, or parts of two have met in it."""
         self._date(ended)
-        stats, packets, lost = self.stats, ended.packets, ended.lost
-        ordinary_ns = self._last_spanned_ns or ended.spanned_ns
+        stats = self.stats
         number = stats.scans + stats.missed_scans - self._told_unseen - (not ended.partial.whole)
-        before = stats.all_packets - (0 if packets is None else packets.count)
-        if not self._is_whole(ended, ordinary_ns, number, before):
+        if not self._is_whole(ended, number):
             return None
         spanned_ns = self._last_spanned_ns = ended.spanned_ns
-        samples, arrays = ended.samples, ended.arrays
+        arrays, reported_rpm = ended.arrays, ended.samples.reported_rpm
         arrays.angle = turned_by(arrays.angle, self._stream.zero_offset_deg)
-        reported_rpm = math.nan if samples is None else samples.reported_rpm
         made = DatedRevolution(arrays, ended.start_ns, spanned_ns, ended.revolution_ns, reported_rpm, ended.gaps)
-        return self._deliver(made, ended.sample_ns, lost)
+        return self._deliver(made, ended.sample_ns, ended.lost)
 
     def _date(self, ended: EndedRevolution) -> None:
         """Fill in the times, as if nothing were missing."""
         packets = ended.packets
-        packet_bytes = self._stream.format.shortest if packets is None else len(packets.data) / packets.count
-        ended.sample_ns, ended.told = ended.by_speed_ns or self._stream.sample_ns, self._stream.sample_ns > 0
+        packet_bytes = len(packets.data) / packets.count
+        ended.sample_ns, ended.told = ended.samples.sample_ns or self._stream.sample_ns, self._stream.sample_ns > 0
         ended.start_ns = first_sample_ns(ended, packet_bytes=packet_bytes, byte_ns=self._byte_ns)
         ended.elapsed_ns = ended.partial.last_ns - ended.start_ns
         if not ended.told:
             ended.sample_ns = self.incoming.time.of(ended)
         ended.spanned_ns = ended.count * ended.sample_ns
 
-    def _is_whole(self, ended: EndedRevolution, ordinary_ns: float, number: int, packets_before: int) -> bool:
+    def _is_whole(self, ended: EndedRevolution, number: int) -> bool:
         """Count a revolution, and tell whether it makes a scan."""
         partial, packets, samples, wire = ended.partial, ended.packets, ended.samples, self._stream.format
-        if samples is not None:
-            ended.spanned_ns += ended.missing_samples(gap_behind=self.partial.carried is None) * ended.sample_ns
-            ordinary_ns = self._last_spanned_ns or ended.spanned_ns
+        ended.spanned_ns += ended.missing_samples(gap_behind=self.partial.carried is None) * ended.sample_ns
+        ordinary_ns = self._last_spanned_ns or ended.spanned_ns
         # What a program reads late it reads together: of an outage meanwhile only a gap in it tells where it was.
         broken = ended.is_broken(ordinary_ns) or (ended.lost > 0 and self._clock.is_late)
         if partial.whole and self._told_seq is None and self._ended_at is not None:
@@ -323,11 +320,12 @@ class Assembler:
             # Angles hide whole revolutions; so it counts when the packet behind it came.
             if least_ns and self._part(*self._ended_at).received_ns - ended.start_ns < least_ns:
                 return False
-        if packets is None or samples is None or not (partial.whole or wire.first_seam is not None):
+        if not partial.whole and wire.first_seam is None:
             # Where only marks tell where revolutions begin, the first part may be longer than one.
             self._clock.restart()
         else:
-            before = packets_before - samples.lost - partial.lost_behind_carried - ended.revoked
+            told = samples.lost + partial.lost_behind_carried + ended.revoked
+            before = self.stats.all_packets - packets.count - told
             beginning = ended.beginning(wire, broken=broken, number=number, packets_before=before)
             passed = self._clock.follow(beginning)
             ended.revolution_ns = math.nan if beginning.borrowed else beginning.revolution_ns

@@ -214,10 +214,9 @@ class RevolutionClock:
             return Passed(0, 0)
         elapsed = here.start_ns - anchor.start_ns
         if self._sure is None:
-            # One without a gap whose speed is told already follows the one before; nothing passed in between.
-            missing, _ = self._missing(here, elapsed)
-            self._is_open |= not here.revolution_ns or here.lost > 0 or missing > 0
-            return Passed(0, missing)
+            # What passed is counted when one is.
+            self._is_open = True
+            return Passed(0, self._missing(here, elapsed)[0])
         if last is None or not last.revolution_ns or self.needs_speed or self._is_open or self._was_wrong(last):
             return Passed(*self._count_all(here, anchor, elapsed))
         return Passed(*self._count_late(here, last, anchor, elapsed, own_ns))

@@ -104,7 +104,8 @@ class DoubledPackets:
         """How long behind the one before a packet came."""
         came_ns = part_of(packets, number, number + 1, offsets, self._wire, self._sample_ns).received_ns
         if not number:
-            return came_ns - (0 if self._last is None else self._last.received_ns)
+            assert self._last is not None
+            return came_ns - self._last.received_ns
         return came_ns - part_of(packets, number - 1, number, offsets, self._wire, self._sample_ns).received_ns
 
 

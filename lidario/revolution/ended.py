@@ -45,8 +45,8 @@ class EndedRevolution:
 
     Attributes:
         partial: What was known of it before.
-        packets: Its packets; None when it has none, only samples that were carried over.
-        samples: What they were decoded to; None when it has none.
+        packets: Its packets.
+        samples: What they were decoded to.
         arrays: Its own samples, from the seam at its beginning to the seam at its end; at least one.
         lost: Packets that are missing in it.
         gaps: Where its own samples are missing, as `PartialRevolution.gaps` tells it.
@@ -61,8 +61,8 @@ class EndedRevolution:
     """
 
     partial: PartialRevolution
-    packets: Packets | None
-    samples: Samples | None
+    packets: Packets
+    samples: Samples
     arrays: SampleArrays
     lost: int
     gaps: list[tuple[int, int]] | None
@@ -80,24 +80,18 @@ class EndedRevolution:
         return len(self.arrays.angle)
 
     @property
-    def by_speed_ns(self) -> float:
-        """What each of its samples took, by the speed that its packets tell; 0 where they do not."""
-        return 0.0 if self.samples is None else self.samples.sample_ns
-
-    @property
     def turn_ns(self) -> float:
         """What a whole one takes, by the step of its angle; infinite where that is not sure."""
         samples = self.samples
-        return samples.revolution_samples * self.sample_ns if samples and samples.certain else math.inf
+        return samples.revolution_samples * self.sample_ns if samples.certain else math.inf
 
     def missing_samples(self, *, gap_behind: bool) -> float:
-        """How many samples the packets held that are missing in it; it has packets.
+        """How many samples the packets held that are missing in it.
 
         Args:
             gap_behind: Whether what is missing behind its last packet belongs to it.
         """
         samples = self.samples
-        assert samples is not None
         behind = samples.skipped_behind if gap_behind and samples.certain else 0
         return _samples_of(samples, self.lost, sum([each for _, each in self.gaps or ()]) + behind)
 
@@ -110,8 +104,6 @@ class EndedRevolution:
         packets, samples = self.packets, self.samples
         if self.elapsed_ns > self.spanned_ns + BROKEN_SHARE * ordinary_ns:
             return True
-        if packets is None or samples is None:
-            return False
         if samples.certain:
             # More than one revolution by its angles: they went back by so little that it looked like jitter.
             skipped = sum([each for _, each in samples.gaps]) - samples.skipped_behind
@@ -125,7 +117,7 @@ class EndedRevolution:
     def is_false_part(self) -> bool:
         """Whether so little of a revolution lies between two splits that one of them was false."""
         samples = self.samples
-        return samples is not None and samples.certain and self.count < _FALSE_PART * samples.revolution_samples
+        return samples.certain and self.count < _FALSE_PART * samples.revolution_samples
 
     def least_ns(self, wire: StreamFormat, usual_ns: float) -> float:
         """The time below which this is only a part of a revolution; 0 where enough of one came. It must be dated.
@@ -138,7 +130,7 @@ class EndedRevolution:
             # Where only marks tell where revolutions begin, a check value keeps false ones away.
             return 0.0
         samples = self.samples
-        if samples is None or not samples.certain:
+        if not samples.certain:
             return _FALSE_PART * usual_ns
         least_ns = _FALSE_PART * self.turn_ns
         # What is missing at its beginning was lost.
@@ -148,10 +140,8 @@ class EndedRevolution:
         return 0.0 if came_ns >= least_ns else least_ns
 
     def beginning(self, wire: StreamFormat, *, broken: bool, number: int, packets_before: int) -> Beginning:
-        """What it tells for counting; it has packets, and is dated. The arguments are as in `Beginning`."""
+        """What it tells for counting; it must be dated. The arguments are as in `Beginning`."""
         packets, samples = self.packets, self.samples
-        assert packets is not None
-        assert samples is not None
         packet_ns, revolution_packets, ordinary = packet_time(wire, packets, samples, self.sample_ns)
         return Beginning(
             self.start_ns,

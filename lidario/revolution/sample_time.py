@@ -67,8 +67,7 @@ class SampleTime:
         """While nothing is told or sure: as in most of the last revolutions, or in this one, if it is the first."""
         if self.known_ns:
             return self.known_ns
-        certain = ended.samples is not None and ended.samples.certain
-        missing = ended.missing_samples(gap_behind=False) if certain else 0.0
+        missing = ended.missing_samples(gap_behind=False) if ended.samples.certain else 0.0
         return ended.elapsed_ns / (ended.count + missing)
 
     def take_note(self) -> str:

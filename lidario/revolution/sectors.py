@@ -238,8 +238,7 @@ class SectorAssembler(Assembler):
     def _number(self, here: DividedRevolution, start_ns: int) -> int:
         """The number of the revolution; those that passed unseen before it are counted."""
         stats, partial = self.stats, here.partial
-        if stats.left_off is not None:
-            stats.resume(start_ns)
+        stats.resume(start_ns)
         if self._clock.last is not None and here.decoded:
             samples = here.decoded[0]
             over = 0.0

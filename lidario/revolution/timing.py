@@ -24,15 +24,13 @@ def first_sample_ns(ended: EndedRevolution, *, packet_bytes: float, byte_ns: flo
     """When the first sample was measured, by the least delayed packet.
 
     Args:
-        ended: The revolution; it has carried samples, or packets. Of its times, only `sample_ns` is read.
+        ended: The revolution. Of its times, only `sample_ns` is read.
         packet_bytes: Mean length of a packet.
         byte_ns: Nanoseconds that a byte takes on the line.
     """
     revolution, packets, samples, sample_ns = ended.partial, ended.packets, ended.samples, ended.sample_ns
     carried = 0 if revolution.carried is None else len(revolution.carried)
     earliest = revolution.carried_ns - (carried - 1) * sample_ns if carried else math.inf
-    if packets is None or samples is None:
-        return earliest_ns([earliest], sample_ns, packet_bytes * byte_ns)
     ends, before = samples.ends, carried - 1
     if samples.certain and not samples.gaps and not revolution.lost_behind_carried:
         # Mostly. What follows would find the same.

@@ -269,6 +269,7 @@ class Lidar(Streams, AsyncOnly):
         at = self._at
         # From here on the finalizer of the session leaves this device still.
         at.dialogue, at.device, at.info = new, connection.device, connection.info
+        new.port.follow(self._scanner)
         connection.half_open.release()
         self._scanner.inquiry.take_note(health)
         self._recorded.adopt()

@@ -121,10 +121,10 @@ class LoopThread:
         call = _Call(lambda: function(*args, **kwargs))
         self._calls.add(call)
         try:
-            # Behind the line above: the thread finds the call at its end, or this line finds that it has ended.
-            if self._loop is None or self._ended.is_set:
+            if self._loop is None:
                 raise SessionClosed(_CLOSED)
             try:
+                # Behind the line that adds it: the thread finds the call at its end, or the loop is closed by now.
                 self._loop.call_soon_threadsafe(call.begin)
             except RuntimeError:
                 raise SessionClosed(_CLOSED) from None

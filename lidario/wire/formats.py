@@ -207,7 +207,7 @@ class StreamFormat(ABC):
         return Stretch((), at, noise)
 
     def _decidable(self, data: bytearray, at: int, size: int) -> bool:
-        return size == NO_PACKET or 0 < size <= len(data) - at
+        return bool(size) and size <= len(data) - at
 
     def _whole_record(self, data: bytearray, at: int) -> int:
         size = self.other_record(data, at) if at < len(data) else 0

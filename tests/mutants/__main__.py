@@ -64,6 +64,8 @@ _FEW: Final = 3
 """So few tests that run a line may not be all that depend on it."""
 _NEAREST: Final = 2
 """Stages that judge then, too."""
+_FIGURES: Final = "tests/test_golden.py"
+"""What compares decoded figures with those of other decoders."""
 _STAGE_S: Final = 1800.0
 _TEST_S: Final = 60
 _MOST_KB: Final = 8_000_000
@@ -100,7 +102,7 @@ def stages_of(name: str, whole: bool = False) -> list[list[str]]:
         folder = folder.parent
     near = sorted((ROOT / folder).rglob(f"test_{Path(name).stem}*.py"))
     stages = [[path.relative_to(ROOT).as_posix() for path in near]] if near else []
-    wide = [folder.as_posix(), f"tests/{parts[1]}", "tests/wire", "tests/properties", "tests/test_golden.py"]
+    wide = [folder.as_posix(), f"tests/{parts[1]}", "tests/wire", "tests/properties", _FIGURES]
     stages += [[path] for path in dict.fromkeys([*wide, "tests/revolution", "tests/session", "tests/port"])]
     return [*stages, ["tests"]] if whole else stages
 
@@ -170,8 +172,15 @@ def _stages(place: Place, covering: Covering | None, whole: bool) -> list[list[s
     found = covering.tests(place, list(chain.from_iterable(stages)))
     judging = [[test for test in tests if not test.startswith(_ABOUT_TEXT_MODULES)] for tests in found]
     judging = [tests for tests in judging if tests]
+    if not judging:
+        return stages
+    if not covering.is_run(place):
+        # Tests may compare what the import has made, and run nothing of the file.
+        return [*stages[:_NEAREST], *judging, [_FIGURES]]
+    # Of very many that run a line only some are taken: those that are named like the file are not left out.
+    named = [tests for tests in stages[:1] if tests[0].endswith(".py")]
     # Of what is made once and kept, only the test is known that was the first to need it.
-    return judging if sum(map(len, judging)) >= _FEW else [*judging, *(stages[:_NEAREST] if judging else stages)]
+    return [*named, *judging, *(stages[:_NEAREST] if sum(map(len, judging)) < _FEW else ())]
 
 
 def _judge(copy: Path, place: Place, stages: list[list[str]]) -> Verdict:

@@ -33,6 +33,12 @@ class Covering:
         self._data.read()
         self._root = root
 
+    def is_run(self, place: Place) -> bool:
+        """Whether any test runs the line, and not the import alone."""
+        path = self._root / place.path
+        tree = ast.parse(path.read_bytes())
+        return _is_in_function(tree, place.line) and bool(self._tests_of(path, _lines(tree, place)))
+
     def tests(self, place: Place, nearest: Sequence[str]) -> list[list[str]]:
         """The tests that run the line: those of the `nearest` folders and modules, then the others.
 
@@ -41,9 +47,8 @@ class Covering:
         """
         path = self._root / place.path
         tree = ast.parse(path.read_bytes())
-        statement = _statement(tree, place.line)
-        found = self._tests_of(path, range(statement.lineno, _head_end(statement)))
-        if not found and (names := _defined(statement)):
+        found = self._tests_of(path, _lines(tree, place))
+        if not found and (names := _defined(_statement(tree, place.line))):
             for user in sorted((self._root / "lidario").rglob("*.py")):
                 if lines := _naming(user, names):
                     found |= self._tests_of(user, lines)
@@ -70,6 +75,17 @@ def _statement(tree: ast.Module, line: int) -> ast.stmt:
             # Walked from the outside inwards: the last one is the smallest.
             around = node
     return around
+
+
+def _is_in_function(tree: ast.Module, line: int) -> bool:
+    """What stands elsewhere may hold a lambda that tests run, and is run itself by the import."""
+    functions = (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef))
+    return any(each.body[0].lineno <= line <= (each.end_lineno or line) for each in functions)
+
+
+def _lines(tree: ast.Module, place: Place) -> range:
+    statement = _statement(tree, place.line)
+    return range(statement.lineno, _head_end(statement))
 
 
 def _head_end(statement: ast.stmt) -> int:

@@ -15,6 +15,9 @@ import serial
 
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
+from lidario.port.simulated import MemoryTransport, connect_in_memory
+from tests.support.devices import make_rig
+from tests.support.loop import driven
 from tests.support.ports import PATIENCE_S, Sink, open_files, opened, written
 
 FLUSH_S = 10.0
@@ -159,6 +162,17 @@ async def test_a_driver_that_cannot_discard_is_closed_off_the_loop(
     other = [thread for thread in closed if thread is not threading.current_thread()]
     assert len(other) == 1
     assert other[0].daemon
+
+
+@driven
+async def test_a_line_that_does_not_close_is_given_up_after_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As docs/bounds.md says."""
+    monkeypatch.setattr(MemoryTransport, "close", lambda _: None)
+    loop, port = asyncio.get_running_loop(), connect_in_memory(make_rig("rplidar").device)
+    before = loop.time()
+    await port.close()
+    assert loop.time() - before == pytest.approx(1.0)
+    assert not port.is_open
 
 
 async def test_cancelling_the_close_ends_only_the_waiting(

@@ -6,6 +6,7 @@ import asyncio
 import logging
 import os
 import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -18,8 +19,8 @@ from lidario import InvalidValue, Unsupported, open_lidar, simulate
 from lidario.port import guard_process
 from lidario.port.background import run_in_thread
 from lidario.port.diagnose import busy, holders
-from lidario.port.guard import Guard, start_guard
-from lidario.port.left import guard_is_left
+from lidario.port.guard import NAME, Guard, start_guard
+from lidario.port.left import guard_is_left, wait_for_guard
 from lidario.port.serial import open_serial
 from lidario.wire.envelope import Request
 from tests.cli.processes import served
@@ -229,6 +230,29 @@ def test_a_port_that_a_guard_has_is_held_by_its_program() -> None:
 
         asyncio.run(main())
         assert guards_of(os.getpid()) == []
+
+
+def test_the_guard_of_a_dead_program_is_waited_for_and_no_longer(monkeypatch: pytest.MonkeyPatch) -> None:
+    program = subprocess.Popen(["true"])
+    program.wait()
+    command = [sys.executable, "-I", "-S", "-c", "print(flush=True); input()", NAME, str(program.pid), "tcp://x:1"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as guard:
+        assert guard.stdout is not None
+        guard.stdout.readline()
+        slept: list[float] = []
+
+        def sleep(seconds: float) -> None:
+            slept.append(seconds)
+            guard.kill()
+            guard.wait()
+
+        monkeypatch.setattr("lidario.port.left.time.sleep", sleep)
+        wait_for_guard("tcp://y:1")
+        assert slept == []
+        wait_for_guard("tcp://x:1")
+        # It is noticed within a twentieth of a second.
+        assert len(slept) == 1
+        assert slept[0] <= 0.05
 
 
 @pytest.mark.parametrize("hurried", [False, True])

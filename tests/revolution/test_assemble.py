@@ -134,13 +134,13 @@ def test_a_turn_that_never_ends_is_given_up_and_does_not_grow() -> None:
     lead, still = numbered(60, 960), packers.pack_dense([11520], [[1] * 40])
     follow = numbered(100, 960, 11520)
     packets = [*lead, *[still] * 4000, *follow]
-    assembler = Assembler(stream_of(DENSE, sample_ns=float(SAMPLE_NS)), BAUD, stats=stats)
+    assembler = Assembler(stream_of(DENSE, sample_ns=float(SAMPLE_NS), slowest_turn_s=0.4), BAUD, stats=stats)
     scans, held = [], 0
     for number, packet in enumerate(packets):
         scans += assembler.add(arrived(packet, 1, round(on_time(number))))
         held = max(held, sum(run.count for run in assembler.partial.runs))
-    # Twice the slowest turn, which takes a second here, is 1600 packets.
-    assert held <= 1700
+    # Four times the slowest turn is 1280 packets.
+    assert 1200 <= held <= 1300
     assert stats.broken_scans == 1
     assert len(scans) == 1 + 3
     assert all(len(scan) == 960 for scan in scans)

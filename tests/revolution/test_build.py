@@ -14,10 +14,10 @@ from tests.support.cases import CASES
 from tests.support.streams import stream_of
 
 
-def built(lost: int = 0) -> Scan:
+def built(lost: int = 0, zero_offset_deg: float = -90.0) -> Scan:
     arrays = SampleArrays(np.array([1, 2], np.float32), np.array([30, 0], np.float32), np.array([7, 8], np.uint8))
     revolution = DatedRevolution(arrays, 5, 1e8, 2e8, 306.0, [(1, 40)])
-    stream = stream_of(CASES[0], zero_offset_deg=-90.0)
+    stream = stream_of(CASES[0], zero_offset_deg=zero_offset_deg)
     return build_scan(stream, revolution, wall_ns=10, sample_ns=31250.4, seq=3, lost=lost)
 
 
@@ -31,6 +31,7 @@ def test_every_field_is_set_as_the_class_sets_it() -> None:
     assert (scan.stamp_ns, scan.wall_stamp_ns, scan.time_increment_ns, scan.duration_ns) == (5, 10, 31250, 10**8)
     assert (scan.rpm, scan.reported_rpm, scan.seam, scan.seq, scan.lost_packets) == (300.0, 306.0, 270.0, 3, 0)
     assert repr(scan) == repr(made)
+    assert built(zero_offset_deg=450.0).seam == 90.0
 
 
 def test_where_samples_are_missing_is_told_where_packets_were_lost() -> None:

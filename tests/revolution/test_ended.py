@@ -138,11 +138,8 @@ def test_only_a_time_of_a_sample_that_is_told_proves_how_long_it_took(certain: b
 
 
 def test_what_a_whole_one_takes_is_known_where_its_step_is() -> None:
-    here = ended(partial(80, END_NS), decoded(80, 80.0, sample_ns=7.0), 0)
-    assert (here.turn_ns, here.by_speed_ns) == (USUAL_NS, 7.0)
+    assert ended(partial(80, END_NS), decoded(80, 80.0), 0).turn_ns == USUAL_NS
     assert ended(partial(80, END_NS), decoded(80, 80.0, certain=False), 0).turn_ns == inf
-    here.samples = None
-    assert (here.turn_ns, here.by_speed_ns) == (inf, 0.0)
 
 
 @pytest.mark.parametrize("certain", [False, True])
@@ -191,6 +188,3 @@ def test_where_its_step_is_not_certain_its_time_must_be_that_of_what_it_holds_an
         samples = decoded(10, 80.0, certain=False, lost=lost)
         here = ended(partial(10, END_NS), samples, round(END_NS - times * expected_ns))
         assert here.is_broken(10 * USUAL_NS) is broken
-        # Of samples alone that were carried over, only the time since the revolution before tells.
-        here.packets = here.samples = None
-        assert not here.is_broken(10 * USUAL_NS)

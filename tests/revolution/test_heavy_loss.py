@@ -10,6 +10,7 @@ from benchmarks.streams import KINDS, capture
 from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.pipeline import Pipeline
 from lidario.scan import Scan
+from lidario.sector import Sector
 from lidario.wire.envelope import DESCRIPTOR_SIZE
 from tests.support.turns_4ros import SAMPLE_NS, scans_of, turn_of
 
@@ -56,13 +57,17 @@ def test_a_false_mark_just_behind_the_beginning_makes_no_scan_of_what_lies_befor
     kind = KINDS["0x81 nodes"]
     raw = np.frombuffer(capture(kind, 1.5), np.uint8)
     left = np.random.default_rng(0).random(len(raw) - DESCRIPTOR_SIZE) >= 0.02
-    pipeline, scans = Pipeline(kind.stream()), list[Scan]()
+    pipeline, scans, sectors = Pipeline(kind.stream()), list[Scan](), list[Sector]()
+    pipeline.divide([1], lambda _, sector: sectors.append(sector))
     for begin in range(0, len(left), 512):
         part = slice(begin, begin + 512)
         came = raw[DESCRIPTOR_SIZE:][part][left[part]].tobytes()
         scans += pipeline.receive(came, round(1.5e9 * part.stop / len(raw)))
     assert len(scans) >= 9
     assert min(len(scan) for scan in scans) > 2000
+    numbers = [sector.seq for sector in sectors]
+    assert len(numbers) >= 9
+    assert numbers == sorted(set(numbers))
 
 
 ENOUGH_PACKETS = 50

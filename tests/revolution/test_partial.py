@@ -16,7 +16,7 @@ from lidario.wire.formats import StreamFormat
 
 NOTHING = np.empty(0, np.float32)
 SOME = SampleArrays(np.zeros(20, np.float32), np.zeros(20, np.float32), None)
-DECODED = Samples(NOTHING, NOTHING, None, 200, range(40, 201, 40), 1, 2, gaps=[(80, 40)])
+DECODED = Samples(NOTHING, NOTHING, None, 200, range(40, 201, 40), 1, 2, 80.0, 3200.0, gaps=[(80, 40)])
 
 
 @pytest.mark.parametrize(("known", "found", "missing"), [(80, 80, 0), (80, 90, 0), (40, 80, 1), (20.2, 80, 3)])

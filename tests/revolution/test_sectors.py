@@ -218,6 +218,15 @@ def test_what_is_counted_is_the_same(case: Case, seed: int) -> None:
             assert abs(sum(sector.lost_packets for sector in sectors) - scan.lost_packets) <= slack
 
 
+def test_what_passes_unseen_behind_the_first_revolution_is_counted_once() -> None:
+    case = next(each for each in CASES if each.name == "ydlidar_4ros_room10")
+    left = [*range(26), *range(148, len(case.packets))]
+    raw = b"".join(case.packets[number] for number in left)
+    plain = assembled(case, raw, 64, arrivals(case, left))
+    assert plain.stats.missed_scans > 1
+    assert divided(case, raw, (8,), 64, arrivals(case, left)).stats == plain.stats
+
+
 @one_a_parser(KINDS, CASES)
 def test_flipped_bits(case: Case) -> None:
     spoiled = damage.flip(case.raw, 2e-5, 3)

@@ -43,7 +43,9 @@ def test_the_time_of_the_first_sample(delays: list[int], carried: int, byte_ns: 
         latest = max(latest, at_ns + delay)
         arrivals.append((number + 1, latest))
     run = Packets(bytes(84 * packets), (Block(84, packets),), tuple(arrivals))
-    samples = Samples(NOTHING, NOTHING, None, packets * each, range(each, packets * each + 1, each), 0, packets)
+    samples = Samples(
+        NOTHING, NOTHING, None, packets * each, range(each, packets * each + 1, each), 0, packets, 0.0, 0.0
+    )
     some = np.zeros(carried, np.float32)
     found = []
     for lost in (0, 1):

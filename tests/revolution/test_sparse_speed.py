@@ -47,6 +47,14 @@ def test_packets_of_one_angle_tell_it_too(seed: int) -> None:
     assert known == pytest.approx([140 * MS] * len(known), rel=1e-3)
 
 
+@pytest.mark.parametrize(("off", "is_told"), [(0.04, True), (0.09, False)])
+@pytest.mark.parametrize("seed", range(3))
+def test_angles_may_be_off_by_a_twentieth_of_a_revolution(seed: int, off: float, is_told: bool) -> None:
+    random = np.random.default_rng(seed)
+    turns = np.cumsum(random.uniform(0.6, 1.9, 60))
+    assert any(found(turns + off * random.integers(0, 2, 60), turns * 140 * MS)) is is_told
+
+
 @pytest.mark.parametrize("hertz", [1, 3, 10])
 def test_packets_of_any_angle_tell_nothing(hertz: int) -> None:
     random = np.random.default_rng(hertz)

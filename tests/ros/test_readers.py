@@ -6,6 +6,7 @@ import asyncio
 import time
 from contextlib import AsyncExitStack
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -55,6 +56,29 @@ async def test_a_recording_goes_on_when_the_robot_is_back(router: Router, tmp_pa
         assert recording.files > 1
     assert lidario.summarize(recording.source).losses == 1
     assert_same_scans(taken, list(lidario.decode_file(recording.source)))
+
+
+async def test_what_passes_while_a_publisher_is_away_is_counted_as_missed(
+    router: Router, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And scans come again when it is back."""
+    monkeypatch.setattr("lidario.network.port.GONE_S", 0.05)
+    async with AsyncExitStack() as stack:
+        rig = Rig(stack, router)
+        lidar = await rig.open()
+        async with Share(lidar, "gone/scan", router=router.address) as share:
+            rig.run(share)
+            remote, scans = await rig.read("gone/scan", reconnect=True)
+            taken = [await anext(scans)]
+        await until(lambda: not remote.is_connected)
+        rig.run(await stack.enter_async_context(Share(lidar, "gone/scan", router=router.address)))
+        await until(lambda: remote.stats.reconnects)
+        back_ns = time.monotonic_ns()
+        async with asyncio.timeout(BOUND_S):
+            while taken[-1].stamp_ns < back_ns:
+                taken.append(await anext(scans))
+        missed = sum(after.seq - before.seq - 1 for before, after in pairwise(taken))
+        assert 0 < missed <= remote.stats.missed_scans
 
 
 @pytest.mark.long

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from lidario import ResponseTimeout, StreamFailed
-from tests.support.devices import MAKERS, Rig, end_of, left_still, make_rig
+from tests.support.devices import MAKERS, Rig, end_of, left_still, make_rig, names
 from tests.support.loop import now
 
 STARTS = (b"\xa5\x20", b"\xa5\x82", b"\xa5\x83", b"\xa5\x60", b"MD")
@@ -88,6 +88,15 @@ async def test_starts_that_are_always_lost_end_the_stream_in_a_bounded_time(name
         line.left = 0
         assert await lidar.scan(mode)
     assert left_still(rig)
+
+
+async def test_a_device_that_does_not_begin_is_asked_whether_protection_was_left_on() -> None:
+    rig = make_rig("ydlidar")
+    line = PoorLine(rig, "request")
+    async with rig.open() as lidar:
+        line.left = 2
+        await lidar.scan()
+    assert names(rig).count("toggle_protection") == 2
 
 
 async def test_a_mode_that_is_not_listed_and_starts_nothing_is_told_of_at_once() -> None:

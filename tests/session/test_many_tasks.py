@@ -145,6 +145,23 @@ class Program:
             self._cable.plug()
 
 
+@pytest.mark.parametrize("turns", [1, 2, 3])
+async def test_none_is_left_where_a_session_is_closed_as_its_line_is_lost(turns: int) -> None:
+    """A stream waits until the device is free, behind questions that fail one after the other."""
+    with cable_to(make_rig("rplidar")) as cable:
+        lidar = await cable.rig.open()
+        asking = [asyncio.create_task(lidar.get_health()) for _ in range(4)]
+        await asyncio.sleep(0)
+        reading = asyncio.create_task(lidar.scan())
+        await asyncio.sleep(0)
+        cable.pull()
+        for _ in range(turns):
+            await asyncio.sleep(0)
+        await lidar.close()
+        assert asyncio.all_tasks() - {asyncio.current_task(), reading, *asking} == set()
+        await asyncio.gather(reading, *asking, return_exceptions=True)
+
+
 @pytest.mark.usefixtures("quick_collection")
 @pytest.mark.parametrize("family", EVERY_FAMILY)
 @pytest.mark.parametrize("reconnect", [False, True])

@@ -74,6 +74,16 @@ async def test_a_device_that_responds_but_never_scans_does_not_put_the_limit_off
         assert 2 < lidar.stats.reconnects < 20
 
 
+async def test_a_loss_behind_scans_has_all_the_time_again(rig: Rig) -> None:
+    async with on_a_cable(rig, reconnect=Reconnect(limit_s=10.0)) as (cable, lidar), lidar.scans() as stream:
+        for count in (1, 2):
+            await anext(stream)
+            cable.pull()
+            asyncio.get_running_loop().call_later(6.0, cable.plug)
+            while lidar.stats.reconnects < count:
+                await anext(stream)
+
+
 async def test_questions_end_at_once_while_it_is_away(rig: Rig) -> None:
     async with on_a_cable(rig) as (cable, lidar):
         modes = await lidar.get_modes()

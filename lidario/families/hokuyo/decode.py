@@ -50,7 +50,7 @@ class BlockDecoder(Decoder):
         ends = np.cumsum([len(each) for each in steps]).tolist()
         angle, distance = np.empty(room + ends[-1], np.float32), np.empty(room + ends[-1], np.float32)
         of, far = self._geometry, table[:, 0]
-        write_degrees((of.front - np.concatenate(steps)) * 360.0 / of.turn % 360.0, angle[room:])
+        write_degrees((of.front - np.concatenate(steps)) % of.turn * 360.0 / of.turn, angle[room:])
         distance[room:] = np.where((of.nearest <= far) & (far <= of.farthest), far, 0)
         strength = None
         if self._numbers > 1:

@@ -46,7 +46,8 @@ class PacketFormat(DegreeFormat):
     an_rpm: float = 64
 
     def _turns(self, data: bytearray, at: int) -> bool:
-        return data[at + 2] | data[at + 3] << 8 >= SLOWEST
+        # The low byte of that limit is 0: the high byte tells.
+        return data[at + 3] >= SLOWEST >> 8
 
     def _turning(self, rows: NDArray[Any]) -> NDArray[np.bool_] | bool:
         turning: NDArray[np.bool_] = rows["speed"] >= SLOWEST

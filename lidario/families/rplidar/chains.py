@@ -22,13 +22,13 @@ __all__ = [
     "FORWARD_Q6",
     "FULL_TURN_Q6",
     "NEAR_Q6",
-    "SEAM_Q6",
     "SIZE",
     "angle_at",
     "apart",
     "chain_steps",
     "evenest",
     "fits",
+    "is_far",
     "next_chain",
     "step_between",
 ]
@@ -73,9 +73,14 @@ def apart(one: int, other: int) -> int:
     return min((one - other) % FULL_TURN_Q6, (other - one) % FULL_TURN_Q6)
 
 
+def is_far(angle: int) -> bool:
+    """Whether a mark at an angle stands elsewhere than at 0."""
+    return apart(angle, 0) > SEAM_Q6
+
+
 def fits(angle: int, mark: int | None) -> bool:
     """Whether a mark may stand at an angle: where the others do, or at 0; anywhere when it is the first."""
-    return mark is None or min(apart(angle, 0), apart(angle, mark)) <= SEAM_Q6
+    return mark is None or not is_far(angle) or apart(angle, mark) <= SEAM_Q6
 
 
 def step_between(earlier: int, later: int) -> int:

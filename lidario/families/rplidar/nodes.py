@@ -32,13 +32,13 @@ from lidario.families.rplidar.chains import (
     FORWARD_Q6,
     FULL_TURN_Q6,
     NEAR_Q6,
-    SEAM_Q6,
     SIZE,
     angle_at,
     apart,
     chain_steps,
     evenest,
     fits,
+    is_far,
     next_chain,
     step_between,
 )
@@ -106,7 +106,7 @@ class NodeFormat(StreamFormat):
         angles >>= 1
         if self._marked_far is not False:
             for place in (nodes["quality"] & 1).nonzero()[0].tolist():
-                if apart(int(angles[place]), 0) > SEAM_Q6:
+                if is_far(int(angles[place])):
                     angles[place] |= BEGINS
         return angles if len(angles) >= HEADINGS_WORTH_AN_ARRAY else angles.tolist()
 
@@ -130,7 +130,7 @@ class NodeFormat(StreamFormat):
         self._last = angle_at(data, at)
         if data[at] & 1:
             self._mark = self._last if self._mark is None else self._mark
-            self._marked_far = self._marked_far or apart(self._last, 0) > SEAM_Q6
+            self._marked_far = self._marked_far or is_far(self._last)
         return True
 
     def _take_many(self, data: bytearray, at: int, count: int) -> int:

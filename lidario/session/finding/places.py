@@ -28,8 +28,8 @@ MOST_SILENCES = 15
 """How often a port that nobody has named is asked in vain. That takes longer than a lidar boots (8 s)."""
 
 
-_Port: TypeAlias = tuple[str, int]
-"""A port, as the system has it at the moment: what to open, links followed, and its inode, 0 where there is none.
+_Port: TypeAlias = tuple[str, int | None]
+"""A port, as the system has it at the moment: what to open, links followed, and its inode, None without one.
 One that was unplugged and is back is another one."""
 
 
@@ -96,4 +96,4 @@ def _port(path: str) -> _Port:
     try:
         return real, os.stat(real).st_ino
     except OSError:  # not there, or a system that has no file for a port
-        return real, 0
+        return real, None

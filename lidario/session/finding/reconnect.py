@@ -203,8 +203,8 @@ class Reconnector:
     async def _leave(self) -> None:
         assert self._known is not None
         await self._known.dialogue.close(patient=False)  # it is stopped when it was found again
-        if self.unused is not None:
-            await self.unused()
+        assert self.unused is not None
+        await self.unused()
 
     async def _try_until_found(self) -> tuple[Connection, Health]:
         if not self.proven:

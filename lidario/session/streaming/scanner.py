@@ -134,8 +134,7 @@ class Scanner:
         if self.control.state is State.RUNNING:
             counted = self.totals.assembled
             counted.missed_scans += missed
-            if counted.left_off is not None:
-                counted.resume(scan.stamp_ns)
+            counted.resume(scan.stamp_ns)
             scan = changed(scan, seq=counted.scans + counted.missed_scans)
             counted.scans += 1
             for parts in self.hub.parts:

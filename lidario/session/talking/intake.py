@@ -48,16 +48,15 @@ class Delivery:
     def __init__(self, stats: LinkStats, turns: Turns) -> None:
         self.stats: LinkStats = stats
         self._turns = turns
-        self._on_packets: TakePackets | None = None
         self._early: deque[Packets] = deque()
-        # Of all that were kept since nobody reads.
-        self._early_bytes = 0
+        self.deliver_to(None)
 
     def deliver_to(self, callback: TakePackets | None) -> None:
         """Have `callback` take all packets, those that came since the descriptor first; None for nobody."""
         self._on_packets = callback
         if callback is None:
             self._early.clear()
+            # Of all that were kept since nobody reads.
             self._early_bytes = 0
         elif self._early:
             self._turns.add(self._take_early())

@@ -84,7 +84,6 @@ class Stopper:
         self._step: Callable[[], None] = self.try_now
         self._patient_until = 0.0
         self._attempts = 0
-        self._seen = self._acknowledged = 0
         self._doubtful = False
         self._patient = True
         self._hanging_up = False

@@ -36,7 +36,8 @@ def test_the_examples_of_both_check_values() -> None:
 def test_many_without_a_check_value_are_judged_as_one_is(count: int) -> None:
     packets = list(PACKETS[:count])
     packets[-2] = packets[-2][:1] + b"\xff" + packets[-2][2:]
-    for raw in (b"".join(packets), b"".join(PACKETS[:count]), b"".join(PACKETS[:count]) + b"\xfa"):
+    whole = b"".join(PACKETS[:count])
+    for raw in (b"".join(packets), whole, whole + b"\xfa", whole + PACKETS[count][:2]):
         data = bytearray(raw)
         assert PacketFormat().run(data, 0) == checked_one_by_one(PacketFormat(), data, 0)
 

@@ -13,7 +13,7 @@ from lidario import LaserScan, Scan
 from lidario.beams import BeamOptions, resample
 from lidario.families.base import Known
 from lidario.families.hokuyo.raw import find_stream
-from lidario.families.hokuyo.simulated.packers import pack_lines
+from lidario.families.hokuyo.simulated.packers import pack_block, pack_lines
 from lidario.rotor import Rotor
 from tests.families.hokuyo.about import CASES, GEOMETRY
 from tests.support.devices import make_rig, take
@@ -184,6 +184,13 @@ def test_what_tells_the_field_tells_whether_the_model_is_a_guess(counts: bool) -
     assert found is not None
     assert (found.title, found.guess, found.begin) == ("", "", len(response))
     assert found.stream.mode.details == told.text
+
+
+def test_a_block_of_a_ust_is_known_by_its_steps() -> None:
+    block = pack_block(b"MD0000108001000", 0, np.full(1081, 1000))
+    found = find_stream(memoryview(block), Known())
+    assert found is not None
+    assert found.title == "Hokuyo UST-10LX, UST-20LX or UTM-30LX"
 
 
 def test_the_speed_is_what_the_device_tells() -> None:

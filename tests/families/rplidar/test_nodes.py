@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from lidario.families.rplidar.nodes import NodeFormat
 from lidario.families.rplidar.simulated.packers import pack_standard
 from lidario.wire.blocks import Block
-from lidario.wire.formats import NO_PACKET
+from lidario.wire.formats import BEGINS, NO_PACKET
 from tests.support.streams import arrived
 
 TURN = 23040
@@ -129,6 +129,14 @@ def test_headings_are_the_angles(count: int) -> None:
     angles = [(57 * k * k) % TURN for k in range(count)]
     raw = b"".join(map(node, angles))
     assert list(NodeFormat().headings(arrived(raw, count, 0))) == angles
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize(("angle", "told"), [(30 * 64, False), (30 * 64 + 1, True)])
+def test_a_mark_is_told_where_it_stands_elsewhere_than_at_0(angle: int, side: int, told: bool) -> None:
+    """30 degrees from it, and more."""
+    marked = node(side * angle % TURN, start=True)
+    assert list(NodeFormat().headings(arrived(marked, 1, 0))) == [side * angle % TURN | BEGINS * told]
 
 
 BAD = {

@@ -79,6 +79,15 @@ async def test_old_firmware_is_not_asked(model: str) -> None:
 
 
 @driven
+async def test_firmware_that_knows_it_is_asked() -> None:
+    """1.32, as A2 and A3 have it."""
+    rig = rig_of("rplidar-a3")
+    async with rig.open() as lidar:
+        await lidar.set_baudrate(1_000_000)
+        assert (lidar.baudrate, rig.device.baudrate) == (1_000_000, 1_000_000)
+
+
+@driven
 async def test_a_device_that_does_not_follow_is_reached_at_the_speed_before(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

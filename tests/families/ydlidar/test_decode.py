@@ -45,6 +45,13 @@ def test_the_reference_agrees_to_the_last_digit(name: str) -> None:
         np.testing.assert_array_equal(samples.ends, np.cumsum([packet[3] for packet in turn]))
 
 
+def test_each_of_several_lone_samples_has_the_first_angle() -> None:
+    angles = [640, 1280, 1920]
+    samples = decoded([pack_points([angle], angle, angle) for angle in angles])
+    assert samples.angle_deg.tolist() == [10.0, 20.0, 30.0]
+    assert samples.distance_mm.tolist() == angles
+
+
 def test_an_angle_of_360_degrees_is_0() -> None:
     exact = decoded([pack_points([1, 2, 3], 359 * 64, 64)])
     assert exact.angle_deg.tolist() == [359.0, 0.0, 1.0]
@@ -112,6 +119,16 @@ def test_where_mostly_short_packets_came_no_more_are_told_than_are_missing(kept:
     samples = decoder.decode(run_of([turn[number] for number in kept]), turns[2][0])
     assert samples.lost == len(turn) - kept[0] - len(kept)
     assert samples.revolution_packets == pytest.approx(len(turn), abs=1)
+
+
+@pytest.mark.parametrize(("count", "ordinary"), [(5, 40), (6, 20)])
+def test_of_six_packets_the_longest_one_is_an_ordinary_one(count: int, ordinary: int) -> None:
+    """Of fewer all may be short: those before tell."""
+    longer, shorter = (turn_of([1, *[size] * (480 // size - 1), size - 1]) for size in (40, 20))
+    decoder = PointCloudDecoder()
+    decoder.decode(run_of(longer), shorter[0])
+    samples = decoder.decode(run_of(shorter[:count]), shorter[count])
+    assert samples.revolution_packets == 1 + 480 // ordinary
 
 
 def test_what_the_angles_cannot_tell_is_not_counted() -> None:

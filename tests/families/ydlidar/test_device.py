@@ -12,6 +12,7 @@ from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.sim.world import World
 from lidario.wire.envelope import Request
 from lidario.wire.states import LinkState
+from tests.families.ydlidar.test_models import silent
 from tests.support.bench_4ros import Bench, played
 from tests.support.streams import in_one_run
 
@@ -76,6 +77,22 @@ def test_only_one_that_hears_is_told_to_stop_and_only_one_that_may_talk_is_liste
         played(YdlidarDevice(None if model is None else MODELS[model]).overhear(), silent)
     twice = [] if one_way else [commands.STOP.data, commands.GET_INFO.data] * 2
     assert asked == twice + [b""] * (one_way or model is None)
+
+
+@pytest.mark.parametrize(("samples", "is_known"), [(1250, True), (1350, False)])
+def test_one_that_sends_more_a_revolution_than_any_that_only_talks_is_none_of_them(
+    samples: int, is_known: bool
+) -> None:
+    def talks(request: Request) -> bytes | None:
+        if request.stream is not None:
+            return bytes(silent(samples))
+        return b"" if request.expects is None else None
+
+    if is_known:
+        assert played(YdlidarDevice().overhear(), talks).model == "YDLIDAR X2, X3 or alike"
+    else:
+        with pytest.raises(ResponseTimeout):
+            played(YdlidarDevice().overhear(), talks)
 
 
 def test_the_only_mode(bench: Bench) -> None:

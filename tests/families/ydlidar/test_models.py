@@ -70,6 +70,13 @@ def silent(samples: int) -> memoryview:
     return memoryview(b"".join([pack_points([900], 0, 0, control=1), *turn] * 3))
 
 
+def test_the_model_is_told_by_a_response_that_the_bytes_begin_with() -> None:
+    said = bytes((5, 0, 1, 1)) + bytes(16)
+    found = find_stream(memoryview(bytes.fromhex("a55a14000000 04") + said + bytes(silent(500))), Known())
+    assert found is not None
+    assert (found.title, found.guess) == ("YDLIDAR G4", "")
+
+
 @pytest.mark.parametrize(
     ("samples", "title"), [(380, "S4"), (390, "X4"), (1240, "X4"), (1265, "G6"), (1400, "G6"), (6000, "none")]
 )
