@@ -160,6 +160,9 @@ def _runs_long(config: pytest.Config) -> bool:
     return any(map(config.getoption, ("--exhaustive", "--long"))) or any(each.suffix == ".py" for each in named)
 
 
+_tracers: list[object] = []
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
     """Measure no coverage where tests run the same lines very often: it makes them three times as slow.
@@ -167,6 +170,7 @@ def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
     What these tests alone reach counts as not covered. (pytest-cov's `no_cover` does nothing in xdist's workers.)
     """
     trace = sys.gettrace()
+    assert trace is _tracers[-1], "an earlier test has left another tracer behind: nothing is measured any more"
     often = PROPERTIES in item.path.parents or any(map(item.get_closest_marker, ("exhaustive", "repeats")))
     if not often or not type(trace).__module__.startswith("coverage"):
         return (yield)
@@ -188,6 +192,7 @@ def pytest_collection_finish() -> None:
     find that where it is frozen.
     """
     given(just(0))(lambda _: None)()
+    _tracers.append(sys.gettrace())
     _freeze()
 
 
