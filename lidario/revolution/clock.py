@@ -331,7 +331,7 @@ class RevolutionClock:
 
 
 def _slower(here: Beginning, last: Beginning, own_ns: float) -> float:
-    """How much longer a revolution takes than the one before, times; 1 where its packets do not tell for sure."""
+    """How many times as long a revolution takes as the one before; 1 where its packets do not tell for sure."""
     times = own_ns / last.revolution_ns
     like = 1 / ALIKE < times < ALIKE
     return times if not here.broken and (like or (times and not here.lost)) else 1.0

@@ -75,8 +75,8 @@ class CtrlC:
 
     def _trace(self, frame: FrameType, event: str, _: object) -> Any:
         path = frame.f_code.co_filename
-        # Python ignores what is raised in the callback of a weak reference. In `__exit__` it would leave another
-        # tracer, which measures coverage, out for good.
+        # Python ignores what is raised in the callback of a weak reference. Raised in `__exit__`, it would keep the
+        # tracer of before from coming back: that of coverage.
         if not any(each in path for each in self._folders) or "_weakrefset" in path or path == __file__:
             return None
         if event == "line":
