@@ -257,13 +257,14 @@ class Assembler:
         if carried is not None:
             here.begin_with(carried)
         if partial.first_packets and samples.certain:
-            revoked = partial.revoke_carried(samples.revolution_packets)
-            self.stats.lost_packets += revoked
+            revoked, before = partial.revoke(samples.revolution_packets)
+            self.stats.lost_packets += revoked + before
             lost += revoked
         crossed = room + samples.before_seam
         if crossed < len(here.angle):
             self.partial.carry(here.part(crossed), partial.last_ns, samples)
             lost -= samples.lost_behind
+        self.partial.judge(samples, packets.count, partial)
         gaps: list[tuple[int, int]] | None = []
         if samples.gaps or lost:
             gaps = partial.gaps(samples, room, crossed, revoked=bool(revoked))

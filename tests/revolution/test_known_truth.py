@@ -29,8 +29,8 @@ def test_what_comes_is_delivered_and_what_does_not_is_told(name: str, case: str,
     assert found.kept > (comes - 0.04) * found.samples
     assert found.wrong <= 0.001 * found.samples
     assert abs(found.told_revolutions - found.missing_revolutions) <= 2
-    # Of the first and the last, partial revolution nothing is told.
-    assert found.told == pytest.approx(found.missing, rel=0.08, abs=2)
+    # Of the first and the last, partial revolution too: time tells behind them that each second packet was lost.
+    assert found.told == pytest.approx(found.missing, rel=0.017, abs=4)
     if case == "an outage of two turns":
         assert found.told_revolutions == found.missing_revolutions == 3
         assert found.told == pytest.approx(found.missing, rel=0.01, abs=4)

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.pace import PacedTurning
-from lidario.families.spans import Arcs, Heads, by_revolution, spans_between
+from lidario.families.spans import Arcs, Heads, Ints, by_revolution, spans_between
 from lidario.wire.events import Arrival
 
 __all__ = ["NodeSteps"]
@@ -62,19 +62,18 @@ class NodeSteps(PacedTurning):
         if self._certain and followed and self._is_ordinary(self._typical, shortest, longest):
             # The mean is as good as the median where nothing is far from either, and much cheaper.
             self._typical, self._strange = total / len(spans), 0
-            count = len(spans)
-            if not (self._confirmed or self._pace.is_same_read(arrivals, count, count, 1)):
-                self._check([1] * count, arrivals)
-            return Arcs(spans, None, total / count, certain=True)
-        rough = spans.astype(np.float64)
+            known = self._confirmed or self._pace.is_same_read(arrivals, len(spans), total, int(spans[-1]))
+            if known or not self._corrects(spans, arrivals):
+                return Arcs(spans, None, total / len(spans), certain=True)
+        first, rough = not self._certain, spans.astype(np.float64)
         steps = self._walk(rough if followed else rough[:-1], len(rough))
         if steps[0] <= 0:
             return Arcs(np.maximum(rough, 0.0), None, 0.0, certain=False)
         missing = _missing(rough, steps)
         if not followed:
             missing[-1] = 0
-        self._check((missing + 1).tolist(), arrivals)
-        return Arcs(rough, missing if missing.any() else None, float(steps.mean()), self._certain)
+        self._corrects(spans, arrivals, 1 + float(missing.mean()))
+        return Arcs(rough, missing if missing.any() else None, float(steps.mean()), self._certain, first)
 
     def steady(
         self,
@@ -101,27 +100,29 @@ class NodeSteps(PacedTurning):
     def _is_ordinary(typical: float, shortest: int, longest: int) -> bool:
         return JITTER * typical < shortest and longest <= (1 + JITTER) * typical
 
-    def _check(self, nodes: Sequence[int], arrivals: Sequence[Arrival]) -> None:
+    def _corrects(self, spans: Ints, arrivals: Sequence[Arrival], each: float = 1.0) -> bool:
         """Correct the ordinary step where the device has measured a multiple or a part of the nodes that it tells.
 
         Args:
-            nodes: How many there are for each one that came, with those that are missing.
+            spans: How far ahead of each node the next one is.
             arrivals: When they came.
+            each: How many nodes it tells for each one that came, with those that are missing.
         """
         if self._confirmed and not self._strange:
             self._pace.clear()
-            return
-        self._pace.add(nodes, arrivals)
-        by_time = self._pace.measured(self._packet_ns, 1.0)
+            return False
+        self._pace.add(spans.tolist(), arrivals)
+        by_time = self._pace.measured(self._packet_ns)
         if by_time is None:
-            return
-        low, high = min(by_time), max(by_time)
+            return False
+        low, high = min(by_time) / each, max(by_time) / each
         for times in (max(1, round(low)), 1 / max(1, round(1 / high))):
             if high <= (1 + _OFF) * times and low >= (1 - _OFF) * times:
                 self._typical /= times
                 self._confirmed, self._strange = True, 0
                 self._pace.clear()
-                return
+                return times != 1
+        return False
 
     def _walk(self, spans: Steps, count: int) -> Steps:
         """The ordinary step at each of so many nodes, by the spans of those of which it is known."""
