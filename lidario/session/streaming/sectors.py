@@ -20,8 +20,9 @@ __all__ = ["DEFAULT_DEGREES", "SectorPace", "SectorStream", "parts_of"]
 DEFAULT_DEGREES = 45.0
 _WHOLE = 1e-6
 """Difference from a whole number of sectors that is only rounding."""
-_MARGIN_S = 0.0003
-"""How much later than predicted the port is polled for a sector: what the least delayed delivery takes longer."""
+_MARGIN_S = 0.001
+"""How much later than predicted the port is polled for a sector: a full-speed USB adapter delivers once a
+millisecond. With 0.3 ms one poll in five came too early, and the next one 4 ms later."""
 _JUST_BEFORE_S = 1e-5
 
 
