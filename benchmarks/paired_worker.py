@@ -4,7 +4,7 @@ It is run by its path, with another checkout as its working directory, so it mus
 takes what has stood in the same place since 0265bcb.
 
 Each line that it reads is a task in JSON: ``kind``, a name of `KINDS`; ``path``, a file with the stream of such a
-device; ``chunk``, bytes at a time, 0 for all at once; ``seconds``, the time that the stream took; ``passes``. It
+device; ``chunk``, bytes at a time; ``seconds``, the time that the stream took; ``passes``. It
 answers with a line each: the seconds of CPU time of each pass, and how many scans there were in one.
 """
 
@@ -26,7 +26,6 @@ __all__: list[str] = []
 def timed(kind: str, path: str, chunk: int, seconds: float, passes: int) -> dict[str, object]:
     """Decode a stream several times."""
     raw, made_of = Path(path).read_bytes(), streams.KINDS[kind]
-    step = chunk or len(raw)
     byte_ns = seconds * 1e9 / len(raw)
     took, scans = list[float](), 0
     for _ in range(passes):
@@ -34,8 +33,8 @@ def timed(kind: str, path: str, chunk: int, seconds: float, passes: int) -> dict
         link.send_request(made_of.request(stream.format))
         assembler, scans = Assembler(stream), 0
         begin = time.process_time()
-        for at in range(0, len(raw), step):
-            link.receive_data(raw[at : at + step], int((at + step) * byte_ns))
+        for at in range(0, len(raw), chunk):
+            link.receive_data(raw[at : at + chunk], int((at + chunk) * byte_ns))
             for event in link.events_received():
                 if isinstance(event, Packets):
                     scans += len(assembler.add(event))
