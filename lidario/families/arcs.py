@@ -92,7 +92,7 @@ class ArcDecoder(ABC):
             certain=arcs.certain,
             reported_rpm=rpm,
             gaps=[] if arcs.skipped is None else [(ends[at], int(arcs.skipped[at])) for at in gaps],
-            first=arcs.first,
+            revoked=arcs.revoked,
             sample_ns=self._sample_ns(heads),
         )
 

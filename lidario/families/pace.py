@@ -15,8 +15,10 @@ from typing import Final, NamedTuple, Self
 from lidario.families.spans import Turning
 from lidario.wire.events import Arrival
 
-__all__ = ["Pace", "PacedTurning"]
+__all__ = ["OFF", "Pace", "PacedTurning"]
 
+OFF: Final = 0.25
+"""Part by which a number of packets that time or angles tell may be off a whole number."""
 _REMEMBERED: Final = 64
 _FEWEST: Final = 8.0
 """Packets that the device must have measured in each half, for time to say anything: it is off by one or two."""
@@ -165,10 +167,24 @@ class PacedTurning(Turning):
         self._certain = self._confirmed = False
         # How long what comes has not been like that speed.
         self._strange = 0
+        # Packets that were told to follow each other, while time could still speak against that.
+        self._close = 0
         self._pace = Pace(full_turn, farthest)
 
     def tell_time(self, sample_ns: float) -> None:
         self._packet_ns = self._samples * sample_ns
+
+    def _note_close(self, packets: int) -> None:
+        """So many more packets are told to follow each other."""
+        self._close = 0 if self._confirmed else self._close + packets
+
+    def _revoked(self, times: float) -> tuple[int, int]:
+        """As `Arcs.revoked`, where an arc was taken for so many times what it is."""
+        missing = round(times) - 1
+        if missing < 1:
+            return 0, 0
+        close, self._close = self._close, 0
+        return missing, close
 
     def copy(self) -> Self:
         twin = copy.copy(self)

@@ -37,8 +37,8 @@ class Samples:
             there, by the angles of the rotor, which no correction has moved.
         certain: Whether the angle that a packet covers is known for sure. Where it is not, as when nearly all
             packets are missing, neither the angles nor `lost` can be relied on.
-        first: Whether that rests on the first packets of a stream alone, so that those behind them may tell that
-            the angles are wrong.
+        revoked: How many packets are missing behind each of so many before these, which were told to follow each
+            other, as time tells now.
         sample_ns: How long each of them took, nanoseconds, where the device measures at angles and tells its speed;
             0 where that is the same at any speed.
     """
@@ -56,7 +56,7 @@ class Samples:
     certain: bool = True
     reported_rpm: float = math.nan
     gaps: Sequence[tuple[int, int]] = ()
-    first: bool = False
+    revoked: tuple[int, int] = (0, 0)
     sample_ns: float = 0.0
 
     @property

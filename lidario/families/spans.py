@@ -67,7 +67,8 @@ class Arcs(NamedTuple):
         step: The mean rotation from sample to sample, in heading units; 0 when nothing is known. Of several
             revolutions, that of the last one.
         certain: Whether the speed is sure.
-        first: Whether it was taken from the first packets of a stream, and time may still speak against it.
+        revoked: How many packets are missing behind each of so many before, which were told to follow each other,
+            as time tells now.
         steps: The mean step of each revolution, where `Turning.steady` tells of several.
     """
 
@@ -75,7 +76,7 @@ class Arcs(NamedTuple):
     skipped: NDArray[np.intp] | None
     step: float
     certain: bool
-    first: bool = False
+    revoked: tuple[int, int] = (0, 0)
     steps: Sequence[float] = ()
 
 

@@ -32,7 +32,7 @@ from typing import Final
 
 import numpy as np
 
-from lidario.families.pace import PacedTurning
+from lidario.families.pace import OFF, PacedTurning
 from lidario.families.spans import (
     LIKENESS,
     RETREAT_TURNS,
@@ -54,8 +54,6 @@ TRUSTED_GAP: Final = 8
 """Missing packets up to which the arc over the gap says more than the last arc that was seen."""
 REMEMBERED: Final = 64
 """Spans that are kept while the speed is not sure."""
-_OFF: Final = 0.25
-"""Part by which the number of arcs that time tells may be off a whole number."""
 _HALFWAY: Final = 1.5
 _FITTING: Final = 0.75
 """Share of the spans that must be a whole number of arcs: where whole turns hide in them, fewer are, by chance."""
@@ -78,9 +76,18 @@ class Wheel(PacedTurning):
         self._spans: list[int] = []
 
     def follow(self, heads: Heads, arrivals: Sequence[Arrival] = ()) -> Arcs:
+        before, was_certain = self._arc, self._certain
+        arcs = self._follow(heads, arrivals)
+        if self._certain and not (was_certain or any(arcs.revoked)):
+            # A rotor that slows down does so from packet to packet: it leaps where what seemed an arc was a gap.
+            arcs = arcs._replace(revoked=self._revoked(before / float(arcs.arc[0])))
+        if arcs.skipped is None:
+            self._note_close(len(arcs.arc) - (heads.following is None))
+        return arcs
+
+    def _follow(self, heads: Heads, arrivals: Sequence[Arrival]) -> Arcs:
         followed = heads.following is not None
         spans, shortest, longest, total = spans_between(heads, self._full_turn, self._retreat)
-        first = not self._arc
         if followed and self._is_steady(spans, shortest, longest):
             if not self._confirmed and not self._pace.is_same_read(arrivals, len(spans), total, int(spans[-1])):
                 self._remember(spans.tolist(), arrivals)
@@ -90,8 +97,7 @@ class Wheel(PacedTurning):
             self._arc, self._certain, self._strange = float(spans[-1]), True, 0
             if self._confirmed:
                 self._forget()
-            step = total / len(spans) / self._samples
-            return Arcs(spans, None, step, certain=True, first=first and not self._confirmed)
+            return Arcs(spans, None, total / len(spans) / self._samples, certain=True)
         plain = spans.tolist()
         self._remember(plain if followed else plain[:-1], arrivals)
         return self._among_gaps(spans, followed=followed)
@@ -115,6 +121,7 @@ class Wheel(PacedTurning):
         if not self._confirmed:
             self._remember(arcs.arc.tolist(), arrivals)
             self._is_confirmed()
+            self._note_close(len(arcs.arc))
         else:
             self._forget()
 
@@ -135,21 +142,21 @@ class Wheel(PacedTurning):
         """As `follow`, where spans may hold more than one packet, or less."""
         plain: list[int] = spans.tolist()
         told = plain if followed else plain[:-1]
-        is_strange = self._certain and self._is_strange(told)
+        is_strange, revoked = self._certain and self._is_strange(told), (0, 0)
         if is_strange or not (self._certain and self._confirmed):
-            self._learn(anew=is_strange or not self._certain)
+            revoked = self._learn(anew=is_strange or not self._certain)
         if self._arc <= 0:
             return Arcs(np.maximum(spans, 0.0), None, 0.0, certain=False)
         begin = self._arc
         arc, missing = self._walk(plain, followed=followed)
         if self._certain and self._is_too_much(told, missing):
             self._arc, self._confirmed = begin, False
-            self._learn(anew=True)
+            revoked = self._learn(anew=True)
             arc, missing = self._walk(plain, followed=followed)
         passed = sum(1 + more for each, more in zip(arc, missing, strict=True) if each > 0)
         typical = sum(each * (1 + more) for each, more in zip(arc, missing, strict=True)) / max(1, passed)
         behind = np.array(missing) * self._samples if any(missing) else None
-        return Arcs(np.array(arc), behind, typical / self._samples, self._certain)
+        return Arcs(np.array(arc), behind, typical / self._samples, self._certain, revoked)
 
     def _walk(self, spans: Sequence[int], *, followed: bool) -> tuple[list[float], list[int]]:
         """The arc of each packet, and how many are missing behind it, from the last arc on."""
@@ -164,10 +171,10 @@ class Wheel(PacedTurning):
             times = span / last
             whole = max(1, round(times))
             anew = abs(likely - span) <= LIKENESS * span / 2
-            if whole > 1 and anew and abs(times - whole) > _OFF:
+            if whole > 1 and anew and abs(times - whole) > OFF:
                 whole = 1
             if whole == 1:
-                if span and (times > 1 - _OFF or anew):
+                if span and (times > 1 - OFF or anew):
                     last = float(span)
                 # One that is shorter, and alone, hides a whole turn; or the rotor stands.
                 arcs.append(last if span else 0.0)
@@ -177,7 +184,7 @@ class Wheel(PacedTurning):
             # The arc before a gap lies on the line from the one before it to the middle of the gap.
             lonely = at > 0 and missing[at - 1] > 0
             missing.append(whole - 1)
-            if whole > TRUSTED_GAP + 1 or abs(times - whole) > _OFF:
+            if whole > TRUSTED_GAP + 1 or abs(times - whole) > OFF:
                 # A whole turn may hide in it.
                 arcs.append(last)
                 continue
@@ -242,32 +249,38 @@ class Wheel(PacedTurning):
         if turned <= 0 or passed <= len(spans):
             return False
         by_time = self._pace.measured(self._packet_ns, turned / passed)
-        return by_time is not None and max(by_time) < 1 - _OFF
+        return by_time is not None and max(by_time) < 1 - OFF
 
-    def _learn(self, *, anew: bool) -> None:
+    def _learn(self, *, anew: bool) -> tuple[int, int]:
         """Find the arc from what is remembered: the largest group of spans that agree, and what time says of it.
 
         Args:
             anew: Whether nothing is known, or what is known is wrong. If not, only time can speak against it.
+
+        Returns:
+            As `Arcs.revoked`.
         """
+        nothing = 0, 0
         spans = sorted([span for span in self._spans if span > 0])
         if not spans:
-            return
+            return nothing
         arc, agreeing = _largest_group(spans)
         by_time = self._pace.measured(self._packet_ns, arc)
         if by_time is not None:
             whole = 1 if self._are_several(spans, arc) else max(1, round(min(by_time)))
-            agrees = whole == 1 or max(abs(each / whole - 1) for each in by_time) <= _OFF
+            agrees = whole == 1 or max(abs(each / whole - 1) for each in by_time) <= OFF
             fitting, known = self._fitting(spans, arc / whole)
             if agrees and agreeing >= FEW_AGREEING and fitting >= _FITTING * known and 2 * known > len(spans):
+                told = self._arc
                 if anew or whole > 1:
                     self._take(arc / whole, sure=True)
                 self._confirmed = max(by_time) < _HALFWAY or whole > 1
-            elif not self._confirmed:
+                return self._revoked(told / self._arc) if whole > 1 else nothing
+            if not self._confirmed:
                 self._certain = False
-            return
+            return nothing
         if not anew:
-            return
+            return nothing
         # Time does not tell. Gaps only ever lengthen a span, so the short ones tell the truth.
         short = spans[len(spans) // 4]
         for parts in (4, 3, 2):
@@ -278,6 +291,7 @@ class Wheel(PacedTurning):
         middle = ordinary[len(ordinary) // 2] if ordinary else short
         agreeing = sum(abs(span - middle) <= LIKENESS * middle for span in ordinary)
         self._take(float(middle), sure=agreeing >= AGREEING and 2 * agreeing > len(ordinary))
+        return nothing
 
     def _are_several(self, spans: Sequence[int], arc: float) -> bool:
         """Whether spans are of one, two and more such arcs. Were they of half an arc, others would come too."""

@@ -256,15 +256,16 @@ class Assembler:
         here = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
         if carried is not None:
             here.begin_with(carried)
-        if partial.first_packets and samples.certain:
-            revoked, before = partial.revoke(samples.revolution_packets)
-            self.stats.lost_packets += revoked + before
+        each, close = samples.revoked
+        self.stats.lost_packets += each * close
+        if each and carried is not None:
+            # The packet at its beginning was stretched over a gap: its samples are not used.
+            revoked, partial.carried = each, None
             lost += revoked
         crossed = room + samples.before_seam
         if crossed < len(here.angle):
             self.partial.carry(here.part(crossed), partial.last_ns, samples)
             lost -= samples.lost_behind
-        self.partial.judge(samples, packets.count, partial)
         gaps: list[tuple[int, int]] | None = []
         if samples.gaps or lost:
             gaps = partial.gaps(samples, room, crossed, revoked=bool(revoked))

@@ -51,7 +51,7 @@ class EndedRevolution:
         lost: Packets that are missing in it.
         gaps: Where its own samples are missing, as `PartialRevolution.gaps` tells it.
         revoked: Of the packets that are missing, those right before its first one that were not known to be missing
-            when the samples before them were carried over (`PartialRevolution.revoke`).
+            when the samples before them were carried over.
         start_ns: When its first sample was measured.
         elapsed_ns: Time from then to the arrival of its last packet.
         sample_ns: Nanoseconds a sample.

@@ -72,10 +72,6 @@ class PartialRevolution:
         skipped_behind_carried: The samples of those.
         carried_packets: Packets that a whole revolution has, as far as was known when that packet was decoded; 0
             where that was certain.
-        first_packets: Packets that a whole revolution has, as the one before was judged, where that was not certain
-            or rested on the first packets of a stream alone; else 0.
-        close_before: How many packets of that one seemed to follow each other, so that each may have been stretched
-            over a gap.
         begun_ns: When the read was completed that brought its beginning; 0 when that is not known.
         ended_ns: The same of its end.
         runs: The packets since, as they were reported.
@@ -92,8 +88,6 @@ class PartialRevolution:
     lost_behind_carried: int = 0
     skipped_behind_carried: int = 0
     carried_packets: float = 0.0
-    first_packets: float = 0.0
-    close_before: int = 0
     begun_ns: int = 0
     ended_ns: int = 0
     runs: list[Packets] = field(default_factory=list)
@@ -116,30 +110,6 @@ class PartialRevolution:
         self.lost_behind_carried = samples.lost_behind
         self.skipped_behind_carried = samples.skipped_behind
         self.carried_packets = 0.0 if samples.certain else samples.revolution_packets
-
-    def judge(self, samples: Samples, packets: int, before: PartialRevolution) -> None:
-        """Note how the packets of the revolution `before` were judged, where time may still speak against it."""
-        if samples.first or not samples.certain:
-            self.first_packets = samples.revolution_packets
-            if not samples.lost:
-                carried = (before.carried is not None) - (self.carried is not None)
-                self.close_before = before.close_before + packets + carried
-
-    def revoke(self, revolution_packets: float) -> tuple[int, int]:
-        """Judge anew what was judged by the gaps between the first packets of a stream.
-
-        When a revolution has ended it is known how many packets one really has. If more, the packet whose samples
-        were carried over was stretched over a gap: they are dropped.
-
-        Returns:
-            The packets that are missing behind that one, and those that are missing in the revolution before.
-        """
-        missing = max(0, round(revolution_packets / self.first_packets) - 1)
-        before = missing * self.close_before
-        if not missing or self.carried is None:
-            return 0, before
-        self.carried = None
-        return missing, before
 
     def gaps(self, samples: Samples, room: int, crossed: int, *, revoked: bool) -> list[tuple[int, int]] | None:
         """Where samples are missing in it: how many of its own come before, and how many are missing there.

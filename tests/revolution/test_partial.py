@@ -19,34 +19,6 @@ SOME = SampleArrays(np.zeros(20, np.float32), np.zeros(20, np.float32), None)
 DECODED = Samples(NOTHING, NOTHING, None, 200, range(40, 201, 40), 1, 2, 80.0, 3200.0, gaps=[(80, 40)])
 
 
-@pytest.mark.parametrize(("known", "found", "missing"), [(80, 80, 0), (80, 90, 0), (40, 80, 1), (20.2, 80, 3)])
-def test_a_packet_that_was_stretched_over_a_gap_is_dropped(known: float, found: float, missing: int) -> None:
-    """It was taken to cover as much as `known` packets make a revolution; now it is known how many do."""
-    partial = PartialRevolution(whole=True, carried=SOME)
-    judged = replace(DECODED, lost=0, revolution_packets=known, certain=False)
-    partial.judge(judged, 6, PartialRevolution(whole=False))
-    assert partial.revoke(found) == (missing, 5 * missing)
-    assert (partial.carried is None) is bool(missing)
-
-
-def test_a_packet_that_was_certain_is_not_dropped() -> None:
-    partial, before = PartialRevolution(whole=True, carried=SOME), PartialRevolution(whole=False)
-    partial.judge(replace(DECODED, revolution_packets=40.0), 6, before)
-    assert not partial.first_packets
-    # Time may speak against what the first packets of a stream tell. Gaps were seen among them: not all are alike.
-    partial.judge(replace(DECODED, revolution_packets=40.0, first=True), 6, before)
-    assert partial.revoke(80) == (1, 0)
-    assert partial.revoke(80) == (0, 0)
-
-
-def test_what_seemed_close_is_counted_over_several_revolutions() -> None:
-    judged = replace(DECODED, lost=0, revolution_packets=40.0, certain=False)
-    first, second, third = (PartialRevolution(whole=True, carried=SOME) for _ in range(3))
-    second.judge(judged, 6, first)
-    third.judge(judged, 7, second)
-    assert third.revoke(80) == (1, 6 + 7)
-
-
 def test_where_samples_are_missing() -> None:
     partial = PartialRevolution(whole=True, carried=SOME)
     assert partial.gaps(DECODED, 20, 200, revoked=False) == [(100, 40)]

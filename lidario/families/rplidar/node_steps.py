@@ -19,7 +19,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.pace import PacedTurning
+from lidario.families.pace import OFF, PacedTurning
 from lidario.families.spans import Arcs, Heads, Ints, by_revolution, spans_between
 from lidario.wire.events import Arrival
 
@@ -41,8 +41,6 @@ CERTAIN_STEPS: Final = 6
 """Steps that must agree before the ordinary one is certain."""
 FALSE_NODES: Final = 40
 """Nodes within which a leap and a fall belong together: between them stands what was no node."""
-_OFF: Final = 0.25
-"""Part by which the number of steps that time tells may be off a whole number."""
 
 
 class NodeSteps(PacedTurning):
@@ -63,17 +61,22 @@ class NodeSteps(PacedTurning):
             # The mean is as good as the median where nothing is far from either, and much cheaper.
             self._typical, self._strange = total / len(spans), 0
             known = self._confirmed or self._pace.is_same_read(arrivals, len(spans), total, int(spans[-1]))
-            if known or not self._corrects(spans, arrivals):
+            times = 1.0 if known else self._corrected(spans, arrivals, 1.0)
+            if times == 1:
+                self._note_close(len(spans))
                 return Arcs(spans, None, total / len(spans), certain=True)
-        first, rough = not self._certain, spans.astype(np.float64)
-        steps = self._walk(rough if followed else rough[:-1], len(rough))
+            steps, missing = self._walk(spans, followed=followed)
+        else:
+            steps, missing = self._walk(spans, followed=followed)
+            times = self._corrected(spans, arrivals, 1 + float(missing.mean()))
+            if times != 1:
+                steps, missing = self._walk(spans, followed=followed)
+            elif not missing.any():
+                self._note_close(len(spans) if followed else len(spans) - 1)
         if steps[0] <= 0:
-            return Arcs(np.maximum(rough, 0.0), None, 0.0, certain=False)
-        missing = _missing(rough, steps)
-        if not followed:
-            missing[-1] = 0
-        self._corrects(spans, arrivals, 1 + float(missing.mean()))
-        return Arcs(rough, missing if missing.any() else None, float(steps.mean()), self._certain, first)
+            return Arcs(np.maximum(spans, 0.0), None, 0.0, certain=False)
+        skipped = missing if missing.any() else None
+        return Arcs(spans, skipped, float(steps.mean()), self._certain, self._revoked(times))
 
     def steady(
         self,
@@ -100,40 +103,50 @@ class NodeSteps(PacedTurning):
     def _is_ordinary(typical: float, shortest: int, longest: int) -> bool:
         return JITTER * typical < shortest and longest <= (1 + JITTER) * typical
 
-    def _corrects(self, spans: Ints, arrivals: Sequence[Arrival], each: float = 1.0) -> bool:
+    def _corrected(self, spans: Ints, arrivals: Sequence[Arrival], each: float) -> float:
         """Correct the ordinary step where the device has measured a multiple or a part of the nodes that it tells.
 
         Args:
             spans: How far ahead of each node the next one is.
             arrivals: When they came.
             each: How many nodes it tells for each one that came, with those that are missing.
+
+        Returns:
+            How many times too long the step was; 1 where time does not speak against it.
         """
         if self._confirmed and not self._strange:
             self._pace.clear()
-            return False
+            return 1.0
         self._pace.add(spans.tolist(), arrivals)
         by_time = self._pace.measured(self._packet_ns)
         if by_time is None:
-            return False
+            return 1.0
         low, high = min(by_time) / each, max(by_time) / each
         for times in (max(1, round(low)), 1 / max(1, round(1 / high))):
-            if high <= (1 + _OFF) * times and low >= (1 - _OFF) * times:
+            if high <= (1 + OFF) * times and low >= (1 - OFF) * times:
                 self._typical /= times
                 self._confirmed, self._strange = True, 0
                 self._pace.clear()
-                return times != 1
-        return False
+                return times
+        return 1.0
 
-    def _walk(self, spans: Steps, count: int) -> Steps:
-        """The ordinary step at each of so many nodes, by the spans of those of which it is known."""
-        if not self._certain and len(spans):
-            self._learn_first(spans)
-        found = np.full(count, self._typical)
+    def _walk(self, spans: Ints, *, followed: bool) -> tuple[Steps, NDArray[np.intp]]:
+        """The ordinary step at each node, and how many are missing behind it."""
+        rough = spans.astype(np.float64)
+        known = rough if followed else rough[:-1]
+        if not self._certain and len(known):
+            self._learn_first(known)
+        steps = np.full(len(rough), self._typical)
         several = max(SEVERAL, round(_SEVERAL_TURNS * self._full_turn / max(1.0, self._typical)))
-        for begin in range(0, len(spans), several):
-            self._take(spans[begin : begin + several])
-            found[begin : begin + several] = self._typical
-        return found
+        for begin in range(0, len(known), several):
+            self._take(known[begin : begin + several])
+            steps[begin : begin + several] = self._typical
+        if steps[0] <= 0:
+            return steps, np.zeros(len(rough), np.intp)
+        missing = _missing(rough, steps)
+        if not followed:
+            missing[-1] = 0
+        return steps, missing
 
     def _take(self, spans: Steps) -> None:
         """Find the ordinary step of a few dozen, by the one before."""
