@@ -84,10 +84,12 @@ def _wobbling(hertz: float, seconds: Floats) -> Floats:
     return hertz * (1 + 0.03 * np.sin(2 * np.pi * 0.7 * seconds))
 
 
-def _ramp(begin: float, end: float, lasts_s: float, hertz: float, seconds: Floats) -> Floats:
-    """From one speed to another within some seconds, after two seconds at the first."""
+def _ramp(
+    begin: float, end: float, lasts_s: float, hertz: float, seconds: Floats, *, after_s: float = 2.0
+) -> Floats:
+    """From one speed to another within some seconds, after some at the first."""
     del hertz
-    return begin + (end - begin) * np.clip((seconds - 2.0) / lasts_s, 0.0, 1.0)
+    return begin + (end - begin) * np.clip((seconds - after_s) / lasts_s, 0.0, 1.0)
 
 
 def _changed(factor: float, hertz: float, seconds: Floats) -> Floats:
@@ -228,6 +230,7 @@ def _cases() -> Iterator[Case]:
     yield Case("10 to 1 Hz in 1 s", _clean, partial(_ramp, 10.0, 1.0, 1.0), 7.0)
     yield Case("0.5 to 10 Hz in 3 s", _clean, _from_half)
     yield Case("5 to 10 Hz in 0.5 s", _clean, partial(_ramp, 5.0, 10.0, 0.5))
+    yield Case("4 to 1 Hz in 0.5 s, at once", _clean, partial(_ramp, 4.0, 1.0, 0.5, after_s=0.0), begin=0.7)
     yield Case("spinning up from 2 Hz", _clean, _spin_up)
     yield Case("spinning up in jerks of 2 to 7.6 Hz", _clean, _jerky_spin_up)
     yield Case("a clock 0.5 % slow", _clean, _drifting, clock=1.005)

@@ -161,6 +161,19 @@ def test_six_spans_that_agree_are_sure_without_times(spans: int) -> None:
     assert Wheel(TURN).follow(heads(first, None)).certain == (spans >= 6)
 
 
+@pytest.mark.parametrize("every", [2, 3])
+@pytest.mark.parametrize("hertz", [10.0, 20.0, 50.0])
+def test_what_was_told_before_a_speed_was_sure_is_revoked_once(hertz: float, every: int) -> None:
+    """The fewer packets a turn has, the more turns pass before time tells."""
+    found = told(even(hertz, 500), range(0, 500, every))
+    missing_before = sum(each * packets for each, packets in (arcs.revoked for _, arcs in found))
+    right = [lost(arcs) == (every - 1) * len(here) for here, arcs in found]
+    first = right.index(True)
+    assert missing_before == (every - 1) * sum(len(here) for here, _ in found[:first])
+    assert all(right[first:])
+    assert not any(any(arcs.revoked) for _, arcs in found[first + 1 :])
+
+
 @pytest.mark.parametrize("gone", range(1, 11))
 def test_the_arc_before_a_gap_lies_between_the_one_before_and_those_in_the_gap(gone: int) -> None:
     wheel = Wheel(TURN)

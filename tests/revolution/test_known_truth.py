@@ -64,6 +64,7 @@ def test_turns_that_hide_in_outages_are_not_taken_for_a_speed(name: str) -> None
         "10 to 1 Hz in 1 s",
         "0.5 to 10 Hz in 3 s",
         "5 to 10 Hz in 0.5 s",
+        "4 to 1 Hz in 0.5 s, at once",
         "spinning up in jerks of 2 to 7.6 Hz",
         "5 % of the packets twice",
         "late by 2 s",
