@@ -20,7 +20,7 @@ What the model believes, and why:
    is looked at. It only chooses among whole numbers; how long an arc is, the angles tell, and they are exact.
 
 Until a speed is sure by these rules, no arc is certain. What is known once stays, until spans or time speak against
-it; nothing is learned anew behind a gap.
+it; nothing is learned anew behind a gap. What was told before it was sure is put right then (`Arcs.revoked`).
 
 Without times, as in a file of bytes, spans that agree are taken for one arc each.
 """
