@@ -279,3 +279,13 @@ async def test_ports_are_asked_side_by_side_and_patiently_only_where_none_respon
     third.receive(b"\xa5\x40", now_ns())
     async with open_lidar("auto") as lidar:
         assert lidar.info.serial == third.serial.hex().upper()
+
+
+async def test_a_search_in_vain_stops_the_motor_of_a_family_that_was_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It responds too late at each of its speeds. The opening of the port has set it in motion."""
+    device = make_rig("rplidar-a1").device
+    device.response_delay_s = 0.2
+    serial_in_memory(monkeypatch, late=device)
+    with pytest.raises(ConnectFailed):
+        await open_lidar("late", family="rplidar")
+    assert not device.motor_on

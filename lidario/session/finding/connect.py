@@ -101,10 +101,13 @@ async def connect(
             if not connection.device.can_be_stopped:
                 port.unguard()
             return connection
+        if not asked and len({each.family for each in tries}) == 1:
+            # It may hear us although its responses do not reach us, and what stops it is known.
+            await leave_still(port, tries, woken)
         await woken.stop()
         for dialogue in asked:
             dialogue.hang_up()
-        if not asked:
+        if not asked and not port.is_closing:
             port.close_soon()
     except BaseException as error:
         # Ctrl-C may come when the device has responded, and before its connection is returned.
@@ -113,7 +116,8 @@ async def connect(
         if not asked and not port.is_closing:
             if port.is_open and not loop.is_closed():
                 await leave_still(port, tries, woken)
-            port.close_soon()
+            else:
+                port.close_soon()
         if source.kind == "udp" and isinstance(error, DeviceLost) and not received.total:
             # A UDP port can always be opened. Only the first request shows that nothing listens there.
             raise ConnectFailed(

@@ -30,18 +30,25 @@ __all__ = ["leave_still"]
 
 
 async def leave_still(port: Port, tries: list[Attempt], woken: Woken) -> None:
-    """Stop what is at an open port, what the search has `woken` first. The port may be closed afterwards.
+    """Stop what is at an open port, what the search has `woken` first, and begin to close the port.
 
-    It takes a bounded time, and is done to its end whoever cancels it meanwhile: the loop may not go on afterwards.
-    An error of the line is dropped.
+    It takes a bounded time. A cancellation that comes meanwhile is raised afterwards: the loop may not go on then.
     """
+    cancelled: asyncio.CancelledError | None = None
     with anyio.CancelScope(shield=True):
         task = asyncio.ensure_future(_stop(port, tries, woken))
         while not task.done():
-            with suppress(asyncio.CancelledError):
+            try:
                 await asyncio.wait([task])
+            except asyncio.CancelledError as error:
+                cancelled = error
+        # A line that is lost, or cannot have a speed; or the program ends all tasks.
         with suppress(LidarError, asyncio.CancelledError):
             task.result()
+        if not port.is_closing:
+            port.close_soon()
+    if cancelled is not None:
+        raise cancelled
 
 
 async def _stop(port: Port, tries: list[Attempt], woken: Woken) -> None:
