@@ -100,7 +100,7 @@ class Device(ABC):
         can_be_stopped: Whether laser and motor can be switched off from here.
         by_network: Whether it may be reached by a network: its line has no speed of its own.
         sends_bytes: Whether its stream consists of bytes that can be decoded again; else of whole scans.
-        is_guess: Whether its model was not named by a user, but is one that is looked for: what the device says of
+        is_guess: Whether its family or model is only looked for, and no user has named it: what the device says of
             itself counts more.
         rests_s: Seconds between two signs of life, of one that may be well and yet silent for longer than others.
         fill: Bytes that complete any request that was half written, and begin none. Default: none are needed.

@@ -42,6 +42,8 @@ _SAME_CLOCK_NS = 1_000_000_000
 """Two readings of one clock are less than this apart."""
 LONGEST_WAIT_S = 0.05
 """Longest time that `Port.abandon` waits for the device to listen. The longest silence after a STOP is 10 ms."""
+SENT_S = 0.01
+"""How long stop requests are under way: they have less than 20 bytes."""
 
 
 class Port(Guarded, asyncio.Protocol):
@@ -238,14 +240,15 @@ class Port(Guarded, asyncio.Protocol):
         self.close_soon()
         await self.wait_closed()
 
-    def abandon(self, stop_requests: bytes, listens_at: float = 0.0) -> None:
+    def abandon(self, stop_requests: bytes, listens_at: float = 0.0, dtr: bool | None = None) -> None:
         """Finalizer of a session that was never closed: write `stop_requests` and close, even without a loop.
 
-        Blocks for 50 ms at most. Does nothing on a closed port and in a forked child. Never raises.
+        Blocks for 60 ms at most. Does nothing on a closed port and in a forked child. Never raises.
 
         Args:
             stop_requests: What stops laser and motor.
             listens_at: When the device listens again, in seconds of the event loop's clock.
+            dtr: State in which DTR is put when they have been heard; None to leave it as it is.
         """
         line = self._open_line()
         if line is None:
@@ -256,6 +259,9 @@ class Port(Guarded, asyncio.Protocol):
         if wait > 0:
             time.sleep(wait)
         line.write_without_loop(stop_requests)
+        if dtr is not None:
+            time.sleep(SENT_S)
+            line.set_dtr(dtr)
         _log.debug("%s was abandoned without being closed", self.name)
         try:
             # The garbage collector may run this in any thread.

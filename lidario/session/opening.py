@@ -169,7 +169,8 @@ def open_lidar(
     """Open a device, for use in ``async with`` or with ``await``.
 
     The port is opened exclusively. The device is stopped in case it still streams, asked what it is and how it is,
-    and reset once if it has stopped to protect itself. Cancelling leaves laser and motor off and the port closed.
+    and reset once if it has stopped to protect itself. Cancelling leaves laser and motor off and the port closed,
+    which takes up to 4 s; where the family is not known yet, `docs/promises.md` has what cannot be stopped then.
 
     Args:
         source: Where it is, see `lidario.source`; a path is a serial port or a recording; or a simulated device of

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import termios
 
@@ -47,6 +48,23 @@ async def test_asserted_it_outlasts_the_close(ends: tuple[int, int, str], monkey
     assert states(driver)[-1] is True
     port.set_dtr(False)
     assert len(states(driver)) == len(OPENED) + 2
+
+
+def test_it_is_set_behind_the_stop_requests_where_the_loop_was_closed(
+    ends: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Some models hear nothing while it is asserted."""
+    master, _, path = ends
+    driver = FakeDriver(path, monkeypatch)
+    before: list[tuple[bytes, list[bool]]] = []
+    monkeypatch.setattr(
+        "lidario.port.port.time.sleep", lambda _: before.append((written(master, 4), states(driver)))
+    )
+    with asyncio.Runner() as runner:
+        port = runner.run(open_serial(path, 115200))
+    port.abandon(b"stop", dtr=True)
+    assert before == [(b"stop", OPENED)]
+    assert states(driver) == [*OPENED, True]
 
 
 async def test_a_pseudo_terminal_has_none_and_works_all_the_same(ends: tuple[int, int, str]) -> None:

@@ -4,6 +4,8 @@ Rather than one test for each await that can hang, each scenario is run once to 
 round, and then again and again, cancelled a little later each time: natively, natively twice, and by a cancel
 scope of anyio. Whatever the session was waiting for at that moment, the strict device must have heard STOP where
 it could hear it.
+
+Also while it is not known yet what the device is: where its family is not named, and it is searched for.
 """
 
 from __future__ import annotations
@@ -16,10 +18,11 @@ from itertools import product
 import anyio
 import pytest
 
-from lidario import LidarError, Unsupported
+from lidario import LidarError, Unsupported, open_lidar
 from tests.support.devices import EVERY_KIND, FAMILIES, OTHERS, SWITCHED, Rig, left_still, make_rig, some
 from tests.support.discards import all_obeyed
 from tests.support.loop import driven_loop, now_ns, run_driven
+from tests.support.speeds import serial_in_memory
 
 Scenario = Callable[[Rig], Awaitable[None]]
 
@@ -42,10 +45,27 @@ async def open_a_mute_device(rig: Rig) -> None:
         await open_and_close(rig)
 
 
+def stream(rig: Rig) -> None:
+    """Have it scan, as after a program that was killed."""
+    rig.device.begin_streaming(*((1, now_ns()) if rig.family == "rplidar" else (now_ns(),)))
+
+
 async def open_a_streaming_device(rig: Rig) -> None:
-    now = now_ns()
-    rig.device.begin_streaming(*((1, now) if rig.family == "rplidar" else (now,)))
+    stream(rig)
     await open_and_close(rig)
+
+
+async def search(rig: Rig) -> None:
+    """At every speed, on a line whose opening clears DTR, as that of a serial port does."""
+    with pytest.MonkeyPatch.context() as patch:
+        serial_in_memory(patch, unknown=rig.device)
+        async with open_lidar("unknown"):
+            pass
+
+
+async def search_a_streaming_device(rig: Rig) -> None:
+    stream(rig)
+    await search(rig)
 
 
 async def read_scans(rig: Rig) -> None:
@@ -96,6 +116,9 @@ SCENARIOS: tuple[Scenario, ...] = (
     change_speed,
     reset_and_stop,
 )
+SEARCHES: tuple[Scenario, ...] = (search, search_a_streaming_device)
+SEARCHED = (*EVERY_KIND, "ydlidar-x2", "ydlidar-x4", "ldrobot-ld14p")
+"""Of those with another motor or speed one each. DTR stops an A1 and starts an X2."""
 
 
 def turns_of(scenario: Scenario, family: str) -> int:
@@ -137,7 +160,7 @@ def cancelled_at(scenario: Scenario, family: str, turn: int, how: str) -> None:
         loop.at_turn = None
         # What was written is on its way even if nobody waited for it.
         await asyncio.sleep(5.0)
-        if rig.device.log:
+        if rig.device.log or scenario in SEARCHES:
             assert left_still(rig), [(each.name, each.obeyed, each.why) for each in rig.device.log][-5:]
         all_obeyed([rig.device])
 
@@ -168,3 +191,17 @@ def test_cancelled_anywhere_the_device_is_left_still(what: tuple[Scenario, str, 
     stride = max(1, turns // (points if family in THOROUGH else -(-points // 4)))
     for turn in range(1, turns + 1, stride):
         cancelled_at(scenario, family, turn, how)
+
+
+@pytest.mark.exhaustive("how", sample=["twice"], full=WAYS)
+@pytest.mark.exhaustive("points", sample=[10], full=[60])
+@pytest.mark.parametrize("scenario", SEARCHES)
+@pytest.mark.parametrize("kind", SEARCHED)
+def test_a_search_that_is_cancelled_leaves_the_device_still(
+    kind: str, scenario: Scenario, points: int, how: str
+) -> None:
+    """From the moment on at which the port is open."""
+    turns = turns_of(scenario, kind)
+    # Most is decided in the first turns, while it is listened to and each family is asked shortly.
+    for turn in sorted({*range(2, 2 + points), *range(2, turns + 1, max(1, turns // points))}):
+        cancelled_at(scenario, kind, turn, how)

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from tests.support.devices import both_families, left_still, make_rig, names
+from tests.support.devices import FAMILIES, SWITCHED, both_families, left_still, make_rig, names
 from tests.support.interrupt import CtrlC, no_collection
 from tests.support.loop import DrivenLoop, now_ns
 
@@ -62,7 +62,7 @@ def test_ctrl_c_at_every_line_of_close(family: str, stride: int, monkeypatch: py
     assert line > 30
 
 
-@both_families
+@pytest.mark.parametrize("family", [*FAMILIES, *SWITCHED])
 @pytest.mark.exhaustive("ending", sample=[("orderly", 37), ("at once", 37)], full=[("orderly", 5), ("at once", 3)])
 def test_ctrl_c_at_every_line_of_opening(
     family: str, ending: tuple[str, int], monkeypatch: pytest.MonkeyPatch
@@ -70,7 +70,7 @@ def test_ctrl_c_at_every_line_of_opening(
     """A device that still streams. A loop that `asyncio.run` ends has more time to stop it."""
 
     async def main() -> None:
-        rig.device.begin_streaming(*([1, now_ns()] if family == "rplidar" else [now_ns()]))
+        rig.device.begin_streaming(*([1, now_ns()] if rig.family == "rplidar" else [now_ns()]))
         with no_collection(), ctrl_c:
             lidar = await rig.open()
         await lidar.close()

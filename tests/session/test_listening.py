@@ -5,12 +5,13 @@ from __future__ import annotations
 import asyncio
 import itertools
 import random
+from contextlib import suppress
 from typing import Any
 
 import pytest
 
 from lidario import ConnectFailed, list_lidars, open_lidar
-from lidario.families.registry import FAMILIES
+from lidario.families.registry import FAMILIES, family_named
 from lidario.port.port import Port
 from lidario.session.finding.discovery import PortInfo
 from lidario.session.finding.listening import LISTEN_S, family_of_stream, listen
@@ -35,7 +36,7 @@ QUESTION = {family.name: next(family.device().identify()).data for family in FAM
 
 def stream(device: Any, mode: int) -> None:
     """Have it scan, as after a program that was killed."""
-    arguments = (now_ns(),) if device.profile.name.startswith("ydlidar") else (mode, now_ns())
+    arguments = (mode, now_ns()) if device.profile.name.startswith("rplidar") else (now_ns(),)
     device.begin_streaming(*arguments)
 
 
@@ -204,8 +205,10 @@ async def test_a_speed_the_adapter_cannot_do_is_left_out(monkeypatch: pytest.Mon
             assert lidar.info.family == "rplidar"
 
 
-async def test_cancelled_while_it_listens_it_has_written_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    device = make_rig("rplidar-s2").device
+async def test_cancelled_while_it_listens_it_asks_only_those_whose_motor_the_opening_starts(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    device = make_rig("ydlidar-4ros").device
     written = serial_in_memory(monkeypatch, rests=device)
     ports: list[Port] = []
 
@@ -218,7 +221,45 @@ async def test_cancelled_while_it_listens_it_has_written_nothing(monkeypatch: py
         async with asyncio.timeout(LISTEN_S / 2):
             await open_lidar("rests")
     assert not ports[0].is_open
-    assert written == []
+    questions = [(speed, QUESTION["rplidar"]) for speed in family_named("rplidar").baudrates]
+    assert [each for each in written if each[1]] == questions
+    assert device.log == []
+
+
+@pytest.mark.parametrize("model", ["ydlidar-4ros", "ydlidar-g2", "hokuyo-urg04lx", "ldrobot-ld14p", "hlds-lds01"])
+@pytest.mark.parametrize("at_s", [0.01, 0.1, 0.7, 1.2])
+async def test_one_whose_packets_are_not_recognised_is_stopped_where_its_search_is_cancelled(
+    model: str, at_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each of them is damaged."""
+    device = make_rig(model).device
+    serial_in_memory(monkeypatch, unknown=device)
+    stream(device, 1)
+    send = device.transmit
+    device.transmit = lambda now: bytes(byte ^ 0x10 if at % 7 == 0 else byte for at, byte in enumerate(send(now)))
+    began = now()
+    with pytest.raises(TimeoutError):
+        async with asyncio.timeout(at_s):
+            await open_lidar("unknown")
+    assert now() - began < at_s + 2.5
+    # What was written last may still be under way.
+    await asyncio.sleep(0.05)
+    assert not device.scanning
+    assert not device.motor_on
+
+
+@pytest.mark.parametrize("model", ["rplidar-a1", "ydlidar-x2", "ydlidar-s2-pro"])
+@pytest.mark.parametrize("source", ["serial://unknown", "serial://unknown?baud=115200"])
+async def test_dtr_is_left_as_the_model_needs_it(model: str, source: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What stops the motor of an A1 starts that of an X2. The search is cancelled every 20 ms."""
+    for step in range(75):
+        device = make_rig(model).device
+        serial_in_memory(monkeypatch, unknown=device)
+        with suppress(TimeoutError):
+            async with asyncio.timeout(0.02 * step + 0.001), open_lidar(source):
+                pass
+        await asyncio.sleep(2.0)
+        assert not device.motor_on, step
 
 
 async def test_ports_are_asked_side_by_side_and_patiently_only_where_none_responds(
@@ -238,3 +279,13 @@ async def test_ports_are_asked_side_by_side_and_patiently_only_where_none_respon
     third.receive(b"\xa5\x40", now_ns())
     async with open_lidar("auto") as lidar:
         assert lidar.info.serial == third.serial.hex().upper()
+
+
+async def test_a_search_in_vain_stops_the_motor_of_a_family_that_was_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It responds too late at each of its speeds. The opening of the port has set it in motion."""
+    device = make_rig("rplidar-a1").device
+    device.response_delay_s = 0.2
+    serial_in_memory(monkeypatch, late=device)
+    with pytest.raises(ConnectFailed):
+        await open_lidar("late", family="rplidar")
+    assert not device.motor_on

@@ -14,9 +14,9 @@ from functools import partial
 import pytest
 
 from lidario import Lidar
-from tests.support.devices import Rig, both_families, left_still, make_rig, names
+from tests.support.devices import SWITCHED, Rig, both_families, left_still, make_rig, names
 from tests.support.discards import all_obeyed
-from tests.support.loop import DrivenLoop, unless_unfinished
+from tests.support.loop import START, DrivenLoop, unless_unfinished
 
 Interrupt = Callable[[DrivenLoop, "asyncio.Task[None]"], None]
 TIMES = 4
@@ -123,3 +123,25 @@ def test_ended_at_every_turn_of_the_loop(
         if any("scan" in name for name in names(rig)):
             assert left_still(rig), (at, names(rig)[-4:])
         all_obeyed([rig.device])
+
+
+async def nothing(_: Lidar) -> None:
+    pass
+
+
+@pytest.mark.usefixtures("quick_collection")
+@pytest.mark.parametrize("kind", [*SWITCHED, "hlds", "ldrobot-ld14p"])
+def test_ended_while_one_that_streams_is_opened(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also before it has said what it is, where it is not written to before either."""
+
+    def streaming() -> Rig:
+        rig = make_rig(kind)
+        begun_ns = round(START * 1e9)
+        rig.device.begin_streaming(*([1, begun_ns] if rig.family == "rplidar" else [begun_ns]))
+        return rig
+
+    turns = run_and_close(streaming(), nothing, 1, never, monkeypatch, plain=True)
+    for at in range(2, turns, max(1, turns // 20)):
+        rig = streaming()
+        run_and_close(rig, nothing, at, interrupt, monkeypatch, plain=True)
+        assert left_still(rig), (at, names(rig)[-4:])

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -207,3 +208,14 @@ async def test_a_motor_that_was_left_on_is_stopped_though_the_board_was_lost_on_
         await lidar.scan()
         assert rig.device.motor_on
     assert left_still(rig)
+
+
+async def test_a_speed_whose_response_was_lost_on_the_way_is_not_600_for_ever() -> None:
+    rig = make_rig("rplidar-c1")
+    rig.device.profile = replace(rig.device.profile, speed_conf=(720, *rig.device.profile.speed_conf[1:]))
+    receive = rig.device.receive
+    rig.device.receive = lambda data, now: None if data.startswith(b"\xa5\x84\x04\x01") else receive(data, now)
+    async with rig.open() as lidar:
+        assert (await take(lidar, 3))[-1].rpm == pytest.approx(600, rel=0.01)
+        rig.device.receive = receive
+        assert (await take(lidar, 3))[-1].rpm == pytest.approx(720, rel=0.01)

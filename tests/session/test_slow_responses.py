@@ -227,3 +227,16 @@ async def test_a_hokuyo_that_hears_nothing_and_streams_on_is_told_of(caplog: pyt
         with pytest.raises(StreamFailed, match="bytes still arrive after 3 STOP requests"):
             await lidar.stop()
     assert "goes on sending after 3 stop requests" in caplog.text
+
+
+@pytest.mark.parametrize("delay_s", [0.9, 1.5])
+@pytest.mark.parametrize("moment_s", [0.1, 0.3, 0.56])
+async def test_one_that_has_not_responded_yet_but_streamed_is_waited_for(delay_s: float, moment_s: float) -> None:
+    """It owes a response when its opening is cancelled, and discards what stops its motor until that has come."""
+    rig = make_rig("rplidar-a2")
+    rig.device.response_delay_s = delay_s
+    rig.device.begin_streaming(1, now_ns())
+    with pytest.raises(TimeoutError):
+        async with asyncio.timeout(moment_s):
+            await rig.open()
+    assert left_still(rig)

@@ -29,6 +29,7 @@ class Paper:
         self.is_open = True
         self.bytes_received = 0
         self.owes_until = 0.0
+        self.has_responded = False
         self.written: list[Request] = []
         self._listens_at = now() + listens_in
 
@@ -95,3 +96,18 @@ async def test_the_device_listens_in_less_than_a_tick_of_the_clock(listens_in: f
         assert stopper.still
         assert len(paper.written) == len(stopper.requests())
         assert time.monotonic() - began < 5.0
+
+
+@pytest.mark.parametrize("has_responded", [False, True])
+async def test_dtr_is_not_set_for_one_that_is_only_looked_for_until_it_responds(*, has_responded: bool) -> None:
+    """Neither by a guard: what stops its motor starts that of a model of another family."""
+    paper: Any = Paper(0.0)
+    paper.has_responded = has_responded
+    device = FAMILIES[0].device()
+    device.is_guess = True
+    stopper = Stopper(paper, paper, device, 0.0)
+    _, last, _ = stopper.unseen()
+    stopper.hang_up()
+    await stopper.surely_settled()
+    for requests in (last, paper.written):
+        assert any(request.dtr for request in requests) is has_responded

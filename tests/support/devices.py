@@ -87,13 +87,14 @@ def left_still(rig: Rig) -> bool:
     """Whether laser and motor are off, and the last request that could move the device was one that stops it.
 
     A device in Protection Stop ignores STOP, but it has heard it. One that only talks cannot be left in any other
-    state than it is in.
+    state than it is in, unless the control line DTR switches it.
     """
-    if not getattr(rig.device.profile, "commands", True):
-        return True
+    profile = rig.device.profile
+    if not getattr(profile, "commands", True):
+        return not getattr(profile, "by_dtr", False) or not rig.device.motor_on
     heard = [each.name for each in rig.device.log if each.obeyed or each.why == PROTECTED]
     moved = [name for name in heard if name in MOVING]
-    return not rig.device.scanning and not rig.device.motor_on and moved[-1] in ("stop", "reset")
+    return not rig.device.scanning and not rig.device.motor_on and moved[-1:] in ([], ["stop"], ["reset"])
 
 
 @contextmanager

@@ -25,6 +25,8 @@ __all__ = ["Configuration"]
 
 MODE_LIMIT: Final = 64
 """Mode numbers that are tried; devices have two to five modes, numbered from 0, with holes."""
+SHORT_S: Final = 0.15
+"""A healthy device responds within a few milliseconds."""
 MOST_IN_VAIN: Final = 4
 """Questions that were not told, after which no more are asked. A silence takes 1 s."""
 
@@ -36,18 +38,25 @@ class Configuration:
         self.known = False
         self._in_vain = 0
 
-    def ask_bytes(self, kind: Conf, mode: int | None = None) -> Script[bytes]:
-        """One value; empty where the device does not have or tell it."""
-        if not self.known or self._in_vain >= MOST_IN_VAIN:
+    def ask_bytes(self, kind: Conf, mode: int | None = None, *, shortly: bool = False) -> Script[bytes | None]:
+        """One value; empty where the device does not have it, None where it does not tell it.
+
+        One that was silent before may not know the question: it is asked `shortly`, and no stream waits for long.
+        """
+        if not self.known:
             return b""
+        if self._in_vain >= MOST_IN_VAIN:
+            return None
         request = commands.get_lidar_conf(kind, mode)
+        if shortly:
+            request = replace(request, timeout=SHORT_S, attempts=1)
         try:
             told = yield request
             # That it knows no such value is told by a response that is shorter: no damage makes that.
             return (yield from agreed(request, told))[4:] if told[4:] else b""
         except (ResponseTimeout, RemoteProtocolError):
             self._in_vain += 1
-            return b""
+            return None
 
     def modes(self) -> Script[tuple[tuple[ScanMode, ...], str]]:
         """The modes that it lists, by number, and what is to be said of those that it did not tell."""
@@ -95,7 +104,7 @@ class Configuration:
         response_type = yield from self._ask("<B", Conf.RESPONSE_TYPE, mode)
         if not response_type:
             return ScanMode(mode, "", 0.0, 0.0, 0)
-        name = yield from self.ask_bytes(Conf.MODE_NAME, mode)
+        name = (yield from self.ask_bytes(Conf.MODE_NAME, mode)) or b""
         sample_q8 = yield from self._ask("<I", Conf.SAMPLE_DURATION, mode)
         distance_q8 = yield from self._ask("<I", Conf.MAX_DISTANCE, mode)
         return ScanMode(
@@ -109,7 +118,7 @@ class Configuration:
     def _ask(self, layout: str, kind: Conf, mode: int | None = None) -> Script[int | None]:
         """One number, or None when the device does not have or tell it."""
         value = yield from self.ask_bytes(kind, mode)
-        if len(value) < struct.calcsize(layout):
+        if value is None or len(value) < struct.calcsize(layout):
             return None
         return int(struct.unpack_from(layout, value)[0])
 

@@ -59,7 +59,7 @@ class RplidarDevice(Device):
         self._firmware: tuple[int, int] = (0, 0)
         self._is_ethernet = False
         self._configuration = Configuration()
-        self._motor = MotorControl(self._configuration.ask_bytes)
+        self._motor = MotorControl(self._configuration)
 
     def stop(self) -> Request:
         return commands.STOP

@@ -15,12 +15,13 @@ moves DTR wherever it knows no other way; users report that an A2 or A3 hears no
 there it stays cleared, as it is when the port was opened.
 
 A C1 whose response does not come is started as one that has no limits, and asked again when its speed is wanted.
+A device that does not tell its typical speed or duty is started with an assumed one, and asked again by the next
+start.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
 from dataclasses import replace
 from enum import Enum
 from typing import Final
@@ -30,6 +31,7 @@ from lidario.errors import InvalidValue, ResponseTimeout, Unsupported
 from lidario.families.base import Script
 from lidario.families.rplidar import commands
 from lidario.families.rplidar.commands import Conf
+from lidario.families.rplidar.configuration import SHORT_S, Configuration
 from lidario.wire.envelope import Request
 
 __all__ = ["MotorControl", "Way"]
@@ -41,8 +43,6 @@ DEFAULT_RPM: Final = 600
 DEFAULT_DUTY: Final = 660
 """What other drivers send; conf 0x01 tells a better one where the firmware has it."""
 MOST_DUTY: Final = 1023
-LIMITS_TIMEOUT_S: Final = 0.15
-"""A C1 that does not know the question is silent, and a stream must not wait long for that."""
 
 
 class Way(Enum):
@@ -68,15 +68,17 @@ class MotorControl:
     """The motor of one device.
 
     Args:
-        ask: Script that asks for one configuration value; empty where the device does not tell it.
+        configuration: What the device tells when it is asked value by value.
     """
 
-    def __init__(self, ask: Callable[[Conf], Script[bytes]]) -> None:
-        self._ask = ask
+    def __init__(self, configuration: Configuration) -> None:
+        self._configuration = configuration
         self._major = 0
         self._way: Way | None = None
         self._rpm: int | None = None
         self._duty: int | None = None
+        # Whether one of these is a guess, since the device has not told it.
+        self._is_assumed = False
         # The slowest and the fastest speed that the device takes; None while it has not told them.
         self._told: tuple[int, int] | None = None
 
@@ -104,6 +106,8 @@ class MotorControl:
     def start(self) -> Script[None]:
         """Set the motor in motion."""
         way = yield from self._decided()
+        if self._is_assumed:
+            self._rpm = self._duty = None
         if way is Way.RPM:
             yield commands.motor_speed((yield from self._wanted_rpm()))
         elif way is Way.PWM:
@@ -157,7 +161,7 @@ class MotorControl:
                 f"{wanted:g} Hz ({wanted * 60:g} rpm) is outside of this device's {lowest / 60:g} to "
                 f"{highest / 60:g} Hz ({lowest} to {highest} rpm)"
             )
-        self._rpm = rpm
+        self._rpm, self._is_assumed = rpm, False
         return rpm / 60
 
     def frequency_range(self) -> Script[tuple[float, float]]:
@@ -188,7 +192,8 @@ class MotorControl:
         """A C1 that tells both limits takes a speed; one that is silent may not know the question."""
         for kind in (Conf.MIN_ROTATION, Conf.MAX_ROTATION):
             try:
-                told = yield replace(commands.get_lidar_conf(kind), timeout=LIMITS_TIMEOUT_S)
+                # A C1 that does not know the question is silent, and a stream must not wait long for that.
+                told = yield replace(commands.get_lidar_conf(kind), timeout=SHORT_S)
             except ResponseTimeout:
                 return Way.UNTOLD
             if len(told) < 6:
@@ -204,21 +209,24 @@ class MotorControl:
 
     def _wanted_rpm(self) -> Script[int]:
         if self._rpm is None:
-            desired = yield from self._word(Conf.DESIRED_ROTATION, 0)
+            desired = yield from self._typical(0)
             if desired:
                 # Now, so that a speed that is set in mid-scan can be checked without interrupting the stream. Who
                 # does not know the one question does not know the others.
                 yield from self._limits()
             # Another script may have set it meanwhile: a script begins before it is its turn to ask.
             if self._rpm is None:
-                self._rpm = desired or DEFAULT_RPM
+                self._rpm, self._is_assumed = desired or DEFAULT_RPM, desired is None
         return self._rpm
 
     def _wanted_duty(self) -> Script[int]:
         if self._duty is None:
-            told = yield from self._word(Conf.DESIRED_ROTATION, 2)
-            self._duty = told if 0 < told <= MOST_DUTY else DEFAULT_DUTY
+            told = yield from self._typical(2)
+            self._duty, self._is_assumed = told if told and told <= MOST_DUTY else DEFAULT_DUTY, told is None
         return self._duty
+
+    def _typical(self, at: int) -> Script[int | None]:
+        return self._word(Conf.DESIRED_ROTATION, at, shortly=self._is_assumed)
 
     def _limits(self) -> Script[tuple[int, int]]:
         if self._told:
@@ -229,7 +237,9 @@ class MotorControl:
             self._told = lowest, highest
         return lowest or 1, highest or 0xFFFF
 
-    def _word(self, kind: Conf, at: int) -> Script[int]:
-        """Two bytes of a configuration value; 0 where it is not told."""
-        value = yield from self._ask(kind)
+    def _word(self, kind: Conf, at: int, *, shortly: bool = False) -> Script[int | None]:
+        """Two bytes of a configuration value; 0 where the device has none, None where it does not tell it."""
+        value = yield from self._configuration.ask_bytes(kind, shortly=shortly)
+        if value is None:
+            return None
         return int(struct.unpack_from("<H", value, at)[0]) if len(value) >= at + 2 else 0

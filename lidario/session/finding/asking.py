@@ -26,7 +26,7 @@ from lidario.session.finding.silence import ReceivedInSilence
 from lidario.session.talking.dialogue import Dialogue
 from lidario.session.talking.handshake import introduce
 
-__all__ = ["Attempt", "Woken", "ask_in_turns", "find_by_dtr", "made"]
+__all__ = ["Attempt", "Woken", "ask_in_turns", "ask_once", "find_by_dtr", "leave", "made"]
 
 RESPONSE_BYTES = 64
 """Most bytes of a response that says what a device is. More of them are noise, or a stream."""
@@ -43,7 +43,7 @@ class Attempt(NamedTuple):
         family: Whose question is asked.
         baudrate: Speed of the line; 0 where it has none.
         model: The model, where it is known.
-        is_guess: Whether the model is only supposed.
+        is_guess: Whether family or model are only supposed.
     """
 
     family: Family
@@ -111,7 +111,9 @@ async def ask_in_turns(
             began = loop.time()
             # Once: a silent port is given up soon, and requests of other families may stop it meanwhile.
             patience_s = each.family.timing.starts_s if silent and number == quick else 0.0
-            connection = await _try(port, each, woken, quick=quick and not number, patience_s=patience_s or None)
+            connection = await ask_once(
+                port, each, woken, quick=quick and not number, patience_s=patience_s or None
+            )
             if connection is not None:
                 return connection
             if began >= deadlines[each] and not (quick and not number):
@@ -136,9 +138,9 @@ async def find_by_dtr(port: Port, tries: list[Attempt], woken: Woken) -> Connect
     try:
         for guess, patience_s in _dark_ones(tries):
             before = came.total
-            connection = await _try(port, guess, woken, quick=False, patience_s=patience_s)
+            connection = await ask_once(port, guess, woken, quick=False, patience_s=patience_s)
             if connection is None and 0 < came.total - before <= RESPONSE_BYTES:
-                connection = await _try(port, guess, woken, quick=False, patience_s=patience_s)
+                connection = await ask_once(port, guess, woken, quick=False, patience_s=patience_s)
             if connection is not None:
                 return connection
     finally:
@@ -162,15 +164,16 @@ def _dark_ones(tries: list[Attempt]) -> Iterator[tuple[Attempt, float]]:
             yield Attempt(family, baudrate, name, is_guess=True), patience_s
 
 
-async def _try(
+async def ask_once(
     port: Port, attempt: Attempt, woken: Woken, *, quick: bool, patience_s: float | None = None
 ) -> Connection | None:
     """Ask one family's question once at one speed; None when there is no response.
 
     Where nothing streams it is `quick`: it asks without waiting for silence, and waits shortly. `patience_s` is how
-    long the response may take; None for as long as is usual in the family.
+    long the response may take; None for as long as is usual in the family. Where it is ended while nothing has
+    responded, the port stays open: what the device is must still be found out, to leave it still.
     """
-    family = attempt.family
+    family, loop = attempt.family, asyncio.get_running_loop()
     if attempt.baudrate:
         try:
             port.set_baudrate(attempt.baudrate)
@@ -191,7 +194,21 @@ async def _try(
         woken.add(attempt.baudrate, device.end_search())
         return None
     except BaseException:
-        await woken.stop(attempt.baudrate)
-        await dialogue.close()
+        if loop.is_closed():
+            await woken.stop(attempt.baudrate)
+        if dialogue.stats.response_bytes or loop.is_closed():
+            await dialogue.close()
+        else:
+            await leave(dialogue, half_open)
         raise
     return Connection(port, family, device, dialogue, info, half_open)
+
+
+async def leave(dialogue: Dialogue, half_open: HalfOpen) -> None:
+    """Stop what does not respond, as far as its family knows how, and leave the port open."""
+    dialogue.stop_device()
+    try:
+        await dialogue.settled_down()
+    finally:
+        half_open.release()
+        dialogue.port.attach(None)

@@ -25,8 +25,9 @@ from lidario.port.port import Port
 from lidario.port.serial import open_serial
 from lidario.port.tcp import open_tcp
 from lidario.port.udp import open_udp
-from lidario.session.finding.asking import Attempt, Woken, ask_in_turns, find_by_dtr, made
+from lidario.session.finding.asking import Attempt, Woken, ask_in_turns, find_by_dtr, leave, made
 from lidario.session.finding.connection import Connection, HalfOpen, connect_recording, connect_remote
+from lidario.session.finding.leaving import leave_still
 from lidario.session.finding.listening import adapter_of, last_at, listen, remember
 from lidario.session.finding.silence import ReceivedInSilence
 from lidario.session.talking.dialogue import Dialogue
@@ -52,7 +53,7 @@ async def connect(
 ) -> Connection:
     """Open a port and find out which device is at its other end.
 
-    Cancelling it leaves the port closed, and a device that was written to still.
+    Cancelling it leaves the port closed, and the device still (`lidario.session.finding.leaving`).
 
     Args:
         source: A serial port, network address or simulator; not ``auto`` or ``id``.
@@ -100,17 +101,23 @@ async def connect(
             if not connection.device.can_be_stopped:
                 port.unguard()
             return connection
+        if not asked and len({each.family for each in tries}) == 1:
+            # It may hear us although its responses do not reach us, and what stops it is known.
+            await leave_still(port, tries, woken)
         await woken.stop()
         for dialogue in asked:
             dialogue.hang_up()
-        if not asked:
+        if not asked and not port.is_closing:
             port.close_soon()
     except BaseException as error:
         # Ctrl-C may come when the device has responded, and before its connection is returned.
         for dialogue in asked:
             dialogue.hang_up()
         if not asked and not port.is_closing:
-            port.close_soon()
+            if port.is_open and not loop.is_closed():
+                await leave_still(port, tries, woken)
+            else:
+                port.close_soon()
         if source.kind == "udp" and isinstance(error, DeviceLost) and not received.total:
             # A UDP port can always be opened. Only the first request shows that nothing listens there.
             raise ConnectFailed(
@@ -194,6 +201,7 @@ async def _find(
     families = {each.family for each in tries}
     # One that is waited for shortly may be late. Then at another speed it is noise, but not at the same.
     quick = heard.silent and len(families) > 1 and all(a.baudrate != b.baudrate for a, b in pairwise(tries))
+    tries = [each._replace(is_guess=len(families) > 1) for each in tries]
     return await ask_in_turns(port, tries, woken, quick=quick, silent=heard.silent, patient=patient), tries
 
 
@@ -213,10 +221,7 @@ async def _try_known(
         info = await introduce(dialogue, family.timing.forget_s if patient else 0.0)
     except ResponseTimeout:
         # It may hear us although its responses do not reach us.
-        dialogue.stop_device()
-        await dialogue.settled_down()
-        half_open.release()
-        port.attach(None)
+        await leave(dialogue, half_open)
         return None
     except BaseException:
         await dialogue.close()

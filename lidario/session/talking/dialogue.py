@@ -268,13 +268,16 @@ class Dialogue(Intake, Waiting):
         if self.stopper.ends_by_itself and self._loop.is_running():
             return
         self.stopper.cancel()
-        requests = () if self.stopper.still else self.stopper.requests()
+        requests, last = () if self.stopper.still else self.stopper.requests(), self.stopper.last_requests()
         # A response that is outstanding is not received any more. A healthy device has sent it after this time.
         patient_until = self._loop.time() + RESPONSE_S
         for request in requests:
             if request.dtr is not None:
                 self.port.set_dtr(request.dtr)
-        self.port.abandon(b"".join(request.data for request in requests), self._readiness.free_at(patient_until))
+        # The last ones are written first: nothing is heard for a while behind STOP. But DTR makes some models deaf.
+        data = b"".join(request.data for request in (*last, *requests))
+        dtr = next((request.dtr for request in last if request.dtr is not None), None)
+        self.port.abandon(data, self._readiness.free_at(patient_until), dtr)
 
     def settled(self, still: bool) -> None:
         self.link.forget()

@@ -1,7 +1,7 @@
 """When the device listens: not during the pause that its last request demands, nor while it owes a response.
 
-A response that was given up is owed all the same for a while, by a device that has responded before: it may take
-its time. What it is sent meanwhile it discards, and does not say so.
+A response that was given up is owed all the same for a while, by a device that has sent anything before: it may
+take its time. What it is sent meanwhile it discards, and does not say so.
 """
 
 from __future__ import annotations
@@ -54,8 +54,9 @@ class Readiness:
 
     @property
     def _latest(self) -> float:
-        """Until when the response to the last question may come, from a device that responds; 0 from none."""
-        return self._asked_at + LATEST_RESPONSE_S if self.has_responded else 0.0
+        """Until when the response to the last question may come, from a device that is there; 0 from none."""
+        is_there = self.has_responded or self._link.stats.bytes_received
+        return self._asked_at + LATEST_RESPONSE_S if is_there else 0.0
 
     def pause(self, settle: float) -> None:
         """A request is about to be written that demands a pause of so many seconds."""

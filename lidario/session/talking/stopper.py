@@ -106,6 +106,15 @@ class Stopper:
         """What leaves the device still: laser off, and the motor too unless it shall go on. Chosen here alone."""
         return (self._device.stop(),) if self.keep_spinning else self._device.halt()
 
+    def last_requests(self) -> tuple[Request, ...]:
+        """What else may stop the motor of a device that has not said what it is.
+
+        Nothing for one that is only looked for and has not responded: it may be of another family, whose motor is
+        started by the state of DTR that stops the motors of this one.
+        """
+        is_of_family = not self._device.is_guess or self._hearing.has_responded
+        return self._device.halt_unknown() if is_of_family else ()
+
     def unseen(self) -> tuple[Sequence[Request], Sequence[Request], float]:
         """What a guard needs, who sees nothing of the device.
 
@@ -113,7 +122,7 @@ class Stopper:
             What to write several times, what to write at the end, and when the device listens at the latest.
         """
         listens_at = max(self._hearing.free_at(math.inf), self._hearing.owes_until)
-        return (self._device.fill, *self.requests()), self._device.halt_unknown(), listens_at
+        return (self._device.fill, *self.requests()), self.last_requests(), listens_at
 
     def sent(self, request: Request) -> bool:
         """Take note that `request` was sent: it may have set the device in motion. Returns whether it boots now.
@@ -241,6 +250,6 @@ class Stopper:
         self.cancel()
         self.wanted, self.still = False, still
         if self._hanging_up:
-            self._write_all(self._device.halt_unknown())
+            self._write_all(self.last_requests())
             self._port.close_soon()
         self._writer.settled(still)

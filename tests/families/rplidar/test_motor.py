@@ -97,6 +97,51 @@ def test_a_board_whose_response_was_lost_is_asked_for_again_when_no_packet_comes
     assert sent_at_start(device, {}) == ["a5f0029402c1", "a520"]
 
 
+TOLD = conf(Conf.DESIRED_ROTATION, struct.pack("<HH", 720, 512))
+
+
+@pytest.mark.parametrize(
+    ("model", "assumed", "told"),
+    [(S2, "a5a802580255", "a5a802d002dd"), (A2, "a5f0029402c1", "a5f002000255")],
+    ids=["rpm", "duty"],
+)
+def test_a_typical_speed_that_was_lost_is_asked_for_again_by_the_next_start(
+    model: int, assumed: str, told: str
+) -> None:
+    device = identified(model)
+    assert assumed in sent_at_start(device, YES)
+    assert told in sent_at_start(device, {**YES, **TOLD})
+    # Now it is known.
+    _, sent = drive(device.start(STANDARD), {})
+    assert [request.data.hex() for request in sent] == [told, "a520"]
+
+
+def test_a_device_that_never_tells_its_typical_speed_is_soon_not_asked_any_more() -> None:
+    device = identified(S2)
+    asked = [
+        [request for request in drive(device.start(STANDARD), {})[1] if request.data[1:2] == b"\x84"]
+        for _ in range(6)
+    ]
+    assert [len(each) for each in asked] == [1, 1, 1, 1, 0, 0]
+    # A stream that is interrupted does not wait for long.
+    assert all(request.timeout * request.attempts < 0.2 for again in asked[1:] for request in again)
+
+
+def test_a_device_that_has_no_typical_speed_is_asked_once() -> None:
+    device = identified(S2)
+    none = conf(Conf.DESIRED_ROTATION, b"")
+    assert len(drive(device.start(STANDARD), none)[1]) == 3
+    assert len(drive(device.start(STANDARD), none)[1]) == 2
+
+
+def test_the_speed_that_was_assumed_is_told_while_it_turns_so_and_one_that_was_set_stays() -> None:
+    device = identified(S2)
+    drive(device.start(STANDARD), {})
+    assert drive(device.scan_frequency(), TOLD) == (10.0, [])
+    drive(device.set_scan_frequency(8.0), {})
+    assert "a5a802e001ee" in sent_at_start(device, TOLD)
+
+
 def test_another_model_at_the_same_port_is_decided_anew() -> None:
     device = identified(A1)
     drive(device.identify(), {b"\xa5\x50": bytes((S2, 2, 1, 18)) + bytes(16)})
