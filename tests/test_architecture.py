@@ -16,11 +16,9 @@ import pytest
 import lidario
 from benchmarks.walk import Call, Step, Walk, printed, walked
 from lidario.session.streaming.states import TRANSITIONS
-from tests.test_layers import LAYERS
 
 ROOT = Path(__file__).parent.parent
 TEXT = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
-BLOCKS = re.findall(r"```\n(.*?)```", TEXT, re.DOTALL)
 CODE = sorted(set(re.findall(r"`([^`\n]+)`", re.sub(r"```.*?```", "", TEXT, flags=re.DOTALL))))
 PATHS = [word for word in CODE if re.fullmatch(r"[\w/]+(/|\.py)", word)]
 NAMES = [word for word in CODE if re.fullmatch(r"(\w+\.)?\w+", word) and word not in PATHS]
@@ -69,11 +67,6 @@ def is_there(name: str) -> bool:
     owner, _, member = name.partition(".")
     inherited = bool(member) and hasattr(getattr(lidario, owner, None), member)
     return name in defined() or public in lidario.__all__ or of_python or inherited
-
-
-def test_the_drawing_of_the_rooms_is_the_rule_that_is_tested() -> None:
-    drawn = [set(line.split("  ")[0].split(", ")) for line in BLOCKS[0].splitlines()]
-    assert drawn[::-1] == [set(layer) for layer in LAYERS]
 
 
 def test_the_table_of_states_is_the_one_of_the_session() -> None:
