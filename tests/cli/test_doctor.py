@@ -9,9 +9,9 @@ import pytest
 
 import lidario
 from lidario.cli.doctor import Finding, of_adapter, of_machine
-from lidario.cli.machine import ADAPTERS, Machine
+from lidario.cli.machine import Machine
 from lidario.cli.udev import general, is_unique, rule_for
-from lidario.session.finding.discovery import KNOWN_ADAPTERS
+from lidario.families.adapters import ADAPTERS
 from tests.cli.processes import invoke, invoke_driven
 
 PORT = lidario.PortInfo("/dev/ttyUSB9", "", "CP2102", "CP2102 bridge")
@@ -40,10 +40,6 @@ def write(machine: Machine, path: str, text: str) -> None:
 def of(findings: list[Finding], what: str) -> Finding:
     (found,) = [each for each in findings if each.what == what]
     return found
-
-
-def test_the_table_of_adapters_is_the_one_that_ports_are_known_by() -> None:
-    assert {(each.vendor, each.product): name for name, each in ADAPTERS.items()} == KNOWN_ADAPTERS
 
 
 def test_a_machine_with_nothing_wrong(machine: Machine) -> None:
