@@ -14,7 +14,7 @@ import click
 
 from lidario.cli.errors import ExitCode, need
 from lidario.cli.laserscans import LASERSCAN_OPTIONS, arguments_of, is_given, laserscan_options, only_with
-from lidario.cli.parameters import Duration, Place, WholeRange, complete_source, guard_option, mode_option
+from lidario.cli.parameters import WholeRange, as_duration, as_place, complete_source, guard_option, mode_option
 from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import ReaderGone, emit, message
 
@@ -58,7 +58,7 @@ _OF_ROS: Final = (
               help="Release of the other nodes; humble has other keys than all later ones.")  # fmt: skip
 @click.option("--namespace", default="/", show_default=True, metavar="NAME", help="Namespace of the node.")
 @click.option("--node", default="lidario", show_default=True, metavar="NAME", help="Name of the node.")
-@click.option("--mount", "mounts", type=Place(), multiple=True, metavar="X,Y,YAW",
+@click.option("--mount", "mounts", type=as_place, multiple=True, metavar="X,Y,YAW",
               help="Where the lidar is on the robot, published on /tf_static: metres forward, metres left, degrees "
                    "counter-clockwise. Not needed with a robot description. Of several, once each.")  # fmt: skip
 @click.option("--cloud", default="cloud", show_default=True, metavar="NAME",
@@ -68,7 +68,7 @@ _OF_ROS: Final = (
 @click.option("--stamps", type=click.Choice(["now", "recorded"]),
               help="Of a recording: as if it were measured now, or as it was, with /clock for nodes that have "
                    "use_sim_time.  [now]")  # fmt: skip
-@click.option("--idle-stop", type=Duration(), metavar="TIME",
+@click.option("--idle-stop", type=as_duration, metavar="TIME",
               help="Stop laser and motor after this time without a reader, until one comes: 10s.")  # fmt: skip
 @config_option
 @mode_option

@@ -18,10 +18,10 @@ from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.laserscans import LASERSCAN_OPTIONS, is_given, laserscan_options, laserscans_of, only_with
 from lidario.cli.output import progress
 from lidario.cli.parameters import (
-    Duration,
-    Size,
-    TimeOrSize,
     WholeRange,
+    as_duration,
+    as_size,
+    as_time_or_size,
     complete_source,
     guard_option,
     mode_option,
@@ -47,7 +47,7 @@ class _Told:
 @click.command()
 @click.argument("source", default="auto", shell_complete=complete_source)
 @click.option("-o", "--output", metavar="FILE", help="The file to make; named after the time where not given.")
-@click.option("-t", "--time", "seconds", type=Duration(), metavar="TIME",
+@click.option("-t", "--time", "seconds", type=as_duration, metavar="TIME",
               help="How long from the first scan on: 60s, 5m.")  # fmt: skip
 @click.option("-n", "count", type=WholeRange(min=1), metavar="N", help="How many scans.")
 @config_option
@@ -58,9 +58,9 @@ class _Told:
 @click.option("--sync/--no-sync", default=True, show_default=True,
               help="Have the disk write once a second: a power cut costs no more than that.")  # fmt: skip
 @click.option("--reconnect", is_flag=True, help="Go on when the lidar was unplugged or restarted, and is back.")
-@click.option("--split", type=TimeOrSize(), metavar="TIME|SIZE",
+@click.option("--split", type=as_time_or_size, metavar="TIME|SIZE",
               help="Begin another file after so much, named by its time: 10min, 1GB.")  # fmt: skip
-@click.option("--keep", type=Size(), metavar="SIZE", help="Remove the oldest files of that name above this: 20GB.")
+@click.option("--keep", type=as_size, metavar="SIZE", help="Remove the oldest files of that name above this: 20GB.")
 @guard_option
 def record(
     source: str,
