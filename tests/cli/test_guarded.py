@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.processes import BOUND, served, started
-from tests.cli.test_stopped_terminal import on_terminal
+from tests.cli.terminals import on_terminal
 from tests.support.children import is_still, until
 from tests.support.guards import guards_of
 
