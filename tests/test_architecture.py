@@ -162,6 +162,7 @@ def test_a_wrong_extract_is_found() -> None:
     assert missing(lines_of("c\n  b\n"), steps) == Line("b", 1, False)
 
 
+@pytest.mark.long
 def test_a_walk_can_be_printed() -> None:
     said: list[str] = []
     title = "a request while no stream runs"

@@ -60,13 +60,7 @@ def layer(name: str) -> str:
 
 
 @cache
-def imports(path: Path, *, typing: bool = True) -> tuple[str, ...]:
-    """Every module that a file imports, anywhere in it; with or without those for type checkers alone."""
-    return tuple(name for name, for_typing in _imports(path) if typing or not for_typing)
-
-
-@cache
-def _imports(path: Path) -> tuple[tuple[str, bool], ...]:
+def imports(path: Path) -> tuple[tuple[str, bool], ...]:
     """Every module that a file imports, and whether for type checkers alone."""
     found: list[tuple[str, bool]] = []
     for node, typing in _statements(ast.parse(path.read_text(encoding="utf-8")).body, False):
@@ -95,11 +89,12 @@ def _statements(body: list[ast.stmt], typing: bool) -> Iterator[tuple[ast.stmt, 
 
 
 def ours(path: Path, *, typing: bool = True) -> set[str]:
-    return {name for name in imports(path, typing=typing) if name.split(".")[0] == "lidario"}
+    """Our modules that a file imports, anywhere in it; with or without those for type checkers alone."""
+    return {name for name, alone in imports(path) if (typing or not alone) and name.split(".")[0] == "lidario"}
 
 
 def foreign(path: Path) -> set[str]:
-    return {name.split(".")[0] for name in imports(path)} - {"lidario"}
+    return {name.split(".")[0] for name, _ in imports(path)} - {"lidario"}
 
 
 def named(path: Path) -> str:

@@ -39,7 +39,7 @@ from lidario.recording.opened import StoredFile
 from lidario.recording.write import EVENTS_TOPIC, FileWriter
 from tests.conformance import defects
 from tests.conformance.bench import judge
-from tests.support.loop import DrivenLoop, run_driven
+from tests.support.loop import DrivenLoop, driven, run_driven
 
 ONE_OF_EACH = [family.simulated[0] for family in FAMILIES]
 QUICK = tuple(rule_named(name) for name in ("identity-in-time", "modes-are-listed", "modes-start"))
@@ -107,7 +107,7 @@ def test_what_plays_a_report_tells_the_hash(model: str, tmp_path: Path) -> None:
             await lidar.scan()
             return lidar.info
 
-    assert asyncio.run(played()) == report.about.info
+    assert run_driven(played) == report.about.info
 
 
 @pytest.mark.long
@@ -128,6 +128,7 @@ def test_a_defect_stands_in_the_file(defect: str, tmp_path: Path) -> None:
     assert told[defects.DEFECTS[defect][1]] is Outcome.BROKEN
 
 
+@driven
 async def test_what_was_cut_off_is_written_as_far_as_it_came(tmp_path: Path) -> None:
     path = tmp_path / "report.mcap"
     begun = asyncio.Event()
@@ -158,6 +159,7 @@ async def test_what_was_cut_off_is_written_as_far_as_it_came(tmp_path: Path) -> 
         assert make_reader(file, validate_crcs=True).get_summary() is not None
 
 
+@driven
 async def test_the_names_of_ports_and_numbers_are_in_no_text(tmp_path: Path) -> None:
     async def tells(bench: lidario.conformance.Bench) -> str:
         return f"{bench.lidar.source} is {bench.lidar.info.serial}"
