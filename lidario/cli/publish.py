@@ -99,7 +99,6 @@ def publish(
     sources = sources or ("auto",)
     stamps = of_ros.pop("stamps")
     is_recorded = _check_choice(sources, ros, key, raw, stamps, len(of_ros["mounts"]))
-    has_frame = is_given("frame")
     need("zenoh", "zenoh", "eclipse-zenoh")
     config = settings_of_file()
     told: list[Publisher | Share] = []
@@ -118,7 +117,7 @@ def publish(
                 publisher = Share(lidars[0], key, raw=raw, router=router, robot=robot)
             else:
                 options = {**of_ros, "router": router, "robot": robot}
-                publisher = _ros_publisher(lidars, options, stamps, has_frame=has_frame, is_recorded=is_recorded)
+                publisher = _ros_publisher(lidars, options, stamps, is_recorded=is_recorded)
             names = " and ".join(f"{lidar.info.model} {lidar.info.serial}" for lidar in lidars)
             began = f"publishing {names} through {router}; Ctrl-C ends it"
             await _publish(publisher, mode, idle_stop, began, told)
@@ -132,7 +131,7 @@ def publish(
 
 
 def _ros_publisher(
-    lidars: list[Lidar], options: dict[str, Any], stamps: str | None, *, has_frame: bool, is_recorded: bool
+    lidars: list[Lidar], options: dict[str, Any], stamps: str | None, *, is_recorded: bool
 ) -> Publisher:
     """The publisher of these lidars on topics of ROS 2.
 
@@ -140,15 +139,14 @@ def _ros_publisher(
         lidars: The lidars.
         options: All that belong to --ros, router and name of the robot.
         stamps: What is said with --stamps.
-        has_frame: Whether the user has said which frame it is.
         is_recorded: Whether a recording is published.
     """
     from lidario import Mount
     from lidario.ros import MergedPublisher, Publisher
 
     (lidar, *others), own = lidars, lidars[0].config
+    options = arguments_of(options, own.frame)
     mounts, cloud = options.pop("mounts"), options.pop("cloud")
-    options |= arguments_of(options)
     places = [(x, y, math.radians(yaw)) for x, y, yaw in mounts]
     if others:
         for name in ("order", "preset", "mount_yaw"):
@@ -158,8 +156,6 @@ def _ros_publisher(
         where = [Mount(*place) for place in places] or None
         return MergedPublisher(lidars, mounts=where, cloud_topic=cloud, **options)
     options["mount"] = places[0] if places else own.mount and (own.mount.x, own.mount.y, own.mount.yaw)
-    if own.frame and not has_frame:
-        options["frame_id"] = own.frame
     options["stamps"] = "now" if is_recorded and stamps != "recorded" else "measured"
     return Publisher(lidar, clock=stamps == "recorded", **options)
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from lidario.cli.errors import ExitCode, Stopped
-from lidario.cli.laserscans import LASERSCAN_OPTIONS, is_given, laserscan_options, laserscans_of, only_with
+from lidario.cli.laserscans import LASERSCAN_OPTIONS, laserscan_options, laserscans_of, only_with
 from lidario.cli.output import progress
 from lidario.cli.parameters import (
     WholeRange,
@@ -94,18 +94,17 @@ def record(
             "whole files are removed: --split says when the next one begins", param_hint="--keep"
         )
     told, (split_s, split_bytes) = _Told(), split or (None, None)
-    messages = laserscans_of(of_scans) if scans else None
-    config, has_frame = settings_of_file(), is_given("frame")
+    laserscans_of(of_scans)
+    config = settings_of_file()
 
     async def work() -> None:
         from lidario import open_lidar
 
         with progress(f"opening {source} …") as show:
             async with open_lidar(source, guard=guard, reconnect=reconnect, config=config) as lidar:
-                if lidar.config.frame and messages is not None and not has_frame:
-                    messages.frame_id = lidar.config.frame
+                messages = laserscans_of(of_scans, lidar.config.frame) if scans else False
                 told.recording = lidar.record(
-                    path, scans=messages or False, overwrite=force, sync=sync,
+                    path, scans=messages, overwrite=force, sync=sync,
                     split_s=split_s, split_bytes=split_bytes, keep_bytes=keep,
                 )  # fmt: skip
                 async with told.recording, lidar.scans(mode) as stream:
