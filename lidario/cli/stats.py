@@ -180,17 +180,16 @@ def verdict(measured: Measured) -> tuple[str, str]:
     """One word, and its reason with what to do."""
     line = measured.line
     assert line is not None
-    if line.late_reads and (line.missed_scans or line.damaged > TOLERABLE_DAMAGE):
+    is_damaged = line.missed_scans > 0 or line.damaged > TOLERABLE_DAMAGE
+    if is_damaged and line.late_reads:
         return "slow", (
             f"{percent(line.damaged)} of the packets lost while this computer was busy: {line.late_reads} times "
             "it read when the buffer was full. Close other programs, or use a mode with fewer samples"
         )
-    if line.overruns and not line.framing_errors and (line.missed_scans or line.damaged > TOLERABLE_DAMAGE):
-        return (
-            "slow",
-            f"{percent(line.damaged)} of the packets lost, with {line.line_trouble}. Close other programs",
-        )
-    if line.missed_scans or line.damaged > TOLERABLE_DAMAGE:
+    if is_damaged and line.overruns and not line.framing_errors:
+        lost = f"{percent(line.damaged)} of the packets lost, with {line.line_trouble}"
+        return "slow", f"{lost}. Close other programs"
+    if is_damaged:
         missed = f" and {line.missed_scans} revolutions lost" if line.missed_scans else ""
         cure = "Check the cable, the plug, and the power supply (5 V, 1.5 A)"
         if line.line_trouble:
@@ -213,11 +212,8 @@ def verdict(measured: Measured) -> tuple[str, str]:
         )
     if measured.no_return > NOTHING_SEEN:
         return "blind", "no returns: is the cover off, is the window clean, is anything in range?"
-    reason = "nothing lost, and an even revolution"
-    return (
-        "good",
-        reason if not line.lost_packets else f"{percent(line.damaged)} of the packets damaged, few enough",
-    )
+    few = f"{percent(line.damaged)} of the packets damaged, few enough"
+    return "good", few if line.lost_packets else "nothing lost, and an even revolution"
 
 
 def percent(share: float) -> str:
