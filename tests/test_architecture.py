@@ -44,7 +44,7 @@ def _bound(node: ast.stmt) -> set[str]:
     targets = (
         node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []
     )
-    return {ast.unparse(target).removeprefix("self.") for target in targets}
+    return {target.id if isinstance(target, ast.Name) else getattr(target, "attr", "") for target in targets}
 
 
 def test_something_is_found_to_test() -> None:

@@ -133,8 +133,3 @@ def test_what_is_not_public_is_not_there() -> None:
     assert set(PUBLIC) <= set(dir(lidario))
     with pytest.raises(AttributeError, match="no attribute 'Assembler'"):
         lidario.Assembler  # noqa: B018
-
-
-def test_the_version_is_three_numbers() -> None:
-    assert len(lidario.__version__.split(".")) == 3
-    assert all(part.isdigit() for part in lidario.__version__.split("."))

@@ -24,6 +24,7 @@ VERBS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("verb", sample=["scan", "view"], full=VERBS)
 def test_a_verb_that_is_killed(verb: str, tmp_path: Path) -> None:
     options = [str(tmp_path / each) if each.endswith(".mcap") else each for each in VERBS[verb]]

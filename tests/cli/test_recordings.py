@@ -130,6 +130,7 @@ def test_export(live: Live, tmp_path: Path) -> None:
     assert invoke("export", str(live.path), str(tmp_path / "no" / "out.npz")).exit_code == 4
 
 
+@pytest.mark.long
 def test_several_files_are_exported_on_processes_and_one_bad_one_harms_no_other(live: Live, tmp_path: Path) -> None:
     for name in ("a.mcap", "b.mcap"):
         (tmp_path / name).write_bytes(live.path.read_bytes())
