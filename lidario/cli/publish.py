@@ -222,7 +222,7 @@ def _check_several(count: int, ros: bool, mounts: int) -> None:
 
 def _refuse_if(is_wrong: bool, why: str) -> None:
     if is_wrong:
-        raise click.UsageError(why, click.get_current_context())
+        raise click.UsageError(why)
 
 
 async def _check(publisher: Publisher | Share, there: asyncio.Event) -> None:

@@ -93,11 +93,10 @@ def view(
 
 
 def _check_choice(count: int, mounts: int, colours: tuple[str, ...]) -> None:
-    context = click.get_current_context()
     if count > MOST_LIDARS:
-        raise click.UsageError(f"a page shows {MOST_LIDARS} lidars at most", context)
+        raise click.UsageError(f"a page shows {MOST_LIDARS} lidars at most")
     if mounts > count or len(colours) > count:
-        raise click.UsageError("more mounts or colours than sources", context)
+        raise click.UsageError("more mounts or colours than sources")
     for colour in colours:
         if colour and not re.fullmatch(r"#[0-9a-fA-F]{6}", colour):
             raise click.BadParameter(f"{colour!r} is not a colour such as #1b5fc1", param_hint="--colour")

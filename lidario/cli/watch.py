@@ -53,14 +53,12 @@ def watch(source: str, mode: str | int | None, guard: bool) -> int:
     """
     if not sys.stdout.isatty():
         raise click.UsageError(
-            "watch draws on a terminal, and stdout is none; `lidario scan -n 0` prints to a pipe",
-            click.get_current_context(),
+            "watch draws on a terminal, and stdout is none; `lidario scan -n 0` prints to a pipe"
         )
     if os.environ.get("TERM", "").lower() in ("dumb", "unknown"):
         raise click.UsageError(
             "watch needs a terminal whose cursor moves, and TERM says that this one's does not; "
-            "`lidario scan -n 0` prints line by line",
-            click.get_current_context(),
+            "`lidario scan -n 0` prints line by line"
         )
     from lidario.cli.running import run
     from lidario.web.feed import Feed
