@@ -7,7 +7,7 @@ import json
 import logging
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
@@ -21,7 +21,6 @@ import lidario
 from lidario.conformance import (
     RULES,
     Outcome,
-    Report,
     Reporter,
     Rule,
     open_bench,
@@ -38,8 +37,8 @@ from lidario.recording.mcap_records import Message, Metadata, read_records
 from lidario.recording.opened import StoredFile
 from lidario.recording.write import EVENTS_TOPIC, FileWriter
 from tests.conformance import defects
-from tests.conformance.bench import judge
-from tests.support.loop import DrivenLoop, driven, run_driven
+from tests.conformance.bench import judge, make
+from tests.support.loop import driven, run_driven
 
 ONE_OF_EACH = [family.simulated[0] for family in FAMILIES]
 QUICK = tuple(rule_named(name) for name in ("identity-in-time", "modes-are-listed", "modes-start"))
@@ -48,22 +47,6 @@ QUICK = tuple(rule_named(name) for name in ("identity-in-time", "modes-are-liste
 @pytest.fixture(autouse=True)
 def quiet(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.CRITICAL, logger="lidario")
-
-
-def make(device: lidario.SimulatedDevice, path: Path, rules: Sequence[Rule] = RULES) -> tuple[str, Report]:
-    """The serial number of a device, and its report, written to `path`."""
-
-    async def main() -> tuple[str, Reporter]:
-        loop = asyncio.get_running_loop()
-        assert isinstance(loop, DrivenLoop)
-        async with await open_bench(device) as bench:
-            bench.pause = loop.block
-            async with Reporter(bench, path, {"adapter": "CP2102"}) as reporter:
-                await reporter.run(rules)
-            return bench.lidar.info.serial, reporter
-
-    serial, reporter = run_driven(main)
-    return serial, reporter.report()
 
 
 @pytest.mark.long
