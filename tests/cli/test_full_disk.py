@@ -8,15 +8,13 @@ from __future__ import annotations
 
 import os
 import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from tests.cli.processes import BOUND, ROOT, invoke_driven
+from tests.cli.processes import invoke_driven, run
 
 SIM = "sim://rplidar-s2?via=memory"
 WRITE = [("--version",), ("--help",), ("sim", "--list"), ("devices", "--json"), ("info", SIM), ("scan", SIM)]
@@ -32,14 +30,9 @@ RUNS = [
 
 def ended(arguments: tuple[str, ...], unbuffered: bool, *, on_full_disk: str) -> subprocess.CompletedProcess[str]:
     """Run the command with one of its streams on a full disk."""
-    environment = {**os.environ, "PYTHONUNBUFFERED": "1" if unbuffered else ""}
+    environment = {"PYTHONUNBUFFERED": "1" if unbuffered else ""}
     with open("/dev/full", "wb", buffering=0) as disk:
-        streams: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-        streams[on_full_disk] = disk
-        return subprocess.run(
-            [sys.executable, "-m", "lidario", *arguments],
-            cwd=ROOT, env=environment, text=True, timeout=BOUND, check=False, **streams,
-        )  # fmt: skip
+        return run(*arguments, environment=environment, **{on_full_disk: disk})
 
 
 @pytest.mark.long
@@ -103,11 +96,7 @@ def test_a_reader_that_is_gone_is_no_error(arguments: tuple[str, ...]) -> None:
     reader, writer = os.pipe()
     os.close(reader)
     try:
-        done = subprocess.run(
-            [sys.executable, "-m", "lidario", *arguments],
-            cwd=ROOT, env={**os.environ, "PYTHONUNBUFFERED": ""}, stdout=writer, stderr=subprocess.PIPE, text=True,
-            timeout=BOUND, check=False,
-        )  # fmt: skip
+        done = run(*arguments, environment={"PYTHONUNBUFFERED": ""}, stdout=writer)
     finally:
         os.close(writer)
     assert (done.returncode, done.stderr) == (0, "")
