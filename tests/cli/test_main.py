@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 import os
-import subprocess
 import sys
 
 import pytest
@@ -14,18 +13,11 @@ import lidario
 from lidario.__main__ import main
 from lidario.cli.output import dump
 from lidario.cli.streams import emit
-from tests.cli.processes import BOUND, ROOT, invoke
-
-
-def python(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, *arguments],
-        cwd=ROOT, capture_output=True, text=True, timeout=BOUND, check=False,
-    )  # fmt: skip
+from tests.cli.processes import invoke, run
 
 
 def test_version_is_told_without_loading_what_verbs_need() -> None:
-    told = python("-X", "importtime", "-m", "lidario", "--version")
+    told = run("--version", environment={"PYTHONPROFILEIMPORTTIME": "1"})
     assert (told.returncode, told.stdout) == (0, f"lidario {lidario.__version__}\n")
     loaded = {line.rpartition("|")[2].strip().partition(".")[0] for line in told.stderr.splitlines()}
     assert "lidario" in loaded
@@ -44,17 +36,15 @@ def test_numpy_starts_no_threads_unless_asked_to(asked: str, monkeypatch: pytest
 
 
 @pytest.mark.parametrize("missing", ["click", "rich"])
-def test_a_missing_extra_is_one_sentence_that_names_the_cure(missing: str) -> None:
-    program = (
-        f"import sys; sys.modules[{missing!r}] = None; sys.argv = ['lidario', 'devices']\n"
-        "from lidario.__main__ import main\n"
-        "sys.exit(main())"
-    )
-    ended = python("-c", program)
-    assert ended.returncode == 2
-    assert ended.stdout == ""
-    assert ended.stderr.count("\n") == 1
-    assert "pip install click rich websockets mcap" in ended.stderr
+def test_a_missing_extra_is_one_sentence_that_names_the_cure(
+    missing: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, missing, None)
+    monkeypatch.delitem(sys.modules, "lidario.cli.main")
+    assert main() == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert "pip install click rich websockets mcap" in err
 
 
 def test_help_names_every_verb() -> None:
