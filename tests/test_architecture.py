@@ -33,9 +33,15 @@ def defined() -> set[str]:
         for node in ast.parse(path.read_text(encoding="utf-8")).body:
             found |= _bound(node)
             if isinstance(node, ast.ClassDef):
-                inside = [part for part in ast.walk(node) if isinstance(part, ast.stmt)]
-                found |= {f"{node.name}.{name}" for part in inside for name in _bound(part)}
+                found |= {f"{node.name}.{name}" for part in _statements(node) for name in _bound(part)}
     return found
+
+
+def _statements(node: ast.stmt) -> Iterator[ast.stmt]:
+    """The statements in a class, in its methods too."""
+    for part in (*getattr(node, "body", ()), *getattr(node, "orelse", ()), *getattr(node, "finalbody", ())):
+        yield part
+        yield from _statements(part)
 
 
 def _bound(node: ast.stmt) -> set[str]:
