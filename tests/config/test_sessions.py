@@ -120,6 +120,9 @@ def test_recordings_and_exports_honour_it(settings: Path, monkeypatch: pytest.Mo
     assert invoke("record", source, "-o", "run.mcap", "-n", "3", "--scans").exit_code == 0
     assert invoke("export", "run.mcap", "out.mcap").exit_code == 0
     assert invoke("export", "run.mcap", "out.npz").exit_code == 0
+    # What is typed goes before what the settings say.
+    assert invoke("export", "run.mcap", "named.mcap", "--frame", "mine").exit_code == 0
+    assert {scan.header.frame_id for scan in scans_of_file(Path("named.mcap"))} == {"mine"}
     for scan in chain.from_iterable(scans_of_file(Path(name)) for name in ("run.mcap", "out.mcap")):
         assert scan.header.frame_id == "front"
         turned = scan.angle_min + np.arange(len(scan.ranges)) * scan.angle_increment
