@@ -7,6 +7,7 @@ time.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +17,7 @@ from lidario.laserscan import LaserScan
 from lidario.scan import Scan
 from lidario.sim.faults import Faults
 from lidario.sim.world import World
+from tests.reference.samples import Sample
 from tests.support.cases import EVEN, Case, most_or_all
 from tests.support.devices import FAMILIES, make_rig, take
 from tests.support.kept import arrivals
@@ -26,33 +28,33 @@ from tests.support.sweep import EVERY_MS, ORDERS
 # ------------------------------------------------------------------------------------------- times, golden streams
 
 
-def lose(case: Case, every: int) -> tuple[bytes, list[int]]:
-    """The stream without every so many-th packet, and which are left; the last ones, which end a turn, are."""
+def without(case: Case, every: int) -> Iterator[tuple[Scan, list[tuple[int, Sample]]]]:
+    """Each scan of a stream without every so many-th packet, and its samples, numbered as in the whole one.
+
+    The last packets, which end a turn, are there.
+    """
     last = len(case.packets) - 2
     left = [n for n in range(len(case.packets)) if every == 0 or n % every != every // 2 or n >= last]
-    return b"".join(case.packets[n] for n in left), left
+    scans = assembled(case, b"".join(case.packets[n] for n in left), times=arrivals(case, left)).scans
+    there = set(left)
+    number = {(sample.packet, sample.index): n for n, sample in enumerate(case.samples)}
+    for made, turn in zip(scans, case.turns, strict=True):
+        yield made, [(number[each.packet, each.index], each) for each in turn if each.packet in there]
 
 
 @pytest.mark.exhaustive("every", sample=[0, 9], full=[0, 9, 40])
 @most_or_all(EVEN)
 def test_golden_samples_meet_the_times_of_their_beams(case: Case, every: int) -> None:
     """Also those around lost packets, of which every so many-th is one."""
-    raw, left = lose(case, every)
-    scans = assembled(case, raw, times=arrivals(case, left)).scans
-    there = set(left)
-    assert len(scans) > 1
-    number = {(sample.packet, sample.index): n for n, sample in enumerate(case.samples)}
-    turns = [[sample for sample in turn if sample.packet in there] for turn in case.turns]
-    assert len(scans) == len(turns)
     checked = 0
-    for made, turn in zip(scans, turns, strict=True):
-        first = number[turn[0].packet, turn[0].index]
+    for made, turn in without(case, every):
+        first = turn[0][0]
         laser = made.to_laserscan(720)
         period_ns = laser.scan_time * 1e9
-        corrections = [(sample.angle_deg - sample.raw_deg + 180) % 360 - 180 for sample in turn]
+        corrections = [(sample.angle_deg - sample.raw_deg + 180) % 360 - 180 for _, sample in turn]
         usual, fitted = float(np.median(corrections)), float(np.ptp(corrections)) > 0.01
-        for sample, correction in zip(turn, corrections, strict=True):
-            since = (number[sample.packet, sample.index] - first) * case.sample_us * 1e3
+        for (number, sample), correction in zip(turn, corrections, strict=True):
+            since = (number - first) * case.sample_us * 1e3
             way = (math.radians(-sample.angle_deg) - laser.angle_min) / laser.angle_increment + 0.5
             beam = math.floor(way) % 720
             if min(way % 720, -way % 720) < 720 / 360 / 64:
@@ -72,14 +74,10 @@ def test_golden_samples_meet_the_times_of_their_beams(case: Case, every: int) ->
 @most_or_all(EVEN)
 def test_samples_around_lost_packets_have_their_own_times(case: Case, every: int) -> None:
     """Within a sample, whatever corrections have moved their angles by."""
-    raw, left = lose(case, every)
-    scans = assembled(case, raw, times=arrivals(case, left)).scans
-    there = set(left)
-    number = {(sample.packet, sample.index): n for n, sample in enumerate(case.samples)}
-    turns = [[sample for sample in turn if sample.packet in there] for turn in case.turns]
-    assert sum(made.lost_packets for made in scans) > 1
-    for made, turn in zip(scans, turns, strict=True):
-        since = np.array([number[sample.packet, sample.index] for sample in turn])
+    scans = list(without(case, every))
+    assert sum(made.lost_packets for made, _ in scans) > 1
+    for made, turn in scans:
+        since = np.array([number for number, _ in turn])
         off_ns = made.times_ns - made.stamp_ns - (since - since[0]) * case.sample_us * 1e3
         assert np.abs(off_ns).max() <= case.sample_us * 1e3
 

@@ -21,6 +21,7 @@ from lidario.blocking_streams import SyncScanStream
 from lidario.session.lidar import Lidar
 from lidario.session.streaming.stream import ScanStream
 from lidario.sim.serve import PtyServer
+from lidario.testing import SimulatedLidar
 from tests.cli.processes import served
 from tests.support.children import child, is_still, line_of, was_stopped
 from tests.support.devices import both_families, left_still, make_rig
@@ -110,7 +111,7 @@ def test_errors_are_those_of_the_session() -> None:
         open_sync("/dev/there-is-none")
     with pytest.raises(lidario.ConnectFailed, match="name a model"):
         open_sync("sim://")
-    with open_sync(make_rig("ydlidar").device) as lidar:
+    with open_sync(SimulatedLidar("ydlidar-4ros", pace=100)) as lidar:
         with pytest.raises(lidario.Unsupported):
             lidar.get_sample_rate()
         with pytest.raises(lidario.InvalidValue):
@@ -121,7 +122,7 @@ def test_errors_are_those_of_the_session() -> None:
 
 def test_where_a_loop_runs_already() -> None:
     async def notebook() -> int:
-        with open_sync(make_rig("rplidar").device) as lidar:
+        with open_sync(SimulatedLidar(pace=100)) as lidar:
             return len(lidar.scan())
 
     assert asyncio.run(notebook()) > 1000
@@ -172,7 +173,7 @@ def test_closing_ends_what_other_threads_wait_for() -> None:
 
 
 def test_stopping_ends_a_loop() -> None:
-    with open_sync(make_rig("rplidar").device) as lidar:
+    with open_sync(SimulatedLidar(pace=100)) as lidar:
         seen = 0
         for _ in lidar.scans():
             seen += 1
@@ -182,7 +183,7 @@ def test_stopping_ends_a_loop() -> None:
 
 def test_a_tap_cannot_wait_for_its_own_thread() -> None:
     refused: list[str] = []
-    with open_sync(make_rig("rplidar").device) as lidar:
+    with open_sync(SimulatedLidar(pace=100)) as lidar:
 
         def asking(direction: str, data: bytes, now: int) -> None:
             try:
@@ -302,5 +303,5 @@ def test_a_program_that_ends_without_closing(ending: tuple[str, int | None]) -> 
 
 def test_arguments_are_passed_on() -> None:
     arguments: dict[str, Any] = {"latency": 0.02, "family": "rplidar"}
-    with open_sync(make_rig("rplidar").device, **arguments) as lidar:
+    with open_sync(SimulatedLidar(pace=100), **arguments) as lidar:
         assert lidar.scan().lost_packets == 0

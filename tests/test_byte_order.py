@@ -22,7 +22,9 @@ SAYS = re.compile(r"[<>!|].*|[?bBc]|[ui]1|\d*[sxBb]")
 
 def unsaid(source: str) -> list[int]:
     """The lines whose types of several bytes have the byte order of the machine."""
-    found = []
+    found = list[int]()
+    if not any(f"{word}(" in source for word in (*TYPED, *PACKED)):
+        return found
     for node in ast.walk(ast.parse(source)):
         if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Attribute):
             continue

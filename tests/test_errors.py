@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import pickle
+import re
 from collections.abc import Callable
 from typing import get_args
 
@@ -57,11 +58,15 @@ def test_an_error_can_be_copied(kind: type[LidarError], copied: Callable[[LidarE
     assert vars(twin) == vars(error)
 
 
-def test_every_error_is_exported_and_drawn() -> None:
+def test_every_error_is_exported_and_drawn_where_it_stands() -> None:
     assert {kind.__name__ for kind in EVERY} == set(errors.__all__) - {"ConnectReason"}
     assert set(errors.__all__) <= set(lidario.__all__)
-    for kind in EVERY:
-        assert f" {kind.__name__} " in f"{errors.__doc__} ".replace("\n", " ")
+    above, drawn = list[str](), dict[str, str]()
+    for lines, name in re.findall(r"^    ([│├└─ ]*)(\w+)", errors.__doc__ or "", re.MULTILINE):
+        depth = len(lines) // 4
+        drawn[name] = above[depth - 1] if depth else "Exception"
+        above[depth:] = [name]
+    assert drawn == {kind.__name__: kind.__bases__[0].__name__ for kind in EVERY}
 
 
 def test_every_reason_is_explained() -> None:

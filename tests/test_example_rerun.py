@@ -12,7 +12,7 @@ from rerun.chunk import RrdReader
 
 from tests.cli.processes import BOUND
 from tests.support.example import environment
-from tests.support.walls import WALLS, from_walls, is_all_around
+from tests.support.walls import WALLS, from_walls, is_all_around, is_at_ten_hertz
 
 PROGRAM = f"""
 import sys, rerun_live, lidario, lidario.testing
@@ -33,10 +33,7 @@ def test_rerun_live_keeps_what_the_viewer_shows(tmp_path: Path) -> None:
             piece["time"].cast("int64").to_pylist(), piece["Points3D:positions"].to_pylist(), strict=True
         )
     )
-    # On a busy machine some may be missing.
-    turns = np.diff([time for time, _ in found]) / 1e8
-    assert turns.min() > 0.9
-    assert np.abs(turns - np.round(turns)).max() < 0.1
+    assert is_at_ten_hertz([time for time, _ in found])
     assert len(found) == 3
     for points in (np.array(scan) for _, scan in found):
         assert len(points) > 3000

@@ -6,10 +6,13 @@ Thousands of tests run in the same process after these, so no syntax tree is kep
 import ast
 import io
 import re
+import sys
 import tokenize
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+
+import pytest
 
 from lidario.families.registry import FAMILIES
 
@@ -18,65 +21,23 @@ PACKAGE = ROOT / "lidario"
 FILES = sorted(PACKAGE.rglob("*.py"))
 VENDORS = sorted(path.name for path in (PACKAGE / "families").iterdir() if (path / "device.py").is_file())
 
-LAYERS = (
-    {
-        "arguments",
-        "beams",
-        "cdr",
-        "config",
-        "entered",
-        "errors",
-        "filters",
-        "laserscan",
-        "laserscans",
-        "measured",
-        "merging",
-        "model",
-        "plain",
-        "points",
-        "registration",
-        "rotor",
-        "samples",
-        "scan",
-        "sector",
-        "source",
-        "version",
-    },
-    {"wire"},
-    {"families", "sim"},
-    {"revolution", "simulation"},
-    {"latch", "port"},
-    {"recording"},
-    {"network"},
-    {"session"},
-    {"blocking", "blocking_streams", "ros"},
-    {"conformance"},
-    {"loading"},
-    {"__init__"},
-    {"web", "testing"},
-    {"cli", "__main__"},
-)
-"""Each may import its own and those before it."""
+DRAWN = re.search(r"```\n(cli, .*?)```", (ROOT / "docs" / "architecture.md").read_text("utf-8"), re.DOTALL)
+assert DRAWN is not None
+LAYERS = [set(line.split("  ")[0].split(", ")) for line in reversed(DRAWN[1].splitlines())]
+"""As they are drawn for those who read the code: each may import its own and those before it."""
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
 OF_PORT = RANK["port"]
 OF_SESSION = ("talking", "finding", "streaming", "")
 """The folders of the session, and what stands beside them: likewise."""
 
 SANS_IO = {"asyncio", "anyio", "serial", "serial_asyncio", "socket", "select", "termios", "threading", "subprocess"}
-OF_WIRE = {
-    "copy",
-    "__future__",
-    "abc",
-    "bisect",
-    "collections",
-    "dataclasses",
-    "enum",
-    "functools",
-    "operator",
-    "re",
-    "typing",
-    "numpy",
+OF_SYSTEM = {*SANS_IO, "io", "logging", "os", "pathlib", "random", "sys", "tempfile", "time"}
+BESIDE_THE_PUBLIC_NAMES = {
+    "cli": ("cli", "conformance", "families.adapters", "families.registry", "recording", "ros", "sim", "web"),
+    "web": ("filters", "web"),
+    "testing": ("arguments", "conformance", "sim", "testing"),
 }
+"""What may be imported by those that else use the names that a user would."""
 NAMES_OF_VENDORS = re.compile(
     "|".join((r"rp[ _-]?lidar|yd[ _-]?lidar|slamtec|(?<![a-z])4ros|yahboom|eai\b", *map(re.escape, VENDORS))),
     re.IGNORECASE,
@@ -99,13 +60,7 @@ def layer(name: str) -> str:
 
 
 @cache
-def imports(path: Path, *, typing: bool = True) -> tuple[str, ...]:
-    """Every module that a file imports, anywhere in it; with or without those for type checkers alone."""
-    return tuple(name for name, for_typing in _imports(path) if typing or not for_typing)
-
-
-@cache
-def _imports(path: Path) -> tuple[tuple[str, bool], ...]:
+def imports(path: Path) -> tuple[tuple[str, bool], ...]:
     """Every module that a file imports, and whether for type checkers alone."""
     found: list[tuple[str, bool]] = []
     for node, typing in _statements(ast.parse(path.read_text(encoding="utf-8")).body, False):
@@ -134,11 +89,12 @@ def _statements(body: list[ast.stmt], typing: bool) -> Iterator[tuple[ast.stmt, 
 
 
 def ours(path: Path, *, typing: bool = True) -> set[str]:
-    return {name for name in imports(path, typing=typing) if name.split(".")[0] == "lidario"}
+    """Our modules that a file imports, anywhere in it; with or without those for type checkers alone."""
+    return {name for name, alone in imports(path) if (typing or not alone) and name.split(".")[0] == "lidario"}
 
 
 def foreign(path: Path) -> set[str]:
-    return {name.split(".")[0] for name in imports(path)} - {"lidario"}
+    return {name.split(".")[0] for name, _ in imports(path)} - {"lidario"}
 
 
 def named(path: Path) -> str:
@@ -192,7 +148,7 @@ def test_serial_ports_are_known_where_they_are_opened_and_listed() -> None:
 
 def test_the_wire_needs_the_standard_library_and_numpy() -> None:
     for path in sorted((PACKAGE / "wire").glob("*.py")):
-        assert foreign(path) <= OF_WIRE, named(path)
+        assert foreign(path) <= {*sys.stdlib_module_names, "numpy"} - OF_SYSTEM, named(path)
         assert {layer(name) for name in ours(path)} <= {"wire", "errors"}, named(path)
 
 
@@ -238,36 +194,12 @@ def test_the_host_side_decodes_nothing_with_the_devices_packers() -> None:
         assert not any(".simulated" in name and "families" in name for name in ours(path)), named(path)
 
 
-def test_the_command_uses_the_names_a_user_would() -> None:
-    for path in sorted((PACKAGE / "cli").glob("*.py")):
-        for name in ours(path):
-            public = name == "lidario" or name.startswith(
-                (
-                    "lidario.cli",
-                    "lidario.conformance",
-                    "lidario.ros",
-                    "lidario.sim",
-                    "lidario.web",
-                    "lidario.recording",
-                )
-            )
-            assert public or name in ("lidario.families.registry", "lidario.families"), f"{named(path)}: {name}"
-
-
-def test_the_page_uses_the_names_a_user_would() -> None:
-    for path in sorted((PACKAGE / "web").glob("*.py")):
-        for name in ours(path):
-            assert name == "lidario" or name.startswith(("lidario.web", "lidario.filters")), (
-                f"{named(path)}: {name}"
-            )
-
-
-def test_what_users_test_with_uses_the_names_a_user_would() -> None:
-    for path in sorted((PACKAGE / "testing").glob("*.py")):
-        for name in ours(path):
-            rooms = ("lidario.testing", "lidario.sim.", "lidario.arguments", "lidario.conformance")
-            public = name == "lidario" or name.startswith(rooms)
-            assert public, f"{named(path)}: {name}"
+@pytest.mark.parametrize("room", BESIDE_THE_PUBLIC_NAMES)
+def test_it_uses_the_names_a_user_would(room: str) -> None:
+    allowed = tuple(f"lidario.{name}." for name in BESIDE_THE_PUBLIC_NAMES[room])
+    for path in sorted((PACKAGE / room).glob("*.py")):
+        wrong = {name for name in ours(path) if name != "lidario" and not f"{name}.".startswith(allowed)}
+        assert not wrong, f"{named(path)}: {wrong}"
 
 
 # --------------------------------------------------------------------------------------------- vendors' names

@@ -65,6 +65,7 @@ def test_the_wheel_holds_the_package_and_nothing_else(wheel: zipfile.ZipFile) ->
     assert names == ours("lidario")
 
 
+@pytest.mark.long
 def test_the_wheel_says_what_it_needs_and_what_it_brings(wheel: zipfile.ZipFile) -> None:
     (home,) = {name.partition("/")[0] for name in wheel.namelist() if ".dist-info/" in name}
     said = email.message_from_bytes(wheel.read(f"{home}/METADATA"))

@@ -8,6 +8,7 @@ import re
 from pathlib import Path
 
 PRIVATE = re.compile(r"_[^_]\w*(?<!_)")
+WORD = re.compile(r"\b_[^_\W]")
 BY_STRINGS = {"__setattr__", "delattr", "getattr", "hasattr", "object", "patch", "setattr"}
 """Functions that are told the name of an attribute; two are those of `unittest.mock`."""
 PUBLIC_ALL_THE_SAME = {
@@ -21,10 +22,13 @@ PUBLIC_ALL_THE_SAME = {
 
 def private_names(source: str) -> list[str]:
     """Each that a module uses of something else: of ``self``, ``cls`` and ``super()`` they are its own."""
+    if not WORD.search(source):
+        return []
     every = list(ast.walk(ast.parse(source)))
-    in_classes = {node for each in every if isinstance(each, ast.ClassDef) for node in ast.walk(each)}
-    names = (name for node in every for name in _names(node) if not (node in in_classes and _is_own(node)))
-    return sorted(name for name in names if PRIVATE.fullmatch(name) and name not in PUBLIC_ALL_THE_SAME)
+    private = [(name, node) for node in every for name in _names(node) if PRIVATE.fullmatch(name)]
+    classes = [each for each in every if isinstance(each, ast.ClassDef)] if private else []
+    own = {node for each in classes for node in ast.walk(each) if _is_own(node)}
+    return sorted(name for name, node in private if node not in own and name not in PUBLIC_ALL_THE_SAME)
 
 
 def _names(node: ast.AST) -> list[str]:

@@ -12,7 +12,7 @@ import pytest
 
 import lidario
 from lidario import InvalidValue, Mount, looseness, read_config, register
-from tests.cli.processes import invoke, invoke_driven
+from tests.cli.processes import invoke_driven
 from tests.support.loop import driven
 
 DRAW = random.Random(29)
@@ -130,4 +130,3 @@ def test_the_verb_writes_the_mount(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     same = invoke_driven("calibrate", sources[0], sources[0].replace("c1?", "c1?pose=0.1,0,0&"), "-n", "2")
     assert same.exit_code == 2
     assert "cannot tell them apart" in same.stderr
-    assert invoke("calibrate", *sources, "--picture", "x.png").exit_code == 2

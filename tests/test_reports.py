@@ -11,7 +11,7 @@ import pytest
 import lidario
 from lidario.conformance import Outcome, read_report, rule_named, seen_reports
 from lidario.measured import changed
-from tests.conformance.test_report import make
+from tests.conformance.bench import make
 from tests.support import reports
 
 COLLECTION = sorted(reports.REPORTS.glob("*.mcap.xz"))

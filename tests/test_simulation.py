@@ -19,42 +19,30 @@ BOX = [((2, -1), (2, 1)), ((2, 1), (-2, 1)), ((-2, 1), (-2, -1)), ((-2, -1), (2,
 """Four metres by two, the scanner in its middle."""
 
 
-class Ring:
-    """A world of one's own: the same array each time, and read-only."""
+class Seen:
+    """A world of one's own: what it returns, as an array of the right shape where it is a number."""
 
-    def __init__(self, mm: float) -> None:
-        self.mm = mm
+    def __init__(self, result: Any) -> None:
+        self.result = result
         self.calls = 0
 
-    def ranges_mm(self, angles: Floats, times: Floats) -> Floats:
+    def ranges_mm(self, angles: Floats, times: Floats) -> Any:
         self.calls += 1
         assert angles.shape == times.shape
-        ranges = np.full(angles.shape, self.mm)
+        if not isinstance(self.result, float):
+            return self.result
+        ranges = np.full(angles.shape, self.result)
         ranges.setflags(write=False)
         return ranges
 
 
-class Returning:
-    """A world that returns what it was given."""
-
-    def __init__(self, result: Any) -> None:
-        self.result = result
-
-    def ranges_mm(self, angles: Floats, times: Floats) -> Any:
-        return self.result
-
-
-class Breaking:
+class Breaking(Seen):
     """A world that raises from its second call on."""
 
-    def __init__(self) -> None:
-        self.calls = 0
-
-    def ranges_mm(self, angles: Floats, times: Floats) -> Floats:
-        self.calls += 1
-        if self.calls > 1:
+    def ranges_mm(self, angles: Floats, times: Floats) -> Any:
+        if self.calls:
             raise ZeroDivisionError("a mistake in the user's world")
-        return np.zeros(angles.shape)
+        return super().ranges_mm(angles, times)
 
 
 @driven
@@ -68,7 +56,7 @@ async def test_a_list_of_walls_is_a_world() -> None:
 
 @driven
 async def test_a_world_of_ones_own() -> None:
-    world = Ring(1500.0)
+    world = Seen(1500.0)
     device = lidario.simulate(world=world, spin_up=0)
     assert world.calls == 1
     async with lidario.open_lidar(device) as lidar:
@@ -96,17 +84,17 @@ def test_the_time_to_spin_up() -> None:
         ({"world": "moon"}, "room"),
         ({"world": 7}, "ranges_mm"),
         ({"world": object()}, "ranges_mm"),
-        ({"world": Ring}, "the class Ring"),
+        ({"world": Seen}, "the class Seen"),
         ({"world": [(1, 2)]}, "x1, y1"),
         ({"world": [((1, 2), (3, "x"))]}, "x1, y1"),
         ({"world": [((1, 2), (3, math.nan))]}, "finite"),
         ({"world": [((1, 2), (3, 1e300))]}, "finite"),
-        ({"world": Ring(math.nan)}, "nan mm at 0.0 degrees"),
-        ({"world": Ring(math.inf)}, "inf mm"),
-        ({"world": Ring(-1.0)}, "-1.0 mm"),
-        ({"world": Returning([1.0])}, r"shape \(1,\) for angles of shape"),
-        ({"world": Returning(None)}, "shape"),
-        ({"world": Returning("far")}, "not an array of numbers"),
+        ({"world": Seen(math.nan)}, "nan mm at 0.0 degrees"),
+        ({"world": Seen(math.inf)}, "inf mm"),
+        ({"world": Seen(-1.0)}, "-1.0 mm"),
+        ({"world": Seen([1.0])}, r"shape \(1,\) for angles of shape"),
+        ({"world": Seen(None)}, "shape"),
+        ({"world": Seen("far")}, "not an array of numbers"),
         ({"spin_up": -1}, "spin_up"),
         ({"spin_up": math.nan}, "spin_up"),
         ({"spin_up": math.inf}, "spin_up"),
@@ -127,7 +115,7 @@ def test_what_cannot_be_right_is_refused(arguments: dict[str, Any], says: str) -
 @pytest.mark.parametrize("model", [family.simulated[0] for family in FAMILIES])
 def test_a_mistake_in_a_world_leaves_through_the_device(model: str) -> None:
     """It is not turned into silence: whoever serves the device gets the exception."""
-    device = lidario.simulate(model, world=Breaking(), spin_up=0)
+    device = lidario.simulate(model, world=Breaking(0.0), spin_up=0)
     with pytest.raises(ZeroDivisionError, match="the user's world"):
         # Each begins to scan by its own request, or by itself, and takes the others for noise.
         device.receive(bytes.fromhex("A520" if device.baudrate == 1_000_000 else "A560"), 0)
@@ -137,7 +125,7 @@ def test_a_mistake_in_a_world_leaves_through_the_device(model: str) -> None:
 
 def test_a_world_that_is_replaced_is_checked_too() -> None:
     device: Any = lidario.simulate(spin_up=0)
-    device.world = Ring(math.nan)
+    device.world = Seen(math.nan)
     device.receive(b"\xa5\x20", 0)
     with pytest.raises(ValueError, match="nan mm"):
         device.transmit(1_000_000_000)

@@ -10,7 +10,8 @@ import click
 
 from lidario.cli.errors import ExitCode, need
 from lidario.cli.output import progress
-from lidario.cli.parameters import Place, WholeRange, complete_source
+from lidario.cli.parameters import WholeRange, as_place, complete_source
+from lidario.cli.plot import read
 from lidario.cli.settings import FILE, config_file, config_option, settings_of_file
 from lidario.cli.streams import emit, message
 
@@ -39,7 +40,7 @@ FARTHEST_RESIDUAL_M: Final = 0.05
 @click.argument("second", metavar="B", shell_complete=complete_source)
 @click.option("-n", "count", default=20, show_default=True, type=WholeRange(1, 1000), metavar="N",
               help="How many scans of each.")  # fmt: skip
-@click.option("--guess", type=Place(), metavar="X,Y,YAW",
+@click.option("--guess", type=as_place, metavar="X,Y,YAW",
               help="About where B is, seen from A: metres forward, metres left, degrees counter-clockwise. Where "
                    "the room looks alike from several sides.")  # fmt: skip
 @click.option("--picture", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE.svg",
@@ -110,18 +111,11 @@ async def _clouds(
     """What each lidar is and sees, one behind the other: their motors may share one supply."""
     import numpy as np
 
-    from lidario import open_lidar
-
     found = []
     for source in sources:
-        async with open_lidar(source, config=config) as lidar, lidar.scans(depth=count) as scans:
-            clouds = []
-            async for scan in scans:
-                clouds.append(scan.points().xy)
-                if len(clouds) == count:
-                    break
-            empty = np.zeros((0, 2), np.float32)
-            found.append((lidar.info, np.concatenate([empty, *clouds])))
+        info, scans = await read(source, count, None, config)
+        empty = np.zeros((0, 2), np.float32)
+        found.append((info, np.concatenate([empty, *(scan.points().xy for scan in scans)])))
     return found
 
 

@@ -24,11 +24,14 @@ COLOUR: Final = "#1b5fc1"
 _FAINTEST: Final = 0.12
 SIZE: Final = 800
 EDGE: Final = 60
+MIDDLE: Final = SIZE / 2
+HALF: Final = MIDDLE - EDGE
+"""From the lidar in the middle to the edge of the grid."""
 SHOWN: Final = 0.995
 """Share of the returns that must be on the picture; one beam through a door shall not shrink the room."""
 _STEPS_M: Final = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 _LINES: Final = 5
-_LIDAR: Final = f'<path d="M{SIZE / 2} {SIZE / 2 - 9}l6 15l-6-4l-6 4z" fill="#000"/></svg>'
+_LIDAR: Final = f'<path d="M{MIDDLE} {MIDDLE - 9}l6 15l-6-4l-6 4z" fill="#000"/></svg>'
 
 
 def reach_of(scans: Sequence[Scan], *, polar: bool = False) -> float:
@@ -71,17 +74,15 @@ def _away(scan: Scan, polar: bool) -> NDArray[np.float64]:
 def svg(scans: Sequence[Scan], title: str, *, polar: bool = False) -> str:
     """The picture of these scans, one over the other, as the text of a file."""
     reach = reach_of(scans, polar=polar)
-    half = (SIZE - 2 * EDGE) / 2
-    middle, scale = SIZE / 2, half / reach
-    grid = _rings(middle, scale, reach) if polar else _squares(middle, scale, reach)
+    grid = _rings(reach) if polar else _squares(reach)
     parts = _head(title, grid[0])
     for scan, opacity in zip(scans, opacities(len(scans)), strict=True):
-        points = scan.xy()[scan.valid].astype(np.float64)[_away(scan, polar) <= reach] * scale
+        points = scan.xy()[scan.valid].astype(np.float64)[_away(scan, polar) <= reach] * (HALF / reach)
         parts.append(_dots(points, COLOUR, opacity))
     parts += _words(grid[1], legend_of(scans, reach, polar=polar))
     if not any(scan.valid.any() for scan in scans):
         parts.append(
-            f'<text x="{middle}" y="{middle + 60}" text-anchor="middle">no returns in any direction</text>'
+            f'<text x="{MIDDLE}" y="{MIDDLE + 60}" text-anchor="middle">no returns in any direction</text>'
         )
     parts.append(_LIDAR)
     return "\n".join(parts) + "\n"
@@ -91,11 +92,10 @@ def clouds_svg(clouds: Sequence[tuple[NDArray[np.floating], str]], title: str, l
     """Clouds of points one over the other, each with its colour, as the text of a file; metres, shape (n, 2)."""
     far = np.concatenate([np.abs(xy).max(axis=1) for xy, _ in clouds])
     reach = max(1.0, math.ceil(float(np.quantile(far, SHOWN)) * 1.05)) if len(far) else 1.0
-    scale = (SIZE - 2 * EDGE) / 2 / reach
-    lines, names = _squares(SIZE / 2, scale, reach)
+    lines, names = _squares(reach)
     parts = _head(title, lines)
     for xy, colour in clouds:
-        near = xy.astype(np.float64)[np.abs(xy).max(axis=1) <= reach] * scale
+        near = xy.astype(np.float64)[np.abs(xy).max(axis=1) <= reach] * (HALF / reach)
         # Several scans of one wall are on the same dots; each is drawn once.
         parts.append(_dots(np.unique(np.round(near, 1), axis=0), colour, 0.8))
     return "\n".join([*parts, *_words(names, [legend]), _LIDAR]) + "\n"
@@ -106,14 +106,14 @@ def _head(title: str, grid: str) -> list[str]:
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {SIZE} {SIZE}" font-family="sans-serif" '
         f'font-size="14" fill="#333">',
         f'<rect width="{SIZE}" height="{SIZE}" fill="#fff"/>',
-        f'<text x="{SIZE / 2}" y="24" text-anchor="middle" font-size="16">{escape(title)}</text>',
+        f'<text x="{MIDDLE}" y="24" text-anchor="middle" font-size="16">{escape(title)}</text>',
         f'<g stroke="#ddd" fill="none">{grid}</g>',
     ]
 
 
 def _dots(points: NDArray[np.float64], colour: str, opacity: float) -> str:
     """Points in dots of the picture, as from its middle: forward, to the left."""
-    across, down = SIZE / 2 - points[:, 1], SIZE / 2 - points[:, 0]
+    across, down = MIDDLE - points[:, 1], MIDDLE - points[:, 0]
     dots = "".join(f"M{x:.1f} {y:.1f}h0" for x, y in zip(across.tolist(), down.tolist(), strict=True))
     pen = f'stroke="{colour}" stroke-width="2.2" stroke-linecap="round" opacity="{opacity:.2f}"'
     return f'<path d="{dots}" {pen}/>'
@@ -132,31 +132,30 @@ def _values(reach: float) -> list[float]:
     return [number * step for number in range(-count, count + 1)]
 
 
-def _squares(middle: float, scale: float, reach: float) -> tuple[str, str]:
+def _squares(reach: float) -> tuple[str, str]:
     """Lines and their labels."""
-    low, high = middle - reach * scale, middle + reach * scale
+    low, high = MIDDLE - HALF, MIDDLE + HALF
     lines, labels = "", ""
     for value in _values(reach):
-        at = middle - value * scale
+        at = MIDDLE - value / reach * HALF
         lines += f'<path d="M{at:.1f} {low:.1f}V{high:.1f}M{low:.1f} {at:.1f}H{high:.1f}"/>'
         labels += f'<text x="{at:.1f}" y="{high + 18:.1f}" text-anchor="middle">{value:g}</text>'
         labels += f'<text x="{low - 6:.1f}" y="{at + 5:.1f}" text-anchor="end">{value:g}</text>'
-    labels += f'<text x="{middle}" y="{high + 40:.1f}" text-anchor="middle">y, to the left (m)</text>'
-    labels += f'<text transform="translate(18 {middle})rotate(-90)" text-anchor="middle">x, forward (m)</text>'
+    labels += f'<text x="{MIDDLE}" y="{high + 40:.1f}" text-anchor="middle">y, to the left (m)</text>'
+    labels += f'<text transform="translate(18 {MIDDLE})rotate(-90)" text-anchor="middle">x, forward (m)</text>'
     return lines, labels
 
 
-def _rings(middle: float, scale: float, reach: float) -> tuple[str, str]:
+def _rings(reach: float) -> tuple[str, str]:
     lines, labels = "", ""
     for value in _values(reach):
         if value > 0:
-            radius = value * scale
-            lines += f'<circle cx="{middle}" cy="{middle}" r="{radius:.1f}"/>'
-            labels += f'<text x="{middle + 4}" y="{middle - radius + 15:.1f}" fill="#777">{value:g} m</text>'
+            radius = value / reach * HALF
+            lines += f'<circle cx="{MIDDLE}" cy="{MIDDLE}" r="{radius:.1f}"/>'
+            labels += f'<text x="{MIDDLE + 4}" y="{MIDDLE - radius + 15:.1f}" fill="#777">{value:g} m</text>'
     for degrees in range(0, 360, 30):
         sine, cosine = math.sin(math.radians(degrees)), math.cos(math.radians(degrees))
-        far = reach * scale
-        lines += f'<path d="M{middle} {middle}L{middle - far * sine:.1f} {middle - far * cosine:.1f}"/>'
-        x, y = middle - (far + 18) * sine, middle - (far + 18) * cosine + 5
+        lines += f'<path d="M{MIDDLE} {MIDDLE}L{MIDDLE - HALF * sine:.1f} {MIDDLE - HALF * cosine:.1f}"/>'
+        x, y = MIDDLE - (HALF + 18) * sine, MIDDLE - (HALF + 18) * cosine + 5
         labels += f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="middle">{degrees}°</text>'
     return lines, labels

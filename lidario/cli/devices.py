@@ -38,7 +38,7 @@ def devices(ports: tuple[str, ...], as_json: bool, network: bool, router: str) -
         raise click.UsageError(f"{simulated[0]!r} is no port: `lidario info {simulated[0]}` tells what it is")
     if network:
         if ports:
-            raise click.UsageError("--zenoh asks no ports", click.get_current_context())
+            raise click.UsageError("--zenoh asks no ports")
         return _show_fleet(router, as_json=as_json)
     return show(ports, as_json=as_json)
 

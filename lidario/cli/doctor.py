@@ -15,11 +15,12 @@ from typing import TYPE_CHECKING, Literal
 import click
 
 from lidario.cli.errors import ExitCode, exit_code
-from lidario.cli.machine import ADAPTERS, Machine
+from lidario.cli.machine import Machine
 from lidario.cli.output import console, dump, introduced, judged, progress, rendered
 from lidario.cli.parameters import complete_source
 from lidario.cli.streams import emit
 from lidario.cli.udev import is_unique
+from lidario.families.adapters import ADAPTERS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from lidario.cli.errors import ExitCode
-from lidario.cli.laserscans import LASERSCAN_OPTIONS, is_given, laserscan_options, laserscans_of, only_with
+from lidario.cli.laserscans import LASERSCAN_OPTIONS, laserscan_options, laserscans_of, only_with
 from lidario.cli.output import progress
 from lidario.cli.parameters import FiniteRange, WholeRange, complete_file
 from lidario.cli.settings import config_option, settings_of_file
@@ -64,9 +64,8 @@ def export(
     if len(files) > 1 and "{}" not in out:
         raise click.BadParameter("of several files, OUT needs {} where each name belongs", param_hint="OUT")
     only_with("an OUT that ends with .mcap", LASERSCAN_OPTIONS, Path(out).suffix == ".mcap")
-    laserscans_of(dict(of_scans))
+    laserscans_of(of_scans)
     known, config = (family, model, sample_us), settings_of_file()
-    of_scans["has_frame"] = is_given("frame")
     divided = jobs if len(files) == 1 else 1
     tasks = [(file, out.replace("{}", _name_of(file)), known, of_scans, force, config, divided) for file in files]
     if len({target for _, target, *_ in tasks}) < len(tasks):
@@ -122,13 +121,11 @@ def export_one(
     from lidario.recording.export import export_mcap, export_npz
     from lidario.recording.files import Known
 
-    decoder, messages = FileDecoder(file, Known(*known)), dict(of_scans)
+    decoder = FileDecoder(file, Known(*known))
     own = config.of(decoder.recording.about.info.serial)
     decoder.filters = own.filters
-    if own.frame and not messages.pop("has_frame"):
-        messages["frame"] = own.frame
     if Path(out).suffix == ".mcap":
-        count = export_mcap(decoder, Path(out), laserscans_of(messages), overwrite=force, jobs=jobs)
+        count = export_mcap(decoder, Path(out), laserscans_of(of_scans, own.frame), overwrite=force, jobs=jobs)
     else:
         write = export_npz if Path(out).suffix == ".npz" else _export_csv
         count = write(decoder, Path(out), overwrite=force, jobs=jobs)

@@ -18,9 +18,10 @@ __all__ = ["LASERSCAN_OPTIONS", "arguments_of", "is_given", "laserscan_options",
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
+FRAME: Final = "laser"
 LASERSCAN_OPTIONS: Final = ("frame", "beams", "order", "preset", "mount_yaw", "filtered")
 _OPTIONS = (
-    click.option("--frame", default="laser", show_default=True, metavar="NAME", help="Coordinate frame."),
+    click.option("--frame", metavar="NAME", help=f"Coordinate frame.  [that of the settings, else {FRAME}]"),
     click.option("--beams", type=WholeRange(1, 65536), metavar="N",
                  help="Beams of each scan.  [as many as a revolution has samples]"),
     click.option("--order", default="counter-clockwise", show_default=True,
@@ -42,23 +43,24 @@ def laserscan_options(command: _Command) -> _Command:
     return command
 
 
-def arguments_of(options: dict[str, Any]) -> dict[str, Any]:
-    """The options as `LaserScans` takes them; what is left in `options` are the others."""
-    made = {name: options.pop(name) for name in LASERSCAN_OPTIONS}
-    made["frame_id"] = made.pop("frame")
+def arguments_of(options: dict[str, Any], frame: str | None) -> dict[str, Any]:
+    """The options as `LaserScans` takes them, others among them as they are; `frame` is what the settings say."""
+    made = dict(options)
+    named = made.pop("frame")
+    made["frame_id"] = (frame or FRAME) if named is None else named
     made["mount_yaw"] = math.radians(made["mount_yaw"])
     return made
 
 
-def laserscans_of(options: dict[str, Any]) -> LaserScans:
-    """How the messages are made by these options.
+def laserscans_of(options: dict[str, Any], frame: str | None = None) -> LaserScans:
+    """How the messages are made by these options and the `frame` of the settings.
 
     Raises:
         InvalidValue: One cannot be right.
     """
     from lidario import LaserScans
 
-    return LaserScans(**arguments_of(options))
+    return LaserScans(**arguments_of(options, frame))
 
 
 def is_given(name: str) -> bool:

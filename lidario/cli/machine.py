@@ -13,39 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-__all__ = ["ADAPTERS", "KEEP_BRLTTY_OFF", "Adapter", "Machine", "Usb"]
+__all__ = ["KEEP_BRLTTY_OFF", "Machine", "Usb"]
 
 FIRST_OF_USERS: Final = 1000
 """Numbers of groups from there on are of users (`GID_MIN`)."""
 KEEP_BRLTTY_OFF: Final = 'ENV{SYSTEMD_WANTS}=""'
 """In a rule of udev for a USB device: no service is started for it. brltty's own rules name brltty there."""
-
-
-@dataclass(frozen=True, slots=True)
-class Adapter:
-    """A kind of USB adapter that lidars are sold with.
-
-    Attributes:
-        vendor: USB vendor number.
-        product: USB product number.
-        fastest: Highest speed in bits a second that its data sheet names; 0 where the speed means nothing to it.
-    """
-
-    vendor: int
-    product: int
-    fastest: int
-
-
-ADAPTERS: Final = {
-    "CP2102": Adapter(0x10C4, 0xEA60, 1_000_000),
-    "CH340": Adapter(0x1A86, 0x7523, 2_000_000),
-    "CH9102": Adapter(0x1A86, 0x55D4, 4_000_000),
-    "STM32 virtual port": Adapter(0x0483, 0x5740, 0),
-    "PL2303": Adapter(0x067B, 0x2303, 6_000_000),
-    "FT232": Adapter(0x0403, 0x6001, 3_000_000),
-    "FT231X": Adapter(0x0403, 0x6015, 3_000_000),
-}
-"""By the names that `lidario.PortInfo.adapter` uses. Speeds are those of the makers' data sheets."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,6 +20,7 @@ import queue
 import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Final, TextIO, cast
 
@@ -107,20 +108,19 @@ class Writer(Worker):
         Raises:
             Exception: What `work` raises.
         """
-        done: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        done = Future[None]()
 
         def called() -> None:
-            error: Exception | None = None
             try:
                 work()
-            except Exception as caught:
-                # Any exception: the caller waits until this piece is done.
-                error = caught
-            # The loop is closed when the command was ended while this write was blocked: nobody hears the error.
-            done.get_loop().call_soon_threadsafe(_settle, done, error)
+                done.set_result(None)
+            except Exception as error:
+                # Any exception: the caller waits until this piece is done. Nobody hears the error where it was
+                # cancelled, or its loop is closed.
+                done.set_exception(error)
 
         self.put(called)
-        await done
+        await asyncio.wrap_future(done)
 
 
 def dump(value: object) -> None:
@@ -158,11 +158,11 @@ def rendered(target: Console, *parts: RenderableType) -> str:
     return capture.get()
 
 
-def facts(rows: Iterable[tuple[str, str]]) -> Table:
-    """A table of names and values, a line each."""
+def facts(rows: Iterable[tuple[str, str]], *, gap: int = 2) -> Table:
+    """A table of names and values, a line each, and so many columns between them."""
     from rich.table import Table
 
-    table = Table.grid(padding=(0, 2))
+    table = Table.grid(padding=(0, gap))
     table.add_column(style="bold")
     table.add_column(overflow="fold")
     for name, value in rows:
@@ -283,12 +283,3 @@ class _Spinning:
             while not self.over.wait(1 / SPINS_A_SECOND):
                 shown.update(text=self._text)
                 display.refresh()
-
-
-def _settle(done: asyncio.Future[None], error: Exception | None) -> None:
-    if done.done():
-        return
-    if error is None:
-        done.set_result(None)
-    else:
-        done.set_exception(error)

@@ -1,4 +1,7 @@
-"""What several verbs take: sources, files, their completion in the shell, durations, numbers, modes, the guard."""
+"""What several verbs take: sources, files, their completion in the shell, durations, numbers, modes, the guard.
+
+The functions `as_…` are types of options: each raises `click.BadParameter` where what was typed means nothing.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +13,12 @@ import click
 from click.shell_completion import CompletionItem
 
 __all__ = [
-    "Duration",
     "FiniteRange",
-    "Place",
-    "Size",
-    "TimeOrSize",
     "WholeRange",
+    "as_duration",
+    "as_place",
+    "as_size",
+    "as_time_or_size",
     "complete_file",
     "complete_source",
     "guard_option",
@@ -29,74 +32,47 @@ _MODE_DIGITS: Final = 9
 _DURATION: Final = re.compile(r"([0-9]{1,9}(?:\.[0-9]*)?|\.[0-9]+)\s*(ms|s|min|m|h)?", re.ASCII)
 
 
-class Duration(click.ParamType[float]):
-    """A click type that gives seconds: ``10s``, ``500ms``, ``2m``, ``1h``; a number without a unit is seconds."""
-
-    name = "duration"
-
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """What the text means; raises `click.BadParameter` where it means nothing."""
-        if isinstance(value, int | float):
-            return float(value)
-        match = _DURATION.fullmatch(str(value).strip())
-        seconds = float(match[1]) * _UNITS[match[2] or "s"] if match else 0.0
-        if not 0 < seconds < 1e9:
-            self.fail(f"{value!r} is not a duration above 0, such as 10s, 500ms or 2m", param, ctx)
-        return seconds
+def as_duration(text: str) -> float:
+    """Seconds: ``10s``, ``500ms``, ``2m``, ``1h``; a number without a unit is seconds."""
+    match = _DURATION.fullmatch(text.strip())
+    seconds = float(match[1]) * _UNITS[match[2] or "s"] if match else 0.0
+    if not 0 < seconds < 1e9:
+        raise click.BadParameter(f"{text!r} is not a duration above 0, such as 10s, 500ms or 2m")
+    return seconds
 
 
-class Size(click.ParamType[int]):
-    """A click type that gives bytes: ``500MB``, ``1.5GB``; a thousand thousand bytes are one MB."""
-
-    name = "size"
-
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> int:
-        """What the text means; raises `click.BadParameter` where it means nothing."""
-        found = _size_in(str(value))
-        if found is None:
-            self.fail(f"{value!r} is not a size, such as 500MB or 20GB", param, ctx)
-        return found
-
-
-class TimeOrSize(click.ParamType["tuple[float | None, int | None]"]):
-    """A click type that gives seconds or bytes, and None for the other: ``10min``, ``1GB``."""
-
-    name = "time or size"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float | None, int | None]:
-        """What the text means; raises `click.BadParameter` where it means nothing."""
-        size = _size_in(str(value))
-        match = _DURATION.fullmatch(str(value).strip())
-        if size is not None:
-            return None, size
-        if match is None or match[2] is None:
-            self.fail(f"{value!r} is neither a time nor a size, such as 10min or 1GB", param, ctx)
-        return float(match[1]) * _UNITS[match[2]], None
-
-
-def _size_in(text: str) -> int | None:
+def as_size(text: str) -> int:
+    """Bytes: ``500MB``, ``1.5GB``; a thousand thousand bytes are one MB."""
     match = _SIZE.fullmatch(text.strip())
-    return None if match is None else round(float(match[1]) * _MULTIPLES[match[2].upper()])
+    if match is None:
+        raise click.BadParameter(f"{text!r} is not a size, such as 500MB or 20GB")
+    return round(float(match[1]) * _MULTIPLES[match[2].upper()])
 
 
-class Place(click.ParamType["tuple[float, float, float]"]):
-    """A click type for a place and a direction: ``0.1,0,90``, metres and degrees."""
+def as_time_or_size(text: str) -> tuple[float | None, int | None]:
+    """Seconds or bytes, and None for the other: ``10min``, ``1GB``."""
+    if _SIZE.fullmatch(text.strip()):
+        return None, as_size(text)
+    match = _DURATION.fullmatch(text.strip())
+    if match is None or match[2] is None:
+        raise click.BadParameter(f"{text!r} is neither a time nor a size, such as 10min or 1GB")
+    return float(match[1]) * _UNITS[match[2]], None
 
-    name = "place"
 
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, float, float]:
-        """What the text means; raises `click.BadParameter` where it means nothing."""
-        try:
-            x, y, yaw = map(float, str(value).split(","))
-        except ValueError:
-            x = y = yaw = math.nan
-        if not math.isfinite(x + y + yaw):
-            self.fail(f"{value!r} is not x,y,yaw in metres and degrees, such as 0.1,0,90", param, ctx)
-        return x, y, yaw
+def as_place(text: str) -> tuple[float, float, float]:
+    """A place and a direction: ``0.1,0,90``, metres and degrees."""
+    try:
+        x, y, yaw = map(float, text.split(","))
+    except ValueError:
+        x = y = yaw = math.nan
+    if not math.isfinite(x + y + yaw):
+        raise click.BadParameter(f"{text!r} is not x,y,yaw in metres and degrees, such as 0.1,0,90")
+    return x, y, yaw
+
+
+def as_mode(text: str) -> str | int:
+    """The name of a scan mode, or its id where it is written in digits."""
+    return int(text) if text.isascii() and text.isdigit() and len(text) <= _MODE_DIGITS else text
 
 
 class WholeRange(click.IntRange):
@@ -138,23 +114,8 @@ def complete_file(_: click.Context, __: click.Parameter, incomplete: str) -> lis
     return [CompletionItem(incomplete, type="file")]
 
 
-class _ModeType(click.ParamType["str | int"]):
-    """A click type that gives the name of a scan mode, or its id where it is written in digits."""
-
-    name = "mode"
-
-    def convert(
-        self,
-        value: Any,
-        param: click.Parameter | None,  # noqa: ARG002
-        ctx: click.Context | None,  # noqa: ARG002
-    ) -> str | int:
-        text = str(value)
-        return int(text) if text.isascii() and text.isdigit() and len(text) <= _MODE_DIGITS else text
-
-
 mode_option: Final = click.option(
-    "--mode", type=_ModeType(), metavar="MODE", help="Scan mode by name or id, as `lidario info` lists them."
+    "--mode", type=as_mode, metavar="MODE", help="Scan mode by name or id, as `lidario info` lists them."
 )
 guard_option: Final = click.option(
     "--guard", is_flag=True, help="Have laser and motor switched off also when this command is killed (kill -9)."

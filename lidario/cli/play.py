@@ -14,8 +14,8 @@ import click
 
 from lidario.cli.errors import ExitCode
 from lidario.cli.parameters import FiniteRange, complete_file
-from lidario.cli.sim import name_of, pty_option, server_of, tcp_option
-from lidario.cli.streams import emit, message
+from lidario.cli.sim import announce, pty_option, server_of, tcp_option
+from lidario.cli.streams import message
 
 if TYPE_CHECKING:
     from lidario.recording.played import PlayedDevice
@@ -44,7 +44,7 @@ def play(file: str, rate: float, loop: bool, pty: bool, tcp: str | None) -> int:
     from lidario.recording.played import PlayedDevice
 
     if pty and tcp is not None:
-        raise click.UsageError("--pty and --tcp exclude each other", click.get_current_context())
+        raise click.UsageError("--pty and --tcp exclude each other")
     recording = open_stored(*(file_source(file) or FileSource(Path(file))))
     if not recording.responses:
         message("note: the recording holds no responses, so a driver that asks what the device is gets none")
@@ -56,9 +56,7 @@ def _serve(server: PtyServer | TcpServer | UdpServer, device: PlayedDevice, file
     from lidario.cli.running import run_until_stopped
 
     with server:
-        emit(f"{name_of(server)}\n")
-        message(f"{file} at {device.baudrate} baud, until its end or Ctrl-C; for instance")
-        message(f"  lidario scan {name_of(server)}")
+        announce(server, f"{file} at {device.baudrate} baud, until its end or Ctrl-C")
         if run_until_stopped(lambda: _until_finished(device)):
             if device.error is not None:
                 raise device.error

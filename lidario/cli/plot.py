@@ -23,7 +23,7 @@ from lidario.cli.streams import emit, message
 if TYPE_CHECKING:
     from lidario import Config, DeviceInfo, Scan
 
-__all__ = ["plot"]
+__all__ = ["plot", "read"]
 
 
 @click.command()
@@ -41,7 +41,7 @@ def plot(source: str, output: str, count: int, polar: bool, force: bool, mode: s
 
     The name of the file is printed.
     """
-    from lidario import CannotRecord
+    from lidario import CannotRecord, RecordingError
     from lidario.cli.running import run
     from lidario.recording.export import write_whole
     from lidario.recording.opened import not_a_file
@@ -62,7 +62,9 @@ def plot(source: str, output: str, count: int, polar: bool, force: bool, mode: s
         need("matplotlib", "a PNG", otherwise=", or write an .svg")
     settings = settings_of_file()
     with progress(f"waiting for {source} …"):
-        info, scans = run(lambda: _read(source, count, mode, settings))
+        info, scans = run(lambda: read(source, count, mode, settings))
+    if not scans:
+        raise RecordingError(f"{source} holds no full revolution")
     title = _title(info, scans)
     if kind == ".svg":
         from lidario.cli.chart import svg
@@ -78,8 +80,9 @@ def plot(source: str, output: str, count: int, polar: bool, force: bool, mode: s
     return ExitCode.OK
 
 
-async def _read(source: str, count: int, mode: str | int | None, config: Config) -> tuple[DeviceInfo, list[Scan]]:
-    from lidario import RecordingError, open_lidar
+async def read(source: str, count: int, mode: str | int | None, config: Config) -> tuple[DeviceInfo, list[Scan]]:
+    """What the lidar is, and so many scans; of a recording at most so many."""
+    from lidario import open_lidar
 
     async with open_lidar(source, config=config) as lidar, lidar.scans(mode, depth=count) as scans:
         found: list[Scan] = []
@@ -87,8 +90,6 @@ async def _read(source: str, count: int, mode: str | int | None, config: Config)
             found.append(scan)
             if len(found) == count:
                 break
-        if not found:
-            raise RecordingError(f"{source} holds no full revolution")
         return lidar.info, found
 
 

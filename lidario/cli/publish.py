@@ -14,7 +14,7 @@ import click
 
 from lidario.cli.errors import ExitCode, need
 from lidario.cli.laserscans import LASERSCAN_OPTIONS, arguments_of, is_given, laserscan_options, only_with
-from lidario.cli.parameters import Duration, Place, WholeRange, complete_source, guard_option, mode_option
+from lidario.cli.parameters import WholeRange, as_duration, as_place, complete_source, guard_option, mode_option
 from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import ReaderGone, emit, message
 
@@ -58,7 +58,7 @@ _OF_ROS: Final = (
               help="Release of the other nodes; humble has other keys than all later ones.")  # fmt: skip
 @click.option("--namespace", default="/", show_default=True, metavar="NAME", help="Namespace of the node.")
 @click.option("--node", default="lidario", show_default=True, metavar="NAME", help="Name of the node.")
-@click.option("--mount", "mounts", type=Place(), multiple=True, metavar="X,Y,YAW",
+@click.option("--mount", "mounts", type=as_place, multiple=True, metavar="X,Y,YAW",
               help="Where the lidar is on the robot, published on /tf_static: metres forward, metres left, degrees "
                    "counter-clockwise. Not needed with a robot description. Of several, once each.")  # fmt: skip
 @click.option("--cloud", default="cloud", show_default=True, metavar="NAME",
@@ -68,7 +68,7 @@ _OF_ROS: Final = (
 @click.option("--stamps", type=click.Choice(["now", "recorded"]),
               help="Of a recording: as if it were measured now, or as it was, with /clock for nodes that have "
                    "use_sim_time.  [now]")  # fmt: skip
-@click.option("--idle-stop", type=Duration(), metavar="TIME",
+@click.option("--idle-stop", type=as_duration, metavar="TIME",
               help="Stop laser and motor after this time without a reader, until one comes: 10s.")  # fmt: skip
 @config_option
 @mode_option
@@ -99,7 +99,6 @@ def publish(
     sources = sources or ("auto",)
     stamps = of_ros.pop("stamps")
     is_recorded = _check_choice(sources, ros, key, raw, stamps, len(of_ros["mounts"]))
-    has_frame = is_given("frame")
     need("zenoh", "zenoh", "eclipse-zenoh")
     config = settings_of_file()
     told: list[Publisher | Share] = []
@@ -118,7 +117,7 @@ def publish(
                 publisher = Share(lidars[0], key, raw=raw, router=router, robot=robot)
             else:
                 options = {**of_ros, "router": router, "robot": robot}
-                publisher = _ros_publisher(lidars, options, stamps, has_frame=has_frame, is_recorded=is_recorded)
+                publisher = _ros_publisher(lidars, options, stamps, is_recorded=is_recorded)
             names = " and ".join(f"{lidar.info.model} {lidar.info.serial}" for lidar in lidars)
             began = f"publishing {names} through {router}; Ctrl-C ends it"
             await _publish(publisher, mode, idle_stop, began, told)
@@ -132,7 +131,7 @@ def publish(
 
 
 def _ros_publisher(
-    lidars: list[Lidar], options: dict[str, Any], stamps: str | None, *, has_frame: bool, is_recorded: bool
+    lidars: list[Lidar], options: dict[str, Any], stamps: str | None, *, is_recorded: bool
 ) -> Publisher:
     """The publisher of these lidars on topics of ROS 2.
 
@@ -140,15 +139,14 @@ def _ros_publisher(
         lidars: The lidars.
         options: All that belong to --ros, router and name of the robot.
         stamps: What is said with --stamps.
-        has_frame: Whether the user has said which frame it is.
         is_recorded: Whether a recording is published.
     """
     from lidario import Mount
     from lidario.ros import MergedPublisher, Publisher
 
     (lidar, *others), own = lidars, lidars[0].config
+    options = arguments_of(options, own.frame)
     mounts, cloud = options.pop("mounts"), options.pop("cloud")
-    options |= arguments_of(options)
     places = [(x, y, math.radians(yaw)) for x, y, yaw in mounts]
     if others:
         for name in ("order", "preset", "mount_yaw"):
@@ -158,8 +156,6 @@ def _ros_publisher(
         where = [Mount(*place) for place in places] or None
         return MergedPublisher(lidars, mounts=where, cloud_topic=cloud, **options)
     options["mount"] = places[0] if places else own.mount and (own.mount.x, own.mount.y, own.mount.yaw)
-    if own.frame and not has_frame:
-        options["frame_id"] = own.frame
     options["stamps"] = "now" if is_recorded and stamps != "recorded" else "measured"
     return Publisher(lidar, clock=stamps == "recorded", **options)
 
@@ -226,7 +222,7 @@ def _check_several(count: int, ros: bool, mounts: int) -> None:
 
 def _refuse_if(is_wrong: bool, why: str) -> None:
     if is_wrong:
-        raise click.UsageError(why, click.get_current_context())
+        raise click.UsageError(why)
 
 
 async def _check(publisher: Publisher | Share, there: asyncio.Event) -> None:

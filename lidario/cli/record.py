@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from lidario.cli.errors import ExitCode, Stopped
-from lidario.cli.laserscans import LASERSCAN_OPTIONS, is_given, laserscan_options, laserscans_of, only_with
+from lidario.cli.laserscans import LASERSCAN_OPTIONS, laserscan_options, laserscans_of, only_with
 from lidario.cli.output import progress
 from lidario.cli.parameters import (
-    Duration,
-    Size,
-    TimeOrSize,
     WholeRange,
+    as_duration,
+    as_size,
+    as_time_or_size,
     complete_source,
     guard_option,
     mode_option,
@@ -47,7 +47,7 @@ class _Told:
 @click.command()
 @click.argument("source", default="auto", shell_complete=complete_source)
 @click.option("-o", "--output", metavar="FILE", help="The file to make; named after the time where not given.")
-@click.option("-t", "--time", "seconds", type=Duration(), metavar="TIME",
+@click.option("-t", "--time", "seconds", type=as_duration, metavar="TIME",
               help="How long from the first scan on: 60s, 5m.")  # fmt: skip
 @click.option("-n", "count", type=WholeRange(min=1), metavar="N", help="How many scans.")
 @config_option
@@ -58,9 +58,9 @@ class _Told:
 @click.option("--sync/--no-sync", default=True, show_default=True,
               help="Have the disk write once a second: a power cut costs no more than that.")  # fmt: skip
 @click.option("--reconnect", is_flag=True, help="Go on when the lidar was unplugged or restarted, and is back.")
-@click.option("--split", type=TimeOrSize(), metavar="TIME|SIZE",
+@click.option("--split", type=as_time_or_size, metavar="TIME|SIZE",
               help="Begin another file after so much, named by its time: 10min, 1GB.")  # fmt: skip
-@click.option("--keep", type=Size(), metavar="SIZE", help="Remove the oldest files of that name above this: 20GB.")
+@click.option("--keep", type=as_size, metavar="SIZE", help="Remove the oldest files of that name above this: 20GB.")
 @guard_option
 def record(
     source: str,
@@ -94,18 +94,17 @@ def record(
             "whole files are removed: --split says when the next one begins", param_hint="--keep"
         )
     told, (split_s, split_bytes) = _Told(), split or (None, None)
-    messages = laserscans_of(of_scans) if scans else None
-    config, has_frame = settings_of_file(), is_given("frame")
+    laserscans_of(of_scans)
+    config = settings_of_file()
 
     async def work() -> None:
         from lidario import open_lidar
 
         with progress(f"opening {source} …") as show:
             async with open_lidar(source, guard=guard, reconnect=reconnect, config=config) as lidar:
-                if lidar.config.frame and messages is not None and not has_frame:
-                    messages.frame_id = lidar.config.frame
+                messages = laserscans_of(of_scans, lidar.config.frame) if scans else False
                 told.recording = lidar.record(
-                    path, scans=messages or False, overwrite=force, sync=sync,
+                    path, scans=messages, overwrite=force, sync=sync,
                     split_s=split_s, split_bytes=split_bytes, keep_bytes=keep,
                 )  # fmt: skip
                 async with told.recording, lidar.scans(mode) as stream:

@@ -66,7 +66,7 @@ def scan(
     there was no return. At the end laser and motor are off, unless --keep-spinning is given.
     """
     if as_json and as_csv:
-        raise click.UsageError("--json and --csv exclude each other", click.get_current_context())
+        raise click.UsageError("--json and --csv exclude each other")
     from lidario import LidarError, open_lidar
     from lidario.cli.running import run
 

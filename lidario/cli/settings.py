@@ -7,9 +7,8 @@ of the current folder, where there is one; then a line on stderr says so. ``--co
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Final
 
 import click
 
@@ -22,7 +21,6 @@ __all__ = ["FILE", "Settings", "config_file", "config_option", "settings_of_file
 
 FILE: Final = "lidario.toml"
 VARIABLE: Final = "LIDARIO_CONFIG"
-_Command = TypeVar("_Command", bound=Callable[..., Any])
 
 
 @dataclass
@@ -40,21 +38,18 @@ class Settings:
     is_told: bool = False
 
 
-def config_option(command: _Command) -> _Command:
-    """Give a verb that reads scans the option ``--config``."""
-    option = click.option(
-        "--config",
-        metavar="FILE",
-        expose_value=False,
-        callback=_take_config,
-        help=f"Mounts, filters, speeds, modes and frames of lidars.  [{FILE}, if there is one]",
-    )
-    return option(command)
-
-
 def _take_config(context: click.Context, _: click.Parameter, value: str | None) -> None:
     if value is not None:
         context.ensure_object(Settings).config = value
+
+
+config_option: Final = click.option(
+    "--config",
+    metavar="FILE",
+    expose_value=False,
+    callback=_take_config,
+    help=f"Mounts, filters, speeds, modes and frames of lidars.  [{FILE}, if there is one]",
+)
 
 
 def config_file() -> str | None:

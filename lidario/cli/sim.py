@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     _Server = TypeVar("_Server", TcpServer, UdpServer)
 
-__all__ = ["name_of", "pty_option", "server_of", "sim", "sum_up", "tcp_option"]
+__all__ = ["announce", "name_of", "pty_option", "server_of", "sim", "sum_up", "tcp_option"]
 
 POLL_S = 0.1
 pty_option: Final = click.option("--pty", is_flag=True, help="On a pseudo-terminal: the default on Linux.")
@@ -80,7 +80,7 @@ def sim(
         emit(_fault_table())
         return ExitCode.OK
     if sum((pty, tcp is not None, udp is not None)) > 1:
-        raise click.UsageError("--pty, --tcp and --udp exclude each other", click.get_current_context())
+        raise click.UsageError("--pty, --tcp and --udp exclude each other")
     model = model or FAMILIES[0].simulated[0]
     device = simulate(model, world=world or "room", serial=serial, seed=seed)
     return _serve(server_of(device, pty=pty, tcp=tcp, udp=udp, faults=_faults(faults, seed)), model)
@@ -161,17 +161,21 @@ def _serve(server: PtyServer | TcpServer | UdpServer, model: str) -> int:
     from lidario.cli.running import run_until_stopped
     from lidario.sim.serve import UdpServer
 
-    name = name_of(server)
     began = time.monotonic()
     with server:
-        emit(f"{name}\n")
         at = "" if isinstance(server, UdpServer) else f" at {server.device.baudrate} baud"
-        message(f"a simulated {model}{at}, until Ctrl-C; for instance")
-        message(f"  lidario scan {name}")
+        announce(server, f"a simulated {model}{at}, until Ctrl-C")
         if run_until_stopped(lambda: _until_unplugged(server)):
             message("the line was unplugged, as --fault asks")
     sum_up(server, time.monotonic() - began)
     return ExitCode.OK
+
+
+def announce(server: PtyServer | TcpServer | UdpServer, what: str) -> None:
+    """What a client opens on stdout, for scripts; what is served, and how it is opened, on stderr."""
+    emit(f"{name_of(server)}\n")
+    message(f"{what}; for instance")
+    message(f"  lidario scan {name_of(server)}")
 
 
 def name_of(server: PtyServer | TcpServer | UdpServer) -> str:

@@ -17,7 +17,7 @@ import numpy as np
 
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.output import console, dump, facts, introduced, progress, rendered
-from lidario.cli.parameters import Duration, complete_source, guard_option, mode_option
+from lidario.cli.parameters import as_duration, complete_source, guard_option, mode_option
 from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import emit, message
 
@@ -35,6 +35,11 @@ UNEVEN = 0.03
 """Share of the revolution's time. Rotors of this kind hold their speed within 1 to 2 %."""
 NOTHING_SEEN = 0.995
 FULL_LINE = 0.95
+_COUNTERS = (
+    *("packets", "lost_packets", "missed_scans", "dropped_scans", "skipped_bytes"),
+    *("framing_errors", "parity_errors", "overruns", "breaks"),
+)
+"""Those of `lidario.Stats` that programs are told."""
 
 
 @dataclass
@@ -96,7 +101,7 @@ class Measured:
 
 @click.command()
 @click.argument("source", default="auto", shell_complete=complete_source)
-@click.option("-t", "--time", "seconds", default="10s", show_default=True, type=Duration(), metavar="TIME",
+@click.option("-t", "--time", "seconds", default="10s", show_default=True, type=as_duration, metavar="TIME",
               help="How long to measure, such as 10s or 2min.")  # fmt: skip
 @config_option
 @mode_option
@@ -175,17 +180,16 @@ def verdict(measured: Measured) -> tuple[str, str]:
     """One word, and its reason with what to do."""
     line = measured.line
     assert line is not None
-    if line.late_reads and (line.missed_scans or line.damaged > TOLERABLE_DAMAGE):
+    is_damaged = line.missed_scans > 0 or line.damaged > TOLERABLE_DAMAGE
+    if is_damaged and line.late_reads:
         return "slow", (
             f"{percent(line.damaged)} of the packets lost while this computer was busy: {line.late_reads} times "
             "it read when the buffer was full. Close other programs, or use a mode with fewer samples"
         )
-    if line.overruns and not line.framing_errors and (line.missed_scans or line.damaged > TOLERABLE_DAMAGE):
-        return (
-            "slow",
-            f"{percent(line.damaged)} of the packets lost, with {line.line_trouble}. Close other programs",
-        )
-    if line.missed_scans or line.damaged > TOLERABLE_DAMAGE:
+    if is_damaged and line.overruns and not line.framing_errors:
+        lost = f"{percent(line.damaged)} of the packets lost, with {line.line_trouble}"
+        return "slow", f"{lost}. Close other programs"
+    if is_damaged:
         missed = f" and {line.missed_scans} revolutions lost" if line.missed_scans else ""
         cure = "Check the cable, the plug, and the power supply (5 V, 1.5 A)"
         if line.line_trouble:
@@ -208,11 +212,8 @@ def verdict(measured: Measured) -> tuple[str, str]:
         )
     if measured.no_return > NOTHING_SEEN:
         return "blind", "no returns: is the cover off, is the window clean, is anything in range?"
-    reason = "nothing lost, and an even revolution"
-    return (
-        "good",
-        reason if not line.lost_packets else f"{percent(line.damaged)} of the packets damaged, few enough",
-    )
+    few = f"{percent(line.damaged)} of the packets damaged, few enough"
+    return "good", few if line.lost_packets else "nothing lost, and an even revolution"
 
 
 def percent(share: float) -> str:
@@ -264,16 +265,8 @@ def _record(measured: Measured) -> dict[str, object]:
         "jitter_ms": _finite(1000 * measured.jitter, 4),
         "samples": _finite(float(np.mean(measured.samples)), 1),
         "no_return": _finite(measured.no_return, 5),
-        "packets": line.packets,
-        "lost_packets": line.lost_packets,
+        **{name: getattr(line, name) for name in _COUNTERS},
         "damaged": round(line.damaged, 6),
-        "missed_scans": line.missed_scans,
-        "dropped_scans": line.dropped_scans,
-        "skipped_bytes": line.skipped_bytes,
-        "framing_errors": line.framing_errors,
-        "parity_errors": line.parity_errors,
-        "overruns": line.overruns,
-        "breaks": line.breaks,
         "bytes_per_second": round(line.bytes_a_second, 1),
         "link_load": None if line.load is None else round(line.load, 4),
         "cpu": round(measured.cpu, 4),

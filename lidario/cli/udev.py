@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from lidario.cli.errors import ExitCode
-from lidario.cli.machine import ADAPTERS, KEEP_BRLTTY_OFF, Machine
+from lidario.cli.machine import KEEP_BRLTTY_OFF, Machine
 from lidario.cli.output import dump
 from lidario.cli.parameters import complete_source
 from lidario.cli.streams import emit, message
+from lidario.families.adapters import ADAPTERS
 
 if TYPE_CHECKING:
     from lidario.cli.machine import Usb

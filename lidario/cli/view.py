@@ -22,7 +22,7 @@ import click
 
 from lidario.cli.errors import ExitCode, need
 from lidario.cli.output import progress
-from lidario.cli.parameters import Place, WholeRange, complete_source, guard_option, mode_option
+from lidario.cli.parameters import WholeRange, as_place, complete_source, guard_option, mode_option
 from lidario.cli.settings import FILE, config_file, config_option
 from lidario.cli.streams import emit, message
 
@@ -40,7 +40,7 @@ MOST_LIDARS: Final = 16
 @click.option("--port", default=8080, show_default=True, type=WholeRange(0, 65535), metavar="N",
               help="Port of the page; 0 for any that is free.")  # fmt: skip
 @click.option("--lan", is_flag=True, help="Open to the network, for those who have the printed address.")
-@click.option("--mount", "mounts", type=Place(), multiple=True, metavar="X,Y,YAW",
+@click.option("--mount", "mounts", type=as_place, multiple=True, metavar="X,Y,YAW",
               help="Where a lidar is mounted: metres forward, metres left, degrees counter-clockwise. "
                    "Once for each SOURCE, in their order.")  # fmt: skip
 @click.option("--colour", "colours", multiple=True, metavar="#RRGGBB",
@@ -93,11 +93,10 @@ def view(
 
 
 def _check_choice(count: int, mounts: int, colours: tuple[str, ...]) -> None:
-    context = click.get_current_context()
     if count > MOST_LIDARS:
-        raise click.UsageError(f"a page shows {MOST_LIDARS} lidars at most", context)
+        raise click.UsageError(f"a page shows {MOST_LIDARS} lidars at most")
     if mounts > count or len(colours) > count:
-        raise click.UsageError("more mounts or colours than sources", context)
+        raise click.UsageError("more mounts or colours than sources")
     for colour in colours:
         if colour and not re.fullmatch(r"#[0-9a-fA-F]{6}", colour):
             raise click.BadParameter(f"{colour!r} is not a colour such as #1b5fc1", param_hint="--colour")

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from lidario.cli.errors import ExitCode, Stopped
-from lidario.cli.output import Writer, progress, terminal
+from lidario.cli.output import Writer, facts, progress, terminal
 from lidario.cli.parameters import complete_source, guard_option, mode_option
 from lidario.cli.settings import config_file, config_option
 from lidario.cli.streams import message
@@ -53,14 +53,12 @@ def watch(source: str, mode: str | int | None, guard: bool) -> int:
     """
     if not sys.stdout.isatty():
         raise click.UsageError(
-            "watch draws on a terminal, and stdout is none; `lidario scan -n 0` prints to a pipe",
-            click.get_current_context(),
+            "watch draws on a terminal, and stdout is none; `lidario scan -n 0` prints to a pipe"
         )
     if os.environ.get("TERM", "").lower() in ("dumb", "unknown"):
         raise click.UsageError(
             "watch needs a terminal whose cursor moves, and TERM says that this one's does not; "
-            "`lidario scan -n 0` prints line by line",
-            click.get_current_context(),
+            "`lidario scan -n 0` prints line by line"
         )
     from lidario.cli.running import run
     from lidario.web.feed import Feed
@@ -147,15 +145,10 @@ class Frame:
             yield drawing
             yield Text("\n".join(below), no_wrap=True, overflow="crop")
             return
-        panel = Table.grid(padding=(0, 1))
-        panel.add_column(style="bold")
-        panel.add_column(overflow="fold")
-        for name, value in lines:
-            panel.add_row(name, value)
         both = Table.grid()
         both.add_column(width=size[0], no_wrap=True)
         both.add_column(width=BESIDE)
-        both.add_row(drawing, panel)
+        both.add_row(drawing, facts(lines, gap=1))
         yield both
 
 

@@ -59,21 +59,15 @@ class Hidden(NamedTuple):
 
 
 class Numbers:
-    """Every serial number that a device has told so far; mostly one.
-
-    Attributes:
-        first: The first of them.
-    """
+    """Every serial number that a device has told so far; mostly one."""
 
     def __init__(self) -> None:
-        self.first: Hidden = hide("", ())
         self._all: dict[str, Hidden] = {}
 
     def add(self, serial: str, responses: Iterable[bytes]) -> None:
         """A number that is to be replaced from now on; the arguments are those of `hide`."""
         if serial not in self._all:
-            hidden = self._all[serial] = hide(serial, responses)
-            self.first = hidden if len(self._all) == 1 else self.first
+            self._all[serial] = hide(serial, responses)
 
     def in_text(self, text: str) -> str:
         """The text with the hashes."""

@@ -129,7 +129,7 @@ class Publisher(Broadcast):
         if self._mount is not None and self._mount[2] and mount_yaw:
             raise InvalidValue("a mount that turns the lidar and mount_yaw would turn it twice: say one of them")
         self._base_frame = text_of(base_frame, "a frame")
-        if stamps not in ("measured", "now"):
+        if text_of(stamps, "stamps") not in ("measured", "now"):
             raise InvalidValue(f"stamps are 'measured' or 'now', not {shown(stamps)}")
         self._are_now = stamps == "now"
         self._late_ns = 0

@@ -35,6 +35,7 @@ __all__ = [
     "cast",
     "measures",
     "seen_from",
+    "segments_of",
     "walls_around",
 ]
 
@@ -285,6 +286,15 @@ def as_world(world: WorldLike) -> World | CheckedWorld:
 def walls_around(walls: Iterable[Wall]) -> World:
     """Build a world of bare walls, without noise; no walls are an empty world.
 
+    Raises:
+        ValueError: As `segments_of`.
+    """
+    return World(cast(segments_of(walls)))
+
+
+def segments_of(walls: Iterable[Wall]) -> list[Segment]:
+    """The walls that a user has given.
+
     Args:
         walls: Each from (x1, y1) to (x2, y2), metres, x forward and y to the left, the scanner at the origin.
 
@@ -299,7 +309,7 @@ def walls_around(walls: Iterable[Wall]) -> World:
         raise ValueError(f"walls are ((x1, y1), (x2, y2)) in metres, an array (n, 2, 2) and not {table.shape}")
     if not (np.abs(table) <= _FARTHEST_M).all():
         raise ValueError(f"the ends of walls are finite numbers, at most {_FARTHEST_M:g} m away")
-    return World(cast([(x1, y1, x2, y2) for x1, y1, x2, y2 in table.reshape(-1, 4).tolist()]))
+    return [(x1, y1, x2, y2) for x1, y1, x2, y2 in table.reshape(-1, 4).tolist()]
 
 
 def _kind(thing: object) -> str:

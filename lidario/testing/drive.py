@@ -7,15 +7,15 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lidario import InvalidValue, Wall
-from lidario.arguments import finite, shown, whole
+from lidario import Wall
+from lidario.arguments import finite, whole
 from lidario.sim.rooms import furnished_room
 from lidario.sim.world import Floats
+from lidario.testing.surroundings import segments, table_of
 
 __all__ = ["Drive", "furnished"]
 
 NOISES = 1 << 14
-WALLS = "walls are a list of ((x1, y1), (x2, y2))"
 HASH = 2654435761
 """2**32 over the golden ratio (Knuth's multiplicative hash)."""
 
@@ -57,10 +57,8 @@ class Drive:
         noise: float = 0.0,
         seed: int = 0,
     ) -> None:
-        self._path = _table(path, 4, "a drive is [(seconds, x, y, yaw), ...]")
-        if (np.diff(self._path[:, 0]) < 0).any():
-            raise InvalidValue(f"a drive goes forward in time, and this one goes back: {shown(path)}")
-        self._walls = _table(_ends_of(walls), 4, WALLS)
+        self._path = table_of(path, 4, "a drive is [(seconds, x, y, yaw), ...]")
+        self._walls = np.array(segments(walls)).reshape(-1, 4)
         noise_mm = finite(noise, "the noise of the ranges") * 1000.0
         self._noise: Floats = np.random.default_rng(whole(seed, "a seed")).normal(0.0, abs(noise_mm), NOISES)
         self._begun_s: float | None = None
@@ -106,21 +104,3 @@ class Drive:
     def _at(self, seconds: Floats) -> NDArray[np.float64]:
         when, since = self._path[:, 0], np.atleast_1d(seconds) - (self._begun_s or 0.0)
         return np.stack([np.interp(since, when, each) for each in self._path[:, 1:].T], axis=1)
-
-
-def _ends_of(walls: Iterable[Wall]) -> object:
-    try:
-        return [(*begin, *end) for begin, end in walls]
-    except (TypeError, ValueError):
-        raise InvalidValue(f"{WALLS}, not {shown(walls)}") from None
-
-
-def _table(rows: object, columns: int, what: str) -> Floats:
-    table: Floats
-    try:
-        table = np.asarray(rows, np.float64)
-    except (TypeError, ValueError, OverflowError):
-        table = np.zeros(0)
-    if table.ndim != 2 or table.shape[1:] != (columns,) or not np.isfinite(table).all():
-        raise InvalidValue(f"{what}, finite numbers, at least one of them, not {shown(rows)}")
-    return table

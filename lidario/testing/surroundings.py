@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from lidario import InvalidValue, Wall
 from lidario.arguments import finite, shown, whole
-from lidario.sim.world import DIRECTIONS, Floats, World, cast
+from lidario.sim.world import Floats, Segment, World, cast, segments_of
 
-__all__ = ["Body", "Surroundings", "room"]
+__all__ = ["Body", "Surroundings", "room", "segments", "table_of"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,18 +40,7 @@ class Body:
     radius: float = 0.25
 
     def __post_init__(self) -> None:
-        table: Floats
-        try:
-            table = np.asarray(self.path, np.float64)
-        except (TypeError, ValueError, OverflowError):
-            table = np.zeros(0)
-        if table.ndim != 2 or table.shape[1:] != (3,) or not len(table) or not np.isfinite(table).all():
-            raise InvalidValue(
-                "the path of a body is [(seconds, x, y), ...], metres, at least one of them, not "
-                f"{shown(self.path)}"
-            )
-        if (np.diff(table[:, 0]) < 0).any():
-            raise InvalidValue(f"the path of a body goes forward in time, and this one goes back: {self.path!r}")
+        table_of(self.path, 3, "the path of a body is [(seconds, x, y), ...]")
         if finite(self.radius, "the radius of a body") <= 0.0:
             raise InvalidValue(f"the radius of a body is a positive number of metres, not {self.radius}")
 
@@ -106,7 +95,7 @@ class Surroundings(World):
 
     def __init__(self, walls: Iterable[Wall], bodies: Iterable[Body], noise: float, seed: int) -> None:
         noise_mm = finite(noise, "the noise of the ranges") * 1000.0
-        super().__init__(_cast(walls), noise_mm=noise_mm, seed=whole(seed, "a seed"))
+        super().__init__(cast(segments(walls)), noise_mm=noise_mm, seed=whole(seed, "a seed"))
         self.bodies: tuple[Body, ...] = _bodies(bodies)
         self._begun_s: float | None = None
 
@@ -118,7 +107,7 @@ class Surroundings(World):
     def show(self, walls: Iterable[Wall] | None, bodies: Iterable[Body] | None) -> None:
         """Replace what is given. The time of new bodies begins at the next `begin`."""
         if walls is not None:
-            self._static = _cast(walls)
+            self._static = cast(segments(walls))
         if bodies is not None:
             self.bodies, self._begun_s = _bodies(bodies), None
 
@@ -145,13 +134,27 @@ def _bodies(bodies: Iterable[Body]) -> tuple[Body, ...]:
     return found
 
 
-def _cast(walls: Iterable[Wall]) -> Floats:
+def segments(walls: Iterable[Wall]) -> list[Segment]:
+    """The walls that a test has given. Raises InvalidValue where they cannot be right."""
     try:
-        table = np.asarray(list(walls), np.float64)
+        return segments_of(walls)
+    except ValueError as error:
+        raise InvalidValue(str(error)) from None
+
+
+def table_of(path: object, columns: int, what: str) -> Floats:
+    """A path as an array, shape (n, columns), the times in the first one.
+
+    Raises:
+        InvalidValue: It is empty or of another shape, a number is not finite, or it goes back in time.
+    """
+    table: Floats
+    try:
+        table = np.asarray(path, np.float64)
     except (TypeError, ValueError, OverflowError):
-        table = np.full(1, np.nan)
-    if not table.size:
-        return np.zeros(DIRECTIONS)
-    if table.shape[1:] != (2, 2) or not np.isfinite(table).all():
-        raise InvalidValue("walls are a list of ((x1, y1), (x2, y2)), finite metres")
-    return cast([(x1, y1, x2, y2) for x1, y1, x2, y2 in table.reshape(-1, 4).tolist()])
+        table = np.zeros(0)
+    if table.ndim != 2 or table.shape[1] != columns or not len(table) or not np.isfinite(table).all():
+        raise InvalidValue(f"{what}, finite numbers, at least one of them, not {shown(path)}")
+    if (np.diff(table[:, 0]) < 0).any():
+        raise InvalidValue(f"{what}, goes forward in time, and this one goes back: {shown(path)}")
+    return table

@@ -16,7 +16,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 import pytest
 from click.testing import CliRunner, Result
@@ -58,11 +58,14 @@ def in_memory(model: str, *options: str) -> str:
     return f"sim://{model}?{'&'.join(['via=memory', *options, *named])}"
 
 
-def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run the command as a process, to its end."""
+def run(
+    *arguments: str, environment: dict[str, str] | None = None, **streams: Any
+) -> subprocess.CompletedProcess[str]:
+    """Run the command as a process, to its end; with other variables and other `streams` than pipes, too."""
     return subprocess.run(
         [sys.executable, "-m", "lidario", *arguments],
-        cwd=ROOT, env=_environment(), capture_output=True, encoding="utf-8", timeout=BOUND, check=False,
+        cwd=ROOT, env={**_environment(), **(environment or {})}, encoding="utf-8", timeout=BOUND, check=False,
+        **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **streams},
     )  # fmt: skip
 
 

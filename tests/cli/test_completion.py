@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-
 import pytest
 from click.shell_completion import get_completion_class
 
 from lidario.cli.main import cli
-from tests.cli.processes import BOUND, ROOT, invoke
+from tests.cli.processes import invoke
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
@@ -19,10 +15,6 @@ def test_the_script_of_each_shell(shell: str) -> None:
     assert ended.exit_code == 0
     assert f"_LIDARIO_COMPLETE={shell}_complete" in ended.stdout
     assert "lidario completion" in ended.stderr
-
-
-def test_another_shell_is_a_usage_error() -> None:
-    assert invoke("completion", "cmd").exit_code == 2
 
 
 @pytest.mark.parametrize(
@@ -46,13 +38,3 @@ def test_what_is_offered(words: str, offered: set[str], monkeypatch: pytest.Monk
     assert shell is not None
     told = shell(cli, {}, "lidario", "_LIDARIO_COMPLETE").complete()
     assert offered <= {line.partition(",")[2] for line in told.splitlines()}
-
-
-def test_the_command_itself_is_asked() -> None:
-    asked = {"_LIDARIO_COMPLETE": "bash_complete", "COMP_WORDS": "lidario stats sim://ydl", "COMP_CWORD": "2"}
-    ended = subprocess.run(
-        [sys.executable, "-W", "error", "-m", "lidario"],
-        cwd=ROOT, env={**os.environ, **asked}, capture_output=True, text=True, timeout=BOUND, check=False,
-    )  # fmt: skip
-    assert ended.returncode == 0
-    assert "plain,sim://ydlidar-4ros\n" in ended.stdout

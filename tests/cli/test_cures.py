@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -17,35 +15,12 @@ from tests.cli.processes import invoke, invoke_driven
 S2 = "sim://rplidar-s2?via=memory"
 
 
-@pytest.mark.parametrize(
-    ("arguments", "code", "words"),
-    [
-        (("devices", "sim://rplidar-s2"), 2, "is no port: `lidario info sim://rplidar-s2`"),
-        (("scan", "sim:rplidar-s2"), 2, "two slashes, as in sim://rplidar-s2"),
-        (("motor",), 2, "lidario motor start, lidario motor stop, lidario motor speed"),
-    ],
-)
-def test_words_with_a_cure(arguments: tuple[str, ...], code: int, words: str) -> None:
-    ended = invoke(*arguments)
-    assert (ended.exit_code, ended.stdout) == (code, "")
-    assert words in ended.stderr
-    assert len(ended.stderr.splitlines()) <= 2
-
-
 def test_without_a_lidar_a_simulated_one_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(discovery, "list_serial_ports", list)
     for verb in ("scan", "info", "stats", "record", "plot"):
         ended = invoke(verb)
         assert ended.exit_code == 3
         assert "Without a lidar, a simulated one does: sim://rplidar-s2" in ended.stderr
-
-
-def test_a_recording_that_is_there_is_replaced_by_force(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
-    for options, code in (((), 0), ((), 4), (("--force",), 0)):
-        ended = invoke_driven("record", S2, "-o", str(path), "--time", "0.5s", *options)
-        assert ended.exit_code == code
-        assert ("overwrite=True, or --force, replaces it" in ended.stderr) is (code == 4)
 
 
 def test_a_picture_that_is_there_is_replaced_by_force(tmp_path: Path) -> None:
@@ -58,40 +33,6 @@ def test_a_picture_that_is_there_is_replaced_by_force(tmp_path: Path) -> None:
     assert invoke_driven("plot", S2, "-o", str(path), "--force").exit_code == 0
     assert path.read_text().startswith("<svg")
     assert os.listdir(tmp_path) == ["scan.svg"]
-
-
-def test_a_full_disk_leaves_the_picture_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "scan.svg"
-    path.write_text("mine")
-
-    def half(self: Path, data: bytes) -> int:
-        with open(self, "wb") as file:
-            file.write(data[:100])
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(Path, "write_bytes", half)
-    ended = invoke_driven("plot", S2, "-o", str(path), "--force")
-    assert ended.exit_code == 4
-    assert "No space left on device" in ended.stderr
-    assert path.read_text() == "mine"
-    assert os.listdir(tmp_path) == ["scan.svg"]
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    "arguments", [("info", S2), ("doctor",), ("stats", S2, "-t", "0.3s"), ("devices", "--json")]
-)
-def test_a_full_disk_behind_stdout_is_said(arguments: tuple[str, ...]) -> None:
-    with open("/dev/full", "w") as full:
-        ended = subprocess.run(
-            [sys.executable, "-m", "lidario", *arguments],
-            stdout=full,
-            stderr=subprocess.PIPE,
-            text=True,
-            timeout=120,
-        )
-    assert ended.returncode == 4
-    assert "stdout cannot be written: No space left on device. Free some room" in ended.stderr
 
 
 def test_a_forgotten_async_with() -> None:

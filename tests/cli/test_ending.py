@@ -46,27 +46,19 @@ def test_a_signal_ends_an_endless_stream_as_it_is_meant_to_end(ended: tuple[str,
 
 
 @pytest.mark.long
-def test_the_motor_is_commanded_to_rest_before_stop() -> None:
+def test_people_get_the_picture_after_ctrl_c_and_the_motor_is_commanded_to_rest_before_stop() -> None:
     with served(FIRST) as server:
         with started("scan", server.path, "-n", "0") as process:
-            line_of(process.stdout)
-            process.send_signal(signal.SIGTERM)
-            assert process.wait(BOUND) == 0
+            for _ in range(3):
+                line_of(process.stdout)
+            rest, _ = end(process)
+        assert process.returncode == 0
+        assert "▲" in rest
         until(lambda: was_stopped(server))
         obeyed = [each for each in requests(server) if each.obeyed]
         began = max(at for at, each in enumerate(obeyed) if "scan" in each.name)
         motor = next(each for each in obeyed[began:] if each.name == "motor_speed_ctrl")
         assert motor.data[3:5] == b"\0\0"  # behind start, command and size: the speed
-
-
-@pytest.mark.long
-def test_people_get_the_picture_after_ctrl_c() -> None:
-    with served(FIRST) as server, started("scan", server.path, "-n", "0") as process:
-        for _ in range(3):
-            line_of(process.stdout)
-        rest, _ = end(process)
-        assert process.returncode == 0
-        assert "▲" in rest
 
 
 @pytest.mark.long

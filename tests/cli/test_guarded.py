@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.processes import BOUND, served, started
-from tests.cli.test_stopped_terminal import on_terminal
+from tests.cli.terminals import on_terminal
 from tests.support.children import is_still, until
 from tests.support.guards import guards_of
 
@@ -24,6 +24,7 @@ VERBS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("verb", sample=["scan", "view"], full=VERBS)
 def test_a_verb_that_is_killed(verb: str, tmp_path: Path) -> None:
     options = [str(tmp_path / each) if each.endswith(".mcap") else each for each in VERBS[verb]]

@@ -65,18 +65,3 @@ def test_a_motor_that_cannot_be_stopped_is_never_called_stopped(
 def test_the_motor_of_a_model_that_only_talks_is_stopped_by_dtr_where_that_is_its_switch() -> None:
     ended = invoke_driven("motor", "stop", "sim://ydlidar-x2?via=memory")
     assert (ended.exit_code, ended.stdout, ended.stderr) == (0, "laser and motor are off\n", "")
-
-
-@pytest.mark.parametrize("words", [["start"], ["stop"], ["speed", "7"]])
-def test_the_motor_of_another_machine_is_not_ours(words: list[str]) -> None:
-    ended = invoke("motor", *words, "zenoh:robots/r7/scan?router=tcp/127.0.0.1:1")
-    assert (ended.exit_code, ended.stdout) == (2, "")
-    assert "error: the motor of another machine's lidar cannot be switched from here" in ended.stderr
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("hertz", ["0", "-3", "fast", "1000"])
-def test_a_speed_that_cannot_be(hertz: str) -> None:
-    ended = invoke("motor", "speed", "--", hertz, "sim://rplidar-s2?via=memory")
-    assert ended.exit_code == 2
-    assert ended.stderr.startswith("error: ")

@@ -12,28 +12,28 @@ from lidario.recording.decode_file import FileDecoder
 from tests.cli.processes import invoke, invoke_driven
 from tests.support.recorded import thread_takes_no_time
 
-SOURCE = "sim://rplidar-s2?via=memory&fault=replug:5s"
+SOURCE = "sim://rplidar-s2?via=memory&fault=replug:2s"
 
 
 @pytest.fixture(scope="module")
 def pattern(tmp_path_factory: pytest.TempPathFactory) -> str:
     folder = tmp_path_factory.mktemp("runs")
     path = str(folder / "run.mcap")
-    options = ("--reconnect", "--split", "2s", "--keep", "1GB")
+    options = ("--reconnect", "--split", "1s", "--keep", "1GB")
     with thread_takes_no_time():
-        done = invoke_driven("record", SOURCE, "-n", "60", "-o", path, *options)
+        done = invoke_driven("record", SOURCE, "-n", "36", "-o", path, *options)
     assert done.exit_code == 0, done.stderr
     assert done.stdout == f"{folder / 'run-*.mcap'}\n"
     files = len(list(folder.iterdir()))
     assert files > 3
-    assert "60 scans" in done.stderr
+    assert "36 scans" in done.stderr
     assert f"{files} files" in done.stderr
     return done.stdout.strip()
 
 
 def test_info_tells_of_all_of_them(pattern: str) -> None:
     told = json.loads(invoke("info", pattern, "--json").stdout)
-    assert told["scans"] in (60, 61)
+    assert told["scans"] in (36, 37)
     assert (told["damage"], told["losses"], told["streams"]) == (None, 1, 2)
     assert 1.0 < told["away_s"] < 3.0
     assert "1 times" in invoke("info", pattern).stdout
@@ -43,7 +43,7 @@ def test_a_reader_sees_the_gap(pattern: str) -> None:
     done = invoke("scan", f"{pattern}?rate=0", "-n", "0", "--json")
     assert done.exit_code == 0, done.stderr
     scans = [json.loads(line) for line in done.stdout.splitlines()]
-    assert len(scans) in (60, 61)
+    assert len(scans) in (36, 37)
     assert [scan["seq"] for scan in scans] == [scan.seq for scan in FileDecoder(pattern)]
 
 
@@ -61,16 +61,3 @@ def test_they_are_exported_as_one(pattern: str, end: str, tmp_path: Path) -> Non
         assert path.read_text().count("\n") == 1 + sum(map(len, scans))
     else:
         assert [scan.stamp_ns for scan in FileDecoder(path)] == [scan.stamp_ns for scan in scans]
-
-
-def test_what_cannot_be_is_refused(tmp_path: Path) -> None:
-    for arguments, text in (
-        (["--keep", "1GB"], "--split says when"),
-        (["--split", "5"], "neither a time nor a size"),
-        (["--split", "5s", "--keep", "20"], "is not a size"),
-        (["--split", "0.1s"], "1 or more seconds"),
-    ):
-        done = invoke("record", "sim://rplidar-s2?via=memory", "-o", str(tmp_path / "a.mcap"), *arguments)
-        assert done.exit_code == 2, done.stderr
-        assert text in done.stderr
-    assert not list(tmp_path.iterdir())

@@ -33,25 +33,11 @@ def test_record_ends_by_itself_and_names_its_file(tmp_path: Path) -> None:
     assert (summary["damage"], summary["lost_packets"], summary["timed"]) == (None, 0, True)
     again = invoke_driven("record", "sim://rplidar-s2?via=memory", "-n", "1", "-o", path)
     assert again.exit_code == 4
-    assert "exists already" in again.stderr
+    assert "exists already: overwrite=True, or --force, replaces it" in again.stderr
     # The motor needs longer than that to be at its speed.
     timed = invoke_driven("record", "sim://rplidar-s2?via=memory", "-t", "1s", "-o", path, "--force")
     assert timed.exit_code == 0
     assert 0.9 < json.loads(invoke("info", path, "--json").stdout)["duration_s"] < 1.3
-
-
-@pytest.mark.parametrize("name", ["x.txt", "x", "", "x.bin"])
-def test_a_name_by_which_nothing_could_open_it_is_refused(name: str, tmp_path: Path) -> None:
-    done = invoke("record", "sim://rplidar-s2?via=memory", "-n", "1", "-o", name and str(tmp_path / name))
-    assert done.exit_code == 2
-    assert "does not end in .mcap" in done.stderr
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_rate_that_is_no_number_is_refused(live: Live) -> None:
-    done = invoke("play", str(live.path), "--rate", "nan")
-    assert done.exit_code == 2
-    assert "'nan' is not a finite number" in done.stderr
 
 
 def test_other_verbs_read_a_recording_to_its_end(live: Live, tmp_path: Path) -> None:
@@ -77,11 +63,6 @@ def test_a_recording_without_a_scan_is_told(live: Live, tmp_path: Path) -> None:
     for verb in (["stats", "-t", "1s"], ["plot", "-o", str(tmp_path / "a.svg")]):
         done = invoke(verb[0], f"{path}?rate=0", *verb[1:])
         assert (done.exit_code, "holds no full revolution" in done.stderr) == (7, True), done.stderr
-
-
-@pytest.mark.parametrize(("option", "value"), [("-t", "soon"), ("-t", "0s"), ("-n", "0")])
-def test_record_refuses_what_cannot_be_meant(option: str, value: str) -> None:
-    assert invoke("record", "sim://rplidar-s2", option, value).exit_code == 2
 
 
 @pytest.mark.long
@@ -149,6 +130,7 @@ def test_export(live: Live, tmp_path: Path) -> None:
     assert invoke("export", str(live.path), str(tmp_path / "no" / "out.npz")).exit_code == 4
 
 
+@pytest.mark.long
 def test_several_files_are_exported_on_processes_and_one_bad_one_harms_no_other(live: Live, tmp_path: Path) -> None:
     for name in ("a.mcap", "b.mcap"):
         (tmp_path / name).write_bytes(live.path.read_bytes())
@@ -160,17 +142,6 @@ def test_several_files_are_exported_on_processes_and_one_bad_one_harms_no_other(
     assert "Traceback" not in done.stderr
     one, other = (tmp_path / "a.npz").read_bytes(), (tmp_path / "b.npz").read_bytes()
     assert len(one) == len(other) > 100_000
-
-
-@pytest.mark.parametrize(
-    ("words", "what"),
-    [(("a.mcap", "a.txt"), "does not end in"), (("a.mcap", "b.mcap", "c.npz"), "needs {}"),
-     (("a.mcap", "x/a.mcap", "{}.npz"), "same name")],
-)  # fmt: skip
-def test_export_says_what_is_wrong_with_its_words(words: tuple[str, ...], what: str) -> None:
-    done = invoke("export", *words)
-    assert done.exit_code == 2
-    assert what in done.stderr
 
 
 @pytest.mark.parametrize("case", KINDS, ids=named)

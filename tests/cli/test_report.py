@@ -242,4 +242,3 @@ def test_a_file_that_is_there_is_refused_before_the_device_is_touched(path: Path
     assert "--force" in result.stderr
     assert path.read_bytes() == b"mine"
     assert not device.log
-    assert invoke("report", LD19, "-o", str(path.with_suffix(".txt"))).exit_code == 2

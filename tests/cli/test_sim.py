@@ -40,13 +40,6 @@ def test_the_faults_are_listed() -> None:
         assert parse_faults(word) != Faults()
 
 
-def test_a_fault_that_does_not_exist() -> None:
-    ended = invoke("sim", "--fault", "reboots:5s")
-    assert ended.exit_code == 2
-    assert "reboots" in ended.stderr
-    assert "replug" in ended.stderr
-
-
 @pytest.mark.long
 def test_one_process_serves_and_another_scans() -> None:
     serial = "00112233445566778899AABBCCDDEEFF"
@@ -105,13 +98,6 @@ def test_over_a_network(model: str, way: str, number: signal.Signals) -> None:
         assert json.loads(scanned.stdout)["ranges"]
         sim.send_signal(number)
         assert sim.wait(BOUND) == 0
-
-
-def test_one_kind_of_port() -> None:
-    ended = invoke("sim", "--udp", ":0", "--tcp", ":0")
-    assert ended.exit_code == 2
-    assert "exclude each other" in ended.stderr
-    assert "--udp" in invoke("sim", "--udp", "8089x").stderr
 
 
 def test_an_address_that_is_taken() -> None:

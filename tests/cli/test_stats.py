@@ -6,10 +6,9 @@ import json
 
 import pytest
 
-from lidario.cli.record import record
-from lidario.cli.stats import Measured, stats, verdict
+from lidario.cli.stats import Measured, verdict
 from lidario.web.traffic import Traffic
-from tests.cli.processes import end, invoke, invoke_driven, served, started
+from tests.cli.processes import end, invoke_driven, served, started
 from tests.support.children import until
 
 S2 = "sim://rplidar-s2?via=memory&world=circle"
@@ -120,22 +119,6 @@ def test_for_people_it_fits_a_terminal() -> None:
     lines = ended.stdout.splitlines()
     assert lines[-1].startswith("verdict")
     assert max(map(len, lines)) <= 80
-
-
-@pytest.mark.parametrize("time", ["0s", "-1s", "ten", "10 parsecs", "", "1e9s", "nan"])
-def test_what_is_no_duration(time: str) -> None:
-    ended = invoke("stats", S2, "-t", time)
-    assert ended.exit_code == 2
-    assert "is not a duration" in ended.stderr
-
-
-@pytest.mark.parametrize(
-    ("text", "seconds"), [("10s", 10), ("500 ms", 0.5), (".5", 0.5), ("2m", 120), ("2min", 120), ("1h", 3600)]
-)
-def test_durations_are_written_alike_for_every_verb(text: str, seconds: float) -> None:
-    for command in (stats, record):
-        (option,) = (each for each in command.params if each.name == "seconds")
-        assert option.type.convert(text, None, None) == seconds
 
 
 def test_a_silent_device_is_no_data() -> None:

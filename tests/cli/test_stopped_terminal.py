@@ -2,54 +2,25 @@
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
 import os
+import re
 import signal
 import subprocess
-import sys
-import termios
 import tty
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from lidario.sim.device import SimulatedDevice
-from tests.cli.processes import BOUND, ROOT, served
-from tests.cli.test_watch import Screen, resize
+from tests.cli.processes import BOUND, served
+from tests.cli.terminals import on_terminal, resize
 from tests.support.children import until
 
 STOP, GO, INTERRUPT = b"\x13", b"\x11", b"\x03"
 LEFT = "\x1b[?1049l"
 FRAMES = 2 * 3200 * 4
 """Bytes of about two revolutions; a program that waits for its terminal has waited for long after those."""
-
-
-@contextlib.contextmanager
-def on_terminal(
-    *arguments: str, stdout: int | None = None, kind: str = "xterm-256color"
-) -> Iterator[tuple[subprocess.Popen[bytes], Screen, int]]:
-    """The command on a terminal of its own, which it is controlled by; stdout may be something else."""
-    environment = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
-    environment |= {"TERM": kind, "PYTHONIOENCODING": "utf-8"}
-    ours, theirs = os.openpty()
-    resize(theirs, 24, 80)
-    with os.fdopen(ours, "rb", buffering=0):
-        process = subprocess.Popen(
-            [sys.executable, "-W", "error", "-m", "lidario", *arguments],
-            cwd=ROOT, stdin=theirs, stdout=theirs if stdout is None else stdout, stderr=theirs, env=environment,
-            start_new_session=True, preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
-        )  # fmt: skip
-        os.close(theirs)
-        try:
-            with process:
-                try:
-                    yield process, Screen(ours), ours
-                finally:
-                    process.kill()
-        finally:
-            process.wait(BOUND)
 
 
 def goes_on(device: SimulatedDevice) -> None:
@@ -74,6 +45,23 @@ def begins(device: SimulatedDevice) -> Callable[[], bool]:
         return any(seen)
 
     return told
+
+
+@pytest.mark.long
+def test_watch_draws_anew_where_the_terminal_has_another_size() -> None:
+    with (
+        served("rplidar-s2") as server,
+        on_terminal("watch", server.path, size=(30, 110)) as (process, screen, ours),
+    ):
+        assert "scanning" in screen.until("\x1b[H", lambda text: "forward is up" in text)
+        resize(ours, 20, 60)
+        last = screen.until("\x1b[H", lambda text: "forward is up" in text and "DenseBoost" not in text)
+        assert len(last.splitlines()) == 20
+        process.send_signal(signal.SIGINT)
+        screen.until(LEFT)
+        assert re.search(r"\d+ scans of ", screen.until("\n", lambda text: "scans of" in text))
+        assert process.wait(BOUND) == 0
+        until(lambda: not server.device.scanning)
 
 
 @pytest.mark.long

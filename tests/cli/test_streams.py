@@ -20,13 +20,12 @@ def with_closed(streams: str, *arguments: str) -> subprocess.CompletedProcess[st
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("closed", [">&-", ">&- 2>&-", ">&- <&-"])
 @pytest.mark.parametrize(
-    "arguments",
-    [("scan", "sim://rplidar-s2?via=memory", "-n", "0"), ("devices",), ("--version",), ("sim",)],
-    ids=" ".join,
+    ("closed", "arguments"),
+    [(">&-", ("scan", "sim://rplidar-s2", "-n", "0")), (">&- 2>&-", ("sim",)), (">&- <&-", ("--version",))],
+    ids=str,
 )
-def test_a_closed_stdout_is_said_and_ends_it(arguments: tuple[str, ...], closed: str) -> None:
+def test_a_closed_stdout_is_said_and_ends_it(closed: str, arguments: tuple[str, ...]) -> None:
     ended = with_closed(closed, *arguments)
     assert ended.returncode == 2
     assert ended.stderr == ("" if "2>" in closed else "error: there is nowhere to write to: stdout is closed\n")

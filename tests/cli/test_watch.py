@@ -1,19 +1,9 @@
-"""``lidario watch``: one frame in all sizes, and the command on a terminal."""
+"""``lidario watch``: one frame in all sizes. On a terminal: test_stopped_terminal.py."""
 
 from __future__ import annotations
 
-import fcntl
 import io
-import os
 import re
-import signal
-import struct
-import subprocess
-import sys
-import termios
-import time
-from collections.abc import Callable
-from select import select
 
 import numpy as np
 import pytest
@@ -23,9 +13,7 @@ from lidario import DeviceInfo, Stats
 from lidario.cli.watch import Frame
 from lidario.web.feed import Feed
 from lidario.web.traffic import traffic
-from tests.cli.processes import BOUND, ROOT, invoke, served
 from tests.cli.test_picture import FULL_TURN, scan_of
-from tests.support.children import until
 
 
 def feed(ranges: float = 2.0, **changes: object) -> Feed:
@@ -81,67 +69,3 @@ def test_states_are_said_in_words() -> None:
 def test_a_picture_that_is_drawn_again_stays_where_it_is() -> None:
     """A few millimetres more do not change the scale, and so not one cell of the rest."""
     assert drawn(feed(2.0), 80, 24)[-2] == drawn(feed(2.02), 80, 24)[-2]
-
-
-def test_it_wants_a_terminal() -> None:
-    ended = invoke("watch", "sim://rplidar-s2")
-    assert ended.exit_code == 2
-    assert "lidario scan -n 0" in ended.stderr
-
-
-@pytest.mark.long
-def test_on_a_terminal_until_ctrl_c() -> None:
-    # Where tests run in several processes, they hold the width of the terminal that pytest writes to.
-    environment = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
-    environment |= {"TERM": "xterm-256color", "PYTHONIOENCODING": "utf-8"}
-    ours, theirs = os.openpty()
-    resize(theirs, 30, 110)
-    with served("rplidar-s2") as server, os.fdopen(ours, "rb", buffering=0):
-        process = subprocess.Popen(
-            [sys.executable, "-W", "error", "-m", "lidario", "watch", server.path],
-            cwd=ROOT, stdin=theirs, stdout=theirs, stderr=subprocess.PIPE, text=True,
-            env=environment,
-        )  # fmt: skip
-        os.close(theirs)
-        screen = Screen(ours)
-        try:
-            assert "scanning" in screen.until("\x1b[H", lambda text: "forward is up" in text)
-            resize(ours, 20, 60)
-            last = screen.until("\x1b[H", lambda text: "forward is up" in text and "DenseBoost" not in text)
-            assert len(last.splitlines()) == 20
-            process.send_signal(signal.SIGINT)
-            assert "\x1b[?1049l" in screen.until("\x1b[?1049l")
-            assert process.stderr is not None
-            said = process.stderr.read()
-            assert process.wait(BOUND) == 0
-        finally:
-            process.kill()
-            process.wait(BOUND)
-            assert process.stderr is not None
-            process.stderr.close()
-        assert re.fullmatch(r"\d+ scans of .*\n", said)
-        until(lambda: not server.device.scanning)
-
-
-def resize(handle: int, rows: int, columns: int) -> None:
-    fcntl.ioctl(handle, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
-
-
-class Screen:
-    """What a process writes to a terminal, piece by piece."""
-
-    def __init__(self, handle: int) -> None:
-        self._handle = handle
-        self._unread = ""
-
-    def until(self, end: str, right: Callable[[str], object] = lambda _: True) -> str:
-        """The first piece that ends with `end` and is `right`."""
-        deadline = time.monotonic() + BOUND
-        while time.monotonic() < deadline:
-            while end in self._unread:
-                piece, _, self._unread = self._unread.partition(end)
-                if right(piece):
-                    return piece + end
-            if select([self._handle], [], [], 1.0)[0]:
-                self._unread += os.read(self._handle, 65536).decode("utf-8", "replace")
-        raise AssertionError("it never came")

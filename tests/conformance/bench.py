@@ -3,26 +3,47 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Awaitable, Callable, Sequence
+from pathlib import Path
+from typing import TypeVar
 
 import lidario
-from lidario.conformance import RULES, Outcome, Rule, Verdict, open_bench
+from lidario.conformance import RULES, Bench, Outcome, Report, Reporter, Rule, Verdict, open_bench
 from tests.support.loop import DrivenLoop, run_driven
 
-__all__ = ["broken", "judge"]
+__all__ = ["broken", "judge", "make"]
+
+T = TypeVar("T")
 
 
-def judge(device: lidario.SimulatedDevice, rules: Sequence[Rule] = RULES) -> list[Verdict]:
-    """The verdicts on a device in memory."""
+def on_bench(device: lidario.SimulatedDevice, work: Callable[[Bench], Awaitable[T]]) -> T:
+    """What comes of the work on a bench with that device in memory."""
 
-    async def main() -> list[Verdict]:
+    async def main() -> T:
         loop = asyncio.get_running_loop()
         assert isinstance(loop, DrivenLoop)
         async with await open_bench(device) as bench:
             bench.pause = loop.block
-            return await bench.judge(rules)
+            return await work(bench)
 
     return run_driven(main)
+
+
+def judge(device: lidario.SimulatedDevice, rules: Sequence[Rule] = RULES) -> list[Verdict]:
+    """The verdicts on a device."""
+    return on_bench(device, lambda bench: bench.judge(rules))
+
+
+def make(device: lidario.SimulatedDevice, path: Path, rules: Sequence[Rule] = RULES) -> tuple[str, Report]:
+    """The serial number of a device, and its report, written to `path`."""
+
+    async def work(bench: Bench) -> tuple[str, Reporter]:
+        async with Reporter(bench, path, {"adapter": "CP2102"}) as reporter:
+            await reporter.run(rules)
+        return bench.lidar.info.serial, reporter
+
+    serial, reporter = on_bench(device, work)
+    return serial, reporter.report()
 
 
 def broken(verdicts: Sequence[Verdict]) -> dict[str, str]:

@@ -12,7 +12,7 @@ import lidario
 from lidario.conformance import Outcome, Report, Seen, Tried, news_of, rule_named, seen_reports
 from lidario.conformance.news import known_of
 from lidario.families.registry import FAMILIES
-from tests.conformance.test_report import make
+from tests.conformance.bench import make
 from tests.support.loop import run_driven
 
 

@@ -116,7 +116,7 @@ def renumbered(scan: Scan, shift: int) -> Scan:
 def exported(path: Path, out: Path, jobs: int) -> bytes:
     """What ``lidario export`` writes of it."""
     options = {"frame": "laser", "beams": None, "order": "counter-clockwise", "preset": "rep103", "mount_yaw": 0.0,
-               "filtered": "nan", "has_frame": True}  # fmt: skip
+               "filtered": "nan"}  # fmt: skip
     export_one(str(path), str(out), (None, None, None), options, True, Config(), jobs)
     return out.read_bytes()
 

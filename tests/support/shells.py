@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from tests.cli.processes import ROOT, invoke
-from tests.cli.test_watch import Screen, resize
+from tests.cli.terminals import Screen, resize
 
 _PROMPT: Final = "tell me> "
 _SCRIPT: Final = "the-script"

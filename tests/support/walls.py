@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +24,12 @@ def from_walls(points: NDArray[np.floating]) -> NDArray[np.float64]:
         distances.append(np.linalg.norm(points - (begin + share[:, None] * along), axis=1))
     nearest: NDArray[np.float64] = np.min(distances, axis=0)
     return nearest
+
+
+def is_at_ten_hertz(stamps_ns: Sequence[int]) -> bool:
+    """Whether revolutions are a tenth of a second apart; on a busy machine some between them may be missing."""
+    turns = np.diff(stamps_ns) / 1e8
+    return bool(turns.min() > 0.9 and np.abs(turns - np.round(turns)).max() < 0.1)
 
 
 def is_all_around(points: NDArray[np.floating]) -> bool:

@@ -68,8 +68,8 @@ async def test_a_scan_on_the_way_is_bent_and_its_motion_makes_it_straight() -> N
         ([(1, 0, 0, 0), (0, 0, 0, 0)], WALLS, "goes forward in time"),
         ([(0, 0, 0, math.nan)], WALLS, "a drive is"),
         ("abc", WALLS, "a drive is"),
-        ([(0, 0, 0, 0)], [((0, 0), (1, math.inf))], "walls are a list"),
-        ([(0, 0, 0, 0)], 3, "walls are a list"),
+        ([(0, 0, 0, 0)], [((0, 0), (1, math.inf))], "ends of walls are finite"),
+        ([(0, 0, 0, 0)], 3, "walls are"),
     ],
 )
 def test_what_cannot_be(path: object, walls: object, words: str) -> None:

@@ -14,6 +14,7 @@ from typing import Final, Literal
 
 from lidario.arguments import path_of, shown
 from lidario.errors import ConnectFailed, ConnectReason, InvalidValue, LidarError
+from lidario.families.adapters import ADAPTERS
 from lidario.families.registry import FAMILIES
 from lidario.model import DeviceInfo
 from lidario.port.background import run_in_thread
@@ -23,16 +24,7 @@ from lidario.source import Source
 
 __all__ = ["Found", "PortInfo", "find_source", "list_lidars", "list_serial_ports"]
 
-KNOWN_ADAPTERS: Final = {
-    (0x10C4, 0xEA60): "CP2102",
-    (0x1A86, 0x7523): "CH340",
-    (0x1A86, 0x55D4): "CH9102",
-    (0x0483, 0x5740): "STM32 virtual port",
-    (0x067B, 0x2303): "PL2303",
-    (0x0403, 0x6001): "FT232",
-    (0x0403, 0x6015): "FT231X",
-}
-"""USB vendor and product of the adapters that lidars are sold with."""
+_BY_NUMBERS: Final = {(each.vendor, each.product): name for name, each in ADAPTERS.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +74,7 @@ def list_serial_ports() -> list[PortInfo]:
         PortInfo(
             path=port.device,
             by_id=stable.get(os.path.realpath(port.device), ""),
-            adapter=KNOWN_ADAPTERS.get((port.vid, port.pid), "") if port.vid is not None else "",
+            adapter=_BY_NUMBERS.get((port.vid, port.pid), ""),
             description=port.description if port.description != "n/a" else "",
         )
         for port in sorted(list_ports.comports(), key=lambda port: str(port.device))

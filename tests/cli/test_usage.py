@@ -1,0 +1,123 @@
+"""What cannot be meant is refused in a sentence that says why, with exit code 2, and nothing is made."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+
+import pytest
+
+from lidario.cli.plot import plot
+from lidario.cli.publish import publish
+from lidario.cli.record import record
+from lidario.cli.scan import scan
+from lidario.cli.stats import stats
+from lidario.cli.view import view
+from lidario.cli.watch import watch
+from tests.cli.processes import invoke_driven
+
+S2 = "sim://rplidar-s2?via=memory"
+REMOTE = "zenoh:robots/r7/scan?router=tcp/127.0.0.1:1"
+REFUSED = {
+    "nosuchverb": "no such command 'nosuchverb'",
+    "scan --nosuchoption": "no such option",
+    "scan -n -1": "-1 is not in the range x>=0",
+    "scan -n many": "'many' is not a valid whole number",
+    "scan --json --csv": "--json and --csv exclude each other",
+    "scan a b": "unexpected extra argument (b)",
+    "scan sim:rplidar-s2": "two slashes, as in sim://rplidar-s2",
+    f"scan {S2} --mode nosuchmode": "no scan mode 'nosuchmode'",
+    f"scan {S2} --mode 77": "no scan mode 77",
+    "info nosuch://thing": "nosuch:// is not known",
+    "info sim://nosuchmodel": "no simulated lidar 'nosuchmodel'",
+    "info sim://rplidar-s2?nosuch=1": "does not know: 'nosuch'",
+    "devices sim://rplidar-s2": "is no port: `lidario info sim://rplidar-s2`",
+    "motor": "lidario motor start, lidario motor stop, lidario motor speed",
+    "motor speed fast": "'fast' is not a valid number",
+    f"motor speed -- 0 {S2}": "0.0 is not in the range x>0",
+    f"motor speed -- -3 {S2}": "-3.0 is not in the range x>0",
+    f"motor speed 1000 {S2}": "outside of this device's 8 to 20 Hz",
+    f"motor start {REMOTE}": "the motor of another machine's lidar cannot be switched from here",
+    f"motor stop {REMOTE}": "the motor of another machine's lidar cannot be switched from here",
+    f"motor speed 7 {REMOTE}": "the motor of another machine's lidar cannot be switched from here",
+    "sim nosuchmodel": "no simulated lidar 'nosuchmodel'",
+    "sim --pty --tcp :0": "exclude each other",
+    "sim --udp :0 --tcp :0": "exclude each other",
+    "sim --tcp nonsense": "--tcp: 'nonsense' is not [HOST]:PORT",
+    "sim --tcp :99999": "--tcp: ':99999' is not [HOST]:PORT",
+    "sim --udp 8089x": "--udp: '8089x' is not [HOST]:PORT",
+    "sim --fault reboots:5s": "no fault is called 'reboots'; there are drop, ",
+    "sim --world nosuchworld": "no world is called 'nosuchworld'",
+    "sim --serial xyz": "in hexadecimal digits, not 'xyz'",
+    "sim --serial 00": "16 bytes, not 1",
+    "completion cmd": "'cmd' is not one of 'bash', 'zsh', 'fish'",
+    "watch sim://rplidar-s2": "stdout is none; `lidario scan -n 0`",
+    "udev --name=../sda": "'../sda' cannot be the name of a device",
+    "udev '--name=a b'": "'a b' cannot be",
+    "udev '--name=a\"'": "'a\"' cannot be",
+    "udev --name=": "'' cannot be",
+    "udev --name=-x": "'-x' cannot be",
+    f"record {S2} -n 1 -o x.txt": "'x.txt' does not end in .mcap",
+    f"record {S2} -n 1 -o x": "'x' does not end in .mcap",
+    f"record {S2} -n 1 -o ''": "'' does not end in .mcap",
+    f"record {S2} -n 0": "0 is not in the range x>=1",
+    f"record {S2} -t soon": "'soon' is not a duration above 0",
+    f"record {S2} -o a.mcap --keep 1GB": "--split says when the next one begins",
+    f"record {S2} -o a.mcap --split 5": "neither a time nor a size",
+    f"record {S2} -o a.mcap --split 5s --keep 20": "is not a size",
+    f"record {S2} -o a.mcap --split 0.1s": "1 or more seconds",
+    f"record {S2} --beams 90": "--beams belongs to --scans",
+    "export run.mcap run.npz --order measured": "--order belongs to an OUT that ends with .mcap",
+    "export a.mcap a.txt": "does not end in .npz, .csv, .mcap",
+    "export a.mcap b.mcap c.npz": "OUT needs {}",
+    "export a.mcap x/a.mcap {}.npz": "two of the files have the same name",
+    "play run.mcap --rate nan": "'nan' is not a finite number",
+    **{f"stats {S2} -t '{text}'": f"'{text}' is not a duration" for text in ("0s", "-1s", "10 parsecs", "", "nan")},
+    f"stats {S2} -t 1e9s": "'1e9s' is not a duration",
+    f"plot {S2} -o x.jpg": "ends neither with .svg nor with .png",
+    f"plot {S2} -o x": "ends neither with .svg nor with .png",
+    f"plot {S2} -o nosuchfolder/x.svg": "is a folder, or its folder does not exist",
+    f"report {S2} -o x.txt": "does not end in .mcap",
+    "view sim://nosuchmodel": "no simulated lidar 'nosuchmodel'",
+    f"view {S2} --port 0 --mode nosuchmode": "no scan mode 'nosuchmode'",
+    f"view {S2} --port 70000": "70000 is not in the range",
+    f"view {S2} --mount 1,2": "'1,2' is not x,y,yaw",
+    f"view {S2} --mount 1,2,nan": "'1,2,nan' is not x,y,yaw",
+    f"view {S2} --mount 0,0,0 --mount 0,0,0": "more mounts or colours than sources",
+    f"view {S2} --colour red": "'red' is not a colour such as",
+    f"view {' '.join([S2] * 17)}": "a page shows 16 lidars at most",
+    "calibrate a b --picture x.png": "does not end in .svg",
+}
+"""What is typed, and what is said."""
+
+
+@pytest.mark.parametrize(("typed", "said"), REFUSED.items(), ids=[words.split(S2)[0] for words in REFUSED])
+def test_what_cannot_be_meant_is_refused(
+    typed: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    ended = invoke_driven(*shlex.split(typed))
+    assert (ended.exit_code, ended.stdout) == (2, "")
+    first, *more = ended.stderr.splitlines()
+    assert first.startswith("error: ")
+    assert said in first
+    assert all(line.startswith(" " * 7) for line in more)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("text", "mode"), [("1", 1), ("DenseBoost", "DenseBoost"), ("²", "²"), ("9" * 5000, "9" * 5000), ("-1", "-1")]
+)
+def test_a_scan_mode_is_named_alike_in_every_verb(text: str, mode: str | int) -> None:
+    for command in (plot, publish, record, scan, stats, view, watch):
+        (option,) = (each for each in command.params if each.name == "mode")
+        assert option.type.convert(text, None, None) == mode
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"), [("10s", 10), ("500 ms", 0.5), (".5", 0.5), ("2m", 120), ("2min", 120), ("1h", 3600)]
+)
+def test_durations_are_written_alike_for_every_verb(text: str, seconds: float) -> None:
+    for command in (stats, record):
+        (option,) = (each for each in command.params if each.name == "seconds")
+        assert option.type.convert(text, None, None) == seconds
