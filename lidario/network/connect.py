@@ -158,7 +158,7 @@ async def _first_message(bus: Bus, key: str, seconds: float) -> Sample | None:
 def _stream_of(status: Status) -> StreamBegan | None:
     """The stream that runs; None where the lidar is away."""
     if status.form == "raw":
-        return next((event for event in status.about.events if isinstance(event, StreamBegan)), None)
+        return status.about.running
     return None if status.mode is None and status.lost else _whole_scans(status.mode)
 
 

@@ -22,10 +22,9 @@ from typing import NamedTuple
 from lidario.errors import ConnectFailed, RecordingError
 from lidario.families.base import Decoder, Family, Stream
 from lidario.families.registry import family_named
-from lidario.recording.about import About
+from lidario.recording.about import About, EventState
 from lidario.recording.chronicle import (
     MOST_NS,
-    MOST_RESPONSES,
     LineChanged,
     Responded,
     StreamBegan,
@@ -218,6 +217,7 @@ class McapRecording(StoredStreams):
             self.streams: tuple[StoredStream, ...] = tuple(self._find_streams(family_named(about.info.family)))
         except ConnectFailed as error:
             raise RecordingError(f"{path}: {error}") from error
+        self.responses = EventState(self._events).responses
         self._events.clear()
         if not self.streams:
             why = f": {self.damage}" if self.damage else ""
@@ -287,10 +287,7 @@ class McapRecording(StoredStreams):
         offsets: list[ZeroOffsetSet] = []
         least = self.about.received_before
         for event in self._events:
-            if isinstance(event, Responded):
-                if event.request in self.responses or len(self.responses) < MOST_RESPONSES:
-                    self.responses[event.request] = event
-            elif isinstance(event, StreamBegan):
+            if isinstance(event, StreamBegan):
                 # Places only grow; a file that says otherwise is not ours.
                 if event.at >= least or began is None:
                     began, offsets = event, []

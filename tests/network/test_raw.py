@@ -21,7 +21,7 @@ from lidario.network.raw import RawDecoder
 from lidario.network.senders import RIVAL_S, OneSender, Senders
 from lidario.network.status import Status
 from lidario.recording.about import About
-from lidario.recording.chronicle import MOST_NS, Responded, StreamBegan, StreamEnded, text_of
+from lidario.recording.chronicle import MOST_NS, Responded, StreamBegan, StreamEnded, ZeroOffsetSet, text_of
 from lidario.revolution.together import join_reads
 from lidario.ros import waiting
 from lidario.ros.share import RawFeed
@@ -275,6 +275,22 @@ def test_what_was_read_at_once_is_sent_in_messages_that_are_taken() -> None:
     assert all(entries)
     joint = b"".join(entry.data for some in entries if some for entry in some if not entry.is_event)
     assert joint == bytes(range(256)) * 4096
+
+
+def test_a_reader_that_comes_later_is_told_the_latest_zero_offset() -> None:
+    async def run() -> None:
+        async with lidario.open_lidar(lidario.simulate("ydlidar-4ros", spin_up=0)) as lidar:
+            feed = RawFeed(lidar, lambda _: None, lambda: None)
+            feed.begin()
+            async with lidar.scans() as scans:
+                await anext(scans)
+                feed.see_event(text_of(ZeroOffsetSet(1000, 10.5)), 7)
+                running = feed.added_to(About(lidar.info)).running
+                feed.end()
+        assert running is not None
+        assert running.zero_offset_deg == 10.5
+
+    run_driven(run)
 
 
 def test_responses_that_no_device_gives_are_not_remembered(sent: Sent) -> None:
