@@ -62,13 +62,11 @@ class OneSender:
             now: The time in seconds.
             is_ours: Whether the message is one that a publisher may send; nobody becomes the one by noise.
         """
-        if gid != self._gid:
-            if self._gid is not None and now - self._heard < RIVAL_S:
-                return "rival"
-            if not is_ours():
-                return "rival"
-            found: Literal["same", "new"] = "same" if self._gid is None else "new"
-            self._gid, self._heard = gid, now
-            return found
-        self._heard = now
-        return "same"
+        if gid == self._gid:
+            self._heard = now
+            return "same"
+        if (self._gid is not None and now - self._heard < RIVAL_S) or not is_ours():
+            return "rival"
+        found: Literal["same", "new"] = "same" if self._gid is None else "new"
+        self._gid, self._heard = gid, now
+        return found

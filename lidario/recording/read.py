@@ -16,6 +16,7 @@ from abc import ABC, abstractmethod
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import astuple, dataclass
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -40,7 +41,7 @@ from lidario.recording.sequence import RecordedFiles
 from lidario.recording.write import FileWriter
 from lidario.wire.formats import StreamFormat
 
-__all__ = ["LONGEST_PAUSE_NS", "McapRecording", "Piece", "StoredStream", "StoredStreams", "is_mcap"]
+__all__ = ["LONGEST_PAUSE_NS", "Copy", "McapRecording", "Piece", "StoredStream", "StoredStreams", "is_mcap"]
 
 SPIN_UP_S = 5.0
 """Until the first packet; a replay does not wait for it."""
@@ -49,6 +50,10 @@ SPIN_UP_S = 5.0
 LONGEST_PAUSE_NS = 5_000_000_000
 """Longest pause inside a stream that is played; live, a session starts a silent stream again within that time. A
 time that is wrong must not hold up a reader for years."""
+
+
+Copy = tuple[int, Callable[[FileWriter], None]]
+"""The time of a chunk or event, and what adds it to another file."""
 
 
 class Piece(NamedTuple):
@@ -263,24 +268,15 @@ class McapRecording(StoredStreams):
                     offsets, offset_deg = _offsets(self.streams[number])
                     first, last = _bounds(self.streams[number])
 
-    def copy_to(self, writer: FileWriter, before: Callable[[int], None]) -> Iterator[int]:
-        """Add every chunk and event to `writer`, while it is iterated over; gives the time of each.
-
-        Args:
-            writer: Where to.
-            before: Called with the time of each before it is added.
-        """
+    def copies(self) -> Iterator[Copy]:
+        """Every chunk and event, in order."""
         at_ns = 0
         for record in self._files.records():
             if isinstance(record, StoredChunk):
                 at_ns = min(max(record.at_ns, 0), MOST_NS)
-                before(at_ns)
-                if not record.sent:
-                    writer.go_on_at(at_ns, record.place)
-                writer.add_chunk(at_ns, record.sent, record.data)
-                yield at_ns
+                yield at_ns, partial(_copy, record, at_ns)
             elif isinstance(record, StreamEvent):
-                writer.add_event(at_ns, text_of(record))
+                yield at_ns, partial(FileWriter.add_event, at_ns=at_ns, text=text_of(record))
 
     def _find_streams(self, family: Family) -> Iterator[StoredStream]:
         began: StreamBegan | None = None
@@ -301,6 +297,12 @@ class McapRecording(StoredStreams):
                 began = None
         if began is not None:
             yield StoredStream(family, began, offsets=tuple(offsets))
+
+
+def _copy(chunk: StoredChunk, at_ns: int, writer: FileWriter) -> None:
+    if not chunk.sent:
+        writer.go_on_at(at_ns, chunk.place)
+    writer.add_chunk(at_ns, chunk.sent, chunk.data)
 
 
 def _bounds(stream: StoredStream) -> tuple[int, int]:
