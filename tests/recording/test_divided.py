@@ -221,17 +221,18 @@ class Fails(Executor):
 
 
 @pytest.mark.parametrize(
-    ("error", "words"),
+    ("form", "error", "words"),
     [
-        (lidario.RecordingError("it was cut while it was read"), "cut while it was read"),
-        (BrokenExecutor("terminated abruptly"), "was killed: is memory short"),
+        (".csv", lidario.RecordingError("it was cut while it was read"), "cut while it was read"),
+        (".npz", BrokenExecutor("terminated abruptly"), "was killed: is memory short"),
+        (".mcap", lidario.RecordingError("it was cut while it was read"), "cut while it was read"),
     ],
 )
-@pytest.mark.parametrize("form", [".csv", ".npz", ".mcap"])
 def test_what_fails_on_another_process_is_told_and_leaves_nothing(
     tmp_path: Path, form: str, error: Exception, words: str, joined: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = record(tmp_path / "a.mcap", "rplidar-s2", FAULTS[0])
+    path = tmp_path / "a.mcap"
+    path.write_bytes(recorded("ldrobot-ld06", "", 14.0))
     monkeypatch.setattr(divided, "processes", lambda *_: Fails(error))
     with pytest.raises(lidario.LidarError, match=words):
         exported(path, tmp_path / f"several{form}", JOBS)

@@ -26,8 +26,10 @@ with write_whole(Path(sys.argv[1]), overwrite=True) as part:
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
-@pytest.mark.parametrize("before", [None, b"the old one"], ids=["new", "replaced"])
+@pytest.mark.parametrize(
+    ("number", "before"),
+    [(signal.SIGTERM, None), (signal.SIGINT, b"the old one"), (signal.SIGKILL, b"the old one")],
+)
 def test_a_signal_leaves_nothing(tmp_path: Path, number: signal.Signals, before: bytes | None) -> None:
     path = tmp_path / "run.npz"
     if before is not None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 from collections.abc import Awaitable, Callable
+from copy import copy
 from itertools import pairwise
 from pathlib import Path
 
@@ -48,8 +49,9 @@ def record(
     split_bytes: int | None = None,
     keep_bytes: int | None = None,
     scans: bool = False,
+    count: int = SCANS,
 ) -> Recorded:
-    """Record `SCANS` scans in parts; `act` is called before each."""
+    """Record scans in parts; `act` is called before each."""
 
     async def main() -> Recorded:
         made = Recorded()
@@ -61,7 +63,7 @@ def record(
                 folder / "run.mcap", split_s=split_s, split_bytes=split_bytes, keep_bytes=keep_bytes, scans=scans
             )
             async with recording, lidar.scans(depth=64) as stream:
-                for number in range(SCANS):
+                for number in range(count):
                     made.scans.append(await anext(stream))
                     if act is not None:
                         await act(lidar, number)
@@ -77,6 +79,21 @@ def record(
     if keep_bytes is None:
         assert made.files == len(made.paths)
         assert made.size == sum(path.stat().st_size for path in made.paths)
+    return made
+
+
+@pytest.fixture(scope="module")
+def six_files(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    """A second each."""
+    return record(tmp_path_factory.mktemp("parts"), "sim://rplidar-s2")
+
+
+@pytest.fixture
+def copied(six_files: Recorded, tmp_path: Path) -> Recorded:
+    """The same in the folder of a test, which may change it."""
+    made = copy(six_files)
+    made.paths = [Path(shutil.copy(path, tmp_path)) for path in six_files.paths]
+    made.source = str(tmp_path / Path(six_files.source).name)
     return made
 
 
@@ -166,22 +183,20 @@ def assert_same_rest(live: list[Scan], scans: list[Scan]) -> None:
         assert np.array_equal(scan.device_distances, by_stamp[scan.stamp_ns].device_distances)
 
 
-def test_a_file_in_the_middle_is_missing(tmp_path: Path) -> None:
-    made = record(tmp_path, "sim://rplidar-s2")
-    made.paths[2].unlink()
-    decoder = FileDecoder(made.source)
+def test_a_file_in_the_middle_is_missing(copied: Recorded) -> None:
+    copied.paths[2].unlink()
+    decoder = FileDecoder(copied.source)
     scans = list(decoder)
-    assert decoder.recording.damage == f"{made.paths[3].name}: bytes are missing"
-    assert_same_rest(made.scans, scans)
+    assert decoder.recording.damage == f"{copied.paths[3].name}: bytes are missing"
+    assert_same_rest(copied.scans, scans)
     seconds = (scans[-1].stamp_ns - scans[0].stamp_ns) * 1e-9
-    assert len(scans) == pytest.approx(len(made.scans) * (seconds - 1) / seconds, abs=4)
+    assert len(scans) == pytest.approx(len(copied.scans) * (seconds - 1) / seconds, abs=4)
 
 
-def test_a_file_that_is_there_twice_is_read_once(tmp_path: Path) -> None:
-    made = record(tmp_path, "sim://rplidar-s2")
-    shutil.copy(made.paths[1], tmp_path / "run-a-copy.mcap")
-    decoder = FileDecoder(made.source)
-    assert_same_scans(made.scans, list(decoder))
+def test_a_file_that_is_there_twice_is_read_once(copied: Recorded) -> None:
+    shutil.copy(copied.paths[1], copied.paths[1].with_name("run-a-copy.mcap"))
+    decoder = FileDecoder(copied.source)
+    assert_same_scans(copied.scans, list(decoder))
     assert "holds what another file holds" in decoder.recording.damage
 
 
@@ -191,7 +206,7 @@ def test_recordings_of_one_lidar_follow_each_other(tmp_path: Path, monkeypatch: 
     for name, day_s in (("b", 1_900_000_000), ("a", 1_900_000_060)):
         monkeypatch.setattr("time.time_ns", lambda day_s=day_s: day_s * 10**9)
         (tmp_path / name).mkdir()
-        scans += record(tmp_path / name, "sim://rplidar-s2").scans
+        scans += record(tmp_path / name, "sim://rplidar-s2", count=15).scans
     found = list(FileDecoder(str(tmp_path / "*" / "run-*.mcap")))
     assert [
         scan.wall_stamp_ns for scan in found if scan.wall_stamp_ns in {each.wall_stamp_ns for each in scans}
@@ -203,7 +218,7 @@ def test_recordings_of_one_lidar_follow_each_other(tmp_path: Path, monkeypatch: 
 def test_recordings_of_the_same_time_are_not_one(tmp_path: Path) -> None:
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
-        record(tmp_path / name, "sim://rplidar-s2")
+        record(tmp_path / name, "sim://rplidar-s2", count=15)
     with pytest.raises(RecordingError, match="of the same time"):
         lidario.summarize(tmp_path / "*" / "run-*.mcap")
 
@@ -235,6 +250,6 @@ def test_a_pattern_that_nothing_fits(tmp_path: Path) -> None:
 def test_recordings_of_two_lidars_are_not_one(tmp_path: Path) -> None:
     for model in ("rplidar-s2", "ldrobot-ld06"):
         (tmp_path / model).mkdir()
-        record(tmp_path / model, f"sim://{model}")
+        record(tmp_path / model, f"sim://{model}", count=15)
     with pytest.raises(RecordingError, match="several lidars"):
         lidario.summarize(tmp_path / "*" / "run-*.mcap")
