@@ -23,7 +23,7 @@ from lidario.revolution import device_clock
 from lidario.scan import Scan
 from tests.cli.processes import in_memory, run, started
 from tests.support.children import until
-from tests.support.loop import run_driven
+from tests.support.loop import driven, run_driven
 from tests.support.recorded import assert_same_scans, thread_takes_no_time
 
 SECONDS = 20.0
@@ -166,17 +166,15 @@ def test_so_it_is_of_a_file_that_is_cut_and_damaged(tmp_path: Path, joined: list
 
 
 @pytest.mark.long
-def test_so_it_is_of_several_files_that_are_one_recording(tmp_path: Path, joined: list[int]) -> None:
-    async def main() -> None:
-        async with (
-            lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar,
-            lidar.record(tmp_path / "a.mcap", split_s=5.0),
-            lidar.scans(depth=64) as stream,
-        ):
-            for _ in range(300):
-                await anext(stream)
-
-    run_driven(main)
+@driven
+async def test_so_it_is_of_several_files_that_are_one_recording(tmp_path: Path, joined: list[int]) -> None:
+    async with (
+        lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar,
+        lidar.record(tmp_path / "a.mcap", split_s=5.0),
+        lidar.scans(depth=64) as stream,
+    ):
+        for _ in range(300):
+            await anext(stream)
     files = tmp_path / "a-*.mcap"
     assert exported(files, tmp_path / "several.csv", JOBS) == exported(files, tmp_path / "one.csv", 1)
     assert joined == [2, 1]

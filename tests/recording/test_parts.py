@@ -21,7 +21,7 @@ from lidario.recording.ros_messages import parse_raw
 from lidario.recording.write import RAW_TOPIC
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
-from tests.support.loop import run_driven
+from tests.support.loop import driven, run_driven
 from tests.support.recorded import assert_same_scans, replayed, thread_takes_no_time
 
 MODELS = ["rplidar-s2", "rplidar-a1", "ydlidar-4ros", "ldrobot-ld06"]
@@ -233,13 +233,11 @@ def test_recordings_of_the_same_time_are_not_one(tmp_path: Path) -> None:
         ({"keep_bytes": 10**6, "split_bytes": 10**6}, "keep_bytes is 2000000 or more"),
     ],
 )
-def test_figures_that_cannot_be(tmp_path: Path, arguments: dict[str, float], text: str) -> None:
-    async def main() -> None:
-        async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
-            with pytest.raises(InvalidValue, match=text):
-                lidar.record(tmp_path / "run.mcap", **arguments)  # type: ignore[arg-type]
-
-    run_driven(main)
+@driven
+async def test_figures_that_cannot_be(tmp_path: Path, arguments: dict[str, float], text: str) -> None:
+    async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
+        with pytest.raises(InvalidValue, match=text):
+            lidar.record(tmp_path / "run.mcap", **arguments)  # type: ignore[arg-type]
 
 
 def test_a_pattern_that_nothing_fits(tmp_path: Path) -> None:

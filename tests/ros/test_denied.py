@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import signal
-from contextlib import AsyncExitStack
 from pathlib import Path
 
 import pytest
@@ -34,9 +33,8 @@ RULES = """{ access_control: {
 @pytest.mark.long
 async def test_what_is_passed_on_and_what_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
     router = Router(config=RULES)
-    async with AsyncExitStack() as stack:
-        stack.callback(router.stop)
-        rig = Rig(stack, router)
+    async with Rig(router) as rig:
+        rig.callback(router.stop)
         lidar = await rig.open()
         allowed, denied, topic = (
             Share(lidar, "robots/r7/scan", router=router.address),
@@ -45,7 +43,7 @@ async def test_what_is_passed_on_and_what_is_not(monkeypatch: pytest.MonkeyPatch
         )
         assert not await allowed.is_passed_on()
         for each in (allowed, denied, topic):
-            await stack.enter_async_context(each)
+            await rig.enter_async_context(each)
         # Nothing is scanned yet, and the rules are about scans alone.
         monkeypatch.setattr("lidario.ros.broadcast.HEARD_S", 1.5)
         assert await denied.is_passed_on()
@@ -66,9 +64,9 @@ async def test_what_is_passed_on_and_what_is_not(monkeypatch: pytest.MonkeyPatch
 
 @pytest.mark.long
 async def test_another_publisher_under_the_same_key_is_not_taken_for_this_one(router: Router) -> None:
-    async with AsyncExitStack() as stack:
-        lidar = await Rig(stack, router).open()
-        share = await stack.enter_async_context(Share(lidar, "denied/same", router=router.address))
+    async with Rig(router) as rig:
+        lidar = await rig.open()
+        share = await rig.enter_async_context(Share(lidar, "denied/same", router=router.address))
         own = bytes.fromhex(share.status().sender)
         assert await what_is_heard(router.address, [f"{share.key}/@lidario/status"], own, BOUND)
         assert not await what_is_heard(router.address, [f"{share.key}/@lidario/status"], bytes(16), 0.3)
