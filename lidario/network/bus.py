@@ -28,7 +28,7 @@ from lidario.port.background import run_in_thread
 if TYPE_CHECKING:
     import zenoh
 
-__all__ = ["DEFAULT_ROUTER", "Bus", "Sample"]
+__all__ = ["DEFAULT_ROUTER", "Bus", "Sample", "close_session"]
 
 T = TypeVar("T")
 _log = logging.getLogger("lidario")
@@ -217,11 +217,7 @@ class Bus:
         self._closed = True
         self.on_change = None
         session, self._held = self._session, []
-        try:
-            async with asyncio.timeout(CLOSE_S):
-                await run_in_thread(session.close)
-        except (TimeoutError, the_package().ZError) as error:
-            _log.debug("the session with %s did not close in time or order: %r", self.router, error)
+        await close_session(session)
 
     def close_soon(self) -> None:
         """As `close`, without waiting, and without an event loop."""
@@ -284,6 +280,15 @@ class Bus:
             self._loop.call_soon_threadsafe(callback, *values)
         except RuntimeError:
             _log.debug("the event loop is closed, so what zenoh brings is dropped")
+
+
+async def close_session(session: Any) -> None:
+    """Close a session of zenoh; returns when its peers know, after two seconds at most."""
+    try:
+        async with asyncio.timeout(CLOSE_S):
+            await run_in_thread(session.close)
+    except (TimeoutError, the_package().ZError) as error:
+        _log.debug("a session of zenoh did not close in time or order: %r", error)
 
 
 def _collected(replies: Iterable[Any]) -> list[Sample]:
