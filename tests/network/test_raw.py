@@ -161,8 +161,9 @@ def test_gaps_are_counted_for_each_publisher() -> None:
     assert senders.follow(Sample("a", b"", b"")) == (None, 0)
 
 
-def test_the_publishers_that_were_not_heard_for_longest_are_forgotten() -> None:
-    senders = Senders(2)
+def test_the_publishers_that_were_not_heard_for_longest_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lidario.network.senders.MOST", 2)
+    senders = Senders()
     for number, key in enumerate(("a", "b", "a", "c", "a", "b")):
         sample = Sample(key, b"", Attachment(10 * number, 0, bytes(16)).to_bytes())
         # Of one that is forgotten no gap is seen.

@@ -6,8 +6,6 @@ import mmap
 import os
 import pickle
 import random
-import subprocess
-import sys
 from collections.abc import Callable
 from functools import partial
 from itertools import pairwise
@@ -32,6 +30,7 @@ from lidario.recording.export import export_mcap
 from lidario.recording.offline import OfflineDecoder
 from lidario.wire.envelope import DESCRIPTOR_SIZE
 from tests.support.cases import CASES, EVEN, KINDS, Case, named
+from tests.support.children import ended
 from tests.support.ledger import PACKETS, assert_link_closes
 from tests.support.loop import driven
 from tests.support.recorded import record, same_points
@@ -214,7 +213,7 @@ def test_what_goes_in_and_comes_out_can_be_pickled() -> None:
 
 def test_no_event_loop_is_loaded_for_it() -> None:
     program = "import sys, lidario; lidario.decode; print('asyncio' in sys.modules or 'serial' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
+    done = ended(program)
     assert done.stdout.strip() == "False"
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 import threading
 from pathlib import Path
@@ -21,6 +20,7 @@ import lidario
 from lidario.recording import record as record_module
 from lidario.recording.ros_messages import LASERSCAN_DEFINITION, LASERSCAN_TYPE, RAW_DEFINITION, RAW_TYPE
 from lidario.recording.write import EVENTS_TOPIC, RAW_TOPIC, SCAN_TOPIC, FileWriter
+from tests.support.children import ended
 from tests.support.loop import driven, run_driven
 from tests.support.recorded import record
 
@@ -165,10 +165,7 @@ run_driven(main)
 def test_a_full_disk_ends_the_recording_in_order(tmp_path: Path) -> None:
     """The system refuses to let the file grow, half-way through a chunk."""
     path = tmp_path / "a.mcap"
-    done = subprocess.run(
-        [sys.executable, "-c", FULL, str(path)],
-        capture_output=True, text=True, timeout=60, check=False, cwd=Path(__file__).parents[2],
-    )  # fmt: skip
+    done = ended(FULL, str(path))
     assert done.returncode == 0, done.stderr
     assert "cannot be written: file too large" in done.stdout
     assert done.stdout.endswith("True\n")
