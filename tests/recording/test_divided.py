@@ -21,10 +21,12 @@ from lidario.recording import decode_file, divided
 from lidario.recording.decode_file import FileDecoder
 from lidario.revolution import device_clock
 from lidario.scan import Scan
+from lidario.session.lidar import Lidar
 from tests.cli.processes import in_memory, run, started
 from tests.support.children import until
-from tests.support.loop import driven, run_driven
-from tests.support.recorded import assert_same_scans, thread_takes_no_time
+from tests.support.loop import driven
+from tests.support.recorded import Live, assert_same_scans
+from tests.support.recorded import record as record_any
 
 SECONDS = 20.0
 LEAD_NS = 3_200_000_000
@@ -90,19 +92,14 @@ def recorded(model: str, fault: str, seconds: float) -> bytes:
 def made(path: Path, model: str, fault: str, seconds: float) -> bytes:
     """Record into a file; return what it holds."""
 
-    async def main() -> None:
-        source = in_memory(model, f"fault={fault.replace('%', '%25')}")
-        async with lidario.open_lidar(source, reconnect=True) as lidar:
-            async with lidar.record(path) as recording, lidar.scans(depth=64) as stream:
-                first = await anext(stream)
-                async for scan in stream:
-                    if scan.stamp_ns - first.stamp_ns > seconds * 1e9:
-                        break
-            assert recording.error is None
-            assert not recording.lost_bytes
+    async def read(lidar: Lidar, _: Live) -> None:
+        async with lidar.scans(depth=64) as stream:
+            first = await anext(stream)
+            async for scan in stream:
+                if scan.stamp_ns - first.stamp_ns > seconds * 1e9:
+                    break
 
-    with thread_takes_no_time():
-        run_driven(main)
+    record_any(path, in_memory(model, f"fault={fault.replace('%', '%25')}"), act=read)
     return path.read_bytes()
 
 

@@ -42,7 +42,6 @@ def decoded(store: Typestore, data: bytes, name: str) -> Any:
 @both_sources
 def test_every_chunk_in_both_directions_is_in_the_file(tmp_path: Path, source: str, store: Typestore) -> None:
     live = record(tmp_path / "a.mcap", source, 5)
-    assert (live.error, live.lost_bytes) == ("", 0)
     with open(live.path, "rb") as file:
         reader = make_reader(file, validate_crcs=True)
         (about,) = [each.metadata for each in reader.iter_metadata()]
