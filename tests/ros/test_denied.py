@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import signal
-from pathlib import Path
 
 import pytest
 
@@ -13,7 +12,6 @@ from lidario.ros import Publisher, Share
 from tests.cli.processes import BOUND, line_of
 from tests.support.children import child
 from tests.support.network import Rig
-from tests.support.recorded import record
 from tests.support.router import Router
 
 SOON = """
@@ -73,11 +71,9 @@ async def test_another_publisher_under_the_same_key_is_not_taken_for_this_one(ro
 
 
 @pytest.mark.long
-def test_the_command_says_that_nothing_is_passed_on(tmp_path: Path) -> None:
-    """The lidar is a recording, which needs no time to speed up."""
-    record(tmp_path / "run.mcap", "sim://rplidar-s2", 6)
+def test_the_command_says_that_nothing_is_passed_on(tape: str) -> None:
     router = Router(config=RULES)
-    common = ("publish", f"{tmp_path}/run.mcap?loop=1", "--router", router.address, "--zenoh")
+    common = ("publish", f"{tape}?loop=1", "--router", router.address, "--zenoh")
     try:
         with child(SOON, *common, "robots/r7/scan") as allowed, child(SOON, *common, "robots/r8/scan") as denied:
             assert line_of(denied.stderr).startswith("publishing ")

@@ -26,15 +26,11 @@ COMMANDS = [
     for line in block.text.splitlines()
     if line.startswith("$ lidario ")
 ]
-LONGEST = 40
-"""Scans of the recording."""
 
 
 @pytest.fixture(scope="module")
 def tape(tmp_path_factory: pytest.TempPathFactory) -> str:
-    path = tmp_path_factory.mktemp("tape") / "run.mcap"
-    record(path, "sim://ydlidar-4ros", 12)
-    return str(path)
+    return str(record(tmp_path_factory.mktemp("tape") / "run.mcap", "sim://ydlidar-4ros", 12).path)
 
 
 @pytest.fixture(scope="module")

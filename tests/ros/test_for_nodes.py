@@ -106,7 +106,7 @@ async def test_a_lidar_that_nobody_reads_rests_until_somebody_does(router: Route
         else:
             made = Share(lidar, f"resting/{form}", raw=form == "raw", router=router.address)
         publisher = await rig.enter_async_context(made)
-        running = asyncio.create_task(publisher.run(idle_stop=0.2))
+        running = rig.work(publisher.run(idle_stop=0.2))
         await until(lambda: publisher.scans)
         await until(lambda: not device.scanning and not device.motor_on)
         assert [publisher.is_read] == [False]
@@ -122,8 +122,6 @@ async def test_a_lidar_that_nobody_reads_rests_until_somebody_does(router: Route
         await reader.close()
         await until(lambda: not (device.scanning or device.motor_on))
         assert not running.done()
-        running.cancel()
-        await asyncio.wait([running])
 
 
 @driven
@@ -139,7 +137,7 @@ async def test_a_reader_of_its_own_program_goes_on_when_nobody_else_reads(router
     async with Rig(router) as rig:
         lidar = await rig.enter_async_context(lidario.open_lidar(device))
         share = await rig.enter_async_context(Share(lidar, "resting/own", router=router.address))
-        running = asyncio.create_task(share.run(idle_stop=0.2))
+        rig.work(share.run(idle_stop=0.2))
         async with lidar.scans() as own:
             await until(lambda: share.scans)
             seen = 0
@@ -149,8 +147,6 @@ async def test_a_reader_of_its_own_program_goes_on_when_nobody_else_reads(router
                     seen += (await anext(own)).seq > 0
             assert device.scanning
         await until(lambda: not device.scanning)
-        running.cancel()
-        await asyncio.wait([running])
 
 
 @pytest.mark.long
@@ -164,12 +160,10 @@ async def test_a_reader_that_was_there_before_is_known_and_a_router_that_restart
         reader.subscribe("resting/before", came.append)
         lidar = await rig.enter_async_context(lidario.open_lidar(device))
         share = await rig.enter_async_context(Share(lidar, "resting/before", router=router.address))
-        running = asyncio.create_task(share.run(idle_stop=0.2))
+        rig.work(share.run(idle_stop=0.2))
         await until(lambda: share.is_read and came)
         router.stop()
         await until(lambda: not share.is_connected and not device.scanning)
         seen = len(came)
         router.start()
         await until(lambda: share.is_read and len(came) > seen)
-        running.cancel()
-        await asyncio.wait([running])

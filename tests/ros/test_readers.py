@@ -230,8 +230,7 @@ async def test_noise_under_a_key_keeps_nobody_from_reading(router: Router, raw: 
                         sender.put(payload, bytes(33))
                 await asyncio.sleep(0.02)
 
-        disturbing = asyncio.create_task(disturb())
-        rig.callback(disturbing.cancel)
+        rig.work(disturb())
         rig.run(share)
         await until(lambda: rig.sent)
         remote, scans = await rig.read(key)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Coroutine, Iterable
 from contextlib import AsyncExitStack
+from typing import Any
 
 import pytest
 
@@ -55,22 +56,27 @@ class Rig(AsyncExitStack):
         device = lidario.simulate(MODELS[family], spin_up=0)
         return await self.enter_async_context(lidario.open_lidar(device))
 
-    def run(self, publisher: Publisher | Share) -> None:
-        """Publish all scans of its lidar in a task."""
-
-        async def work() -> None:
-            async with publisher.lidar.scans(depth=64) as stream:
-                async for scan in stream:
-                    self.sent.append(scan)
-                    publisher.publish(scan)
-
-        task = asyncio.create_task(work())
+    def work(self, doing: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
+        """Do this in a task, until the end."""
+        task = asyncio.create_task(doing)
 
         async def end() -> None:
             task.cancel()
             await asyncio.wait([task])
 
         self.push_async_callback(end)
+        return task
+
+    def run(self, publisher: Publisher | Share) -> None:
+        """Publish all scans of its lidar in a task."""
+
+        async def publish() -> None:
+            async with publisher.lidar.scans(depth=64) as stream:
+                async for scan in stream:
+                    self.sent.append(scan)
+                    publisher.publish(scan)
+
+        self.work(publish())
 
     async def share(self, key: str, *, raw: bool = False) -> Share:
         """Open a lidar and publish it under ``KEY``; `run` publishes its scans."""
