@@ -99,6 +99,7 @@ def test_each_file_is_whole_by_itself(tmp_path: Path, model: str) -> None:
         assert scan.stamp_ns == pytest.approx(same.stamp_ns, abs=3e6)
 
 
+@pytest.mark.usefixtures("calibrated")
 def test_a_zero_offset_that_is_set_at_a_seam(tmp_path: Path) -> None:
     async def turn(lidar: Lidar, live: Live) -> None:
         async with lidar.scans(depth=64) as stream:
@@ -108,7 +109,12 @@ def test_a_zero_offset_that_is_set_at_a_seam(tmp_path: Path) -> None:
                     await lidar.set_zero_offset(number % 2 == 0)
 
     made = record(tmp_path, "sim://ydlidar-4ros", act=turn)
+    assert len({scan.seam for scan in made.scans}) == 2
     assert_same_scans(made.scans, list(FileDecoder(made.source)))
+    seams = {scan.stamp_ns: scan.seam for scan in made.scans}
+    alone = [scan for path in made.parts for scan in FileDecoder(path) if scan.stamp_ns in seams]
+    assert len(alone) > len(made.scans) / 2
+    assert all(scan.seam == seams[scan.stamp_ns] for scan in alone)
 
 
 def test_by_size(tmp_path: Path) -> None:

@@ -6,14 +6,12 @@ import asyncio
 import threading
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 import lidario
 from lidario.families.registry import family_named
-from lidario.families.ydlidar.simulated.device import Simulated4Ros as Simulated4Ros
 from lidario.model import ScanMode
 from lidario.recording import files
 from lidario.recording.decode_file import FileDecoder
@@ -109,18 +107,6 @@ def test_interruptions_and_changes_of_the_mode_are_replayed(tmp_path: Path, sour
     scans = replayed(live.path)
     assert len({scan.mode for scan in live.scans}) == (2 if "s2" in source else 1)
     assert_same_scans(live.scans, scans)
-
-
-@pytest.fixture
-def calibrated(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Simulated devices of the other family tell a zero-angle offset of 10.5 degrees."""
-    make = Simulated4Ros.__init__
-
-    def with_offset(device: Simulated4Ros, *arguments: Any, **more: Any) -> None:
-        make(device, *arguments, **more)
-        device.zero_offset = 42
-
-    monkeypatch.setattr(Simulated4Ros, "__init__", with_offset)
 
 
 async def change_the_offset(lidar: Lidar, live: Live) -> None:
