@@ -7,17 +7,15 @@ configuration says otherwise; so it listens to this machine alone unless it is t
 
 from __future__ import annotations
 
-import asyncio
 import json
 import os
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, Self
 
 from lidario.arguments import path_of
 from lidario.errors import ConnectFailed, InvalidValue
-from lidario.network.bus import CLOSE_S
+from lidario.network.bus import close_session
 from lidario.network.router import check_router, the_package, words_of
 from lidario.port.background import run_in_thread
 
@@ -74,13 +72,7 @@ class Router:
 
     async def close(self) -> None:
         """Let every connection break, within two seconds. Cancelling ends the waiting."""
-        with suppress(TimeoutError):
-            async with asyncio.timeout(CLOSE_S):
-                await run_in_thread(self._close_now)
-
-    def _close_now(self) -> None:
-        with suppress(the_package().ZError):
-            self._session.close()
+        await close_session(self._session)
 
 
 def _config(zenoh: Any, path: Path | None, addresses: Sequence[str]) -> Any:

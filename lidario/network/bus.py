@@ -28,7 +28,7 @@ from lidario.port.background import run_in_thread
 if TYPE_CHECKING:
     import zenoh
 
-__all__ = ["DEFAULT_ROUTER", "Bus", "Sample"]
+__all__ = ["DEFAULT_ROUTER", "Bus", "Sample", "close_session"]
 
 T = TypeVar("T")
 _log = logging.getLogger("lidario")
@@ -129,25 +129,20 @@ class Bus:
             keeps_last: Whether those who come later and ask for it get the last message, too: transient local, in
                 the words of ROS 2.
         """
-        with self._told():
-            publisher = declare(self._session, key, keeps_last=keeps_last)
-        self._held.append(publisher)
-        return Sender(publisher, gid)
+        return Sender(self._hold(lambda: declare(self._session, key, keeps_last=keeps_last)), gid)
 
     def watch_readers(self, sender: Sender, changed: Callable[[bool], None]) -> None:
         """Call `changed` on the event loop when the first reader of `sender` comes, and when the last one goes."""
-        with self._told():
-            # Called in a thread of zenoh.
-            self._held.append(
-                sender.publisher.declare_matching_listener(
-                    lambda status: self._call(changed, bool(status.matching))
-                )
-            )
+
+        def receive(status: Any) -> None:
+            # In a thread of zenoh.
+            self._call(changed, bool(status.matching))
+
+        self._hold(lambda: sender.publisher.declare_matching_listener(receive))
 
     def token(self, key: str) -> None:
         """Show that we are alive: the token is there until this is closed, or its process or line has died."""
-        with self._told():
-            self._held.append(self._session.liveliness().declare_token(key))
+        self._hold(lambda: self._session.liveliness().declare_token(key))
 
     def respond(self, key: str, response: Callable[[], bytes]) -> None:
         """Respond to queries of `key` with what `response` returns; it is called on the event loop."""
@@ -161,8 +156,7 @@ class Bus:
                 query.drop()
 
         put = self._handover(send)
-        with self._told():
-            self._held.append(self._session.declare_queryable(key, lambda query: put(query, QUERY_BYTES)))
+        self._hold(lambda: self._session.declare_queryable(key, lambda query: put(query, QUERY_BYTES)))
 
     def subscribe(self, key: str, take: Callable[[Sample], Iterable[None] | None]) -> Callable[[], None]:
         """Call `take` on the event loop with everything that is published under `key`; returns what ends that.
@@ -180,9 +174,7 @@ class Bus:
             beside = attachment.to_bytes() if attachment and len(attachment) <= LONGEST_KEY else b""
             put(Sample(name, payload.to_bytes(), beside), len(payload) + len(name) + len(beside))
 
-        with self._told():
-            subscriber: Any = self._session.declare_subscriber(key, receive)
-        self._held.append(subscriber)
+        subscriber = self._hold(lambda: self._session.declare_subscriber(key, receive))
 
         def leave() -> None:
             if not self._closed:
@@ -203,8 +195,7 @@ class Bus:
             if len(name) <= LONGEST_KEY:
                 put((name, "PUT" in str(sample.kind)), len(name))
 
-        with self._told():
-            self._held.append(self._session.liveliness().declare_subscriber(key, receive, history=True))
+        self._hold(lambda: self._session.liveliness().declare_subscriber(key, receive, history=True))
 
     async def tokens(self, key: str, seconds: float) -> list[str]:
         """The tokens of `key` that are there. Cancelling ends the waiting."""
@@ -226,11 +217,7 @@ class Bus:
         self._closed = True
         self.on_change = None
         session, self._held = self._session, []
-        try:
-            async with asyncio.timeout(CLOSE_S):
-                await run_in_thread(session.close)
-        except (TimeoutError, the_package().ZError) as error:
-            _log.debug("the session with %s did not close in time or order: %r", self.router, error)
+        await close_session(session)
 
     def close_soon(self) -> None:
         """As `close`, without waiting, and without an event loop."""
@@ -241,6 +228,13 @@ class Bus:
                 self._session.close()
 
     # ------------------------------------------------------------------------------------------ inside
+
+    def _hold(self, declare: Callable[[], Any]) -> Any:
+        """What is declared to zenoh, and held until this is closed."""
+        with self._told():
+            held = declare()
+        self._held.append(held)
+        return held
 
     async def _gather(self, ask: Callable[[], Any]) -> list[Sample]:
         with self._told():
@@ -286,6 +280,15 @@ class Bus:
             self._loop.call_soon_threadsafe(callback, *values)
         except RuntimeError:
             _log.debug("the event loop is closed, so what zenoh brings is dropped")
+
+
+async def close_session(session: Any) -> None:
+    """Close a session of zenoh; returns when its peers know, after two seconds at most."""
+    try:
+        async with asyncio.timeout(CLOSE_S):
+            await run_in_thread(session.close)
+    except (TimeoutError, the_package().ZError) as error:
+        _log.debug("a session of zenoh did not close in time or order: %r", error)
 
 
 def _collected(replies: Iterable[Any]) -> list[Sample]:

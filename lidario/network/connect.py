@@ -15,12 +15,11 @@ import anyio
 from lidario.errors import ConnectFailed, InvalidValue
 from lidario.families.base import Family
 from lidario.families.registry import FAMILIES
-from lidario.laserscan import LaserScan
 from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.network.bus import DEFAULT_ROUTER, Bus, Sample
 from lidario.network.device import RemoteDevice, RemoteStreams
+from lidario.network.foreign import whole_scan
 from lidario.network.keys import LASERSCAN_IN_KEY, check_key, parse_attachment, parse_token, status_key, tokens_of
-from lidario.network.messages import parse_scan
 from lidario.network.port import RemotePort
 from lidario.network.router import check_router
 from lidario.network.status import Status, statuses
@@ -114,12 +113,11 @@ async def _nobody(bus: Bus, key: str) -> ConnectFailed:
 
 def _of_message(bus: Bus, first: Sample) -> Remote:
     """A publisher of which nothing is known but its first message."""
-    is_scan = parse_scan(first.payload, 0) is not None
-    topic = first.key.partition(LASERSCAN_IN_KEY)[0]
-    info = DeviceInfo("unknown" if is_scan else "ros2", "unknown" if is_scan else "LaserScan", 0, "", 0, topic)
+    topic, is_ros, _ = first.key.partition(LASERSCAN_IN_KEY)
+    info = DeviceInfo("ros2" if is_ros else "unknown", "LaserScan" if is_ros else "unknown", 0, "", 0, topic)
     attachment = parse_attachment(first.attachment)
     sender = "" if attachment is None else attachment.gid.hex()
-    status = Status("scan" if is_scan else "ros", "", About(info, _UNKNOWN), sender=sender)
+    status = Status("ros" if is_ros else "scan", "", About(info, _UNKNOWN), sender=sender)
     return _remote(bus, first.key, status, _whole_scans(None))
 
 
@@ -140,9 +138,7 @@ async def _first_message(bus: Bus, key: str, seconds: float) -> Sample | None:
     came: asyncio.Future[Sample] = asyncio.get_running_loop().create_future()
 
     def take(sample: Sample) -> None:
-        ours = parse_scan(sample.payload, 0) is not None
-        theirs = LASERSCAN_IN_KEY in sample.key and LaserScan.from_cdr(sample.payload) is not None
-        if (ours or theirs) and not came.done():
+        if whole_scan(sample, 0) is not None and not came.done():
             came.set_result(sample)
 
     leave = bus.subscribe(key, take)
@@ -158,7 +154,7 @@ async def _first_message(bus: Bus, key: str, seconds: float) -> Sample | None:
 def _stream_of(status: Status) -> StreamBegan | None:
     """The stream that runs; None where the lidar is away."""
     if status.form == "raw":
-        return next((event for event in status.about.events if isinstance(event, StreamBegan)), None)
+        return status.about.running
     return None if status.mode is None and status.lost else _whole_scans(status.mode)
 
 

@@ -15,7 +15,7 @@ from typing import Final, TypeVar, cast
 from lidario.errors import Unsupported
 from lidario.families.base import Decoder, Family, Script, Stream
 from lidario.model import DeviceInfo, Health, ScanMode
-from lidario.recording.about import About
+from lidario.recording.about import About, EventState
 from lidario.recording.chronicle import Responded, StreamBegan, StreamEvent
 from lidario.recording.device import RecordedDevice
 from lidario.recording.read import Piece, StoredStream, StoredStreams
@@ -26,7 +26,6 @@ __all__ = ["RemoteDevice", "RemoteStreams"]
 
 T = TypeVar("T")
 
-MOST_RESPONSES: Final = 512
 LONGEST_RESPONSE: Final = 4096
 """Bytes of a response that is remembered, and of its request; a length in a request is one byte."""
 
@@ -46,6 +45,8 @@ class RemoteStreams(StoredStreams):
         self, family: Family, about: About, modes: tuple[ScanMode, ...], began: StreamBegan, *, raw: bool = True
     ) -> None:
         super().__init__(Path())
+        self._told = EventState()
+        self.responses = self._told.responses
         self.about = about
         self.modes: tuple[ScanMode, ...] = modes
         self.streams = ((StoredStream if raw else _WholeScans)(family, began),)
@@ -63,10 +64,8 @@ class RemoteStreams(StoredStreams):
 
     def learn(self, event: StreamEvent) -> None:
         """Remember what the device responded."""
-        if not isinstance(event, Responded) or len(event.request) + len(event.payload) > LONGEST_RESPONSE:
-            return
-        if event.request in self.responses or len(self.responses) < MOST_RESPONSES:
-            self.responses[event.request] = event
+        if isinstance(event, Responded) and len(event.request) + len(event.payload) <= LONGEST_RESPONSE:
+            self._told.follow(event)
 
     def begin(self, began: StreamBegan) -> None:
         """Another stream runs now."""

@@ -1,4 +1,4 @@
-"""A LaserScan of anybody's ROS 2 node as a `Scan`."""
+"""The scan that a message holds: one of ours, or a LaserScan of anybody's ROS 2 node."""
 
 from __future__ import annotations
 
@@ -8,16 +8,26 @@ from typing import Final
 import numpy as np
 
 from lidario.laserscan import LaserScan
-from lidario.network.messages import MOST_SAMPLES
+from lidario.network.bus import Sample
+from lidario.network.keys import LASERSCAN_IN_KEY
+from lidario.network.messages import MOST_SAMPLES, parse_scan
 from lidario.recording.chronicle import MOST_NS
 from lidario.scan import Scan, read_only
 
-__all__ = ["scan_of_laserscan"]
+__all__ = ["scan_of_laserscan", "whole_scan"]
 
 _LONGEST_S: Final = 1e3
 _MOST_RANGE_M: Final = 1e6
 _WHOLE_DEG: Final = 350.0
 """A message that covers this much is taken for a whole revolution."""
+
+
+def whole_scan(sample: Sample, wall_offset_ns: int, seq: int = 0) -> Scan | None:
+    """The scan that a message holds, with the number `seq` where it tells none; None where it holds no scan."""
+    if LASERSCAN_IN_KEY not in sample.key:
+        return parse_scan(sample.payload, wall_offset_ns)
+    laser = LaserScan.from_cdr(sample.payload)
+    return None if laser is None else scan_of_laserscan(laser, seq, wall_offset_ns)
 
 
 def scan_of_laserscan(laser: LaserScan, seq: int, wall_offset_ns: int) -> Scan | None:

@@ -22,12 +22,11 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Final, TypeAlias
 
 from lidario.errors import DeviceLost
-from lidario.laserscan import LaserScan
 from lidario.network.bus import Bus, Sample
 from lidario.network.device import RemoteStreams
-from lidario.network.foreign import scan_of_laserscan
+from lidario.network.foreign import whole_scan
 from lidario.network.keys import parse_attachment
-from lidario.network.messages import Entry, parse_raw_message, parse_scan
+from lidario.network.messages import Entry, parse_raw_message
 from lidario.network.raw import in_order, reads_here
 from lidario.network.senders import OneSender, Senders
 from lidario.network.status import Status
@@ -35,7 +34,6 @@ from lidario.recording.chronicle import StreamBegan, StreamEnded
 from lidario.recording.fed import FedPort
 from lidario.recording.read import StoredStream
 from lidario.revolution.together import join_reads
-from lidario.scan import Scan
 
 __all__ = ["RemotePort"]
 
@@ -65,8 +63,8 @@ class RemotePort(FedPort):
         self._wall_offset_ns = time.time_ns() - round(self._loop.time() * 1e9)
         self._bus = bus
         self._streams = streams
-        self._take: Take = {"raw": self._take_raw, "scan": self._take_scan}.get(form, self._take_laserscan)
         self._raw = form == "raw"
+        self._take: Take = self._take_raw if self._raw else self._take_scan
         self._flows = True
         self._senders = Senders()
         self._sender = OneSender(sender, self._loop.time())
@@ -140,21 +138,13 @@ class RemotePort(FedPort):
                 self._streams.learn(event)
 
     def _take_scan(self, sample: Sample) -> None:
-        scan = parse_scan(sample.payload, self._wall_offset_ns)
-        if scan is not None:
-            before, self._seq = self._seq, scan.seq
-            if before is not None and scan.seq > before:
-                # What its publisher itself has missed is in it, too.
-                self._gap = scan.seq - before - 1
-        self._deliver(scan)
-
-    def _take_laserscan(self, sample: Sample) -> None:
-        laser = LaserScan.from_cdr(sample.payload)
-        self._deliver(None if laser is None else scan_of_laserscan(laser, 0, self._wall_offset_ns))
-
-    def _deliver(self, scan: Scan | None) -> None:
+        scan = whole_scan(sample, self._wall_offset_ns)
         if scan is None:
             return
+        before, self._seq = self._seq, scan.seq
+        if before is not None and scan.seq > before:
+            # What its publisher itself has missed is in it, too. A LaserScan has no number.
+            self._gap = scan.seq - before - 1
         missed, self._gap = self._gap, 0
         if self.is_wanted and self.audience is not None:
             self.audience.deliver(scan, missed)
@@ -248,6 +238,4 @@ class RemotePort(FedPort):
 
 
 def _is_ours(sample: Sample, raw: bool) -> bool:
-    if raw:
-        return parse_raw_message(sample.payload) is not None
-    return parse_scan(sample.payload, 0) is not None or LaserScan.from_cdr(sample.payload) is not None
+    return (parse_raw_message(sample.payload) if raw else whole_scan(sample, 0)) is not None

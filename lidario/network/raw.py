@@ -80,11 +80,10 @@ class RawDecoder:
         if self._family is None or self._family.name != name:
             self._end()
             self._family = next((each for each in FAMILIES if each.name == name), None)
-        running = next((event for event in status.about.events if isinstance(event, StreamBegan)), None)
-        if running is None:
+        if status.about.running is None:
             self._end()
         else:
-            self._begin(running)
+            self._begin(status.about.running)
 
     def steps(self, message: bytes) -> Iterator[list[Scan]] | None:
         """Take a message, in steps of bounded work: the scans that each completes. None where it is no message."""

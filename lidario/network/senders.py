@@ -26,9 +26,8 @@ devices."""
 class Senders:
     """Follows the numbers of all publishers; those not heard for longest are forgotten first."""
 
-    def __init__(self, most: int = MOST) -> None:
+    def __init__(self) -> None:
         self._numbers: OrderedDict[tuple[str, bytes], int] = OrderedDict()
-        self._most = most
 
     def follow(self, sample: Sample) -> tuple[Attachment | None, int]:
         """What was sent beside a message, and how many of its publisher's are missing since the one before."""
@@ -37,7 +36,7 @@ class Senders:
             return None, 0
         before = self._numbers.pop((sample.key, attachment.gid), None)
         self._numbers[sample.key, attachment.gid] = attachment.number
-        if len(self._numbers) > self._most:
+        if len(self._numbers) > MOST:
             self._numbers.popitem(last=False)
         # Whoever sends may write any number: one that goes back is a beginning.
         return attachment, 0 if before is None else max(0, attachment.number - before - 1)
@@ -62,13 +61,11 @@ class OneSender:
             now: The time in seconds.
             is_ours: Whether the message is one that a publisher may send; nobody becomes the one by noise.
         """
-        if gid != self._gid:
-            if self._gid is not None and now - self._heard < RIVAL_S:
-                return "rival"
-            if not is_ours():
-                return "rival"
-            found: Literal["same", "new"] = "same" if self._gid is None else "new"
-            self._gid, self._heard = gid, now
-            return found
-        self._heard = now
-        return "same"
+        if gid == self._gid:
+            self._heard = now
+            return "same"
+        if (self._gid is not None and now - self._heard < RIVAL_S) or not is_ours():
+            return "rival"
+        found: Literal["same", "new"] = "same" if self._gid is None else "new"
+        self._gid, self._heard = gid, now
+        return found

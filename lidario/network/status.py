@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import json
 import math
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Final
 
 from lidario.arguments import printable
@@ -18,7 +18,7 @@ from lidario.network.keys import status_key
 from lidario.recording.about import About
 from lidario.recording.chronicle import StreamBegan, mode_of
 
-__all__ = ["AWAY", "Status", "mode_record", "statuses"]
+__all__ = ["AWAY", "Status", "statuses"]
 
 LARGEST: Final = 1 << 18
 """Bytes of a status that is read; real ones have a few thousand."""
@@ -61,8 +61,8 @@ class Status:
             "form": self.form,
             "robot": self.robot,
             "about": about.as_texts(),
-            "modes": [mode_record(mode) for mode in self.modes],
-            "mode": None if self.mode is None else mode_record(self.mode),
+            "modes": [asdict(mode) for mode in self.modes],
+            "mode": None if self.mode is None else asdict(self.mode),
             "rate": round(self.rate, 3) if math.isfinite(self.rate) else 0.0,
             "lost": self.lost,
             "sender": self.sender,
@@ -101,19 +101,6 @@ async def statuses(bus: Bus, key: str, seconds: float) -> list[tuple[str, Status
         if (status := Status.of(reply.payload)) is not None:
             found.append((reply.key.removesuffix(_SUFFIX), status))
     return found
-
-
-def mode_record(mode: ScanMode) -> dict[str, object]:
-    """A scan mode as JSON; `mode_of` reads it."""
-    return {
-        "id": mode.id,
-        "name": mode.name,
-        "sample_us": mode.sample_us,
-        "max_distance": mode.max_distance,
-        "response_type": mode.response_type,
-        "typical": mode.typical,
-        **({"details": mode.details} if mode.details else {}),
-    }
 
 
 def _text(value: object) -> str:

@@ -293,8 +293,8 @@ def _event_of(record: dict[str, Any]) -> StreamEvent | None:
             packet_size=_whole(record["packet_size"]) & 0x3FFF_FFFF,
             sample_ns=_sample(record["sample_ns"], 1e3),
             slowest_turn_s=_number(record["slowest_turn_s"], 1e-3, MOST_TURN_S),
-            baudrate=_whole(record["baudrate"], MOST_BAUD),
-            wall_offset_ns=_signed(record["wall_offset_ns"]),
+            baudrate=_whole(record["baudrate"], most=MOST_BAUD),
+            wall_offset_ns=_whole(record["wall_offset_ns"], least=-MOST_NS),
             zero_offset_deg=_offset(record),
             may_take_ns=tuple(_sample(each, 1e3) for each in record.get("may_take_ns", ())[:MOST_RATES]),
             continues=record.get("continues") is True,
@@ -319,14 +319,8 @@ def mode_of(record: dict[str, object]) -> ScanMode:
     )
 
 
-def _whole(value: object, most: int = MOST_NS) -> int:
-    if not isinstance(value, int) or not 0 <= value <= most:
-        raise ValueError(value)
-    return value
-
-
-def _signed(value: object) -> int:
-    if not isinstance(value, int) or not -MOST_NS <= value <= MOST_NS:
+def _whole(value: object, least: int = 0, most: int = MOST_NS) -> int:
+    if not isinstance(value, int) or not least <= value <= most:
         raise ValueError(value)
     return value
 

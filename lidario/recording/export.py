@@ -12,11 +12,13 @@ import os
 import shutil
 import tempfile
 import zipfile
-from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Generator, Iterable, Iterator
+from contextlib import ExitStack, closing, contextmanager
 from copy import deepcopy
 from dataclasses import asdict
 from functools import partial
+from heapq import merge
+from operator import itemgetter
 from pathlib import Path
 from secrets import token_hex
 from typing import IO, Any
@@ -29,7 +31,7 @@ from lidario.laserscans import LaserScans
 from lidario.recording.decode_file import FileDecoder
 from lidario.recording.divided import divided
 from lidario.recording.opened import not_a_file
-from lidario.recording.read import McapRecording
+from lidario.recording.read import Copy, McapRecording, StoredStreams
 from lidario.recording.write import FileWriter
 from lidario.scan import Scan
 
@@ -155,18 +157,26 @@ def export_mcap(
         CannotRecord: It cannot be written, or is there already.
     """
     recording = decoder.recording
-    count = 0
+    count, begun_ns = 0, None
     messages = messages or LaserScans()
     if jobs > 1 and not _find_grid(decoder, messages):
         jobs = 1
     make = partial(_made, messages)
-    with write_whole(path, overwrite=overwrite) as part, divided(decoder, jobs, make, path.parent) as made:
+    with (
+        write_whole(path, overwrite=overwrite) as part,
+        divided(decoder, jobs, make, path.parent) as made,
+        closing(_stored(recording)) as stored,
+    ):
         writer = FileWriter(part, recording.about, overwrite=True, target=path)
         try:
-            scans = _Scans(writer, made)
-            if isinstance(recording, McapRecording):
-                _flush_each_second(writer, recording.copy_to(writer, scans.add_until))
-            _flush_each_second(writer, scans.add_rest())
+            # Each scan before the first chunk that is later.
+            for at_ns, write in merge(map(_scan, made), stored, key=itemgetter(0)):
+                write(writer)
+                begun_ns = at_ns if begun_ns is None else begun_ns
+                if at_ns - begun_ns >= CHUNK_NS:
+                    writer.flush()
+                    begun_ns = None
+            writer.flush()
             count = writer.count_of_scans
         except BaseException:
             writer.abandon()
@@ -175,28 +185,13 @@ def export_mcap(
     return count
 
 
-class _Scans:
-    """Adds the scans of a recording to a file, each before the first chunk that is later."""
+def _scan(message: LaserScan) -> Copy:
+    return message.stamp_ns, lambda writer: writer.add_message(message)
 
-    def __init__(self, writer: FileWriter, messages: Iterable[LaserScan]) -> None:
-        self._writer = writer
-        self._ready = iter(messages)
-        self._next = next(self._ready, None)
 
-    def add_until(self, at_ns: int) -> None:
-        """Add all that were measured until then."""
-        while self._next is not None and self._next.stamp_ns <= at_ns:
-            self._add(self._next)
-
-    def add_rest(self) -> Iterator[int]:
-        """Add those that are left, while it is iterated over; gives the time of each."""
-        while self._next is not None:
-            yield self._add(self._next)
-
-    def _add(self, message: LaserScan) -> int:
-        self._writer.add_message(message)
-        self._next = next(self._ready, None)
-        return message.stamp_ns
+def _stored(recording: StoredStreams) -> Generator[Copy, None, None]:
+    if isinstance(recording, McapRecording):
+        yield from recording.copies()
 
 
 def _made(messages: LaserScans, scans: Iterable[Scan]) -> Iterator[LaserScan]:
@@ -214,17 +209,6 @@ def _find_grid(decoder: FileDecoder, messages: LaserScans) -> bool:
             messages.use_grid_of(tried)
             return True
     return False
-
-
-def _flush_each_second(writer: FileWriter, times: Iterator[int]) -> None:
-    """Go through `times`, which writes messages, and end a chunk of the file whenever a second has passed."""
-    first: int | None = None
-    for at_ns in times:
-        first = at_ns if first is None else first
-        if at_ns - first >= CHUNK_NS:
-            writer.flush()
-            first = None
-    writer.flush()
 
 
 def _add(archive: zipfile.ZipFile, name: str, array: np.ndarray[Any, Any]) -> None:

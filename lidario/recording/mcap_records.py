@@ -140,10 +140,12 @@ def read_records(file: StoredFile, begin_ns: int = 0) -> Iterator[Channel | Mess
                 content = file.read(largest)
             if (is_whole or content) and not (yield from _chunk(memoryview(content), is_whole)):
                 return
-        elif is_whole and opcode in _LARGEST:
-            found = _record(opcode, memoryview(content))
+        elif is_whole and opcode == _METADATA:
+            found = _metadata(memoryview(content))
             if found is not None:
                 yield found
+        elif is_whole and opcode in _LARGEST:
+            yield from _inside(memoryview(head + content))
         if behind > file.size:
             yield Damage(CUT)
             return
@@ -233,15 +235,6 @@ def _inside(records: memoryview) -> Generator[Channel | Message, None, int]:
                 yield found
         at = begin + length
     return at
-
-
-def _record(opcode: int, content: memoryview) -> Channel | Message | Metadata | None:
-    if opcode == _MESSAGE_OP:
-        if len(content) < _MESSAGE.size:
-            return None
-        channel, _, at_ns, _ = _MESSAGE.unpack_from(content)
-        return Message(channel, at_ns, content[_MESSAGE.size :])
-    return _channel(content) if opcode == _CHANNEL else _metadata(content)
 
 
 def _channel(content: memoryview) -> Channel | None:

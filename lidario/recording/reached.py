@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from lidario.errors import RecordingError
-from lidario.recording.about import About
+from lidario.recording.about import About, EventState
 from lidario.recording.chronicle import (
     Placed,
     Responded,
@@ -68,7 +68,7 @@ class Reached:
         self.place: int = 0
         self.is_known: bool = True
         self.jumped: bool = False
-        self._running: StreamBegan | None = None
+        self._state = EventState()
         self._last_ns: int | None = None
         self._shift_ns = 0
         # Of the recording that is read: its digits, what is added to its places, the least of them, and its clock
@@ -84,8 +84,7 @@ class Reached:
         self.about = about
         self._recording = about.recording
         self.place = about.received_before
-        for event in about.events:
-            self._follow(event)
+        self._state = EventState(about.events)
 
     def repeats(self, about: About) -> bool:
         """Whether the file that begins so holds what was read before: a copy, or another name of the same file."""
@@ -95,24 +94,24 @@ class Reached:
     def go_on(self, about: About) -> Iterator[StreamEvent | Damage]:
         """The beginning of the next file was read: it goes on, or it is of another recording, which begins here."""
         responses = [event for event in about.events if isinstance(event, Responded)]
-        running = next((event for event in about.events if isinstance(event, StreamBegan)), None)
         if self._recording and about.recording == self._recording:
-            yield from self.event(Placed(about.received_before, running))
+            yield from self.event(Placed(about.received_before, about.running))
             yield from responses
             return
-        if self._running is not None:
+        if self._state.running is not None:
             yield StreamEnded(self.place)
         assert self.about is not None
         if about.recording in self._done:
             raise RecordingError(SAME_TIME)
         self._done |= {self._recording} - {""}
-        self._running, self._recording, self.is_known, self._is_new = None, about.recording, True, True
+        self._state = EventState()
+        self._recording, self.is_known, self._is_new = about.recording, True, True
         self._shift, self._least = self.place - about.received_before, self.place
         self._clock_ns = about.clock_offset_ns - self.about.clock_offset_ns
         yield from responses
-        if running is not None:
+        if about.running is not None:
             # What passed between two recordings is no failure of the lidar.
-            yield from self.event(replace(running, continues=False))
+            yield from self.event(replace(about.running, continues=False))
 
     def chunk(self, message: Message) -> StoredChunk | None:
         """Bytes of the file, where they can be placed; their time follows that of the bytes before."""
@@ -141,7 +140,7 @@ class Reached:
         """An event of the file; where one tells what stands there, the events that are missing before it."""
         event = self._here(event)
         if not isinstance(event, Placed):
-            self._follow(event)
+            self._state.follow(event)
             yield event
             return
         if event.at < self.place:
@@ -151,7 +150,7 @@ class Reached:
             self.is_known = False
         if not self.is_known:
             for missing in self._missing(event):
-                self._follow(missing)
+                self._state.follow(missing)
                 yield missing
         self.place, self.is_known = event.at, True
 
@@ -168,18 +167,10 @@ class Reached:
         return replace(began, wall_offset_ns=began.wall_offset_ns - self._clock_ns)
 
     def _missing(self, told: Placed) -> Iterator[StreamEvent]:
-        before, now = self._running, told.running
+        before, now = self._state.running, told.running
         if before is not None and (now is None or now.at != before.at):
             yield StreamEnded(self.place)
         if now is not None and (before is None or now.at != before.at):
             yield now
         elif now is not None and before is not None and now.zero_offset_deg != before.zero_offset_deg:
             yield ZeroOffsetSet(told.at, now.zero_offset_deg)
-
-    def _follow(self, event: StreamEvent) -> None:
-        if isinstance(event, StreamBegan):
-            self._running = event
-        elif isinstance(event, StreamEnded):
-            self._running = None
-        elif isinstance(event, ZeroOffsetSet) and self._running is not None:
-            self._running = replace(self._running, zero_offset_deg=event.zero_offset_deg)

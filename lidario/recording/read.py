@@ -16,16 +16,16 @@ from abc import ABC, abstractmethod
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import astuple, dataclass
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 from lidario.errors import ConnectFailed, RecordingError
 from lidario.families.base import Decoder, Family, Stream
 from lidario.families.registry import family_named
-from lidario.recording.about import About
+from lidario.recording.about import About, EventState
 from lidario.recording.chronicle import (
     MOST_NS,
-    MOST_RESPONSES,
     LineChanged,
     Responded,
     StreamBegan,
@@ -41,7 +41,7 @@ from lidario.recording.sequence import RecordedFiles
 from lidario.recording.write import FileWriter
 from lidario.wire.formats import StreamFormat
 
-__all__ = ["LONGEST_PAUSE_NS", "McapRecording", "Piece", "StoredStream", "StoredStreams", "is_mcap"]
+__all__ = ["LONGEST_PAUSE_NS", "Copy", "McapRecording", "Piece", "StoredStream", "StoredStreams", "is_mcap"]
 
 SPIN_UP_S = 5.0
 """Until the first packet; a replay does not wait for it."""
@@ -50,6 +50,10 @@ SPIN_UP_S = 5.0
 LONGEST_PAUSE_NS = 5_000_000_000
 """Longest pause inside a stream that is played; live, a session starts a silent stream again within that time. A
 time that is wrong must not hold up a reader for years."""
+
+
+Copy = tuple[int, Callable[[FileWriter], None]]
+"""The time of a chunk or event, and what adds it to another file."""
 
 
 class Piece(NamedTuple):
@@ -218,6 +222,7 @@ class McapRecording(StoredStreams):
             self.streams: tuple[StoredStream, ...] = tuple(self._find_streams(family_named(about.info.family)))
         except ConnectFailed as error:
             raise RecordingError(f"{path}: {error}") from error
+        self.responses = EventState(self._events).responses
         self._events.clear()
         if not self.streams:
             why = f": {self.damage}" if self.damage else ""
@@ -263,34 +268,22 @@ class McapRecording(StoredStreams):
                     offsets, offset_deg = _offsets(self.streams[number])
                     first, last = _bounds(self.streams[number])
 
-    def copy_to(self, writer: FileWriter, before: Callable[[int], None]) -> Iterator[int]:
-        """Add every chunk and event to `writer`, while it is iterated over; gives the time of each.
-
-        Args:
-            writer: Where to.
-            before: Called with the time of each before it is added.
-        """
+    def copies(self) -> Iterator[Copy]:
+        """Every chunk and event, in order."""
         at_ns = 0
         for record in self._files.records():
             if isinstance(record, StoredChunk):
                 at_ns = min(max(record.at_ns, 0), MOST_NS)
-                before(at_ns)
-                if not record.sent:
-                    writer.go_on_at(at_ns, record.place)
-                writer.add_chunk(at_ns, record.sent, record.data)
-                yield at_ns
+                yield at_ns, partial(_copy, record, at_ns)
             elif isinstance(record, StreamEvent):
-                writer.add_event(at_ns, text_of(record))
+                yield at_ns, partial(FileWriter.add_event, at_ns=at_ns, text=text_of(record))
 
     def _find_streams(self, family: Family) -> Iterator[StoredStream]:
         began: StreamBegan | None = None
         offsets: list[ZeroOffsetSet] = []
         least = self.about.received_before
         for event in self._events:
-            if isinstance(event, Responded):
-                if event.request in self.responses or len(self.responses) < MOST_RESPONSES:
-                    self.responses[event.request] = event
-            elif isinstance(event, StreamBegan):
+            if isinstance(event, StreamBegan):
                 # Places only grow; a file that says otherwise is not ours.
                 if event.at >= least or began is None:
                     began, offsets = event, []
@@ -304,6 +297,12 @@ class McapRecording(StoredStreams):
                 began = None
         if began is not None:
             yield StoredStream(family, began, offsets=tuple(offsets))
+
+
+def _copy(chunk: StoredChunk, at_ns: int, writer: FileWriter) -> None:
+    if not chunk.sent:
+        writer.go_on_at(at_ns, chunk.place)
+    writer.add_chunk(at_ns, chunk.sent, chunk.data)
 
 
 def _bounds(stream: StoredStream) -> tuple[int, int]:

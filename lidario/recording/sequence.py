@@ -47,7 +47,6 @@ class RecordedFiles:
         paths: The files, at least one.
 
     Attributes:
-        path: As above.
         paths: The files, in the order of their times.
         size: Their bytes.
 
@@ -56,7 +55,6 @@ class RecordedFiles:
     """
 
     def __init__(self, path: Path, paths: Sequence[Path]) -> None:
-        self.path: Path = path
         self.paths: tuple[Path, ...] = tuple(paths)
         self.size: int = 0
         self._sizes: dict[Path, int] = {}

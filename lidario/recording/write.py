@@ -21,17 +21,8 @@ from typing import Any
 
 from lidario.errors import CannotRecord
 from lidario.laserscan import LaserScan
-from lidario.recording.about import NAME, About
-from lidario.recording.chronicle import (
-    Placed,
-    Responded,
-    StreamBegan,
-    StreamEnded,
-    StreamEvent,
-    ZeroOffsetSet,
-    event_of,
-    text_of,
-)
+from lidario.recording.about import NAME, About, EventState
+from lidario.recording.chronicle import Placed, event_of, text_of
 from lidario.recording.opened import not_a_file
 from lidario.recording.ros_messages import (
     LASERSCAN_DEFINITION,
@@ -125,12 +116,9 @@ class FileWriter:
         self._channels: dict[str, int] = {}
         self._numbers: dict[str, int] = {}
         self._about = about
-        self._responses: dict[bytes, Responded] = {}
         self._place = about.received_before
-        self._running: StreamBegan | None = None
+        self._state = EventState(about.events)
         self._pending: int = 0
-        for event in about.events:
-            self._follow(event)
         try:
             self._file = _opened(path, overwrite)
         except OSError as error:
@@ -154,13 +142,7 @@ class FileWriter:
 
     def about_now(self, began_ns: int) -> About:
         """What stands at the beginning of the file that goes on where this one ends."""
-        running = () if self._running is None else (self._running,)
-        return replace(
-            self._about,
-            received_before=self._place,
-            began_ns=began_ns,
-            events=(*self._responses.values(), *running),
-        )
+        return replace(self._about, received_before=self._place, began_ns=began_ns, events=self._state.events)
 
     def add_chunk(self, at_ns: int, sent: bool, data: bytes) -> None:
         """Add a chunk of bytes; `at_ns` is nanoseconds since the Unix epoch, here and below."""
@@ -171,12 +153,12 @@ class FileWriter:
         """The next received byte stands at this place; those between are missing."""
         if place != self._place:
             self._place = place
-            self._add(EVENTS_TOPIC, at_ns, encode_text(text_of(Placed(place, self._running))))
+            self._add(EVENTS_TOPIC, at_ns, encode_text(text_of(Placed(place, self._state.running))))
 
     def add_event(self, at_ns: int, text: str) -> None:
         """Add one line of the chronicle."""
         self._add(EVENTS_TOPIC, at_ns, encode_text(text))
-        self._follow(event_of(text))
+        self._state.follow(event_of(text))
 
     def add_scans(self, scans: Iterable[tuple[Scan, LaserScan]]) -> None:
         """Add the messages of scans, as `LaserScans` makes them."""
@@ -235,20 +217,9 @@ class FileWriter:
         schema = self._writer.register_schema(name, "ros2msg", definition.encode())
         self._channels[topic] = self._writer.register_channel(topic, "cdr", schema)
 
-    def _follow(self, event: StreamEvent | None) -> None:
-        """Take note of what runs."""
-        if isinstance(event, StreamBegan):
-            self._running = event
-        elif isinstance(event, StreamEnded):
-            self._running = None
-        elif isinstance(event, ZeroOffsetSet) and self._running is not None:
-            self._running = replace(self._running, zero_offset_deg=event.zero_offset_deg)
-        elif isinstance(event, Responded):
-            self._responses[event.request] = event
-
     def _add(self, topic: str, at_ns: int, message: bytes) -> None:
         if not self._pending:
-            self._put(EVENTS_TOPIC, at_ns, encode_text(text_of(Placed(self._place, self._running))))
+            self._put(EVENTS_TOPIC, at_ns, encode_text(text_of(Placed(self._place, self._state.running))))
         self._put(topic, at_ns, message)
         if self._pending > _MOST_PENDING:
             self.flush()

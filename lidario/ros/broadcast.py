@@ -236,14 +236,7 @@ class Broadcast(Entered):
 
     def _watch_readers(self, bus: Bus, scans: Sender) -> None:
         """Know from now on whether anybody reads the scans."""
-
-        def changed(is_read: bool) -> None:
-            if is_read:
-                self._readers.set()
-            else:
-                self._readers.clear()
-
-        bus.watch_readers(scans, changed)
+        bus.watch_readers(scans, lambda is_read: self._readers.set() if is_read else self._readers.clear())
 
     def _each_second(self, status: Status) -> None:
         """The status has been published."""

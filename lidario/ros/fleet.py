@@ -14,11 +14,10 @@ from typing import Final, Self
 from lidario.arguments import shown, whole
 from lidario.entered import Entered
 from lidario.errors import Busy, InvalidValue, LocalProtocolError, SessionClosed
-from lidario.laserscan import LaserScan
 from lidario.network.bus import DEFAULT_ROUTER, Bus, Sample
-from lidario.network.foreign import scan_of_laserscan
-from lidario.network.keys import LASERSCAN_IN_KEY, Attachment, check_key, parse_attachment, status_key
-from lidario.network.messages import is_raw, parse_scan
+from lidario.network.foreign import whole_scan
+from lidario.network.keys import Attachment, check_key, parse_attachment, status_key
+from lidario.network.messages import is_raw
 from lidario.network.raw import Decoders
 from lidario.network.senders import Senders
 from lidario.network.status import Status
@@ -169,12 +168,8 @@ class Fleet(Entered):
         """The scans that a message holds or completes, in steps; None where it is none of ours."""
         if is_raw(sample.payload) and attachment is not None:
             return self._decoders.of(sample.key, attachment.gid).steps(sample.payload)
-        if LASERSCAN_IN_KEY not in sample.key:
-            scan = parse_scan(sample.payload, self._offset_ns)
-        else:
-            laser = LaserScan.from_cdr(sample.payload)
-            number = 0 if attachment is None else max(0, attachment.number)
-            scan = None if laser is None else scan_of_laserscan(laser, number, self._offset_ns)
+        number = 0 if attachment is None else max(0, attachment.number)
+        scan = whole_scan(sample, self._offset_ns, number)
         return None if scan is None else [[scan]]
 
     def _wake(self) -> None:

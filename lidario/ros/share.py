@@ -19,8 +19,8 @@ from lidario.network.bus import DEFAULT_ROUTER, Bus
 from lidario.network.keys import check_key
 from lidario.network.messages import MOST_RAW_BYTES, Entry, encode_raw_message, encode_scan
 from lidario.network.sender import Sender
-from lidario.recording.about import About
-from lidario.recording.chronicle import Responded, StreamBegan, StreamEnded, event_of
+from lidario.recording.about import About, EventState
+from lidario.recording.chronicle import event_of
 from lidario.ros.broadcast import Broadcast
 from lidario.ros.names import gid_of
 from lidario.scan import Scan
@@ -128,24 +128,20 @@ class RawFeed:
             raise Unsupported("this lidar arrives as whole scans, so there are no raw bytes to publish: send scans")
         self._send, self._count_scan = send, count_scan
         self._clock_offset_ns = 0
-        self._responses: dict[bytes, Responded] = {}
-        self._running: StreamBegan | None = None
+        self._state = EventState()
         self._entries: list[Entry] = []
         self._size = 0
         self._timer: asyncio.TimerHandle | None = None
 
     def added_to(self, about: About) -> About:
         """The same with what the device has responded, and the stream that runs."""
-        running = (self._running,) if self._running else ()
-        events = (*self._responses.values(), *running)
-        return replace(about, clock_offset_ns=self._clock_offset_ns, events=events)
+        return replace(about, clock_offset_ns=self._clock_offset_ns, events=self._state.events)
 
     def begin(self) -> None:
         """See everything from now on."""
         begun = self._session.begin_recording(cast("Any", self))
         self._clock_offset_ns = begun.clock_offset_ns
-        for event in begun.events:
-            self._learn(event)
+        self._state = EventState(begun.events)
 
     def end(self) -> None:
         """See nothing any more, and send what is collected."""
@@ -165,21 +161,13 @@ class RawFeed:
 
     def see_event(self, text: str, now: int) -> None:
         """Something was added to the chronicle."""
-        self._learn(event_of(text))
+        self._state.follow(event_of(text))
         self._add(Entry(True, now, text.encode()))
 
     def see_scan(self, scan: Scan) -> None:  # noqa: ARG002
         """A scan is complete, with what was seen last: readers shall have it at once."""
         self._count_scan()
         self._flush()
-
-    def _learn(self, event: object) -> None:
-        if isinstance(event, Responded):
-            self._responses[event.request] = event
-        elif isinstance(event, StreamBegan):
-            self._running = event
-        elif isinstance(event, StreamEnded):
-            self._running = None
 
     def _add(self, entry: Entry) -> None:
         self._entries.append(entry)

@@ -73,7 +73,6 @@ class DeviceFaults:
     replug_s: float | None = None
     wrong_response: float = 0.0
     _ahead: list[tuple[int, str]] = field(init=False, compare=False, default_factory=list, repr=False)
-    _begun: bool = field(init=False, compare=False, default=False, repr=False)
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.wrong_response <= 1.0:
@@ -98,10 +97,7 @@ class DeviceFaults:
             raise ValueError(f"a {type(device).__name__} offers no faults of its own, only faults of the line")
 
     def begin(self, now: int) -> None:
-        """Begin to count the time at the first byte on the line; later calls change nothing."""
-        if self._begun:
-            return
-        self._begun = True
+        """Begin to count the time; called once, at the first byte on the line."""
         wanted = {
             "protect": self.protect_s,
             "reboot": self.reboot_s,

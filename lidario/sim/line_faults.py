@@ -105,7 +105,7 @@ class Faults:
         """
         if data:
             self.begin(now)
-        if self.unplugged(now) or self._silent(now):
+        if self.unplugged(now) or self._is_over(self.silent_s, now):
             self._held.clear()
             self._under_way.clear()
             self._babble_until(now)
@@ -128,37 +128,35 @@ class Faults:
             if self._held:
                 times.append(now + _SECOND - (now - self._first) % _SECOND)
             for seconds in (self.unplug_s, self.replug_s):
-                if seconds is not None and not self._since(now) >= seconds * _SECOND:
+                if seconds is not None and not self._is_over(seconds, now):
                     times.append(self._first + round(seconds * _SECOND))
         return max(now, min(times)) if times else None
 
     def unplugged(self, now: int) -> bool:
         """Whether the cable is out at `now`."""
         back = self.back_at(now)
-        return self._unplugged_for_good(now) or (self.cable(now) > 0 and back is not None and now < back)
+        return self._is_over(self.unplug_s, now) or (self.cable(now) > 0 and back is not None and now < back)
 
     def back_at(self, now: int) -> int | None:
         """When the cable is plugged in again after ``replug``.
 
         None where that is not wanted, while the time has not begun to count, and when the cable stays out.
         """
-        if self.replug_s is None or self._first is None or self._unplugged_for_good(now):
+        if self.replug_s is None or self._first is None or self._is_over(self.unplug_s, now):
             return None
         return self._first + round((self.replug_s + REPLUG_GAP_S) * _SECOND)
 
     def cable(self, now: int) -> int:
         """How often the cable was pulled out for a replug by `now`."""
-        return int(self.replug_s is not None and self._since(now) >= self.replug_s * _SECOND)
+        return int(self._is_over(self.replug_s, now))
 
-    def _unplugged_for_good(self, now: int) -> bool:
-        return self.unplug_s is not None and self._since(now) >= self.unplug_s * _SECOND
+    def _is_over(self, seconds: float | None, now: int) -> bool:
+        """Whether so many seconds have passed since the first byte; None is never."""
+        return seconds is not None and self._since(now) >= seconds * _SECOND
 
     def _since(self, now: int) -> int:
         """Nanoseconds since the first byte; negative before it."""
         return -1 if self._first is None else now - self._first
-
-    def _silent(self, now: int) -> bool:
-        return self.silent_s is not None and self._since(now) >= self.silent_s * _SECOND
 
     def _babble_until(self, now: int) -> bytes:
         """The random bytes that are due by `now` and did not come yet."""

@@ -25,7 +25,6 @@ from lidario import (
     Mount,
     RecordingError,
     Scan,
-    Stats,
     open_lidar,
     read_config,
 )
@@ -115,7 +114,7 @@ class Feed:
         self.length_s: float | None = None
         options = dict(parse_qsl(source.partition("?")[2]))
         self.rate: float = _number(options.get("rate"), 1.0)
-        self.keeper: Keeper | None = None if folder is None else Keeper(folder, self._tell)
+        self.keeper: Keeper | None = None if folder is None else Keeper(folder, lambda: self.on_change(self))
         self._stays = stays
         self._attempts = 0
         # Where the recording is played from, and the stamp of the first scan from there.
@@ -216,7 +215,9 @@ class Feed:
                         self.state, self.reason = "scanning", ""
                         self.on_change(self)
                     if loop.time() - since >= _TRAFFIC_S:
-                        before, since = self._measure(lidar.stats, before, loop.time() - since, lidar.baudrate)
+                        now = lidar.stats
+                        self.line = traffic(before, now, loop.time() - since, lidar.baudrate)
+                        before, since = now, loop.time()
                     self.on_scan(self)
                     if self._moved.is_set():
                         return
@@ -230,13 +231,6 @@ class Feed:
         async for change in lidar.line_changes():
             if change.state == "away":
                 self._lose(change.reason.partition("\n")[0])
-
-    def _measure(self, now: Stats, before: Stats, seconds: float, baudrate: int) -> tuple[Stats, float]:
-        self.line = traffic(before, now, seconds, baudrate)
-        return now, asyncio.get_running_loop().time()
-
-    def _tell(self) -> None:
-        self.on_change(self)
 
     def _lose(self, reason: str) -> None:
         self.losses += self.state != "lost"

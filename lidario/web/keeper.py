@@ -10,10 +10,11 @@ import asyncio
 import re
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-from lidario import Lidar, LidarError, Recording
+from lidario import Lidar, LidarError
 
 __all__ = ["Keeper"]
 
@@ -34,7 +35,7 @@ class Keeper:
         scans: Full revolutions in it so far.
     """
 
-    def __init__(self, folder: Path, tell: Callable[[], None]) -> None:
+    def __init__(self, folder: Path, tell: Callable[[], object]) -> None:
         self.name: str = ""
         self.error: str = ""
         self.scans: int = 0
@@ -75,18 +76,14 @@ class Keeper:
             self._tell()
             try:
                 while recording.error is None and self.is_on:
-                    await self._look(recording)
+                    with suppress(TimeoutError):
+                        async with asyncio.timeout(_LOOK_S):
+                            await self._over.wait()
+                    self.scans = recording.scans
             finally:
                 self.scans = recording.scans
         if recording.error is not None:
             self.error = str(recording.error)
-
-    async def _look(self, recording: Recording) -> None:
-        try:
-            async with asyncio.timeout(_LOOK_S):
-                await self._over.wait()
-        except TimeoutError:
-            self.scans = recording.scans
 
 
 def _name(lidar: Lidar) -> str:

@@ -25,9 +25,8 @@ ROUNDED_M: Final = 0.0006
 ROUNDED: Final = math.radians(0.006)
 """A viewer names the shape that it takes away by figures that it has rounded."""
 _NUMBER: Final = r"(-?\d{1,3}(?:\.\d{1,3})?)"
-_BOX: Final = re.compile(rf"b{_NUMBER} {_NUMBER} {_NUMBER} {_NUMBER}", re.ASCII)
+_BOX: Final = re.compile(rf"(b|x){_NUMBER} {_NUMBER} {_NUMBER} {_NUMBER}", re.ASCII)
 _SECTOR: Final = re.compile(rf"(s|x)(\d{{1,2}}) {_NUMBER} {_NUMBER}", re.ASCII)
-_NO_BOX: Final = re.compile(rf"x{_NUMBER} {_NUMBER} {_NUMBER} {_NUMBER}", re.ASCII)
 _Change = tuple[list[Filter], Filter]
 
 
@@ -53,14 +52,13 @@ class Masks:
         if self._path is None:
             return False
         if box := _BOX.fullmatch(message):
-            x1, x2, y1, y2 = map(float, box.groups())
+            x1, x2, y1, y2 = map(float, box.groups()[1:])
             sides = min(x1, x2), max(x1, x2), min(y1, y2), max(y1, y2)
-            self._add([(feed.drawn, BoxFilter(*sides, mount=feed.place)) for feed in self._feeds])
-        elif box := _NO_BOX.fullmatch(message):
-            gone = tuple(map(float, box.groups()))
-            self._add(
-                [(feed.removed, each) for feed in self._feeds for each in feed.filters if _is_box(each, gone)]
-            )
+            if box[1] == "b":
+                self._add([(feed.drawn, BoxFilter(*sides, mount=feed.place)) for feed in self._feeds])
+            else:
+                every = [(feed, each) for feed in self._feeds for each in feed.filters]
+                self._add([(feed.removed, each) for feed, each in every if _is_box(each, sides)])
         elif (sector := _SECTOR.fullmatch(message)) and int(sector[2]) < len(self._feeds):
             begin, end = math.radians(float(sector[3])), math.radians(float(sector[4]))
             if not 0.0 < end - begin <= math.tau:

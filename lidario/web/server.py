@@ -26,7 +26,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from lidario import Scan
-from lidario.web.access import AccessRules, Refusal
+from lidario.web.access import Refusal, judge
 from lidario.web.door import BACKLOG, Connection, Door, Listening
 from lidario.web.feed import Feed
 from lidario.web.frames import pack_scan, pack_state
@@ -133,7 +133,7 @@ class LiveServer:
         self.sent: int = 0
         self._feeds = list(feeds)
         self._host, self._port = host, port
-        self._rules = AccessRules(token)
+        self._token = token
         self._masks = Masks(self._feeds, config)
         self._viewers: set[_Viewer] = set()
         self._door = Door()
@@ -167,7 +167,7 @@ class LiveServer:
             create_connection=cast("type[ServerConnection]", partial(Connection, self._door, _may_send)),
         )  # fmt: skip
         shown = "localhost" if self._host in ("127.0.0.1", "::1") else self._host
-        self.url = f"http://{shown}:{self.port}/" + (f"?token={self._rules.token}" if self._rules.token else "")
+        self.url = f"http://{shown}:{self.port}/" + (f"?token={self._token}" if self._token else "")
         self._ticking = asyncio.create_task(self._tick())
         return self
 
@@ -210,7 +210,7 @@ class LiveServer:
 
     def _check_request(self, _: ServerConnection, request: Request) -> Response | None:
         headers = request.headers
-        verdict = self._rules.check(request.path, headers.get_all("Host"), headers.get_all("Origin"))
+        verdict = judge(self._token, request.path, headers.get_all("Host"), headers.get_all("Origin"))
         if verdict == "page":
             return _response(200, "OK", self._page, "html")
         if isinstance(verdict, Refusal):

@@ -21,13 +21,13 @@ from lidario.network.raw import RawDecoder
 from lidario.network.senders import RIVAL_S, OneSender, Senders
 from lidario.network.status import Status
 from lidario.recording.about import About
-from lidario.recording.chronicle import MOST_NS, Responded, StreamBegan, StreamEnded, text_of
+from lidario.recording.chronicle import MOST_NS, Responded, StreamBegan, StreamEnded, ZeroOffsetSet, text_of
 from lidario.revolution.together import join_reads
 from lidario.ros import waiting
 from lidario.ros.share import RawFeed
 from lidario.ros.waiting import FleetScan, WaitingScans
 from lidario.scan import Scan
-from tests.support.loop import run_driven
+from tests.support.loop import driven, run_driven
 from tests.test_model import FOUR
 
 MODELS = ("rplidar-s2", "ydlidar-4ros", "ldrobot-ld06")
@@ -161,8 +161,9 @@ def test_gaps_are_counted_for_each_publisher() -> None:
     assert senders.follow(Sample("a", b"", b"")) == (None, 0)
 
 
-def test_the_publishers_that_were_not_heard_for_longest_are_forgotten() -> None:
-    senders = Senders(2)
+def test_the_publishers_that_were_not_heard_for_longest_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lidario.network.senders.MOST", 2)
+    senders = Senders()
     for number, key in enumerate(("a", "b", "a", "c", "a", "b")):
         sample = Sample(key, b"", Attachment(10 * number, 0, bytes(16)).to_bytes())
         # Of one that is forgotten no gap is seen.
@@ -259,22 +260,33 @@ def test_scans_that_wait_are_bounded_in_bytes(monkeypatch: pytest.MonkeyPatch) -
     assert len(scans) == 0
 
 
-def test_what_was_read_at_once_is_sent_in_messages_that_are_taken() -> None:
+@driven
+async def test_what_was_read_at_once_is_sent_in_messages_that_are_taken() -> None:
     """A program that blocked its event loop reads up to a mebibyte."""
     sent: list[bytes] = []
-
-    async def run() -> None:
-        async with lidario.open_lidar(lidario.simulate("rplidar-s2", spin_up=0)) as lidar:
-            feed = RawFeed(lidar, lambda entries: sent.append(encode_raw_message(entries)), lambda: None)
-            feed.begin()
-            feed.see_chunk("in", bytes(range(256)) * 4096, 7)
-            feed.end()
-
-    run_driven(run)
+    async with lidario.open_lidar(lidario.simulate("rplidar-s2", spin_up=0)) as lidar:
+        feed = RawFeed(lidar, lambda entries: sent.append(encode_raw_message(entries)), lambda: None)
+        feed.begin()
+        feed.see_chunk("in", bytes(range(256)) * 4096, 7)
+        feed.end()
     entries = [parse_raw_message(message) for message in sent]
     assert all(entries)
     joint = b"".join(entry.data for some in entries if some for entry in some if not entry.is_event)
     assert joint == bytes(range(256)) * 4096
+
+
+@driven
+async def test_a_reader_that_comes_later_is_told_the_latest_zero_offset() -> None:
+    async with lidario.open_lidar(lidario.simulate("ydlidar-4ros", spin_up=0)) as lidar:
+        feed = RawFeed(lidar, lambda _: None, lambda: None)
+        feed.begin()
+        async with lidar.scans() as scans:
+            await anext(scans)
+            feed.see_event(text_of(ZeroOffsetSet(1000, 10.5)), 7)
+            running = feed.added_to(About(lidar.info)).running
+            feed.end()
+    assert running is not None
+    assert running.zero_offset_deg == 10.5
 
 
 def test_responses_that_no_device_gives_are_not_remembered(sent: Sent) -> None:

@@ -19,7 +19,6 @@ from tests.support.harm import messes
 from tests.support.samples import one_a_parser
 from tests.support.streams import SINGLE_DEG, before_seam, checked_one_by_one, in_one_run
 
-every_kind = pytest.mark.parametrize("case", KINDS, ids=named)
 every_layout = pytest.mark.parametrize("case", [*KINDS, *LAYOUTS], ids=named)
 seeds = st.integers(0, 2**32)
 TURN = 23040
@@ -62,7 +61,7 @@ def test_any_contents_decode_as_the_scalar_reference_decodes_them(case: Case, se
     assert samples.ends[-1] == len(samples.distance_mm) == len(samples.angle_deg)
 
 
-@every_kind
+@one_a_parser(KINDS)
 @given(seed=seeds, count=st.integers(2, 20), place=st.floats(-0.2, 1.2), somewhere=st.integers(0, TURN - 1))
 def test_the_seam_is_found_where_the_scalar_reference_passes_it(
     case: Case, seed: int, count: int, place: float, somewhere: int

@@ -46,7 +46,7 @@ def test_losing_the_packets_at_zero_merges_no_turns(case: Case) -> None:
             assert len(turn) * 0.6 < len(scan) <= len(turn) + 1
 
 
-@pytest.mark.parametrize("case", KINDS, ids=named)
+@one_a_parser(KINDS)
 @pytest.mark.parametrize(("begin", "end"), [(0.25, 0.75), (0.2, 0.95), (0.05, 0.6)])
 def test_most_of_a_turn_may_be_lost(case: Case, begin: float, end: float) -> None:
     turn = case.turns[1]
@@ -58,7 +58,7 @@ def test_most_of_a_turn_may_be_lost(case: Case, begin: float, end: float) -> Non
     assert result.scans[1].lost_packets == pytest.approx(result.missing, rel=0.05)
 
 
-@pytest.mark.parametrize("case", KINDS, ids=named)
+@one_a_parser(KINDS)
 def test_more_than_a_turn_lost_is_no_scan(case: Case) -> None:
     """From the middle of one turn to just behind the middle of the next: the angle alone cannot tell."""
     first = case.turns[1][len(case.turns[1]) // 2].packet

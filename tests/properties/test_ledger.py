@@ -13,6 +13,7 @@ from lidario.wire.link import Link
 from tests.support.cases import KINDS, Case, named
 from tests.support.harm import LURES, messes
 from tests.support.ledger import assert_link_closes
+from tests.support.samples import one_a_parser
 
 INFO = b"\xa5\x5a\x14\0\0\0\x04" + bytes(20)
 HEALTH = b"\xa5\x5a\x03\0\0\0\x06\0\0\0"
@@ -31,7 +32,7 @@ ACTIONS: dict[str, Callable[[Link, Case], None]] = {
 }
 
 
-@pytest.mark.parametrize("case", KINDS, ids=named)
+@one_a_parser(KINDS)
 @given(st.data())
 def test_every_byte_is_counted_once(case: Case, data: st.DataObject) -> None:
     link = Link()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import os
 import random
-import subprocess
 import sys
 import tracemalloc
 from collections.abc import Callable
@@ -25,9 +24,9 @@ from lidario.recording.files import open_stored
 from lidario.recording.played import PlayedDevice
 from lidario.recording.write import FileWriter
 from lidario.session.lidar import Lidar
-from tests.cli.processes import ROOT
 from tests.fuzz.forged import ATTACKS, forge
 from tests.reference.golden import load
+from tests.support.children import ended
 from tests.support.loop import run_driven
 from tests.support.recorded import Live, record, take_scans
 
@@ -290,12 +289,8 @@ print("all refused")
 @pytest.mark.long
 def test_what_is_no_file_is_refused_by_every_verb(tmp_path: Path, live: Live) -> None:
     """A pipe that nobody writes to, a device without an end, a folder, a socket, a file that is a hole."""
-    ended = subprocess.run(
-        [sys.executable, "-c", PATHS, str(tmp_path), str(live.path)],
-        cwd=ROOT, capture_output=True, text=True, timeout=120, check=False,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
-    assert ended.stdout.endswith("all refused\n"), ended.stderr
+    done = ended(PATHS, str(tmp_path), str(live.path))
+    assert done.stdout.endswith("all refused\n"), done.stderr
 
 
 def test_what_is_no_file_is_refused_by_every_function(tmp_path: Path) -> None:

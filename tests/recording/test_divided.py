@@ -21,10 +21,12 @@ from lidario.recording import decode_file, divided
 from lidario.recording.decode_file import FileDecoder
 from lidario.revolution import device_clock
 from lidario.scan import Scan
+from lidario.session.lidar import Lidar
 from tests.cli.processes import in_memory, run, started
 from tests.support.children import until
-from tests.support.loop import run_driven
-from tests.support.recorded import assert_same_scans, thread_takes_no_time
+from tests.support.loop import driven
+from tests.support.recorded import Live, assert_same_scans
+from tests.support.recorded import record as record_any
 
 SECONDS = 20.0
 LEAD_NS = 3_200_000_000
@@ -90,19 +92,14 @@ def recorded(model: str, fault: str, seconds: float) -> bytes:
 def made(path: Path, model: str, fault: str, seconds: float) -> bytes:
     """Record into a file; return what it holds."""
 
-    async def main() -> None:
-        source = in_memory(model, f"fault={fault.replace('%', '%25')}")
-        async with lidario.open_lidar(source, reconnect=True) as lidar:
-            async with lidar.record(path) as recording, lidar.scans(depth=64) as stream:
-                first = await anext(stream)
-                async for scan in stream:
-                    if scan.stamp_ns - first.stamp_ns > seconds * 1e9:
-                        break
-            assert recording.error is None
-            assert not recording.lost_bytes
+    async def read(lidar: Lidar, _: Live) -> None:
+        async with lidar.scans(depth=64) as stream:
+            first = await anext(stream)
+            async for scan in stream:
+                if scan.stamp_ns - first.stamp_ns > seconds * 1e9:
+                    break
 
-    with thread_takes_no_time():
-        run_driven(main)
+    record_any(path, in_memory(model, f"fault={fault.replace('%', '%25')}"), act=read)
     return path.read_bytes()
 
 
@@ -166,17 +163,15 @@ def test_so_it_is_of_a_file_that_is_cut_and_damaged(tmp_path: Path, joined: list
 
 
 @pytest.mark.long
-def test_so_it_is_of_several_files_that_are_one_recording(tmp_path: Path, joined: list[int]) -> None:
-    async def main() -> None:
-        async with (
-            lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar,
-            lidar.record(tmp_path / "a.mcap", split_s=5.0),
-            lidar.scans(depth=64) as stream,
-        ):
-            for _ in range(300):
-                await anext(stream)
-
-    run_driven(main)
+@driven
+async def test_so_it_is_of_several_files_that_are_one_recording(tmp_path: Path, joined: list[int]) -> None:
+    async with (
+        lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar,
+        lidar.record(tmp_path / "a.mcap", split_s=5.0),
+        lidar.scans(depth=64) as stream,
+    ):
+        for _ in range(300):
+            await anext(stream)
     files = tmp_path / "a-*.mcap"
     assert exported(files, tmp_path / "several.csv", JOBS) == exported(files, tmp_path / "one.csv", 1)
     assert joined == [2, 1]
@@ -221,17 +216,18 @@ class Fails(Executor):
 
 
 @pytest.mark.parametrize(
-    ("error", "words"),
+    ("form", "error", "words"),
     [
-        (lidario.RecordingError("it was cut while it was read"), "cut while it was read"),
-        (BrokenExecutor("terminated abruptly"), "was killed: is memory short"),
+        (".csv", lidario.RecordingError("it was cut while it was read"), "cut while it was read"),
+        (".npz", BrokenExecutor("terminated abruptly"), "was killed: is memory short"),
+        (".mcap", lidario.RecordingError("it was cut while it was read"), "cut while it was read"),
     ],
 )
-@pytest.mark.parametrize("form", [".csv", ".npz", ".mcap"])
 def test_what_fails_on_another_process_is_told_and_leaves_nothing(
     tmp_path: Path, form: str, error: Exception, words: str, joined: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = record(tmp_path / "a.mcap", "rplidar-s2", FAULTS[0])
+    path = tmp_path / "a.mcap"
+    path.write_bytes(recorded("ldrobot-ld06", "", 14.0))
     monkeypatch.setattr(divided, "processes", lambda *_: Fails(error))
     with pytest.raises(lidario.LidarError, match=words):
         exported(path, tmp_path / f"several{form}", JOBS)

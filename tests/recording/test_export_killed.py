@@ -12,34 +12,32 @@ import pytest
 
 from lidario import CannotRecord
 from lidario.recording.export import write_whole
-from tests.support.ports import PATIENCE_S
+from tests.support.children import BOUND, child, line_of
 
 ROOT = Path(__file__).resolve().parents[2]
 WRITES = """
-import sys
+import sys, time
 from pathlib import Path
 from lidario.recording.export import write_whole
 with write_whole(Path(sys.argv[1]), overwrite=True) as part:
     part.write_bytes(b"half of")
     print(flush=True)
-    sys.stdin.read()
+    time.sleep(600)
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
-@pytest.mark.parametrize("before", [None, b"the old one"], ids=["new", "replaced"])
+@pytest.mark.parametrize(
+    ("number", "before"),
+    [(signal.SIGTERM, None), (signal.SIGINT, b"the old one"), (signal.SIGKILL, b"the old one")],
+)
 def test_a_signal_leaves_nothing(tmp_path: Path, number: signal.Signals, before: bytes | None) -> None:
     path = tmp_path / "run.npz"
     if before is not None:
         path.write_bytes(before)
-    command = [sys.executable, "-c", WRITES, str(path)]
-    with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, cwd=ROOT
-    ) as writing:
-        assert writing.stdout is not None
-        writing.stdout.readline()
+    with child(WRITES, str(path)) as writing:
+        line_of(writing)
         writing.send_signal(number)
-        assert writing.wait(PATIENCE_S) != 0
+        assert writing.wait(BOUND) != 0
     assert [each.name for each in tmp_path.iterdir()] == ([] if before is None else [path.name])
     if before is not None:
         assert path.read_bytes() == before
@@ -87,6 +85,6 @@ def test_ctrl_c_does_not_wait_for_the_files_of_other_processes(tmp_path: Path) -
     program.write_text(WAITS)
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
-        [sys.executable, program], env=environment, stderr=subprocess.PIPE, timeout=PATIENCE_S, check=False
+        [sys.executable, program], env=environment, stderr=subprocess.PIPE, timeout=BOUND, check=False
     )
     assert done.stderr.endswith(b"KeyboardInterrupt\n")

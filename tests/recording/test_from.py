@@ -27,6 +27,11 @@ def replayed(path: Path, options: str, count: int | None = None) -> tuple[list[S
     return run_driven(main)
 
 
+@pytest.fixture(scope="module")
+def live(tmp_path_factory: pytest.TempPathFactory) -> Live:
+    return record(tmp_path_factory.mktemp("from") / "a.mcap", "sim://rplidar-s2", 20)
+
+
 @pytest.mark.parametrize("source", ["sim://rplidar-s2", "sim://ydlidar-4ros", "sim://ldrobot-ld06"])
 def test_the_scans_behind_that_place_are_those_of_the_whole(tmp_path: Path, source: str) -> None:
     live = record(tmp_path / "a.mcap", source, 30)
@@ -63,16 +68,14 @@ def test_a_place_in_a_later_stream_is_of_that_stream(tmp_path: Path) -> None:
     assert {scan.mode for scan in scans} == {"Standard"}
 
 
-def test_in_a_loop_only_the_first_time_begins_there(tmp_path: Path) -> None:
-    live = record(tmp_path / "a.mcap", "sim://rplidar-s2", 20)
+def test_in_a_loop_only_the_first_time_begins_there(live: Live) -> None:
     everything, _ = replayed(live.path, "rate=0")
     scans, _ = replayed(live.path, "rate=0&loop=1&from=1.5", 20)
     assert len(scans) == 20
     assert any(scan.device_distances.tolist() == everything[0].device_distances.tolist() for scan in scans[1:])
 
 
-def test_behind_the_end_and_without_times_it_is_refused(tmp_path: Path) -> None:
-    live = record(tmp_path / "a.mcap", "sim://rplidar-s2", 5)
+def test_behind_the_end_and_without_times_it_is_refused(live: Live, tmp_path: Path) -> None:
     with pytest.raises(lidario.RecordingError, match=r"lasts .* s: from=99 is behind its end"):
         replayed(live.path, "from=99")
     (tmp_path / "raw.bin").write_bytes(b"".join(data for way, data, _ in live.chunks if way == "in"))
@@ -83,8 +86,7 @@ def test_behind_the_end_and_without_times_it_is_refused(tmp_path: Path) -> None:
             replayed(live.path, wrong)
 
 
-def test_from_the_beginning_nothing_changes(tmp_path: Path) -> None:
-    live = record(tmp_path / "a.mcap", "sim://rplidar-s2", 5)
+def test_from_the_beginning_nothing_changes(live: Live) -> None:
     plain, _ = replayed(live.path, "rate=0")
     scans, _ = replayed(live.path, "rate=0&from=0")
     assert len(plain) == len(scans)

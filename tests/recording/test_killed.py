@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
 
 from lidario.recording.files import open_stored
+from tests.support.children import BOUND, child, line_of
 from tests.support.whole import assert_export_makes_it_whole
 
 PROGRAM = """
@@ -24,21 +23,17 @@ async def main():
 
 asyncio.run(main())
 """
-BOUND_S = 60
 
 
 @pytest.mark.long
 def test_kill_9_costs_the_last_second(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
-    with subprocess.Popen(
-        [sys.executable, "-c", PROGRAM, str(path)], stdout=subprocess.PIPE, text=True, cwd=Path(__file__).parents[2]
-    ) as process:
-        assert process.stdout is not None
-        lines = [int(process.stdout.readline()) for _ in range(1)]
+    with child(PROGRAM, str(path)) as process:
+        lines = [int(line_of(process))]
         while lines[-1] - lines[0] < 1.6e9:
-            lines.append(int(process.stdout.readline()))
+            lines.append(int(line_of(process)))
         process.kill()
-        process.wait(BOUND_S)
+        process.wait(BOUND)
         killed_ns = time.monotonic_ns()
     recording = open_stored(path)
     assert recording.damage == "the file was cut"

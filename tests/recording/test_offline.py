@@ -6,8 +6,6 @@ import mmap
 import os
 import pickle
 import random
-import subprocess
-import sys
 from collections.abc import Callable
 from functools import partial
 from itertools import pairwise
@@ -32,8 +30,9 @@ from lidario.recording.export import export_mcap
 from lidario.recording.offline import OfflineDecoder
 from lidario.wire.envelope import DESCRIPTOR_SIZE
 from tests.support.cases import CASES, EVEN, KINDS, Case, named
+from tests.support.children import ended
 from tests.support.ledger import PACKETS, assert_link_closes
-from tests.support.loop import run_driven
+from tests.support.loop import driven
 from tests.support.recorded import record, same_points
 from tests.support.streams import assembled
 
@@ -214,21 +213,18 @@ def test_what_goes_in_and_comes_out_can_be_pickled() -> None:
 
 def test_no_event_loop_is_loaded_for_it() -> None:
     program = "import sys, lidario; lidario.decode; print('asyncio' in sys.modules or 'serial' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
+    done = ended(program)
     assert done.stdout.strip() == "False"
 
 
-def test_a_source_whose_name_is_no_text_is_recorded_and_exported(tmp_path: Path) -> None:
+@driven
+async def test_a_source_whose_name_is_no_text_is_recorded_and_exported(tmp_path: Path) -> None:
     """The system allows any bytes in the name of a file; Python reads those that are no text as lone surrogates."""
     raw = tmp_path / os.fsdecode(b"\xff.bin")
     raw.write_bytes(whole(KINDS[4]))
-
-    async def main() -> None:
-        async with lidario.open_lidar(f"{raw}?rate=0") as lidar, lidar.record(tmp_path / "a.mcap") as recording:
-            await lidar.scan()
-        assert recording.error is None
-
-    run_driven(main)
+    async with lidario.open_lidar(f"{raw}?rate=0") as lidar, lidar.record(tmp_path / "a.mcap") as recording:
+        await lidar.scan()
+    assert recording.error is None
     assert lidario.summarize(tmp_path / "a.mcap").source.endswith("?.bin?rate=0")
     assert export_mcap(FileDecoder(raw), tmp_path / "b.mcap") == lidario.summarize(raw).scans
 
@@ -247,17 +243,14 @@ def test_a_file_that_is_gone_before_it_was_decoded(name: str, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("options", ["", "?loop=1", "?loop=1&rate=0", "?loop=1&rate=50"])
-def test_a_recording_without_a_full_revolution_ends_also_in_a_loop(options: str, tmp_path: Path) -> None:
+@driven
+async def test_a_recording_without_a_full_revolution_ends_also_in_a_loop(options: str, tmp_path: Path) -> None:
     raw = tmp_path / "raw.bin"
     raw.write_bytes(whole(KINDS[4])[:700])
-
-    async def main() -> None:
-        async with asyncio.timeout(30), lidario.open_lidar(f"{raw}{options}") as lidar:
-            for _ in range(2):
-                async for _ in lidar.scans():
-                    raise AssertionError("never here")
-
-    run_driven(main)
+    async with asyncio.timeout(30), lidario.open_lidar(f"{raw}{options}") as lidar:
+        for _ in range(2):
+            async for _ in lidar.scans():
+                raise AssertionError("never here")
 
 
 def test_packets_that_left_no_trace_say_nothing_of_the_sample_time(caplog: pytest.LogCaptureFixture) -> None:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Awaitable, Callable
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,64 +21,36 @@ from lidario.recording.ros_messages import parse_raw
 from lidario.recording.write import RAW_TOPIC
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
-from tests.support.loop import run_driven
-from tests.support.recorded import assert_same_scans, replayed, thread_takes_no_time
+from tests.support.loop import driven
+from tests.support.recorded import Live, assert_same_scans, replayed
+from tests.support.recorded import record as record_any
 
 MODELS = ["rplidar-s2", "rplidar-a1", "ydlidar-4ros", "ldrobot-ld06"]
 SCANS = 60
 NAME = re.compile(r"run-\d{8}T\d{6}Z\.mcap")
 
 
-class Recorded:
-    """What a session gave, and the files."""
-
-    def __init__(self) -> None:
-        self.scans: list[Scan] = []
-        self.received: list[bytes] = []
-        self.source = ""
-        self.files = self.size = 0
-        self.paths: list[Path] = []
-
-
-def record(
-    folder: Path,
-    source: str,
-    *,
-    act: Callable[[Lidar, int], Awaitable[None]] | None = None,
-    split_s: float | None = 1.0,
-    split_bytes: int | None = None,
-    keep_bytes: int | None = None,
-    scans: bool = False,
-) -> Recorded:
-    """Record `SCANS` scans in parts; `act` is called before each."""
-
-    async def main() -> Recorded:
-        made = Recorded()
-        async with lidario.open_lidar(
-            f"{source}{'&' if '?' in source else '?'}via=memory", reconnect=True
-        ) as lidar:
-            lidar.tap(lambda direction, data, _: made.received.append(data) if direction == "in" else None)
-            recording = lidar.record(
-                folder / "run.mcap", split_s=split_s, split_bytes=split_bytes, keep_bytes=keep_bytes, scans=scans
-            )
-            async with recording, lidar.scans(depth=64) as stream:
-                for number in range(SCANS):
-                    made.scans.append(await anext(stream))
-                    if act is not None:
-                        await act(lidar, number)
-            assert recording.error is None
-            assert not recording.lost_bytes
-            made.source = recording.source
-            made.files, made.size = recording.files, recording.size
-        return made
-
-    with thread_takes_no_time():
-        made = run_driven(main)
-    made.paths = sorted(folder.glob("run-*.mcap"))
-    if keep_bytes is None:
-        assert made.files == len(made.paths)
-        assert made.size == sum(path.stat().st_size for path in made.paths)
+def record(folder: Path, source: str, count: int = SCANS, **options: Any) -> Live:
+    """Record in parts, of a second each unless the options say otherwise."""
+    made = record_any(folder / "run.mcap", source, count, **{"split_s": 1.0, **options})
+    if "keep_bytes" not in options:
+        assert made.files == len(made.parts)
+        assert made.size == sum(path.stat().st_size for path in made.parts)
     return made
+
+
+@pytest.fixture(scope="module")
+def six_files(tmp_path_factory: pytest.TempPathFactory) -> Live:
+    """A second each."""
+    return record(tmp_path_factory.mktemp("parts"), "sim://rplidar-s2")
+
+
+@pytest.fixture
+def copied(six_files: Live, tmp_path: Path) -> Live:
+    """The same in the folder of a test, which may change it."""
+    for path in six_files.parts:
+        shutil.copy(path, tmp_path)
+    return replace(six_files, path=tmp_path / "run.mcap", source=str(tmp_path / "run-*.mcap"))
 
 
 def received_in(path: Path) -> bytes:
@@ -97,14 +70,14 @@ def received_in(path: Path) -> bytes:
 @pytest.mark.parametrize("model", MODELS)
 def test_together_they_are_what_one_file_would_be(tmp_path: Path, model: str, fault: str) -> None:
     made = record(tmp_path, f"sim://{model}{fault}")
-    assert len(made.paths) > 3
-    assert all(NAME.fullmatch(path.name) for path in made.paths)
+    assert len(made.parts) > 3
+    assert all(NAME.fullmatch(path.name) for path in made.parts)
     decoder = FileDecoder(made.source)
     assert_same_scans(made.scans, list(decoder))
     assert decoder.recording.damage == ""
     assert_same_scans(made.scans, replayed(made.source))
     # No byte is missing or doubled.
-    assert b"".join(map(received_in, made.paths)) in b"".join(made.received)
+    assert b"".join(map(received_in, made.parts)) in made.received
 
 
 @pytest.mark.long
@@ -112,13 +85,13 @@ def test_together_they_are_what_one_file_would_be(tmp_path: Path, model: str, fa
 def test_each_file_is_whole_by_itself(tmp_path: Path, model: str) -> None:
     made = record(tmp_path, f"sim://{model}", scans=True)
     alone, live = list[Scan](), {scan.device_distances.tobytes(): scan for scan in made.scans}
-    for path in made.paths:
+    for path in made.parts:
         with Reader(path) as reader:
             assert reader.message_count == sum(1 for _ in reader.messages()) > 1
         assert lidario.summarize(path).damage == ""
         alone += lidario.decode_file(path)
     # The revolutions at the edges have a part in each of two files. The last one was not complete for its reader.
-    assert len(made.scans) >= len(alone) - 1 >= len(made.scans) - 2 * (len(made.paths) - 1)
+    assert len(made.scans) >= len(alone) - 1 >= len(made.scans) - 2 * (len(made.parts) - 1)
     for scan in alone[:-1]:
         same = live[scan.device_distances.tobytes()]
         assert np.array_equal(scan.device_angles, same.device_angles)
@@ -126,18 +99,27 @@ def test_each_file_is_whole_by_itself(tmp_path: Path, model: str) -> None:
         assert scan.stamp_ns == pytest.approx(same.stamp_ns, abs=3e6)
 
 
+@pytest.mark.usefixtures("calibrated")
 def test_a_zero_offset_that_is_set_at_a_seam(tmp_path: Path) -> None:
-    async def turn(lidar: Lidar, number: int) -> None:
-        if number % 7 == 3:
-            await lidar.set_zero_offset(number % 2 == 0)
+    async def turn(lidar: Lidar, live: Live) -> None:
+        async with lidar.scans(depth=64) as stream:
+            for number in range(SCANS):
+                live.scans.append(await anext(stream))
+                if number % 7 == 3:
+                    await lidar.set_zero_offset(number % 2 == 0)
 
     made = record(tmp_path, "sim://ydlidar-4ros", act=turn)
+    assert len({scan.seam for scan in made.scans}) == 2
     assert_same_scans(made.scans, list(FileDecoder(made.source)))
+    seams = {scan.stamp_ns: scan.seam for scan in made.scans}
+    alone = [scan for path in made.parts for scan in FileDecoder(path) if scan.stamp_ns in seams]
+    assert len(alone) > len(made.scans) / 2
+    assert all(scan.seam == seams[scan.stamp_ns] for scan in alone)
 
 
 def test_by_size(tmp_path: Path) -> None:
     made = record(tmp_path, "sim://rplidar-s2", split_s=None, split_bytes=200_000)
-    sizes = [path.stat().st_size for path in made.paths]
+    sizes = [path.stat().st_size for path in made.parts]
     assert len(sizes) > 1
     # A second has some 100 kB.
     assert all(200_000 <= size < 400_000 for size in sizes[:-1])
@@ -153,7 +135,7 @@ def test_the_oldest_go_and_nothing_else(tmp_path: Path) -> None:
     assert not older.exists()
     assert strange.exists()
     assert other.exists()
-    assert sum(path.stat().st_size for path in made.paths) <= 350_000
+    assert sum(path.stat().st_size for path in made.parts) <= 350_000
     scans = list(FileDecoder(made.source))
     assert 5 < len(scans) < len(made.scans)
     assert_same_rest(made.scans, scans)
@@ -166,22 +148,21 @@ def assert_same_rest(live: list[Scan], scans: list[Scan]) -> None:
         assert np.array_equal(scan.device_distances, by_stamp[scan.stamp_ns].device_distances)
 
 
-def test_a_file_in_the_middle_is_missing(tmp_path: Path) -> None:
-    made = record(tmp_path, "sim://rplidar-s2")
-    made.paths[2].unlink()
-    decoder = FileDecoder(made.source)
+def test_a_file_in_the_middle_is_missing(copied: Live) -> None:
+    gone, behind = copied.parts[2:4]
+    gone.unlink()
+    decoder = FileDecoder(copied.source)
     scans = list(decoder)
-    assert decoder.recording.damage == f"{made.paths[3].name}: bytes are missing"
-    assert_same_rest(made.scans, scans)
+    assert decoder.recording.damage == f"{behind.name}: bytes are missing"
+    assert_same_rest(copied.scans, scans)
     seconds = (scans[-1].stamp_ns - scans[0].stamp_ns) * 1e-9
-    assert len(scans) == pytest.approx(len(made.scans) * (seconds - 1) / seconds, abs=4)
+    assert len(scans) == pytest.approx(len(copied.scans) * (seconds - 1) / seconds, abs=4)
 
 
-def test_a_file_that_is_there_twice_is_read_once(tmp_path: Path) -> None:
-    made = record(tmp_path, "sim://rplidar-s2")
-    shutil.copy(made.paths[1], tmp_path / "run-a-copy.mcap")
-    decoder = FileDecoder(made.source)
-    assert_same_scans(made.scans, list(decoder))
+def test_a_file_that_is_there_twice_is_read_once(copied: Live) -> None:
+    shutil.copy(copied.parts[1], copied.parts[1].with_name("run-a-copy.mcap"))
+    decoder = FileDecoder(copied.source)
+    assert_same_scans(copied.scans, list(decoder))
     assert "holds what another file holds" in decoder.recording.damage
 
 
@@ -191,7 +172,7 @@ def test_recordings_of_one_lidar_follow_each_other(tmp_path: Path, monkeypatch: 
     for name, day_s in (("b", 1_900_000_000), ("a", 1_900_000_060)):
         monkeypatch.setattr("time.time_ns", lambda day_s=day_s: day_s * 10**9)
         (tmp_path / name).mkdir()
-        scans += record(tmp_path / name, "sim://rplidar-s2").scans
+        scans += record(tmp_path / name, "sim://rplidar-s2", 15).scans
     found = list(FileDecoder(str(tmp_path / "*" / "run-*.mcap")))
     assert [
         scan.wall_stamp_ns for scan in found if scan.wall_stamp_ns in {each.wall_stamp_ns for each in scans}
@@ -203,7 +184,7 @@ def test_recordings_of_one_lidar_follow_each_other(tmp_path: Path, monkeypatch: 
 def test_recordings_of_the_same_time_are_not_one(tmp_path: Path) -> None:
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
-        record(tmp_path / name, "sim://rplidar-s2")
+        record(tmp_path / name, "sim://rplidar-s2", 15)
     with pytest.raises(RecordingError, match="of the same time"):
         lidario.summarize(tmp_path / "*" / "run-*.mcap")
 
@@ -218,13 +199,11 @@ def test_recordings_of_the_same_time_are_not_one(tmp_path: Path) -> None:
         ({"keep_bytes": 10**6, "split_bytes": 10**6}, "keep_bytes is 2000000 or more"),
     ],
 )
-def test_figures_that_cannot_be(tmp_path: Path, arguments: dict[str, float], text: str) -> None:
-    async def main() -> None:
-        async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
-            with pytest.raises(InvalidValue, match=text):
-                lidar.record(tmp_path / "run.mcap", **arguments)  # type: ignore[arg-type]
-
-    run_driven(main)
+@driven
+async def test_figures_that_cannot_be(tmp_path: Path, arguments: dict[str, float], text: str) -> None:
+    async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
+        with pytest.raises(InvalidValue, match=text):
+            lidar.record(tmp_path / "run.mcap", **arguments)  # type: ignore[arg-type]
 
 
 def test_a_pattern_that_nothing_fits(tmp_path: Path) -> None:
@@ -235,6 +214,6 @@ def test_a_pattern_that_nothing_fits(tmp_path: Path) -> None:
 def test_recordings_of_two_lidars_are_not_one(tmp_path: Path) -> None:
     for model in ("rplidar-s2", "ldrobot-ld06"):
         (tmp_path / model).mkdir()
-        record(tmp_path / model, f"sim://{model}")
+        record(tmp_path / model, f"sim://{model}", 15)
     with pytest.raises(RecordingError, match="several lidars"):
         lidario.summarize(tmp_path / "*" / "run-*.mcap")

@@ -16,9 +16,9 @@ from pathlib import Path
 import pytest
 
 import lidario
-from lidario.errors import CannotRecord
 from lidario.recording.decode_file import FileDecoder
 from lidario.scan import Scan
+from tests.support.loop import driven, run_driven
 
 SOURCE = "sim://rplidar-s2?via=memory&world=circle"
 SCANS = 30
@@ -64,14 +64,12 @@ def test_what_the_disk_has_is_readable_and_nearly_all(tmp_path: Path, monkeypatc
     assert len(list(FileDecoder(disk[-1][1]))) >= SCANS
 
 
-@pytest.mark.long
 def test_who_does_not_want_it_waits_for_no_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     told(monkeypatch, lambda _: pytest.fail("the disk was told to write"))
-    scans, _ = asyncio.run(recorded(tmp_path / "a.mcap", sync=False))
+    scans, _ = run_driven(lambda: recorded(tmp_path / "a.mcap", sync=False))
     assert len(scans) == SCANS
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("number", [errno.EINVAL, errno.ENOTSUP])
 def test_a_file_system_that_cannot_is_none_that_fails(
     number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -80,12 +78,12 @@ def test_a_file_system_that_cannot_is_none_that_fails(
         raise OSError(number, os.strerror(number))
 
     told(monkeypatch, refuse)
-    asyncio.run(recorded(tmp_path / "a.mcap"))
+    run_driven(lambda: recorded(tmp_path / "a.mcap"))
     assert len(list(FileDecoder(tmp_path / "a.mcap"))) >= SCANS
 
 
-@pytest.mark.long
-def test_a_disk_that_fails_ends_the_recording_and_not_the_session(
+@driven
+async def test_a_disk_that_fails_ends_the_recording_and_not_the_session(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     count = 0
@@ -96,14 +94,10 @@ def test_a_disk_that_fails_ends_the_recording_and_not_the_session(
         if count > 2:  # neither the folder nor the head of the file
             raise OSError(errno.EIO, os.strerror(errno.EIO))
 
-    async def main() -> CannotRecord | None:
-        async with lidario.open_lidar(SOURCE) as lidar, lidar.scans() as stream:
-            async with lidar.record(tmp_path / "a.mcap") as recording:
-                while recording.error is None:
-                    await anext(stream)
-            await anext(stream)
-            return recording.error
-
     told(monkeypatch, fail)
-    error = asyncio.run(main())
-    assert "input/output error" in str(error)
+    async with lidario.open_lidar(SOURCE) as lidar, lidar.scans() as stream:
+        async with lidar.record(tmp_path / "a.mcap") as recording:
+            while recording.error is None:
+                await anext(stream)
+        await anext(stream)
+    assert "input/output error" in str(recording.error)

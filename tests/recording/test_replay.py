@@ -6,14 +6,12 @@ import asyncio
 import threading
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 import lidario
 from lidario.families.registry import family_named
-from lidario.families.ydlidar.simulated.device import Simulated4Ros as Simulated4Ros
 from lidario.model import ScanMode
 from lidario.recording import files
 from lidario.recording.decode_file import FileDecoder
@@ -26,7 +24,7 @@ from lidario.wire.envelope import encode_descriptor
 from lidario.wire.events import Descriptor
 from tests.reference.golden import NAMES, load
 from tests.support.cases import ALL
-from tests.support.loop import run_driven
+from tests.support.loop import driven, run_driven
 from tests.support.recorded import (
     Live,
     assert_same_scans,
@@ -48,6 +46,11 @@ UNEVEN_NS = {case.name: 4e3 * case.sample_us for case in ALL if not case.even}
 """Of streams whose packets tell the speed: a sample."""
 OTHERS = [SOURCES["other family"], SOURCES["other family, damaged"]]
 every_source = pytest.mark.parametrize("source", SOURCES.values(), ids=SOURCES)
+
+
+@pytest.fixture(scope="module")
+def live(tmp_path_factory: pytest.TempPathFactory) -> Live:
+    return record(tmp_path_factory.mktemp("replay") / "a.mcap", SOURCES["clean"], 10)
 
 
 @every_source
@@ -104,18 +107,6 @@ def test_interruptions_and_changes_of_the_mode_are_replayed(tmp_path: Path, sour
     scans = replayed(live.path)
     assert len({scan.mode for scan in live.scans}) == (2 if "s2" in source else 1)
     assert_same_scans(live.scans, scans)
-
-
-@pytest.fixture
-def calibrated(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Simulated devices of the other family tell a zero-angle offset of 10.5 degrees."""
-    make = Simulated4Ros.__init__
-
-    def with_offset(device: Simulated4Ros, *arguments: Any, **more: Any) -> None:
-        make(device, *arguments, **more)
-        device.zero_offset = 42
-
-    monkeypatch.setattr(Simulated4Ros, "__init__", with_offset)
 
 
 async def change_the_offset(lidar: Lidar, live: Live) -> None:
@@ -240,9 +231,7 @@ def test_the_device_responds_what_it_had_responded(tmp_path: Path, source: str) 
     run_driven(main)
 
 
-def test_pace(tmp_path: Path) -> None:
-    live = record(tmp_path / "a.mcap", "sim://rplidar-s2", 10)
-
+def test_pace(live: Live) -> None:
     async def took(options: str, slow: float = 0.0) -> tuple[float, list[Scan]]:
         loop = asyncio.get_running_loop()
         found: list[Scan] = []
@@ -270,33 +259,23 @@ def test_pace(tmp_path: Path) -> None:
     run_driven(main)
 
 
-def test_a_loop_goes_on_and_time_with_it(tmp_path: Path) -> None:
-    live = record(tmp_path / "a.mcap", "sim://rplidar-s2", 4)
-
-    async def main() -> list[Scan]:
-        async with lidario.open_lidar(f"{live.path}?rate=0&loop=1") as lidar, lidar.scans() as stream:
-            return [await anext(stream) for _ in range(15)]
-
-    scans = run_driven(main)
+@driven
+async def test_a_loop_goes_on_and_time_with_it(live: Live) -> None:
+    async with lidario.open_lidar(f"{live.path}?rate=0&loop=1") as lidar, lidar.scans() as stream:
+        scans = [await anext(stream) for _ in range(25)]
     assert [scan.stamp_ns for scan in scans] == sorted({scan.stamp_ns for scan in scans})
-    assert [scan.seq for scan in scans] == list(range(15))
+    assert [scan.seq for scan in scans] == list(range(25))
 
 
-def test_who_reads_again_gets_it_from_its_beginning(tmp_path: Path) -> None:
-    live = record(tmp_path / "a.mcap", "sim://rplidar-s2", 4)
-
-    async def main() -> None:
-        async with lidario.open_lidar(f"{live.path}?rate=0") as lidar:
-            for _ in range(2):
-                stamps = [scan.stamp_ns async for scan in lidar.scans()]
-                assert stamps[:4] == [scan.stamp_ns for scan in live.scans]
-
-    run_driven(main)
+@driven
+async def test_who_reads_again_gets_it_from_its_beginning(live: Live) -> None:
+    async with lidario.open_lidar(f"{live.path}?rate=0") as lidar:
+        for _ in range(2):
+            stamps = [scan.stamp_ns async for scan in lidar.scans()]
+            assert stamps[:10] == [scan.stamp_ns for scan in live.scans]
 
 
-def test_a_replay_can_be_recorded(tmp_path: Path) -> None:
-    live = record(tmp_path / "a.mcap", "sim://rplidar-s2", 5)
-
+def test_a_replay_can_be_recorded(live: Live, tmp_path: Path) -> None:
     async def main() -> None:
         async with (
             lidario.open_lidar(f"{live.path}?rate=0") as lidar,

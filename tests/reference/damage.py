@@ -37,13 +37,10 @@ def flip(raw: bytes, probability: float, seed: int) -> Damage:
 def drop_bytes(raw: bytes, probability: float, seed: int) -> Damage:
     """Lose each byte with the given probability."""
     random = Random(seed)
-    damaged = bytearray()
-    touched = []
-    for offset, byte in enumerate(raw):
-        if random.random() < probability:
-            touched.append(offset)
-        else:
-            damaged.append(byte)
+    touched = [offset for offset in range(len(raw)) if random.random() < probability]
+    damaged = bytearray(raw)
+    for offset in reversed(touched):
+        del damaged[offset]
     return Damage(bytes(damaged), tuple(touched), "byte")
 
 

@@ -1,4 +1,4 @@
-"""One zenoh router for all tests of this folder; each uses keys of its own."""
+"""One zenoh router for all tests of this folder, where each uses keys of its own; and a recording."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from tests.support.recorded import record
 from tests.support.router import Router, client
 
 
@@ -17,3 +18,9 @@ def router() -> Iterator[Router]:
     client(made.address).close()  # type: ignore[no-untyped-call]
     yield made
     made.stop()
+
+
+@pytest.fixture(scope="session")
+def tape(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A recording: its lidar needs no time to speed up."""
+    return str(record(tmp_path_factory.mktemp("tape") / "run.mcap", "sim://rplidar-s2", 12).path)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import signal
-from contextlib import AsyncExitStack
-from pathlib import Path
 
 import pytest
 
@@ -14,7 +12,6 @@ from lidario.ros import Publisher, Share
 from tests.cli.processes import BOUND, line_of
 from tests.support.children import child
 from tests.support.network import Rig
-from tests.support.recorded import record
 from tests.support.router import Router
 
 SOON = """
@@ -34,9 +31,8 @@ RULES = """{ access_control: {
 @pytest.mark.long
 async def test_what_is_passed_on_and_what_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
     router = Router(config=RULES)
-    async with AsyncExitStack() as stack:
-        stack.callback(router.stop)
-        rig = Rig(stack, router)
+    async with Rig(router) as rig:
+        rig.callback(router.stop)
         lidar = await rig.open()
         allowed, denied, topic = (
             Share(lidar, "robots/r7/scan", router=router.address),
@@ -45,7 +41,7 @@ async def test_what_is_passed_on_and_what_is_not(monkeypatch: pytest.MonkeyPatch
         )
         assert not await allowed.is_passed_on()
         for each in (allowed, denied, topic):
-            await stack.enter_async_context(each)
+            await rig.enter_async_context(each)
         # Nothing is scanned yet, and the rules are about scans alone.
         monkeypatch.setattr("lidario.ros.broadcast.HEARD_S", 1.5)
         assert await denied.is_passed_on()
@@ -66,20 +62,18 @@ async def test_what_is_passed_on_and_what_is_not(monkeypatch: pytest.MonkeyPatch
 
 @pytest.mark.long
 async def test_another_publisher_under_the_same_key_is_not_taken_for_this_one(router: Router) -> None:
-    async with AsyncExitStack() as stack:
-        lidar = await Rig(stack, router).open()
-        share = await stack.enter_async_context(Share(lidar, "denied/same", router=router.address))
+    async with Rig(router) as rig:
+        lidar = await rig.open()
+        share = await rig.enter_async_context(Share(lidar, "denied/same", router=router.address))
         own = bytes.fromhex(share.status().sender)
         assert await what_is_heard(router.address, [f"{share.key}/@lidario/status"], own, BOUND)
         assert not await what_is_heard(router.address, [f"{share.key}/@lidario/status"], bytes(16), 0.3)
 
 
 @pytest.mark.long
-def test_the_command_says_that_nothing_is_passed_on(tmp_path: Path) -> None:
-    """The lidar is a recording, which needs no time to speed up."""
-    record(tmp_path / "run.mcap", "sim://rplidar-s2", 6)
+def test_the_command_says_that_nothing_is_passed_on(tape: str) -> None:
     router = Router(config=RULES)
-    common = ("publish", f"{tmp_path}/run.mcap?loop=1", "--router", router.address, "--zenoh")
+    common = ("publish", f"{tape}?loop=1", "--router", router.address, "--zenoh")
     try:
         with child(SOON, *common, "robots/r7/scan") as allowed, child(SOON, *common, "robots/r8/scan") as denied:
             assert line_of(denied.stderr).startswith("publishing ")

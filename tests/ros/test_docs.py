@@ -26,27 +26,27 @@ COMMANDS = [
     for line in block.text.splitlines()
     if line.startswith("$ lidario ")
 ]
-LONGEST = 40
-"""Scans of the recording."""
 
 
 @pytest.fixture(scope="module")
 def tape(tmp_path_factory: pytest.TempPathFactory) -> str:
-    path = tmp_path_factory.mktemp("tape") / "run.mcap"
-    record(path, "sim://ydlidar-4ros", 12)
-    return str(path)
+    return str(record(tmp_path_factory.mktemp("tape") / "run.mcap", "sim://ydlidar-4ros", 12).path)
 
 
 @pytest.fixture(scope="module")
-def robots(tape: str, router: Router) -> Iterator[None]:
-    """The robots that the pages are about: one without ROS, and a topic of ROS 2."""
-    common = ("--router", router.address)
-    with (
-        started("publish", f"{tape}?loop=1", "--zenoh", "robots/r7/scan", *common) as one,
-        started("publish", f"{tape}?loop=1", "--ros", *common) as other,
-    ):
-        for process in (one, other):
-            assert line_of(process.stdout)
+def robot(tape: str, router: Router) -> Iterator[None]:
+    """The robot that the pages are about."""
+    words = ("--zenoh", "robots/r7/scan", "--router", router.address)
+    with started("publish", f"{tape}?loop=1", *words) as process:
+        assert line_of(process.stdout)
+        yield
+
+
+@pytest.fixture(scope="module")
+def topic(tape: str, router: Router) -> Iterator[None]:
+    """Another one, of ROS 2."""
+    with started("publish", f"{tape}?loop=1", "--ros", "--router", router.address) as process:
+        assert line_of(process.stdout)
         yield
 
 
@@ -55,9 +55,10 @@ def here(text: str, router: Router) -> str:
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("robot", "topic")
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command(
-    command: str, tape: str, router: Router, robots: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    command: str, tape: str, router: Router, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     words = shlex.split(here(command, router), comments=True)
@@ -77,10 +78,9 @@ def test_every_command(
         assert "0/scan/*/*" in done.stdout
 
 
+@pytest.mark.usefixtures("robot")
 @pytest.mark.parametrize("page", PAGES)
-def test_every_program(
-    page: str, tape: str, router: Router, robots: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_program(page: str, tape: str, router: Router, tmp_path: Path) -> None:
     (program,) = (block for block in blocks((DOCS / page).read_text(encoding="utf-8")) if block.kind == "python")
     text = here(program.text, router).replace("open_lidar()", f"open_lidar({tape + '?rate=0'!r})")
     # It reads for ever; here it ends with the first scan, and finds everything near.

@@ -20,13 +20,12 @@ from tests.test_model import FOUR
 
 @pytest.mark.long
 async def test_many_lidars_are_one_fleet_or_have_to_be_named(router: Router) -> None:
-    async with AsyncExitStack() as stack:
-        rig = Rig(stack, router)
-        fleet = await stack.enter_async_context(Fleet("many/*/scan", router=router.address, depth=4))
+    async with Rig(router) as rig:
+        fleet = await rig.enter_async_context(Fleet("many/*/scan", router=router.address, depth=4))
         shares = []
         for robot in ("a", "b"):
             share = Share(await rig.open(), f"many/{robot}/scan", router=router.address)
-            shares.append(await stack.enter_async_context(share))
+            shares.append(await rig.enter_async_context(share))
         with pytest.raises(
             ConnectFailed, match=r"2 lidars .* name one:\nzenoh:many/a/scan\nzenoh:many/b"
         ) as caught:
@@ -47,7 +46,7 @@ async def test_many_lidars_are_one_fleet_or_have_to_be_named(router: Router) -> 
         ]  # fmt: skip
         assert {each.key for each in seen} == {"many/a/scan", "many/b/scan"}
         assert (fleet.lost, fleet.dropped, fleet.bad_messages) == (2, 2, 0)
-        stack.enter_context(client(router.address)).put("many/b/scan", b"junk")
+        rig.enter_context(client(router.address)).put("many/b/scan", b"junk")
         await until(lambda: fleet.bad_messages)
         reading = asyncio.ensure_future(anext(fleet))
         await asyncio.sleep(0)
@@ -63,7 +62,7 @@ async def test_a_fleet_decodes_raw_bytes(router: Router) -> None:
         fleet = await stack.enter_async_context(Fleet("bytes/*/scan", router=router.address))
         sent: dict[str, dict[int, Scan]] = {}
         for name, family, raw in (("a", "rplidar", True), ("b", "ydlidar", True), ("c", "rplidar", False)):
-            rig = Rig(stack, router)
+            rig = await stack.enter_async_context(Rig(router))
             key = f"bytes/{name}/scan"
             share = Share(await rig.open(family), key, raw=raw, router=router.address)
             rig.run(await stack.enter_async_context(share))

@@ -5,35 +5,31 @@ from __future__ import annotations
 import asyncio
 import math
 import time
-from contextlib import AsyncExitStack
 from dataclasses import replace
 from typing import Any
 
 import pytest
-from rosbags.typesys import Stores, get_typestore
 from zenoh import ext
 
 import lidario
 from lidario.errors import InvalidValue
-from lidario.network.bus import Bus
 from lidario.network.keys import parse_attachment
 from lidario.ros import Publisher, Share
 from lidario.ros.names import CLOCK, LASERSCAN, LATEST_KEPT, TF_MESSAGE, Node
-from tests.cli.processes import invoke
+from tests.support.loop import driven
+from tests.support.messages import decoded
 from tests.support.network import BOUND_S, Rig, until, zid_in
 from tests.support.router import Router, client
 
-STORE = get_typestore(Stores.ROS2_JAZZY)
+SIM = "sim://rplidar-s2?via=memory"
 
 
 async def test_a_node_that_comes_later_learns_where_the_lidar_is(router: Router) -> None:
     node, came = Node(domain=21), list[Any]()
     key = node.data_key("/tf_static", TF_MESSAGE)
-    async with AsyncExitStack() as stack:
-        rig = Rig(stack, router)
+    async with Rig(router) as rig:
         tokens: dict[str, bool] = {}
-        watching = await Bus.open(router.address)
-        stack.push_async_callback(watching.close)
+        watching = await rig.bus()
         watching.watch_tokens("@ros2_lv/21/**", tokens.__setitem__)
         publisher = Publisher(
             await rig.open(), domain=21, router=router.address, frame_id="front", mount=(0.2, -0.1, math.pi / 2),
@@ -41,12 +37,12 @@ async def test_a_node_that_comes_later_learns_where_the_lidar_is(router: Router)
         async with publisher:
             await until(lambda: len(tokens) == 4)
             assert node.publisher_token(zid_in(tokens), 3, "/tf_static", TF_MESSAGE, LATEST_KEPT) in tokens
-            late = stack.enter_context(client(router.address))
+            late = rig.enter_context(client(router.address))
             history = ext.HistoryConfig(detect_late_publishers=True)
             held = ext.declare_advanced_subscriber(late, key, came.append, history=history)
             await until(lambda: came)
             held.undeclare()  # type: ignore[no-untyped-call]
-    message: Any = STORE.deserialize_cdr(came[0].payload.to_bytes(), "tf2_msgs/msg/TFMessage")
+    message = decoded(came[0].payload.to_bytes(), "tf2_msgs/msg/TFMessage")
     (transform,) = message.transforms
     assert (transform.header.frame_id, transform.child_frame_id) == ("base_link", "front")
     place, turn = transform.transform.translation, transform.transform.rotation
@@ -56,29 +52,26 @@ async def test_a_node_that_comes_later_learns_where_the_lidar_is(router: Router)
     assert parse_attachment(came[0].attachment.to_bytes()) is not None
 
 
-@pytest.mark.parametrize("mount", [(1.0, 2.0), "0,0,0", (1.0, 2.0, math.nan), 3])
-async def test_what_is_no_mount(router: Router, mount: Any) -> None:
-    async with AsyncExitStack() as stack:
-        lidar = await Rig(stack, router).open()
-        with pytest.raises(InvalidValue, match="a mount"):
-            Publisher(lidar, mount=mount)
-
-
-async def test_a_lidar_is_not_turned_twice(router: Router) -> None:
-    async with AsyncExitStack() as stack:
-        lidar = await Rig(stack, router).open()
-        with pytest.raises(InvalidValue, match="would turn it twice"):
-            Publisher(lidar, mount=(0.0, 0.0, 1.0), mount_yaw=1.0)
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        *(({"mount": mount}, "a mount") for mount in ((1.0, 2.0), "0,0,0", (1.0, 2.0, math.nan), 3)),
+        ({"mount": (0.0, 0.0, 1.0), "mount_yaw": 1.0}, "would turn it twice"),
+    ],
+)
+@driven
+async def test_what_is_no_mount(options: dict[str, Any], told: str) -> None:
+    async with lidario.open_lidar(SIM) as lidar:
+        with pytest.raises(InvalidValue, match=told):
+            Publisher(lidar, **options)
 
 
 @pytest.mark.parametrize("stamps", ["now", "measured"])
 async def test_stamps_of_a_recording(router: Router, stamps: Any) -> None:
     """Scans of a year ago are of now, or of then, and then /clock tells what time it was."""
     node, scans, clocks = Node(domain=22), list[Any](), list[Any]()
-    async with AsyncExitStack() as stack:
-        rig = Rig(stack, router)
-        reader = await Bus.open(router.address)
-        stack.push_async_callback(reader.close)
+    async with Rig(router) as rig:
+        reader = await rig.bus()
         reader.subscribe(node.data_key("/scan", LASERSCAN), scans.append)
         reader.subscribe(node.data_key("/clock", CLOCK), clocks.append)
         lidar = await rig.open()
@@ -89,7 +82,7 @@ async def test_stamps_of_a_recording(router: Router, stamps: Any) -> None:
             for _ in range(2):
                 publisher.publish(old)
             await until(lambda: scans and (clocks or stamps == "now"))
-    laser: Any = STORE.deserialize_cdr(scans[0].payload, "sensor_msgs/msg/LaserScan")
+    laser = decoded(scans[0].payload)
     at_ns = laser.header.stamp.sec * 10**9 + laser.header.stamp.nanosec
     if stamps == "now":
         # Its first beam was the last one that was measured, just now.
@@ -97,7 +90,7 @@ async def test_stamps_of_a_recording(router: Router, stamps: Any) -> None:
         assert not clocks
     else:
         assert at_ns == old.to_laserscan().stamp_ns
-        clock: Any = STORE.deserialize_cdr(clocks[0].payload, "rosgraph_msgs/msg/Clock")
+        clock = decoded(clocks[0].payload, "rosgraph_msgs/msg/Clock")
         assert clock.clock.sec * 10**9 + clock.clock.nanosec == old.wall_stamp_ns + old.duration_ns
 
 
@@ -105,20 +98,19 @@ async def test_stamps_of_a_recording(router: Router, stamps: Any) -> None:
 @pytest.mark.parametrize("form", ["ros", "scan", "raw"])
 async def test_a_lidar_that_nobody_reads_rests_until_somebody_does(router: Router, form: str) -> None:
     device = lidario.simulate("rplidar-s2", spin_up=0)
-    async with AsyncExitStack() as stack:
-        lidar = await stack.enter_async_context(lidario.open_lidar(device))
+    async with Rig(router) as rig:
+        lidar = await rig.enter_async_context(lidario.open_lidar(device))
         made: Publisher | Share
         if form == "ros":
             made = Publisher(lidar, domain=23, router=router.address)
         else:
             made = Share(lidar, f"resting/{form}", raw=form == "raw", router=router.address)
-        publisher = await stack.enter_async_context(made)
-        running = asyncio.create_task(publisher.run(idle_stop=0.2))
+        publisher = await rig.enter_async_context(made)
+        running = rig.work(publisher.run(idle_stop=0.2))
         await until(lambda: publisher.scans)
         await until(lambda: not device.scanning and not device.motor_on)
         assert [publisher.is_read] == [False]
-        reader = await Bus.open(router.address)
-        stack.push_async_callback(reader.close)
+        reader = await rig.bus()
         came = list[Any]()
         reader.subscribe(publisher.key, came.append)
         await until(lambda: came and device.scanning)
@@ -130,39 +122,22 @@ async def test_a_lidar_that_nobody_reads_rests_until_somebody_does(router: Route
         await reader.close()
         await until(lambda: not (device.scanning or device.motor_on))
         assert not running.done()
-        running.cancel()
-        await asyncio.wait([running])
 
 
-async def test_a_time_that_is_none(router: Router) -> None:
-    async with AsyncExitStack() as stack:
-        share = Share(await Rig(stack, router).open(), "never", router=router.address)
+@driven
+async def test_a_time_that_is_none() -> None:
+    async with lidario.open_lidar(SIM) as lidar:
         with pytest.raises(InvalidValue, match="above 0"):
-            await share.run(idle_stop=0.0)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "told"),
-    [
-        (["--ros", "--stamps", "now", "sim://rplidar-s2"], "--stamps is for a recording"),
-        (["--zenoh", "a/b", "--mount", "0,0,0", "sim://rplidar-s2"], "--mount belongs to --ros"),
-        (["--ros", "--mount", "0,0", "sim://rplidar-s2"], "is not x,y,yaw in metres and degrees"),
-        (["--ros", "--idle-stop", "never", "sim://rplidar-s2"], "is not a duration"),
-    ],
-)
-def test_options_that_mean_nothing(arguments: list[str], told: str) -> None:
-    ended = invoke("publish", *arguments)
-    assert ended.exit_code == 2
-    assert told in ended.stderr
+            await Share(lidar, "never").run(idle_stop=0.0)
 
 
 @pytest.mark.long
 async def test_a_reader_of_its_own_program_goes_on_when_nobody_else_reads(router: Router) -> None:
     device = lidario.simulate("rplidar-s2", spin_up=0)
-    async with AsyncExitStack() as stack:
-        lidar = await stack.enter_async_context(lidario.open_lidar(device))
-        share = await stack.enter_async_context(Share(lidar, "resting/own", router=router.address))
-        running = asyncio.create_task(share.run(idle_stop=0.2))
+    async with Rig(router) as rig:
+        lidar = await rig.enter_async_context(lidario.open_lidar(device))
+        share = await rig.enter_async_context(Share(lidar, "resting/own", router=router.address))
+        rig.work(share.run(idle_stop=0.2))
         async with lidar.scans() as own:
             await until(lambda: share.scans)
             seen = 0
@@ -172,28 +147,23 @@ async def test_a_reader_of_its_own_program_goes_on_when_nobody_else_reads(router
                     seen += (await anext(own)).seq > 0
             assert device.scanning
         await until(lambda: not device.scanning)
-        running.cancel()
-        await asyncio.wait([running])
 
 
 @pytest.mark.long
 async def test_a_reader_that_was_there_before_is_known_and_a_router_that_restarts_forgets_none() -> None:
     router = Router()
     device = lidario.simulate("rplidar-s2", spin_up=0)
-    async with AsyncExitStack() as stack:
-        stack.callback(router.stop)
-        reader = await Bus.open(router.address)
-        stack.push_async_callback(reader.close)
+    async with Rig(router) as rig:
+        rig.callback(router.stop)
+        reader = await rig.bus()
         came = list[Any]()
         reader.subscribe("resting/before", came.append)
-        lidar = await stack.enter_async_context(lidario.open_lidar(device))
-        share = await stack.enter_async_context(Share(lidar, "resting/before", router=router.address))
-        running = asyncio.create_task(share.run(idle_stop=0.2))
+        lidar = await rig.enter_async_context(lidario.open_lidar(device))
+        share = await rig.enter_async_context(Share(lidar, "resting/before", router=router.address))
+        rig.work(share.run(idle_stop=0.2))
         await until(lambda: share.is_read and came)
         router.stop()
         await until(lambda: not share.is_connected and not device.scanning)
         seen = len(came)
         router.start()
         await until(lambda: share.is_read and len(came) > seen)
-        running.cancel()
-        await asyncio.wait([running])

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rosbags.typesys import Stores, get_typestore
 
 import lidario
 from lidario import InvalidValue, Mount, read_config
@@ -24,12 +23,12 @@ from lidario.ros.names import DIAGNOSTICS, LASERSCAN, POINTCLOUD2, Node
 from lidario.testing import make_scan
 from lidario.web.feed import Feed
 from lidario.web.masks import Masks
-from tests.cli.processes import BOUND, invoke, started
+from tests.cli.processes import BOUND, started
+from tests.support.messages import decoded
 from tests.support.network import until
 from tests.support.pages import blocks
 from tests.support.router import Router
 
-STORE = get_typestore(Stores.ROS2_JAZZY)
 ONE, TWO = (f"sim://rplidar-c1?via=memory&serial={each * 32}" for each in "AB")
 SHOWN = blocks((Path(__file__).parents[2] / "docs" / "several-lidars.md").read_text(encoding="utf-8"))
 
@@ -47,13 +46,13 @@ class Heard:
         bus.subscribe(node.data_key("/diagnostics", DIAGNOSTICS), self.health.append)
 
     def check(self, frame: str = "base_link") -> None:
-        cloud: Any = STORE.deserialize_cdr(self.clouds[-1].payload, "sensor_msgs/msg/PointCloud2")
+        cloud = decoded(self.clouds[-1].payload, "sensor_msgs/msg/PointCloud2")
         points = np.frombuffer(cloud.data, [(each, "<f4") for each in ("x", "y", "z", "i")] + [("t", "<u4")])
         assert (cloud.header.frame_id, cloud.width) == (frame, len(points))
         left = (abs(points["x"]) < 2.99) & (points["y"] > 0.01)
         assert not left.any()
         assert (points["y"] < -0.5).sum() > 100
-        scan: Any = STORE.deserialize_cdr(self.scans[-1].payload, "sensor_msgs/msg/LaserScan")
+        scan = decoded(self.scans[-1].payload)
         assert scan.header.frame_id == frame
         assert len(scan.ranges) == 720
         turned = scan.angle_min + scan.angle_increment * np.arange(720)
@@ -110,7 +109,7 @@ async def test_the_program_of_the_docs(router: Router, settings: Path, capsys: p
         names = {
             status.name
             for each in heard.health
-            for status in STORE.deserialize_cdr(each.payload, "diagnostic_msgs/msg/DiagnosticArray").status  # type: ignore[attr-defined]
+            for status in decoded(each.payload, "diagnostic_msgs/msg/DiagnosticArray").status
         }
         assert {name.split()[-1] for name in names} == {"A" * 32, "B" * 32}
     said = capsys.readouterr().out
@@ -169,7 +168,7 @@ async def test_the_command_publishes_them_with_their_settings(
     if len(sources) > 1:
         heard.check("base")
         return
-    scan: Any = STORE.deserialize_cdr(heard.scans[-1].payload, "sensor_msgs/msg/LaserScan")
+    scan = decoded(heard.scans[-1].payload)
     assert scan.header.frame_id == "front"
     turned = scan.angle_min + scan.angle_increment * np.arange(len(scan.ranges))
     assert not np.isfinite(scan.ranges[abs(turned - 1.57) < 0.3]).any()
@@ -198,19 +197,3 @@ async def test_what_is_no_cloud(router: Router) -> None:
         publisher = MergedPublisher([lidar], mounts=[Mount()], router=router.address)
         with pytest.raises(InvalidValue, match=r"takes what lidario\.merged\(\) gives"):
             publisher.publish(make_scan([0.0], [1.0]))
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("run.mcap", "--ros"), "a recording is of another time"),
-        (("--zenoh", "a"), "several lidars become one with --ros"),
-        (("--ros", "--mount", "0,0,0"), "there are 2 lidars and 1 mounts"),
-        (("--ros", "--mount-yaw", "3"), "--mount-yaw is for one lidar"),
-        (("--ros", "--frame", "x"), "--frame is for one lidar"),
-    ],
-)
-def test_options_that_do_not_go_with_several(arguments: tuple[str, ...], words: str) -> None:
-    done = invoke("publish", ONE, TWO, *arguments)
-    assert done.exit_code == 2
-    assert words in done.stderr.replace("\n", " ")

@@ -7,19 +7,18 @@ defect reaches.
 from __future__ import annotations
 
 import asyncio
-from contextlib import AsyncExitStack
 from typing import Any
 
 import numpy as np
 import pytest
-from rosbags.typesys import Stores, get_typestore
 
 from lidario.errors import Unsupported
 from lidario.laserscan import LaserScan
-from lidario.network.bus import Bus, Sample
+from lidario.network.bus import Sample
 from lidario.network.keys import parse_attachment
 from lidario.ros import Publisher, Share, list_remote_lidars
 from lidario.ros.names import DIAGNOSTICS, LASERSCAN, Node, gid_of
+from tests.support.messages import decoded
 from tests.support.network import BOUND_S, Rig, until, zid_in
 from tests.support.router import Router
 
@@ -27,11 +26,10 @@ from tests.support.router import Router
 @pytest.mark.long
 @pytest.mark.parametrize(("family", "raw"), [("rplidar", False), ("ydlidar", True)])
 async def test_scans_arrive_equal_and_info_and_health_with_them(router: Router, family: str, raw: bool) -> None:
-    async with AsyncExitStack() as stack:
-        rig = Rig(stack, router)
+    async with Rig(router) as rig:
         lidar = await rig.open(family)
         key = f"equal/{family}/{raw}"
-        share = await stack.enter_async_context(Share(lidar, key, raw=raw, router=router.address))
+        share = await rig.enter_async_context(Share(lidar, key, raw=raw, router=router.address))
         rig.run(share)
         await until(lambda: rig.sent)
         remote, scans = await rig.take(key, 3)
@@ -62,16 +60,13 @@ async def test_scans_arrive_equal_and_info_and_health_with_them(router: Router, 
 @pytest.mark.long
 async def test_a_topic_of_ros(router: Router) -> None:
     """Keys, tokens, payload, attachment and diagnostics, as a node would see them; ``zenoh:`` reads it, too."""
-    store = get_typestore(Stores.ROS2_JAZZY)
     node = Node(domain=9)
     key, health = node.data_key("/front/scan", LASERSCAN), node.data_key("/diagnostics", DIAGNOSTICS)
     tokens: dict[str, bool] = {}
     messages: list[Sample] = []
     diagnostics: list[Any] = []
-    async with AsyncExitStack() as stack:
-        rig = Rig(stack, router)
-        reader = await Bus.open(router.address)
-        stack.push_async_callback(reader.close)
+    async with Rig(router) as rig:
+        reader = await rig.bus()
         reader.watch_tokens("@ros2_lv/9/**", tokens.__setitem__)
         reader.subscribe(key, messages.append)
         reader.subscribe(health, diagnostics.append)
@@ -112,7 +107,7 @@ async def test_a_topic_of_ros(router: Router) -> None:
         assert attachment is not None
         assert (attachment.number, attachment.gid) == (number, gid_of(scan_token))
         assert 0 < attachment.time_ns - scan.wall_stamp_ns < BOUND_S * 1e9
-    (status,) = store.deserialize_cdr(diagnostics[-1].payload, "diagnostic_msgs/msg/DiagnosticArray").status  # type: ignore[attr-defined]
+    (status,) = decoded(diagnostics[-1].payload, "diagnostic_msgs/msg/DiagnosticArray").status
     assert (status.level, status.hardware_id, status.name) == (0, lidar.info.serial, "lidario: front/scan")
     assert (found.form, found.robot, found.model) == ("ros", "r7", lidar.info.model)
     assert found.health == lidar.health
@@ -124,10 +119,8 @@ async def test_a_laserscan_of_somebody_elses_node_is_a_source(router: Router) ->
         10**18, "laser", -1.0, 1.0, 0.5, 0.001, 0.1, 0.1, 8.0,
         np.array([1, 2, 3, 4, 5], np.float32), np.zeros(0, np.float32),
     )  # fmt: skip
-    async with AsyncExitStack() as stack:
-        rig = Rig(stack, router)
-        node = await Bus.open(router.address)
-        stack.push_async_callback(node.close)
+    async with Rig(router) as rig:
+        node = await rig.bus()
         node.token(Node("urg", "/robot1", 3).publisher_token(node.id, 7, "/urg/scan", LASERSCAN))
         sender = node.sender(key, bytes(16))
 
@@ -137,11 +130,8 @@ async def test_a_laserscan_of_somebody_elses_node_is_a_source(router: Router) ->
                 sender.put(laser.to_cdr(), b"")
                 await asyncio.sleep(0.02)
 
-        publishing = asyncio.create_task(publish())
-        try:
-            lidar, scans = await rig.take("3/urg/scan/*/*", 2)
-        finally:
-            publishing.cancel()
+        rig.work(publish())
+        lidar, scans = await rig.take("3/urg/scan/*/*", 2)
         assert scans[0].ranges.tolist() == [1, 2, 3, 4, 5]
         assert (lidar.info.family, lidar.info.serial) == ("ros2", "3/urg/scan")
         with pytest.raises(Unsupported, match="its publisher does not tell"):

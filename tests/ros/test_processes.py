@@ -17,23 +17,14 @@ from lidario.network.bus import Bus
 from lidario.network.keys import parse_token, tokens_of
 from lidario.ros import list_remote_lidars
 from tests.cli.processes import line_of, started
-from tests.support.recorded import record
 from tests.support.router import Router
 
 BOUND_S = 30.0
 
 
-@pytest.fixture(scope="module")
-def tape(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """A recording that is played without end: its lidar needs no time to speed up."""
-    path = tmp_path_factory.mktemp("tape") / "run.mcap"
-    record(path, "sim://rplidar-s2", 12)
-    return f"{path}?loop=1"
-
-
 @contextlib.contextmanager
 def publishing(tape: str, router: Router, *arguments: str) -> Iterator[subprocess.Popen[str]]:
-    with started("publish", tape, "--router", router.address, *arguments) as process:
+    with started("publish", f"{tape}?loop=1", "--router", router.address, *arguments) as process:
         assert line_of(process.stdout).strip()
         assert "publishing" in line_of(process.stderr)
         yield process

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import time
-from contextlib import AsyncExitStack
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -15,7 +14,6 @@ from mcap.reader import make_reader
 import lidario
 from lidario.errors import CannotRecord, ConnectFailed, Unsupported
 from lidario.model import Health, HealthStatus
-from lidario.network.bus import Bus
 from lidario.network.status import Status
 from lidario.ros import Publisher, Share
 from tests.support.network import BOUND_S, Rig, publish_in_vain, until
@@ -37,17 +35,16 @@ async def publish_on(publisher: Publisher | Share) -> None:
 @pytest.mark.long
 async def test_a_recording_goes_on_when_the_robot_is_back(router: Router, tmp_path: Path) -> None:
     taken = list[lidario.Scan]()
-    async with AsyncExitStack() as stack:
-        rig = Rig(stack, router)
+    async with Rig(router) as rig:
         lidar = await rig.open()
         async with Share(lidar, "kept/scan", raw=True, router=router.address) as share:
             rig.run(share)
             await until(lambda: rig.sent)
             remote, scans = await rig.read("kept/scan", reconnect=True)
-            recording = await stack.enter_async_context(remote.record(tmp_path / "run.mcap", split_s=1.0))
+            recording = await rig.enter_async_context(remote.record(tmp_path / "run.mcap", split_s=1.0))
             taken += [await anext(scans) for _ in range(6)]
         await until(lambda: not remote.is_connected)
-        await stack.enter_async_context(Share(lidar, "kept/scan", raw=True, router=router.address))
+        await rig.enter_async_context(Share(lidar, "kept/scan", raw=True, router=router.address))
         async with asyncio.timeout(BOUND_S):
             while not remote.stats.reconnects or len(taken) < 18:
                 taken.append(await anext(scans))
@@ -63,15 +60,14 @@ async def test_what_passes_while_a_publisher_is_away_is_counted_as_missed(
 ) -> None:
     """And scans come again when it is back."""
     monkeypatch.setattr("lidario.network.port.GONE_S", 0.05)
-    async with AsyncExitStack() as stack:
-        rig = Rig(stack, router)
+    async with Rig(router) as rig:
         lidar = await rig.open()
         async with Share(lidar, "gone/scan", router=router.address) as share:
             rig.run(share)
             remote, scans = await rig.read("gone/scan", reconnect=True)
             taken = [await anext(scans)]
         await until(lambda: not remote.is_connected)
-        rig.run(await stack.enter_async_context(Share(lidar, "gone/scan", router=router.address)))
+        rig.run(await rig.enter_async_context(Share(lidar, "gone/scan", router=router.address)))
         await until(lambda: remote.stats.reconnects)
         back_ns = time.monotonic_ns()
         async with asyncio.timeout(BOUND_S):
@@ -85,8 +81,7 @@ async def test_what_passes_while_a_publisher_is_away_is_counted_as_missed(
 async def test_a_recording_holds_the_descriptor_that_was_made_for_the_stream(router: Router) -> None:
     """Places in it are counted in received bytes: without it each stream would lack its first bytes."""
     shown = list[bytes]()
-    async with AsyncExitStack() as stack:
-        rig = Rig(stack, router)
+    async with Rig(router) as rig:
         rig.run(await rig.share("shown/scan", raw=True))
         await until(lambda: rig.sent)
         remote, scans = await rig.read("shown/scan")
@@ -97,8 +92,7 @@ async def test_a_recording_holds_the_descriptor_that_was_made_for_the_stream(rou
 
 async def test_a_reader_may_come_before_the_first_scan(router: Router) -> None:
     """The publisher's lidar does not scan yet, so its mode is not known."""
-    async with AsyncExitStack() as stack:
-        rig = Rig(stack, router)
+    async with Rig(router) as rig:
         share = await rig.share("early/scan")
         _, scans = await rig.read("early/scan")
         reading = asyncio.ensure_future(anext(scans))
@@ -110,8 +104,7 @@ async def test_a_reader_may_come_before_the_first_scan(router: Router) -> None:
 @pytest.mark.long
 async def test_what_was_read_at_once_is_dated_as_one_read(router: Router) -> None:
     """In pieces, the revolutions of the first one seem to have come as late as the last byte did."""
-    async with AsyncExitStack() as stack:
-        rig = Rig(stack, router)
+    async with Rig(router) as rig:
         rig.run(await rig.share("at-once/scan", raw=True))
         await until(lambda: rig.sent)
         _, scans = await rig.read("at-once/scan")
@@ -125,14 +118,13 @@ async def test_what_was_read_at_once_is_dated_as_one_read(router: Router) -> Non
 @pytest.mark.parametrize("form", ["scan", "ros"])
 async def test_scans_that_were_lost_are_a_jump_in_the_numbers(router: Router, form: str) -> None:
     """They were dropped by zenoh, as it does where a line is busy."""
-    async with AsyncExitStack() as stack:
-        rig = Rig(stack, router)
+    async with Rig(router) as rig:
         lidar = await rig.open()
         if form == "ros":
             publisher: Publisher | Share = Publisher(lidar, topic="lossy", router=router.address)
         else:
             publisher = Share(lidar, "lossy/scan", router=router.address)
-        await stack.enter_async_context(publisher)
+        await rig.enter_async_context(publisher)
         remote, scans = await rig.read(publisher.key)
         seq = None
         missed = 0
@@ -154,10 +146,9 @@ async def test_scans_that_were_lost_are_a_jump_in_the_numbers(router: Router, fo
 @pytest.mark.long
 async def test_two_publishers_under_one_key(router: Router, caplog: pytest.LogCaptureFixture) -> None:
     """The second one is told, and a reader that is there goes on with the first one."""
-    async with AsyncExitStack() as stack:
-        rig, other = Rig(stack, router), Rig(stack, router)
+    async with Rig(router) as rig, Rig(router) as other:
         key = "rival/scan"
-        share = await stack.enter_async_context(
+        share = await rig.enter_async_context(
             Share(await rig.open(), key, raw=True, router=router.address, robot="a")
         )
         rig.run(share)
@@ -167,7 +158,7 @@ async def test_two_publishers_under_one_key(router: Router, caplog: pytest.LogCa
             # The reader may have come in the midst of a packet.
             skipped = remote.stats.skipped_bytes
             second = Share(await other.open("ydlidar"), key, raw=True, router=router.address, robot="b")
-            other.run(await stack.enter_async_context(second))
+            other.run(await other.enter_async_context(second))
             await until(lambda: len(other.sent) >= 3)
             for _ in range(4):
                 assert (await anext(scans)).mode == "DenseBoost"
@@ -188,11 +179,10 @@ async def test_a_reader_is_told_that_the_lidar_is_away(
 ) -> None:
     """Its publisher is there, so the session goes on."""
     monkeypatch.setattr("lidario.ros.broadcast.STATUS_S", 0.02)
-    async with AsyncExitStack() as stack:
-        rig = Rig(stack, router)
+    async with Rig(router) as rig:
         share = await rig.share("away/scan")
         source = f"zenoh:away/scan?router={router.address}"
-        remote = await stack.enter_async_context(lidario.open_lidar(source))
+        remote = await rig.enter_async_context(lidario.open_lidar(source))
         status = share.status()
         away, back = (f"zenoh:away/scan: the lidar is {each} its publisher" for each in ("away from", "back at"))
         for lost, told in (("the lidar is away from its publisher", away), ("", back)):
@@ -208,8 +198,7 @@ async def test_a_publisher_that_sends_nothing_is_told(
     """Its process is there, so nothing is lost; it may hang, or its lidar may stand still."""
     # Within this time it must be seen that the publisher is there.
     monkeypatch.setattr("lidario.network.port.SILENCE_S", 1.0)
-    async with AsyncExitStack() as stack:
-        rig = Rig(stack, router)
+    async with Rig(router) as rig:
         share = await rig.share("mute/scan")
         _, scans = await rig.read("mute/scan")
         reading = asyncio.ensure_future(anext(scans))
@@ -225,12 +214,10 @@ async def test_a_publisher_that_sends_nothing_is_told(
 @pytest.mark.parametrize("raw", [True, False])
 async def test_noise_under_a_key_keeps_nobody_from_reading(router: Router, raw: bool) -> None:
     """Neither as messages nor as a status, before the first message of the publisher and after it."""
-    async with AsyncExitStack() as stack:
-        rig = Rig(stack, router)
+    async with Rig(router) as rig:
         key = f"noise/{raw}"
         share = await rig.share(key, raw=raw)
-        noise = await Bus.open(router.address)
-        stack.push_async_callback(noise.close)
+        noise = await rig.bus()
         senders = [noise.sender(each, bytes(16)) for each in (key, f"{key}/@lidario/status")]
         unwell = replace(share.status().about, health=Health(HealthStatus.ERROR, 1, "evil"), events=())
         evil = Status("raw", "evil", unwell).to_bytes(whole=True)
@@ -243,8 +230,7 @@ async def test_noise_under_a_key_keeps_nobody_from_reading(router: Router, raw: 
                         sender.put(payload, bytes(33))
                 await asyncio.sleep(0.02)
 
-        disturbing = asyncio.create_task(disturb())
-        stack.callback(disturbing.cancel)
+        rig.work(disturb())
         rig.run(share)
         await until(lambda: rig.sent)
         remote, scans = await rig.read(key)
@@ -257,12 +243,11 @@ async def test_noise_under_a_key_keeps_nobody_from_reading(router: Router, raw: 
 
 async def test_whole_scans_have_no_raw_bytes_to_pass_on(router: Router) -> None:
     """A relay that sends nothing would look like a lidar that stands still."""
-    async with AsyncExitStack() as stack:
-        rig = Rig(stack, router)
+    async with Rig(router) as rig:
         rig.run(await rig.share("relayed/scan"))
         await until(lambda: rig.sent)
         source = f"zenoh:relayed/scan?router={router.address}"
-        remote = await stack.enter_async_context(lidario.open_lidar(source))
+        remote = await rig.enter_async_context(lidario.open_lidar(source))
         with pytest.raises(Unsupported, match="arrives as whole scans, so there are no raw bytes to publish"):
             Share(remote, "relay/scan", raw=True, router=router.address)
 
@@ -272,18 +257,17 @@ async def test_whole_scans_have_no_raw_bytes_to_pass_on(router: Router) -> None:
 async def test_a_recording_of_whole_scans_keeps_some_or_does_not_begin(
     router: Router, form: str, tmp_path: Path
 ) -> None:
-    async with AsyncExitStack() as stack:
-        rig = Rig(stack, router)
+    async with Rig(router) as rig:
         lidar = await rig.open()
         publisher: Publisher | Share = (
             Publisher(lidar, topic="kept", router=router.address)
             if form == "ros"
             else Share(lidar, "kept/scan", raw=form == "raw", router=router.address)
         )
-        rig.run(await stack.enter_async_context(publisher))
+        rig.run(await rig.enter_async_context(publisher))
         await until(lambda: rig.sent)
         source = f"zenoh:{publisher.key}?router={router.address}"
-        remote = await stack.enter_async_context(lidario.open_lidar(source))
+        remote = await rig.enter_async_context(lidario.open_lidar(source))
         bare, with_scans = tmp_path / "bare.mcap", tmp_path / "scans.mcap"
         if form != "raw":
             with pytest.raises(CannotRecord, match=r"record with --scans \(scans=True\)"):

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import resource
-import subprocess
-import sys
 
 import pytest
 
-from tests.cli.processes import BOUND, ROOT
+from tests.support.children import ended
 
 SERVED = """
 import asyncio, os, resource, sys
@@ -41,10 +38,6 @@ asyncio.run(main())
 def test_devices_are_served_beyond_1023_descriptors() -> None:
     if resource.getrlimit(resource.RLIMIT_NOFILE)[1] < 2000:
         pytest.fail("this system allows fewer than 2000 descriptors: the test needs them")
-    ended = subprocess.run(
-        [sys.executable, "-c", SERVED],
-        cwd=ROOT, capture_output=True, text=True, timeout=BOUND, check=False,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
-    assert ended.stdout.split("\n")[:3] == ["PtyServer True", "TcpServer True", "UdpServer True"], ended.stderr
-    assert ended.returncode == 0, ended.stderr
+    done = ended(SERVED)
+    assert done.stdout.split("\n")[:3] == ["PtyServer True", "TcpServer True", "UdpServer True"], done.stderr
+    assert done.returncode == 0, done.stderr

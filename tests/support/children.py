@@ -27,13 +27,21 @@ _ROOT = Path(__file__).parents[2]
 _POLL_S = 0.002
 
 
+def ended(program: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run a Python program as a process, to its end."""
+    return subprocess.run(
+        [sys.executable, "-c", program, *arguments],
+        cwd=_ROOT, env=_environment(), capture_output=True, text=True, timeout=2 * BOUND, check=False,
+    )  # fmt: skip
+
+
 @contextlib.contextmanager
 def child(program: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
     """Start a Python program as a process; at the end of the block it is gone."""
     process = subprocess.Popen(
         [sys.executable, "-c", program, *arguments],
         cwd=_ROOT,
-        env={**os.environ, "PYTHONPATH": str(_ROOT), "PYTHONWARNINGS": "error"},
+        env=_environment(),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -44,6 +52,10 @@ def child(program: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
         finally:
             if process.poll() is None:
                 process.kill()
+
+
+def _environment() -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": str(_ROOT), "PYTHONWARNINGS": "error"}
 
 
 def line_of(process: subprocess.Popen[str]) -> str:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Coroutine, Iterable
 from contextlib import AsyncExitStack
+from typing import Any
 
 import pytest
 
 import lidario
+from lidario.network.bus import Bus
 from lidario.network.sender import Sender
 from lidario.ros import Publisher, Share
 from lidario.scan import Scan
@@ -36,44 +38,55 @@ def publish_in_vain(publisher: Publisher | Share, scan: Scan) -> None:
         publisher.publish(scan)
 
 
-class Rig:
-    """A simulated lidar that is open, and a list of its scans."""
+class Rig(AsyncExitStack):
+    """A simulated lidar that is open, and a list of its scans; what is entered and opened ends with it."""
 
-    def __init__(self, stack: AsyncExitStack, router: Router) -> None:
-        self.stack = stack
+    def __init__(self, router: Router) -> None:
+        super().__init__()
         self.router = router.address
         self.sent: list[Scan] = []
 
+    async def bus(self) -> Bus:
+        """Another client of the router."""
+        bus = await Bus.open(self.router)
+        self.push_async_callback(bus.close)
+        return bus
+
     async def open(self, family: str = "rplidar") -> lidario.Lidar:
         device = lidario.simulate(MODELS[family], spin_up=0)
-        return await self.stack.enter_async_context(lidario.open_lidar(device))
+        return await self.enter_async_context(lidario.open_lidar(device))
 
-    def run(self, publisher: Publisher | Share) -> None:
-        """Publish all scans of its lidar in a task."""
-
-        async def work() -> None:
-            async with publisher.lidar.scans(depth=64) as stream:
-                async for scan in stream:
-                    self.sent.append(scan)
-                    publisher.publish(scan)
-
-        task = asyncio.create_task(work())
+    def work(self, doing: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
+        """Do this in a task, until the end."""
+        task = asyncio.create_task(doing)
 
         async def end() -> None:
             task.cancel()
             await asyncio.wait([task])
 
-        self.stack.push_async_callback(end)
+        self.push_async_callback(end)
+        return task
+
+    def run(self, publisher: Publisher | Share) -> None:
+        """Publish all scans of its lidar in a task."""
+
+        async def publish() -> None:
+            async with publisher.lidar.scans(depth=64) as stream:
+                async for scan in stream:
+                    self.sent.append(scan)
+                    publisher.publish(scan)
+
+        self.work(publish())
 
     async def share(self, key: str, *, raw: bool = False) -> Share:
         """Open a lidar and publish it under ``KEY``; `run` publishes its scans."""
-        return await self.stack.enter_async_context(Share(await self.open(), key, raw=raw, router=self.router))
+        return await self.enter_async_context(Share(await self.open(), key, raw=raw, router=self.router))
 
     async def read(self, key: str, *, reconnect: bool = False) -> tuple[lidario.Lidar, lidario.ScanStream]:
         """A session with ``zenoh:KEY``, and a stream of it."""
         source = f"zenoh:{key}?router={self.router}"
-        lidar = await self.stack.enter_async_context(lidario.open_lidar(source, reconnect=reconnect))
-        return lidar, await self.stack.enter_async_context(lidar.scans(depth=64))
+        lidar = await self.enter_async_context(lidario.open_lidar(source, reconnect=reconnect))
+        return lidar, await self.enter_async_context(lidar.scans(depth=64))
 
     async def take(self, key: str, count: int) -> tuple[lidario.Lidar, list[Scan]]:
         """So many scans of ``zenoh:KEY``."""

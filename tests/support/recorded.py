@@ -6,11 +6,12 @@ from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from lidario.model import DeviceInfo, Health, ScanMode
+from lidario.model import DeviceInfo, Health, ScanMode, Stats
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
 from lidario.session.opening import open_lidar
@@ -27,7 +28,7 @@ def thread_takes_no_time() -> Iterator[None]:
 
 @dataclass
 class Live:
-    """What a session gave while it was recorded."""
+    """What a session gave while it was recorded, and what is said of the recording."""
 
     path: Path
     info: DeviceInfo
@@ -35,8 +36,20 @@ class Live:
     modes: tuple[ScanMode, ...] = ()
     scans: list[Scan] = field(default_factory=list)
     chunks: list[tuple[str, bytes, int]] = field(default_factory=list)
-    lost_bytes: int = 0
-    error: str = ""
+    stats: Stats = field(default_factory=Stats)
+    source: str = ""
+    files: int = 0
+    size: int = 0
+
+    @property
+    def received(self) -> bytes:
+        """What came, also before the recording began and behind its end."""
+        return b"".join(data for direction, data, _ in self.chunks if direction == "in")
+
+    @property
+    def parts(self) -> list[Path]:
+        """The files that are there, of a recording in parts."""
+        return sorted(self.path.parent.glob(f"{self.path.stem}-*.mcap"))
 
 
 async def take_scans(lidar: Lidar, live: Live, count: int, mode: str | int | None = None) -> None:
@@ -51,25 +64,38 @@ def record(
     source: str,
     count: int = 12,
     *,
-    scans: bool = False,
     act: Callable[[Lidar, Live], Awaitable[None]] | None = None,
+    **options: Any,
 ) -> Live:
-    """Record `count` scans of a simulated device, or what `act` does with it; returns what the session gave."""
+    """Record `count` scans of a simulated device, or what `act` does with it, without a loss.
+
+    Args:
+        path: As for `Lidar.record`, and `options`.
+        source: The device; in memory unless it says otherwise.
+        count: How many scans are read.
+        act: What is done in place of that.
+        options: As for `Lidar.record`.
+    """
+    if "via=" not in source:
+        source += f"{'&' if '?' in source else '?'}via=memory"
 
     async def main() -> Live:
-        async with open_lidar(f"{source}{'&' if '?' in source else '?'}via=memory") as lidar:
+        async with open_lidar(source, reconnect=True) as lidar:
             live = Live(path, lidar.info, lidar.health)
             lidar.tap(lambda direction, data, now: live.chunks.append((direction, data, now)))
-            async with lidar.record(path, scans=scans, overwrite=True) as recording:
+            async with lidar.record(path, overwrite=True, **options) as recording:
                 if act is None:
                     await take_scans(lidar, live, count)
                 else:
                     await act(lidar, live)
-            live.modes = await lidar.get_modes()
-            live.lost_bytes, live.error = recording.lost_bytes, str(recording.error or "")
+            assert recording.error is None
+            assert not recording.lost_bytes
+            live.source, live.files, live.size = recording.source, recording.files, recording.size
+            live.stats, live.modes = lidar.stats, await lidar.get_modes()
             return live
 
-    return run_driven(main)
+    with thread_takes_no_time():
+        return run_driven(main)
 
 
 def replayed(path: Path | str, options: str = "rate=0") -> list[Scan]:

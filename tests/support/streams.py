@@ -166,13 +166,13 @@ class Assembled(NamedTuple):
     link: LinkStats
 
 
-def assembled(case: Case, raw: bytes, chunks: Chunks = 64, times: Callable[[int], int] | None = None) -> Assembled:
+def assembled(case: Case, raw: bytes, chunks: Chunks = 251, times: Callable[[int], int] | None = None) -> Assembled:
     """The scans of a stream whose pieces arrive when the clock says.
 
     Args:
         case: The stream's format.
         raw: Its bytes.
-        chunks: How they are cut.
+        chunks: How they are cut; by default so that packets of every format are cut anywhere.
         times: Arrival of the n-th byte; by default at the device's own pace.
     """
     pipeline = Pipeline(stream_of(case), link=open_stream(case))

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from lidario.web.access import AccessRules, Refusal
+from lidario.web.access import Refusal, judge
 
 LOCAL = "localhost:8080"
 TOKEN = "right-token"
 
 
-def judged(rules: AccessRules, path: str, hosts: list[str], origins: list[str]) -> str | int:
-    verdict = rules.check(path, hosts, origins)
+def judged(token: str, path: str, hosts: list[str], origins: list[str]) -> str | int:
+    verdict = judge(token, path, hosts, origins)
     return verdict.status if isinstance(verdict, Refusal) else verdict
 
 
@@ -45,7 +45,7 @@ def judged(rules: AccessRules, path: str, hosts: list[str], origins: list[str]) 
     ],
 )
 def test_on_this_machine(path: str, hosts: list[str], origins: list[str], verdict: str | int) -> None:
-    assert judged(AccessRules(), path, hosts, origins) == verdict
+    assert judged("", path, hosts, origins) == verdict
 
 
 @pytest.mark.parametrize(
@@ -64,4 +64,4 @@ def test_on_this_machine(path: str, hosts: list[str], origins: list[str], verdic
     ],
 )
 def test_on_a_network(path: str, host: str, origin: str | None, verdict: str | int) -> None:
-    assert judged(AccessRules(TOKEN), path, [host], [] if origin is None else [origin]) == verdict
+    assert judged(TOKEN, path, [host], [] if origin is None else [origin]) == verdict

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
-from rosbags.typesys import Stores, get_typestore
 
 from lidario import Mount, read_config, save_config
 from lidario.filters import AngularBoundsFilter, BoxFilter, ShadowsFilter
@@ -18,6 +15,7 @@ from lidario.testing import make_scan
 from lidario.web.feed import Feed
 from lidario.web.masks import Masks
 from tests.cli.processes import invoke, line_of, started
+from tests.support.messages import scans_of_file
 from tests.web.shown import S2, Open, end_both
 
 
@@ -207,17 +205,14 @@ def check_recording(tmp_path: Path, settings: Path, begin: float, finish: float)
     run = tmp_path / "run.mcap"
     done = invoke("record", S2, "-o", str(run), "-n", "3", "--scans", "--config", str(settings))
     assert done.exit_code == 0, done.stderr
-    store, count = get_typestore(Stores.ROS2_JAZZY), 0
-    with run.open("rb") as file:
-        for _, _, message in make_reader(file).iter_messages(["/scan"]):
-            scan: Any = store.deserialize_cdr(message.data, "sensor_msgs/msg/LaserScan")
-            angles = np.remainder(scan.angle_min + np.arange(len(scan.ranges)) * scan.angle_increment, math.tau)
-            assert np.isnan(scan.ranges[(angles > begin + 0.01) & (angles < finish - 0.01)]).all()
-            x, y = scan.ranges * np.cos(angles), scan.ranges * np.sin(angles)
-            assert not ((abs(x) < 1.9) & (y > -3.4) & (y < -0.6)).any()
-            assert np.isfinite(scan.ranges).sum() > 1000
-            count += 1
-    assert count == 3
+    scans = scans_of_file(run)
+    assert len(scans) == 3
+    for scan in scans:
+        angles = np.remainder(scan.angle_min + np.arange(len(scan.ranges)) * scan.angle_increment, math.tau)
+        assert np.isnan(scan.ranges[(angles > begin + 0.01) & (angles < finish - 0.01)]).all()
+        x, y = scan.ranges * np.cos(angles), scan.ranges * np.sin(angles)
+        assert not ((abs(x) < 1.9) & (y > -3.4) & (y < -0.6)).any()
+        assert np.isfinite(scan.ranges).sum() > 1000
 
 
 @pytest.mark.long

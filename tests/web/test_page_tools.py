@@ -1,4 +1,4 @@
-"""The tools of the page in a real browser: scale and legend, pointer and ruler, recording and playing.
+"""The tools of the page in a real browser: scale and legend, recording and playing.
 
 Where no Chromium is installed these tests are not run, and the summary says so: `tests/conftest.py`.
 """
@@ -43,49 +43,6 @@ def test_intensity_is_shown_where_there_is_one(opened: Open) -> None:
         page.until("document.querySelector('#hue').textContent === 'Colour: intensity' && !dirty")
         assert ink(page) > 300
         end_both(process, page)
-
-
-def test_the_pointer_tells_distance_and_angle_and_the_ruler_measures(url: str, opened: Open) -> None:
-    page = opened(url)
-    page.until("seen.painted > 1 && !dirty")
-    page.key(" ")
-    page.until("view.paused && !dirty")
-    # A wall to the right, told from the scan itself; the pointer is 3 dots beside it.
-    wall = "(s => { let i = 0; while (!(s.ranges[i] && s.angles[i] > 49000)) i++; return i; })(scans[0].at(-1))"
-    index = page.ask(wall)
-    metres, turned = page.ask(
-        f"[scans[0].at(-1).ranges[{index}] / 1000, scans[0].at(-1).angles[{index}] * 360 / 65536]"
-    )
-    across, down = page.ask(
-        f"place({metres} * Math.cos({turned} * Math.PI / 180), {metres} * Math.sin({turned} * Math.PI / 180))"
-    )
-    page.move(across + 3, down)
-    page.until("hover && !dirty")
-    told = page.ask("seenFrom(under(hover))")
-    distance, angle = float(told.split(" m at ")[0]), float(told.split(" m at ")[1].rstrip("°"))
-    assert distance == pytest.approx(metres, abs=0.1)
-    assert angle == pytest.approx(turned - 360, abs=2)
-    # One metre forward from here, on free ground.
-    page.key("r")
-    middle = page.ask("[place(0.2, 0), place(0.7, 0)]")
-    for x, y in middle:
-        page.move(x, y)
-        page.drag((x, y), (x, y))
-    page.until("marks.length === 2 && !dirty")
-    assert page.ask("Math.hypot(marks[0][0] - marks[1][0], marks[0][1] - marks[1][1])") == pytest.approx(
-        0.5, abs=0.02
-    )
-    page.key("r")
-    assert page.ask("marks.length") == 0
-
-
-def test_the_title_names_the_lidar_and_the_screen_is_filled(url: str, opened: Open) -> None:
-    page = opened(url)
-    page.until("document.title === 'RPLIDAR S2M1 – lidario'")
-    page.key("f")
-    page.until("document.fullscreenElement !== null")
-    page.key("f")
-    page.until("document.fullscreenElement === null")
 
 
 @pytest.mark.long

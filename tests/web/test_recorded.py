@@ -9,8 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from websockets.asyncio.client import connect
-from websockets.typing import Origin
 
 import lidario
 from lidario.cli.watch import figures
@@ -19,8 +17,7 @@ from lidario.web.feed import Feed
 from lidario.web.server import LiveServer
 from tests.support.cases import CASES
 from tests.support.recorded import record
-
-BOUND = 20.0
+from tests.web.test_server import BOUND, viewer
 
 
 @pytest.fixture(scope="module")
@@ -53,16 +50,14 @@ async def test_a_recording_at_full_speed_closes_no_viewer(path: Path, monkeypatc
     feed = Feed(f"{path}?rate=0&loop=1")
     async with LiveServer([feed], host="127.0.0.1", port=0) as server:
         feed.on_scan = server.publish_scan
-        own = Origin(f"http://localhost:{server.port}")
-        url = f"ws://localhost:{server.port}/live"
-        async with connect(url, origin=own, compression=None, max_queue=1000, proxy=None) as viewer:
+        async with viewer(server) as seen:
             reading = asyncio.create_task(feed.run())
             drawn = 0
             async with asyncio.timeout(BOUND):
                 while drawn < 40:
-                    if isinstance(await viewer.recv(), bytes):
+                    if isinstance(await seen.recv(), bytes):
                         drawn += 1
-                        await viewer.send("a")
+                        await seen.send("a")
             reading.cancel()
             await asyncio.wait([reading])
     assert feed.scans >= drawn
@@ -102,31 +97,29 @@ async def test_viewers_move_recordings_and_start_the_recording_of_lidars(path: P
         for feed in (played, live):
             feed.on_change = server.publish_states
         reading = [asyncio.create_task(feed.run()) for feed in (played, live)]
-        own = Origin(f"http://localhost:{server.port}")
-        url = f"ws://localhost:{server.port}/live"
-        async with connect(url, origin=own, compression=None, max_queue=1000, proxy=None) as viewer:
+        async with viewer(server) as seen:
 
             async def states(wanted: Callable[[Any, Any], bool]) -> None:
                 async with asyncio.timeout(BOUND):
                     while True:
-                        message = await viewer.recv()
+                        message = await seen.recv()
                         if isinstance(message, str) and wanted(*json.loads(message)["lidars"]):
                             return
 
             await states(lambda one, two: one["play"] is not None and two["state"] == "scanning")
-            await viewer.send("p0.5 2")
+            await seen.send("p0.5 2")
             await states(lambda one, two: one["play"]["rate"] == 2 and two["play"] is None)
-            await viewer.send("r1")
+            await seen.send("r1")
             await states(lambda one, two: one["record"] is None and two["record"]["scans"] > 2)
-            await viewer.send("r0")
+            await seen.send("r0")
             await states(lambda _, two: not two["record"]["on"] and two["record"]["error"] == "")
             (made,) = await asyncio.to_thread(lambda: list(tmp_path.glob("*.mcap")))
             assert len(await asyncio.to_thread(lambda: list(lidario.decode_file(made)))) >= 2
             # Anything else is no message of the page.
-            await viewer.send("p1e9 2")
+            await seen.send("p1e9 2")
             async with asyncio.timeout(BOUND):
-                await viewer.wait_closed()
-            assert viewer.close_code == 1008
+                await seen.wait_closed()
+            assert seen.close_code == 1008
         for task in reading:
             task.cancel()
         await asyncio.wait(reading)
