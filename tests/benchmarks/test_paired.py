@@ -82,7 +82,7 @@ def test_it_prints_which_two_revisions_it_has_compared(
 
 def test_both_checkouts_decode_by_turns() -> None:
     here = paired.Checkout("here", ROOT)
-    table = paired.compare_decode(here, paired.Checkout("there", ROOT), 1, [DENSE], [4096, 0])
+    table = paired.compare_decode(here, paired.Checkout("there", ROOT), 1, [DENSE], [4096, 65536])
     ((name, *ratios),) = table.rows
     assert (name, len(ratios)) == (DENSE, 2)
     assert all(float(part) > 0 for cell in ratios for part in cell.split(", "))
@@ -92,7 +92,7 @@ def test_both_checkouts_decode_by_turns() -> None:
 def test_a_checkout_that_cannot_decode_is_named(tmp_path: Path) -> None:
     other = paired.Checkout("other", tmp_path)
     with pytest.raises(paired.Refused, match=f"^other cannot decode {DENSE}: it has no benchmarks"):
-        paired.compare_decode(other, paired.Checkout("here", ROOT), 1, [DENSE], [0])
+        paired.compare_decode(other, paired.Checkout("here", ROOT), 1, [DENSE], [65536])
 
 
 def test_live_figures_of_both_stand_beside_each_other() -> None:
