@@ -38,8 +38,6 @@ from benchmarks.plots import draw
 from benchmarks.processes import ROOT
 from benchmarks.report import Result, Setting, machine
 
-__all__ = ["BENCHMARKS", "main", "parser"]
-
 BENCHMARKS: dict[str, Callable[[Setting], Result]] = {
     "decode": decode.run,
     "export": export.run,

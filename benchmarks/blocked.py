@@ -22,8 +22,6 @@ from benchmarks.processes import Failed, Player
 from benchmarks.report import Result, Setting, Table
 from lidario.session.opening import DEFAULT_LATENCY_S
 
-__all__ = ["BLOCKS_MS", "HOLDS", "run"]
-
 BLOCKS_MS = (20, 50, 100, 200, 500, 1000, 2000)
 HOLDS = 4096
 """Bytes that the line holds for a program that does not read."""

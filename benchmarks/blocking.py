@@ -6,8 +6,6 @@ import ctypes
 import time
 from collections.abc import Callable
 
-__all__ = ["KINDS", "Blocks"]
-
 
 def _sleep(seconds: float) -> None:
     time.sleep(seconds)

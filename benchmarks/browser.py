@@ -22,8 +22,6 @@ from urllib.request import Request, urlopen
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-__all__ = ["Browser", "Page", "find_browser"]
-
 NAMES: Final = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 PATIENCE_S: Final = 30.0
 POLL_S: Final = 0.02

@@ -19,8 +19,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-__all__ = ["Change", "changes", "main", "read_rows", "write_rows"]
-
 Row = Mapping[str, Any]
 Key = tuple[str, str, str, str]
 

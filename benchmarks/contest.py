@@ -13,8 +13,6 @@ from benchmarks.processes import Failed, Player, run_json
 from benchmarks.report import Setting
 from benchmarks.streams import RATES
 
-__all__ = ["RIVALS", "Entry", "compete", "entries", "late_by", "lost_scans", "read_live"]
-
 _MARGIN_S = 15.0
 _FORMS = {"S2 DenseBoost": "dense", "S2 Standard": "nodes", "4ROS": "points"}
 RIVALS = {

@@ -26,8 +26,6 @@ from lidario.wire.envelope import DESCRIPTOR_SIZE
 from lidario.wire.events import Packets
 from lidario.wire.link import Link
 
-__all__ = ["DAMAGES", "SCARCE", "Outcome", "outcome", "received", "run"]
-
 _SECONDS = 6.0
 _CHUNK = 512
 _ANGLE_DEG, _DISTANCE_MM = 0.06, 1.0

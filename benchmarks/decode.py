@@ -27,8 +27,6 @@ from benchmarks.streams import KINDS, Kind, capture, recording
 from lidario.revolution.pipeline import Pipeline
 from lidario.wire.link import Link
 
-__all__ = ["CHUNKS", "run"]
-
 CHUNKS: tuple[int | None, ...] = (1, 16, 64, 1024, 4096, None)
 """Bytes a chunk; None for all at once."""
 BASELINE = 4096

@@ -19,8 +19,6 @@ from benchmarks.streams import RATES
 from benchmarks.usage import resident_mb
 from tests.support.loop import DrivenLoop
 
-__all__ = ["drive"]
-
 _STEP_NS = 20_000_000
 _TRACED = 50
 """Revolutions."""

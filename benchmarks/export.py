@@ -22,8 +22,6 @@ from lidario.recording.read import McapRecording
 from lidario.recording.write import FileWriter
 from tests.support.loop import run_driven
 
-__all__ = ["make_recording", "run"]
-
 _SOURCE = "sim://rplidar-s2?via=memory"
 _SCANS = 100
 _PATIENCE_S = 900.0

@@ -19,8 +19,6 @@ from benchmarks.report import Setting, Table
 from lidario.sim.faults import FAULTS, parse_faults
 from lidario.sim.serve import PtyServer
 
-__all__ = ["RIVALS", "Told", "judge_peers", "verdict"]
-
 RIVALS = (
     ("pyrplidar", "rplidar-s2"),
     ("rplidar-roboticia", "rplidar-s2"),

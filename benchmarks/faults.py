@@ -27,8 +27,6 @@ from lidario.sim.faults import FAULTS, parse_faults
 from tests.support.ledger import assert_stats_close
 from tests.support.loop import run_driven
 
-__all__ = ["FAILURES", "FAULT_AT_S", "ROWS", "Outcome", "judge", "run"]
-
 FAULT_AT_S = 3.0
 """When the faults happen that happen at a time; the device streams by then."""
 

@@ -13,8 +13,6 @@ from lidario.wire.blocks import packet_offsets
 from lidario.wire.events import Packets
 from lidario.wire.link import Link
 
-__all__ = ["Intact", "Recorder"]
-
 _NEAR = 2000
 """Bytes; at most so far from its place a packet is searched for."""
 _OF_A_REVOLUTION = 0.4

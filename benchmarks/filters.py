@@ -34,8 +34,6 @@ from lidario.filters import (
 from lidario.sim.rooms import make_world
 from lidario.testing import make_scan
 
-__all__ = ["EVERY", "run"]
-
 SAMPLES = 3200
 EVERY: tuple[Filter, ...] = (
     AngularBoundsFilter([(-3.0, 3.0)]),

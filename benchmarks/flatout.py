@@ -18,8 +18,6 @@ from benchmarks.processes import Player
 from benchmarks.report import Result, Setting, Table, median, ratio, spread
 from benchmarks.streams import RATES, recording
 
-__all__ = ["run"]
-
 _ENTRIES = {
     "S2 DenseBoost": ("pyrplidarsdk", "plain", "pyrplidar"),
     "S2 Standard": ("pyrplidarsdk", "plain", "pyrplidar"),

@@ -18,8 +18,6 @@ from benchmarks.streams import KINDS, Kind, capture
 from lidario.revolution.pipeline import Pipeline
 from lidario.wire.envelope import DESCRIPTOR_SIZE
 
-__all__ = ["MOST", "cost_ms", "run"]
-
 MOST = 2.0
 """How many times the cost of a clean line a line of noise may cost."""
 

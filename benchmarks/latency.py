@@ -15,8 +15,6 @@ from benchmarks.processes import Player
 from benchmarks.report import Result, Setting, Table, median, percentile
 from benchmarks.streams import RATES
 
-__all__ = ["LATENCIES_MS", "run"]
-
 LATENCIES_MS = (0, 2, 5, 10, 20)
 _RATE = "S2 DenseBoost"
 _BUSY = {"busy_s": 0.020, "every_s": 0.050}

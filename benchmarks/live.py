@@ -15,8 +15,6 @@ from benchmarks.processes import Player
 from benchmarks.report import Result, Setting, Table, median, ratio, spread
 from benchmarks.streams import LIVE, RATES
 
-__all__ = ["run"]
-
 _SLOW_TO_OPEN = "PyLidar3"
 """Sleeps for five seconds while it opens: too long for a quick run."""
 

@@ -14,8 +14,6 @@ from benchmarks.contest import Entry, read_live
 from benchmarks.processes import Player, run_json
 from benchmarks.report import Result, Setting, Table
 
-__all__ = ["run"]
-
 _PATIENCE_S = 400.0
 _RATE = "S2 DenseBoost"
 _BARE = """

@@ -32,8 +32,6 @@ from lidario.model import ScanMode
 from lidario.wire.envelope import Request
 from lidario.wire.formats import StreamFormat
 
-__all__ = ["FORMATS", "SUFFERERS", "Sufferer"]
-
 
 @dataclass(frozen=True, slots=True)
 class Sufferer:

@@ -19,8 +19,6 @@ from tests.support.devices import MAKERS
 from tests.support.loop import run_driven
 from tests.support.speeds import serial_in_memory
 
-__all__ = ["first_scan_s", "table"]
-
 _PORT = "/dev/ttyUSB0"
 
 

@@ -28,8 +28,6 @@ from benchmarks.processes import ROOT, Failed, Player, Responder, run_json
 from benchmarks.report import Table, machine, median, percentile
 from benchmarks.streams import KINDS, LIVE, RATES, capture
 
-__all__ = ["Checkout", "Refused", "checked_out", "compare_decode", "compare_live", "main"]
-
 CHUNKS = (64, 1024, 4096, 65536)
 """Bytes at a time; the last ones are as many as `Link` parses at once, as of a file."""
 _STREAM_S = 6.0

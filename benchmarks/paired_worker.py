@@ -20,8 +20,6 @@ from lidario.revolution.assemble import Assembler
 from lidario.wire.events import Packets
 from lidario.wire.link import Link
 
-__all__: list[str] = []
-
 
 def timed(kind: str, path: str, chunk: int, seconds: float, passes: int) -> dict[str, object]:
     """Decode a stream several times."""

@@ -16,8 +16,6 @@ from typing import Any
 
 from benchmarks.processes import ROOT, Failed, run_json
 
-__all__ = ["Peer", "Peers", "package_of", "set_up"]
-
 _HOME = ROOT / "benchmarks" / ".peers"
 _REQUIREMENTS = ROOT / "benchmarks" / "requirements-peers.txt"
 _COMMON = ("numpy", "pyserial", "pyserial-asyncio", "matplotlib")

@@ -22,8 +22,6 @@ from lidario.filters import (
 from lidario.sim.rooms import make_world
 from lidario.testing import make_scan
 
-__all__ = ["SIZE", "filters_page"]
-
 SIZE = (1180, 660)
 _SAMPLES = 1440
 _SCALE = 33.0

@@ -24,8 +24,6 @@ from benchmarks.processes import ROOT, started
 from lidario.cli.watch import Frame
 from lidario.web.feed import Feed
 
-__all__ = ["as_html", "main"]
-
 FOLDER = ROOT / "docs" / "pictures"
 SOURCE = "sim://rplidar-s2?via=memory&seed=4"
 WIDTH, HEIGHT = 100, 30

@@ -29,8 +29,6 @@ from typing import Any
 
 from benchmarks.streams import RATES, Rate, Recording, recording
 
-__all__ = ["main"]
-
 _IDLE_S = 0.05
 _READ = 4096
 _DELIVERY = 64

@@ -8,8 +8,6 @@ from pathlib import Path
 from benchmarks.peers import Peers
 from benchmarks.processes import ROOT
 
-__all__ = ["draw"]
-
 FOLDER = ROOT / "benchmarks" / "plots"
 
 

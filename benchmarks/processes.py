@@ -12,8 +12,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-__all__ = ["ROOT", "Failed", "Player", "Responder", "run_json", "started"]
-
 ROOT = Path(__file__).resolve().parent.parent
 _PATIENCE_S = 20.0
 

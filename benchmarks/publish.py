@@ -33,8 +33,6 @@ from lidario.network.messages import encode_scan
 from lidario.ros import Fleet, diagnostics, pointcloud2
 from lidario.testing import make_scan
 
-__all__ = ["run"]
-
 RATE: Final = "S2 DenseBoost"
 FORMS: Final = {
     "publish --ros": ["--ros"],

@@ -16,8 +16,6 @@ from benchmarks.contest import late_by
 from benchmarks.processes import run_json, started
 from benchmarks.report import Result, Setting, Table, median, percentile, spread
 
-__all__ = ["HERTZ", "run"]
-
 HERTZ = (7, 10, 20)
 _WAYS = ("scans", "sectors")
 _EARLY_NS = 30_000_000

@@ -27,8 +27,6 @@ from lidario.families.rplidar.simulated.device import SimulatedRplidar
 from lidario.families.rplidar.simulated.profiles import PROFILES
 from lidario.sim.serve import PtyServer
 
-__all__ = ["NEAR_M", "main"]
-
 NEAR_M = 0.5
 _FAR_MM, _NEAR_MM = 3000.0, 400.0
 _WIDTH_DEG = 4.0

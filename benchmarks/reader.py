@@ -20,8 +20,6 @@ import lidario
 from benchmarks.blocking import KINDS, Blocks
 from benchmarks.usage import Usage
 
-__all__ = ["read"]
-
 
 async def read(task: dict[str, Any]) -> dict[str, Any]:
     """Do what `task` says: paths, family, baudrate, latency, settle_s, window_s; perhaps depth, blocks, busy_s."""

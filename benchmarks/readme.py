@@ -12,8 +12,6 @@ from pathlib import Path
 from benchmarks.processes import ROOT
 from benchmarks.report import Table
 
-__all__ = ["insert", "insert_faults"]
-
 _README = ROOT / "benchmarks" / "README.md"
 _RELIABILITY = ROOT / "docs" / "reliability.md"
 

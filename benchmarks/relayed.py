@@ -6,8 +6,6 @@ from typing import Any
 
 from lidario.sim.device import Received
 
-__all__ = ["Relayed"]
-
 
 class Relayed:
     """Passes everything on, both ways; obeys `lidario.sim.device.SimulatedDevice`.

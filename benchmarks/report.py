@@ -21,8 +21,6 @@ import numpy as np
 from benchmarks.peers import Peers
 from benchmarks.processes import Failed
 
-__all__ = ["Result", "Setting", "Table", "machine", "median", "percentile", "ratio", "spread", "thinned"]
-
 
 @dataclass(frozen=True, slots=True)
 class Setting:

@@ -14,8 +14,6 @@ from benchmarks.contest import Entry, late_by, lost_scans, read_live
 from benchmarks.processes import Failed, Player
 from benchmarks.report import Result, Setting, Table, median, percentile, spread, thinned
 
-__all__ = ["COUNTS", "run"]
-
 COUNTS = (1, 4, 16, 64, 256)
 _RATE = "S2 DenseBoost"
 _EVERY_S = 0.004

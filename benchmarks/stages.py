@@ -30,8 +30,6 @@ from lidario.revolution.seam import Seam
 from lidario.wire.events import Packets
 from lidario.wire.link import Link
 
-__all__ = ["STAGES", "run"]
-
 STAGES = ("Link", "headings, seam", "decoder", "keeping, scan")
 _CHUNK = 4096
 _LIVE = "S2 DenseBoost"

@@ -18,8 +18,6 @@ from benchmarks.processes import ROOT, Player
 from benchmarks.report import Result, Setting, Table, ratio, spread
 from benchmarks.streams import LIVE
 
-__all__ = ["run"]
-
 _COMMANDS = {
     "python -c pass": ["-c", "pass"],
     "import asyncio, numpy, serial": ["-c", "import asyncio, numpy, serial"],

@@ -32,19 +32,6 @@ from lidario.wire.events import Packets
 from lidario.wire.formats import BEGINS, StreamFormat
 from lidario.wire.link import Link
 
-__all__ = [
-    "KINDS",
-    "LIVE",
-    "RATES",
-    "Kind",
-    "Rate",
-    "Recording",
-    "capture",
-    "recording",
-    "rplidar_kind",
-    "simulated",
-]
-
 _STEP_NS = 10_000_000
 _NAMES = {0x81: "nodes", 0x82: "express", 0x83: "HQ", 0x84: "ultra", 0x85: "dense", 0x86: "ultra-dense"}
 

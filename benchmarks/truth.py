@@ -21,8 +21,6 @@ from benchmarks.truth_streams import Form
 from benchmarks.truth_vendor import by_vendor
 from benchmarks.truth_ways import WAYS, receive
 
-__all__ = ["judged", "run"]
-
 Vendor = tuple[int, int] | None
 """Points kept, and wrong ones; None where the rules are not known."""
 

@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 from benchmarks.truth_code import Floats
 from benchmarks.truth_streams import Form, TrueStream, true_stream
 
-__all__ = ["CASES", "Case", "Line", "happen"]
-
 Mask = NDArray[np.bool_]
 
 

@@ -13,8 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["UNKNOWN", "UNTOLD", "Code"]
-
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
 

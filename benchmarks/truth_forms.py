@@ -27,8 +27,6 @@ from lidario.families.ydlidar.simulated import packers as ydlidar
 from lidario.families.ydlidar.simulated.profiles import PROFILES as YDLIDARS
 from lidario.families.ydlidar.simulated.profiles import Profile as YdlidarProfile
 
-__all__ = ["FORMATS"]
-
 
 def _q6(turns: Floats) -> Ints:
     return np.floor(turns * 23040.0).astype(np.int64) % 23040

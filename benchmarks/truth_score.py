@@ -13,8 +13,6 @@ from benchmarks.truth_streams import TrueStream
 from benchmarks.truth_ways import Received
 from lidario.scan import Scan
 
-__all__ = ["Score", "score"]
-
 _OFF_DEG = 1.0
 _SEAM_DEG = 2.0
 """So near to where a revolution begins a sample may be on either side."""

@@ -18,8 +18,6 @@ from benchmarks.streams import Kind
 from benchmarks.truth_code import Code, Floats, Ints
 from lidario.families.base import Stream
 
-__all__ = ["Form", "Hertz", "Samples", "TrueStream", "true_stream"]
-
 Hertz = Callable[[Floats], Floats]
 """Speed of the rotor, by the seconds since the stream began."""
 

@@ -16,8 +16,6 @@ import numpy as np
 from benchmarks.truth_cases import Line
 from benchmarks.truth_streams import TrueStream
 
-__all__ = ["by_vendor"]
-
 _FULL_TURN_Q6 = 360 * 64
 _OFF_DEG = 1.0
 _MARK = re.compile(rb"[\xa0-\xaf][\x50-\x5f]")

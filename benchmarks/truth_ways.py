@@ -19,8 +19,6 @@ from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.pipeline import Pipeline
 from lidario.scan import Scan
 
-__all__ = ["WAYS", "Received", "receive"]
-
 WAYS = ("read", "held", "file")
 """Each read parsed by itself; what was read kept until a revolution should be complete; a file of bytes."""
 

@@ -10,8 +10,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-__all__ = ["Usage", "resident_mb", "seconds_of", "share_of"]
-
 _STATUS = Path("/proc/self/status")
 
 

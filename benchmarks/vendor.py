@@ -26,8 +26,6 @@ from lidario.sim.device import Received
 from lidario.sim.rooms import make_world
 from lidario.sim.serve import PtyServer, UdpServer
 
-__all__ = ["Run", "run"]
-
 _PEER = "pyrplidarsdk"
 _RADIUS_M = 2.0  # of the world "circle"
 _PATIENCE_S = 2.0

@@ -34,8 +34,6 @@ from lidario.testing import make_scan
 from lidario.web.feed import Feed
 from lidario.web.server import LiveServer
 
-__all__ = ["grown", "run", "table_of"]
-
 RATE: Final = "S2 DenseBoost"
 _NOTE_PAINTED: Final = (
     "confirmed = (was => () => {"

@@ -30,8 +30,6 @@ import lidario
 from lidario.port.thread import ReadingThread
 from tests.support.loop import DrivenLoop
 
-__all__ = ["WAYS", "Call", "Step", "Walk", "printed", "walked"]
-
 WAYS = ("memory", "pty")
 _WARM_UP = 5
 """Scans before the trace begins: the pace must know the period, and Python has specialised its code."""

@@ -12,8 +12,6 @@ import sys
 
 from lidario.cli.streams import CannotWrite, ReaderGone, emit, finish, message, nowhere
 
-__all__ = ["main"]
-
 NO_STDOUT = 2
 CANNOT_WRITE = 4
 NEEDED = ("click", "rich")

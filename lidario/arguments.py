@@ -19,19 +19,6 @@ from pathlib import Path
 
 from lidario.errors import InvalidValue
 
-__all__ = [
-    "callable_of",
-    "finite",
-    "nanoseconds",
-    "number",
-    "path_of",
-    "printable",
-    "shown",
-    "text_of",
-    "whole",
-    "yes_or_no",
-]
-
 _MOST_SHOWN = 80
 _MOST_NS = 1 << 62
 _short = reprlib.Repr()

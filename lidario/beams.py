@@ -52,18 +52,6 @@ from lidario.errors import InvalidValue
 from lidario.laserscan import LaserScan
 from lidario.rotor import Rotor, before, turned
 
-__all__ = [
-    "FARTHEST_STATED_M",
-    "NO_RETURN",
-    "PRESET_YAW",
-    "BeamOptions",
-    "BeamOrder",
-    "NoReturn",
-    "Preset",
-    "beam_count",
-    "resample",
-]
-
 BeamOrder = Literal["counter-clockwise", "measured"]
 NoReturn = Literal["inf", "nan", "zero"]
 Preset = Literal["rep103", "vendor"]

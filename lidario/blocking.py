@@ -41,8 +41,6 @@ from lidario.session.opening import DEFAULT_LATENCY_S, open_lidar
 if TYPE_CHECKING:
     from lidario.sim.device import SimulatedDevice
 
-__all__ = ["SyncLidar", "open_sync"]
-
 P = ParamSpec("P")
 T = TypeVar("T")
 S = TypeVar("S")

@@ -15,8 +15,6 @@ from lidario.session.loop_thread import LoopThread
 from lidario.session.streaming.line_changes import LineChange, LineChanges
 from lidario.session.streaming.stream import ReaderStream
 
-__all__ = ["SyncLineChanges", "SyncRecording", "SyncScanStream", "SyncSectorStream"]
-
 T = TypeVar("T")
 
 

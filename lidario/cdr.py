@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 
 from lidario.arguments import printable
 
-__all__ = ["LITTLE_ENDIAN", "CdrReader", "CdrWriter", "NotCdr", "stamp_bytes"]
-
 LITTLE_ENDIAN: Final = b"\0\1\0\0"
 """The representation header of plain CDR with the lowest byte first."""
 

@@ -7,8 +7,6 @@ from typing import ClassVar, NoReturn, Self
 
 from lidario.errors import LocalProtocolError
 
-__all__ = ["AsyncOnly", "Closing", "Entered"]
-
 
 class AsyncOnly:
     """Base of what a plain ``with`` or ``for`` cannot use."""

@@ -14,8 +14,6 @@ from lidario.cdr import CdrReader, CdrWriter, NotCdr
 from lidario.errors import InvalidValue
 from lidario.plain import plain_of
 
-__all__ = ["LaserScan"]
-
 _SEVEN_AND_COUNT = struct.Struct("<7fI")
 _LENGTH = struct.Struct("<I")
 _FLOATS = np.dtype("<f4")

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from lidario.rotor import Rotor
     from lidario.scan import Scan
 
-__all__ = ["LaserScans"]
-
 MOST_WAITING: Final = 50
 """Scans that wait at most. By chance, so many in turn never become shorter; their memory is some megabytes."""
 

@@ -12,8 +12,6 @@ import sys
 import threading
 from collections import deque
 
-__all__ = ["Latch"]
-
 _WAIT_S = 0.2 if sys.platform == "win32" else -1.0
 """On Windows Ctrl-C does not end a wait that has no limit, so the wait is divided."""
 

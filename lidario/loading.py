@@ -14,8 +14,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from types import ModuleType
 
-__all__ = ["load"]
-
 
 def load(name: str) -> ModuleType:
     """Import a module by its full name. A Ctrl-C meanwhile is raised here, and the import goes on.

@@ -25,8 +25,6 @@ from lidario.samples import (
     read_only,
 )
 
-__all__ = ["MeasuredSamples", "Return", "changed", "later", "with_distances", "with_gaps"]
-
 _RecordT = TypeVar("_RecordT", bound="MeasuredSamples")
 
 FloatArray = NDArray[np.float32]

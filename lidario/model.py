@@ -6,17 +6,6 @@ import math
 from dataclasses import dataclass
 from enum import Enum
 
-__all__ = [
-    "DeviceInfo",
-    "Health",
-    "HealthStatus",
-    "LineErrors",
-    "NetworkAddress",
-    "SampleRate",
-    "ScanMode",
-    "Stats",
-]
-
 
 class HealthStatus(Enum):
     """How the device judges its own state."""

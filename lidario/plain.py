@@ -13,8 +13,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["plain_of"]
-
 UNITS: Final = {
     "angles": "rad, counter-clockwise from ahead",
     "ranges": "m",

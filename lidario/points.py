@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 from lidario.arguments import callable_of, finite, shown
 from lidario.errors import InvalidValue
 
-__all__ = ["Motion", "Mount", "Points", "PoseFunction", "Velocity", "merge", "place"]
-
 
 @dataclass(frozen=True, slots=True)
 class Mount:

@@ -18,8 +18,6 @@ from lidario.arguments import shown
 from lidario.errors import InvalidValue, Unsupported
 from lidario.points import Mount
 
-__all__ = ["Registration", "looseness", "register"]
-
 _Floats = NDArray[np.float64]
 
 LEAST_POINTS: Final = 30

@@ -18,19 +18,6 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = [
-    "Gaps",
-    "Rotor",
-    "before",
-    "follow_rotor",
-    "numbers_of",
-    "rotor_of",
-    "rotor_of_field",
-    "times_by_angle",
-    "times_of",
-    "turned",
-]
-
 Gaps: TypeAlias = Sequence[tuple[int, int]]
 """Where samples are missing: how many there are before, and how many are missing there."""
 

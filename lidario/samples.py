@@ -14,18 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 from lidario.arguments import finite, number, shown
 from lidario.errors import InvalidValue
 
-__all__ = [
-    "is_between",
-    "mask_of",
-    "metres_at",
-    "metres_of",
-    "nearest_return",
-    "nearest_to",
-    "radians_at",
-    "radians_of",
-    "read_only",
-]
-
 FloatArray = NDArray[np.float32]
 _ArrayT = TypeVar("_ArrayT", bound=NDArray[np.generic])
 _RADIAN: Final = float(np.float32(math.pi / 180.0))

@@ -16,8 +16,6 @@ from lidario.measured import MeasuredSamples
 from lidario.plain import plain_of
 from lidario.rotor import Gaps, Rotor
 
-__all__ = ["Sector"]
-
 FloatArray = NDArray[np.float32]
 _PLAIN: Final = (
     "seq", "index", "degrees", "stamp_ns", "wall_stamp_ns", "time_increment_ns", "duration_ns", "rpm", "mode",

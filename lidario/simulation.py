@@ -28,8 +28,6 @@ from lidario.sim.device import SimulatedDevice
 from lidario.sim.rooms import make_world
 from lidario.sim.world import Wall, WorldLike, as_world, measures, walls_around
 
-__all__ = ["serial_of", "simulate"]
-
 _WORLDS = "A world is a name, a list of walls or an object with the method ranges_mm"
 _PROBE_DEG = np.linspace(0.0, 350.0, 36)
 

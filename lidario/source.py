@@ -37,8 +37,6 @@ from lidario.errors import ConnectFailed, InvalidValue
 if TYPE_CHECKING:
     from lidario.sim.device import SimulatedDevice
 
-__all__ = ["MOST_BAUD", "Source", "as_source", "parse_source", "quoted"]
-
 _OPTIONS = {
     "serial": {"baud", "family", "model"},
     "tcp": {"baud", "family", "model"},

@@ -22,8 +22,6 @@ from typing import Any
 
 import serial
 
-__all__ = ["ASYNC", "DRIVERS"]
-
 Points = Iterator[int]
 
 

@@ -6,8 +6,6 @@ import io
 import time
 from typing import Any
 
-__all__ = ["EndOfStream", "MemorySerial"]
-
 _HEALTH = bytes.fromhex("a55a0300000006000000")
 _HEALTH_COMMANDS = (b"\xa5\x52", b"\xa5\x91")
 _SCAN_COMMANDS = (b"\xa5\x20", b"\xa5\x82", b"\xa5\x60")

@@ -13,8 +13,6 @@ from typing import Any
 
 import serial_asyncio
 
-__all__ = ["plain"]
-
 _START = {"dense": bytes.fromhex("a582050100000000") + b"\x23", "nodes": b"\xa5\x20", "points": b"\xa5\x60"}
 
 

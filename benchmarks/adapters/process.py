@@ -8,8 +8,6 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-__all__ = ["respond"]
-
 
 def respond(main: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
     """Print what `main` makes of the task, or why it could not; then end the process."""

@@ -9,8 +9,6 @@ import numpy as np
 
 from lidario.families.rplidar.simulated.packers import pack_dense, pack_standard
 
-__all__ = ["FLOODS", "MODES", "blob"]
-
 BLOB: Final = 256 * 1024
 _FULL_Q6: Final = 360 << 6
 

@@ -22,8 +22,6 @@ from benchmarks.soak.watch import Broken
 from benchmarks.usage import resident_mb
 from tests.support.loop import DrivenLoop
 
-__all__ = ["live", "main"]
-
 _WARM_UP = 3  # hours in which caches fill
 _MOST_GROWTH_MB = 8.0
 

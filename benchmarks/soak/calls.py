@@ -8,8 +8,6 @@ from typing import Any
 
 import lidario
 
-__all__ = ["CALLS", "SPEEDS"]
-
 CALLS: dict[str, Callable[[lidario.Lidar, random.Random], Awaitable[Any]]] = {
     "scan": lambda lidar, _: lidar.scan(),
     "get_info": lambda lidar, _: lidar.get_info(),

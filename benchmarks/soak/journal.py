@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import hashlib
 
-__all__ = ["Journal"]
-
 _KEPT, _TOLD = 50, 14
 
 

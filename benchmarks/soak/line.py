@@ -13,8 +13,6 @@ from benchmarks.relayed import Relayed
 from lidario.sim.faults import Faults, parse_faults
 from lidario.sim.memory import MemoryLine
 
-__all__ = ["DAMAGES", "MODELS", "BadLine", "draw_damage"]
-
 MODELS = {
     "rplidar": ("rplidar-s2", "rplidar-s2", "rplidar-s1", "rplidar-s3", "rplidar-hq", "rplidar-ultra"),
     "ydlidar": ("ydlidar-4ros", "ydlidar-4ros", "ydlidar-4ros-92", "ydlidar-4ros-slow", "ydlidar-4ros-stamps"),

@@ -9,8 +9,6 @@ from typing import Any
 import lidario
 from benchmarks.soak.hour import Hour
 
-__all__ = ["Readers"]
-
 _MOST = 3
 
 

@@ -31,8 +31,6 @@ from tests.support.cable import Cable, cable_to
 from tests.support.devices import make_rig
 from tests.support.loop import run_driven
 
-__all__ = ["Day", "live", "sum_of"]
-
 FAMILY = "ldrobot"
 DAMAGE = "drop:0.001%"
 MEAN_S = 600.0

@@ -17,8 +17,6 @@ from tests.support.discards import all_obeyed, was_in_time
 from tests.support.ledger import assert_stats_close
 from tests.support.loop import DrivenLoop
 
-__all__ = ["Broken", "Watch"]
-
 _FILES = Path("/proc/self/fd")
 _TIDY_STEPS = 20  # of the event loop: callbacks that are due after a close
 _MOST_MISSED = 60

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
     from lidario import Config, DeviceInfo, Mount, Registration
 
-__all__ = ["calibrate"]
-
 LEAST_SHARE: Final = 0.5
 """Of two lidars on one robot, each sees at least half of what the other sees."""
 RIVAL: Final = 0.85

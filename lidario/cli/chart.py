@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 
 from lidario import Scan
 
-__all__ = ["COLOUR", "clouds_svg", "legend_of", "opacities", "reach_of", "step_of", "svg"]
-
 COLOUR: Final = "#1b5fc1"
 """Readable on white, also when it is printed."""
 _FAINTEST: Final = 0.12

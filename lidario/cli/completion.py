@@ -16,8 +16,6 @@ from click.shell_completion import get_completion_class
 from lidario.cli.errors import ExitCode
 from lidario.cli.streams import emit, message
 
-__all__ = ["completion"]
-
 _HOW = {
     "bash": "lidario completion bash > ~/.local/share/bash-completion/completions/lidario",
     "zsh": "lidario completion zsh > ~/.zfunc/_lidario   with ~/.zfunc in fpath, before compinit",

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from lidario import Found, PortInfo
     from lidario.ros import RemoteLidar
 
-__all__ = ["devices", "show"]
-
 
 @click.command()
 @click.argument("ports", metavar="[PORT]...", nargs=-1)

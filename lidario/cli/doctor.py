@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 
     from lidario import LidarError, PortInfo
 
-__all__ = ["Finding", "doctor", "of_adapter", "of_machine"]
-
 SCAN_S = 1.0
 SLOW_LATENCY_MS = 4
 """An FTDI adapter gathers for 16 ms unless it is told otherwise; a revolution takes 100 ms."""

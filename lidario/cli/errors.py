@@ -40,8 +40,6 @@ from lidario import (
 )
 from lidario.cli.streams import CannotWrite, ReaderGone, message, say
 
-__all__ = ["ExitCode", "Stopped", "exit_code", "exit_code_of", "need", "report"]
-
 _PREFIX = "error: "
 
 

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from lidario import Config, Scan
     from lidario.recording.decode_file import FileDecoder
 
-__all__ = ["export"]
-
 FORMS = (".npz", ".csv", ".mcap")
 _SEQ = "#"
 

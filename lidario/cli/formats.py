@@ -13,8 +13,6 @@ import numpy as np
 
 from lidario import Scan
 
-__all__ = ["CSV_HEADER", "ROW_HEADER", "as_csv", "as_json", "as_row"]
-
 _ANGLE_DIGITS = 6
 _RANGE_DIGITS = 5
 """As in `lidario.plain`."""

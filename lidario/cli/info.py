@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from lidario import DeviceInfo, Health, RecordingSummary, ScanMode
     from lidario.recording.files import FileSource
 
-__all__ = ["info"]
-
 _ABSURD_HZ = 100.0
 
 

@@ -14,8 +14,6 @@ from lidario.cli.parameters import WholeRange
 if TYPE_CHECKING:
     from lidario import LaserScans
 
-__all__ = ["LASERSCAN_OPTIONS", "arguments_of", "is_given", "laserscan_options", "laserscans_of", "only_with"]
-
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
 FRAME: Final = "laser"

@@ -15,8 +15,6 @@ from functools import partial
 from lidario.cli.output import PROGRESS_GRACE_S, Worker
 from lidario.cli.streams import message
 
-__all__ = ["log_beside", "nothing_logged"]
-
 
 class _Beside(logging.Handler):
     """Writes each record from a thread."""

@@ -13,8 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-__all__ = ["KEEP_BRLTTY_OFF", "Machine", "Usb"]
-
 FIRST_OF_USERS: Final = 1000
 """Numbers of groups from there on are of users (`GID_MIN`)."""
 KEEP_BRLTTY_OFF: Final = 'ENV{SYSTEMD_WANTS}=""'

@@ -33,8 +33,6 @@ from lidario.cli.udev import udev
 from lidario.cli.view import view
 from lidario.cli.watch import watch
 
-__all__ = ["Lidario", "cli"]
-
 CommandT = TypeVar("CommandT", bound=click.Command)
 
 

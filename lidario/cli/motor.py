@@ -14,8 +14,6 @@ from lidario.cli.output import dump, progress
 from lidario.cli.parameters import FiniteRange, complete_source
 from lidario.cli.streams import emit
 
-__all__ = ["motor"]
-
 _SOURCE = click.argument("source", default="auto", shell_complete=complete_source)
 _JSON = click.option("--json", "as_json", is_flag=True, help="One object for programs.")
 

@@ -31,20 +31,6 @@ if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import Text
 
-__all__ = [
-    "Worker",
-    "Writer",
-    "console",
-    "dump",
-    "facts",
-    "introduced",
-    "judged",
-    "progress",
-    "rendered",
-    "table",
-    "terminal",
-]
-
 PIPE_WIDTH = 160
 """Columns of a table where there is no terminal; wide enough that no cell is folded."""
 GRACE_S = 1.0

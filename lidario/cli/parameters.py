@@ -12,19 +12,6 @@ from typing import Any, Final
 import click
 from click.shell_completion import CompletionItem
 
-__all__ = [
-    "FiniteRange",
-    "WholeRange",
-    "as_duration",
-    "as_place",
-    "as_size",
-    "as_time_or_size",
-    "complete_file",
-    "complete_source",
-    "guard_option",
-    "mode_option",
-]
-
 _UNITS: Final = {"ms": 1e-3, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0}
 _SIZE: Final = re.compile(r"([0-9]{1,9}(?:\.[0-9]{1,9})?)\s*([KMGT]B)", re.ASCII | re.IGNORECASE)
 _MULTIPLES: Final = {"KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}

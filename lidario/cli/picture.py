@@ -20,8 +20,6 @@ from rich.text import Text
 
 from lidario import Scan
 
-__all__ = ["picture"]
-
 MOST_COLUMNS: Final = 99
 ROWS_OFF_TERMINAL: Final = 31
 LEAST_ROWS: Final = 15

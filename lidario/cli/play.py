@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from lidario.recording.played import PlayedDevice
     from lidario.sim.serve import PtyServer, TcpServer, UdpServer
 
-__all__ = ["play"]
-
 POLL_S = 0.1
 LINGER_S = 0.5
 """After the last byte, so that a client has read it."""

@@ -23,8 +23,6 @@ from lidario.cli.streams import emit, message
 if TYPE_CHECKING:
     from lidario import Config, DeviceInfo, Scan
 
-__all__ = ["plot", "read"]
-
 
 @click.command()
 @click.argument("source", default="auto", shell_complete=complete_source)

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from lidario import Lidar
     from lidario.ros import Publisher, Share
 
-__all__ = ["publish"]
-
 ROUTER: Final = "tcp/localhost:7447"
 BEAMS: Final = 720
 """Of several lidars, where the user says nothing: half a degree each."""

@@ -32,8 +32,6 @@ from lidario.cli.streams import emit, message
 if TYPE_CHECKING:
     from lidario import Recording, ScanStream
 
-__all__ = ["record"]
-
 SHOWN_EVERY_S = 0.5
 
 

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
     from lidario.conformance import Report, Reporter, Rule
 
-__all__ = ["report_lidar"]
-
 HOLDS = (
     "The report will hold every byte between this computer and the lidar, the kind of this computer and of the "
     "adapter, and a verdict for each rule. The serial number is hashed; no name or address is in it. Where the "

@@ -11,8 +11,6 @@ import click
 from lidario.cli.errors import ExitCode
 from lidario.cli.streams import emit, message
 
-__all__ = ["is_private", "router"]
-
 OF_THIS_MACHINE = ("unixsock-stream", "unixpipe")
 """Protocols between programs of one machine."""
 

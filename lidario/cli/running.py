@@ -15,8 +15,6 @@ from lidario.cli.errors import Stopped
 from lidario.cli.log import log_beside
 from lidario.cli.streams import message
 
-__all__ = ["run", "run_until_stopped"]
-
 T = TypeVar("T")
 _BY_SIGNAL = 128
 """`lidario.run` adds the number of the signal to it."""

@@ -26,8 +26,6 @@ from lidario.cli.streams import emit, message
 if TYPE_CHECKING:
     from lidario import Lidar, Scan, ScanStream
 
-__all__ = ["scan"]
-
 
 @dataclass
 class _Tally:

@@ -17,8 +17,6 @@ from lidario.cli.streams import message
 if TYPE_CHECKING:
     from lidario import Config
 
-__all__ = ["FILE", "Settings", "config_file", "config_option", "settings_of_file"]
-
 FILE: Final = "lidario.toml"
 VARIABLE: Final = "LIDARIO_CONFIG"
 

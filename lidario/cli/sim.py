@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
     _Server = TypeVar("_Server", TcpServer, UdpServer)
 
-__all__ = ["announce", "name_of", "pty_option", "server_of", "sim", "sum_up", "tcp_option"]
-
 POLL_S = 0.1
 pty_option: Final = click.option("--pty", is_flag=True, help="On a pseudo-terminal: the default on Linux.")
 tcp_option: Final = click.option(

@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from lidario import Config, Lidar, Scan, ScanStream
     from lidario.web.traffic import Traffic
 
-__all__ = ["Measured", "measure", "stats", "verdict"]
-
 TOLERABLE_DAMAGE = 0.005
 """One packet in 200; a scan has about 80, so that fewer than every second scan has a gap."""
 UNEVEN = 0.03

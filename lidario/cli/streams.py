@@ -15,9 +15,6 @@ import sys
 from contextlib import suppress
 from typing import Final, TextIO, cast
 
-__all__ = ["CannotWrite", "ReaderGone", "emit", "finish", "message", "nowhere", "say", "write"]
-
-
 _AS_GIVEN: Final = "lidario-as-given"
 
 

@@ -23,8 +23,6 @@ from lidario.families.adapters import ADAPTERS
 if TYPE_CHECKING:
     from lidario.cli.machine import Usb
 
-__all__ = ["is_unique", "rule_for", "udev"]
-
 GROUP: Final = "dialout"
 FTDI: Final = 0x0403
 """The vendor number of the adapters whose driver has a latency timer."""

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from lidario.web.feed import Feed
     from lidario.web.server import LiveServer
 
-__all__ = ["view"]
-
 MOST_LIDARS: Final = 16
 
 

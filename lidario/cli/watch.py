@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 
     from lidario.web.feed import Feed
 
-__all__ = ["Frame", "figures", "watch"]
-
 FRAME_S: Final = 0.1
 REDRAW_S: Final = 1.0
 """A frame is drawn at least so often, also without a scan: the terminal may have another size by then."""

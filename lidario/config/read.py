@@ -39,8 +39,6 @@ from lidario.filters.neighbors import MedianFilter, RadiusOutlierFilter, Shadows
 from lidario.filters.single import AngularBoundsFilter, IntensityFilter, RangeFilter
 from lidario.points import Mount
 
-__all__ = ["FILTERS", "Config", "LidarConfig", "as_config", "parse_filter", "read_config"]
-
 MOST_BYTES: Final = 1 << 20
 FILTERS: Final[Mapping[str, type[Filter]]] = {
     each.__name__: each

@@ -20,8 +20,6 @@ from lidario.points import Mount
 if TYPE_CHECKING:
     from tomlkit import TOMLDocument
 
-__all__ = ["save_config"]
-
 _DIGITS: Final = 4
 """Behind the point: tenths of a millimetre, and less than a hundredth of a degree."""
 

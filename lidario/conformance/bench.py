@@ -35,8 +35,6 @@ from lidario.sim.device import SimulatedDevice
 from lidario.source import as_source
 from lidario.wire.envelope import Request
 
-__all__ = ["Bench", "open_bench"]
-
 T = TypeVar("T")
 
 LISTEN_S = 0.5

@@ -22,8 +22,6 @@ from lidario.wire.stats import LinkStats
 if TYPE_CHECKING:
     from lidario.conformance.bench import Bench
 
-__all__ = ["FLOW_S", "Flow", "Watch", "collect", "steady"]
-
 FLOW_S = 1.0
 """How long packets are collected. A USB adapter dates them by 16 ms late at most, which is 1.6 % of it."""
 STEADY_S = 5.0

@@ -14,8 +14,6 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import Final, NamedTuple
 
-__all__ = ["REACH", "Hidden", "Numbers", "hide"]
-
 REACH: Final = 256
 """Longer than every serial number: whether a byte belongs to one is told by so many on either side of it."""
 

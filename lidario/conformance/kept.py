@@ -22,8 +22,6 @@ from lidario.recording.device import recalled
 from lidario.recording.record import Recording
 from lidario.session.recorded import about_now
 
-__all__ = ["MOST_BYTES", "Kept"]
-
 MOST_BYTES: Final = 64 << 20
 """Of both directions: ten minutes of the fastest stream. What comes behind that is not kept, and counted."""
 HELD_NS: Final = 1_000_000_000

@@ -19,8 +19,6 @@ from lidario.model import ScanMode
 from lidario.session.opening import open_lidar
 from lidario.simulation import simulate
 
-__all__ = ["SEEN", "Seen", "known_of", "news_of", "seen_reports"]
-
 SEEN: Final = "seen.json"
 """Beside this file: one entry for each report in the project's collection, written by its script."""
 LIKE: Final = 0.01

@@ -29,10 +29,6 @@ from lidario.recording.mcap_records import MAGIC, Metadata, read_records
 from lidario.recording.opened import StoredFile
 from lidario.version import __version__
 
-__all__ = [
-    "REPORT", "Report", "Reporter", "Tried", "facts_of_computer", "read_report", "report_of", "texts_of_facts",
-]  # fmt: skip
-
 REPORT: Final = "lidario-report"
 SIMULATED: Final = "simulated"
 """What a report says of the source of a simulated device."""

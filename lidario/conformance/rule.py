@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from lidario.conformance.bench import Bench
 
-__all__ = ["Broken", "Figure", "Need", "NotTried", "Origin", "Outcome", "Rule", "Verdict", "known"]
-
 
 class Broken(Exception):
     """A rule is not kept; the text says by how much."""

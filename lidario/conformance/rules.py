@@ -10,8 +10,6 @@ from lidario.conformance import asking, settings, stopping, streaming
 from lidario.conformance.rule import Need, Rule
 from lidario.errors import InvalidValue
 
-__all__ = ["RULES", "rule_named", "rules_in"]
-
 
 def rules_in(module: ModuleType) -> tuple[Rule, ...]:
     """The rules of a module, in the order in which they stand there."""

@@ -23,8 +23,6 @@ from lidario.recording.write import FileWriter
 from lidario.source import as_source
 from lidario.version import __version__
 
-__all__ = ["Unknown"]
-
 LISTEN_S: Final = 1.0
 OTHERS: Final = (9600, 19_200, 38_400, 57_600, 500_000, 1_500_000, 2_000_000)
 """Speeds of no family known here, at which other devices talk."""

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-__all__ = ["ADAPTERS", "Adapter"]
-
 
 @dataclass(frozen=True, slots=True)
 class Adapter:

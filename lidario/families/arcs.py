@@ -22,8 +22,6 @@ from lidario.families.samples import Samples, SteadySamples
 from lidario.families.spans import Arc, Arcs, Heads, Ints, Turning
 from lidario.wire.events import Packets
 
-__all__ = ["ArcDecoder", "Floats", "Output", "at_equal_steps", "in_turn", "starts_and_arcs", "write_degrees"]
-
 Floats = NDArray[np.float32]
 
 

@@ -15,8 +15,6 @@ from typing import Final, NamedTuple, Self
 from lidario.families.spans import Turning
 from lidario.wire.events import Arrival
 
-__all__ = ["OFF", "Pace", "PacedTurning"]
-
 OFF: Final = 0.25
 """Part by which a number of packets that time or angles tell may be off a whole number."""
 _REMEMBERED: Final = 64

@@ -11,15 +11,6 @@ from lidario.families import camsense, hlds, hokuyo, irobotix, ldrobot, neato, r
 from lidario.families.base import Family
 from lidario.source import Source, quoted
 
-__all__ = [
-    "FAMILIES",
-    "check_family",
-    "check_source",
-    "families_of_model",
-    "family_named",
-    "family_of_simulated",
-]
-
 FAMILIES: tuple[Family, ...] = (
     rplidar.FAMILY,
     ydlidar.FAMILY,

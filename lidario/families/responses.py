@@ -13,8 +13,6 @@ from lidario.families.base import Script
 from lidario.model import Health, HealthStatus
 from lidario.wire.envelope import Request
 
-__all__ = ["agreed", "health_of"]
-
 STATUSES: Final = (HealthStatus.OK, HealthStatus.WARNING, HealthStatus.ERROR)
 """Health by its number, the same in every family so far."""
 MOST_DIFFERENT: Final = 5

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from lidario.wire.events import Packets
 
-__all__ = ["Decoder", "Samples", "SteadySamples"]
-
 
 # Not frozen: with so many fields that would cost as much as a call of numpy, once a revolution.
 @dataclass(slots=True, eq=False)

@@ -20,8 +20,6 @@ from lidario.families.spans import Arcs, Heads, Ints, Turning, spans_between
 from lidario.wire.events import Arrival, Packets
 from lidario.wire.rows import LayoutFormat
 
-__all__ = ["FIRST", "FULL_TURN", "HEAD", "DegreeDecoder", "DegreeFormat", "SlotDecoder", "SlotWheel"]
-
 FULL_TURN: Final = 360
 """360 degrees in degrees."""
 HEAD: Final = 0xFA

@@ -11,18 +11,6 @@ from numpy.typing import NDArray
 
 from lidario.wire.events import Arrival
 
-__all__ = [
-    "LIKENESS",
-    "RETREAT_TURNS",
-    "Arc",
-    "Arcs",
-    "Heads",
-    "Ints",
-    "Turning",
-    "by_revolution",
-    "spans_between",
-]
-
 Ints: TypeAlias = NDArray[np.int32]
 Arc: TypeAlias = NDArray[np.int32] | NDArray[np.float64]
 

@@ -12,8 +12,6 @@ from lidario.wire.blocks import Block
 from lidario.wire.envelope import Request
 from lidario.wire.formats import StreamFormat
 
-__all__ = ["LONGEST_REVOLUTION", "Keepalive", "Known", "RawStream", "Stream", "raw_stream"]
-
 ENDLESS_TURNS: Final = 4
 """Times that the slowest revolution takes, after which one that has not ended is given up. A rotor that runs down
 is slower than it ever should be."""

@@ -16,8 +16,6 @@ from lidario.model import ScanMode
 from lidario.wire.envelope import Request
 from lidario.wire.formats import StreamFormat
 
-__all__ = ["Rotor", "Speeds", "Talkers", "TalkingModel"]
-
 
 class Speeds(NamedTuple):
     """How the motor of a model is regulated, where a request does that.

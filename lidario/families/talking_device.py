@@ -17,8 +17,6 @@ from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.wire.envelope import Request
 from lidario.wire.formats import StreamFormat
 
-__all__ = ["TIMING", "TalkingDevice", "family_of"]
-
 TIMING: Final = Timing(
     # A packet takes 17 ms at most, and a USB adapter may hold bytes back for 16 ms.
     quiet_s=0.06,

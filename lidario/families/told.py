@@ -22,8 +22,6 @@ from numpy.typing import NDArray
 from lidario.families.spans import LIKENESS, RETREAT_TURNS, Arcs, Heads, Ints, Turning
 from lidario.wire.events import Arrival
 
-__all__ = ["FEWEST", "ToldWheel"]
-
 Floats = NDArray[np.float64]
 
 _CHANGING: Final = 1.1

@@ -26,8 +26,6 @@ from lidario.families.told import ToldWheel
 from lidario.wire.events import Packets
 from lidario.wire.rows import LayoutFormat
 
-__all__ = ["TwoAngleDecoder", "TwoAngleFormat"]
-
 _UNEVEN: Final = 0.25
 """By so much the span of a packet may differ from that of most: 7.58 to 10.23 degrees in a recording of a real
 LDROBOT LD06 whose spans are 8.71."""

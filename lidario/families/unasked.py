@@ -15,8 +15,6 @@ from lidario.families.base import Script
 from lidario.wire.envelope import Expected, Request
 from lidario.wire.formats import StreamFormat
 
-__all__ = ["LINKED", "NOT_STOPPED", "begin", "hear", "hear_runs"]
-
 LINKED = 2
 """Packets in a row that prove that a device of this kind streams at this speed."""
 RUNS: Final = 12

@@ -44,8 +44,6 @@ from lidario.families.spans import (
 )
 from lidario.wire.events import Arrival
 
-__all__ = ["Wheel"]
-
 AGREEING: Final = 6
 """Spans that agree, without the help of time, before an arc is certain: no revolution has fewer packets."""
 FEW_AGREEING: Final = 3

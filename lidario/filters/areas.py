@@ -17,8 +17,6 @@ from lidario.filters.base import MaskFilter
 from lidario.measured import MeasuredSamples
 from lidario.points import Mount
 
-__all__ = ["BoxFilter", "PolygonFilter"]
-
 _Floats = NDArray[np.float32]
 _ORIGIN: Final = Mount()
 _FARTHEST_M: Final = 1e6

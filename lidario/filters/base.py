@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from lidario.measured import MeasuredSamples, with_distances
 
-__all__ = ["Filter", "MaskFilter", "RecordT"]
-
 RecordT = TypeVar("RecordT", bound=MeasuredSamples)
 _Changed = tuple[NDArray[np.float32], NDArray[np.bool_] | None]
 

@@ -19,8 +19,6 @@ from lidario.filters.base import Filter, MaskFilter, RecordT
 from lidario.measured import MeasuredSamples, with_distances
 from lidario.scan import Scan
 
-__all__ = ["MedianFilter", "RadiusOutlierFilter", "ShadowsFilter"]
-
 _ElementT = TypeVar("_ElementT", bound=np.generic)
 _Floats = NDArray[np.float32]
 

@@ -16,8 +16,6 @@ from lidario.filters.base import MaskFilter
 from lidario.measured import MeasuredSamples
 from lidario.samples import is_between
 
-__all__ = ["AngularBoundsFilter", "IntensityFilter", "RangeFilter"]
-
 _BEYOND_M: Final = 1e30
 """Farther than every range, and still a number in single precision."""
 

@@ -19,8 +19,6 @@ from lidario.network.bus import close_session
 from lidario.network.router import check_router, the_package, words_of
 from lidario.port.background import run_in_thread
 
-__all__ = ["LOOPBACK", "Router"]
-
 LOOPBACK: Final = "tcp/127.0.0.1:7447"
 """Where it listens unless told otherwise; clients connect to ``tcp/localhost:7447`` by default."""
 

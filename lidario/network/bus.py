@@ -28,8 +28,6 @@ from lidario.port.background import run_in_thread
 if TYPE_CHECKING:
     import zenoh
 
-__all__ = ["DEFAULT_ROUTER", "Bus", "Sample", "close_session"]
-
 T = TypeVar("T")
 _log = logging.getLogger("lidario")
 

@@ -27,8 +27,6 @@ from lidario.recording.about import About
 from lidario.recording.chronicle import StreamBegan
 from lidario.source import Source
 
-__all__ = ["Remote", "open_remote"]
-
 ASK_S: Final = 2.0
 """How long publishers have to respond. Where there is none, the router says so at once."""
 WAIT_S: Final = 5.0

@@ -22,8 +22,6 @@ from lidario.recording.read import Piece, StoredStream, StoredStreams
 from lidario.wire.events import Packets
 from lidario.wire.formats import NO_PACKET, Headings, StreamFormat
 
-__all__ = ["RemoteDevice", "RemoteStreams"]
-
 T = TypeVar("T")
 
 LONGEST_RESPONSE: Final = 4096
@@ -46,7 +44,7 @@ class RemoteStreams(StoredStreams):
     ) -> None:
         super().__init__(Path())
         self._told = EventState()
-        self.responses = self._told.responses
+        self.responses: dict[bytes, Responded] = self._told.responses
         self.about = about
         self.modes: tuple[ScanMode, ...] = modes
         self.streams = ((StoredStream if raw else _WholeScans)(family, began),)

@@ -16,8 +16,6 @@ from lidario.network.bus import DEFAULT_ROUTER, Bus
 from lidario.network.keys import LASERSCAN_IN_KEY, parse_token, tokens_of
 from lidario.network.status import statuses
 
-__all__ = ["RemoteLidar", "list_remote_lidars"]
-
 ASK_S: Final = 2.0
 ALL_LASERSCANS: Final = "@ros2_lv/*/*/*/*/MP/*/*/*/*/sensor_msgs::msg::dds_::LaserScan_/*/*"
 _ROS_TOKEN: Final = re.compile(

@@ -14,8 +14,6 @@ from lidario.network.messages import MOST_SAMPLES, parse_scan
 from lidario.recording.chronicle import MOST_NS
 from lidario.scan import Scan, read_only
 
-__all__ = ["scan_of_laserscan", "whole_scan"]
-
 _LONGEST_S: Final = 1e3
 _MOST_RANGE_M: Final = 1e6
 _WHOLE_DEG: Final = 350.0

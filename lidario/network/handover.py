@@ -13,8 +13,6 @@ from typing import Final, Generic, NoReturn, TypeVar
 
 from lidario.port.turns import Turns
 
-__all__ = ["ITEM_BYTES", "MOST_WAITING_BYTES", "TURN_NS", "Handover"]
-
 T = TypeVar("T")
 
 MOST_WAITING_BYTES: Final = 8 << 20

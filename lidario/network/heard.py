@@ -15,8 +15,6 @@ import anyio
 from lidario.network.bus import Bus, Sample
 from lidario.network.keys import parse_attachment
 
-__all__ = ["what_is_heard"]
-
 
 async def what_is_heard(router: str, keys: Sequence[str], gid: bytes, seconds: float) -> set[str]:
     """Under which keys another client, let in as this program is, hears a publisher, told by its `gid`.

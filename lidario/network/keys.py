@@ -24,18 +24,6 @@ from typing import Final, NamedTuple
 from lidario.arguments import text_of
 from lidario.errors import InvalidValue
 
-__all__ = [
-    "LASERSCAN_IN_KEY",
-    "Attachment",
-    "Token",
-    "check_key",
-    "parse_attachment",
-    "parse_token",
-    "status_key",
-    "token_key",
-    "tokens_of",
-]
-
 LASERSCAN_IN_KEY: Final = "/sensor_msgs::msg::dds_::LaserScan_/"
 """What tells that the messages under a key are LaserScans of a ROS 2 node."""
 FORMS: Final = ("scan", "raw", "ros")

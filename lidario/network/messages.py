@@ -22,8 +22,6 @@ from lidario.measured import with_distances
 from lidario.recording.chronicle import MOST_NS
 from lidario.scan import Scan, read_only
 
-__all__ = ["Entry", "encode_raw_message", "encode_scan", "is_raw", "parse_raw_message", "parse_scan"]
-
 _SCAN_MAGIC: Final = b"LDS1"
 _SCAN: Final = struct.Struct("<4sBxHIqqqQIddddd")
 """Magic, what is carried (1: intensities, 2: which samples filters took out, a bit each), bytes of the mode's name,

@@ -35,8 +35,6 @@ from lidario.recording.fed import FedPort
 from lidario.recording.read import StoredStream
 from lidario.revolution.together import join_reads
 
-__all__ = ["RemotePort"]
-
 _log = logging.getLogger("lidario")
 
 GONE_S: Final = 0.5

@@ -23,8 +23,6 @@ from lidario.revolution.pipeline import Pipeline
 from lidario.revolution.together import join_reads
 from lidario.scan import Scan
 
-__all__ = ["Decoders", "RawDecoder", "in_order", "reads_here"]
-
 MOST_DECODER_BYTES: Final = 32 << 20
 """Of all decoders of a fleet: those of a thousand lidars."""
 DECODER_BYTES: Final = 12288

@@ -13,8 +13,6 @@ from typing import Any, Final
 from lidario.arguments import text_of
 from lidario.errors import ConnectFailed, InvalidValue, Unsupported
 
-__all__ = ["check_router", "the_package", "why_no_router", "words_of"]
-
 _WITH_PORT: Final = ("tcp", "tls", "udp", "quic", "ws")
 _WITHOUT: Final = ("serial", "unixsock-stream", "unixpipe", "vsock")
 """Addresses of these are zenoh's matter: a device, a file, a virtual machine."""

@@ -8,8 +8,6 @@ from typing import Any
 
 from lidario.network.keys import Attachment
 
-__all__ = ["Sender", "declare"]
-
 _log = logging.getLogger("lidario")
 
 

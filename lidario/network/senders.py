@@ -14,8 +14,6 @@ from typing import Final, Literal
 from lidario.network.bus import Sample
 from lidario.network.keys import Attachment, parse_attachment
 
-__all__ = ["OneSender", "Senders"]
-
 MOST: Final = 16384
 """Publishers that are remembered, each with its key. Each one that restarts is another one."""
 RIVAL_S: Final = 2.0

@@ -18,8 +18,6 @@ from lidario.network.keys import status_key
 from lidario.recording.about import About
 from lidario.recording.chronicle import StreamBegan, mode_of
 
-__all__ = ["AWAY", "Status", "statuses"]
-
 LARGEST: Final = 1 << 18
 """Bytes of a status that is read; real ones have a few thousand."""
 _MOST_MODES: Final = 64

@@ -32,8 +32,6 @@ import serial
 
 from lidario.model import LineErrors
 
-__all__ = ["FOREIGN", "Adapter", "count_errors", "latency_ms"]
-
 ROOT = Path("/")
 _COUNTED = struct.Struct("=6I5I36x")
 """Linux' ``struct serial_icounter_struct``: changes of four modem lines, bytes received and sent; then framing

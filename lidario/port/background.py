@@ -13,8 +13,6 @@ from typing import TypeVar
 
 from lidario.port.thread import start_thread
 
-__all__ = ["run_in_thread"]
-
 T = TypeVar("T")
 
 

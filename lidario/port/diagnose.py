@@ -15,8 +15,6 @@ from lidario.errors import ConnectFailed
 from lidario.families.registry import FAMILIES
 from lidario.port.guard import NAME as GUARD
 
-__all__ = ["busy", "held", "holders", "is_pseudo_terminal", "why_not_opened"]
-
 _GONE = (errno.ENOENT, errno.ENXIO, errno.ENODEV, errno.EIO, errno.ENOTDIR, errno.ENAMETOOLONG, errno.ELOOP)
 _NOT_SERIAL = (errno.ENOTTY, errno.EINVAL, errno.EISDIR)
 _LOCKED = (errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK)

@@ -32,8 +32,6 @@ from lidario.errors import Unsupported
 from lidario.port.background import run_in_thread
 from lidario.wire.envelope import Request
 
-__all__ = ["NAME", "Guard", "Order", "check_guard", "start_guard"]
-
 _log = logging.getLogger("lidario")
 
 NAME = "lidario-guard"

@@ -15,8 +15,6 @@ from lidario.port.guard import Guard, start_guard
 from lidario.port.line import Line, Tap
 from lidario.wire.envelope import Request
 
-__all__ = ["Guarded", "Stops"]
-
 _log = logging.getLogger("lidario")
 
 Stops: TypeAlias = Callable[[], tuple[Sequence[Request], Sequence[Request], float]]

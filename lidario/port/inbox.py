@@ -16,8 +16,6 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 
-__all__ = ["INBOX_BYTES", "Inbox", "Late", "Read", "make_read"]
-
 INBOX_BYTES = 1024 * 1024
 """Most bytes that are kept: 15 s of the fastest stream."""
 _READ_SIZE = 4096

@@ -13,8 +13,6 @@ from pathlib import Path
 from lidario.port.diagnose import holders
 from lidario.port.guard import NAME
 
-__all__ = ["POLL_S", "WAIT_S", "guard_is_left", "wait_for_guard"]
-
 WAIT_S = 4.0
 """Longest time for which a line is not opened for that. Mostly it is 0.15 s; 2.7 s where the device owed a response
 (`lidario.port.guard_process.LONGEST_S`)."""

@@ -16,8 +16,6 @@ from lidario.errors import DeviceLost
 from lidario.model import LineErrors
 from lidario.port.repeat import Repeat
 
-__all__ = ["Line", "Receiver", "Schedule", "Tap"]
-
 Tap = Callable[[str, bytes, int], None]
 """Sees every chunk: ``"in"`` or ``"out"``, the bytes, the time in nanoseconds of the event loop's clock."""
 

@@ -12,8 +12,6 @@ from __future__ import annotations
 import threading
 from typing import Protocol
 
-__all__ = ["NO_HANDLE", "Polled"]
-
 NO_HANDLE = -1
 """Stands for the file descriptor that the port does not have."""
 _READ_SIZE = 4096

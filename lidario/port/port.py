@@ -32,8 +32,6 @@ from lidario.port.guarded import Guarded, Stops
 from lidario.port.inbox import Late
 from lidario.port.line import Line, Receiver, Schedule
 
-__all__ = ["Port"]
-
 _log = logging.getLogger("lidario")
 
 CLOSE_TIMEOUT_S = 1.0

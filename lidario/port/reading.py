@@ -26,8 +26,6 @@ from lidario.port.port import Port
 from lidario.port.repeat import Repeat
 from lidario.port.thread import Watched, reading_thread
 
-__all__ = ["PolledLine"]
-
 HOLD_S = 0.5
 """Longest time for which bytes are held; below the 0.6 s after which the session takes silence for a failure
 (`lidario.session.streaming.running.SILENCE_S`)."""

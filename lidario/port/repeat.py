@@ -17,8 +17,6 @@ from contextlib import suppress
 
 from lidario.port.thread import reading_thread
 
-__all__ = ["Repeat"]
-
 LEAST_REST_S = 0.01
 """Shortest time between two looks of the thread; a clock that stands still must not keep it busy."""
 _UNSHOWN = 256

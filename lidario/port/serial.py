@@ -35,8 +35,6 @@ from lidario.port.polled import NO_HANDLE, Polled
 from lidario.port.port import Port
 from lidario.port.reading import PolledLine
 
-__all__ = ["open_serial"]
-
 _log = logging.getLogger("lidario")
 
 DRAIN_S = 0.5

@@ -31,8 +31,6 @@ from lidario.sim.serve import MemoryLine, PtyServer, TcpServer, UdpServer, usual
 from lidario.simulation import serial_of
 from lidario.source import Source, quoted
 
-__all__ = ["MemoryTransport", "Simulation", "connect_in_memory", "make_device", "open_simulated"]
-
 T = TypeVar("T")
 TICK_S = 0.002
 """Shortest time between two deliveries of a device in memory."""

@@ -22,8 +22,6 @@ from lidario.port.line import Line
 from lidario.port.port import Port
 from lidario.port.repeat import Repeat
 
-__all__ = ["SocketLine", "connected"]
-
 T = TypeVar("T", bound=asyncio.Transport | asyncio.DatagramTransport)
 _UNREACHABLE = (errno.EHOSTUNREACH, errno.ENETUNREACH)
 

@@ -17,8 +17,6 @@ from lidario.port.line import Line
 from lidario.port.port import Port
 from lidario.port.sockets import SocketLine, connected
 
-__all__ = ["open_tcp"]
-
 CONNECT_TIMEOUT_S = 5.0
 _KEEPALIVE = (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 3))
 """Seconds of silence before the first probe, between two, and how many may fail: a dead bridge is seen in 11 s."""

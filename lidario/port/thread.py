@@ -32,8 +32,6 @@ from typing import Protocol
 from lidario.latch import Latch
 from lidario.port.inbox import Inbox
 
-__all__ = ["ReadingThread", "Served", "Watched", "reading_thread", "start_thread"]
-
 RECENT_SHARE = 0.15
 """Share of the interval: a port that the loop has read that recently is not read again now. The next step counts
 from the loop's read then, and that share is lost: with 0.5 the thread is woken 2.5 times a revolution."""

@@ -14,8 +14,6 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from typing import Final
 
-__all__ = ["DELIVERY_BYTES", "MOST_WAITING", "TURN_NS", "Turns"]
-
 TURN_NS: Final = 10_000_000
 """Nanoseconds of each turn of the loop. An ordinary revolution takes half a millisecond, so that what comes while a
 program blocks its loop for two seconds is decoded in one turn, and a reader is given the latest."""

@@ -22,8 +22,6 @@ from lidario.port.line import Line
 from lidario.port.port import Port
 from lidario.port.sockets import SocketLine, connected
 
-__all__ = ["open_udp"]
-
 RESOLVE_TIMEOUT_S = 5.0
 BUFFER = 1 << 20
 """Bytes that the system is asked to keep while the program blocks its event loop; it may grant less."""

@@ -23,8 +23,6 @@ from lidario.recording.chronicle import (
     text_of,
 )
 
-__all__ = ["NAME", "NOT_TOLD", "About", "EventState"]
-
 NAME = "lidario"
 FORMAT = "1"
 MOST_DIGITS = 20

@@ -26,8 +26,6 @@ from lidario.wire.arrived import ArrivedBytes
 from lidario.wire.link import Link
 from lidario.wire.stats import LinkStats
 
-__all__ = ["held"]
-
 _STATES: Final = frozenset({"unfinished_packets", "waiting_packets", "left_off"})
 _TOTALS: Final[dict[type, frozenset[str]]] = {
     Link: frozenset({"fed", "stream_at"}),

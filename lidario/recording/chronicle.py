@@ -19,22 +19,6 @@ from lidario.arguments import printable
 from lidario.families.stream import Stream
 from lidario.model import ScanMode
 
-__all__ = [
-    "MOST_NS",
-    "MOST_RESPONSES",
-    "Chronicle",
-    "LineChanged",
-    "Placed",
-    "Responded",
-    "StreamBegan",
-    "StreamEnded",
-    "StreamEvent",
-    "ZeroOffsetSet",
-    "event_of",
-    "moved",
-    "text_of",
-]
-
 MOST_NS = 1 << 62
 """Bound of all times and places in a file: the year 2116. Sums of two still fit in 64 bits with a sign."""
 MOST_TURN_S = 3600.0

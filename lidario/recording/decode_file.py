@@ -26,8 +26,6 @@ from lidario.revolution.together import join_reads
 from lidario.scan import Scan
 from lidario.wire.stats import LinkStats
 
-__all__ = ["FileDecoder", "Watch", "decode_file", "decode_file_arrays"]
-
 _log = logging.getLogger("lidario")
 
 _BLOCK = 64 * 1024

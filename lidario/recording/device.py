@@ -19,8 +19,6 @@ from lidario.recording.chronicle import Responded
 from lidario.recording.read import StoredStream, StoredStreams
 from lidario.wire.envelope import Expected, Request
 
-__all__ = ["PLAY", "RecordedDevice", "recalled"]
-
 T = TypeVar("T")
 
 PLAY = b"play"

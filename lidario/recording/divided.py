@@ -30,8 +30,6 @@ from lidario.recording.decode_file import FileDecoder
 from lidario.recording.read import McapRecording
 from lidario.scan import Scan
 
-__all__ = ["divided", "processes"]
-
 T = TypeVar("T")
 
 LEAD_NS: Final = 30_000_000_000

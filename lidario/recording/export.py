@@ -35,8 +35,6 @@ from lidario.recording.read import Copy, McapRecording, StoredStreams
 from lidario.recording.write import FileWriter
 from lidario.scan import Scan
 
-__all__ = ["export_mcap", "export_npz", "write_whole"]
-
 CHUNK_NS = 1_000_000_000
 _COPY = 1 << 20
 _BY_HANDLE = "/proc/self/fd/{}"

@@ -20,8 +20,6 @@ from lidario.scan import Scan
 from lidario.wire.envelope import encode_descriptor
 from lidario.wire.events import Descriptor
 
-__all__ = ["Audience", "FedPort"]
-
 
 class Audience(Protocol):
     """The session, as far as such a port needs it."""

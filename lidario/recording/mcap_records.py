@@ -22,8 +22,6 @@ from zlib import crc32
 
 from lidario.recording.opened import StoredFile
 
-__all__ = ["LEFT_OUT", "MAGIC", "Channel", "Damage", "Message", "Metadata", "read_records"]
-
 MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")

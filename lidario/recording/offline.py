@@ -30,8 +30,6 @@ from lidario.revolution.pipeline import Pipeline
 from lidario.scan import Scan
 from lidario.wire.link import Link
 
-__all__ = ["BLOCK", "OfflineDecoder", "RawBytes", "ScanArrays", "arrays_of", "decode", "decode_arrays"]
-
 _log = logging.getLogger("lidario")
 RawBytes: TypeAlias = bytes | bytearray | memoryview
 """Or anything else that has one dimension of bytes in one piece, as `mmap` or an array of uint8. A file behind

@@ -16,8 +16,6 @@ from typing import Self
 
 from lidario.errors import RecordingError
 
-__all__ = ["StoredFile", "kind_of", "not_a_file"]
-
 _KINDS = {
     stat.S_IFDIR: "a directory", stat.S_IFIFO: "a pipe (FIFO)", stat.S_IFSOCK: "a socket",
     stat.S_IFCHR: "a device", stat.S_IFBLK: "a device",

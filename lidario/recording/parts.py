@@ -22,8 +22,6 @@ from lidario.errors import InvalidValue
 from lidario.recording.about import About
 from lidario.recording.write import FileWriter
 
-__all__ = ["Parts", "Split", "pattern_of"]
-
 _log = logging.getLogger("lidario")
 
 LEAST_S = 1.0

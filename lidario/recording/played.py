@@ -17,8 +17,6 @@ from lidario.sim.device import Received
 from lidario.wire.envelope import REQUEST_MAGIC, encode_descriptor
 from lidario.wire.events import Descriptor
 
-__all__ = ["PlayedDevice"]
-
 MOST_LOGGED = 1000
 LONGEST_REQUEST = 262
 """A request has a length of one byte and six more bytes at most."""

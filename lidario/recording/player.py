@@ -6,8 +6,6 @@ from collections.abc import Iterator
 
 from lidario.recording.read import LONGEST_PAUSE_NS, Piece, StoredStreams
 
-__all__ = ["Player"]
-
 
 class Player:
     """Goes through the pieces of a recording.

@@ -23,8 +23,6 @@ from lidario.recording.fed import Audience, FedPort
 from lidario.recording.player import Player
 from lidario.recording.read import Piece, StoredStream, StoredStreams
 
-__all__ = ["ReplayPort", "pieces_from"]
-
 _log = logging.getLogger("lidario")
 
 TICK_S = 0.002

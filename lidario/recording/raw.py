@@ -24,8 +24,6 @@ from lidario.revolution.stats import AssemblerStats
 from lidario.wire.events import Packets
 from lidario.wire.link import Link
 
-__all__ = ["SEARCHED", "RawRecording"]
-
 _PIECE = 1024
 """Bytes that are played at once: what an adapter delivers in 10 ms, or so."""
 SEARCHED = 1 << 20

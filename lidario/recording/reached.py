@@ -25,8 +25,6 @@ from lidario.recording.chronicle import (
 from lidario.recording.mcap_records import Damage, Message
 from lidario.recording.ros_messages import parse_raw
 
-__all__ = ["Reached", "StoredChunk"]
-
 MOST_BACK_NS = 60 * 10**9
 MOST_AHEAD_NS = 366 * 86_400 * 10**9
 """How far the time of a chunk of bytes may be from that of the one before. A chunk that waited for the loop is

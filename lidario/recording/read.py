@@ -41,8 +41,6 @@ from lidario.recording.sequence import RecordedFiles
 from lidario.recording.write import FileWriter
 from lidario.wire.formats import StreamFormat
 
-__all__ = ["LONGEST_PAUSE_NS", "Copy", "McapRecording", "Piece", "StoredStream", "StoredStreams", "is_mcap"]
-
 SPIN_UP_S = 5.0
 """Until the first packet; a replay does not wait for it."""
 
@@ -222,7 +220,7 @@ class McapRecording(StoredStreams):
             self.streams: tuple[StoredStream, ...] = tuple(self._find_streams(family_named(about.info.family)))
         except ConnectFailed as error:
             raise RecordingError(f"{path}: {error}") from error
-        self.responses = EventState(self._events).responses
+        self.responses: dict[bytes, Responded] = EventState(self._events).responses
         self._events.clear()
         if not self.streams:
             why = f": {self.damage}" if self.damage else ""

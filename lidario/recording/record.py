@@ -29,8 +29,6 @@ from lidario.recording.parts import Parts, Split, pattern_of
 from lidario.recording.write import FileWriter
 from lidario.scan import Scan
 
-__all__ = ["QUEUE_BYTES", "Recorded", "Recording"]
-
 _log = logging.getLogger("lidario")
 
 QUEUE_BYTES = 8 << 20

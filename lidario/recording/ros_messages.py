@@ -12,19 +12,6 @@ import struct
 
 from lidario.cdr import LITTLE_ENDIAN
 
-__all__ = [
-    "LASERSCAN_DEFINITION",
-    "LASERSCAN_TYPE",
-    "RAW_DEFINITION",
-    "RAW_TYPE",
-    "TEXT_DEFINITION",
-    "TEXT_TYPE",
-    "encode_raw",
-    "encode_text",
-    "parse_raw",
-    "parse_text",
-]
-
 RAW_TYPE = "lidario_msgs/msg/Raw"
 RAW_DEFINITION = """\
 uint8 RECEIVED=0

@@ -22,8 +22,6 @@ from lidario.recording.reached import Reached, StoredChunk
 from lidario.recording.ros_messages import parse_text
 from lidario.recording.write import EVENTS_TOPIC, RAW_TOPIC
 
-__all__ = ["RecordedFiles", "files_of"]
-
 
 def files_of(path: Path) -> tuple[Path, ...]:
     """The files that a path names: itself, or, where no file has that name, those that fit it as a pattern.

@@ -17,8 +17,6 @@ from lidario.wire.blocks import Block
 from lidario.wire.events import Arrival, Packets
 from lidario.wire.formats import Ticks
 
-__all__ = ["StoredTimes"]
-
 _BELIEVED: Final = 3
 """Packets that follow each other, from which their stamps are believed: a false packet may say anything."""
 _BACK_NS: Final = 1_000_000_000

@@ -9,8 +9,6 @@ from lidario.families.base import Known
 from lidario.model import DeviceInfo
 from lidario.recording.decode_file import FileDecoder
 
-__all__ = ["RecordingSummary", "summarize"]
-
 
 @dataclass(frozen=True, slots=True)
 class RecordingSummary:

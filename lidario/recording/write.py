@@ -36,8 +36,6 @@ from lidario.recording.ros_messages import (
 )
 from lidario.scan import Scan
 
-__all__ = ["EVENTS_TOPIC", "RAW_TOPIC", "SCAN_TOPIC", "FileWriter"]
-
 RAW_TOPIC = "/lidar/raw"
 EVENTS_TOPIC = "/lidar/events"
 SCAN_TOPIC = "/scan"

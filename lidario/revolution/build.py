@@ -15,8 +15,6 @@ from lidario.revolution.partial import SampleArrays
 from lidario.rotor import Gaps
 from lidario.scan import Scan, read_only
 
-__all__ = ["DatedRevolution", "build_scan", "turned_by", "unfrozen"]
-
 _RecordT = TypeVar("_RecordT", bound=MeasuredSamples)
 
 

@@ -22,8 +22,6 @@ from typing import Final, NamedTuple
 
 from lidario.revolution.sparse_speed import SparseSpeed
 
-__all__ = ["NOISE", "Beginning", "Passed", "RevolutionClock"]
-
 NOISE: Final = 0.35
 """Revolutions by which the time between two beginnings may be off, by late stamps and an uneven rotor."""
 ALIKE: Final = 1.5

@@ -28,8 +28,6 @@ from lidario.revolution.doubled import FASTEST_TURN_NS
 from lidario.wire.events import Arrival, Packets
 from lidario.wire.formats import Ticks
 
-__all__ = ["DeviceClock", "StampReader"]
-
 _ASKED: Final = 8
 """Packets whose stamps are compared: of an LD06 20 ms, in which a wrong sample time makes no difference."""
 _FEWEST: Final = 3

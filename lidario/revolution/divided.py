@@ -19,17 +19,6 @@ from lidario.wire.blocks import Block, some_blocks
 from lidario.wire.events import Packets
 from lidario.wire.formats import HEADING_MASK, Headings, StreamFormat
 
-__all__ = [
-    "RETREAT_PART",
-    "ROUNDING",
-    "DividedRevolution",
-    "OpenSector",
-    "away_of",
-    "ends_of",
-    "join_pieces",
-    "sum_of",
-]
-
 ROUNDING: Final = 1e-9
 """Much less than a packet, and more than what rounding makes of a whole number."""
 RETREAT_PART: Final = 12

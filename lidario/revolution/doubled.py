@@ -23,8 +23,6 @@ from lidario.wire.blocks import Block, join_blocks, packet_offsets
 from lidario.wire.events import Arrival, Packets
 from lidario.wire.formats import Headings, StreamFormat
 
-__all__ = ["DoubledPackets", "without"]
-
 FASTEST_TURN_NS: Final = 25_000_000
 """No rotor takes less: two packets that are alike and farther apart are of two revolutions."""
 

@@ -13,9 +13,6 @@ from lidario.wire.blocks import Block, some_blocks
 from lidario.wire.events import Packets
 from lidario.wire.formats import HEADING_MASK, StreamFormat
 
-__all__ = ["BROKEN_SHARE", "UNEVEN", "EndedRevolution", "packet_time", "share_before"]
-
-
 BROKEN_SHARE: Final = 0.9
 """Share of a revolution that may be missing in time, not seen as a jump of the angle, before it is broken."""
 UNEVEN: Final = 1.5

@@ -26,8 +26,6 @@ from lidario.wire.blocks import packet_offsets
 from lidario.wire.events import Packets
 from lidario.wire.formats import HEADING_MASK, Headings
 
-__all__ = ["FalsePackets"]
-
 MEASURED: Final = 16
 """The latest advances, of which the mean tells how far the rotor usually turns from one packet to the next."""
 CLOSELY: Final = 3

@@ -13,8 +13,6 @@ from lidario.revolution.stats import AssemblerStats
 from lidario.wire.events import Packets
 from lidario.wire.formats import Headings
 
-__all__ = ["Clock", "Incoming"]
-
 
 class Clock(Protocol):
     """Tells when packets came."""

@@ -18,8 +18,6 @@ from lidario.wire.blocks import Block, join_blocks, packet_offsets, some_blocks
 from lidario.wire.events import Arrival, Packets
 from lidario.wire.formats import StreamFormat
 
-__all__ = ["MOST_IN_A_PART", "PartialRevolution", "SampleArrays", "joined", "part_of", "parts_of"]
-
 MOST_IN_A_PART: Final = 2048
 """Packets of a part: several revolutions of most formats, which are decoded as one block."""
 

@@ -22,8 +22,6 @@ from lidario.sector import Sector
 from lidario.wire.events import Arrival, Packets
 from lidario.wire.link import Link
 
-__all__ = ["Pipeline"]
-
 RawBytes: TypeAlias = bytes | bytearray | memoryview
 
 

@@ -20,8 +20,6 @@ from typing import Final
 
 from lidario.revolution.ended import EndedRevolution
 
-__all__ = ["SampleTime"]
-
 WINDOW_NS: Final = 2_000_000_000
 OFF: Final = 0.1
 """The clocks of devices are right to a thousandth, and so is what most of them tell."""

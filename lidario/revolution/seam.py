@@ -24,8 +24,6 @@ import numpy as np
 
 from lidario.wire.formats import BEGINS, RESTARTS, Headings
 
-__all__ = ["Seam", "Split"]
-
 _FLAGS = BEGINS | RESTARTS
 _UNMARKED_REVOLUTIONS = 2
 """Revolutions without a mark after which none is waited for any more."""

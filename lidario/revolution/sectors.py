@@ -48,8 +48,6 @@ from lidario.wire.blocks import Block, packet_offsets
 from lidario.wire.events import Packets
 from lidario.wire.formats import BEGINS, HEADING_MASK, Headings
 
-__all__ = ["MOST_PARTS", "SectorAssembler"]
-
 MOST_PARTS: Final = 72
 """Sectors of 5 degrees: the narrowest packet of any format is not much narrower."""
 _OpenSector: Final = unfrozen(Sector)

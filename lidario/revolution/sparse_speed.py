@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 from lidario.wire.events import Packets
 from lidario.wire.formats import HEADING_MASK, StreamFormat
 
-__all__ = ["SparseSpeed", "dated_angles"]
-
 _MOST: Final = 16
 _OF_ONE: Final = 2
 """Packets of one revolution. More would be too near each other."""

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 from lidario.scan import Scan
 
-__all__ = ["AssemblerStats"]
-
 
 @dataclass(slots=True)
 class AssemblerStats:

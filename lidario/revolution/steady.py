@@ -25,8 +25,6 @@ from lidario.revolution.timing import earliest_ns
 from lidario.wire.blocks import packet_offsets, some_blocks
 from lidario.wire.events import Packets
 
-__all__ = ["SteadyBlock", "decode_block", "is_ready"]
-
 
 class SteadyBlock(NamedTuple):
     """The revolutions of a block.

@@ -13,8 +13,6 @@ from collections.abc import Sequence
 
 from lidario.revolution.ended import EndedRevolution
 
-__all__ = ["DEVICE_DELAY_SAMPLES", "byte_ns_at", "earliest_ns", "first_sample_ns"]
-
 BITS_A_BYTE = 10
 """On a serial line with one start and one stop bit."""
 DEVICE_DELAY_SAMPLES = 1.5

@@ -15,8 +15,6 @@ from typing import Final
 from lidario.wire.blocks import Block, join_blocks
 from lidario.wire.events import Arrival, Packets
 
-__all__ = ["SLICE", "join_reads", "join_runs", "slices"]
-
 SLICE: Final = 2048
 """Bytes that are parsed in one step. Those that look most like packets and are none take 2 us each."""
 

@@ -27,8 +27,6 @@ from lidario.sector import Sector
 from lidario.wire.blocks import packet_offsets
 from lidario.wire.events import Packets
 
-__all__ = ["WholeAssembler", "WholeSectors", "assembler_of", "sector_assembler_of", "sectors_of"]
-
 _LEAP_NS: Final = 60_000_000_000
 _MOST_UNSEEN: Final = 1_000_000
 """Scans that may be missing at most: times come from the device, a peer or a file."""

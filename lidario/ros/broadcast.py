@@ -34,8 +34,6 @@ from lidario.session.lidar import Lidar
 from lidario.session.talking.trouble import Trouble
 from lidario.version import __version__
 
-__all__ = ["Broadcast"]
-
 _log = logging.getLogger("lidario")
 
 STATUS_S: Final = 1.0

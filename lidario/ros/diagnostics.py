@@ -8,8 +8,6 @@ from typing import Final
 from lidario.cdr import CdrWriter
 from lidario.model import DeviceInfo, Health, HealthStatus, Stats
 
-__all__ = ["ERROR", "OK", "STALE", "WARN", "DiagnosticArray", "DiagnosticStatus", "diagnostics"]
-
 OK: Final = 0
 WARN: Final = 1
 ERROR: Final = 2

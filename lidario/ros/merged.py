@@ -26,8 +26,6 @@ from lidario.scan import Scan
 from lidario.session.lidar import Lidar
 from lidario.session.merged import MergedStream, merged
 
-__all__ = ["MergedPublisher"]
-
 CLOUD_ENTITY: Final = 5
 """Behind those of `Publisher`."""
 _WORSE: Final = tuple(HealthStatus)

@@ -21,22 +21,6 @@ from typing import Final, Literal
 from lidario.arguments import shown, text_of, whole
 from lidario.errors import InvalidValue
 
-__all__ = [
-    "CLOCK",
-    "DIAGNOSTICS",
-    "DISTROS",
-    "LASERSCAN",
-    "LATEST_KEPT",
-    "POINTCLOUD2",
-    "RELIABLE_10",
-    "TF_MESSAGE",
-    "Distro",
-    "MessageType",
-    "Node",
-    "gid_of",
-    "qualified",
-]
-
 Distro = Literal["humble", "jazzy", "kilted", "lyrical"]
 DISTROS: Final[tuple[Distro, ...]] = ("humble", "jazzy", "kilted", "lyrical")
 

@@ -19,8 +19,6 @@ from lidario.cdr import LITTLE_ENDIAN, CdrWriter
 from lidario.errors import InvalidValue
 from lidario.scan import Scan
 
-__all__ = ["POINT", "PointCloud2", "pointcloud2"]
-
 POINT: Final = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("t", "<u4")])
 """One point as it is stored."""
 

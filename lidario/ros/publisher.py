@@ -40,8 +40,6 @@ from lidario.ros.transform import clock_message, mount_of, static_transform
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
 
-__all__ = ["Publisher"]
-
 
 class Publisher(Broadcast):
     """One lidar as a publisher of ROS 2; used as an asynchronous context manager.

@@ -26,8 +26,6 @@ from lidario.ros.names import gid_of
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
 
-__all__ = ["RawFeed", "Share"]
-
 COLLECT_S: Final = 0.05
 """Longest time for which bytes wait to be sent; half a revolution."""
 COLLECT_BYTES: Final = 16384

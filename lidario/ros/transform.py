@@ -16,8 +16,6 @@ from lidario.arguments import finite, shown
 from lidario.cdr import CdrWriter, stamp_bytes
 from lidario.errors import InvalidValue
 
-__all__ = ["clock_message", "mount_of", "static_transform"]
-
 _SEVEN: Final = struct.Struct("<7d")
 
 

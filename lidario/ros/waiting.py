@@ -12,8 +12,6 @@ from typing import Final, NamedTuple
 
 from lidario.scan import Scan
 
-__all__ = ["FleetScan", "WaitingScans"]
-
 MOST_BYTES: Final = 64 << 20
 """Of all scans that wait: two of each of a thousand lidars."""
 _SAMPLE_BYTES: Final = 9

@@ -7,8 +7,6 @@ from lidario.session.streaming.running import Totals
 from lidario.session.talking.dialogue import Dialogue
 from lidario.wire.stats import LinkStats
 
-__all__ = ["Counters"]
-
 
 class Counters:
     """Sums the counters of one session over all lines that it has had."""

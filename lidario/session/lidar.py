@@ -36,8 +36,6 @@ from lidario.session.streaming.scanner import Scanner
 from lidario.session.streams import Streams
 from lidario.session.talking.trouble import twin_of
 
-__all__ = ["Lidar"]
-
 
 class Lidar(Streams, AsyncOnly):
     """One open device; made by `open_lidar`, and best used as its context manager.

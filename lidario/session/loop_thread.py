@@ -26,8 +26,6 @@ from lidario.latch import Latch
 from lidario.session.lidar import Lidar
 from lidario.session.opening import OpenLidar
 
-__all__ = ["LoopThread"]
-
 P = ParamSpec("P")
 T = TypeVar("T")
 

@@ -17,8 +17,6 @@ from lidario.scan import Scan
 from lidario.session.lidar import Lidar
 from lidario.session.streaming.stream import ScanStream
 
-__all__ = ["MergedStream", "merged"]
-
 
 class MergedStream(AsyncOnly):
     """What `merged` returns: an asynchronous iterator of `Merged`, best used in ``async with``.

@@ -25,8 +25,6 @@ from lidario.source import MOST_BAUD, Source, as_source
 if TYPE_CHECKING:
     from lidario.sim.device import SimulatedDevice
 
-__all__ = ["DEFAULT_LATENCY_S", "OpenLidar", "open_lidar"]
-
 _log = logging.getLogger("lidario")
 
 DEFAULT_LATENCY_S = 0.005

@@ -22,8 +22,6 @@ from lidario.session.streaming.scanner import Scanner
 from lidario.session.streaming.stream import ScanStream
 from lidario.session.talking.handshake import healthy, restart
 
-__all__ = ["Questions"]
-
 T = TypeVar("T")
 
 SPEED_TOLERANCE = 0.05

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from lidario.model import DeviceInfo, Health
     from lidario.recording.record import Recording
 
-__all__ = ["RecordedSession", "about_now"]
-
 _ID_BYTES = 8
 
 

@@ -18,8 +18,6 @@ from typing import Any, TypeVar
 from lidario.arguments import shown, yes_or_no
 from lidario.errors import InvalidValue, LocalProtocolError
 
-__all__ = ["run"]
-
 T = TypeVar("T")
 _BY_SIGNAL = 128
 """Shells report a program that a signal has ended by this number plus the signal's."""

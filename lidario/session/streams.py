@@ -13,8 +13,6 @@ from lidario.session.questions import Questions
 from lidario.session.streaming.sectors import DEFAULT_DEGREES, SectorStream, parts_of
 from lidario.session.streaming.stream import ScanStream, filters_of
 
-__all__ = ["Streams"]
-
 
 class Streams(Questions):
     """What `Lidar` hands out; the base of it."""

@@ -17,8 +17,6 @@ from lidario.sim.motor import Motor
 from lidario.sim.rooms import make_world
 from lidario.sim.world import CheckedWorld, World, WorldLike, as_world
 
-__all__ = ["PROTECTION_STOP", "Chassis", "Maker", "Making", "by_name", "maker"]
-
 PROTECTION_STOP = 2
 """The health status of a device that has stopped because of an error; the same number in every family so far."""
 

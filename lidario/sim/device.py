@@ -12,8 +12,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-__all__ = ["Received", "SimulatedDevice", "is_network"]
-
 
 @dataclass(frozen=True, slots=True)
 class Received:

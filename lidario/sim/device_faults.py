@@ -14,8 +14,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Protocol, TypeGuard
 
-__all__ = ["ERROR_CODE", "REPLUG_GAP_S", "CanFail", "DeviceFaults", "can_fail"]
-
 ERROR_CODE = 0x8001
 """What health tells after the fault ``protect``; no document gives a meaning to any code."""
 

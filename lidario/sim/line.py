@@ -20,8 +20,6 @@ from dataclasses import dataclass
 
 from lidario.sim.device import Received
 
-__all__ = ["RequestLog", "TransmitQueue"]
-
 _NS = 1_000_000_000
 _BITS_A_BYTE = 10  # start bit, eight data bits, stop bit
 

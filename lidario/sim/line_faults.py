@@ -16,8 +16,6 @@ import numpy as np
 
 from lidario.sim.device_faults import REPLUG_GAP_S, DeviceFaults
 
-__all__ = ["Faults"]
-
 _SECOND = 1_000_000_000
 _BLOCK = 64  # bytes of a burst or a repetition: the packet of a full-speed USB adapter
 _BYTE_FAULTS = ("drop", "flip", "insert", "burst", "duplicate")

@@ -9,8 +9,6 @@ from __future__ import annotations
 from lidario.sim.device import SimulatedDevice
 from lidario.sim.faults import Faults
 
-__all__ = ["MemoryLine"]
-
 
 class MemoryLine:
     """The line between a host and a simulated device; the caller passes the time.

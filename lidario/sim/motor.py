@@ -13,8 +13,6 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Motor"]
-
 _STABLE = 0.02
 _TAUS_TO_REST = 25.0  # after so many time constants the approach is over: 1e-11 revolutions per second are left
 

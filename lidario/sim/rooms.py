@@ -14,8 +14,6 @@ import numpy as np
 
 from lidario.sim.world import DIRECTIONS, Floats, Pose, Segment, Walker, World, cast, seen_from
 
-__all__ = ["furnished_room", "make_world"]
-
 _ORIGIN: Pose = (0.0, 0.0, 0.0)
 _ROUND_SIDES = 720
 

@@ -20,8 +20,6 @@ from lidario.sim.device_faults import REPLUG_GAP_S, can_fail
 from lidario.sim.faults import Faults
 from lidario.sim.memory import MemoryLine
 
-__all__ = ["READ", "Server"]
-
 _IDLE_S = 0.05  # how long the thread sleeps at most, so that an unplug that is due is noticed
 READ = 4096
 """Most bytes read from the client at once."""

@@ -17,8 +17,6 @@ import numpy.typing as npt
 from lidario.sim.chassis import Chassis, Making
 from lidario.sim.motor import Motor
 
-__all__ = ["PacedByAngle", "PacedByTime", "Running", "Talker", "TalkerProfile", "within"]
-
 Floats = npt.NDArray[np.float64]
 
 _BLOCKED: Final = 1 << 62

@@ -21,24 +21,6 @@ from typing import Protocol, TypeAlias, TypeGuard, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-__all__ = [
-    "DIRECTIONS",
-    "CheckedWorld",
-    "Floats",
-    "Pose",
-    "Segment",
-    "Walker",
-    "Wall",
-    "World",
-    "WorldLike",
-    "as_world",
-    "cast",
-    "measures",
-    "seen_from",
-    "segments_of",
-    "walls_around",
-]
-
 Floats = npt.NDArray[np.float64]
 Segment = tuple[float, float, float, float]
 """A wall as (x1, y1, x2, y2) in metres."""

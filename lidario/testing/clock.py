@@ -17,8 +17,6 @@ import asyncio
 import time
 from typing import Any
 
-__all__ = ["FAST", "Clock", "clock_of"]
-
 FAST = 100.0
 """How many times as fast. Opening, one scan and closing take 0.5 s on the clock; of that 5 ms remain."""
 _LEAST_S = 0.001

@@ -22,8 +22,6 @@ from lidario.testing.clock import clock_of
 from lidario.testing.device import SimulatedLidar
 from lidario.testing.plugin import OPTION
 
-__all__ = ["Runner", "lidar_bench", "test_rule"]
-
 
 class Runner:
     """A bench, and the event loop on which rules are tried, one in each test.

@@ -17,8 +17,6 @@ from lidario.sim.memory import MemoryLine
 from lidario.testing.clock import FAST, clock_of
 from lidario.testing.surroundings import Body, Surroundings, room
 
-__all__ = ["SimulatedLidar"]
-
 
 class SimulatedLidar:
     """A lidar in memory, to be given to `lidario.open_lidar`, `open_sync`, or a program that calls them.

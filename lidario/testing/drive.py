@@ -13,8 +13,6 @@ from lidario.sim.rooms import furnished_room
 from lidario.sim.world import Floats
 from lidario.testing.surroundings import segments, table_of
 
-__all__ = ["Drive", "furnished"]
-
 NOISES = 1 << 14
 HASH = 2654435761
 """2**32 over the golden ratio (Knuth's multiplicative hash)."""

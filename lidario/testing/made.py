@@ -11,8 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 from lidario import InvalidValue, Scan, Sector
 from lidario.arguments import finite, nanoseconds, shown, whole
 
-__all__ = ["make_scan", "make_sector"]
-
 ArrayT = TypeVar("ArrayT", bound=NDArray[np.generic])
 
 SMALLEST_DEGREES = 5.0

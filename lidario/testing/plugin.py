@@ -15,8 +15,6 @@ import pytest
 if TYPE_CHECKING:
     from lidario.testing import RecordedLidar, SimulatedLidar
 
-__all__ = ["OPTION", "lidar_recording", "lidar_source", "pytest_addoption", "pytest_configure", "simulated_lidar"]
-
 OPTION = "--lidar-source"
 """Also ``--lidario-device``: what conformance is tried on is a device."""
 

@@ -9,8 +9,6 @@ from pathlib import Path
 from lidario import RecordingError, Scan, decode_file
 from lidario.arguments import path_of
 
-__all__ = ["RecordedLidar"]
-
 
 class RecordedLidar:
     """A recording.

@@ -13,8 +13,6 @@ from lidario import InvalidValue, Wall
 from lidario.arguments import finite, shown, whole
 from lidario.sim.world import Floats, Segment, World, cast, segments_of
 
-__all__ = ["Body", "Surroundings", "room", "segments", "table_of"]
-
 
 @dataclass(frozen=True, slots=True)
 class Body:

@@ -12,8 +12,6 @@ import hmac
 from typing import Final, Literal, NamedTuple
 from urllib.parse import parse_qs, urlsplit
 
-__all__ = ["Refusal", "judge"]
-
 _LOOPBACK: Final = ("localhost", "127.0.0.1", "::1")
 
 

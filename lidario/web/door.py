@@ -25,8 +25,6 @@ from typing import Any, Final
 from websockets.asyncio.server import ServerConnection
 from websockets.frames import Frame, Opcode
 
-__all__ = ["BACKLOG", "Connection", "Door", "Listening"]
-
 MOST_WAITING: Final = 32
 """Connections that are no viewers; a browser has six at most, and says at once what it wants."""
 MOST_WAITING_EACH: Final = 8

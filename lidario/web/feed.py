@@ -32,8 +32,6 @@ from lidario.filters import Filter
 from lidario.web.keeper import Keeper
 from lidario.web.traffic import Traffic, traffic
 
-__all__ = ["Feed", "FeedState"]
-
 FeedState = Literal["connecting", "scanning", "lost", "ended"]
 
 _BACK_OFF_S: Final = (0.25, 0.5, 1.0, 2.0)

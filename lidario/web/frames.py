@@ -37,8 +37,6 @@ from lidario import Scan
 from lidario.filters import AngularBoundsFilter, BoxFilter, Filter
 from lidario.web.feed import Feed
 
-__all__ = ["HEADER", "SCAN", "pack_scan", "pack_state"]
-
 SCAN: Final = 1
 HEADER: Final = struct.Struct("<BBHIdIfII")
 _FARTHEST: Final = 0xFFFF

@@ -16,8 +16,6 @@ from typing import Final
 
 from lidario import Lidar, LidarError
 
-__all__ = ["Keeper"]
-
 _LOOK_S: Final = 1.0
 """How soon an end that the disk has brought is told."""
 

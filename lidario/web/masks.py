@@ -17,8 +17,6 @@ from lidario import InvalidValue, LidarError, read_config, save_config
 from lidario.filters import AngularBoundsFilter, BoxFilter, Filter
 from lidario.web.feed import Feed
 
-__all__ = ["Masks"]
-
 MOST: Final = 50
 """Changes that are not saved; each drawn filter costs some microseconds a scan."""
 ROUNDED_M: Final = 0.0006

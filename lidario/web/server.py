@@ -32,8 +32,6 @@ from lidario.web.feed import Feed
 from lidario.web.frames import pack_scan, pack_state
 from lidario.web.masks import Masks
 
-__all__ = ["LiveServer"]
-
 AHEAD: Final = 2
 """One scan on its way while another is drawn."""
 STATE_S: Final = 1.0

@@ -8,8 +8,6 @@ from typing import Final
 
 from lidario import Stats
 
-__all__ = ["Traffic", "traffic"]
-
 BITS_A_BYTE: Final = 10
 """On a serial line: a start bit, eight data bits, a stop bit."""
 _MOST_LOAD: Final = 1.1

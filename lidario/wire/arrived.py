@@ -13,8 +13,6 @@ from copy import copy
 from lidario.wire.events import Arrival
 from lidario.wire.formats import StreamFormat
 
-__all__ = ["ArrivedBytes", "NoiseSearch"]
-
 
 class ArrivedBytes(list[Arrival]):
     """Which bytes had come when. They are counted from the first one ever fed, so they stay right in any buffer."""

@@ -11,8 +11,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-__all__ = ["Block", "join_blocks", "packet_offsets", "some_blocks"]
-
 
 class Block(NamedTuple):
     """Packets of one size that follow each other.

@@ -23,18 +23,6 @@ from lidario.wire.events import Descriptor
 if TYPE_CHECKING:
     from lidario.wire.formats import StreamFormat
 
-__all__ = [
-    "DESCRIPTOR_MAGIC",
-    "DESCRIPTOR_SIZE",
-    "REQUEST_MAGIC",
-    "Expected",
-    "Request",
-    "encode_descriptor",
-    "encode_request",
-    "parse_descriptor",
-    "xor_bytes",
-]
-
 REQUEST_MAGIC = 0xA5
 DESCRIPTOR_MAGIC = b"\xa5\x5a"
 DESCRIPTOR_SIZE = 7

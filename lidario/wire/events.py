@@ -13,8 +13,6 @@ from typing import TypeAlias
 
 from lidario.wire.blocks import Block
 
-__all__ = ["Arrival", "Descriptor", "Event", "Packets", "Response"]
-
 Arrival: TypeAlias = tuple[int, int]
 """How much had come, and when: a number of bytes or of packets, and the time in the caller's nanoseconds."""
 

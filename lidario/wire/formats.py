@@ -27,18 +27,6 @@ from numpy.typing import NDArray
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
 
-__all__ = [
-    "BEGINS",
-    "HEADINGS_WORTH_AN_ARRAY",
-    "HEADING_MASK",
-    "NO_PACKET",
-    "RESTARTS",
-    "Headings",
-    "StreamFormat",
-    "Stretch",
-    "Ticks",
-]
-
 NO_PACKET = -1
 """Result of `measure` and `other_record`: nothing of the kind can begin here."""
 

@@ -13,8 +13,6 @@ from typing import NamedTuple
 from lidario.wire.envelope import DESCRIPTOR_MAGIC, DESCRIPTOR_SIZE, Expected, parse_descriptor
 from lidario.wire.events import Descriptor
 
-__all__ = ["Lines", "find_descriptor", "find_lines"]
-
 _LINE_END = 0x0A
 
 

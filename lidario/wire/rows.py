@@ -22,8 +22,6 @@ from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
 from lidario.wire.formats import HEADINGS_WORTH_AN_ARRAY, NO_PACKET, Headings, StreamFormat, Stretch
 
-__all__ = ["Check", "Crc8", "Fold15", "LayoutFormat", "RowFormat", "row_begins"]
-
 
 class RowFormat(StreamFormat):
     """A format whose packets all have the size `shortest`.

@@ -16,8 +16,6 @@ from __future__ import annotations
 
 from enum import Enum
 
-__all__ = ["LinkState"]
-
 
 class LinkState(Enum):
     """What the link makes of arriving bytes."""

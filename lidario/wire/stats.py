@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
-__all__ = ["LinkStats"]
-
 
 @dataclass(slots=True)
 class LinkStats:

@@ -29,11 +29,6 @@ from lidario.sim.serve import PtyServer
 from tests.support.loop import DrivenLoop
 from tests.support.speeds import SpeedPtyServer
 
-__all__ = [
-    "BOUND", "ROOT", "end", "in_memory", "invoke", "invoke_driven", "line_of", "run", "served", "started",
-    "write_at_once",
-]  # fmt: skip
-
 BOUND = 60.0
 ROOT = Path(__file__).parents[2]
 

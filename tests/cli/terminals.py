@@ -15,8 +15,6 @@ from select import select
 
 from tests.cli.processes import BOUND, ROOT
 
-__all__ = ["Screen", "on_terminal", "resize"]
-
 
 @contextlib.contextmanager
 def on_terminal(

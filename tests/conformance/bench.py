@@ -11,8 +11,6 @@ import lidario
 from lidario.conformance import RULES, Bench, Outcome, Report, Reporter, Rule, Verdict, open_bench
 from tests.support.loop import DrivenLoop, run_driven
 
-__all__ = ["broken", "judge", "make"]
-
 T = TypeVar("T")
 
 

@@ -22,8 +22,6 @@ from tests.conformance.wrapped import (
     StopsLate,
 )
 
-__all__ = ["DEFECTS", "make"]
-
 Turns: TypeAlias = npt.NDArray[np.float64]
 
 

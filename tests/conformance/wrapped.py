@@ -4,20 +4,6 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-__all__ = [
-    "Chatters",
-    "Damages",
-    "DeafAfterIdleStop",
-    "DeafAfterResponse",
-    "DeafAfterStop",
-    "Defective",
-    "HeldBack",
-    "ReadLate",
-    "Skips",
-    "StartsOnce",
-    "StopsLate",
-]
-
 MS: Final = 1_000_000
 OPENED: Final = 12
 """So many requests are made before the first rule is tried, or more."""

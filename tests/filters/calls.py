@@ -7,8 +7,6 @@ from typing import Any
 
 from lidario import Scan, filters
 
-__all__ = ["filter_calls"]
-
 _CORNERS = [(0.0, 1.0), (1.0, 0.0), (0.0, 0.0)]
 
 

@@ -34,8 +34,6 @@ import pytest
 from tests.mutants.covering import Covering
 from tests.mutants.places import Place, places_of
 
-__all__ = ["Verdict", "choose", "main", "stages_of"]
-
 ROOT: Final = Path(__file__).resolve().parent.parent.parent
 BESIDE: Final = ROOT.parent / "shared"
 """Some tests read what stands beside the project, where it does: recordings of real devices."""

@@ -14,8 +14,6 @@ from coverage import CoverageData
 
 from tests.mutants.places import Place
 
-__all__ = ["Covering"]
-
 MOST_TESTS: Final = 400
 """Of more tests that run a line, so many are taken, evenly: to find and run more takes minutes."""
 

@@ -7,8 +7,6 @@ import re
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
-__all__ = ["Place", "places_of"]
-
 _TURNED: Final = {
     "<": ">=",
     "<=": ">",

@@ -17,8 +17,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-__all__ = ["begin_family", "main"]
-
 TEMPLATES = Path(__file__).resolve().parent
 ROOT = TEMPLATES.parent.parent
 

@@ -14,8 +14,6 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Final, NamedTuple
 
-__all__ = ["FAMILIES", "Size", "main", "size_of"]
-
 FAMILIES: Final = Path(__file__).resolve().parent.parent.parent / "lidario" / "families"
 _NO_CODE: Final = (
     tokenize.COMMENT,

@@ -16,8 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["SlamToolbox", "laser_geometry", "moved"]
-
 Points = NDArray[np.float64]
 FULL_CIRCLE = math.radians(350)
 MAX_LASER_RANGE = 25.0

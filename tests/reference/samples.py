@@ -3,8 +3,6 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-__all__ = ["Sample", "revolutions", "u16"]
-
 
 @dataclass(frozen=True, slots=True)
 class Sample:

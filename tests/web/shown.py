@@ -8,8 +8,6 @@ from collections.abc import Callable
 from benchmarks.browser import Page
 from tests.cli.processes import end
 
-__all__ = ["S2", "Open", "end_both", "ink"]
-
 S2 = "sim://rplidar-s2?via=memory&serial=" + "AB" * 16
 Open = Callable[..., Page]
 

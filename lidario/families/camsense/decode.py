@@ -17,8 +17,6 @@ from lidario.families.arcs import Output
 from lidario.families.camsense.formats import LongFormat, PacketFormat
 from lidario.families.two_angles import TwoAngleDecoder, TwoAngleFormat
 
-__all__ = ["LongDecoder", "PacketDecoder", "sample_us"]
-
 _NONE: Final = 0x8000
 _MILLIMETRES: Final = 0x3FFF
 _OFFSET_DEG: Final = 21.0

@@ -8,8 +8,6 @@ from lidario.families.camsense.decode import LongDecoder, PacketDecoder, sample_
 from lidario.families.camsense.formats import LongFormat, PacketFormat
 from lidario.families.talking import Talkers, TalkingModel
 
-__all__ = ["TALKERS"]
-
 _SAMPLE_US: Final = 1e6 / 2080
 _X1: Final = TalkingModel("x1", "Camsense X1", 115_200, _SAMPLE_US, 8.0, PacketFormat, PacketDecoder)
 _LDS08RR: Final = TalkingModel("lds08rr", "LDS08RR of Camsense", 115_200, _SAMPLE_US, 8.0, LongFormat, LongDecoder)

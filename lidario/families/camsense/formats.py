@@ -25,8 +25,6 @@ from numpy.typing import NDArray
 from lidario.families.two_angles import TwoAngleFormat
 from lidario.wire.rows import Check, Fold15
 
-__all__ = ["LongFormat", "PacketFormat"]
-
 ZERO: Final = 0xA000
 FULL_TURN: Final = 360 << 6
 

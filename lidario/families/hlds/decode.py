@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 from lidario.families.hlds.formats import PacketFormat
 from lidario.families.slots import DegreeDecoder, DegreeFormat
 
-__all__ = ["PacketDecoder"]
-
 
 class PacketDecoder(DegreeDecoder):
     """Decodes the packets of one stream."""

@@ -16,8 +16,6 @@ from lidario.families.hlds.formats import SIZE, CheckedFormat, PacketFormat
 from lidario.families.slots import FULL_TURN
 from lidario.families.talking import Talkers, TalkingModel
 
-__all__ = ["TALKERS"]
-
 _UNCHECKED: Final = TalkingModel(
     "",
     "HLDS LDS-01",

@@ -24,8 +24,6 @@ from numpy.typing import NDArray
 from lidario.families.slots import FIRST, HEAD, DegreeFormat
 from lidario.wire.rows import Check, Fold15
 
-__all__ = ["SIZE", "CheckedFormat", "PacketFormat"]
-
 PACKETS: Final = 60
 SIZE: Final = 42
 CHECKED: Final = 40

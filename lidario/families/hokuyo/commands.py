@@ -16,8 +16,6 @@ from lidario.families.base import Script
 from lidario.wire.envelope import Expected, Request
 from lidario.wire.formats import StreamFormat
 
-__all__ = ["FILL", "OBEYED", "RESET", "STOP", "Told", "ask", "check_of", "measure", "read_lines", "refusal"]
-
 SETTLE_S: Final = 0.08
 """No document demands a pause. In this time the response to ``QT`` has come, behind a block that was under way."""
 LONGEST: Final = 4096

@@ -18,8 +18,6 @@ from lidario.families.hokuyo.geometry import Geometry
 from lidario.wire.blocks import packet_offsets
 from lidario.wire.events import Packets
 
-__all__ = ["STRENGTH_SHIFT", "BlockDecoder"]
-
 STRENGTH_SHIFT: Final = 4
 """Intensities have up to 18 bits on the wire, of which devices use about 12: 4095 becomes 255, and so does more."""
 

@@ -18,8 +18,6 @@ from lidario.families.hokuyo.geometry import Geometry, geometry_of
 from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, ScanMode
 from lidario.wire.envelope import Request
 
-__all__ = ["FORMATS", "HokuyoDevice", "mode_for"]
-
 FORMATS: Final = (DistanceFormat, StrengthFormat)
 SPIN_UP_S: Final = 4.0
 """The rotor turns already; the laser is switched on by the request, and no document says how long that takes."""

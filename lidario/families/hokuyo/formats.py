@@ -28,8 +28,6 @@ from lidario.wire.blocks import Block, packet_offsets
 from lidario.wire.events import Packets
 from lidario.wire.formats import BEGINS, NO_PACKET, Headings, StreamFormat, Ticks
 
-__all__ = ["HEAD", "DistanceFormat", "StrengthFormat", "characters", "range_of", "values"]
-
 ECHO: Final = 16
 """Bytes of the echo, with its line feed."""
 HEAD: Final = ECHO + 4 + 6

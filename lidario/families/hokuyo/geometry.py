@@ -8,8 +8,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final, NamedTuple
 
-__all__ = ["MOST_STEP", "Geometry", "geometry_of"]
-
 MOST_STEP: Final = 9999
 """The last step that four digits of a request can name."""
 _LIMITS: Final = {

@@ -18,8 +18,6 @@ from lidario.families.hokuyo.geometry import Geometry, geometry_of
 from lidario.model import ScanMode
 from lidario.wire.formats import StreamFormat
 
-__all__ = ["find_stream", "stream_in"]
-
 _USUAL: Final = {
     (44, 725): ("URG-04LX", Geometry(44, 725, 384, 1024, 20, 5600, 600)),
     (0, 1080): ("UST-10LX, UST-20LX or UTM-30LX", Geometry(0, 1080, 540, 1440, 20, 60_000, 2400)),

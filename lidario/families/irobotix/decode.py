@@ -16,8 +16,6 @@ from lidario.families.spans import Arcs, Heads
 from lidario.wire.blocks import packet_offsets
 from lidario.wire.events import Packets
 
-__all__ = ["FifteenDecoder", "FrameDecoder", "frames_a_turn", "sample_us"]
-
 
 class FrameDecoder(SlotDecoder):
     """Decodes the frames of one stream.

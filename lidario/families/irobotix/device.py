@@ -8,9 +8,6 @@ from lidario.families.irobotix.decode import FifteenDecoder, FrameDecoder, frame
 from lidario.families.irobotix.formats import DATA, RECORD, AnyFrame, FifteenFormat, FrameFormat
 from lidario.families.talking import Rotor, Talkers, TalkingModel
 
-__all__ = ["TALKERS"]
-
-
 _SLOWEST_S: Final = 0.4
 """One revolution at four a second, and half as long again."""
 

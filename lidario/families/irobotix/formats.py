@@ -36,8 +36,6 @@ from lidario.wire.blocks import Block, packet_offsets
 from lidario.wire.events import Packets
 from lidario.wire.formats import HEADINGS_WORTH_AN_ARRAY, NO_PACKET, Headings, StreamFormat
 
-__all__ = ["DATA", "FULL_TURN", "RECORD", "AnyFrame", "FifteenFormat", "FrameFormat", "frames_of", "samples_of"]
-
 MARK: Final = b"\xaa\x00"
 FIXED: Final = 0x61
 MEASUREMENT: Final = 0xAD

@@ -11,8 +11,6 @@ from typing import Final
 from lidario.families.ldrobot.formats import CRC, HEAD
 from lidario.wire.envelope import Request
 
-__all__ = ["START", "STOP", "encode", "speed"]
-
 SETTLE_S: Final = 0.02
 """No document demands a pause; one packet takes 3 ms."""
 

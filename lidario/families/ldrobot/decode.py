@@ -23,8 +23,6 @@ from lidario.families.ldrobot.formats import PacketFormat
 from lidario.families.spans import Heads
 from lidario.families.two_angles import TwoAngleDecoder, TwoAngleFormat
 
-__all__ = ["AxisDecoder", "PacketDecoder", "TriangleDecoder"]
-
 
 class PacketDecoder(TwoAngleDecoder):
     """Decodes the packets of one stream; angles are those of the beam."""

@@ -15,8 +15,6 @@ from lidario.families.ldrobot.decode import AxisDecoder, PacketDecoder, Triangle
 from lidario.families.ldrobot.formats import AxisFormat, PacketFormat, TriangleFormat
 from lidario.families.talking import Speeds, Talkers, TalkingModel
 
-__all__ = ["AXIS", "BEAM", "TALKERS", "TRIANGLE"]
-
 
 def _model(name: str, title: str, baudrate: int, rate: float) -> TalkingModel:
     """One that turns five times a second at least."""

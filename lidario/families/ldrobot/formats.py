@@ -28,8 +28,6 @@ from lidario.wire.events import Packets
 from lidario.wire.formats import NO_PACKET, Ticks
 from lidario.wire.rows import Check, Crc8
 
-__all__ = ["CRC", "HEAD", "SIZE", "AxisFormat", "PacketFormat", "TriangleFormat"]
-
 HEAD: Final = 0x54
 SIZE: Final = 47
 RECORDS: Final = {0xE0: 4, 0x0F: 23}

@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 from lidario.families.neato.formats import BackFormat, PacketFormat
 from lidario.families.slots import DegreeDecoder, DegreeFormat
 
-__all__ = ["BackDecoder", "PacketDecoder"]
-
 _NONE: Final = 0x8000
 _MILLIMETRES: Final = 0x3FFF
 

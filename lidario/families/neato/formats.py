@@ -24,8 +24,6 @@ from numpy.typing import NDArray
 from lidario.families.slots import DegreeFormat
 from lidario.wire.rows import Check, Fold15
 
-__all__ = ["SLOWEST", "AnySpeed", "BackFormat", "PacketFormat"]
-
 SLOWEST: Final = 200 * 64
 """The speed below which nothing is measured, as packets state it."""
 

@@ -18,8 +18,6 @@ from lidario.families.rplidar import commands
 from lidario.families.rplidar.commands import Conf
 from lidario.model import NetworkAddress
 
-__all__ = ["ask_address", "set_address"]
-
 _SIZE: Final = 12
 _NONE: Final = "this device tells no network address: is it an Ethernet model?"
 

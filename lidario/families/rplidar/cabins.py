@@ -14,8 +14,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["express_cabins", "near_range_corrections", "ultra_cabins", "ultra_dense_cabins"]
-
 _LEVELS: Final = ((3328, 16384, 4), (1792, 4096, 3), (1280, 2048, 2), (512, 512, 1), (0, 0, 0))
 """0x84's variable bit scale: (first code, distance of the first code in mm, shift), highest first."""
 

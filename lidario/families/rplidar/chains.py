@@ -14,25 +14,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = [
-    "BACKWARD_Q6",
-    "CHAIN_ALONE",
-    "CHAIN_IN_PHASE",
-    "CHAIN_NEARBY",
-    "FORWARD_Q6",
-    "FULL_TURN_Q6",
-    "NEAR_Q6",
-    "SIZE",
-    "angle_at",
-    "apart",
-    "chain_steps",
-    "evenest",
-    "fits",
-    "is_far",
-    "next_chain",
-    "step_between",
-]
-
 SIZE: Final = 5
 FULL_TURN_Q6: Final = 360 << 6
 BACKWARD_Q6: Final = 3 << 6

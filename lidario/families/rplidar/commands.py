@@ -19,27 +19,6 @@ from lidario.families.rplidar.formats import FORMATS
 from lidario.wire.envelope import Expected, Request, encode_request
 from lidario.wire.formats import StreamFormat
 
-__all__ = [
-    "DTR_STOPS",
-    "DTR_TURNS",
-    "FILL",
-    "GET_ACC_BOARD_FLAG",
-    "GET_HEALTH",
-    "GET_INFO",
-    "GET_SAMPLERATE",
-    "RESET",
-    "STOP",
-    "Conf",
-    "ResponseType",
-    "express_scan",
-    "get_lidar_conf",
-    "hq_scan",
-    "motor_pwm",
-    "motor_speed",
-    "scan",
-    "set_lidar_conf",
-]
-
 STOP_SETTLE_S: Final = 0.010
 RESET_SETTLE_S: Final = 0.500
 MOTOR_SETTLE_S: Final = 0.010

@@ -21,8 +21,6 @@ from lidario.families.rplidar.commands import Conf
 from lidario.families.rplidar.formats import FORMATS
 from lidario.model import ScanMode
 
-__all__ = ["Configuration"]
-
 MODE_LIMIT: Final = 64
 """Mode numbers that are tried; devices have two to five modes, numbered from 0, with holes."""
 SHORT_S: Final = 0.15

@@ -28,8 +28,6 @@ from lidario.families.rplidar.decode_capsules import (
 )
 from lidario.families.rplidar.decode_nodes import HqDecoder, NodeDecoder
 
-__all__ = ["DECODERS"]
-
 DECODERS: Final[dict[int, Callable[[], Decoder]]] = {
     0x81: NodeDecoder,
     0x82: ExpressDecoder,

@@ -32,8 +32,6 @@ from lidario.families.spans import Arcs, Heads, Ints
 from lidario.families.wheel import Wheel
 from lidario.wire.events import Packets
 
-__all__ = ["CapsuleDecoder", "DenseDecoder", "ExpressDecoder", "UltraDecoder", "UltraDenseDecoder"]
-
 Words = NDArray[np.uint16]
 
 

@@ -15,8 +15,6 @@ from lidario.families.spans import Arcs, Heads
 from lidario.families.told import ToldWheel
 from lidario.wire.events import Packets
 
-__all__ = ["HqDecoder", "NodeDecoder"]
-
 FIRST_ANGLE: Final = 9
 """Offset of the first node's angle in a packet of 0x83."""
 

@@ -26,8 +26,6 @@ from lidario.families.rplidar.speed import change_speed
 from lidario.model import DeviceInfo, Health, NetworkAddress, SampleRate, ScanMode
 from lidario.wire.envelope import Request
 
-__all__ = ["RplidarDevice"]
-
 SERIES: Final = ((12, "M"), (9, "T"), (6, "S"), (4, "C"), (1, "A"))
 """(first major number, letter), highest first."""
 FIRST_DIRECT_TOF: Final = 4

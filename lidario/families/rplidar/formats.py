@@ -24,17 +24,6 @@ from lidario.wire.events import Packets
 from lidario.wire.formats import HEADINGS_WORTH_AN_ARRAY, NO_PACKET, RESTARTS, Headings, StreamFormat, Stretch
 from lidario.wire.rows import RowFormat, row_begins
 
-__all__ = [
-    "FORMATS",
-    "HQ",
-    "CapsuleFormat",
-    "DenseFormat",
-    "ExpressFormat",
-    "HqFormat",
-    "UltraDenseFormat",
-    "UltraFormat",
-]
-
 FULL_TURN_Q6: Final = 360 << 6
 FULL_TURN_Q14: Final = 65536
 ANGLE_MASK: Final = 0x7FFF

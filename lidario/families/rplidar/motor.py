@@ -34,8 +34,6 @@ from lidario.families.rplidar.commands import Conf
 from lidario.families.rplidar.configuration import SHORT_S, Configuration
 from lidario.wire.envelope import Request
 
-__all__ = ["MotorControl", "Way"]
-
 FIRST_BY_SPEED: Final = 6
 FIRST_C: Final = 4
 A1: Final = 1

@@ -23,8 +23,6 @@ from lidario.families.pace import OFF, PacedTurning
 from lidario.families.spans import Arcs, Heads, Ints, by_revolution, spans_between
 from lidario.wire.events import Arrival
 
-__all__ = ["NodeSteps"]
-
 Steps = NDArray[np.float64]
 
 RETREAT_TURNS: Final = 1 / 12

@@ -53,8 +53,6 @@ from lidario.wire.formats import (
     Stretch,
 )
 
-__all__ = ["NODE", "NodeFormat"]
-
 PHASES_BACK: Final = 4
 """Nodes in the old phase that are tried before another phase is looked for."""
 WORTH_AN_ARRAY: Final = 16

@@ -22,8 +22,6 @@ from lidario.wire.envelope import Expected, Request, encode_request
 from lidario.wire.events import Packets
 from lidario.wire.formats import Headings, StreamFormat
 
-__all__ = ["change_speed", "confirm", "measure"]
-
 PIECE: Final = b"A" * 16
 PIECE_S: Final = 0.05
 PIECES: Final = 30

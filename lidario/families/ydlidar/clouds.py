@@ -32,8 +32,6 @@ from lidario.wire.blocks import Block
 from lidario.wire.envelope import xor_bytes
 from lidario.wire.events import Packets
 
-__all__ = ["KINDS", "CloudDecoder", "Kind", "PointCloud3", "PointCloud4"]
-
 
 class PointCloud3(PointCloud):
     """Samples of three bytes."""

@@ -22,25 +22,6 @@ from typing import Final
 from lidario.wire.envelope import Expected, Request, encode_request
 from lidario.wire.formats import StreamFormat
 
-__all__ = [
-    "COMPLETE_INFO",
-    "DTR_STOPS",
-    "DTR_TURNS",
-    "FORCED_STOP",
-    "GET_HEALTH",
-    "GET_HEALTH_92",
-    "GET_INFO",
-    "GET_SPEED",
-    "GET_ZERO_OFFSET",
-    "KEEPALIVE",
-    "RESET",
-    "STEPS",
-    "STOP",
-    "TOGGLE_PROTECTION",
-    "ResponseType",
-    "scan",
-]
-
 STOP_SETTLE_S: Final = 0.010
 INFO_TIMEOUT_S: Final = 1.0
 HEALTH_TIMEOUT_S: Final = 0.5

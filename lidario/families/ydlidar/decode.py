@@ -28,8 +28,6 @@ from lidario.families.told import FEWEST, ToldWheel
 from lidario.families.ydlidar.formats import FULL_TURN_Q6, HEADER_SIZE, START_BIT, packet_heads
 from lidario.wire.events import Packets
 
-__all__ = ["PointCloudDecoder"]
-
 HEADER_WORDS: Final = HEADER_SIZE // 2
 SPEED_CODE: Final = 0x7F
 SPEED_BASE: Final = 30

@@ -38,8 +38,6 @@ from lidario.families.ydlidar.settings import ask_speed, ask_zero_offset, learn_
 from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.wire.envelope import Request
 
-__all__ = ["BY_DTR_S", "NAMED", "YdlidarDevice"]
-
 T = TypeVar("T")
 SPIN_UP_S: Final = 4.0
 """No document says how long the motor takes; 2.5 s are assumed, and a margin added."""

@@ -38,15 +38,6 @@ from lidario.wire.envelope import xor_bytes
 from lidario.wire.events import Packets
 from lidario.wire.formats import BEGINS, HEADINGS_WORTH_AN_ARRAY, NO_PACKET, Headings, StreamFormat, Stretch
 
-__all__ = [
-    "FULL_TURN_Q6",
-    "HEADER_SIZE",
-    "MOST_SAMPLES",
-    "START_BIT",
-    "PointCloud",
-    "packet_heads",
-]
-
 HEADER_SIZE: Final = 10
 FULL_TURN_Q6: Final = 360 << 6
 MOST_SAMPLES: Final = 0xFF

@@ -18,8 +18,6 @@ from typing import Final
 from lidario.families.ydlidar.clouds import KINDS, Kind
 from lidario.model import ScanMode
 
-__all__ = ["FOUR_ROS", "MODELS", "ONE_WAY", "Model", "model_of"]
-
 
 @dataclass(frozen=True, slots=True)
 class Model:

@@ -23,8 +23,6 @@ from lidario.wire.events import Packets
 from lidario.wire.formats import StreamFormat
 from lidario.wire.link import Link
 
-__all__ = ["Turn", "find_stream", "stream_in", "turn_in"]
-
 _HEADER: Final = re.compile(rb"\xa5\x5a.{3}[\x40-\x7f]\x81", re.DOTALL)
 """The scan header; its length is to be ignored (manual 3.1)."""
 _LIKELY: Final = tuple(MODELS[name] for name in ("4ros", "x4", "g6", "tmini", "g2", "tmini-plus-sh"))

@@ -17,8 +17,6 @@ from lidario.families.base import Script
 from lidario.families.responses import agreed
 from lidario.families.ydlidar import commands
 
-__all__ = ["ask_speed", "ask_zero_offset", "learn_protection", "step_to", "toggle_to"]
-
 FINE_STEP: Final = 10
 COARSE_BEYOND: Final = 95
 """Hundredths of Hz: the small step, and the difference above which a step of 1 Hz is better (SDK)."""

@@ -26,8 +26,6 @@ from lidario.session.finding.silence import ReceivedInSilence
 from lidario.session.talking.dialogue import Dialogue
 from lidario.session.talking.handshake import introduce
 
-__all__ = ["Attempt", "Woken", "ask_in_turns", "ask_once", "find_by_dtr", "leave", "made"]
-
 RESPONSE_BYTES = 64
 """Most bytes of a response that says what a device is. More of them are noise, or a stream."""
 SENT_S = 0.02

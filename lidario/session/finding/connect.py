@@ -37,8 +37,6 @@ from lidario.source import Source
 if TYPE_CHECKING:
     from lidario.port.simulated import Simulation
 
-__all__ = ["connect"]
-
 
 async def connect(
     source: Source,

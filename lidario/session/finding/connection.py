@@ -17,8 +17,6 @@ from lidario.session.talking.dialogue import Dialogue
 from lidario.session.talking.trouble import Trouble
 from lidario.source import Source
 
-__all__ = ["At", "Connection", "HalfOpen", "connect_recording", "connect_remote"]
-
 _NO_TIME_S = 0.001
 
 

@@ -22,8 +22,6 @@ from lidario.session.finding.connect import connect
 from lidario.session.finding.listening import BY_ID
 from lidario.source import Source
 
-__all__ = ["Found", "PortInfo", "find_source", "list_lidars", "list_serial_ports"]
-
 _BY_NUMBERS: Final = {(each.vendor, each.product): name for name, each in ADAPTERS.items()}
 
 

@@ -26,8 +26,6 @@ from lidario.session.finding.asking import Attempt, Woken, ask_once, made
 from lidario.session.finding.listening import listen
 from lidario.session.talking.dialogue import Dialogue
 
-__all__ = ["leave_still"]
-
 
 async def leave_still(port: Port, tries: list[Attempt], woken: Woken) -> None:
     """Stop what is at an open port, what the search has `woken` first, and begin to close the port.

@@ -28,8 +28,6 @@ from lidario.families.registry import FAMILIES
 from lidario.port.port import Port
 from lidario.wire.formats import StreamFormat
 
-__all__ = ["BY_ID", "KEPT", "Heard", "adapter_of", "family_of_stream", "last_at", "listen", "remember"]
-
 BY_ID: Final = Path("/dev/serial/by-id")
 """Where adapters have names that last."""
 _found: dict[str, tuple[str, int]] = {}

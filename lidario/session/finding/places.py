@@ -21,9 +21,6 @@ from lidario.port.background import run_in_thread
 from lidario.session.finding import discovery
 from lidario.source import Source
 
-__all__ = ["Places"]
-
-
 MOST_SILENCES = 15
 """How often a port that nobody has named is asked in vain. That takes longer than a lidar boots (8 s)."""
 

@@ -39,8 +39,6 @@ from lidario.source import Source
 if TYPE_CHECKING:
     from lidario.port.simulated import Simulation
 
-__all__ = ["Reconnect", "Reconnector"]
-
 _log = logging.getLogger("lidario")
 
 _NO_SERIAL = frozenset("0F[] ")

@@ -10,8 +10,6 @@ from lidario.model import LineErrors
 from lidario.session.finding.listening import KEPT, family_of_stream
 from lidario.source import Source, quoted
 
-__all__ = ["ReceivedInSilence"]
-
 _MOSTLY = 0.9
 
 

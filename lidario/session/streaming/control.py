@@ -21,8 +21,6 @@ from lidario.session.streaming.running import Failure, Outlets, Running, Totals
 from lidario.session.streaming.states import TRANSITIONS, Event, State
 from lidario.wire.states import LinkState
 
-__all__ = ["NotWanted", "StreamControl"]
-
 _log = logging.getLogger("lidario")
 
 STOP_ATTEMPTS = 3

@@ -29,8 +29,6 @@ from lidario.session.streaming.line_changes import LineWatch
 from lidario.session.streaming.readers import Hub
 from lidario.session.streaming.running import Failure
 
-__all__ = ["Failures"]
-
 _CURABLE = (DeviceLost, StreamFailed, ResponseTimeout, DeviceFault, RemoteProtocolError)
 """What a new line to the same device may cure; not what the user or lidario did wrong."""
 

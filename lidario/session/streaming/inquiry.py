@@ -27,8 +27,6 @@ from lidario.session.finding.connection import At
 from lidario.session.streaming.running import Failure, Totals
 from lidario.session.talking.handshake import cured, fault_of
 
-__all__ = ["Inquiry"]
-
 ASK_S = 0.25
 """Time for the questions to a device that has fallen silent; a healthy one responds within milliseconds."""
 NETWORK_ASK_S = 0.5

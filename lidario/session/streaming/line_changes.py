@@ -14,8 +14,6 @@ from typing import Final, Literal, Self, TypeAlias
 
 from lidario.session.streaming.stream import Mailbox
 
-__all__ = ["LineChange", "LineChanges", "LineState", "LineWatch"]
-
 LineState: TypeAlias = Literal["connected", "away", "back", "ended"]
 
 MOST: Final = 64

@@ -12,8 +12,6 @@ from lidario.families.base import Device
 from lidario.model import ScanMode
 from lidario.session.streaming.pace import BITS_A_BYTE
 
-__all__ = ["Wanted", "agree", "choose_mode", "does_not_fit"]
-
 
 class Wanted(NamedTuple):
     """A stream that ought to run.

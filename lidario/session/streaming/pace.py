@@ -15,8 +15,6 @@ import math
 from lidario.families.base import Stream
 from lidario.scan import Scan
 
-__all__ = ["Pace"]
-
 BITS_A_BYTE = 10
 """On a serial line with one start and one stop bit."""
 BUFFER_BYTES = 4096

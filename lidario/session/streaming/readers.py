@@ -18,8 +18,6 @@ from lidario.sector import Sector
 from lidario.session.streaming.stream import Mailbox
 from lidario.session.talking.trouble import twin_of
 
-__all__ = ["LINGER_S", "Hub", "Joining"]
-
 LINGER_S = 1.0
 """How long a stream goes on that nobody reads any more, where its reader did not say that it is the last. Users are
 promised two seconds."""

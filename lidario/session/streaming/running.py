@@ -30,8 +30,6 @@ from lidario.wire.events import Packets
 
 _log = logging.getLogger("lidario")
 
-__all__ = ["SILENCE_S", "Failure", "Outlets", "Running", "Totals"]
-
 SILENCE_S = 0.6
 """Longest time without a packet once they flow; longer than bytes are held (`lidario.port.reading.HOLD_S`). The
 slowest format sends one every 20 ms. With the questions that follow, a dead device is told of within a second."""

@@ -41,8 +41,6 @@ from lidario.session.talking.dialogue import play
 from lidario.session.talking.handshake import come_back
 from lidario.session.talking.trouble import twin_of
 
-__all__ = ["Scanner"]
-
 T = TypeVar("T")
 
 WRITE_AGAIN_S = 0.005

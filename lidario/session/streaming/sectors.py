@@ -15,8 +15,6 @@ from lidario.sector import Sector
 from lidario.session.streaming.pace import LONGEST_HOLD_S, Pace
 from lidario.session.streaming.stream import ReaderStream
 
-__all__ = ["DEFAULT_DEGREES", "SectorPace", "SectorStream", "parts_of"]
-
 DEFAULT_DEGREES = 45.0
 _WHOLE = 1e-6
 """Difference from a whole number of sectors that is only rounding."""

@@ -18,8 +18,6 @@ from lidario.session.streaming.readers import Hub
 from lidario.session.streaming.states import State
 from lidario.session.talking.handshake import come_back
 
-__all__ = ["Starter"]
-
 _log = logging.getLogger("lidario")
 
 

@@ -10,8 +10,6 @@ from __future__ import annotations
 from enum import Enum
 from typing import Final
 
-__all__ = ["TRANSITIONS", "Event", "State"]
-
 
 class State(Enum):
     """What becomes of the stream at the moment."""

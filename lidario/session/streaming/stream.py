@@ -24,8 +24,6 @@ from lidario.measured import changed
 from lidario.scan import Scan
 from lidario.session.talking.trouble import again
 
-__all__ = ["Mailbox", "ReaderStream", "ScanSource", "ScanStream", "filters_of"]
-
 T = TypeVar("T")
 
 _HOLD_S = 30 * 86400.0

@@ -28,8 +28,6 @@ from lidario.session.talking.waiting import Awaited, Waiting
 from lidario.wire.envelope import Request
 from lidario.wire.states import LinkState
 
-__all__ = ["Dialogue", "play"]
-
 T = TypeVar("T")
 _log = logging.getLogger("lidario")
 

@@ -18,8 +18,6 @@ from lidario.errors import DeviceFault, ResponseTimeout
 from lidario.model import DeviceInfo, Health, HealthStatus
 from lidario.session.talking.dialogue import Dialogue
 
-__all__ = ["come_back", "cured", "fault_of", "healthy", "introduce", "restart"]
-
 _log = logging.getLogger("lidario")
 
 _LEAST_ROUNDS = 2

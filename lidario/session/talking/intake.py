@@ -24,8 +24,6 @@ from lidario.wire.events import Packets, Response
 from lidario.wire.link import Link, LinkStats
 from lidario.wire.states import LinkState
 
-__all__ = ["EARLY_BYTES", "IDLE_SLICE", "Delivery", "Intake", "TakePackets"]
-
 IDLE_SLICE: Final = 8192
 """Bytes that are parsed in one step while nothing waits: a revolution of most devices."""
 EARLY_BYTES: Final = 256 * 1024

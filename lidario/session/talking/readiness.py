@@ -11,8 +11,6 @@ import asyncio
 from lidario.wire.link import Link
 from lidario.wire.states import LinkState
 
-__all__ = ["CLOCK_S", "Readiness"]
-
 CLOCK_S = 1e-6
 """A timer may fire that little early, by the resolution of the loop's clock: its time has come all the same."""
 LATEST_RESPONSE_S = 2.0

@@ -32,8 +32,6 @@ from lidario.session.talking.readiness import CLOCK_S, Readiness
 from lidario.wire.envelope import Request
 from lidario.wire.stats import LinkStats
 
-__all__ = ["PATIENCE_S", "Stopper", "Writer"]
-
 _log = logging.getLogger("lidario")
 
 PATIENCE_S = 0.1

@@ -12,8 +12,6 @@ from typing import TypeVar
 
 from lidario.errors import InternalError, LidarError
 
-__all__ = ["Trouble", "again", "to_be_kept", "twin_of"]
-
 ErrorT = TypeVar("ErrorT", bound=LidarError)
 _log = logging.getLogger("lidario")
 INTERVAL_S = 1.0

@@ -14,8 +14,6 @@ from enum import Enum, auto
 from lidario.errors import LidarError
 from lidario.session.talking.trouble import to_be_kept, twin_of
 
-__all__ = ["Awaited", "Waiting"]
-
 
 class Awaited(Enum):
     """What an operation waits for."""

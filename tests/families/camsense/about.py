@@ -15,8 +15,6 @@ from tests.reference import camsense, golden
 from tests.support.case import Case, of_a_talker
 from tests.support.rig import Maker
 
-__all__ = ["CASES", "KINDS", "LAYOUTS", "MAKER", "MODELS", "OF_GOLDEN_ALONE"]
-
 MAKER = Maker(make_simulated, "camsense-x1", 0.1923, obeys=False)
 MODELS = ("camsense-x1", "camsense-lds08rr")
 

@@ -13,8 +13,6 @@ from tests.reference import hlds
 from tests.support.case import Case, of_a_talker
 from tests.support.rig import Maker
 
-__all__ = ["CASES", "KINDS", "LAYOUTS", "MAKER", "MODELS", "OF_GOLDEN_ALONE"]
-
 MAKER = Maker(make_simulated, "hlds-lds01", 0.2, obeys=False)
 MODELS = ("hlds-lds01",)
 

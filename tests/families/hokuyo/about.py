@@ -16,8 +16,6 @@ from tests.reference import golden, hokuyo
 from tests.support.case import Case
 from tests.support.rig import Maker
 
-__all__ = ["CASES", "GEOMETRY", "KINDS", "LAYOUTS", "MAKER", "MODELS", "OF_GOLDEN_ALONE"]
-
 MAKER = Maker(make_simulated, "hokuyo-urg04lx", 0.1, obeys=True, tuned=False)
 MODELS = ("hokuyo-ust10lx", "hokuyo-utm30lx")
 GEOMETRY = Geometry(44, 725, 384, 1024, 20, 5600, 600)

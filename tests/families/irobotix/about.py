@@ -15,8 +15,6 @@ from tests.reference import golden, irobotix
 from tests.support.case import Case, of_a_talker
 from tests.support.rig import Maker
 
-__all__ = ["CASES", "KINDS", "MAKER", "MODELS", "OF_GOLDEN_ALONE"]
-
 MAKER = Maker(make_simulated, "irobotix-delta2a", 1 / 6, obeys=False)
 MODELS = ("irobotix-delta2a", "irobotix-delta2g")
 

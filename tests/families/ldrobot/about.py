@@ -15,8 +15,6 @@ from tests.reference import golden, ldrobot
 from tests.support.case import Case, of_a_talker
 from tests.support.rig import Maker
 
-__all__ = ["CASES", "KINDS", "MAKER", "MODELS", "OF_GOLDEN_ALONE"]
-
 MAKER = Maker(make_simulated, "ldrobot-ld06", 0.1, obeys=False)
 MODELS = ("ldrobot-ld19", "ldrobot-ld14p")
 

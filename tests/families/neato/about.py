@@ -15,8 +15,6 @@ from tests.reference import golden, neato
 from tests.support.case import Case, of_a_talker
 from tests.support.rig import Maker
 
-__all__ = ["CASES", "KINDS", "LAYOUTS", "MAKER", "MODELS", "OF_GOLDEN_ALONE"]
-
 MAKER = Maker(make_simulated, "neato-xv11", 0.2, obeys=False)
 MODELS = ("neato-xv11", "neato-lds02rr")
 

@@ -16,8 +16,6 @@ from tests.reference import golden, rplidar
 from tests.support.case import Case
 from tests.support.rig import Maker
 
-__all__ = ["CASES", "KINDS", "MAKER", "MODELS", "OF_GOLDEN_ALONE"]
-
 MAKER = Maker(make_simulated, "rplidar-s2", 0.1, obeys=True)
 MODELS = ("rplidar-s2", "rplidar-a1", "rplidar-hq", "rplidar-ultra", "rplidar-no-modes", "rplidar-old-firmware")
 

@@ -18,8 +18,6 @@ from tests.support.case import Case
 from tests.support.contents import point_cloud, resealed
 from tests.support.rig import Maker
 
-__all__ = ["CASES", "KINDS", "LAYOUTS", "MAKER", "MODELS", "OF_GOLDEN_ALONE"]
-
 MAKER = Maker(make_simulated, "ydlidar-4ros", 1 / 7, obeys=True)
 MODELS = ("ydlidar-4ros", "ydlidar-x4", "ydlidar-g2", "ydlidar-tg15", "ydlidar-tmini", "ydlidar-x2", "ydlidar-tx8")
 

@@ -13,8 +13,6 @@ from lidario.families.camsense.simulated.packers import pack_packet
 from lidario.sim.chassis import Maker, by_name, maker
 from lidario.sim.talker import PacedByTime, TalkerProfile, within
 
-__all__ = ["PROFILES", "SimulatedCamsense", "make_simulated"]
-
 Floats = npt.NDArray[np.float64]
 
 _ZERO = 0xA000

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-__all__ = ["pack_packet"]
-
 _NOTHING = 0x8000
 _KINDS = {8: (3, 1), 12: (7, 2)}
 """By the number of samples: how they are told to lie, and the bytes of a quality."""

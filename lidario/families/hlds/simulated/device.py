@@ -15,8 +15,6 @@ from lidario.families.hlds.simulated.packers import pack_packet
 from lidario.sim.chassis import Maker, by_name, maker
 from lidario.sim.talker import PacedByAngle, TalkerProfile, within
 
-__all__ = ["PROFILES", "SimulatedHlds", "make_simulated"]
-
 Floats = npt.NDArray[np.float64]
 
 _NAMES = {ord("b"): "start", ord("e"): "stop"}

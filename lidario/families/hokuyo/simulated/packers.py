@@ -7,8 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["encoded", "pack_block", "pack_clock", "pack_lines", "pack_status", "sealed"]
-
 _LINE = 64
 
 

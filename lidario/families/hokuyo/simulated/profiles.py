@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 from lidario.sim.chassis import by_name
 
-__all__ = ["PROFILES", "Profile", "texts_of"]
-
 USB, ETHERNET = 12_000_000, 100_000_000
 
 

@@ -16,8 +16,6 @@ from lidario.families.irobotix.simulated.packers import pack_failure, pack_measu
 from lidario.sim.chassis import Maker, by_name, maker
 from lidario.sim.talker import PacedByAngle, TalkerProfile, within
 
-__all__ = ["PROFILES", "Profile", "SimulatedIrobotix", "make_simulated"]
-
 Floats = npt.NDArray[np.float64]
 
 _SPEEDS = (240.0, 600.0)

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-__all__ = ["pack_failure", "pack_frame", "pack_measurement"]
-
 
 def pack_frame(command: int, data: bytes, *, version: int = 1) -> bytes:
     """Pack any frame."""

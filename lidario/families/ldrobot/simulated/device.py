@@ -25,8 +25,6 @@ from lidario.families.ldrobot.simulated.packers import check_of, pack_points, pa
 from lidario.sim.chassis import Maker, by_name, maker
 from lidario.sim.talker import PacedByTime, TalkerProfile, within
 
-__all__ = ["PROFILES", "Profile", "SimulatedLdrobot", "make_simulated"]
-
 _MARK, _REQUEST_BYTES = 0x54, 8
 _NAMES = {0xA0: "start", 0xA1: "stop", 0xA2: "set_speed", 0xA8: "get_version"}
 _SPEEDS = (720, 2880)  # degrees a second: the vendor's SDK

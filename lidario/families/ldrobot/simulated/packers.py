@@ -11,8 +11,6 @@ import struct
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["check_of", "pack_health", "pack_points", "pack_response"]
-
 _POLYNOMIAL = 0x4D
 _POINTS = 12
 _LONGEST = 65535

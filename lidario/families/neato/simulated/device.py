@@ -17,8 +17,6 @@ from lidario.families.neato.simulated.packers import pack_packet
 from lidario.sim.chassis import Maker, by_name, maker
 from lidario.sim.talker import PacedByAngle, TalkerProfile, within
 
-__all__ = ["PROFILES", "SimulatedNeato", "make_simulated"]
-
 Floats = npt.NDArray[np.float64]
 
 _GREETING: Final = (

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-__all__ = ["pack_packet"]
-
 _NOTHING = 0x8035
 """No return: bit 15, and the code that is the most frequent one in the recording."""
 

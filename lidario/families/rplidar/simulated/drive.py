@@ -15,8 +15,6 @@ from __future__ import annotations
 from lidario.families.rplidar.simulated.profile import Profile
 from lidario.sim.motor import Motor
 
-__all__ = ["Drive"]
-
 _DUTY = 660  # at which the motor has its own speed; the usual duty (pyrplidar)
 _MOST_DUTY = 1023
 _LIMITS = (480, 1200)  # rpm of devices that do not tell theirs

@@ -13,8 +13,6 @@ from typing import Final
 from lidario.families.rplidar.simulated.profile import Mode, Profile
 from lidario.families.rplidar.simulated.requests import Request
 
-__all__ = ["Identity", "pack_announcement", "pack_response"]
-
 INFO, HEALTH, SAMPLERATE, CONF, CONF_SET, BOARD = 0x04, 0x06, 0x15, 0x20, 0x21, 0xFF
 """Response types of single responses."""
 ADDRESS: Final = 0x0001CCC0

@@ -30,15 +30,6 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-__all__ = [
-    "pack_dense",
-    "pack_express",
-    "pack_hq",
-    "pack_standard",
-    "pack_ultra",
-    "pack_ultra_dense",
-]
-
 Ints = npt.NDArray[np.int64]
 
 _STANDARD = np.dtype([("sync", "u1"), ("angle", "<u2"), ("distance", "<u2")])

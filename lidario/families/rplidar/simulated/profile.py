@@ -7,8 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-__all__ = ["PACKET", "Mode", "Profile"]
-
 # Response type -> bytes and samples of one packet (S-series interface manual; packed structs of SDK 2.1.0).
 PACKET = {0x81: (5, 1), 0x82: (84, 32), 0x83: (781, 96), 0x84: (132, 96), 0x85: (84, 40), 0x86: (170, 64)}
 

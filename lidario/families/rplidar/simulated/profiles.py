@@ -48,8 +48,6 @@ from typing import Any
 from lidario.families.rplidar.simulated.profile import Mode, Profile
 from lidario.sim.chassis import by_name
 
-__all__ = ["PROFILES"]
-
 
 def _q8(value: float) -> int:
     return round(value * 256)

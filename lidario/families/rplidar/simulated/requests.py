@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from functools import reduce
 from operator import xor
 
-__all__ = ["COMMANDS", "IGNORED_IN_PROTECTION_STOP", "PAYLOADS", "Request", "RequestReader"]
-
 _SYNC = 0xA5
 _COMPLETE_WITHIN_NS = 5_000_000_000  # S-series interface manual, request packets
 

@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import struct
 
-__all__ = ["LineSpeed"]
-
 _PATTERN = 0x41
 _ENOUGH = 100
 _SECOND = 1_000_000_000

@@ -21,8 +21,6 @@ from lidario.families.rplidar.simulated.profile import Mode
 from lidario.sim.motor import Motor
 from lidario.sim.world import CheckedWorld, World
 
-__all__ = ["MeasurementStream"]
-
 Floats = npt.NDArray[np.float64]
 
 _STRETCH = 4096  # samples built in one go: numpy's overhead is negligible, and it fits in the caches

@@ -12,16 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-__all__ = [
-    "SCAN_HEADER",
-    "TIME_STAMP_BYTES",
-    "Layout",
-    "pack_points",
-    "pack_response",
-    "pack_time_stamp",
-    "start_control",
-]
-
 SCAN_HEADER = b"\xa5\x5a\x05\x00\x00\x40\x81"
 TIME_STAMP_BYTES = 8
 _LONGEST = 65535

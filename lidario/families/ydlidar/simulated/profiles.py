@@ -16,8 +16,6 @@ from dataclasses import dataclass, replace
 from lidario.families.ydlidar.simulated.packers import MILLIMETRES, Layout
 from lidario.sim.chassis import by_name
 
-__all__ = ["PROFILES", "Profile"]
-
 _MS = 1_000_000
 _SPEED = frozenset({0x09, 0x0A, 0x0B, 0x0C, 0x0D})
 _ALL = frozenset({0x00, 0x60, 0x65, 0x80, 0x90, 0x93, 0xD9}) | _SPEED

@@ -25,8 +25,6 @@ from lidario.families.ydlidar.simulated.profiles import Profile
 from lidario.sim.motor import Motor
 from lidario.sim.world import CheckedWorld, World
 
-__all__ = ["Burst", "PointStream"]
-
 _FULL_TURN_Q6 = 360 * 64
 _MOST_AHEAD = 6000  # samples: a revolution at 3.5 Hz
 
