@@ -24,7 +24,7 @@ BOUND = 300.0
 def clone(tmp_path: Path) -> Path:
     """A copy of what a family is written into, and of what judges it."""
     left_out = shutil.ignore_patterns("__pycache__", ".peers", "results", "*.pyc")
-    for name in ("lidario", "tests", "benchmarks"):
+    for name in ("lidario", "tests", "benchmarks", "docs"):
         shutil.copytree(ROOT / name, tmp_path / name, ignore=left_out)
     shutil.copy(ROOT / "pyproject.toml", tmp_path)
     return tmp_path
