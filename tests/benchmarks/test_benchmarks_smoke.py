@@ -14,7 +14,7 @@ import lidario
 from benchmarks import damage, decode, export, garbage, stages, vendor, view
 from benchmarks.contest import late_by, lost_scans
 from benchmarks.models import FORMATS
-from benchmarks.report import Result, Setting, spread
+from benchmarks.report import Setting, spread
 from benchmarks.streams import KINDS, RATES, capture, recording
 from lidario.families.rplidar.simulated.device import make_simulated
 from lidario.revolution.pipeline import Pipeline
@@ -24,42 +24,27 @@ from lidario.wire.formats import BEGINS
 from tests.support.streams import in_one_run
 
 
-@pytest.fixture(scope="module")
-def decoded() -> Result:
-    return decode.run(Setting(quick=True))
-
-
 @pytest.mark.long
-def test_every_format_is_decoded_in_every_size_of_chunks(decoded: Result) -> None:
-    found = json.loads(json.dumps(decoded.data))["lidario"]
-    assert set(found) == set(KINDS)
-    assert len(found) == 7
-    for name, by_chunk in found.items():
+@pytest.mark.repeats
+def test_every_format_is_decoded_in_every_size_of_chunks() -> None:
+    decoded = decode.run(Setting(quick=True))
+    found = json.loads(json.dumps(decoded.data))
+    assert set(found["lidario"]) == set(KINDS)
+    assert len(KINDS) == 7
+    for name, by_chunk in found["lidario"].items():
         assert list(by_chunk) == ["1", "16", "64", "1024", "4096", "whole", "file", decode.CONVERTED]
         for chunk, rounds in by_chunk.items():
             assert rounds[0]["scans"] >= 3, f"{name} in chunks of {chunk}"
-
-
-def test_the_formats_of_the_relatives_are_decoded_in_chunks_and_as_files(decoded: Result) -> None:
-    found = decoded.data["relatives"]
-    assert set(found) == set(FORMATS)
-    for name, by_chunk in found.items():
+        # The size of the chunks does not change what is delivered.
+        longer = ("64", "1024", "4096", "whole", decode.CONVERTED)
+        assert len({by_chunk[chunk][0]["samples"] for chunk in longer}) == 1
+    assert set(found["relatives"]) == set(FORMATS)
+    for name, by_chunk in found["relatives"].items():
         for chunk in ("4096", "file"):
             got = by_chunk[chunk][0]
             assert got["scans"] >= 10, f"{name}, {chunk}"
             # A whole revolution: of 4000 samples a second at seven turns there are 571, at whole degrees 360.
             assert 350 < got["samples"] / got["scans"] < 3000
-
-
-@pytest.mark.parametrize("name", KINDS)
-def test_the_size_of_the_chunks_does_not_change_what_is_delivered(decoded: Result, name: str) -> None:
-    by_chunk = decoded.data["lidario"][name]
-    assert {by_chunk[chunk][0]["samples"] for chunk in ("64", "1024", "4096", "whole", decode.CONVERTED)} == {
-        by_chunk["64"][0]["samples"]
-    }
-
-
-def test_tables_are_markdown(decoded: Result) -> None:
     for table, rows in zip(decoded.tables, (3 * len(KINDS), len(KINDS), len(FORMATS)), strict=True):
         lines = [line for line in table.markdown().splitlines() if line.startswith("|")]
         assert len(lines) == 2 + rows
@@ -67,6 +52,7 @@ def test_tables_are_markdown(decoded: Result) -> None:
 
 
 @pytest.mark.long
+@pytest.mark.repeats
 def test_the_stages_of_a_turn_are_told_for_every_format() -> None:
     result = stages.run(Setting(quick=True))
     in_memory, live, session = result.tables

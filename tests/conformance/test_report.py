@@ -95,9 +95,10 @@ def test_what_plays_a_report_tells_the_hash(model: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
+@pytest.mark.exhaustive(
     "defect",
-    [
+    sample=["deaf behind STOP"],
+    full=[
         pytest.param("responds late", marks=pytest.mark.discards("a response that is outstanding")),
         "deaf behind STOP",
         "tells a wrong sample time",

@@ -137,12 +137,9 @@ def test_all_scans_are_those_of_one_process(tmp_path: Path, case: tuple[str, str
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    ("model", "form"), [("rplidar-s2", ".csv"), ("ydlidar-4ros", ".npz"), ("ldrobot-ld06", ".mcap")]
-)
-def test_what_is_exported_is_the_same_to_the_last_byte(
-    tmp_path: Path, model: str, form: str, joined: list[int]
-) -> None:
+@pytest.mark.exhaustive("form", sample=[".npz"], full=[".csv", ".npz", ".mcap"])
+def test_what_is_exported_is_the_same_to_the_last_byte(tmp_path: Path, form: str, joined: list[int]) -> None:
+    model = {".csv": "rplidar-s2", ".npz": "ydlidar-4ros", ".mcap": "ldrobot-ld06"}[form]
     path = record(tmp_path / "a.mcap", model, FAULTS[0])
     alone = exported(path, tmp_path / f"one{form}", 1)
     assert not joined
@@ -151,6 +148,7 @@ def test_what_is_exported_is_the_same_to_the_last_byte(
 
 
 @pytest.mark.long
+@pytest.mark.repeats
 def test_so_it_is_of_a_file_that_is_cut_and_damaged(tmp_path: Path, joined: list[int]) -> None:
     path = record(tmp_path / "a.mcap", "rplidar-s2", FAULTS[0])
     data = bytearray(path.read_bytes())
@@ -163,6 +161,7 @@ def test_so_it_is_of_a_file_that_is_cut_and_damaged(tmp_path: Path, joined: list
 
 
 @pytest.mark.long
+@pytest.mark.repeats
 @driven
 async def test_so_it_is_of_several_files_that_are_one_recording(tmp_path: Path, joined: list[int]) -> None:
     async with (
@@ -178,6 +177,7 @@ async def test_so_it_is_of_several_files_that_are_one_recording(tmp_path: Path, 
 
 
 @pytest.mark.long
+@pytest.mark.repeats
 def test_where_none_comes_to_hold_the_same_one_process_decodes_all(
     tmp_path: Path, joined: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
