@@ -10,6 +10,8 @@ import random
 import signal
 import threading
 import time
+from collections.abc import Generator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +21,7 @@ import lidario
 from lidario.blocking import SyncLidar, open_sync
 from lidario.blocking_streams import SyncScanStream
 from lidario.session.lidar import Lidar
+from lidario.session.loop_thread import LoopThread
 from lidario.session.streaming.stream import ScanStream
 from lidario.sim.serve import PtyServer
 from lidario.testing import SimulatedLidar
@@ -267,6 +270,46 @@ def wait_for_threads(before: set[threading.Thread]) -> None:
     while left := [thread for thread in threading.enumerate() if thread not in before]:
         assert time.monotonic() < deadline, left
         left[0].join(0.1)
+
+
+def test_one_that_was_not_started_ends_when_its_thread_has_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where Ctrl-C came first."""
+    made = list[threading.Thread]()
+
+    class Slow(threading.Thread):
+        def run(self) -> None:
+            made.append(self)
+            super().run()
+            time.sleep(0.05)
+
+    monkeypatch.setattr(threading, "Thread", Slow)
+    LoopThread().end()
+    assert [thread.is_alive() for thread in made] == [False]
+
+
+def test_a_session_that_opens_just_as_it_is_cancelled_is_closed() -> None:
+    begun, closed = threading.Event(), threading.Event()
+
+    class Opening:
+        async def open(self) -> Opening:
+            with suppress(asyncio.CancelledError):
+                begun.set()
+                await asyncio.sleep(1000)
+            return self
+
+        def __await__(self) -> Generator[Any, None, Opening]:
+            return self.open().__await__()
+
+        async def close(self) -> None:
+            closed.set()
+
+    loop = LoopThread()
+    opening = threading.Thread(target=loop.open, args=(Opening(),))
+    opening.start()
+    assert begun.wait(30.0)
+    loop.end()
+    opening.join()
+    assert closed.is_set()
 
 
 PROGRAM = """

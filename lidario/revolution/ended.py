@@ -169,9 +169,8 @@ def packet_time(
     """What a packet takes, how many a revolution has, and whether an ordinary one came: as in `Beginning`."""
     revolution_ns = samples.revolution_samples * sample_ns if samples.certain else 0.0
     revolution_packets = samples.revolution_packets
-    packet_ns = revolution_ns / revolution_packets if samples.certain else 0.0
     if samples.certain and wire.shortest == wire.longest:
-        return packet_ns, revolution_packets, True
+        return revolution_ns / revolution_packets, revolution_packets, True
     most = wire.samples_in((Block(wire.ordinary, 1),))
     longest = wire.samples_in((Block(max([size for size, _ in packets.blocks]), 1),))
     if longest < most * _ORDINARY:
@@ -179,7 +178,8 @@ def packet_time(
         # the longest one. So never more packets are told as lost than were sent.
         packet_ns = most * sample_ns
         return packet_ns, revolution_ns / packet_ns, False
-    return packet_ns if samples.certain else longest * sample_ns, revolution_packets, True
+    packet_ns = revolution_ns / revolution_packets if samples.certain else longest * sample_ns
+    return packet_ns, revolution_packets, True
 
 
 def share_before(wire: StreamFormat, revolution: PartialRevolution, samples: Samples) -> float:

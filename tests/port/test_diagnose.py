@@ -92,3 +92,11 @@ def test_who_holds_a_port_is_named() -> None:
             assert failed.reason == "busy"
             assert f"held by PID {other.pid} (" in str(failed)
     assert "another program" in str(busy("/no/such/port"))
+
+
+@pytest.mark.parametrize("others", [[(7, "lidario-guard"), (8, "rviz2")], [(8, "rviz2"), (9, "lidario-guard")]])
+def test_the_program_is_named_and_not_its_guard(
+    others: list[tuple[int, str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("lidario.port.diagnose.holders", lambda path: iter(others))
+    assert "held by PID 8 (rviz2)" in str(busy("/dev/ttyUSB0"))

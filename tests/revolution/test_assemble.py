@@ -219,6 +219,19 @@ def test_packets_of_a_revolution_that_never_ended_are_counted_as_discarded() -> 
     assert [len(scan) for scan in scans] == [960]
 
 
+def test_what_follows_packets_that_were_left_midway_at_a_seam_begins_a_revolution() -> None:
+    """As where sectors are wanted while a long read is taken: those that are left are discarded, up to a seam."""
+    assembler, packets = Assembler(stream_of(DENSE, sample_ns=float(SAMPLE_NS)), BAUD), numbered(240, 960)
+    runs = [
+        arrived(b"".join(packets[begin:end]), end - begin, round(on_time(end - 1)))
+        for begin, end in ((0, 72), (72, 144), (144, 240))
+    ]
+    assembler.add(runs[0])
+    next(left := assembler.ends(runs[1]))
+    del left
+    assert [round(scan.device_distances[0]) // 40 for scan in assembler.add(runs[2])] == [144, 168, 192]
+
+
 def test_just_below_a_turn_is_not_the_turn_itself() -> None:
     """In single precision 359.99999 is 360."""
     scans = assemble(numbered(80, 960), zero_offset_deg=-1e-7)

@@ -1,6 +1,8 @@
 """Noise that passes for a packet costs nothing but the packet in whose place it came."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidario.revolution.assemble import Assembler, AssemblerStats
+from lidario.revolution.false_packets import FalsePackets
 from lidario.scan import Scan
 from lidario.wire.formats import HEADING_MASK
 from tests.support.cases import CASES, Case, named
@@ -99,6 +102,20 @@ def test_on_a_clean_line_none_waits(case: Case) -> None:
         assembler.add(in_one_run(wire, packet))
         assert assembler.stats.waiting_packets == 0
     assert assembler.stats.false_packets == 0
+
+
+@pytest.mark.parametrize(
+    ("ahead", "follow"), [([15, 30], True), ([15, 30, 20], False), ([-5], False), ([60], False), ([15, 75], False)]
+)
+@pytest.mark.parametrize("kind", [list[int], np.array])
+def test_each_follows_where_it_is_a_little_ahead(
+    ahead: list[int], follow: bool, kind: Callable[[Any], Any]
+) -> None:
+    """In degrees, of packets of 15 degrees; the one before begins at 10."""
+    wire, false = DENSE.make_format(), FalsePackets(stream_of(DENSE), AssemblerStats())
+    for packet in numbered(LEARNED, 960, 64 * (10 - 15 * (LEARNED - 1)) % TURN):
+        false.drop(run := in_one_run(wire, packet), wire.headings(run))
+    assert false.all_follow(kind([64 * (10 + each) % TURN for each in ahead])) == follow
 
 
 @pytest.mark.parametrize("run", [1, 8, 1000])

@@ -25,8 +25,9 @@ from tests.reference import damage
 from tests.support.cases import CASES, KINDS, Case, most_or_all
 from tests.support.harm import messes
 from tests.support.kept import arrivals
+from tests.support.numbered import DENSE
 from tests.support.samples import one_a_parser
-from tests.support.streams import Chunks, assembled, cut_up, open_stream
+from tests.support.streams import Chunks, assembled, cut_up, in_one_run, open_stream
 from tests.support.streams import stream_of as described
 
 SAMPLE_DEG = 0.6
@@ -191,6 +192,18 @@ def test_samples_around_lost_packets_have_the_times_of_the_scan(case: Case) -> N
             assert off_ns.max() <= case.sample_us * 1e3
             checked += sector.lost_packets
     assert checked > 1
+
+
+def test_where_the_packet_at_the_seam_is_late_no_sector_is() -> None:
+    """The others tell when the revolution began."""
+    wire = DENSE.make_format()
+    begins = wire.headings(in_one_run(wire, DENSE.raw))
+    late = {at for at in range(len(begins) - 1) if begins[at] > begins[at + 1]}
+
+    def clock(offset: int) -> int:
+        return round(offset * DENSE.byte_ns) + 1_000_000 * (offset // 84 - 1 in late)
+
+    assert_sum(divided(DENSE, DENSE.raw, (8,), 84, clock), 8, stamps_ns=500_000)
 
 
 @one_a_parser(KINDS)

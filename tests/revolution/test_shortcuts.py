@@ -48,7 +48,9 @@ def test_the_time_of_the_first_sample(delays: list[int], carried: int, byte_ns: 
     )
     some = np.zeros(carried, np.float32)
     found = []
-    for lost in (0, 1):
+    # Where the angles are not certain, too.
+    for lost, certain in ((0, True), (0, False), (1, True)):
+        samples = replace(samples, certain=certain)
         partial = PartialRevolution(whole=True, runs=[run], lost_behind_carried=lost)
         if carried:
             partial.carried, partial.carried_ns = SampleArrays(some, some, None), began_ns + 10**10
@@ -57,7 +59,7 @@ def test_the_time_of_the_first_sample(delays: list[int], carried: int, byte_ns: 
         ended = EndedRevolution(partial, run, samples, SampleArrays(some, some, None), 0, [], revoked=0)
         ended.sample_ns = SAMPLE_NS
         found.append(first_sample_ns(ended, packet_bytes=84, byte_ns=byte_ns))
-    assert found[0] == found[1]
+    assert found[0] == found[1] == found[2]
     least = min(late - at_ns for (_, late), at_ns in zip(arrivals, on_time, strict=True))
     assert found[0] == pytest.approx(began_ns + least - 1.5 * SAMPLE_NS - 84 * byte_ns, abs=1)
 

@@ -17,7 +17,9 @@ import serial
 from lidario import DeviceLost, Reconnect, open_lidar
 from lidario.port.background import run_in_thread
 from lidario.session.finding.discovery import PortInfo
+from lidario.session.finding.places import Places
 from lidario.sim.serve import TcpServer
+from lidario.source import Source
 from tests.cli.processes import served
 from tests.support.cable import next_after
 from tests.support.children import is_still, requests, until
@@ -89,6 +91,20 @@ async def test_under_another_name_held_for_a_while_beside_other_ports(
             await next_after(stream, time.monotonic())
             assert lidar.stats.reconnects == 2
         until(lambda: is_still(server))
+
+
+async def test_a_port_that_nobody_has_named_is_asked_15_times_in_vain(monkeypatch: pytest.MonkeyPatch) -> None:
+    ports = list[PortInfo]()
+    monkeypatch.setattr("lidario.session.finding.discovery.list_serial_ports", lambda: ports)
+    places = Places(Source("/dev/named", "serial", "/dev/named"))
+    await places.begin()
+    ports.append(PortInfo("/dev/other", "", "CP2102", ""))
+    for _ in range(15):
+        there = await places.candidates()
+        assert [place.address for place in there] == ["/dev/named", "/dev/other"]
+        for place in there:
+            places.silent(place)
+    assert await places.candidates() == there[:1]
 
 
 @pytest.mark.long

@@ -174,6 +174,11 @@ async def test_a_scan_that_came_whole_is_divided(rig: Rig) -> None:
     assert is_the_scan(scan, parts)
     np.testing.assert_array_equal(np.concatenate([part.times_ns for part in parts]), scan.times_ns)
     assert sum(part.duration_ns for part in parts) == scan.duration_ns
+    # Angles that are corrected may stand before the seam.
+    angles = np.array(scan.device_angles)
+    angles[:2] = 359.5, 359.9
+    again = sectors_of(replace(scan, device_angles=angles), 8)
+    assert [len(part) for part in again] == [len(part) for part in parts]
 
 
 async def test_a_part_of_which_nothing_came_is_stepped_over(rig: Rig) -> None:

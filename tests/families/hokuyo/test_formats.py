@@ -20,7 +20,7 @@ from tests.families.hokuyo.about import CASES, GEOMETRY, LAYOUTS
 from tests.reference import golden, hokuyo
 from tests.support.bench_4ros import played
 from tests.support.contents import any_packets
-from tests.support.streams import in_one_run
+from tests.support.streams import in_one_run, stream_of
 
 RAW = golden.load("hokuyo_urg04lx_10hz").raw
 BLOCKS = hokuyo.split(RAW)
@@ -150,7 +150,14 @@ def test_no_claimed_size_is_beyond_the_longest() -> None:
         wire = kind()
         begin = kind.word + b"0000999901000\n99b\n"
         assert wire.measure(bytearray(begin), 0) == wire.longest
+        assert wire.measure(bytearray(begin.replace(b"00009999", b"12341234")), 0) == wire.shortest
         assert wire.measure(bytearray(begin.replace(b"00009999", b"99990000")), 0) == NO_PACKET
+
+
+def test_a_line_that_could_not_carry_the_scans_tells_no_time() -> None:
+    """2137 bytes in a tenth of a second, of ten bits each."""
+    stream = stream_of(CASES[0])
+    assert [stream.speed_on(baudrate) for baudrate in (115_200, 213_699, 213_700)] == [0, 0, 213_700]
 
 
 def test_the_semicolon_may_belong_to_the_sum_or_not() -> None:

@@ -117,6 +117,15 @@ def test_time_tells_that_each_second_node_is_lost_though_steps_are_even(timed: b
     assert told == ([140] * 4 if timed else [0] * 4)
 
 
+def test_what_came_while_all_was_steady_is_not_missing() -> None:
+    """By the time between the others, each second node were lost."""
+    rotation = NodeSteps(TURN)
+    rotation.tell_time(31_250.0)
+    for turn in range(0, 12, 2):
+        assert lost(rotation.follow(nodes_of(7), [(140, turn * 140 * 31_250)])) == 0
+        settled(rotation)
+
+
 def test_several_revolutions_are_steady_where_each_is() -> None:
     rotation = NodeSteps(TURN)
     assert rotation.steady(nodes_of(7, 280), [140, 280]) is None
@@ -227,6 +236,12 @@ def test_a_packet_may_begin_two_degrees_before_the_end_of_the_one_before(back_de
     assert (lost(arcs) == 0) == known
     if not known:
         assert lost(arcs) == pytest.approx((TURN - 64 * back_deg) / 10, rel=0.01)
+
+
+def test_a_packet_that_tells_twice_the_usual_way_is_damaged_beside_a_gap_too() -> None:
+    ways = np.array([2375, 950, 950])  # and 950 is what one turns
+    arcs = ToldWheel(TURN, 48).follow(heads(headings(1000, 2920, 3880), 4840, 96, ways))
+    assert missing(arcs) == [96, 0, 0]
 
 
 def test_a_rotor_that_stands_divides_by_nothing() -> None:

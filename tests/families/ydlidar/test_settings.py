@@ -162,6 +162,15 @@ def test_two_toggles_tell_protection_and_leave_it(before: bool, lost: int) -> No
         assert (said, enabled) == ([None, not before, None, before], before)
 
 
+def test_a_response_that_is_no_state_of_protection_tells_nothing() -> None:
+    states, said = [b"\x02", b"\x01"], list[bool | None]()
+    assert played(YdlidarDevice().power_down_protection(False), lambda _: states.pop(0)) is False
+    assert states == []
+    states = [b"\x02", b"\x01", b"\x00"]
+    played(learn_protection(said.append), lambda _: states.pop(0))
+    assert said == [None, None, False, None, True]
+
+
 def test_protection_that_does_not_change_is_an_error() -> None:
     with pytest.raises(RemoteProtocolError, match="does not go on"):
         played(YdlidarDevice().power_down_protection(True), lambda _: b"\x01")
