@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from lidario import open_lidar
 from tests.support.cable import cable_to, next_after, on_a_cable
 from tests.support.devices import Rig, both_families, left_still, make_rig, names, some
 from tests.support.ledger import assert_stats_close
@@ -226,3 +227,13 @@ def test_the_cable_is_pulled_out_again_at_every_step_of_coming_back(family: str,
     turns = run_driven(lambda: main(0))
     for step in range(1, turns, max(1, turns // points)):
         run_driven(lambda step=step: main(step))  # type: ignore[misc]
+
+
+@pytest.mark.parametrize("moment_s", [3.0, 3.3, 3.6, 3.9])
+async def test_one_that_only_talks_comes_back_although_its_line_is_silent_at_times(moment_s: float) -> None:
+    """What is silent for 0.3 s of each second is not still, though nothing responds. The replug takes 3 s."""
+    source = f"sim://ydlidar-x4-pro?via=memory&fault=stall:300ms,replug:{moment_s}s"
+    async with open_lidar(source, reconnect=True) as lidar, lidar.scans() as stream:
+        async with asyncio.timeout(moment_s + 9.0):
+            while not lidar.stats.reconnects:
+                await anext(stream)

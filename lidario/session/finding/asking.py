@@ -24,10 +24,8 @@ from lidario.port.port import Port
 from lidario.session.finding.connection import Connection, HalfOpen
 from lidario.session.finding.silence import ReceivedInSilence
 from lidario.session.talking.dialogue import Dialogue
-from lidario.session.talking.handshake import introduce
+from lidario.session.talking.handshake import RESPONSE_BYTES, introduce
 
-RESPONSE_BYTES = 64
-"""Most bytes of a response that says what a device is. More of them are noise, or a stream."""
 SENT_S = 0.02
 """How long a request may be under way: some bytes, and an adapter that gathers them."""
 QUICK_S = 0.05

@@ -20,6 +20,8 @@ from lidario.session.talking.dialogue import Dialogue
 
 _log = logging.getLogger("lidario")
 
+RESPONSE_BYTES = 64
+"""Most bytes of a response that says what a device is. More of them are noise, or a stream."""
 _LEAST_ROUNDS = 2
 """A single question may be swallowed by half a request that a killed program left behind."""
 
@@ -40,8 +42,16 @@ async def introduce(dialogue: Dialogue, patience: float, *, quiet: bool = False)
         rounds -= 1
         began = loop.time()
         talks_on = not quiet and not await dialogue.quieten()
+        came = dialogue.stats.bytes_received
         try:
-            return await dialogue.run(dialogue.device.overhear() if talks_on else dialogue.device.identify())
+            try:
+                return await dialogue.run(dialogue.device.overhear() if talks_on else dialogue.device.identify())
+            except ResponseTimeout:
+                silent = dialogue.stats.bytes_received - came <= RESPONSE_BYTES
+                if quiet or talks_on or silent or dialogue.device.is_guess:
+                    raise
+                # It goes on sending, and was silent for a moment only.
+                return await dialogue.run(dialogue.device.overhear())
         except ResponseTimeout:
             if rounds <= 0 and began >= deadline:
                 raise
