@@ -100,6 +100,7 @@ class Device(ABC):
         can_be_stopped: Whether laser and motor can be switched off from here.
         by_network: Whether it may be reached by a network: its line has no speed of its own.
         sends_bytes: Whether its stream consists of bytes that can be decoded again; else of whole scans.
+        can_only_talk: Whether it may be one that hears nothing, of a family whose others respond.
         is_guess: Whether its family or model is only looked for, and no user has named it: what the device says of
             itself counts more.
         rests_s: Seconds between two signs of life, of one that may be well and yet silent for longer than others.
@@ -111,6 +112,7 @@ class Device(ABC):
     can_be_stopped: bool = True
     by_network: bool = False
     sends_bytes: bool = True
+    can_only_talk: bool = False
     is_guess: bool = False
     rests_s: float = 0.0
     modes_note: str = ""

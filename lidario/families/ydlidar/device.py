@@ -72,6 +72,7 @@ class YdlidarDevice(Device):
 
     def __init__(self, model: Model | None = None) -> None:
         self._named = model
+        self.can_only_talk: bool = model is None or model.one_way
         self._be(model or FOUR_ROS)
         self._code: int | None = None
         self._health_request: Request | None = None

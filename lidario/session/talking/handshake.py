@@ -47,8 +47,8 @@ async def introduce(dialogue: Dialogue, patience: float, *, quiet: bool = False)
             try:
                 return await dialogue.run(dialogue.device.overhear() if talks_on else dialogue.device.identify())
             except ResponseTimeout:
-                silent = dialogue.stats.bytes_received - came <= RESPONSE_BYTES
-                if quiet or talks_on or silent or dialogue.device.is_guess:
+                device, since = dialogue.device, dialogue.stats.bytes_received - came
+                if quiet or talks_on or device.is_guess or not device.can_only_talk or since <= RESPONSE_BYTES:
                     raise
                 # It goes on sending, and was silent for a moment only.
                 return await dialogue.run(dialogue.device.overhear())
