@@ -76,7 +76,7 @@ class Wheel(PacedTurning):
     def follow(self, heads: Heads, arrivals: Sequence[Arrival] = ()) -> Arcs:
         before, was_certain = self._arc, self._certain
         arcs = self._follow(heads, arrivals)
-        if self._certain and not (was_certain or any(arcs.revoked)):
+        if self._certain and arcs.arc[0] > 0 and not (was_certain or any(arcs.revoked)):
             # A rotor that slows down does so from packet to packet: it leaps where what seemed an arc was a gap.
             arcs = arcs._replace(revoked=self._revoked(before / float(arcs.arc[0])))
         if arcs.skipped is None:

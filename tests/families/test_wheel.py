@@ -174,6 +174,13 @@ def test_what_was_told_before_a_speed_was_sure_is_revoked_once(hertz: float, eve
     assert not any(any(arcs.revoked) for _, arcs in found[first + 1 :])
 
 
+def test_a_rotor_that_stands_at_first_revokes_nothing() -> None:
+    wheel = Wheel(TURN)
+    wheel.follow(heads(*turning(700, 700)))
+    arcs = wheel.follow(heads(*turning(0, *[500] * 8)))
+    assert (arcs.certain, arcs.arc[0], arcs.revoked) == (True, 0, (0, 0))
+
+
 @pytest.mark.parametrize("gone", range(1, 11))
 def test_the_arc_before_a_gap_lies_between_the_one_before_and_those_in_the_gap(gone: int) -> None:
     wheel = Wheel(TURN)
