@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import secrets
 from typing import TYPE_CHECKING
+from weakref import WeakSet
 
 from lidario.filters.base import Filter
 from lidario.recording.about import About
@@ -36,6 +37,8 @@ class RecordedSession:
         self._source = source
         self._filters = filters
         self.running: dict[Recording, _Watcher] = {}
+        # The thread of a recording holds it until its file is complete.
+        self._begun: WeakSet[Recording] = WeakSet()
 
     def begin_recording(self, recording: Recording) -> About:
         """Hand every chunk, event and scan to `recording` from now on; returns what stands at the beginning."""
@@ -43,6 +46,7 @@ class RecordedSession:
         # What was read and not parsed yet belongs to the time before.
         dialogue.port.poll()
         about = about_now(dialogue, self._at.info, self._scanner.inquiry.health, self._source)
+        self._begun.add(recording)
         watcher = self.running[recording] = _Watcher(recording, dialogue, self._filters)
         dialogue.chronicle.watch(watcher.see)
         dialogue.port.add_tap(watcher.see_chunk)
@@ -64,8 +68,11 @@ class RecordedSession:
             self._at.dialogue.chronicle.watch(watcher.see)
 
     async def close(self) -> None:
-        """End every recording of the session, and return when the files are complete."""
-        for recording in tuple(self.running):
+        """End every recording of the session, and return when the files are complete.
+
+        Also those of which somebody was cancelled who waited for that.
+        """
+        for recording in tuple(self._begun):
             await recording.close()
 
 

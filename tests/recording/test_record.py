@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import sys
 import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -210,6 +212,27 @@ async def test_closing_the_session_completes_the_file(tmp_path: Path) -> None:
         messages = [message.data for _, _, message in make_reader(file).iter_messages(topics=[RAW_TOPIC])]
     sent = [message for message in messages if message[4] == 1]
     assert sent[-1].endswith(b"\xa5\x25")  # the STOP request
+
+
+@driven
+async def test_who_is_cancelled_while_the_disk_writes_has_a_whole_file_when_the_session_is_closed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The clock of this test jumps past the limit while the thread of the recording writes the last bytes."""
+    cancelled, close = threading.Event(), FileWriter.close
+
+    def slow(writer: FileWriter) -> None:
+        assert cancelled.wait(60)
+        time.sleep(0.1)
+        close(writer)
+
+    monkeypatch.setattr(FileWriter, "close", slow)
+    async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
+        with pytest.raises(TimeoutError):
+            async with asyncio.timeout(5.0), lidar.record(tmp_path / "a.mcap"):
+                await lidar.scan()
+        cancelled.set()
+    assert lidario.summarize(tmp_path / "a.mcap").damage == ""
 
 
 def test_a_recording_of_another_family_than_the_one_that_is_named(tmp_path: Path) -> None:
