@@ -13,7 +13,7 @@ from functools import partial
 
 import pytest
 
-from lidario import Lidar
+from lidario import ConnectFailed, Lidar, open_lidar
 from tests.support.devices import SWITCHED, Rig, both_families, left_still, make_rig, names
 from tests.support.discards import all_obeyed
 from tests.support.loop import START, DrivenLoop, unless_unfinished
@@ -145,3 +145,29 @@ def test_ended_while_one_that_streams_is_opened(kind: str, monkeypatch: pytest.M
         rig = streaming()
         run_and_close(rig, nothing, at, interrupt, monkeypatch, plain=True)
         assert left_still(rig), (at, names(rig)[-4:])
+
+
+@pytest.mark.usefixtures("quick_collection")
+def test_ended_while_one_is_searched_that_was_started_and_does_not_respond(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The search has started it by a question, and stops it when it ends, also where nothing can be awaited."""
+
+    def silent() -> Rig:
+        rig = make_rig("hlds")
+        transmit = rig.device.transmit
+
+        def lost(now: int) -> bytes:
+            transmit(now)
+            return b""
+
+        monkeypatch.setattr(rig.device, "transmit", lost)
+        return rig
+
+    def searched(rig: Rig, at: int, what: Interrupt) -> int:
+        monkeypatch.setattr(Rig, "open", lambda rig: open_lidar(rig.device))
+        return run_and_close(rig, nothing, at, what, monkeypatch, plain=True)
+
+    for at in range(2, 400, 8):
+        rig = silent()
+        with suppress(ConnectFailed):
+            searched(rig, at, interrupt)
+        assert left_still(rig) or not rig.device.log, (at, names(rig)[-4:])

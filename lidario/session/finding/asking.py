@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from itertools import count
 from typing import NamedTuple
 
@@ -66,7 +66,8 @@ class Woken:
 
     async def stop(self, then: int = 0) -> None:
         """Stop them, and leave the line at the speed `then`."""
-        with anyio.CancelScope(shield=not self._loop.is_closed()):
+        # Where the loop is closed, nothing is awaited, and nothing can be shielded.
+        with nullcontext() if self._loop.is_closed() else anyio.CancelScope(shield=True):
             for baudrate, stop in sorted(self._stops):
                 if not self._port.is_open:
                     return

@@ -76,46 +76,24 @@ async def connect(
     # Where Ctrl-C has ended it, what follows is run by the garbage collector.
     loop = asyncio.get_running_loop()
     received = ReceivedInSilence()
-    asked: list[Dialogue] = []
-    woken = Woken(port)
-
-    def began(dialogue: Dialogue) -> None:
-        asked.append(dialogue)
-        if on_dialogue is not None:
-            on_dialogue(dialogue)
-
+    search = _Search(port, tries, on_dialogue)
     port.add_tap(received.see)
     try:
         if on_port is not None:
             on_port(port)
         if guard and source.is_driven_from_here:
             await port.guard()
-        connection, tries = await _find(port, tries, woken, patient=patient, on_dialogue=began)
-        if connection is None and len(tries) == 1 and source.model is None:
-            connection = await find_by_dtr(port, tries, woken)
+        connection = await search.find(patient=patient, by_dtr=source.model is None)
         if connection is not None:
             if adapter is not None:
                 remember(adapter, connection.family.name, port.baudrate)
             if not connection.device.can_be_stopped:
                 port.unguard()
             return connection
-        if not asked and len({each.family for each in tries}) == 1:
-            # It may hear us although its responses do not reach us, and what stops it is known.
-            await leave_still(port, tries, woken)
-        await woken.stop()
-        for dialogue in asked:
-            dialogue.hang_up()
-        if not asked and not port.is_closing:
-            port.close_soon()
+        await search.leave(found_nothing=True)
     except BaseException as error:
         # Ctrl-C may come when the device has responded, and before its connection is returned.
-        for dialogue in asked:
-            dialogue.hang_up()
-        if not asked and not port.is_closing:
-            if port.is_open and not loop.is_closed():
-                await leave_still(port, tries, woken)
-            else:
-                port.close_soon()
+        await search.leave(found_nothing=False)
         if source.kind == "udp" and isinstance(error, DeviceLost) and not received.total:
             # A UDP port can always be opened. Only the first request shows that nothing listens there.
             raise ConnectFailed(
@@ -127,6 +105,7 @@ async def connect(
         if port.is_closing and not loop.is_closed():
             with anyio.CancelScope(shield=True):
                 await port.wait_closed()
+    tries = search.tries
     asked_at = [each.baudrate for each in tries if each.baudrate]
     raise received.nothing_responds(source, [each.family for each in tries], asked_at, port.errors)
 
@@ -181,47 +160,94 @@ def _by_likelihood(families: Sequence[Family]) -> list[Attempt]:
     return [each for rank in ranks for each in rank if each is not None]
 
 
-async def _find(
-    port: Port, tries: list[Attempt], woken: Woken, *, patient: bool, on_dialogue: Callable[[Dialogue], None] | None
-) -> tuple[Connection | None, list[Attempt]]:
-    """The device, or None, and what was tried."""
-    if len(tries) == 1:
-        return await _try_known(port, tries[0], patient=patient, on_dialogue=on_dialogue), tries
-    speeds = list(dict.fromkeys(each.baudrate for each in tries))
-    # All are listened to, also those that hear nothing.
-    heard = await listen(port, speeds, list(dict.fromkeys(each.family for each in tries)))
-    if heard.stream is not None:
-        at = heard.stream
-        # Where several families have a model of the name that the user gave, it is that one.
-        known = next((each for each in tries if (each.family, each.baudrate) == at), Attempt(*at))
-        return await _try_known(port, known, on_dialogue=on_dialogue), [known]
-    tries = [each for each in tries if _may_hear(each)] or tries
-    families = {each.family for each in tries}
-    # One that is waited for shortly may be late. Then at another speed it is noise, but not at the same.
-    quick = heard.silent and len(families) > 1 and all(a.baudrate != b.baudrate for a, b in pairwise(tries))
-    tries = [each._replace(is_guess=len(families) > 1) for each in tries]
-    return await ask_in_turns(port, tries, woken, quick=quick, silent=heard.silent, patient=patient), tries
+class _Search:
+    """Looks for the device at an open port.
 
+    Args:
+        port: The port.
+        tries: What the device may be.
+        on_dialogue: As for `connect`.
 
-async def _try_known(
-    port: Port, known: Attempt, *, patient: bool = True, on_dialogue: Callable[[Dialogue], None] | None = None
-) -> Connection | None:
-    """Ask the one family at the one speed that it can be, with patience; None when there is no response."""
-    family = known.family
-    device = made(port, known)
-    if known.baudrate:
-        port.set_baudrate(known.baudrate)
-    dialogue = Dialogue(port, device, family.timing)
-    half_open = HalfOpen(dialogue)
-    try:
-        if on_dialogue is not None:
-            on_dialogue(dialogue)
-        info = await introduce(dialogue, family.timing.forget_s if patient else 0.0)
-    except ResponseTimeout:
-        # It may hear us although its responses do not reach us.
-        await leave(dialogue, half_open)
-        return None
-    except BaseException:
-        await dialogue.close()
-        raise
-    return Connection(port, family, device, dialogue, info, half_open)
+    Attributes:
+        tries: What the device may be; what it was asked as, once nothing was found.
+    """
+
+    def __init__(self, port: Port, tries: list[Attempt], on_dialogue: Callable[[Dialogue], None] | None) -> None:
+        self.tries: list[Attempt] = tries
+        self._port = port
+        self._loop = asyncio.get_running_loop()
+        self._on_dialogue = on_dialogue
+        self._woken = Woken(port)
+        # The one with what was known from the beginning, or was recognised by its stream.
+        self._known: Dialogue | None = None
+
+    async def find(self, *, patient: bool, by_dtr: bool) -> Connection | None:
+        """The device, or None; `by_dtr`: also where one model may be none that is dark while DTR is cleared."""
+        if len(self.tries) > 1:
+            connection = await self._find_among(patient=patient)
+        else:
+            connection = await self._try_known(self.tries[0], patient=patient)
+        if connection is None and len(self.tries) == 1 and by_dtr:
+            connection = await find_by_dtr(self._port, self.tries, self._woken)
+        return connection
+
+    async def leave(self, *, found_nothing: bool) -> None:
+        """Leave what may be at the port still, and begin to close it.
+
+        Where the search was ended before it `found_nothing`, it is first found out what the device is.
+        """
+        port, families = self._port, {each.family for each in self.tries}
+        if self._known is not None:
+            await self._woken.stop()
+            self._known.hang_up()
+        elif not port.is_closing:
+            # One of a known family may hear us although its responses do not reach us.
+            helps = len(families) == 1 or not found_nothing
+            if helps and port.is_open and not self._loop.is_closed():
+                await leave_still(port, self.tries, self._woken)
+            else:
+                await self._woken.stop()
+                port.close_soon()
+
+    async def _find_among(self, *, patient: bool) -> Connection | None:
+        """The device, where several families or speeds are to be tried."""
+        port, tries = self._port, self.tries
+        speeds = list(dict.fromkeys(each.baudrate for each in tries))
+        # All are listened to, also those that hear nothing.
+        heard = await listen(port, speeds, list(dict.fromkeys(each.family for each in tries)))
+        if heard.stream is not None:
+            at = heard.stream
+            # Where several families have a model of the name that the user gave, it is that one.
+            known = next((each for each in tries if (each.family, each.baudrate) == at), Attempt(*at))
+            self.tries = [known]
+            return await self._try_known(known)
+        tries = [each for each in tries if _may_hear(each)] or tries
+        families = {each.family for each in tries}
+        # One that is waited for shortly may be late. Then at another speed it is noise, but not at the same.
+        quick = heard.silent and len(families) > 1 and all(a.baudrate != b.baudrate for a, b in pairwise(tries))
+        tries = [each._replace(is_guess=len(families) > 1) for each in tries]
+        connection = await ask_in_turns(port, tries, self._woken, quick=quick, silent=heard.silent, patient=patient)
+        self.tries = tries
+        return connection
+
+    async def _try_known(self, known: Attempt, *, patient: bool = True) -> Connection | None:
+        """Ask the one family at the one speed that it can be, with patience; None when there is no response."""
+        port, family = self._port, known.family
+        device = made(port, known)
+        if known.baudrate:
+            port.set_baudrate(known.baudrate)
+        dialogue = Dialogue(port, device, family.timing)
+        half_open = HalfOpen(dialogue)
+        try:
+            self._known = dialogue
+            if self._on_dialogue is not None:
+                self._on_dialogue(dialogue)
+            info = await introduce(dialogue, family.timing.forget_s if patient else 0.0)
+        except ResponseTimeout:
+            # It may hear us although its responses do not reach us.
+            await leave(dialogue, half_open)
+            return None
+        except BaseException:
+            await dialogue.close()
+            raise
+        return Connection(port, family, device, dialogue, info, half_open)
