@@ -21,6 +21,7 @@ import platform
 import re
 import shutil
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -37,6 +38,8 @@ from tests.support.ledger import ledgers_made
 PROPERTIES = Path(__file__).parent / "properties"
 LONG = {"rounds", "soak"}
 """Fixtures of tests that take as long as they are told to."""
+MEASURED_CASES = 4
+"""Cases of one test in which coverage is measured: mostly, the others run the same lines."""
 FIRST = ("exhaustive", "long")
 """Markers of tests that are begun first."""
 NEVER_MIND = (HealthCheck.too_slow, HealthCheck.data_too_large)
@@ -148,9 +151,14 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         left_out = [item for item in items if item.get_closest_marker("long")]
         config.hook.pytest_deselected(items=left_out)
         items[:] = [item for item in items if not item.get_closest_marker("long")]
+    cases: Counter[str] = Counter()
     for item in items:
         if isinstance(item, pytest.Function) and inspect.iscoroutinefunction(item.obj):
             item.obj = leaves_no_task(item.obj)
+        test = item.nodeid.partition("[")[0]
+        cases[test] += 1
+        if cases[test] > MEASURED_CASES:
+            item.add_marker("repeats")
     # The longest first: at the end, every worker still finds something to do.
     items.sort(key=lambda item: not (any(map(item.get_closest_marker, FIRST)) or LONG & set(_fixtures(item))))
 
