@@ -63,6 +63,7 @@ class SectorAssembler(Assembler):
 
     def __init__(self, other: Assembler, publish: Callable[[int, Sector], None]) -> None:
         vars(self).update(vars(other))
+        other.ended += 1
         self._publish_sector = publish
         self._parts: tuple[int, ...] = ()
         self._divided: DividedRevolution | None = None

@@ -48,6 +48,7 @@ class WholeAssembler(Assembler):
 
     def ends(self, event: Packets) -> Iterator[list[Scan]]:
         # None is false: all begin at the same angle.
+        ended = self.ended
         for packets, _ in self.incoming.take(event):
             offsets, done = packet_offsets(packets.blocks), 0
             try:
@@ -60,6 +61,8 @@ class WholeAssembler(Assembler):
                     self.stats.scan_packets += 1
                     self._told(scan)
                     yield [scan]
+                    if self.ended != ended:
+                        return
             finally:
                 self.stats.discarded_packets += packets.count - done
 
@@ -119,6 +122,7 @@ class WholeSectors(WholeAssembler):
 
     def __init__(self, other: Assembler, publish: Callable[[int, Sector], None]) -> None:
         vars(self).update(vars(other))
+        other.ended += 1
         self._publish_sector = publish
         self._parts: tuple[int, ...] = ()
 
