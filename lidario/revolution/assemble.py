@@ -58,7 +58,7 @@ class Assembler:
         clock: Clock | None = None,
     ) -> None:
         self.stats: AssemblerStats = stats or AssemblerStats()
-        self._stream = stream
+        self._stream, self._decoder = stream, stream.decoder
         self._byte_ns = byte_ns_at(baudrate)
         self._wall_offset_ns = wall_offset_ns
         self.incoming: Incoming = Incoming(stream, self.stats, clock)
@@ -159,6 +159,7 @@ class Assembler:
             offsets,
             splits,
             begin,
+            decoder=self._decoder,
             clock=self._clock,
             last_spanned_ns=self._last_spanned_ns,
             byte_ns=self._byte_ns,
@@ -172,8 +173,8 @@ class Assembler:
         self._clock.settle(last)
         self.partial = block.next
         self._last_spanned_ns = block.revolutions[-1].spanned_ns
-        self.stats.unfinished_packets += block.packets
-        self.stats.finish(self.stats.unfinished_packets, delivered=True)
+        stats.scan_packets += stats.unfinished_packets + block.packets
+        stats.unfinished_packets = 0
         self.incoming.time.add(block.samples.ends[-1], block.next.carried_ns)
         scans = [self._deliver(each, self._stream.sample_ns, 0) for each in block.revolutions]
         self._keep_time()
@@ -183,6 +184,7 @@ class Assembler:
         """From now on a sample takes what was found that it takes."""
         if (sample_ns := self.incoming.time.ns) != self._stream.sample_ns:
             self._stream = replace(self._stream, sample_ns=sample_ns)
+            self._decoder.tell_time(sample_ns)
             self.incoming.use_time_of(self._stream)
             # What is remembered of the revolutions before was reckoned by the other time.
             self._clock = self._new_clock()
@@ -202,7 +204,7 @@ class Assembler:
     def _discard(self) -> None:
         """What is missing in the revolution in the making is counted all the same."""
         if not self.partial.even and (packets := self.partial.packets()) is not None:
-            self.stats.lost_packets += self._stream.decoder.decode(packets, None).lost
+            self.stats.lost_packets += self._decoder.decode(packets, None).lost
         self.stats.finish(self.stats.unfinished_packets, delivered=False)
         self.partial = PartialRevolution(whole=False)
 
@@ -287,7 +289,7 @@ class Assembler:
     ) -> Samples:
         """Decode all packets of a revolution, with so many free elements before their samples."""
         seam = None if split.marked or split.broken else split.seam
-        return self._stream.decoder.decode(packets, None if split.broken else following, room, seam)
+        return self._decoder.decode(packets, None if split.broken else following, room, seam)
 
     def _scan(self, ended: EndedRevolution) -> Scan | None:
         """Date a revolution and build its scan; None when it is not whole, or parts of two have met in it."""

@@ -82,7 +82,6 @@ class Incoming:
 
     def use_time_of(self, stream: Stream) -> None:
         """A sample takes as long as this stream says from now on."""
-        stream.decoder.tell_time(stream.sample_ns)
         self._doubled.tell_time(stream.sample_ns)
         self._false.tell_time(stream.sample_ns)
         if self._is_live:

@@ -90,10 +90,10 @@ class WholeAssembler(Assembler):
 
     def _scan_of(self, packet: Packets, came_ns: float) -> Scan:
         stream = self._stream
-        samples = stream.decoder.decode(packet, None)
+        samples = self._decoder.decode(packet, None)
         count, sample_ns, turn_ns = len(samples.distance_mm), stream.sample_ns, self._turn_ns
         wire_ns = len(packet.data) * self._byte_ns
-        start_ns = earliest_ns([came_ns - (count - 1) * sample_ns], sample_ns, wire_ns)
+        start_ns = earliest_ns(came_ns - (count - 1) * sample_ns, sample_ns, wire_ns)
         interval_ns = turn_ns or math.nan
         if self._last_ns is not None and turn_ns:
             start_ns = max(start_ns, self._last_ns)

@@ -56,9 +56,8 @@ class CapsuleDecoder(ArcDecoder):
         starts = _in_range(words[:, column].astype(np.int32))
         if following is None:
             return Heads(starts, None, self.wire.samples, None, (words, None))
-        after = np.frombuffer(following, "<u2")
-        behind = (int(after[column]) & ANGLE_MASK) % FULL_TURN_Q6
-        return Heads(starts, behind, self.wire.samples, None, (words, after))
+        behind = int.from_bytes(following[2 * column : 2 * column + 2], "little")
+        return Heads(starts, (behind & ANGLE_MASK) % FULL_TURN_Q6, self.wire.samples, None, (words, following))
 
     def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:
         at_equal_steps(starts_and_arcs(heads.first, arcs.arc), self.wire.samples, output.angle)
@@ -70,7 +69,7 @@ class CapsuleDecoder(ArcDecoder):
         output.last = 0.0 if is_cut else float(output.distance[-1, -1])
 
     @abstractmethod
-    def _payload(self, words: Words, after: Words | None, skipped: NDArray[np.intp] | None, output: Output) -> None:
+    def _payload(self, words: Words, after: bytes | None, skipped: NDArray[np.intp] | None, output: Output) -> None:
         """Write distances and intensities, and take corrections off the angles.
 
         Args:
@@ -118,7 +117,7 @@ class UltraDecoder(CapsuleDecoder):
     def _payload(self, words: Words, after: Any, skipped: Any, output: Output) -> None:
         # Behind the first four bytes of a capsule, each cabin has four.
         cabins = words.view("<u4")[:, 1:].astype(np.intp)
-        millimetres = ultra_cabins(cabins, None if after is None else int(after[2]), skipped)
+        millimetres = ultra_cabins(cabins, None if after is None else int.from_bytes(after[4:6], "little"), skipped)
         output.distance[...] = millimetres
         output.angle -= self._corrections.take(millimetres)
 
