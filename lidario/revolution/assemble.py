@@ -93,16 +93,14 @@ class Assembler:
     def ends(self, event: Packets) -> Iterator[list[Scan]]:
         """As `add`, one or a block at a time.
 
-        Packets that are left when it is closed, when the stream is ended or when it is divided meanwhile count as
-        discarded.
+        What is left when it is closed, or when the stream is ended or divided meanwhile, counts as discarded.
         """
-        pieces, ended = self.incoming.take(event), self.ended
-        left, count, kept = sum([packets.count for packets, _ in pieces]), 0, 0
+        pieces, ended = iter(self.incoming.take(event)), self.ended
+        count = kept = 0
         try:
             for packets, headings in pieces:
-                splits = self._seam.splits(headings, self.incoming.passing)
                 count, kept = packets.count, 0
-                left -= count
+                splits = self._seam.splits(headings, self.incoming.passing)
                 offsets = packet_offsets(packets.blocks) if splits else ()
                 done, alone = 0, 1
                 while done < len(splits):
@@ -134,7 +132,9 @@ class Assembler:
                 headings, kept = headings[kept:], count
                 self._keep(rest, headings)
         finally:
-            self.stats.discarded_packets += left + count - kept
+            for left, _ in pieces:
+                count += left.count
+            self.stats.discarded_packets += count - kept
 
     def _end_at(self, event: Packets, split: Split, offsets: Sequence[int]) -> Scan | None:
         """End the revolution at a split; the packets of the event before it are kept already."""

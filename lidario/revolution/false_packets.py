@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from operator import sub
 from typing import Final
 
 import numpy as np
@@ -25,7 +24,7 @@ from lidario.revolution.partial import part_of
 from lidario.revolution.stats import AssemblerStats
 from lidario.wire.blocks import packet_offsets
 from lidario.wire.events import Packets
-from lidario.wire.formats import BEGINS, HEADING_MASK, Headings
+from lidario.wire.formats import HEADING_MASK, Headings
 
 MEASURED: Final = 16
 """The latest advances, of which the mean tells how far the rotor usually turns from one packet to the next."""
@@ -75,25 +74,29 @@ class FalsePackets:
         """
         if not self._closely or self._skipped or self._waiting is not None:
             return None
-        closely, full_turn = self._closely / 2, self._full_turn
+        closely, full_turn, last = self._closely / 2, self._full_turn, self._last
         if isinstance(headings, np.ndarray):
             plain = headings & HEADING_MASK
             steps = np.empty_like(plain)
-            steps[0] = int(plain[0]) - self._last
+            steps[0] = int(plain[0]) - last
             np.subtract(plain[1:], plain[:-1], out=steps[1:])
             back = (steps < 0).nonzero()[0]
             steps[back] += full_turn
-            least, most = np.minimum.reduce(steps), np.maximum.reduce(steps)
+            if not (np.minimum.reduce(steps) > 0 and np.maximum.reduce(steps) < closely):
+                return None
             passing, advances, last = back.tolist(), steps[-MEASURED:].tolist(), int(plain[-1])
         else:
-            few = headings if max(headings) < BEGINS else [heading & HEADING_MASK for heading in headings]
-            advances, last = [*map(sub, few, [self._last, *few])], few[-1]
-            passing = [at for at, advance in enumerate(advances) if advance < 0]
-            for at in passing:
-                advances[at] += full_turn
-            least, most = min(advances), max(advances)
-        if not (least > 0 and most < closely):
-            return None
+            passing, advances = [], []
+            for at, heading in enumerate(headings):
+                here = heading & HEADING_MASK
+                advance = here - last
+                if advance < 0:
+                    advance += full_turn
+                    passing.append(at)
+                if not 0 < advance < closely:
+                    return None
+                advances.append(advance)
+                last = here
         self._last = last
         self._advances += advances
         self._measure()

@@ -10,7 +10,7 @@ after which the angles before it mean nothing, or as an ordinary sign once in ev
 packet before decides: where it fits the steady step, also over a few missing packets, the stream simply goes on.
 
 Only those headings matter that carry a flag or fall back behind the one before. In an undisturbed stream it is told
-which these are (`FalsePackets.passing`). Of many others they are found as an array; a few are followed one by one.
+which these are (`FalsePackets.passing`).
 """
 
 from __future__ import annotations
@@ -83,35 +83,45 @@ class Seam:
         """
         self._headings = headings
         found: list[Split] = []
-        if isinstance(headings, np.ndarray):
+        flagged: Sequence[int] = ()
+        if len(headings) == 1:
+            # As where a port is not polled: it need not be followed, as one with a flag.
+            flagged = (0,)
+        elif isinstance(headings, np.ndarray):
             flags = headings >= BEGINS
-            flagged = flags.nonzero()[0].tolist() if np.count_nonzero(flags) else []
+            flagged = flags.nonzero()[0].tolist() if np.count_nonzero(flags) else ()
         elif headings and max(headings) >= BEGINS:
             flagged = [at for at, heading in enumerate(headings) if heading >= BEGINS]
-        else:
-            flagged = []
         if passing is not None and self.angle == 0 and not flagged:
             self._rise(headings, headings, 0, passing, found)
         else:
             begin = 0
             for at in flagged:
-                self._follow(headings[begin:at], begin, found)
+                if begin < at:
+                    self._follow(headings[begin:at], begin, found)
                 split = self._step(at, int(headings[at]))
                 if split:
                     found.append(split)
                 begin = at + 1
-            self._follow(headings[begin:], begin, found)
+            if begin < len(headings):
+                self._follow(headings[begin:], begin, found)
         self._recent.append(headings)
         return found
 
     def _follow(self, headings: Headings, offset: int, found: list[Split]) -> None:
         """Step along headings without flags, `offset` on from the first."""
-        if isinstance(headings, np.ndarray) and self.angle is not None and len(headings):
-            away = (headings - self.angle) % self._full_turn if self.angle else headings
+        angle, full_turn = self.angle, self._full_turn
+        if angle is None:
+            found += [split for at, each in enumerate(headings, offset) if (split := self._step(at, int(each)))]
+        elif isinstance(headings, np.ndarray):
+            away = (headings - angle) % full_turn if angle else headings
             self._rise(headings, away, offset, ((away[1:] < away[:-1]).nonzero()[0] + 1).tolist(), found)
         else:
-            plain = headings.tolist() if isinstance(headings, np.ndarray) else headings
-            found += [split for at, heading in enumerate(plain, offset) if (split := self._step(at, heading))]
+            few = [(heading - angle) % full_turn for heading in headings] if angle else headings
+            # Sorting what is sorted is faster than any comparing by hand.
+            rises = sorted(few) == few
+            falls = () if rises else [at for at in range(1, len(few)) if few[at] < few[at - 1]]
+            self._rise(headings, few, offset, falls, found)
 
     def _rise(
         self, headings: Headings, away: Headings, offset: int, falls: Sequence[int], found: list[Split]
