@@ -183,7 +183,7 @@ class RevolutionClock:
         It is asked only where `last` is known. Nothing is remembered before `settle`.
 
         Args:
-            revolutions: They, dated.
+            revolutions: Those that come next.
         """
         last = self._last
         if last is None or not last.revolution_ns:

@@ -75,10 +75,10 @@ class Seam:
         self._headings: Headings = ()
 
     def splits(self, headings: Headings, passing: Sequence[int] | None = None) -> list[Split]:
-        """Where revolutions begin among `headings`, the next ones of the stream.
+        """Where revolutions begin among `headings`.
 
         Args:
-            headings: They.
+            headings: Those of the next packets.
             passing: As `FalsePackets.passing`; None where that is not known.
         """
         self._headings = headings

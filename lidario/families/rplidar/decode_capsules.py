@@ -53,7 +53,10 @@ class CapsuleDecoder(ArcDecoder):
     def _heads(self, packets: Packets, following: bytes | None) -> Heads:
         words = np.frombuffer(packets.data, "<u2").reshape(-1, self.wire.shortest // 2)
         column = self.wire.start_at // 2
-        starts = _in_range(words[:, column].astype(np.int32))
+        starts: Ints = words[:, column].astype(np.int32)
+        if np.maximum.reduce(starts) >= FULL_TURN_Q6:
+            # Mostly none has the flag beside it.
+            starts = (starts & ANGLE_MASK) % FULL_TURN_Q6
         if following is None:
             return Heads(starts, None, self.wire.samples, None, (words, None))
         behind = int.from_bytes(following[2 * column : 2 * column + 2], "little")
@@ -140,8 +143,3 @@ class UltraDenseDecoder(CapsuleDecoder):
     def _remember(self, heads: Heads, last: float) -> None:  # noqa: ARG002
         # For the smoothing of the next distance.
         self._last_q2 = int(last * 4)
-
-
-def _in_range(starts: Ints) -> Ints:
-    """Start angles without the flag beside them, below 360 degrees; mostly they are so already."""
-    return starts if np.maximum.reduce(starts) < FULL_TURN_Q6 else (starts & ANGLE_MASK) % FULL_TURN_Q6
