@@ -7,7 +7,6 @@ nothing is rounded until degrees are made of them.
 
 from __future__ import annotations
 
-import copy
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 
 from lidario.families.samples import Samples, SteadySamples
 from lidario.families.spans import Arc, Arcs, Heads, Ints, Turning
+from lidario.wire.copies import copy_of
 from lidario.wire.events import Packets
 
 Floats = NDArray[np.float32]
@@ -63,7 +63,7 @@ class ArcDecoder(ABC):
         self._turning.tell_time(sample_ns)
 
     def fork(self) -> Self:
-        twin = copy.copy(self)
+        twin = copy_of(self)
         twin._turning = self._turning.copy()  # noqa: SLF001 - its own
         return twin
 
@@ -103,14 +103,16 @@ class ArcDecoder(ABC):
             return None
         sample_ends = self._ends(heads)
         angle, distance, intensity, last = self._decoded(heads, arcs, sample_ends, room)
-        before_seam = [sample_ends[end - 1] for end in ends]
-        if seam is not None:
-            before_seam = [
-                samples - self._behind_seam(heads, arcs, end - 1, seam)
-                for samples, end in zip(before_seam, ends, strict=True)
-            ]
-        turns = [self._full_turn / step for step in arcs.steps]
-        parts = list(zip([0, *ends[:-1]], ends, strict=True))
+        before_seam, begin = list[int](), 0
+        revolution_packets, revolution_samples, reported_rpm = list[float](), list[float](), list[float]()
+        for end, step in zip(ends, arcs.steps, strict=True):
+            behind = 0 if seam is None else self._behind_seam(heads, arcs, end - 1, seam)
+            before_seam.append(sample_ends[end - 1] - behind)
+            turn = self._full_turn / step
+            revolution_samples.append(turn)
+            revolution_packets.append(self._revolution_packets(heads, turn, begin, end))
+            reported_rpm.append(self._reported_rpm(heads, begin, end))
+            begin = end
 
         def settle() -> None:
             self._turning.settle(arcs, packets.arrivals)
@@ -122,12 +124,10 @@ class ArcDecoder(ABC):
             intensity=intensity,
             ends=sample_ends,
             before_seam=before_seam,
-            revolution_packets=[
-                self._revolution_packets(heads, turn, *part) for turn, part in zip(turns, parts, strict=True)
-            ],
-            revolution_samples=turns,
+            revolution_packets=revolution_packets,
+            revolution_samples=revolution_samples,
             settle=settle,
-            reported_rpm=[self._reported_rpm(heads, *part) for part in parts],
+            reported_rpm=reported_rpm,
         )
 
     # ------------------------------------------------------------------------------------- what a format must tell
@@ -231,7 +231,7 @@ def at_equal_steps(each: Floats, steps: int, into: Floats) -> None:
         steps: Steps in which the rotor turns by an arc.
         into: Where to write, shape (packets, samples).
     """
-    np.matmul(each, _weights(into.shape[1], steps), out=into)
+    np.dot(each, _weights(into.shape[1], steps), out=into)
 
 
 @cache

@@ -7,12 +7,12 @@ the first half and in the second half of what is known.
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple, Self
 
 from lidario.families.spans import Turning
+from lidario.wire.copies import copy_of
 from lidario.wire.events import Arrival
 
 OFF: Final = 0.25
@@ -185,6 +185,6 @@ class PacedTurning(Turning):
         return missing, close
 
     def copy(self) -> Self:
-        twin = copy.copy(self)
+        twin = copy_of(self)
         twin._pace = self._pace.copy()  # noqa: SLF001 - its own
         return twin

@@ -18,6 +18,9 @@ RETREAT_TURNS: Final = 1 / 36
 """How far packets under a check value fall back at most. Any more is the long way round, forwards."""
 LIKENESS: Final = 0.2
 """Two arcs within this share of each other are one speed: neighbours differ by less, half a gap is farther off."""
+SPANS_WORTH_AN_ARRAY: Final = 160
+"""Spans from which numpy finds the least, the greatest and their sum. Measured: a list takes 0.06 us for each, an
+array 2.5 us; live, where numpy is cold once a revolution, they take 11 and 29 us for 80 spans."""
 
 
 class Heads(NamedTuple):
@@ -143,4 +146,7 @@ def by_revolution(spans: Ints, ends: Sequence[int]) -> list[tuple[int, int, int]
 
 
 def _extent(values: Ints) -> tuple[int, int, int]:
+    if len(values) < SPANS_WORTH_AN_ARRAY:
+        plain = values.tolist()
+        return min(plain), max(plain), sum(plain)
     return int(np.minimum.reduce(values)), int(np.maximum.reduce(values)), int(np.add.reduce(values))

@@ -120,7 +120,7 @@ class Wheel(PacedTurning):
             self._remember(arcs.arc.tolist(), arrivals)
             self._is_confirmed()
             self._note_close(len(arcs.arc))
-        else:
+        elif self._spans:
             self._forget()
 
     def _is_steady(self, spans: Ints, shortest: int, longest: int) -> bool:

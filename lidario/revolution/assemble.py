@@ -46,6 +46,7 @@ class Assembler:
     Attributes:
         incoming: What comes; it knows how long a sample takes.
         partial: The revolution that goes on.
+        ended: How many streams have ended, or were taken over by another assembler.
     """
 
     def __init__(
@@ -57,7 +58,7 @@ class Assembler:
         clock: Clock | None = None,
     ) -> None:
         self.stats: AssemblerStats = stats or AssemblerStats()
-        self._stream = stream
+        self._stream, self._decoder = stream, stream.decoder
         self._byte_ns = byte_ns_at(baudrate)
         self._wall_offset_ns = wall_offset_ns
         self.incoming: Incoming = Incoming(stream, self.stats, clock)
@@ -68,6 +69,7 @@ class Assembler:
         self._last_spanned_ns = 0.0
         self._by_blocks = True
         self._next_offset_deg: float | None = None
+        self.ended: int = 0
         self._ended_at: tuple[Packets, int, int] | None = None
         # The number of the revolution that ends, where it was told before, and how many were missing by then.
         self._told_seq: int | None = None
@@ -89,49 +91,49 @@ class Assembler:
         return [scan for scans in self.ends(event) for scan in scans]
 
     def ends(self, event: Packets) -> Iterator[list[Scan]]:
-        """As `add`, one or a block at a time; packets that are left when it is closed are counted as discarded."""
-        pieces = self.incoming.take(event)
-        left = sum([packets.count for packets, _ in pieces])
+        """As `add`, one or a block at a time.
+
+        What is left when it is closed, or when the stream is ended or divided meanwhile, counts as discarded.
+        """
+        pieces, ended = iter(self.incoming.take(event)), self.ended
+        count = kept = 0
         try:
             for packets, headings in pieces:
-                splits = self._seam.splits(headings)
-                left -= packets.count
-                if splits:
-                    yield from self._ends_at(packets, headings, splits)
-                else:
-                    self._keep(packets, headings)
+                count, kept = packets.count, 0
+                splits = self._seam.splits(headings, self.incoming.passing)
+                offsets = packet_offsets(packets.blocks) if splits else ()
+                done, alone = 0, 1
+                while done < len(splits):
+                    several = 1
+                    # Those behind a beginning or a gap teach what others are measured by. A block has one offset.
+                    together = self._by_blocks and self._next_offset_deg is None
+                    if together and is_ready(self._stream, self.partial, self._clock):
+                        block = self.add_block(packets, offsets, splits[done:], kept)
+                        if block:
+                            kept = splits[-1].packet
+                            self.partial.begun_ns = self.incoming.read_at(packets, kept)
+                            yield block
+                            if self.ended != ended:
+                                return
+                            break
+                        # Something is not as it should be, somewhere. Behind it all may be well again.
+                        several, alone = alone, 2 * alone
+                    for split in splits[done : done + several]:
+                        if split.packet > kept:
+                            part = self._part(packets, kept, split.packet, offsets)
+                            self._keep(part, headings[kept : split.packet])
+                        scan = self._end_at(packets, split, offsets)
+                        kept = split.packet
+                        yield [] if scan is None else [scan]
+                        if self.ended != ended:
+                            return
+                    done += several
+                rest = self._part(packets, kept, count, offsets) if kept else packets
+                headings, kept = headings[kept:], count
+                self._keep(rest, headings)
         finally:
-            self.stats.discarded_packets += left
-
-    def _ends_at(self, event: Packets, headings: Headings, splits: Sequence[Split]) -> Iterator[list[Scan]]:
-        kept, count = 0, event.count
-        try:
-            offsets = packet_offsets(event.blocks)
-            done, alone = 0, 1
-            while done < len(splits):
-                left = 1
-                # Those behind a beginning or a gap teach what others are measured by. A block has one offset.
-                together = self._by_blocks and self._next_offset_deg is None
-                if together and is_ready(self._stream, self.partial, self._clock):
-                    block = self.add_block(event, offsets, splits[done:], kept)
-                    if block:
-                        kept = splits[-1].packet
-                        self.partial.begun_ns = self.incoming.read_at(event, kept)
-                        yield block
-                        break
-                    # Something is not as it should be, somewhere. Behind it all may be well again.
-                    left, alone = alone, 2 * alone
-                for split in splits[done : done + left]:
-                    if split.packet > kept:
-                        self._keep(self._part(event, kept, split.packet, offsets), headings[kept : split.packet])
-                    scan = self._end_at(event, split, offsets)
-                    kept = split.packet
-                    yield [] if scan is None else [scan]
-                done += left
-            rest = self._part(event, kept, count, offsets) if kept else event
-            headings, kept = headings[kept:], count
-            self._keep(rest, headings)
-        finally:
+            for left, _ in pieces:
+                count += left.count
             self.stats.discarded_packets += count - kept
 
     def _end_at(self, event: Packets, split: Split, offsets: Sequence[int]) -> Scan | None:
@@ -157,6 +159,7 @@ class Assembler:
             offsets,
             splits,
             begin,
+            decoder=self._decoder,
             clock=self._clock,
             last_spanned_ns=self._last_spanned_ns,
             byte_ns=self._byte_ns,
@@ -170,8 +173,8 @@ class Assembler:
         self._clock.settle(last)
         self.partial = block.next
         self._last_spanned_ns = block.revolutions[-1].spanned_ns
-        self.stats.unfinished_packets += block.packets
-        self.stats.finish(self.stats.unfinished_packets, delivered=True)
+        stats.scan_packets += stats.unfinished_packets + block.packets
+        stats.unfinished_packets = 0
         self.incoming.time.add(block.samples.ends[-1], block.next.carried_ns)
         scans = [self._deliver(each, self._stream.sample_ns, 0) for each in block.revolutions]
         self._keep_time()
@@ -181,6 +184,7 @@ class Assembler:
         """From now on a sample takes what was found that it takes."""
         if (sample_ns := self.incoming.time.ns) != self._stream.sample_ns:
             self._stream = replace(self._stream, sample_ns=sample_ns)
+            self._decoder.tell_time(sample_ns)
             self.incoming.use_time_of(self._stream)
             # What is remembered of the revolutions before was reckoned by the other time.
             self._clock = self._new_clock()
@@ -192,6 +196,7 @@ class Assembler:
 
     def end(self) -> None:
         """The stream has ended: discard the revolution in the making. Harmless when done before."""
+        self.ended += 1
         self._discard()
         self.stats.discarded_packets += self.stats.waiting_packets
         self.stats.waiting_packets = 0
@@ -199,7 +204,7 @@ class Assembler:
     def _discard(self) -> None:
         """What is missing in the revolution in the making is counted all the same."""
         if not self.partial.even and (packets := self.partial.packets()) is not None:
-            self.stats.lost_packets += self._stream.decoder.decode(packets, None).lost
+            self.stats.lost_packets += self._decoder.decode(packets, None).lost
         self.stats.finish(self.stats.unfinished_packets, delivered=False)
         self.partial = PartialRevolution(whole=False)
 
@@ -209,7 +214,7 @@ class Assembler:
     def _keep(self, packets: Packets, headings: Headings) -> None:  # noqa: ARG002 - for those who divide it
         partial = self.partial
         partial.runs.append(packets)
-        partial.even = partial.even and self.incoming.follows
+        partial.even = partial.even and self.incoming.passing is not None
         partial.size += len(packets.data)
         count, received_ns = packets.arrivals[-1]
         self.stats.unfinished_packets += count
@@ -284,7 +289,7 @@ class Assembler:
     ) -> Samples:
         """Decode all packets of a revolution, with so many free elements before their samples."""
         seam = None if split.marked or split.broken else split.seam
-        return self._stream.decoder.decode(packets, None if split.broken else following, room, seam)
+        return self._decoder.decode(packets, None if split.broken else following, room, seam)
 
     def _scan(self, ended: EndedRevolution) -> Scan | None:
         """Date a revolution and build its scan; None when it is not whole, or parts of two have met in it."""

@@ -16,10 +16,11 @@ counted when a speed is known. Where not even that is, the time that a packet ta
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
+from lidario.revolution.build import DatedRevolution
 from lidario.revolution.sparse_speed import SparseSpeed
 
 NOISE: Final = 0.35
@@ -145,7 +146,9 @@ class RevolutionClock:
         So it is where nothing is known of it, where the stamps are late at the moment, and where the next one
         has to tell the speed, or how many passed since the anchor.
         """
-        return None if self.is_late or self._is_open or self.needs_speed else self._last
+        sure = self._sure
+        unknown = self._late_ns is not None or self._is_open or sure is None or sure.borrowed
+        return None if unknown else self._last
 
     def learn_speed(self, packets: Iterable[tuple[float, int]]) -> None:
         """Packets came: where each begins, in revolutions, and when it came."""
@@ -174,25 +177,24 @@ class RevolutionClock:
             self._anchor.over = over if over < 0.5 else over - 1
         self._seam = seam
 
-    def is_followed(self, starts: Sequence[int], revolutions_ns: Sequence[float]) -> bool:
+    def is_followed(self, revolutions: Iterable[DatedRevolution]) -> bool:
         """Whether the next revolutions follow the last one, and each other, without one missing.
 
         It is asked only where `last` is known. Nothing is remembered before `settle`.
 
         Args:
-            starts: When they began.
-            revolutions_ns: What each takes by its angles.
+            revolutions: Those that come next.
         """
         last = self._last
         if last is None or not last.revolution_ns:
             return False
         before_ns, ordinary_ns, share = last.start_ns, last.revolution_ns, 1 - last.over
-        for start_ns, revolution_ns in zip(starts, revolutions_ns, strict=True):
-            elapsed = start_ns - before_ns
-            alike = 1 / ALIKE < revolution_ns / ordinary_ns < ALIKE
+        for each in revolutions:
+            elapsed = each.start_ns - before_ns
+            alike = 1 / ALIKE < each.revolution_ns / ordinary_ns < ALIKE
             if not alike or elapsed <= 0 or abs(elapsed / ordinary_ns - share) >= NOISE:
                 return False
-            before_ns, ordinary_ns, share = start_ns, revolution_ns, 1
+            before_ns, ordinary_ns, share = each.start_ns, each.revolution_ns, 1
         return True
 
     def settle(self, last: Beginning) -> None:

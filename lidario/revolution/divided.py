@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from typing import Final
 
@@ -200,25 +200,23 @@ def join_pieces(pieces: Sequence[SampleArrays]) -> SampleArrays:
 
 
 def sum_of(pieces: Sequence[Samples]) -> Samples:
-    """What pieces of a revolution tell together, where nothing is missing among them; the arrays are the last's.
+    """What pieces of a revolution tell together, where nothing is missing among them: the last one, changed.
 
-    So is the time of a sample, which where packets tell it is that of the revolution before their end.
+    The arrays stay the last's. So does the time of a sample: where packets tell it, it is that of the revolution
+    before their end.
     """
-    last = pieces[-1]
-    packets = sum(len(piece.ends) for piece in pieces)
-    ends: list[int] = []
+    ends, packets = list[int](), 0
+    turns = sample_turns = told = told_rpm = 0.0
     for piece in pieces:
-        before = ends[-1] if ends else 0
+        count, before = len(piece.ends), ends[-1] if ends else 0
         ends += [before + end for end in piece.ends]
-    turns = sum(len(piece.ends) / piece.revolution_packets for piece in pieces)
-    sample_turns = sum(piece.ends[-1] / piece.revolution_samples for piece in pieces)
-    told = [(len(piece.ends), piece.reported_rpm) for piece in pieces if not math.isnan(piece.reported_rpm)]
-    rpm = sum(count * rpm for count, rpm in told) / sum(count for count, _ in told) if told else math.nan
-    return replace(
-        last,
-        ends=ends,
-        unbroken=packets,
-        revolution_packets=packets / turns,
-        revolution_samples=ends[-1] / sample_turns,
-        reported_rpm=rpm,
-    )
+        packets += count
+        turns += count / piece.revolution_packets
+        sample_turns += piece.ends[-1] / piece.revolution_samples
+        if not math.isnan(piece.reported_rpm):
+            told, told_rpm = told + count, told_rpm + count * piece.reported_rpm
+    found = pieces[-1]
+    found.ends, found.unbroken = ends, packets
+    found.revolution_packets, found.revolution_samples = packets / turns, ends[-1] / sample_turns
+    found.reported_rpm = told_rpm / told if told else math.nan
+    return found

@@ -34,22 +34,21 @@ class DoubledPackets:
         wire: The format.
         sample_ns: Nanoseconds a sample; 0 where the device does not say.
         stats: Where they are counted.
+
+    Attributes:
+        before: The packets that came last; None at the beginning.
+        alike: How many at their end are alike.
     """
 
     def __init__(self, wire: StreamFormat, sample_ns: float, stats: AssemblerStats) -> None:
         self._wire, self._sample_ns, self._stats = wire, sample_ns, stats
         self._can_tell = wire.shortest != wire.longest or wire.samples > 1
-        self._last_heading = -1
-        self._last: Packets | None = None
-        self._alike = 1
+        self.before: Packets | None = None
+        self.alike: int = 1
 
     def tell_time(self, sample_ns: float) -> None:
         """A sample takes so many nanoseconds from now on."""
         self._sample_ns = sample_ns
-
-    def see(self, packets: Packets, headings: Headings) -> None:
-        """Take note of the next packets, of which none has the heading of the one before."""
-        self._last, self._last_heading, self._alike = packets, int(headings[-1]), 1
 
     def drop(self, packets: Packets, headings: Headings) -> tuple[Packets, Headings]:
         """The next packets without those that came twice, perhaps none, and their headings."""
@@ -62,27 +61,21 @@ class DoubledPackets:
 
     def _find(self, packets: Packets, headings: Headings) -> list[int]:
         """Which of the next packets are the packet before once more; mostly none."""
-        before, self._last_heading = self._last_heading, int(headings[-1])
         if isinstance(headings, np.ndarray):
             same = (np.flatnonzero(headings[1:] == headings[:-1]) + 1).tolist()
         elif any(map(eq, headings, headings[1:])):
             same = [at for at in range(1, len(headings)) if headings[at] == headings[at - 1]]
         else:
             same = []
-        if int(headings[0]) == before:
+        last = b"" if self.before is None else self.before.data[-self.before.blocks[-1].size :]
+        # Where something came between them, in a file nothing else tells how far they are apart.
+        if last and packets.data[: packets.blocks[0].size] == last and packets.skipped <= len(last):
             same = [0, *same]
-        if same and not same[0] and packets.skipped > len(self._last_packet):
-            # Something came between them. In a file nothing else tells how far they are apart.
-            same = same[1:]
         found = self._among(packets, same) if same else []
         if not same or same[-1] != packets.count - 1:
-            self._alike = 1
-        self._last = packets
+            self.alike = 1
+        self.before = packets
         return found
-
-    @property
-    def _last_packet(self) -> bytes:
-        return b"" if self._last is None else self._last.data[-self._last.blocks[-1].size :]
 
     def _among(self, packets: Packets, same: Sequence[int]) -> list[int]:
         """Which of those with the heading of the packet before are that packet once more."""
@@ -90,11 +83,11 @@ class DoubledPackets:
         found, previous = list[int](), -1
         for at in same:
             if at - 1 != previous:
-                self._alike = 1
+                self.alike = 1
             previous = at
-            before = data[offsets[at - 1] : offsets[at]] if at else self._last_packet
-            self._alike = self._alike + 1 if data[offsets[at] : offsets[at + 1]] == before else 1
-            if self._alike == 2 and self._apart_ns(packets, at, offsets) < FASTEST_TURN_NS:
+            here = data[offsets[at] : offsets[at + 1]]
+            self.alike = self.alike + 1 if not at or here == data[offsets[at - 1] : offsets[at]] else 1
+            if self.alike == 2 and self._apart_ns(packets, at, offsets) < FASTEST_TURN_NS:
                 found.append(at)
         return found
 
@@ -102,8 +95,8 @@ class DoubledPackets:
         """How long behind the one before a packet came."""
         came_ns = part_of(packets, number, number + 1, offsets, self._wire, self._sample_ns).received_ns
         if not number:
-            assert self._last is not None
-            return came_ns - self._last.received_ns
+            assert self.before is not None
+            return came_ns - self.before.received_ns
         return came_ns - part_of(packets, number - 1, number, offsets, self._wire, self._sample_ns).received_ns
 
 

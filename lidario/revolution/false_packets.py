@@ -67,38 +67,44 @@ class FalsePackets:
         """A sample takes so many nanoseconds from now on."""
         self._sample_ns = sample_ns
 
-    def all_follow(self, headings: Headings) -> bool:
-        """Whether each is a little ahead of the one before, also while the speed changes: all are true."""
+    def passing(self, headings: Headings) -> list[int] | None:
+        """Which of them have passed 0 since the one before, where each is a little ahead of that: all are true.
+
+        So it is also while the speed changes. None where it is not so, or not known.
+        """
         if not self._closely or self._skipped or self._waiting is not None:
-            return False
+            return None
         closely, full_turn, last = self._closely / 2, self._full_turn, self._last
         if isinstance(headings, np.ndarray):
             plain = headings & HEADING_MASK
             steps = np.empty_like(plain)
             steps[0] = int(plain[0]) - last
             np.subtract(plain[1:], plain[:-1], out=steps[1:])
-            steps[steps < 0] += full_turn
+            back = (steps < 0).nonzero()[0]
+            steps[back] += full_turn
             if not (np.minimum.reduce(steps) > 0 and np.maximum.reduce(steps) < closely):
-                return False
-            advances = steps[-MEASURED:].tolist()
-            last = int(plain[-1])
+                return None
+            passing, advances, last = back.tolist(), steps[-MEASURED:].tolist(), int(plain[-1])
         else:
-            advances = []
-            for heading in headings:
+            passing, advances = [], []
+            for at, heading in enumerate(headings):
                 here = heading & HEADING_MASK
-                advance = (here - last) % full_turn
+                advance = here - last
+                if advance < 0:
+                    advance += full_turn
+                    passing.append(at)
                 if not 0 < advance < closely:
-                    return False
+                    return None
                 advances.append(advance)
                 last = here
         self._last = last
         self._advances += advances
         self._measure()
-        return True
+        return passing
 
     def drop(self, packets: Packets, headings: Headings) -> list[tuple[Packets, Headings]]:
         """The next packets, in pieces between those that are false; without those that wait."""
-        if not self._can_tell or self.all_follow(headings) or self._begins(headings):
+        if not self._can_tell or self.passing(headings) is not None or self._begins(headings):
             return [(packets, headings)]
         runs = [packets] if self._waiting is None else [self._waiting, packets]
         self._waiting, self._stats.waiting_packets = None, 0
@@ -123,7 +129,7 @@ class FalsePackets:
         before = self._last, self._advances.copy()
         for heading in headings[: MEASURED + 1]:
             self._accept(int(heading) & HEADING_MASK)
-        if self.all_follow(headings[MEASURED + 1 :]):
+        if self.passing(headings[MEASURED + 1 :]) is not None:
             return True
         (self._last, self._advances), self._closely = before, 0.0
         return False

@@ -37,13 +37,13 @@ class Incoming:
 
     Attributes:
         time: How long a sample takes.
-        follows: Whether each of the latest packets is a little ahead of the one before.
+        passing: As `FalsePackets.passing`, of the latest packets.
     """
 
     def __init__(self, stream: Stream, stats: AssemblerStats, clock: Clock | None = None) -> None:
         stream.decoder.tell_time(stream.sample_ns)
         self.time: SampleTime = SampleTime(stream.sample_ns, stream.may_take_ns, timed=stream.timed)
-        self.follows: bool = False
+        self.passing: list[int] | None = None
         self._format = stream.format
         self._doubled = DoubledPackets(stream.format, stream.sample_ns, stats)
         self._false = FalsePackets(stream, stats)
@@ -53,10 +53,10 @@ class Incoming:
     def take(self, event: Packets) -> list[tuple[Packets, Headings]]:
         """The next packets, in pieces where one was false, and their headings; none twice, and dated."""
         headings = self._format.headings(event)
-        self.follows = self._false.all_follow(headings)
-        if self.follows:
+        self.passing = self._false.passing(headings)
+        if self.passing is not None:
             # None came twice either.
-            self._doubled.see(event, headings)
+            self._doubled.before, self._doubled.alike = event, 1
             return [(self._clock.dated(event), headings)]
         event, headings = self._doubled.drop(event, headings)
         found = self._false.drop(event, headings) if event.data else ()
@@ -82,7 +82,6 @@ class Incoming:
 
     def use_time_of(self, stream: Stream) -> None:
         """A sample takes as long as this stream says from now on."""
-        stream.decoder.tell_time(stream.sample_ns)
         self._doubled.tell_time(stream.sample_ns)
         self._false.tell_time(stream.sample_ns)
         if self._is_live:

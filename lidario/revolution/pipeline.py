@@ -58,7 +58,6 @@ class Pipeline:
             self.link.enter_stream(stream.format)
         self.assembler: Assembler = assembler_of(stream, baudrate, wall_offset_ns, stats, clock)
         self._is_stored = clock is not None
-        self._ended = False
 
     @property
     def stats(self) -> AssemblerStats:
@@ -87,14 +86,18 @@ class Pipeline:
         Those that are left when it is closed, when the stream is ended or when it is divided meanwhile are counted
         as discarded.
         """
-        assembler, few = self.assembler, packets.count <= MOST_IN_A_PART
-        parts = iter((packets,)) if few else parts_of(packets, self.stream.format, self.stream.sample_ns)
+        if packets.count <= MOST_IN_A_PART:
+            return self.assembler.ends(packets)
+        return self._take_parts(packets)
+
+    def _take_parts(self, packets: Packets) -> Iterator[list[Scan]]:
+        assembler, ended = self.assembler, self.assembler.ended
+        parts = parts_of(packets, self.stream.format, self.stream.sample_ns)
         try:
             for part in parts:
-                for scans in assembler.ends(part):
-                    yield scans
-                    if self._ended or assembler is not self.assembler:
-                        return
+                yield from assembler.ends(part)
+                if assembler.ended != ended:
+                    return
         finally:
             assembler.stats.discarded_packets += sum(part.count for part in parts)
 
@@ -118,7 +121,6 @@ class Pipeline:
 
     def end(self) -> None:
         """The stream has ended: the revolution in the making is discarded. Harmless when done before."""
-        self._ended = True
         self.assembler.end()
 
     def _parse(self, data: RawBytes, now: int, arrivals: Sequence[Arrival]) -> list[Packets]:

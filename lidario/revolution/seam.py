@@ -9,14 +9,15 @@ A device may mark a packet as the first of a restarted stream. The documents rea
 after which the angles before it mean nothing, or as an ordinary sign once in every revolution. The step from the
 packet before decides: where it fits the steady step, also over a few missing packets, the stream simply goes on.
 
-A few headings are followed one by one. Of many, only those matter that carry a flag or fall back behind the one
-before; these are found as an array, and the rest is passed over.
+Only those headings matter that carry a flag or fall back behind the one before. In an undisturbed stream it is told
+which these are (`FalsePackets.passing`).
 """
 
 from __future__ import annotations
 
 from bisect import bisect_left
 from collections import deque
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -73,51 +74,59 @@ class Seam:
         self._recent: deque[Headings] = deque(maxlen=_RECENT)
         self._headings: Headings = ()
 
-    def splits(self, headings: Headings) -> list[Split]:
-        """Where revolutions begin among `headings`, the next ones of the stream."""
-        self._headings = headings
-        found = self._splits(headings)
-        self._recent.append(headings)
-        return found
+    def splits(self, headings: Headings, passing: Sequence[int] | None = None) -> list[Split]:
+        """Where revolutions begin among `headings`.
 
-    def _splits(self, headings: Headings) -> list[Split]:
-        if len(headings) <= 1:
-            split = self._step(0, int(headings[0])) if len(headings) else None
-            return [] if split is None else [split]
+        Args:
+            headings: Those of the next packets.
+            passing: As `FalsePackets.passing`; None where that is not known.
+        """
+        self._headings = headings
         found: list[Split] = []
-        if isinstance(headings, np.ndarray):
+        flagged: Sequence[int] = ()
+        if len(headings) == 1:
+            # As where a port is not polled: it need not be followed, as one with a flag.
+            flagged = (0,)
+        elif isinstance(headings, np.ndarray):
             flags = headings >= BEGINS
             flagged = flags.nonzero()[0].tolist() if np.count_nonzero(flags) else ()
-        elif self._skip(headings, 0, found):
-            return found
-        else:
+        elif headings and max(headings) >= BEGINS:
             flagged = [at for at, heading in enumerate(headings) if heading >= BEGINS]
-        begin = 0
-        for at in flagged:
-            self._follow(headings[begin:at], begin, found)
-            split = self._step(at, int(headings[at]))
-            if split:
-                found.append(split)
-            begin = at + 1
-        self._follow(headings[begin:], begin, found)
+        if passing is not None and self.angle == 0 and not flagged:
+            self._rise(headings, headings, 0, passing, found)
+        else:
+            begin = 0
+            for at in flagged:
+                if begin < at:
+                    self._follow(headings[begin:at], begin, found)
+                split = self._step(at, int(headings[at]))
+                if split:
+                    found.append(split)
+                begin = at + 1
+            if begin < len(headings):
+                self._follow(headings[begin:], begin, found)
+        self._recent.append(headings)
         return found
 
     def _follow(self, headings: Headings, offset: int, found: list[Split]) -> None:
         """Step along headings without flags, `offset` on from the first."""
-        if len(headings) and not self._skip(headings, offset, found):
-            plain = headings.tolist() if isinstance(headings, np.ndarray) else headings
-            found += [split for at, heading in enumerate(plain, offset) if (split := self._step(at, heading))]
+        angle, full_turn = self.angle, self._full_turn
+        if angle is None:
+            found += [split for at, each in enumerate(headings, offset) if (split := self._step(at, int(each)))]
+        elif isinstance(headings, np.ndarray):
+            away = (headings - angle) % full_turn if angle else headings
+            self._rise(headings, away, offset, ((away[1:] < away[:-1]).nonzero()[0] + 1).tolist(), found)
+        else:
+            few = [(heading - angle) % full_turn for heading in headings] if angle else headings
+            # Sorting what is sorted is faster than any comparing by hand.
+            rises = sorted(few) == few
+            falls = () if rises else [at for at in range(1, len(few)) if few[at] < few[at - 1]]
+            self._rise(headings, few, offset, falls, found)
 
-    def _skip(self, headings: Headings, offset: int, found: list[Split]) -> bool:
-        """As `_follow`, but step only onto those that fall back; False where each has to be stepped onto."""
-        away = headings
-        if self.angle and isinstance(headings, np.ndarray):
-            away = (headings - self.angle) % self._full_turn
-        elif self.angle != 0:
-            return False
-        falls = _falls(away)
-        if falls is None:
-            return False
+    def _rise(
+        self, headings: Headings, away: Headings, offset: int, falls: Sequence[int], found: list[Split]
+    ) -> None:
+        """As `_follow`, but step only onto those that fall back, behind which `away` from the seam all rise."""
         begin = 0
         for end in (*falls, len(away)):
             if begin < end:
@@ -125,18 +134,13 @@ class Seam:
                 if split:
                     found.append(split)
             if begin + 1 < end:
-                self._rise(away, begin, end)
+                self._last = int(away[end - 1])
+                if self._last >= self._near:
+                    self._passed_unmarked = False
+                    if not self._armed:
+                        beyond = max(begin + 1, bisect_left(away, self._near, begin, end))
+                        self._armed = self._forward(int(away[beyond - 1]), int(away[beyond]))
             begin = end
-        return True
-
-    def _rise(self, away: Headings, begin: int, end: int) -> None:
-        """As a walk over readings that rise from the first one, which was stepped onto."""
-        self._last = int(away[end - 1])
-        if self._last >= self._near:
-            self._passed_unmarked = False
-            if not self._armed:
-                beyond = max(begin + 1, bisect_left(away, self._near, begin, end))
-                self._armed = self._forward(int(away[beyond - 1]), int(away[beyond]))
 
     def _step(self, index: int, heading: int) -> Split | None:
         if heading >= BEGINS:
@@ -200,21 +204,3 @@ class Seam:
         if belated and not moved:
             return None
         return Split(index, marked=True, broken=False, moved=moved, seam=self.angle)
-
-
-def _falls(headings: Headings) -> list[int] | None:
-    """Which headings fall back behind the one before; None where a list has several such, or one with a flag.
-
-    An array has no flags.
-    """
-    if isinstance(headings, np.ndarray):
-        fell = headings[1:] < headings[:-1]
-        return [at + 1 for at in fell.nonzero()[0].tolist()] if np.count_nonzero(fell) else []
-    # Sorting what is sorted is faster than any comparing by hand.
-    rising = sorted(headings)
-    if rising[-1] >= BEGINS:
-        return None
-    if rising == headings:
-        return []
-    lowest = headings.index(rising[0])
-    return [lowest] if [*headings[lowest:], *headings[:lowest]] == rising else None

@@ -16,10 +16,8 @@ then keeps it.
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import replace
 from typing import Final
 
 from lidario.families.base import Samples
@@ -45,6 +43,7 @@ from lidario.samples import read_only
 from lidario.scan import Scan
 from lidario.sector import Sector
 from lidario.wire.blocks import Block, packet_offsets
+from lidario.wire.copies import copy_of
 from lidario.wire.events import Packets
 from lidario.wire.formats import BEGINS, HEADING_MASK, Headings
 
@@ -63,6 +62,7 @@ class SectorAssembler(Assembler):
 
     def __init__(self, other: Assembler, publish: Callable[[int, Sector], None]) -> None:
         vars(self).update(vars(other))
+        other.ended += 1
         self._publish_sector = publish
         self._parts: tuple[int, ...] = ()
         self._divided: DividedRevolution | None = None
@@ -124,7 +124,7 @@ class SectorAssembler(Assembler):
         if not self._parts or not sure or partial.seam is None or not self._sample_time_ns:
             return None
         began = first & HEADING_MASK if first & BEGINS else partial.seam
-        here = DividedRevolution(partial, began, self._stream.decoder.fork(), self._stream.zero_offset_deg)
+        here = DividedRevolution(partial, began, self._decoder.fork(), self._stream.zero_offset_deg)
         here.ends = ends_of(wire.full_turn, self._parts)
         here.open = {count: OpenSector() for count in self._parts}
         if here.samples:
@@ -197,7 +197,7 @@ class SectorAssembler(Assembler):
         mode, wire, sample_ns = self._stream.mode, self._stream.format, self._sample_time_ns
         # When the first sample of the revolution was measured, as far as the packets so far tell.
         packet_bytes = here.bytes / here.packets if here.packets else wire.shortest
-        start_ns = earliest_ns([here.first_ns], sample_ns, packet_bytes * self._byte_ns)
+        start_ns = earliest_ns(here.first_ns, sample_ns, packet_bytes * self._byte_ns)
         if here.seq is None:
             here.seq = self._number(here, start_ns)
         lost = here.lost - done.lost
@@ -231,7 +231,8 @@ class SectorAssembler(Assembler):
 
     @property
     def _sample_time_ns(self) -> float:
-        return self._by_speed_ns or self.incoming.time.known_ns
+        time = self.incoming.time
+        return self._by_speed_ns or time.ns or time.measured_ns
 
     def _number(self, here: DividedRevolution, start_ns: int) -> int:
         """The number of the revolution; those that passed unseen before it are counted."""
@@ -248,7 +249,7 @@ class SectorAssembler(Assembler):
             late = samples.certain and start_ns - from_end_ns > NOISE * turn_ns
             # A copy follows: at the end of the revolution more is known, and remembered.
             here.unseen = (
-                copy.copy(self._clock)
+                copy_of(self._clock)
                 .follow(
                     Beginning(
                         from_end_ns if late else start_ns,
@@ -298,10 +299,10 @@ class SectorAssembler(Assembler):
         first = Packets(following, (Block(len(following), 1),), ((1, 0),))
         next_at = wire.full_turn + away_of(wire.headings(first), here.began, wire.full_turn)[0]
         left = 0 if here.rest is None else len(here.rest)
-        last = self._take(here, behind, next_at, seam)
+        crossed = left + self._take(here, behind, next_at, seam).before_seam
         samples = self._of_revolution(here, packets, behind, room, seam)
         if not (split.broken or split.moved):
-            self._ending = here, left + last.before_seam
+            self._ending = here, crossed
         self._told_seq, self._told_unseen = here.seq, here.unseen
         return samples
 
@@ -329,12 +330,11 @@ class SectorAssembler(Assembler):
         assert arrays is not None
         if here.pieces:
             arrays = join_pieces([*here.pieces, arrays])
-        fresh = sum(piece.ends[-1] for piece in pieces[:-1])
-        before_seam = fresh + pieces[-1].before_seam
+        before_seam = sum([piece.ends[-1] for piece in pieces[:-1]]) + pieces[-1].before_seam
         if any(piece.lost or not piece.certain for piece in pieces):
-            found = self._stream.decoder.decode(packets, following, room, seam)
+            found = self._decoder.decode(packets, following, room, seam)
         else:
-            self._stream = replace(self._stream, decoder=here.decoder)
+            self._decoder = here.decoder
             found = sum_of(pieces)
         found.angle_deg, found.distance_mm, found.intensity = arrays.angle, arrays.distance, arrays.intensity
         found.before_seam = before_seam

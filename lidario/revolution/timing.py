@@ -9,7 +9,6 @@ when the revolution began, each too late by what delayed that packet, and the ea
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 from lidario.revolution.ended import EndedRevolution
 
@@ -36,7 +35,7 @@ def first_sample_ns(ended: EndedRevolution, *, packet_bytes: float, byte_ns: flo
             estimate = at_ns - (before + ends[count - 1]) * sample_ns
             if estimate < earliest:
                 earliest = estimate
-        return round(earliest - DEVICE_DELAY_SAMPLES * sample_ns - packet_bytes * byte_ns)
+        return earliest_ns(earliest, sample_ns, packet_bytes * byte_ns)
     gaps = list(samples.gaps)
     if carried and revolution.lost_behind_carried:
         gaps.insert(0, (0, revolution.skipped_behind_carried))
@@ -52,12 +51,12 @@ def first_sample_ns(ended: EndedRevolution, *, packet_bytes: float, byte_ns: flo
             # Behind a gap the number of samples since the beginning is not known.
             break
         earliest = min(at_ns - (before + end) * sample_ns, earliest)
-    return round(earliest - DEVICE_DELAY_SAMPLES * sample_ns - packet_bytes * byte_ns)
+    return earliest_ns(earliest, sample_ns, packet_bytes * byte_ns)
 
 
-def earliest_ns(estimates: Sequence[float], sample_ns: float, wire_ns: float) -> int:
-    """The earliest of several estimates, without what delays every packet: the device and the line."""
-    return round(min(estimates) - DEVICE_DELAY_SAMPLES * sample_ns - wire_ns)
+def earliest_ns(estimate: float, sample_ns: float, wire_ns: float) -> int:
+    """The earliest of the estimates, without what delays every packet: the device and the line."""
+    return round(estimate - DEVICE_DELAY_SAMPLES * sample_ns - wire_ns)
 
 
 def byte_ns_at(baudrate: int) -> float:

@@ -48,6 +48,7 @@ class WholeAssembler(Assembler):
 
     def ends(self, event: Packets) -> Iterator[list[Scan]]:
         # None is false: all begin at the same angle.
+        ended = self.ended
         for packets, _ in self.incoming.take(event):
             offsets, done = packet_offsets(packets.blocks), 0
             try:
@@ -60,6 +61,8 @@ class WholeAssembler(Assembler):
                     self.stats.scan_packets += 1
                     self._told(scan)
                     yield [scan]
+                    if self.ended != ended:
+                        return
             finally:
                 self.stats.discarded_packets += packets.count - done
 
@@ -87,10 +90,10 @@ class WholeAssembler(Assembler):
 
     def _scan_of(self, packet: Packets, came_ns: float) -> Scan:
         stream = self._stream
-        samples = stream.decoder.decode(packet, None)
+        samples = self._decoder.decode(packet, None)
         count, sample_ns, turn_ns = len(samples.distance_mm), stream.sample_ns, self._turn_ns
         wire_ns = len(packet.data) * self._byte_ns
-        start_ns = earliest_ns([came_ns - (count - 1) * sample_ns], sample_ns, wire_ns)
+        start_ns = earliest_ns(came_ns - (count - 1) * sample_ns, sample_ns, wire_ns)
         interval_ns = turn_ns or math.nan
         if self._last_ns is not None and turn_ns:
             start_ns = max(start_ns, self._last_ns)
@@ -119,6 +122,7 @@ class WholeSectors(WholeAssembler):
 
     def __init__(self, other: Assembler, publish: Callable[[int, Sector], None]) -> None:
         vars(self).update(vars(other))
+        other.ended += 1
         self._publish_sector = publish
         self._parts: tuple[int, ...] = ()
 

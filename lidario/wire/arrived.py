@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
-from copy import copy
+from typing import Any
 
+from lidario.wire.copies import copy_of
 from lidario.wire.events import Arrival
 from lidario.wire.formats import StreamFormat
 
@@ -43,29 +44,20 @@ class ArrivedBytes(list[Arrival]):
         return max(size for size, came_ns in self if came_ns <= at_ns)
 
 
-class NoiseSearch:
-    """A search for packets behind damage, to be made again with the bytes that were there at an earlier time.
+def finds_packets(wire: StreamFormat, before: dict[str, Any], shown: bytearray) -> bool:
+    """Whether a search for packets behind damage finds one in the bytes that were there at an earlier time.
 
     Args:
-        wire: The format that follows the stream, as it is before the search.
-        begin: Where in the buffer it begins.
+        wire: The format that follows the stream.
+        before: Its fields as they were when the search began.
+        shown: The bytes.
     """
-
-    def __init__(self, wire: StreamFormat, begin: int) -> None:
-        self._wire = wire
-        # Hardly one is made again, and to copy a format takes 40 us where it is done once a revolution.
-        self._before = vars(wire).copy()
-        self._begin = begin
-
-    def finds(self, data: bytearray, end: int) -> bool:
-        """Whether it finds a packet in the buffer, when nothing stands behind `end`."""
-        wire = copy(self._wire)
-        vars(wire).update(self._before)
-        shown, at = data[self._begin : end], 0
-        while True:
-            stretch = wire.next_stretch(shown, at)
-            if stretch.packets:
-                return True
-            if stretch.end == at:
-                return False
-            at = stretch.end
+    wire, at = copy_of(wire), 0
+    vars(wire).update(before)
+    while True:
+        stretch = wire.next_stretch(shown, at)
+        if stretch.packets:
+            return True
+        if stretch.end == at:
+            return False
+        at = stretch.end

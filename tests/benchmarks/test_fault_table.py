@@ -117,7 +117,7 @@ def test_a_watchdog_that_sleeps_hangs(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_foreign_exception_is_a_crash(monkeypatch: pytest.MonkeyPatch) -> None:
-    def blunder(seam: Seam, headings: object) -> list[object]:
+    def blunder(*_: object) -> list[object]:
         raise IndexError("a bug")
 
     monkeypatch.setattr(Seam, "splits", blunder)

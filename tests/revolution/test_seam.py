@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -47,6 +48,19 @@ def test_few_readings_far_from_the_seam(headings: list[int], found: list[int]) -
     assert [split.packet for split in together.splits(headings)] == found
     assert [split.packet for split in array.splits(np.array(headings))] == found
     assert [number for number, heading in enumerate(headings) if single.splits([heading])] == found
+
+
+@pytest.mark.parametrize("kind", [list[int], np.array])
+@pytest.mark.parametrize("before", [[35_950], [10], [20_000, 35_950], [10, 35_950], [20_000, 35_900, 10, 35_950]])
+def test_what_passes_0_may_be_told(before: list[int], kind: Callable[[Any], Any]) -> None:
+    """Also where the rotor trembled over the seam before."""
+    headings = [(before[-1] + 1_500 * number) % TURN for number in range(1, 60)]
+    passing = [at for at, heading in enumerate(headings) if heading < 1_500]
+    told, alone = Seam(TURN, 0), Seam(TURN, 0)
+    for seam in (told, alone):
+        seam.splits(before)
+    found = told.splits(kind(headings), passing)
+    assert [split.packet for split in found] == [at for at in range(59) if alone.splits([headings[at]])]
 
 
 @pytest.mark.parametrize("seam", [0, 9_000, 18_000, 35_999])

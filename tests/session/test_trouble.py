@@ -97,7 +97,7 @@ async def test_a_lost_line_ends_every_stream_and_is_told_once(caplog: pytest.Log
 
 
 async def test_a_mistake_of_ours_ends_the_stream_and_says_so(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
-    def blunder(seam: Seam, headings: object) -> list[Scan]:
+    def blunder(*_: object) -> list[Scan]:
         raise IndexError("a bug")
 
     async with rig.read() as (_, stream):

@@ -53,12 +53,14 @@ class CapsuleDecoder(ArcDecoder):
     def _heads(self, packets: Packets, following: bytes | None) -> Heads:
         words = np.frombuffer(packets.data, "<u2").reshape(-1, self.wire.shortest // 2)
         column = self.wire.start_at // 2
-        starts = _in_range(words[:, column].astype(np.int32))
+        starts: Ints = words[:, column].astype(np.int32)
+        if np.maximum.reduce(starts) >= FULL_TURN_Q6:
+            # Mostly none has the flag beside it.
+            starts = (starts & ANGLE_MASK) % FULL_TURN_Q6
         if following is None:
             return Heads(starts, None, self.wire.samples, None, (words, None))
-        after = np.frombuffer(following, "<u2")
-        behind = (int(after[column]) & ANGLE_MASK) % FULL_TURN_Q6
-        return Heads(starts, behind, self.wire.samples, None, (words, after))
+        behind = int.from_bytes(following[2 * column : 2 * column + 2], "little")
+        return Heads(starts, (behind & ANGLE_MASK) % FULL_TURN_Q6, self.wire.samples, None, (words, following))
 
     def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:
         at_equal_steps(starts_and_arcs(heads.first, arcs.arc), self.wire.samples, output.angle)
@@ -70,7 +72,7 @@ class CapsuleDecoder(ArcDecoder):
         output.last = 0.0 if is_cut else float(output.distance[-1, -1])
 
     @abstractmethod
-    def _payload(self, words: Words, after: Words | None, skipped: NDArray[np.intp] | None, output: Output) -> None:
+    def _payload(self, words: Words, after: bytes | None, skipped: NDArray[np.intp] | None, output: Output) -> None:
         """Write distances and intensities, and take corrections off the angles.
 
         Args:
@@ -118,7 +120,7 @@ class UltraDecoder(CapsuleDecoder):
     def _payload(self, words: Words, after: Any, skipped: Any, output: Output) -> None:
         # Behind the first four bytes of a capsule, each cabin has four.
         cabins = words.view("<u4")[:, 1:].astype(np.intp)
-        millimetres = ultra_cabins(cabins, None if after is None else int(after[2]), skipped)
+        millimetres = ultra_cabins(cabins, None if after is None else int.from_bytes(after[4:6], "little"), skipped)
         output.distance[...] = millimetres
         output.angle -= self._corrections.take(millimetres)
 
@@ -141,8 +143,3 @@ class UltraDenseDecoder(CapsuleDecoder):
     def _remember(self, heads: Heads, last: float) -> None:  # noqa: ARG002
         # For the smoothing of the next distance.
         self._last_q2 = int(last * 4)
-
-
-def _in_range(starts: Ints) -> Ints:
-    """Start angles without the flag beside them, below 360 degrees; mostly they are so already."""
-    return starts if np.maximum.reduce(starts) < FULL_TURN_Q6 else (starts & ANGLE_MASK) % FULL_TURN_Q6

@@ -34,17 +34,14 @@ CAPSULES_WORTH_AN_ARRAY: Final = 160
 capsule, an array 8 us; live, where numpy is cold once a revolution, 50 and 90 us for 80 capsules."""
 
 
-def _whole_xor() -> NDArray[np.uint16]:
-    heads = np.arange(1 << 16)
-    first, second = heads & 0xFF, heads >> 8
-    whole = first ^ second ^ (first & 0xF | (second & 0xF) << 4)
-    return np.where((first >> 4 == 0xA) & (second >> 4 == 0x5), whole, 256).astype(np.uint16)
+def _heads_of() -> NDArray[np.uint16]:
+    words = np.arange(1 << 16, dtype=np.uint16)
+    folded = (words ^ words >> 8) & 0xFF
+    return (0x50A0 | folded & 0xF | (folded & 0xF0) << 4).astype(np.uint16)
 
 
-_WHOLE_XOR = _whole_xor()
-"""By its first two bytes: what the XOR of an intact packet is; 256 where they begin none."""
-_FOLDED = np.bitwise_xor(np.arange(1 << 16, dtype=np.uint16), np.arange(1 << 16, dtype=np.uint16) >> 8) & 0xFF
-"""By two bytes: their XOR."""
+_HEADS: Final = _heads_of()
+"""By the XOR of all words of an intact packet but the first: what the first one is."""
 
 
 class CapsuleFormat(RowFormat):
@@ -87,8 +84,10 @@ class CapsuleFormat(RowFormat):
     def _intact_rows(self, data: bytearray, at: int, count: int) -> NDArray[np.bool_]:
         step = self.shortest // 2
         words = np.frombuffer(data, "<u2", count * step, at)
-        folded = _FOLDED.take(np.bitwise_xor.reduceat(words, row_begins(count, step)))
-        intact: NDArray[np.bool_] = folded == _WHOLE_XOR.take(words[::step])
+        first = words[::step]
+        intact: NDArray[np.bool_] = first == _HEADS.take(
+            first ^ np.bitwise_xor.reduceat(words, row_begins(count, step))
+        )
         return intact
 
 

@@ -20,12 +20,13 @@ from lidario.errors import LidarError
 from lidario.families.base import Stream
 from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.pipeline import Pipeline
+from lidario.revolution.sectors import SectorAssembler
+from lidario.revolution.whole import WholeSectors
 from lidario.scan import Scan
 from lidario.sector import Sector
 from lidario.session.finding.connection import At
 from lidario.session.streaming.pace import Pace
 from lidario.session.streaming.sectors import SectorPace
-from lidario.session.talking.intake import TakePackets
 from lidario.wire.events import Packets
 
 _log = logging.getLogger("lidario")
@@ -112,7 +113,7 @@ class Running:
             stream, self._baudrate, self._wall_offset_ns, totals.assembled, link=dialogue.link
         )
         self._pace = Pace(stream, self._baudrate, latency, dialogue.stats.bytes_received)
-        self._take_packets: TakePackets = self._take
+        self._sectors: tuple[SectorPace, SectorAssembler | WholeSectors] | None = None
         self._delivered = False
         self._watchdog: asyncio.TimerHandle | None = None
         self._keepalive: asyncio.TimerHandle | None = None
@@ -138,7 +139,7 @@ class Running:
             continues=self._totals.assembled.left_off is not None,
         )
         self._delivered = True
-        self._dialogue.deliver_to(self._take_packets)
+        self._dialogue.deliver_to(self._take)
         self._dialogue.port.set_polling(self._latency, self._pace)
         if self._dialogue.port.is_live:
             self._watch()
@@ -175,22 +176,19 @@ class Running:
         whole, assembler = self._pipeline.assembler, self._pipeline.divide(parts, self._outlets.sector)
         if assembler is not whole:
             # Only from now on does a stream cost what sectors cost.
-            pace = self._pace = SectorPace(self._pace)
-
-            def take(packets: Packets) -> Iterator[None]:
-                yield from self._take(packets)
-                pace.expect(assembler.next_ns)
-
-            self._take_packets = take
+            self._pace = SectorPace(self._pace)
+            self._sectors = self._pace, assembler
             if self._delivered:
-                self._dialogue.deliver_to(take)
-                self._dialogue.port.set_polling(self._latency, pace)
+                self._dialogue.port.set_polling(self._latency, self._pace)
 
     def _take(self, packets: Packets) -> Iterator[None]:
         self._last_packet = self._loop.time()
         for scans in self._pipeline.take(packets):
             self._show(scans)
             yield
+        if self._sectors is not None:
+            pace, assembler = self._sectors
+            pace.expect(assembler.next_ns)
 
     def _show(self, scans: Sequence[Scan]) -> None:
         for scan in scans:
