@@ -93,6 +93,14 @@ class Scanner:
         if not len(self.hub) and self.control.is_scanning:
             self.hub.linger()
 
+    def rest_soon(self) -> None:
+        """Stop the device a second later, unless a stream is wanted by then: it may turn, and nobody reads.
+
+        Some turn from power-up on, others where their port is opened, and any may after a restart.
+        """
+        if not self.control.is_scanning and not self._at.dialogue.stopper.still:
+            self.hub.linger()
+
     async def left(self) -> None:
         if self._loop.is_closed():
             return  # the coroutine is being collected, and nothing can be waited for
@@ -180,7 +188,7 @@ class Scanner:
             if self._at.dialogue is not dialogue or (dialogue.fatal is not None and self.control.is_away):
                 raise DeviceLost("the line to the lidar was lost before this request was sent: ask again")
             dialogue.begin()
-            before = dialogue.dtr
+            before, was_still = dialogue.dtr, dialogue.stopper.still
             try:
                 if self.control.state is State.RUNNING:
                     self.control.pause()
@@ -196,6 +204,9 @@ class Scanner:
                 if dialogue.dtr is not before and not self.control.is_scanning:
                     # It had to be woken to hear this.
                     dialogue.stop_device()
+                elif was_still:
+                    # It may have been restarted.
+                    self.rest_soon()
                 self._resume()
 
     async def retune(self) -> None:
@@ -270,8 +281,11 @@ class Scanner:
         self._starter.work_soon()
 
     def _deserted(self) -> None:
-        """The last reader has been gone for a second."""
-        if self.control.is_scanning:
+        """Nobody has read for a second."""
+        if self._lock.locked() and not self.control.is_scanning:
+            # A question, or a restart: nothing is written amid it.
+            self.hub.linger()
+        else:
             self.control.unwant()
 
     def _check_open(self) -> None:
