@@ -33,6 +33,8 @@ _log = logging.getLogger("lidario")
 
 RESPONSE_S = 0.02
 """Time in which a healthy device has responded."""
+UNCONFIRMED_S = 1.0
+"""How long a device may run at another speed that was measured and not confirmed. No document tells; assumed."""
 _AWAITING = LinkState.AWAIT_RESPONSE
 
 
@@ -217,6 +219,16 @@ class Dialogue(Intake, Waiting):
             self.write((request,))
         return listens
 
+    def go_back_to(self, baudrate: int) -> None:
+        """Have the line at a speed again, where another one was begun to be measured.
+
+        The device may have taken that one, and hears nothing until it has gone back.
+        """
+        self._readiness.measures_speed = False
+        if self.port.baudrate != baudrate:
+            self._readiness.pause(UNCONFIRMED_S)
+            self.port.set_baudrate(baudrate)
+
     # ------------------------------------------------------------------------------------------------ stopping
 
     def stop_device(self) -> None:
@@ -292,6 +304,7 @@ class Dialogue(Intake, Waiting):
         if settle := max((request.settle for request in new), default=0.0):
             self._readiness.pause(settle)
         for request in requests:
+            self._readiness.measures_speed = request.baudrate is not None
             if request.baudrate is not None:
                 self.port.set_baudrate(request.baudrate)
             self.link.send_request(request)
@@ -319,10 +332,12 @@ class Dialogue(Intake, Waiting):
             if self._ends is not None:
                 raise twin_of(self._ends)
             now, until = self._loop.time(), self._readiness.next_question_at()
-            if self.stopper.wanted:
+            # What has begun to measure the line's speed goes on: the stop requests wait for it.
+            stops = self.stopper.wanted and not self._readiness.measures_speed
+            if stops:
                 until = now + PATIENCE_S
             elif not until:
                 return
             # What is received does not shorten a pause that the device demands.
-            busy = self.stopper.wanted or self.link.state is _AWAITING
+            busy = stops or self.link.state is _AWAITING
             await self.wait(until - now, Awaited.CHANGE if busy else Awaited.TIME)
