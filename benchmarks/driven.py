@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import gc
 import json
+import math
 import sys
 import tracemalloc
 from typing import Any
@@ -90,4 +91,5 @@ async def _trace(stream: lidario.ScanStream) -> dict[str, float]:
 
 if __name__ == "__main__":
     with asyncio.Runner(loop_factory=DrivenLoop) as runner:
+        runner.get_loop().most_turns = math.inf  # type: ignore[attr-defined]
         print(json.dumps(runner.run(drive(json.loads(sys.argv[1])))))
