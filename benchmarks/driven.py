@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import gc
 import json
-import math
 import sys
 import tracemalloc
 from typing import Any
@@ -18,7 +17,7 @@ import lidario
 from benchmarks.relayed import Relayed
 from benchmarks.streams import RATES
 from benchmarks.usage import resident_mb
-from tests.support.loop import DrivenLoop
+from tests.support.loop import endless_loop
 
 _STEP_NS = 20_000_000
 _TRACED = 50
@@ -90,6 +89,5 @@ async def _trace(stream: lidario.ScanStream) -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    with asyncio.Runner(loop_factory=DrivenLoop) as runner:
-        runner.get_loop().most_turns = math.inf  # type: ignore[attr-defined]
+    with asyncio.Runner(loop_factory=endless_loop) as runner:
         print(json.dumps(runner.run(drive(json.loads(sys.argv[1])))))

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import asyncio
 import gc
-import math
 import random
 import time
 from collections.abc import Awaitable, Callable, Sequence
@@ -100,7 +99,6 @@ class Life:
         """
         loop = asyncio.get_running_loop()
         assert isinstance(loop, DrivenLoop)
-        loop.most_turns = math.inf
         self._loop = loop
         self._watch = Watch(self._line, loop)
         self._readers.own_tasks = self._watch.own_tasks

@@ -7,6 +7,7 @@ arrive any more, else when the loop has gone round more often than any test need
 from __future__ import annotations
 
 import asyncio
+import math
 import selectors
 import threading
 from collections.abc import Awaitable, Callable
@@ -53,7 +54,7 @@ class DrivenLoop(asyncio.SelectorEventLoop):
 
     Attributes:
         turns: Times the loop has gone round, for tests that act at every step.
-        most_turns: How often it may; infinite for what is no test, and may take as long as it likes.
+        most_turns: How often it may.
     """
 
     def __init__(self) -> None:
@@ -93,6 +94,13 @@ class DrivenLoop(asyncio.SelectorEventLoop):
         if self.at_turn is not None:
             self.at_turn(self.turns)
         super()._run_once()  # type: ignore[misc]
+
+
+def endless_loop() -> DrivenLoop:
+    """One for what is no test, and may take as long as it likes."""
+    loop = DrivenLoop()
+    loop.most_turns = math.inf
+    return loop
 
 
 def driven_loop() -> DrivenLoop:
