@@ -83,9 +83,11 @@ class Lidar(Streams, AsyncOnly):
         self._loop = asyncio.get_running_loop()
         self._abandoned = weakref.finalize(self, _abandon, at, self._scanner, reconnector)
         connection.half_open.release()
-        # Not on a bench, which drives the device below the session.
+        # Not on a bench, which drives the device below the session. It may turn from power-up on, or since its port
+        # was opened: the first reader need not wait for that.
+        self._scanner.rests = rests
         if rests:
-            self._scanner.rest_soon()
+            self._scanner.hub.linger()
 
     def __repr__(self) -> str:
         state = "scanning" if self.is_scanning else "idle"

@@ -65,6 +65,11 @@ class Hub:
         return bool(self._mailboxes)
 
     @property
+    def lingers(self) -> bool:
+        """Whether `deserted` is about to be called."""
+        return self._linger is not None
+
+    @property
     def is_waiting(self) -> bool:
         """Whether every reader has taken all its scans."""
         return all(mailbox.is_empty for mailbox in self._mailboxes)

@@ -15,6 +15,8 @@ CLOCK_S = 1e-6
 """A timer may fire that little early, by the resolution of the loop's clock: its time has come all the same."""
 LATEST_RESPONSE_S = 2.0
 """Behind its request, a response may come so late from a device that takes its time; none is waited for longer."""
+UNCONFIRMED_S = 1.0
+"""How long a device may run at another speed that was measured and not confirmed. No document tells; assumed."""
 _AWAITING = LinkState.AWAIT_RESPONSE
 _DECIDED_S = 0.02
 """How often it is looked whether another speed of the line has been decided; that takes 1.5 s at most."""
