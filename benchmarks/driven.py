@@ -17,7 +17,7 @@ import lidario
 from benchmarks.relayed import Relayed
 from benchmarks.streams import RATES
 from benchmarks.usage import resident_mb
-from tests.support.loop import DrivenLoop
+from tests.support.loop import endless_loop
 
 _STEP_NS = 20_000_000
 _TRACED = 50
@@ -89,5 +89,5 @@ async def _trace(stream: lidario.ScanStream) -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    with asyncio.Runner(loop_factory=DrivenLoop) as runner:
+    with asyncio.Runner(loop_factory=endless_loop) as runner:
         print(json.dumps(runner.run(drive(json.loads(sys.argv[1])))))

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from lidario.loading import load
+from lidario.loading import keep
 from lidario.version import __version__
 
 if TYPE_CHECKING:
@@ -194,9 +194,7 @@ def __getattr__(name: str) -> object:
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     home = next((module for module, names in _HOMES.items() if name in names), "errors")
-    value: object = getattr(load(f"{__name__}.{home}"), name)
-    globals()[name] = value
-    return value
+    return keep(__name__, name, f"{__name__}.{home}")
 
 
 def __dir__() -> list[str]:

@@ -1,4 +1,4 @@
-"""Loading a module at its first use, so that a Ctrl-C meanwhile does no harm.
+"""Loading a module, or a public name, at its first use, so that a Ctrl-C meanwhile does no harm.
 
 numpy cannot be imported again in a process where its first import was interrupted. Python raises KeyboardInterrupt
 in the main thread alone, so there another thread imports it. A Ctrl-C then ends only the waiting, and the import is
@@ -13,6 +13,13 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from types import ModuleType
+
+
+def keep(package: str, name: str, home: str) -> object:
+    """For a package's ``__getattr__``: load a public name from the module in which it lives, and keep it there."""
+    value: object = getattr(load(home), name)
+    setattr(sys.modules[package], name, value)
+    return value
 
 
 def load(name: str) -> ModuleType:

@@ -35,7 +35,7 @@ OF_SYSTEM = {*SANS_IO, "io", "logging", "os", "pathlib", "random", "sys", "tempf
 BESIDE_THE_PUBLIC_NAMES = {
     "cli": ("cli", "conformance", "families.adapters", "families.registry", "recording", "ros", "sim", "web"),
     "web": ("filters", "web"),
-    "testing": ("arguments", "conformance", "sim", "testing"),
+    "testing": ("arguments", "conformance", "loading", "sim", "testing"),
 }
 """What may be imported by those that else use the names that a user would."""
 NAMES_OF_VENDORS = re.compile(

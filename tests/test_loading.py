@@ -40,7 +40,9 @@ print("it goes on")
 """
 
 
-@pytest.mark.parametrize("use", ["lidario.Scan", "from lidario.testing import make_scan"])
+@pytest.mark.parametrize(
+    "use", ["lidario.Scan", "from lidario.testing import make_scan", "from lidario.ros import pointcloud2"]
+)
 def test_a_program_that_was_interrupted_goes_on(use: str) -> None:
     ended = subprocess.run(
         [sys.executable, "-W", "error", "-c", PROGRAM.format(use=use)],

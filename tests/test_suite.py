@@ -24,7 +24,7 @@ from tests.support.discards import all_obeyed, devices_made, some_discarded
 from tests.support.environment import obey_signals
 from tests.support.leaks import leaves_nothing
 from tests.support.ledger import BYTES, PACKETS, assert_stats_close, ledgers_made
-from tests.support.loop import driven
+from tests.support.loop import driven, driven_loop, run_driven
 
 ROOT = Path(__file__).parent.parent
 PATIENCE_S = 60.0
@@ -196,6 +196,19 @@ def test_signals_that_the_parent_ignores_are_obeyed(name: str) -> None:
         assert signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler)
     finally:
         signal.signal(number, before)
+
+
+def test_what_goes_on_for_ever_on_a_driven_loop_fails() -> None:
+    """A device that sends, or a timer that comes again, keeps the clock going."""
+
+    async def main() -> None:
+        driven_loop().most_turns = 1000
+        async with make_rig("rplidar").read() as (_, stream):
+            async for _ in stream:
+                pass
+
+    with pytest.raises(AssertionError, match=r"gone round 1000 times, \d+ s .*: this would go on for ever"):
+        run_driven(main)
 
 
 @pytest.mark.long

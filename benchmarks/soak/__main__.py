@@ -20,7 +20,7 @@ from benchmarks.soak.hour import Hour
 from benchmarks.soak.life import MODELS, Life
 from benchmarks.soak.watch import Broken
 from benchmarks.usage import resident_mb
-from tests.support.loop import DrivenLoop
+from tests.support.loop import endless_loop
 
 _WARM_UP = 3  # hours in which caches fill
 _MOST_GROWTH_MB = 8.0
@@ -33,7 +33,7 @@ def live(family: str, seed: int, hour: int, seconds: float = 3600.0, without: Se
         Broken: An invariant does not hold.
     """
     life = Life(family, 1000 * seed + hour, seconds, without)
-    with asyncio.Runner(loop_factory=DrivenLoop) as runner:
+    with asyncio.Runner(loop_factory=endless_loop) as runner:
         return runner.run(life.run())
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import math
 import random
 import sys
 import tempfile
@@ -29,7 +30,7 @@ from benchmarks.usage import resident_mb
 from lidario.recording.decode_file import FileDecoder
 from tests.support.cable import Cable, cable_to
 from tests.support.devices import make_rig
-from tests.support.loop import run_driven
+from tests.support.loop import driven_loop, run_driven
 
 FAMILY = "ldrobot"
 DAMAGE = "drop:0.001%"
@@ -94,6 +95,7 @@ def live(
     day = Day()
 
     async def main() -> None:
+        driven_loop().most_turns = math.inf
         rig = make_rig(family)
         line = BadLine(rig.device, STEP_NS)
         line.damage(DAMAGE, seed, 0)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
-import tempfile
 from collections.abc import Iterable, MutableMapping
 from dataclasses import fields
 from math import degrees
@@ -16,6 +14,7 @@ from lidario.config.read import FILTERS, parse_filter, read_config
 from lidario.errors import InvalidValue, Unsupported
 from lidario.filters.base import Filter
 from lidario.points import Mount
+from lidario.whole_file import whole_file
 
 if TYPE_CHECKING:
     from tomlkit import TOMLDocument
@@ -156,21 +155,13 @@ def _inline(values: dict[str, float]) -> Any:
 
 
 def _replace(path: Path, text: str) -> None:
-    part: str | None = None
     try:
-        handle, part = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        with open(handle, "w", encoding="utf-8", newline="") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(part, path.stat().st_mode & 0o777 if path.exists() else 0o666 & ~mask)
-        os.replace(part, path)
-        part = None
+        with whole_file(path) as part:
+            if path.exists():
+                os.chmod(part, path.stat().st_mode & 0o777)
+            with open(part, "w", encoding="utf-8", newline="") as file:
+                file.write(text)
+                file.flush()
+                os.fsync(file.fileno())
     except OSError as error:
         raise InvalidValue(f"{path}: the settings cannot be written: {error.strerror or error}") from error
-    finally:
-        if part is not None:
-            with contextlib.suppress(OSError):
-                os.unlink(part)

@@ -74,7 +74,7 @@ class Bench:
         kind: str,
     ) -> None:
         self.kind: str = kind
-        self.lidar: Lidar = Lidar(connection, health, source, DEFAULT_LATENCY_S, False)
+        self.lidar: Lidar = Lidar(connection, health, source, DEFAULT_LATENCY_S, False, rests=False)
         self.connection: Connection = connection
         self.simulated: SimulatedDevice | None = simulated
         self.pause: Callable[[float], None] = time.sleep

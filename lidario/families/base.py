@@ -240,11 +240,11 @@ class Device(ABC):
         raise Unsupported("this device has no network address")
 
     def set_baudrate(self, baudrate: int, present: int) -> Script[None]:  # noqa: ARG002
-        """Have device and port change the speed of the line.
+        """Have device and port change the speed of the line. Where it fails, the session has the port return.
 
         Args:
             baudrate: The new speed.
-            present: The speed as it is, to which the port returns where the device does not follow.
+            present: The speed as it is.
 
         Raises:
             Unsupported: The device does not follow.

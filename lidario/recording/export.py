@@ -6,9 +6,7 @@ which stand at their beginning, are known only at the end. What is written appea
 
 from __future__ import annotations
 
-import contextlib
 import json
-import os
 import shutil
 import tempfile
 import zipfile
@@ -20,7 +18,6 @@ from functools import partial
 from heapq import merge
 from operator import itemgetter
 from pathlib import Path
-from secrets import token_hex
 from typing import IO, Any
 
 import numpy as np
@@ -34,56 +31,29 @@ from lidario.recording.opened import not_a_file
 from lidario.recording.read import Copy, McapRecording, StoredStreams
 from lidario.recording.write import FileWriter
 from lidario.scan import Scan
+from lidario.whole_file import whole_file
 
 CHUNK_NS = 1_000_000_000
 _COPY = 1 << 20
-_BY_HANDLE = "/proc/self/fd/{}"
 
 
 @contextmanager
 def write_whole(path: Path, *, overwrite: bool) -> Iterator[Path]:
-    """A file that takes the name `path` when the block ends; one that fails leaves nothing.
-
-    Where the system has files without a name, as Linux does, nor does a program that is killed meanwhile.
+    """As `whole_file`.
 
     Raises:
         CannotRecord: It cannot be written, or is there already.
     """
-    part = path.with_name(f".lidario-{token_hex(8)}")
-    nameless: int | None = None
     try:
         if path.exists() and not overwrite:
             raise CannotRecord(f"{path} exists already: overwrite=True, or --force, replaces it")
         kind = not_a_file(path)
         if kind:
             raise CannotRecord(f"{path} cannot be written: it is {kind}, which is not replaced by a file")
-        nameless = _nameless(path.parent)
-        if nameless is None:
-            open(part, "xb").close()
+        with whole_file(path) as part:
             yield part
-        else:
-            yield Path(_BY_HANDLE.format(nameless))
-            # Python follows this link only where a folder is named, though none is needed.
-            os.link(_BY_HANDLE.format(nameless), part, src_dir_fd=nameless, follow_symlinks=True)
-        os.replace(part, path)
     except OSError as error:
         raise CannotRecord(f"{path} cannot be written: {error.strerror or error}") from error
-    finally:
-        with contextlib.suppress(OSError):
-            os.unlink(part)
-        if nameless is not None:
-            os.close(nameless)
-
-
-def _nameless(folder: Path) -> int | None:
-    """A new file in `folder` that goes with this process unless it gets a name; None where there is no such."""
-    if hasattr(os, "O_TMPFILE"):
-        with contextlib.suppress(OSError):
-            handle = os.open(folder, os.O_TMPFILE | os.O_RDWR, 0o666)
-            if os.path.exists(_BY_HANDLE.format(handle)):
-                return handle
-            os.close(handle)
-    return None
 
 
 def export_npz(decoder: FileDecoder, path: Path, *, overwrite: bool = False, jobs: int = 1) -> int:

@@ -11,8 +11,9 @@ needs the extra ``zenoh``. docs/ros2.md and docs/fleets.md tell how to use them.
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from lidario.loading import keep
 
 if TYPE_CHECKING:
     from lidario.laserscan import LaserScan
@@ -58,9 +59,7 @@ _HOMES = {
 def __getattr__(name: str) -> object:
     for home, names in _HOMES.items():
         if name in names:
-            value: object = getattr(import_module(home), name)
-            globals()[name] = value
-            return value
+            return keep(__name__, name, home)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

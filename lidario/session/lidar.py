@@ -62,6 +62,8 @@ class Lidar(Streams, AsyncOnly):
         keep_spinning: bool,
         reconnector: Reconnector | None = None,
         config: LidarConfig = LidarConfig(),  # noqa: B008 - it never changes
+        *,
+        rests: bool = True,
     ) -> None:
         at = At(connection.dialogue, connection.device, connection.info)
         super().__init__(at, Scanner(at, latency), reconnector)
@@ -81,6 +83,11 @@ class Lidar(Streams, AsyncOnly):
         self._loop = asyncio.get_running_loop()
         self._abandoned = weakref.finalize(self, _abandon, at, self._scanner, reconnector)
         connection.half_open.release()
+        # Not on a bench, which drives the device below the session. It may turn from power-up on, or since its port
+        # was opened: the first reader need not wait for that.
+        self._scanner.rests = rests
+        if rests:
+            self._scanner.hub.linger()
 
     def __repr__(self) -> str:
         state = "scanning" if self.is_scanning else "idle"

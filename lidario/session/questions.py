@@ -180,7 +180,8 @@ class Questions(ABC):
 
         The device measures the new speed, which takes up to 1.6 s. Running streams are interrupted and go on at the
         new speed. For a speed that the typical scan mode does not fit, have a stream run in a mode that does.
-        Cancelling returns the port to the speed before. No document says whether a device keeps the speed when it
+        Cancelling returns the port to the speed before; the device hears nothing for a second then, also no stop
+        request, since it may have taken the new speed. No document says whether a device keeps the speed when it
         is restarted; if it does not, open it anew.
 
         Raises:
@@ -206,8 +207,8 @@ class Questions(ABC):
         try:
             await self._scanner.ask(lambda: device.set_baudrate(baudrate, before))
         except BaseException:
-            # At once: the next request must be written at the speed that the device still has.
-            dialogue.port.set_baudrate(before)
+            # At once: the next request must be written at the speed that the device still has, or goes back to.
+            dialogue.go_back_to(before)
             raise
         await self.get_info()
 

@@ -20,6 +20,8 @@ from dataclasses import dataclass
 
 from lidario.sim.device import Received
 
+LOGGED = 4096
+"""Requests that a device remembers."""
 _NS = 1_000_000_000
 _BITS_A_BYTE = 10  # start bit, eight data bits, stop bit
 
@@ -152,18 +154,17 @@ class TransmitQueue:
 
 
 class RequestLog:
-    """The requests a simulated device saw, oldest first; beyond `limit` the oldest go.
+    """The requests a simulated device saw, oldest first; beyond `LOGGED` the oldest go.
 
     Attributes:
         entries: The list itself, as `SimulatedDevice.log` returns it.
     """
 
-    def __init__(self, limit: int = 4096) -> None:
+    def __init__(self) -> None:
         self.entries: list[Received] = []
-        self._limit = limit
 
     def add(self, at_ns: int, name: str, data: bytes, why: str = "", *, remark: str = "") -> None:
         """Remember one request; `why` says why it was discarded and is empty when it was obeyed."""
         self.entries.append(Received(at_ns, name, data, obeyed=not why, why=why, remark=remark))
-        if len(self.entries) > self._limit:
-            del self.entries[: -self._limit]
+        if len(self.entries) > LOGGED:
+            del self.entries[:-LOGGED]

@@ -18,10 +18,9 @@ A name is loaded when it is first used, so that a run of pytest that uses none o
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
 
-import lidario
+from lidario.loading import keep
 
 if TYPE_CHECKING:
     from lidario.testing.device import SimulatedLidar
@@ -56,11 +55,7 @@ _HOMES = {
 def __getattr__(name: str) -> object:
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    # First, since this loads numpy, and lets no Ctrl-C interrupt that.
-    _ = lidario.Scan
-    value: object = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
-    globals()[name] = value
-    return value
+    return keep(__name__, name, f"{__name__}.{_HOMES[name]}")
 
 
 def __dir__() -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from pathlib import Path
 
 import pytest
@@ -65,6 +66,30 @@ def test_a_link_stays_a_link(tmp_path: Path) -> None:
     save_config(link, "a", mount=Mount(2.0))
     assert link.is_symlink()
     assert read_config(path).of("a").mount == Mount(2.0)
+
+
+@pytest.mark.parametrize("has_nameless", [True, False])
+def test_it_is_replaced_in_one_step_and_is_as_readable_as_before(
+    tmp_path: Path, has_nameless: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not has_nameless:
+        monkeypatch.delattr(os, "O_TMPFILE", raising=False)
+    path, replace = written(tmp_path, "[default]\n"), os.replace
+    path.chmod(0o640)
+    save_config(path, "a", mount=Mount(2.0))
+    assert path.stat().st_mode & 0o777 == 0o640
+    before = path.read_bytes()
+
+    def fail(new: str, old: Path) -> None:
+        assert b"3.0" in Path(new).read_bytes()
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", fail)
+    with pytest.raises(InvalidValue, match="cannot be written: No space left"):
+        save_config(path, "a", mount=Mount(3.0))
+    monkeypatch.setattr(os, "replace", replace)
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
 
 
 @pytest.mark.parametrize("inline", [False, True])

@@ -168,13 +168,17 @@ ASKING: Final = {
 """Rules that need a response."""
 
 DEFECTS: Final[dict[str, tuple[Callable[[], Any], str, set[str]]]] = {
-    "responds late": (lambda: slow_later(s2()), "identity-in-time", ASKING | {"silent-at-rest"}),
+    "responds late": (
+        lambda: slow_later(s2()),
+        "identity-in-time",
+        ASKING | {"silent-at-rest", "speed-is-reached"},
+    ),
     "warns of its health": (lambda: patched(s2(), "health", (1, 7)), "health-in-time", set()),
     "changes its serial number": (lambda: changes_serial(s2()), "identity-is-one", set()),
     "deaf behind its response": (
         lambda: DeafAfterResponse(s2()),
         "questions-in-a-row",
-        {"identity-is-one", "speed-is-reached", "request-after-stop", "stands-at-the-end"},
+        {"identity-is-one", "request-after-stop", "stands-at-the-end"},
     ),
     "chatters at rest": (
         lambda: Chatters(s2()),

@@ -13,6 +13,7 @@ from lidario.families.ydlidar.simulated.device import PROFILES
 from lidario.model import HealthStatus
 from lidario.session.lidar import Lidar
 from tests.support.devices import Rig, take
+from tests.support.loop import driven_loop
 
 DARK = [name for name, profile in PROFILES.items() if profile.by_dtr]
 QUESTIONS: dict[str, Callable[[Lidar], Awaitable[object]]] = {
@@ -56,3 +57,26 @@ async def test_a_question_leaves_a_resting_device_at_rest(rig: Rig) -> None:
         async with asyncio.timeout(5):
             while not is_dark(rig):
                 await asyncio.sleep(0.1)
+
+
+@pytest.mark.parametrize("before", ["opened", "stopped", "scanned"])
+@pytest.mark.parametrize("rig", DARK, indirect=True)
+async def test_a_question_is_heard_although_another_task_stops_the_device_meanwhile(rig: Rig, before: str) -> None:
+    """What stops it makes it deaf. It is woken again, and rests behind the question."""
+    for turn in range(1, 30):
+        async with open_lidar(rig.device, family=rig.family) as lidar:
+            if before == "scanned":
+                await lidar.scan()
+            elif before == "stopped":
+                await lidar.stop()
+            loop = driven_loop()
+            asking, first = asyncio.ensure_future(lidar.get_info()), loop.turns
+            while loop.turns < first + turn:
+                await asyncio.sleep(0)
+            late = asking.done()
+            await lidar.stop()
+            assert (await asking).family == rig.family
+            await asyncio.sleep(0.5)
+            assert is_dark(rig), turn
+        if late:
+            break

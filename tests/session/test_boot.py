@@ -60,7 +60,8 @@ async def test_a_device_that_never_boots_is_waited_for_only_once(rig: Rig) -> No
         began = now()
         with pytest.raises(ResponseTimeout):
             await lidar.get_health()
-        assert now() - began < 3.0
+        # Behind the first one it was told to stop, and listened to.
+        assert now() - began < 3.5
 
 
 async def test_closing_does_not_wait_for_a_boot_that_a_start_would_wait_for(rig: Rig) -> None:

@@ -30,6 +30,8 @@ STREAMING = (
     ("rplidar-ultra", 0),
     ("rplidar-ultradense", 0),
     ("ydlidar-4ros", 0),
+    ("hokuyo-urg04lx", 0),
+    ("hokuyo-ust10lx", 0),
 )
 QUESTION = {family.name: next(family.device().identify()).data for family in FAMILIES}
 
@@ -110,10 +112,10 @@ def test_no_question_reads_as_a_request_at_another_speed() -> None:
 @pytest.mark.parametrize(("model", "mode"), STREAMING)
 def test_a_stream_is_recognised_at_its_own_speed_alone(model: str, mode: int) -> None:
     device = make_rig(model).device
-    arguments = (10**9,) if model.startswith("ydlidar") else (mode, 10**9)
+    arguments = (mode, 10**9) if model.startswith("rplidar") else (10**9,)
     device.begin_streaming(*arguments)
     data = b"".join(device.transmit(10**9 + step * 10**7) for step in range(1, 13))
-    family = family_of_stream(bytearray(data[:4096]))
+    family = family_of_stream(bytearray(data[:16384]))
     assert family is not None
     assert family.name == model.partition("-")[0]
     for speed in {each for family in FAMILIES for each in family.baudrates} - {device.baudrate}:
@@ -227,11 +229,11 @@ async def test_cancelled_while_it_listens_it_asks_only_those_whose_motor_the_ope
 
 
 @pytest.mark.parametrize("model", ["ydlidar-4ros", "ydlidar-g2", "hokuyo-urg04lx", "ldrobot-ld14p", "hlds-lds01"])
-@pytest.mark.parametrize("at_s", [0.01, 0.1, 0.7, 1.2])
+@pytest.mark.parametrize("at_s", [0.01, 0.1, 0.7, 1.2, 1.7])
 async def test_one_whose_packets_are_not_recognised_is_stopped_where_its_search_is_cancelled(
-    model: str, at_s: float, monkeypatch: pytest.MonkeyPatch
+    model: str, at_s: float, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Each of them is damaged."""
+    """Each of them is damaged. Nobody says that it goes on sending: who was asked just then is another family."""
     device = make_rig(model).device
     serial_in_memory(monkeypatch, unknown=device)
     stream(device, 1)
@@ -246,6 +248,25 @@ async def test_one_whose_packets_are_not_recognised_is_stopped_where_its_search_
     await asyncio.sleep(0.05)
     assert not device.scanning
     assert not device.motor_on
+    assert not caplog.records
+
+
+@pytest.mark.parametrize("after_s", [0.0, 0.013, 0.05, 0.091])
+@pytest.mark.parametrize("model", ["hokuyo-urg04lx", "hokuyo-ust10lx"])
+async def test_whose_packets_are_whole_scans_is_recognised_by_one_where_its_search_is_cancelled(
+    model: str, after_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a URG-04LX hardly more than one comes while it is listened to; a UST-10LX sends 3.3 KB in each."""
+    device = make_rig(model).device
+    written = serial_in_memory(monkeypatch, unknown=device)
+    stream(device, 0)
+    await asyncio.sleep(after_s)
+    with pytest.raises(TimeoutError):
+        async with asyncio.timeout(0.01):
+            await open_lidar("unknown")
+    assert written == [(115_200, b"QT\n")]
+    await asyncio.sleep(0.05)
+    assert not device.scanning
 
 
 @pytest.mark.parametrize("model", ["rplidar-a1", "ydlidar-x2", "ydlidar-s2-pro"])

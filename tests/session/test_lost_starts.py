@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import Any
 
 import pytest
@@ -109,3 +110,23 @@ async def test_a_mode_that_is_not_listed_and_starts_nothing_is_told_of_at_once()
             await lidar.scan("HQ scan")
         assert now() - began < 5.0
         assert lidar.stats.restarts == 0
+
+
+@pytest.mark.parametrize("question", ["get_info", "get_health"])
+@kinds
+async def test_another_task_gets_its_response_behind_a_start_whose_response_was_lost(
+    name: str, mode: str | None, question: str
+) -> None:
+    """The device may scan all the same, and would not hear the question."""
+    rig = make_rig(name)
+    line = PoorLine(rig, "response")
+    async with rig.open() as lidar:
+        line.left = 2
+        async with lidar.scans(mode) as stream:
+            reading = asyncio.ensure_future(anext(stream))
+            await asyncio.sleep(0.1)
+            assert await getattr(lidar, question)()
+            assert line.left == 0
+            assert len(await reading) > 100
+        assert names(rig, obeyed=False) == []
+    assert left_still(rig)

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from lidario import Unsupported, open_lidar
+from lidario import InvalidValue, Unsupported, open_lidar
 from lidario.sim.faults import parse_faults
 from lidario.sim.rooms import make_world
 from tests.support.devices import SWITCHED, Rig, left_still, left_still_at_the_end, make_rig, names, take
@@ -219,3 +220,27 @@ async def test_a_speed_whose_response_was_lost_on_the_way_is_not_600_for_ever() 
         assert (await take(lidar, 3))[-1].rpm == pytest.approx(600, rel=0.01)
         rig.device.receive = receive
         assert (await take(lidar, 3))[-1].rpm == pytest.approx(720, rel=0.01)
+
+
+@pytest.mark.parametrize("lost", [2, 4, 6, 9])
+async def test_questions_in_vain_do_not_decide_for_the_session_which_speeds_are_taken(lost: int) -> None:
+    """Its limits are asked for again, and a speed beyond them is refused."""
+    rig = make_rig("rplidar-s2")
+    receive, left = rig.device.receive, lost
+
+    def lossy(data: bytes, now: int) -> None:
+        nonlocal left
+        left -= data.startswith(b"\xa5\x84")
+        if left < 0 or not data.startswith(b"\xa5\x84"):
+            receive(data, now)
+
+    async with rig.open() as lidar:
+        await lidar.get_modes()
+        rig.device.receive = lossy
+        while left > 0:
+            with suppress(Unsupported):
+                await lidar.get_scan_frequency_range()
+        assert await lidar.get_scan_frequency_range() == (8.0, 20.0)
+        with pytest.raises(InvalidValue, match="outside of this device's"):
+            await lidar.set_scan_frequency(200.0)
+        assert await lidar.set_scan_frequency(12.0) == 12.0

@@ -10,6 +10,9 @@ from typing import Any
 import pytest
 
 from lidario import open_lidar
+from lidario.port.port import Port
+from lidario.port.simulated import MemoryTransport
+from lidario.sim.serve import MemoryLine
 from tests.support.cable import cable_to, next_after, on_a_cable
 from tests.support.devices import Rig, both_families, left_still, make_rig, names, some
 from tests.support.ledger import assert_stats_close
@@ -45,6 +48,32 @@ async def test_it_goes_on_after_the_cable_was_pulled_out(rig: Rig) -> None:
         # A scan may have been dropped while the test slept.
         assert lidar.stats.missed_scans >= first.seq - last.seq - 2
         assert lidar.stats.scans + lidar.stats.missed_scans > second.seq
+
+
+async def test_it_is_found_at_the_speed_before_where_a_loss_of_power_sets_that_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """No document says whether it does; this one does."""
+    rig = make_rig("rplidar")
+
+    async def open_serial(path: str, baudrate: int) -> Port:
+        port = Port(path, baudrate)
+        line = MemoryTransport(asyncio.get_running_loop(), port, MemoryLine(rig.device))
+        line.set_baudrate(baudrate)
+        port.connection_made(line)
+        return port
+
+    monkeypatch.setattr("lidario.session.finding.connect.open_serial", open_serial)
+    async with open_lidar("line", family="rplidar", reconnect=True) as lidar, lidar.scans("Standard") as stream:
+        await anext(stream)
+        await lidar.set_baudrate(1_500_000)
+        assert (await anext(stream)).lost_packets == 0
+        assert lidar.baudrate == rig.device.baudrate == 1_500_000
+        restarts(rig.device)
+        await next_after(stream, now() + rig.device.boot_s)
+        assert lidar.baudrate == rig.device.baudrate == 1_000_000
+        assert lidar.stats.reconnects == 1
+    assert left_still(rig)
 
 
 def restarts(device: Any) -> None:

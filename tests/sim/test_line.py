@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lidario.sim.line import RequestLog, TransmitQueue
+from lidario.sim.line import LOGGED, RequestLog, TransmitQueue
 
 BYTE = 10_000  # ns, at 1 Mbaud
 US = 1_000
@@ -129,10 +129,10 @@ def test_every_byte_leaves_when_a_byte_by_byte_model_says(
 
 
 def test_the_log_forgets_the_oldest() -> None:
-    log = RequestLog(limit=3)
+    log = RequestLog()
     entries = log.entries
-    for number in range(5):
-        log.add(number, "stop", b"\x00", "too early" if number == 4 else "")
-    assert [entry.at_ns for entry in entries] == [2, 3, 4]
-    assert [entry.obeyed for entry in entries] == [True, True, False]
+    for number in range(LOGGED + 2):
+        log.add(number, "stop", b"\x00", "too early" if number == LOGGED + 1 else "")
+    assert [entry.at_ns for entry in entries] == list(range(2, LOGGED + 2))
+    assert [entry.obeyed for entry in entries] == [True] * (LOGGED - 1) + [False]
     assert entries[-1].why == "too early"

@@ -1,11 +1,13 @@
 """An event loop whose clock is driven: when nothing is ready it jumps to the next timer instead of sleeping.
 
-An hour of keepalives passes in a second, and a test that waits for ever fails at once, with a clear error.
+An hour of keepalives passes in a second. A test that waits for ever fails by its name: at once where nothing can
+arrive any more, else when the loop has gone round more often than any test needs.
 """
 
 from __future__ import annotations
 
 import asyncio
+import math
 import selectors
 import threading
 from collections.abc import Awaitable, Callable
@@ -16,6 +18,8 @@ P = ParamSpec("P")
 T = TypeVar("T")
 START = 1000.0
 THREAD = "lidario: blocking call"
+MOST_TURNS = 1_000_000
+"""Twenty times as many as the longest test needs (`tests/recording/test_offline.py`: 44133)."""
 
 
 class _DrivenSelector(selectors.DefaultSelector):
@@ -50,12 +54,14 @@ class DrivenLoop(asyncio.SelectorEventLoop):
 
     Attributes:
         turns: Times the loop has gone round, for tests that act at every step.
+        most_turns: How often it may.
     """
 
     def __init__(self) -> None:
         self._driven = _DrivenSelector()
         super().__init__(self._driven)
         self.turns = 0
+        self.most_turns: float = MOST_TURNS
         self.at_turn: Callable[[int], None] | None = None
 
     def time(self) -> float:
@@ -77,9 +83,24 @@ class DrivenLoop(asyncio.SelectorEventLoop):
 
     def _run_once(self) -> None:
         self.turns += 1
+        if self.turns > self.most_turns:
+            # What is cancelled because of that may need some turns more.
+            self.most_turns += MOST_TURNS
+            waiting = ", ".join(sorted(task.get_name() for task in asyncio.all_tasks(self)))
+            raise AssertionError(
+                f"the loop has gone round {self.turns - 1} times, {self.time() - START:.0f} s by its clock: "
+                f"this would go on for ever. Tasks that wait: {waiting or 'none'}"
+            )
         if self.at_turn is not None:
             self.at_turn(self.turns)
         super()._run_once()  # type: ignore[misc]
+
+
+def endless_loop() -> DrivenLoop:
+    """One for what is no test, and may take as long as it likes."""
+    loop = DrivenLoop()
+    loop.most_turns = math.inf
+    return loop
 
 
 def driven_loop() -> DrivenLoop:

@@ -1,13 +1,15 @@
 """What an RPLIDAR tells of itself when it is asked value by value (GET_LIDAR_CONF), first of all its scan modes.
 
 S-series interface manual, GET_LIDAR_CONF. Every value comes in a response of its own, and each of them can be lost
-or damaged. So each is asked until it came twice alike; after four that came not at all or never alike, no more are
-asked.
+or damaged. So each is asked until it came twice alike. Of a list of modes no more are asked after four that came
+not at all or never alike; whoever wants the list, or a value, again asks again.
 """
 
 from __future__ import annotations
 
+import math
 import struct
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import replace
 from typing import Final
@@ -20,13 +22,15 @@ from lidario.families.rplidar import commands
 from lidario.families.rplidar.commands import Conf
 from lidario.families.rplidar.formats import FORMATS
 from lidario.model import ScanMode
+from lidario.wire.envelope import Request
 
 MODE_LIMIT: Final = 64
 """Mode numbers that are tried; devices have two to five modes, numbered from 0, with holes."""
 SHORT_S: Final = 0.15
 """A healthy device responds within a few milliseconds."""
 MOST_IN_VAIN: Final = 4
-"""Questions that were not told, after which no more are asked. A silence takes 1 s."""
+"""Values that were not told, after which no more of the list of modes are asked; and the typical speed no more. A
+silence takes 1 s."""
 
 
 class Configuration:
@@ -35,36 +39,37 @@ class Configuration:
     def __init__(self) -> None:
         self.known = False
         self._in_vain = 0
+        # How often it was asked for a value that it did not tell.
+        self._untold: Counter[Conf] = Counter()
 
-    def ask_bytes(self, kind: Conf, mode: int | None = None, *, shortly: bool = False) -> Script[bytes | None]:
+    def value(self, kind: Conf, most_in_vain: float = math.inf) -> Script[bytes | None]:
         """One value; empty where the device does not have it, None where it does not tell it.
 
-        One that was silent before may not know the question: it is asked `shortly`, and no stream waits for long.
+        One that was silent before may not know the question: it is asked shortly, and no stream waits for long.
+        Behind `most_in_vain` silences it is asked no more, where nothing depends on the value but a first guess.
         """
+        if self._untold[kind] >= most_in_vain:
+            return None
+        request = commands.get_lidar_conf(kind)
+        if self._untold[kind]:
+            request = replace(request, timeout=SHORT_S, attempts=1)
+        value = yield from self._value(request)
+        self._untold[kind] += value is None
+        return value
+
+    def _value(self, request: Request) -> Script[bytes | None]:
         if not self.known:
             return b""
-        if self._in_vain >= MOST_IN_VAIN:
-            return None
-        request = commands.get_lidar_conf(kind, mode)
-        if shortly:
-            request = replace(request, timeout=SHORT_S, attempts=1)
         try:
             told = yield request
             # That it knows no such value is told by a response that is shorter: no damage makes that.
             return (yield from agreed(request, told))[4:] if told[4:] else b""
         except (ResponseTimeout, RemoteProtocolError):
-            self._in_vain += 1
             return None
 
     def modes(self) -> Script[tuple[tuple[ScanMode, ...], str]]:
         """The modes that it lists, by number, and what is to be said of those that it did not tell."""
         self._in_vain = 0
-        try:
-            return (yield from self._modes())
-        finally:
-            self._in_vain = 0
-
-    def _modes(self) -> Script[tuple[tuple[ScanMode, ...], str]]:
         found: dict[int, ScanMode] = {}
         count = (yield from self._ask("<H", Conf.MODE_COUNT)) or 0
         unsure = yield from self._list(range(MODE_LIMIT), count, found)
@@ -102,7 +107,7 @@ class Configuration:
         response_type = yield from self._ask("<B", Conf.RESPONSE_TYPE, mode)
         if not response_type:
             return ScanMode(mode, "", 0.0, 0.0, 0)
-        name = (yield from self.ask_bytes(Conf.MODE_NAME, mode)) or b""
+        name = (yield from self._of_list(Conf.MODE_NAME, mode)) or b""
         sample_q8 = yield from self._ask("<I", Conf.SAMPLE_DURATION, mode)
         distance_q8 = yield from self._ask("<I", Conf.MAX_DISTANCE, mode)
         return ScanMode(
@@ -113,9 +118,17 @@ class Configuration:
             response_type=response_type,
         )
 
+    def _of_list(self, kind: Conf, mode: int | None) -> Script[bytes | None]:
+        """As `value`, unless too many of the list were not told."""
+        if self._in_vain >= MOST_IN_VAIN:
+            return None
+        value = yield from self._value(commands.get_lidar_conf(kind, mode))
+        self._in_vain += value is None
+        return value
+
     def _ask(self, layout: str, kind: Conf, mode: int | None = None) -> Script[int | None]:
         """One number, or None when the device does not have or tell it."""
-        value = yield from self.ask_bytes(kind, mode)
+        value = yield from self._of_list(kind, mode)
         if value is None or len(value) < struct.calcsize(layout):
             return None
         return int(struct.unpack_from(layout, value)[0])

@@ -21,6 +21,7 @@ start.
 
 from __future__ import annotations
 
+import math
 import struct
 from dataclasses import replace
 from enum import Enum
@@ -31,7 +32,7 @@ from lidario.errors import InvalidValue, ResponseTimeout, Unsupported
 from lidario.families.base import Script
 from lidario.families.rplidar import commands
 from lidario.families.rplidar.commands import Conf
-from lidario.families.rplidar.configuration import SHORT_S, Configuration
+from lidario.families.rplidar.configuration import MOST_IN_VAIN, SHORT_S, Configuration
 from lidario.wire.envelope import Request
 
 FIRST_BY_SPEED: Final = 6
@@ -224,7 +225,7 @@ class MotorControl:
         return self._duty
 
     def _typical(self, at: int) -> Script[int | None]:
-        return self._word(Conf.DESIRED_ROTATION, at, shortly=self._is_assumed)
+        return self._word(Conf.DESIRED_ROTATION, at, MOST_IN_VAIN)
 
     def _limits(self) -> Script[tuple[int, int]]:
         if self._told:
@@ -235,9 +236,9 @@ class MotorControl:
             self._told = lowest, highest
         return lowest or 1, highest or 0xFFFF
 
-    def _word(self, kind: Conf, at: int, *, shortly: bool = False) -> Script[int | None]:
+    def _word(self, kind: Conf, at: int, most_in_vain: float = math.inf) -> Script[int | None]:
         """Two bytes of a configuration value; 0 where the device has none, None where it does not tell it."""
-        value = yield from self._configuration.ask_bytes(kind, shortly=shortly)
+        value = yield from self._configuration.value(kind, most_in_vain)
         if value is None:
             return None
         return int(struct.unpack_from("<H", value, at)[0]) if len(value) >= at + 2 else 0

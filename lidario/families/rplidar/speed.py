@@ -85,13 +85,12 @@ def change_speed(baudrate: int, present: int) -> Script[None]:
     """As `Device.set_baudrate`.
 
     Raises:
-        Unsupported: The device does not follow; the port is at its present speed again.
+        Unsupported: The device does not follow.
     """
     yield commands.STOP
     try:
         yield measure(baudrate)
     except ResponseTimeout as error:
-        yield Request("the speed before", b"", baudrate=present)
         raise Unsupported(
             f"this device did not respond at {baudrate} baud: its speed cannot be changed, and stays {present}"
         ) from error

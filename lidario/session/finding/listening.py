@@ -38,7 +38,10 @@ STEP_S = 0.03
 """How often it is tried to recognise what has come; it takes some milliseconds where it is garbage."""
 KEPT = 4096
 """Bytes that are tried, the latest: five of the longest packets (781 bytes), so more would tell nothing else."""
+_KEPT_OF_WHOLE = 16384
+"""The same where each packet is a whole scan, of up to 6.8 KB: among these is one from its beginning on."""
 _PACKETS = 3
+"""So many, or one that is a whole scan: it has a check value in each of its lines."""
 _SHARE = 0.5
 """Part of the bytes that must be whole packets. The first and the last one of three are mostly incomplete."""
 
@@ -73,7 +76,7 @@ async def listen(port: Port, speeds: Sequence[int], families: Sequence[Family]) 
             if direction == "in":
                 heard += data
                 # The first bytes may still have been received at the speed before.
-                del heard[:-KEPT]
+                del heard[:-_KEPT_OF_WHOLE]
 
         port.add_tap(keep)
         try:
@@ -99,13 +102,20 @@ async def _recognise(port: Port, heard: bytearray, families: Sequence[Family]) -
 
 
 def family_of_stream(data: bytearray, families: Sequence[Family] = FAMILIES) -> Family | None:
-    """Whose packets most of `data` are; None where there are no more than two in a row, or mostly other bytes."""
-    best, family = int(_SHARE * len(data)), None
+    """Whose packets most of `data` are; None where there are no more than two in a row, or mostly other bytes.
+
+    Where each packet is a whole scan, one will do.
+    """
+    best, family = _SHARE, None
+    latest = data[-KEPT:]
     for each in families:
         for kind in each.formats:
-            packets, size = _whole_packets(data, kind())
-            if packets >= _PACKETS and size > best:
-                best, family = size, each
+            wire = kind()
+            tried = data if wire.whole else latest
+            packets, size = _whole_packets(tried, wire)
+            share = size / max(1, len(tried))
+            if packets >= (1 if wire.whole else _PACKETS) and share > best:
+                best, family = share, each
     return family
 
 

@@ -98,6 +98,7 @@ class Reconnector:
         self._is_ready = True
         self._task: asyncio.Task[None] | None = None
         self._known: Connection | None = None
+        self._first_speed = 0
         self._dialogue: Dialogue | None = None
         self._wait_s = policy.first_wait_s
         self._since = 0.0
@@ -115,6 +116,7 @@ class Reconnector:
         await self._places.begin()
         self._connect = partial(connect, simulation=self._simulation, guard=guard)
         self._known = await self._connect(source, family, baudrate)
+        self._first_speed = self._known.port.baudrate
         return self._known
 
     def begin(self, error: LidarError, scans: int) -> None:
@@ -221,22 +223,29 @@ class Reconnector:
         """Try every place once; None when the device is at none of them."""
         self._attempts += 1
         for place in await self._places.candidates():
-            try:
-                return await self._reach(place)
-            except LidarError as error:
-                if isinstance(error, ConnectFailed) and error.reason == "silent":
-                    self._places.silent(place)
-                self._tell(f"{place.address or place.text}: {error}")
-            finally:
-                self._dialogue = None
+            for speed in self._speeds():
+                try:
+                    return await self._reach(place, speed)
+                except LidarError as error:
+                    self._tell(f"{place.address or place.text}: {error}")
+                    if not isinstance(error, ConnectFailed) or error.reason != "silent":
+                        break
+                finally:
+                    self._dialogue = None
+            else:
+                self._places.silent(place)
         return None
 
-    async def _reach(self, place: Source) -> tuple[Connection, Health]:
-        """Connect to the device at `place`, and make it as it was."""
-        known = self._known
+    def _speeds(self) -> list[int]:
+        """At which it may be: the one that it had last, and, where that was set, the one at which it was found."""
+        assert self._known is not None
+        return list(dict.fromkeys((self._known.port.baudrate, self._first_speed)))
+
+    async def _reach(self, place: Source, speed: int) -> tuple[Connection, Health]:
+        """Connect to the device at `place`, and make it as it was; `speed` is 0 where the line has none."""
+        known, at = self._known, speed or None
         assert known is not None
-        speed = None if known.port.baudrate == 0 else known.port.baudrate
-        connection = await self._connect(place, known.family.name, speed, patient=False, on_dialogue=self._began)
+        connection = await self._connect(place, known.family.name, at, patient=False, on_dialogue=self._began)
         dialogue = connection.dialogue
         try:
             if connection.info.serial != known.info.serial or self._nameless(place):

@@ -3,7 +3,7 @@
 A reader that asks for no mode in particular is let in at once where others read already. Any other one waits until
 `Starter` has compared the mode that it asks for with the one that runs. A reader that does not say
 that it is the last one leaves its stream going for `LINGER_S`: single scans in a row must not restart the rotor
-each time.
+each time. A device that turns as soon as it is opened is left so as long, for the first one.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Joining(NamedTuple):
 
 
 class Hub:
-    """The readers of one device's stream; `deserted` is called when the last one has been gone for `LINGER_S`.
+    """The readers of one device's stream; `deserted` is called when nobody has read for `LINGER_S`.
 
     Every scan is handed to every mailbox for scans, and every sector to those for sectors of its size.
 
@@ -63,6 +63,11 @@ class Hub:
     def is_read(self) -> bool:
         """Whether anybody has been let in."""
         return bool(self._mailboxes)
+
+    @property
+    def lingers(self) -> bool:
+        """Whether `deserted` is about to be called."""
+        return self._linger is not None
 
     @property
     def is_waiting(self) -> bool:

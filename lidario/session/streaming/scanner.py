@@ -55,6 +55,7 @@ class Scanner:
     Attributes:
         latest: The last scan, or None.
         usual_mode: Scan mode for readers that ask for none; None for the device's typical one.
+        rests: Whether a device that nobody reads is stopped soon.
     """
 
     def __init__(self, at: At, latency: float) -> None:
@@ -65,10 +66,12 @@ class Scanner:
         self.totals: Totals = self.control.totals
         self.latest: Scan | None = None
         self.usual_mode: str | int | None = None
+        self.rests: bool = True
         self.line: LineWatch = LineWatch()
         self.inquiry: Inquiry = Inquiry(at, self.totals)
         self._at = at
         self._lock = asyncio.Lock()
+        self._asks = False
         self._loop = asyncio.get_running_loop()
         self.failures: Failures = Failures(self.control, at, self.hub, self.inquiry, self.line)
         self._starter = Starter(self.control, at, self.hub, self.inquiry, self.failures, self._lock)
@@ -180,11 +183,14 @@ class Scanner:
             if self._at.dialogue is not dialogue or (dialogue.fatal is not None and self.control.is_away):
                 raise DeviceLost("the line to the lidar was lost before this request was sent: ask again")
             dialogue.begin()
-            before = dialogue.dtr
+            self._asks = True
             try:
                 if self.control.state is State.RUNNING:
                     self.control.pause()
                     await self.control.silence()
+                elif self.control.failure is not None:
+                    # A start whose response was lost: it may scan all the same, and would not hear this.
+                    await dialogue.quieten()
                 if dialogue.reset_at is not None:
                     await come_back(dialogue)
                 return await action()
@@ -193,9 +199,10 @@ class Scanner:
                     self.failures.could_not_start(error)
                 raise
             finally:
-                if dialogue.dtr is not before and not self.control.is_scanning:
-                    # It had to be woken to hear this.
-                    dialogue.stop_device()
+                self._asks = False
+                if not len(self.hub) and not self.hub.lingers:
+                    # It may have been woken to hear this, or restarted.
+                    self._deserted()
                 self._resume()
 
     async def retune(self) -> None:
@@ -270,8 +277,9 @@ class Scanner:
         self._starter.work_soon()
 
     def _deserted(self) -> None:
-        """The last reader has been gone for a second."""
-        if self.control.is_scanning:
+        """Nobody has read for a second. Nothing is written amid a question or restart: it sees this at its end."""
+        may_turn = self.rests and not self._at.dialogue.stopper.still
+        if not self._asks and (self.control.is_scanning or may_turn):
             self.control.unwant()
 
     def _check_open(self) -> None:

@@ -21,7 +21,7 @@ from lidario.errors import InternalError, LidarError, ResponseTimeout, SessionCl
 from lidario.families.base import Device, Script, Timing
 from lidario.port.port import Port
 from lidario.session.talking.intake import Intake
-from lidario.session.talking.readiness import CLOCK_S, Readiness
+from lidario.session.talking.readiness import CLOCK_S, UNCONFIRMED_S, Readiness
 from lidario.session.talking.stopper import PATIENCE_S, Stopper
 from lidario.session.talking.trouble import twin_of
 from lidario.session.talking.waiting import Awaited, Waiting
@@ -92,6 +92,8 @@ class Dialogue(Intake, Waiting):
         self._longest = self._until = math.inf
         # When bytes came last while no response was outstanding.
         self._heard_at = 0.0
+        # What has woken the device for the operation in progress.
+        self._wake: Request | None = None
         self._readiness = Readiness(self.link)
         self.stopper: Stopper = Stopper(self, self._readiness, device, timing.quiet_s)
         port.attach(self, self.stopper.unseen)
@@ -137,6 +139,10 @@ class Dialogue(Intake, Waiting):
 
     # ------------------------------------------------------------------------------------------------ operations
 
+    def begin(self) -> None:
+        super().begin()
+        self._wake = None
+
     def hurry(self, longest: float = math.inf, until: float = math.inf) -> None:
         """Ask each question once; without arguments, as often as is usual again.
 
@@ -158,8 +164,14 @@ class Dialogue(Intake, Waiting):
             SessionClosed: The session was closed meanwhile.
         """
         noise, timeout = self.stats.stray_bytes, request.timeout
+        if request.dtr is not None:
+            self._wake = request
         for _ in range(1 if min(self._longest, self._until) < math.inf else request.attempts):
             await self._until_it_listens()
+            if self._wake is not None and self._wake.dtr is not self.dtr:
+                # Another task has stopped it meanwhile: it is stopped again behind this operation.
+                self.write((self._wake,))
+                await self._until_it_listens()
             now = self._loop.time()
             timeout = min(request.timeout, self._longest, max(self._until - now, RESPONSE_S))
             # As the pause in `write`: noted before it is written.
@@ -216,6 +228,13 @@ class Dialogue(Intake, Waiting):
         if listens:
             self.write((request,))
         return listens
+
+    def go_back_to(self, baudrate: int) -> None:
+        """Have the line at a speed again. A device that measures another one hears nothing until it is back."""
+        self._readiness.measures_speed = False
+        if self.port.baudrate != baudrate:
+            self._readiness.pause(UNCONFIRMED_S)
+            self.port.set_baudrate(baudrate)
 
     # ------------------------------------------------------------------------------------------------ stopping
 
@@ -292,6 +311,7 @@ class Dialogue(Intake, Waiting):
         if settle := max((request.settle for request in new), default=0.0):
             self._readiness.pause(settle)
         for request in requests:
+            self._readiness.measures_speed = request.baudrate is not None
             if request.baudrate is not None:
                 self.port.set_baudrate(request.baudrate)
             self.link.send_request(request)
@@ -319,10 +339,12 @@ class Dialogue(Intake, Waiting):
             if self._ends is not None:
                 raise twin_of(self._ends)
             now, until = self._loop.time(), self._readiness.next_question_at()
-            if self.stopper.wanted:
+            # Where the line's speed is being measured, they wait for that.
+            stops = self.stopper.wanted and not self._readiness.measures_speed
+            if stops:
                 until = now + PATIENCE_S
             elif not until:
                 return
             # What is received does not shorten a pause that the device demands.
-            busy = self.stopper.wanted or self.link.state is _AWAITING
+            busy = stops or self.link.state is _AWAITING
             await self.wait(until - now, Awaited.CHANGE if busy else Awaited.TIME)

@@ -15,7 +15,11 @@ CLOCK_S = 1e-6
 """A timer may fire that little early, by the resolution of the loop's clock: its time has come all the same."""
 LATEST_RESPONSE_S = 2.0
 """Behind its request, a response may come so late from a device that takes its time; none is waited for longer."""
+UNCONFIRMED_S = 1.0
+"""How long a device may run at another speed that was measured and not confirmed. No document tells; assumed."""
 _AWAITING = LinkState.AWAIT_RESPONSE
+_DECIDED_S = 0.02
+"""How often it is looked whether another speed of the line has been decided; that takes 1.5 s at most."""
 _MARGIN_S = 0.005
 """Added to every pause a device demands: an adapter may deliver one request late and the next one on time."""
 
@@ -27,6 +31,8 @@ class Readiness:
         listens_at: When the pause is over that the last request demands, on the loop's clock.
         late_until: Until when a response that was given up may still come, on the loop's clock; 0 for none.
         has_responded: Whether the device has ever responded.
+        measures_speed: Whether it measures another speed of the line: until that has been decided, it is not known
+            at which speed it hears.
     """
 
     def __init__(self, link: Link) -> None:
@@ -37,6 +43,7 @@ class Readiness:
         self._due = 0.0
         self.late_until: float = 0.0
         self.has_responded: bool = False
+        self.measures_speed: bool = False
 
     @property
     def is_pausing(self) -> bool:
@@ -76,6 +83,8 @@ class Readiness:
 
     def free_at(self, patient_until: float) -> float:
         """When the device listens; a response is not waited for beyond `patient_until`."""
+        if self.measures_speed:
+            return self._loop.time() + _DECIDED_S
         if self._link.state is not _AWAITING:
             return self.listens_at
         return max(self.listens_at, min(self._due, patient_until))

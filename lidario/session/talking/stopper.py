@@ -110,8 +110,11 @@ class Stopper:
         Nothing for one that is only looked for and has not responded: it may be of another family, whose motor is
         started by the state of DTR that stops the motors of this one.
         """
-        is_of_family = not self._device.is_guess or self._hearing.has_responded
-        return self._device.halt_unknown() if is_of_family else ()
+        return self._device.halt_unknown() if self._is_of_family else ()
+
+    @property
+    def _is_of_family(self) -> bool:
+        return not self._device.is_guess or self._hearing.has_responded
 
     def unseen(self) -> tuple[Sequence[Request], Sequence[Request], float]:
         """What a guard needs, who sees nothing of the device.
@@ -235,7 +238,8 @@ class Stopper:
             if self._attempts < ATTEMPTS:
                 self._write()
             else:
-                _log.warning("the device goes on sending after %d stop requests", ATTEMPTS)
+                if self._is_of_family:  # else others will stop it
+                    _log.warning("the device goes on sending after %d stop requests", ATTEMPTS)
                 self._settle(still=False)
         elif self._doubtful and (owed := self._hearing.owes_until) - self._loop.time() > CLOCK_S:
             self._come_back(min(owed, self._loop.time() + self._quiet_s), self._after_listening)

@@ -12,7 +12,7 @@ from lidario.families.rplidar.speed import confirm
 from lidario.port.port import Port
 from tests.support.cable import cable_to
 from tests.support.devices import Rig, left_still, make_rig, names, take
-from tests.support.loop import driven
+from tests.support.loop import driven, driven_loop, run_driven
 
 
 def rig_of(model: str = "rplidar-s2") -> Rig:
@@ -117,6 +117,80 @@ async def test_cancelled_at_any_time_the_device_is_reached_and_left_still(after_
         await asyncio.sleep(1.1)
         assert lidar.baudrate == rig.device.baudrate
         assert (await lidar.get_health()).ok
+    assert left_still(rig)
+
+
+@pytest.mark.parametrize("closed", [True, False])
+@pytest.mark.parametrize("rig", ["rplidar-s2", "rplidar-a2"])
+def test_cancelled_at_any_step_it_is_left_still_although_it_may_have_taken_the_new_speed(
+    rig: str, closed: bool
+) -> None:
+    """Measured and not confirmed, it hears nothing at the speed before until it has gone back, within a second."""
+
+    async def cancelled_at(turn: int) -> int:
+        made, loop = make_rig(rig), driven_loop()
+        async with made.open() as lidar:
+            await lidar.scan()
+            changing, first = asyncio.ensure_future(lidar.set_baudrate(921_600)), loop.turns
+
+            def act(now: int) -> None:
+                if now == first + turn:
+                    changing.cancel()
+
+            loop.at_turn = act
+            await asyncio.wait([changing])
+            took, loop.at_turn = loop.turns - first, None
+            if not closed:
+                await asyncio.sleep(4.0)
+                assert not made.device.motor_on, f"cancelled at {turn}"
+        assert left_still(made), f"cancelled at {turn}"
+        return took
+
+    for turn in range(1, run_driven(lambda: cancelled_at(0)) + 1):
+        run_driven(lambda turn=turn: cancelled_at(turn))  # type: ignore[misc]
+
+
+@pytest.mark.parametrize("model", ["rplidar-s2", "rplidar-a2"])
+@pytest.mark.parametrize("step", range(1, 20, 2))
+@driven
+async def test_stopped_by_another_task_meanwhile_it_is_stopped_as_soon_as_the_speed_is_decided(
+    model: str, step: int
+) -> None:
+    rig, loop, due = make_rig(model), driven_loop(), asyncio.Event()
+    async with rig.open() as lidar:
+        await lidar.scan()
+        changing, first = asyncio.ensure_future(lidar.set_baudrate(921_600)), loop.turns
+
+        def act(now: int) -> None:
+            if now == first + step:
+                due.set()
+
+        loop.at_turn = act
+        await due.wait()
+        await lidar.stop()
+        await changing
+        assert lidar.baudrate == rig.device.baudrate == 921_600
+        await asyncio.sleep(2.0)
+        assert left_still(rig), names(rig)[-5:]
+
+
+@driven
+async def test_after_an_attempt_in_vain_it_is_heard_as_soon_as_it_has_gone_back() -> None:
+    """It has measured the new speed, and what it responded was lost."""
+    rig = rig_of()
+    hear = rig.device.line_speed.hear
+
+    def silent(data: bytes, now: int) -> bytes:
+        hear(data, now)
+        return b""
+
+    rig.device.line_speed.hear = silent
+    async with rig.open() as lidar:
+        await take(lidar, 1)
+        with pytest.raises(Unsupported, match="did not respond at 921600 baud"):
+            await lidar.set_baudrate(921_600)
+        assert (await lidar.get_health()).ok
+        assert names(rig).count("get_health") == 2
     assert left_still(rig)
 
 

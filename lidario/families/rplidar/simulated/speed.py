@@ -51,7 +51,9 @@ class LineSpeed:
         if len(self._heard) <= _ENOUGH:
             return b""
         self._heard.clear()
-        self._before, self.now = self.now, self.host
+        if self._confirm_by is None:
+            self._before = self.now
+        self.now = self.host
         self._confirm_by = now + _SECOND
         return struct.pack("<I", round(self.host * 1.001))
 

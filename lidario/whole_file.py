@@ -1,0 +1,51 @@
+"""A file that appears under its name when it is whole, and takes the place of one that was there in one step."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from secrets import token_hex
+
+_BY_HANDLE = "/proc/self/fd/{}"
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """A new file to write to, which takes the name `path` when the block ends; one that fails leaves nothing.
+
+    Where the system has files without a name, as Linux does, nor does a program that is killed meanwhile.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    part = path.with_name(f".lidario-{token_hex(8)}")
+    nameless: int | None = None
+    try:
+        nameless = _nameless(path.parent)
+        if nameless is None:
+            open(part, "xb").close()
+            yield part
+        else:
+            yield Path(_BY_HANDLE.format(nameless))
+            # Python follows this link only where a folder is named, though none is needed.
+            os.link(_BY_HANDLE.format(nameless), part, src_dir_fd=nameless, follow_symlinks=True)
+        os.replace(part, path)
+    finally:
+        with contextlib.suppress(OSError):
+            os.unlink(part)
+        if nameless is not None:
+            os.close(nameless)
+
+
+def _nameless(folder: Path) -> int | None:
+    """A new file in `folder` that goes with this process unless it gets a name; None where there is no such."""
+    if hasattr(os, "O_TMPFILE"):
+        with contextlib.suppress(OSError):
+            handle = os.open(folder, os.O_TMPFILE | os.O_RDWR, 0o666)
+            if os.path.exists(_BY_HANDLE.format(handle)):
+                return handle
+            os.close(handle)
+    return None

@@ -1,0 +1,167 @@
+"""A lidar that nobody reads is at rest: a second behind its opening, and behind whatever is asked of it.
+
+Some models turn as soon as their port is opened, or as they have power. They are not stopped at once: mostly a
+stream is wanted soon, and need not wait for the rotor then.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+
+import pytest
+
+from lidario import LidarError, NetworkAddress
+from lidario.session.lidar import Lidar
+from lidario.session.streaming.readers import LINGER_S
+from tests.support.devices import EVERY_KIND, Rig, left_still, make_rig, names
+from tests.support.discards import all_obeyed
+from tests.support.loop import driven_loop, run_driven
+
+TURN_UNASKED = ("rplidar-a1", "ydlidar-x2", "ldrobot-ld14p", "hlds")
+"""One of each way to be stopped: DTR asserted, DTR cleared, a request, a letter."""
+ONLY_TALK = ("ldrobot", "neato", "camsense", "irobotix")
+STOPPED = tuple(dict.fromkeys((*TURN_UNASKED, *(kind for kind in EVERY_KIND if kind not in ONLY_TALK))))
+"""One of each family that can be stopped, and of each way to switch a motor."""
+CALLS: dict[str, Callable[[Lidar], Awaitable[object]]] = {
+    "get_info": lambda lidar: lidar.get_info(),
+    "get_health": lambda lidar: lidar.get_health(),
+    "get_modes": lambda lidar: lidar.get_modes(),
+    "get_sample_rate": lambda lidar: lidar.get_sample_rate(),
+    "get_scan_frequency": lambda lidar: lidar.get_scan_frequency(),
+    "get_scan_frequency_range": lambda lidar: lidar.get_scan_frequency_range(),
+    "set_scan_frequency": lambda lidar: lidar.set_scan_frequency(8.0),
+    "get_zero_offset": lambda lidar: lidar.get_zero_offset(),
+    "set_zero_offset": lambda lidar: lidar.set_zero_offset(True),
+    "set_power_down_protection": lambda lidar: lidar.set_power_down_protection(True),
+    "get_network_address": lambda lidar: lidar.get_network_address(),
+    "set_network_address": lambda lidar: lidar.set_network_address(NetworkAddress("10.0.0.9")),
+    "set_baudrate": lambda lidar: lidar.set_baudrate(460_800),
+    "reset": lambda lidar: lidar.reset(),
+    "scan": lambda lidar: lidar.scan(),
+    "stop": lambda lidar: lidar.stop(),
+}
+
+
+@pytest.mark.parametrize("rig", TURN_UNASKED, indirect=True)
+async def test_what_turns_unasked_is_stopped_a_second_behind_its_opening(rig: Rig) -> None:
+    async with rig.open() as lidar:
+        await asyncio.sleep(LINGER_S - 0.1)
+        assert rig.device.motor_on
+        await asyncio.sleep(0.5)
+        assert not rig.device.motor_on
+        assert not rig.device.scanning
+        assert len(await lidar.scan()) > 100
+
+
+async def test_a_stream_that_begins_in_that_second_finds_its_rotor_turning() -> None:
+    rig = make_rig("rplidar-a1")
+    async with rig.open() as lidar, lidar.scans() as stream:
+        opened = len(names(rig))
+        for _ in range(20):
+            await anext(stream)
+        assert rig.device.motor_on
+        assert "stop" not in names(rig)[opened:]
+
+
+async def test_nothing_is_written_amid_a_restart_that_takes_longer() -> None:
+    rig = make_rig("rplidar-a1")
+    rig.device.boot_s = 2.5
+    async with rig.open() as lidar:
+        await asyncio.sleep(0.1)
+        began = len(names(rig))
+        await lidar.reset()
+        assert set(names(rig)[began + 1 :]) <= {"stop", "get_info", "get_health"}
+        await asyncio.sleep(0.1)
+        assert not rig.device.motor_on
+
+
+@pytest.mark.parametrize("kept", [True, False])
+async def test_a_motor_that_shall_go_on_goes_on(kept: bool) -> None:
+    rig = make_rig("rplidar-a1")
+    async with rig.open(keep_spinning=kept):
+        await asyncio.sleep(2 * LINGER_S)
+        assert rig.device.motor_on is kept
+
+
+@pytest.mark.parametrize("before_s", [0.5, 0.05, 0.02, 0.01, 0.002, 0.0])
+@pytest.mark.parametrize("rig", STOPPED, indirect=True)
+async def test_a_question_at_the_moment_at_which_a_stream_is_given_up_is_answered(
+    rig: Rig, before_s: float
+) -> None:
+    """Some are asked by listening to them, and must turn for that. Behind it they are stopped."""
+    async with rig.open() as lidar:
+        await lidar.scan()
+        await asyncio.sleep(LINGER_S - before_s)
+        assert (await lidar.get_info()).family == rig.family
+        await asyncio.sleep(LINGER_S + 0.5)
+        assert not lidar.is_scanning
+        assert left_still(rig), names(rig)[-6:]
+
+
+@pytest.mark.parametrize("rig", TURN_UNASKED, indirect=True)
+async def test_a_question_behind_a_stream_that_was_left_at_once_leaves_the_motor_off(rig: Rig) -> None:
+    """It comes while the stop requests are about to be heard, and may wake the device."""
+    for turn in range(1, 12):
+        async with rig.open() as lidar:
+            loop = driven_loop()
+            reading, first = asyncio.ensure_future(_left(lidar)), loop.turns
+            while loop.turns < first + turn:
+                await asyncio.sleep(0)
+            reading.cancel()
+            await lidar.get_info()
+            await asyncio.wait([reading])
+            await asyncio.sleep(LINGER_S + 0.5)
+            assert not rig.device.motor_on, turn
+
+
+async def _left(lidar: Lidar) -> None:
+    async with lidar.scans() as stream:
+        await anext(stream)
+
+
+def cancelled_at(kind: str, call: str, turn: int) -> int:
+    """Open, call, and cancel the call when the loop has gone round `turn` times; how often it went round for it."""
+
+    async def main() -> int:
+        rig, loop = make_rig(kind), driven_loop()
+        async with rig.open() as lidar:
+            task, first = asyncio.ensure_future(_called(CALLS[call], lidar)), loop.turns
+
+            def act(now: int) -> None:
+                if now == first + turn:
+                    task.cancel()
+
+            loop.at_turn = act
+            with suppress(asyncio.CancelledError):
+                await task
+            took, loop.at_turn = loop.turns - first, None
+            # It streams for a second more, where it was left in the midst of a scan; and a restart takes its time.
+            await asyncio.sleep(4 * LINGER_S)
+            assert not lidar.is_scanning
+            assert not rig.device.motor_on, f"{kind}: {call} cancelled at {turn} leaves the motor on"
+            assert left_still(rig), names(rig)[-6:]
+            assert len(await lidar.scan()) > 0
+        all_obeyed([rig.device])
+        return took
+
+    return run_driven(main)
+
+
+async def _called(call: Callable[[Lidar], Awaitable[object]], lidar: Lidar) -> None:
+    with suppress(LidarError):
+        await call(lidar)
+
+
+@pytest.mark.exhaustive("points", sample=[3], full=[20])
+@pytest.mark.exhaustive(
+    "what",
+    sample=[(call, STOPPED[number % len(STOPPED)]) for number, call in enumerate([*CALLS, *CALLS])],
+    full=[(call, kind) for call in CALLS for kind in STOPPED],
+)
+def test_what_is_cancelled_at_any_step_leaves_the_motor_off(what: tuple[str, str], points: int) -> None:
+    call, kind = what
+    turns = cancelled_at(kind, call, 0)
+    for turn in range(1, turns + 1, max(1, turns // points)):
+        cancelled_at(kind, call, turn)
