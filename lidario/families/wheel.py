@@ -202,7 +202,7 @@ class Wheel(PacedTurning):
             if whole > 1 and anew and abs(times - whole) > OFF:
                 whole = 1
             if whole == 1:
-                if 1 - OFF < times < 1 / (1 - OFF) or anew:
+                if abs(times - 1) <= OFF or anew:
                     last = float(span)
                 # One that is another, and alone, hides a whole turn; or the rotor stands.
                 arcs.append(last if span else 0.0)
