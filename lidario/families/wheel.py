@@ -87,7 +87,7 @@ class Wheel(PacedTurning):
     """
 
     def __init__(self, full_turn: int, samples: int = 1) -> None:
-        super().__init__(full_turn, RETREAT_TURNS, full_turn // 2, samples)
+        super().__init__(full_turn, RETREAT_TURNS, samples)
         self._arc = 0.0
         # Whether all of the latest spans were a whole number of arcs, as far as they tell.
         self._fits = True

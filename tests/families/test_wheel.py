@@ -92,6 +92,18 @@ def test_where_only_each_second_or_third_comes_time_tells(step: int, hertz: floa
     assert off(turns, settled) < 0.1
 
 
+@pytest.mark.parametrize("late", [False, True])
+def test_time_tells_also_between_gaps_of_most_of_a_turn(late: bool) -> None:
+    """Of large packets only each second comes, and five spans behind each other at most."""
+    turns = even(40.0, 1500)
+    kept = [number for number in range(0, 1500, 2) if number % 20 <= 10]
+    late_ns = [8_000_000 * (turn % 3 == 0) for turn in range(120)] if late else []
+    found = told(turns, kept, every=3, late_ns=late_ns)
+    settled = found[12:]
+    assert all(arcs.certain for _, arcs in settled)
+    assert off(turns, settled) < 0.1
+
+
 def test_without_times_spans_that_agree_are_one_arc() -> None:
     found = told(even(10.0, 600), range(0, 600, 2), times=False)
     assert all(arcs.certain and not lost(arcs) for _, arcs in found)
