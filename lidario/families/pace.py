@@ -41,19 +41,16 @@ class Pace:
 
     Args:
         full_turn: 360 degrees, in heading units.
-        farthest: How far apart packets may be for both to be believed: nothing tells where one that leaps farther
-            comes from, and whole turns may hide in it. In heading units.
     """
 
-    def __init__(self, full_turn: int, farthest: int) -> None:
+    def __init__(self, full_turn: int) -> None:
         self._full_turn = full_turn
-        self._farthest = farthest
         self._points: list[_Point] = []
         self._turned = self._came = 0
 
     def copy(self) -> Pace:
         """Another one, which goes on from here."""
-        twin = Pace(self._full_turn, self._farthest)
+        twin = Pace(self._full_turn)
         twin._points, twin._turned, twin._came = [*self._points], self._turned, self._came
         return twin
 
@@ -67,7 +64,6 @@ class Pace:
 
     def add(self, spans: Sequence[int], arrivals: Sequence[Arrival]) -> None:
         """Take the next packets: how far ahead of each the next one is, and when they came."""
-        far = max(spans, default=0) > self._farthest
         begin, turned = 0, self._turned
         for count, at_ns in arrivals:
             # Only the last packet of a read came just then.
@@ -75,11 +71,7 @@ class Pace:
                 self._points.pop()
             passed = spans[begin : count - 1]
             begin, turned = count - 1, turned + sum(passed)
-            if far and max(passed, default=0) > self._farthest:
-                self.clear()
             self._points.append(_Point(at_ns, turned, self._came + count))
-        if far and max(spans[begin:], default=0) > self._farthest:
-            self.clear()
         self._turned = turned + sum(spans[begin:])
         self._came += len(spans)
         del self._points[:-_REMEMBERED]
@@ -127,7 +119,10 @@ class Pace:
         return found[0], found[1]
 
     def _without_outages(self) -> list[_Point]:
-        """The points, as if nothing had passed where a whole turn hides, by the time that a turn mostly takes."""
+        """The points, as if nothing had passed where angles and time disagree, by what a turn mostly takes.
+
+        There a whole turn hides, or noise that passes for a packet made the rotor leap there and back.
+        """
         steps = [
             _Point(after.at_ns - before.at_ns, after.turned - before.turned, after.came - before.came)
             for before, after in pairwise(self._points)
@@ -139,7 +134,7 @@ class Pace:
         points = [self._points[0]]
         for step in steps:
             last = points[-1]
-            if step.at_ns - turn_ns * step.turned / self._full_turn > turn_ns / 2:
+            if abs(step.at_ns - turn_ns * step.turned / self._full_turn) > turn_ns / 2:
                 step = _Point(0, 0, 0)
             points.append(_Point(last.at_ns + step.at_ns, last.turned + step.turned, last.came + step.came))
         return points
@@ -151,11 +146,10 @@ class PacedTurning(Turning):
     Args:
         full_turn: 360 degrees in the unit of the headings.
         retreat: How far a heading may fall back, turns. Any more is the long way round, forwards.
-        farthest: As for `Pace`.
         samples: Samples of a packet.
     """
 
-    def __init__(self, full_turn: int, retreat: float, farthest: int, samples: int = 1) -> None:
+    def __init__(self, full_turn: int, retreat: float, samples: int = 1) -> None:
         self._full_turn = full_turn
         self._retreat = int(full_turn * retreat)
         self._samples = samples
@@ -167,7 +161,7 @@ class PacedTurning(Turning):
         self._strange = 0
         # Packets that were told to follow each other, while time could still speak against that.
         self._close = 0
-        self._pace = Pace(full_turn, farthest)
+        self._pace = Pace(full_turn)
 
     def tell_time(self, sample_ns: float) -> None:
         self._packet_ns = self._samples * sample_ns

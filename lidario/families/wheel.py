@@ -11,8 +11,9 @@ What the model believes, and why:
    rotor may go from standstill to full speed, and nothing seems to be missing.
 2. **A longer span is a gap.** It holds a whole number of arcs. The packet before it is not stretched over it: its
    arc lies on the line between the arc before the gap and the mean arc in it.
-3. **A shorter span is another speed**, if the next span is like it. So is a span that fits no whole number of arcs.
-   One that stands alone hides a whole turn: of that, the angles tell nothing.
+3. **A span of no whole number of arcs is another speed**, if the next span is like it, or if it goes on so for some
+   time. One that stands alone hides a whole turn: of that, the angles tell nothing. Nor does a span of many arcs
+   tell of a speed: it may be of one more or less.
 4. **The clock has the last word.** Spans that agree with each other are one arc each, or a whole number of them:
    where each second packet is lost, two. The angle alone cannot tell which. Time can: it is known when packets
    came, and how long each takes to measure, and so how many the device has measured (`Pace`). Bytes come late, but
@@ -28,7 +29,7 @@ Without times, as in a file of bytes, spans that agree are taken for one arc eac
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -50,6 +51,8 @@ FEW_AGREEING: Final = 3
 """The same, where time says how many arcs they are."""
 TRUSTED_GAP: Final = 8
 """Missing packets up to which the arc over the gap says more than the last arc that was seen."""
+_TELLING: Final = TRUSTED_GAP + 1.5
+"""Arcs up to which a span tells whether it is a whole number of them."""
 REMEMBERED: Final = 64
 """Spans that are kept while the speed is not sure."""
 _HALFWAY: Final = 1.5
@@ -57,6 +60,22 @@ _FITTING: Final = 0.75
 """Share of the spans that must be a whole number of arcs: where whole turns hide in them, fewer are, by chance."""
 _STRANGE: Final = 4
 """Spans in a row, all far from the last arc, after which it is looked for anew."""
+
+
+class _Walk(NamedTuple):
+    """What is found from span to span.
+
+    Attributes:
+        arcs: The arc of each packet.
+        missing: How many are missing behind it.
+        fitting: How many spans are a whole number of arcs, each held against the arc before it.
+        known: How many are so short that this can be told.
+    """
+
+    arcs: list[float]
+    missing: list[int]
+    fitting: int
+    known: int
 
 
 class Wheel(PacedTurning):
@@ -68,8 +87,10 @@ class Wheel(PacedTurning):
     """
 
     def __init__(self, full_turn: int, samples: int = 1) -> None:
-        super().__init__(full_turn, RETREAT_TURNS, full_turn // 2, samples)
+        super().__init__(full_turn, RETREAT_TURNS, samples)
         self._arc = 0.0
+        # Whether all of the latest spans were a whole number of arcs, as far as they tell.
+        self._fits = True
         # Since the speed was last confirmed.
         self._spans: list[int] = []
 
@@ -79,7 +100,7 @@ class Wheel(PacedTurning):
         if self._certain and arcs.arc[0] > 0 and not (was_certain or any(arcs.revoked)):
             # A rotor that slows down does so from packet to packet: it leaps where what seemed an arc was a gap.
             arcs = arcs._replace(revoked=self._revoked(before / float(arcs.arc[0])))
-        if arcs.skipped is None:
+        if arcs.skipped is None and self._fits:
             self._note_close(len(arcs.arc) - (heads.following is None))
         return arcs
 
@@ -93,6 +114,7 @@ class Wheel(PacedTurning):
                 if not self._is_confirmed():
                     return self._among_gaps(spans, followed=True)
             self._arc, self._certain, self._strange = float(spans[-1]), True, 0
+            self._fits = True
             if self._confirmed:
                 self._forget()
             return Arcs(spans, None, total / len(spans) / self._samples, certain=True)
@@ -140,26 +162,31 @@ class Wheel(PacedTurning):
         """As `follow`, where spans may hold more than one packet, or less."""
         plain: list[int] = spans.tolist()
         told = plain if followed else plain[:-1]
-        is_strange, revoked = self._certain and self._is_strange(told), (0, 0)
-        if is_strange or not (self._certain and self._confirmed):
-            revoked = self._learn(anew=is_strange or not self._certain)
-        if self._arc <= 0:
-            return Arcs(np.maximum(spans, 0.0), None, 0.0, certain=False)
-        begin = self._arc
-        arc, missing = self._walk(plain, followed=followed)
-        if self._certain and self._is_too_much(told, missing):
+        begin, revoked = self._arc, (0, 0)
+        walk = self._walk(plain, followed=followed) if self._certain else None
+        is_strange = walk is None or self._is_strange(walk)
+        if walk is None or is_strange or not self._confirmed:
+            self._arc = begin
+            revoked = self._learn(anew=is_strange)
+            if self._arc <= 0:
+                return Arcs(np.maximum(spans, 0.0), None, 0.0, certain=False)
+            begin = self._arc
+            walk = self._walk(plain, followed=followed)
+        if self._certain and self._is_too_much(told, walk.missing):
             self._arc, self._confirmed = begin, False
             revoked = self._learn(anew=True)
-            arc, missing = self._walk(plain, followed=followed)
+            walk = self._walk(plain, followed=followed)
+        arc, missing, self._fits = walk.arcs, walk.missing, walk.fitting == walk.known
         passed = sum(1 + more for each, more in zip(arc, missing, strict=True) if each > 0)
         typical = sum(each * (1 + more) for each, more in zip(arc, missing, strict=True)) / max(1, passed)
         behind = np.array(missing) * self._samples if any(missing) else None
         return Arcs(np.array(arc), behind, typical / self._samples, self._certain, revoked)
 
-    def _walk(self, spans: Sequence[int], *, followed: bool) -> tuple[list[float], list[int]]:
-        """The arc of each packet, and how many are missing behind it, from the last arc on."""
+    def _walk(self, spans: Sequence[int], *, followed: bool) -> _Walk:
+        """Follow spans from the last arc on."""
         arcs, missing = list[float](), list[int]()
         last, end = self._arc, len(spans) - 1
+        fitting = known = 0
         for at, span in enumerate(spans):
             if at == end and not followed:
                 arcs.append(last)
@@ -168,13 +195,16 @@ class Wheel(PacedTurning):
             likely = spans[at + 1] if at < end else 0
             times = span / last
             whole = max(1, round(times))
-            anew = abs(likely - span) <= LIKENESS * span / 2
+            tells = 0 < times <= _TELLING
+            known += tells
+            fitting += tells and abs(times - whole) <= LIKENESS
+            anew = tells and abs(likely - span) <= LIKENESS * span / 2
             if whole > 1 and anew and abs(times - whole) > OFF:
                 whole = 1
             if whole == 1:
-                if span and (times > 1 - OFF or anew):
+                if abs(times - 1) <= OFF or anew:
                     last = float(span)
-                # One that is shorter, and alone, hides a whole turn; or the rotor stands.
+                # One that is another, and alone, hides a whole turn; or the rotor stands.
                 arcs.append(last if span else 0.0)
                 missing.append(0)
                 continue
@@ -189,17 +219,17 @@ class Wheel(PacedTurning):
             arcs.append(mean if lonely else last + (mean - last) / (1 + (whole - 1) / 2))
             last = mean
         self._arc = last
-        return arcs, missing
+        return _Walk(arcs, missing, fitting, known)
 
-    def _is_strange(self, spans: Sequence[int]) -> bool:
+    def _is_strange(self, walk: _Walk) -> bool:
         """Whether spans fit no whole number of arcs for some time: the speed may be another one."""
-        fitting, known = self._fitting(spans, self._arc)
+        fitting, known = walk.fitting, walk.known
         self._strange = 0 if 2 * fitting > known or not known else self._strange + known
         return self._strange >= _STRANGE
 
     def _fitting(self, spans: Sequence[int], arc: float) -> tuple[int, int]:
         """How many spans are a whole number of arcs, and how many are so short that this can be told."""
-        known = [span / arc for span in spans if 0 < span <= (TRUSTED_GAP + 1.5) * arc]
+        known = [span / arc for span in spans if 0 < span <= _TELLING * arc]
         return sum(abs(each - max(1, round(each))) <= LIKENESS for each in known), len(known)
 
     # ------------------------------------------------------------------------------------------------- speed
@@ -219,7 +249,7 @@ class Wheel(PacedTurning):
         """Where spans begin that are no whole number of arcs, or a gap ends in which turns may hide; else 0."""
         for at, span in enumerate(spans):
             times = span / self._arc
-            if times > TRUSTED_GAP + 1.5:
+            if times > _TELLING:
                 return at + 1
             if abs(times - max(1, round(times))) > LIKENESS:
                 return at

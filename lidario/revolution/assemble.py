@@ -335,6 +335,8 @@ class Assembler:
             before = self.stats.all_packets - packets.count - told
             beginning = ended.beginning(wire, broken=broken, number=number, packets_before=before)
             passed = self._clock.follow(beginning)
+            if passed.unseen < 0 and self._told_seq is None:
+                return False
             ended.revolution_ns = math.nan if beginning.borrowed else beginning.revolution_ns
             self.stats.lost_packets += passed.lost
             self.stats.missed_scans += passed.unseen - min(passed.unseen, self._told_unseen)

@@ -91,7 +91,7 @@ class Passed(NamedTuple):
     """What lay between two beginnings.
 
     Attributes:
-        unseen: Whole revolutions of which nothing came.
+        unseen: Whole revolutions of which nothing came; -1 where this is none, but a part of the one before.
         lost: Packets that are missing beyond those that the angles told.
     """
 
@@ -246,6 +246,10 @@ class RevolutionClock:
         # What passed unseen had a speed between that before and that behind.
         slower = _slower(here, last, own_ns)
         late = late_ns / (last.revolution_ns * (1 + slower) / 2)
+        if here.read_ns and abs(late + 1) <= NOISE:
+            # Time stamps are never early. An angle that noise told ended the one before too soon.
+            self._last = last
+            return -1, 0
         each = last.revolution_packets
         # More than one revolution has: an outage of almost one lies in it, and its angles fell back by little.
         gap = last.lost > 0 or (last.broken and last.packets >= max(MORE_THAN_ONE * each, each + 1))

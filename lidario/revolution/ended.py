@@ -101,14 +101,21 @@ class EndedRevolution:
         packets, samples = self.packets, self.samples
         if self.elapsed_ns > self.spanned_ns + BROKEN_SHARE * ordinary_ns:
             return True
+        # What is missing behind its last packet has not passed when that one comes.
+        lost = samples.lost - samples.lost_behind
         if samples.certain:
             # More than one revolution by its angles: they went back by so little that it looked like jitter.
             skipped = sum([each for _, each in samples.gaps]) - samples.skipped_behind
-            missing = _samples_of(samples, samples.lost - samples.lost_behind, skipped)
+            missing = _samples_of(samples, lost, skipped)
             return self.count + missing > UNEVEN * samples.revolution_samples
-        # Nothing must speak against the angles where their step is not certain.
-        expected_ns = (packets.count + samples.lost) * samples.ends[-1] / packets.count * self.sample_ns
-        return packets.count < _FEWEST_PACKETS or self.elapsed_ns > UNEVEN * expected_ns
+        if packets.count < _FEWEST_PACKETS:
+            return True
+        # Nothing must speak against the angles where their step is not certain. A read that brings the end of a
+        # packet with what comes behind a gap is late by that gap: so the packet behind it must be late, too.
+        packet_ns = samples.ends[-1] / packets.count * self.sample_ns
+        late = self.elapsed_ns > UNEVEN * (packets.count + lost) * packet_ns
+        behind_ns = self.partial.ended_ns - self.start_ns
+        return late and not 0 < behind_ns <= UNEVEN * (packets.count + samples.lost + 1) * packet_ns
 
     @property
     def is_false_part(self) -> bool:

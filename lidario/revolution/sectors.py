@@ -248,24 +248,21 @@ class SectorAssembler(Assembler):
             # A read that was completed only behind a gap dates what came before it too late, as in `beginning_of`.
             late = samples.certain and start_ns - from_end_ns > NOISE * turn_ns
             # A copy follows: at the end of the revolution more is known, and remembered.
-            here.unseen = (
-                copy_of(self._clock)
-                .follow(
-                    Beginning(
-                        from_end_ns if late else start_ns,
-                        over=over,
-                        revolution_ns=turn_ns if samples.certain else 0.0,
-                        revolution_packets=samples.revolution_packets,
-                        packet_ns=0.0,
-                        packets=here.packets,
-                        lost=0,
-                        broken=False,
-                        number=stats.scans + stats.missed_scans,
-                        packets_before=stats.all_packets - here.packets,
-                    )
+            passed = copy_of(self._clock).follow(
+                Beginning(
+                    from_end_ns if late else start_ns,
+                    over=over,
+                    revolution_ns=turn_ns if samples.certain else 0.0,
+                    revolution_packets=samples.revolution_packets,
+                    packet_ns=0.0,
+                    packets=here.packets,
+                    lost=0,
+                    broken=False,
+                    number=stats.scans + stats.missed_scans,
+                    packets_before=stats.all_packets - here.packets,
                 )
-                .unseen
             )
+            here.unseen = max(0, passed.unseen)
             stats.missed_scans += here.unseen
         return stats.scans + stats.missed_scans
 

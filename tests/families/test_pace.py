@@ -10,7 +10,7 @@ import pytest
 from lidario.families.pace import Pace
 from lidario.wire.events import Arrival
 
-FAR, TURN = 5000, 7000
+TURN = 7000
 Call = tuple[list[int], list[Arrival]]
 Point = tuple[int, int, int]
 
@@ -19,18 +19,15 @@ def points_of(calls: Sequence[Call]) -> list[Point]:
     """When the last packet of each read came, where the rotor was then, and which packet it was."""
     spans = [span for these, _ in calls for span in these]
     points: list[Point] = []
-    before = last = 0
+    before = 0
     for these, arrivals in calls:
         for count, at_ns in arrivals:
             packet = before + count - 1
             # Of those that came at once, only the last one came just then.
             points = [point for point in points if point[0] != at_ns]
-            if max(spans[last:packet], default=0) > FAR:
-                points = []
             points.append((at_ns, sum(spans[:packet]), packet + 1))
-            last = packet
         before += len(these)
-    return [] if max(spans[last:], default=0) > FAR else points[-64:]
+    return points[-64:]
 
 
 def measured(points: Sequence[Point], packet_ns: int, arc: float) -> tuple[float, float] | None:
@@ -42,8 +39,8 @@ def measured(points: Sequence[Point], packet_ns: int, arc: float) -> tuple[float
     if len(turning):
         # Of an even number the quicker one of both in the middle.
         turn_ns = TURN * np.percentile(turning[:, 0] / turning[:, 1], 50, method="lower")
-        # There a whole turn hides.
-        steps[steps[:, 0] - steps[:, 1] / TURN * turn_ns > turn_ns / 2] = 0
+        # There a whole turn hides, or a leap that was none.
+        steps[np.abs(steps[:, 0] - steps[:, 1] / TURN * turn_ns) > turn_ns / 2] = 0
     points = [points[0], *(tuple(each) for each in (points[0] + np.cumsum(steps, axis=0)).tolist())]
     times = np.array([at_ns for at_ns, _, _ in points])
     middle = points[int(np.argmin(np.abs(times - (times[0] + times[-1]) / 2)))]
@@ -65,9 +62,9 @@ def calls_of(random: np.random.Generator) -> list[Call]:
     calls, now = list[Call](), 10**9
     for _ in range(int(random.integers(1, 40))):
         count = int(random.integers(1, 9))
-        spans = random.choice([460, 920, 1500, FAR], count).tolist()
+        spans = random.choice([460, 920, 1500, 5000], count).tolist()
         if random.random() < 0.05:
-            spans[int(random.integers(count))] = FAR + 1
+            spans[int(random.integers(count))] = TURN - 1
         ends = sorted({*random.integers(1, count + 1, 2).tolist(), count})
         arrivals: list[Arrival] = []
         for end in ends:
@@ -79,7 +76,7 @@ def calls_of(random: np.random.Generator) -> list[Call]:
 
 @pytest.mark.parametrize("seed", range(60))
 def test_it_knows_what_a_slow_way_tells(seed: int) -> None:
-    random, pace, calls, points = np.random.default_rng(seed), Pace(TURN, FAR), list[Call](), list[Point]()
+    random, pace, calls, points = np.random.default_rng(seed), Pace(TURN), list[Call](), list[Point]()
     for spans, arrivals in calls_of(random):
         pace.add(spans, arrivals)
         calls.append((spans, arrivals))
@@ -97,7 +94,7 @@ def test_it_knows_what_a_slow_way_tells(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(20))
 def test_what_came_with_the_packets_before_is_taken_as_one_read(seed: int) -> None:
     random = np.random.default_rng(seed)
-    pace, spans = Pace(TURN, FAR), random.integers(400, 900, 6).tolist()
+    pace, spans = Pace(TURN), random.integers(400, 900, 6).tolist()
     rest = pace, [(6, 10**9)], len(spans), sum(spans), spans[-1]
     assert not Pace.is_same_read(*rest)
     pace.add(spans, [(2, 10**9 - 5), (6, 10**9)])

@@ -92,6 +92,18 @@ def test_where_only_each_second_or_third_comes_time_tells(step: int, hertz: floa
     assert off(turns, settled) < 0.1
 
 
+@pytest.mark.parametrize("late", [False, True])
+def test_time_tells_also_between_gaps_of_most_of_a_turn(late: bool) -> None:
+    """Of large packets only each second comes, and five spans behind each other at most."""
+    turns = even(40.0, 1500)
+    kept = [number for number in range(0, 1500, 2) if number % 20 <= 10]
+    late_ns = [8_000_000 * (turn % 3 == 0) for turn in range(120)] if late else []
+    found = told(turns, kept, every=3, late_ns=late_ns)
+    settled = found[12:]
+    assert all(arcs.certain for _, arcs in settled)
+    assert off(turns, settled) < 0.1
+
+
 def test_without_times_spans_that_agree_are_one_arc() -> None:
     found = told(even(10.0, 600), range(0, 600, 2), times=False)
     assert all(arcs.certain and not lost(arcs) for _, arcs in found)
@@ -200,6 +212,48 @@ def test_a_span_of_no_whole_number_is_another_speed_where_the_next_one_is_like_i
     wheel = Wheel(TURN)
     wheel.follow(heads(*turning(*[500] * 20)))
     assert missing(wheel.follow(heads(*turning(800, next_span))))[0] == gone
+
+
+@pytest.mark.parametrize("span", [300, 374, 626, 740])
+def test_a_span_that_is_no_arc_and_stands_alone_hides_a_whole_turn(span: int) -> None:
+    """Or a false packet. It is no speed that the next spans are held against."""
+    wheel = Wheel(TURN)
+    wheel.follow(heads(*turning(*[500] * 20)))
+    arcs = wheel.follow(heads(*turning(500, span, 1000, 500, 500)))
+    assert np.asarray(arcs.arc).tolist() == [500] * 5
+    assert missing(arcs) == [0, 0, 1, 0, 0]
+
+
+@pytest.mark.parametrize("times", [9.4, 9.6, 17.4])
+def test_spans_of_many_arcs_that_agree_are_no_speed(times: float) -> None:
+    """Where a false packet lies between two gaps, they may be alike by chance."""
+    wheel = Wheel(TURN)
+    wheel.follow(heads(*turning(*[500] * 20)))
+    arcs = wheel.follow(heads(*turning(500, round(500 * times), round(500 * times) + 50, 500)))
+    is_speed = times < 9.5
+    assert (lost(arcs) == 0) is is_speed
+    assert (max(arcs.arc) < 520) is not is_speed
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_rotor_that_slows_down_within_two_turns_of_few_packets_is_followed_over_gaps(seed: int) -> None:
+    """Each span is held against the arc before it, not against the last one of the turn before."""
+    hertz = np.concatenate((np.full(150, 40.0), np.linspace(40.0, 8.0, 80)))
+    turns = 0.3 + np.cumsum(hertz) * PACKET_NS * 1e-9
+    came = np.random.default_rng(seed).random(80) > 0.1
+    kept = [*range(150), *(150 + np.flatnonzero(came)).tolist()]
+    for times in (True, False):
+        found = told(turns, kept, times=times, every=1)
+        assert all(arcs.certain for _, arcs in found)
+        assert off(turns, found) < 0.5
+
+
+def test_what_was_never_told_to_follow_each_other_is_not_revoked() -> None:
+    """Two gaps, of which the second is no whole number of the first."""
+    wheel = Wheel(TURN)
+    wheel.follow(heads(*turning(9000, 12000)))
+    arcs = wheel.follow(heads(*turning(*[500] * 8)))
+    assert (arcs.certain, lost(arcs), arcs.revoked[1]) == (True, 0, 0)
 
 
 @pytest.mark.parametrize("before", [0, 3])

@@ -220,6 +220,20 @@ def test_what_passes_while_nothing_is_known_is_told_afterwards() -> None:
     assert clock.follow(numbered(12, 11)).unseen == 1
 
 
+@pytest.mark.parametrize(("early", "is_none"), [(0.6, False), (0.7, True), (1.0, True), (1.3, True), (1.4, False)])
+@pytest.mark.parametrize("read_ns", [0, 100 * MS])
+def test_one_that_begins_a_whole_revolution_early_is_none(early: float, is_none: bool, read_ns: int) -> None:
+    """Where it is known when bytes were read. The next one is one revolution on."""
+    clock = RevolutionClock()
+    for n in range(4):
+        assert clock.follow(numbered(n, n, read_ns=read_ns)).unseen == 0
+    is_none = is_none and read_ns > 0
+    assert clock.follow(numbered(4 - early, 4, read_ns=read_ns)).unseen == (-1 if is_none else 0)
+    if is_none:
+        assert clock.follow(numbered(4, 4, read_ns=read_ns)) == Passed(0, 0)
+        assert clock.follow(numbered(7, 5, read_ns=read_ns)).unseen == 2
+
+
 def test_revolutions_that_begin_elsewhere_from_now_on_are_not_told_as_missing() -> None:
     """Seen with 0x81: a stream that begins at 281 degrees, and marks at 270."""
     clock = RevolutionClock()

@@ -181,10 +181,23 @@ def test_so_is_one_that_misses_too_many_samples_inside(there: int, behind: int, 
     assert here.is_broken(USUAL_NS) is broken
 
 
-@pytest.mark.parametrize("lost", [0, 5])
-def test_where_its_step_is_not_certain_its_time_must_be_that_of_what_it_holds_and_misses(lost: int) -> None:
-    expected_ns = (10 + lost) * EACH * SAMPLE_NS
+@pytest.mark.parametrize(("lost", "behind"), [(0, 0), (5, 0), (7, 2), (24, 24)])
+def test_where_its_step_is_not_certain_its_time_must_be_that_of_what_it_holds_and_misses(
+    lost: int, behind: int
+) -> None:
+    """Up to its last packet: what is missing behind that one has not passed when it comes."""
+    expected_ns = (10 + lost - behind) * EACH * SAMPLE_NS
     for times, broken in ((1.49, False), (1.51, True)):
-        samples = decoded(10, 80.0, certain=False, lost=lost)
+        samples = decoded(10, 80.0, certain=False, lost=lost, lost_behind=behind)
         here = ended(partial(10, END_NS), samples, round(END_NS - times * expected_ns))
         assert here.is_broken(10 * USUAL_NS) is broken
+
+
+@pytest.mark.parametrize(("later", "broken"), [(0, False), (9, False), (10, True)])
+def test_a_read_that_brings_its_last_packet_may_be_late_by_the_gap_behind_it(later: int, broken: bool) -> None:
+    """The packet behind the gap, which comes so many packets later, is the 17th: it may take the time of 25.5."""
+    packet_ns = EACH * SAMPLE_NS
+    samples = decoded(10, 80.0, certain=False, lost=6, lost_behind=6)
+    revolution = partial(10, END_NS, ended_ns=END_NS + round(later * packet_ns))
+    here = ended(revolution, samples, round(END_NS - 16 * packet_ns))
+    assert here.is_broken(10 * USUAL_NS) is broken

@@ -92,3 +92,15 @@ def test_noise_that_passes_for_packets_is_not_told_as_gaps(name: str, case: str)
     assert found.told == pytest.approx(found.missing, rel=0.004)
     assert found.delivered <= found.revolutions
     assert found.told_revolutions == found.missing_revolutions
+
+
+@pytest.mark.parametrize(
+    ("name", "case"),
+    [("0x85 C1", "each second packet spoilt"), ("0x85 S1", "1 % of the bytes flipped")],
+)
+def test_noise_that_passes_for_an_end_makes_no_revolution_more(name: str, case: str) -> None:
+    """By time, the revolution that would begin there had begun a whole one before."""
+    found = _scored(name, case, "read")
+    assert found.seq_off == 0
+    assert found.delivered <= found.revolutions
+    assert found.told_revolutions <= found.missing_revolutions + 1

@@ -17,7 +17,8 @@ def any_packets(case: Case, seed: int, count: int, *, wild: bool) -> list[bytes]
     """
     random = np.random.default_rng(seed)
     step = int(random.integers(200, 3000))
-    jitter = random.integers(-step // 8, step // 8 + 1, count)
+    # Neighbours differ by less than a quarter, and so no span is a gap.
+    jitter = random.integers(-step // 10, step // 10 + 1, count)
     starts = random.integers(0, 0x8000, count) if wild else (np.cumsum(step + jitter) + seed) % 23040
     return case.contents(case, random, starts, wild)
 

@@ -49,7 +49,7 @@ class NodeSteps(PacedTurning):
     """
 
     def __init__(self, full_turn: int) -> None:
-        super().__init__(full_turn, RETREAT_TURNS, full_turn)
+        super().__init__(full_turn, RETREAT_TURNS)
         self._typical = 0.0
 
     def follow(self, heads: Heads, arrivals: Sequence[Arrival] = ()) -> Arcs:
