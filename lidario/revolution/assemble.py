@@ -271,9 +271,7 @@ class Assembler:
         if crossed < len(here.angle):
             self.partial.carry(here.part(crossed), partial.last_ns, samples)
             lost -= samples.lost_behind
-        gaps: list[tuple[int, int]] | None = []
-        if samples.gaps or lost:
-            gaps = partial.gaps(samples, room, crossed, revoked=bool(revoked))
+        gaps = partial.gaps(samples, room, crossed, revoked=bool(revoked)) if samples.gaps or lost else []
         arrays = here.part(room if revoked else 0, crossed)
         if not len(arrays.angle):
             return None
