@@ -120,6 +120,8 @@ class RevolutionClock:
         self._late_ns: int | None = None
         self._last: Beginning | None = None
         self._sure: Beginning | None = None
+        # Whether the latest revolution of which enough came took as long as its angles tell.
+        self._is_timed = False
         self._seam = 0.0
         self._packet_ns = 0.0
         self._ordinary = False
@@ -200,12 +202,13 @@ class RevolutionClock:
     def settle(self, last: Beginning) -> None:
         """Remember revolutions of which `is_followed` is true, by the last of them."""
         self._last = self._sure = last
+        self._is_timed = True
         self._be_anchor(last)
 
     def follow(self, here: Beginning) -> Passed:
         """Tell what passed since the beginning before; it is one revolution on by the angles."""
         last, self._last = self._last, here
-        own_ns = here.revolution_ns
+        own_ns, was_timed = here.revolution_ns, self._is_timed
         self._correct_packet(here)
         self._correct_speed(here, last)
         anchor = self._anchor
@@ -219,7 +222,7 @@ class RevolutionClock:
             return Passed(0, self._missing(here, elapsed)[0])
         if last is None or not last.revolution_ns or self.needs_speed or self._is_open or self._was_wrong(last):
             return Passed(*self._count_all(here, anchor, elapsed))
-        return Passed(*self._count_late(here, last, anchor, elapsed, own_ns))
+        return Passed(*self._count_late(here, last, anchor, _slower(here, last, own_ns), was_timed=was_timed))
 
     def _count_all(self, here: Beginning, anchor: Beginning, elapsed: float) -> tuple[int, int]:
         """Revolutions and packets that are missing since the anchor, where nothing else tells what passed."""
@@ -234,9 +237,10 @@ class RevolutionClock:
         return max(0, unseen), lost
 
     def _count_late(
-        self, here: Beginning, last: Beginning, anchor: Beginning, elapsed: float, own_ns: float
+        self, here: Beginning, last: Beginning, anchor: Beginning, slower: float, *, was_timed: bool
     ) -> tuple[int, int]:
         """Revolutions and packets that are missing, by how much later this beginning is than it was due."""
+        elapsed = here.start_ns - anchor.start_ns
         self._spanned_ns += last.spanned_ns if last.tells_time else math.nan
         share = here.number - anchor.number + here.over - anchor.over
         late_ns = elapsed - share * last.revolution_ns
@@ -244,9 +248,8 @@ class RevolutionClock:
             # A rotor changes its speed; the time that a sample takes stays.
             late_ns = min(late_ns, elapsed - self._spanned_ns, key=abs)
         # What passed unseen had a speed between that before and that behind.
-        slower = _slower(here, last, own_ns)
         late = late_ns / (last.revolution_ns * (1 + slower) / 2)
-        if here.read_ns and abs(late + 1) <= NOISE:
+        if was_timed and here.read_ns and abs(late + 1) <= NOISE:
             # Time stamps are never early. An angle that noise told ended the one before too soon.
             self._last = last
             return -1, 0
@@ -322,6 +325,7 @@ class RevolutionClock:
                 if last.tells_time and not confirmed:
                     late_ns = here.start_ns - last.start_ns - last.spanned_ns
                     confirmed = abs(late_ns) < NOISE * last.revolution_ns
+                self._is_timed = confirmed
             if confirmed:
                 if self.needs_speed:
                     self._search.forget()

@@ -234,6 +234,17 @@ def test_one_that_begins_a_whole_revolution_early_is_none(early: float, is_none:
         assert clock.follow(numbered(7, 5, read_ns=read_ns)).unseen == 2
 
 
+@every_kind
+@pytest.mark.parametrize("times", [1.5, 3, 13, 1000])
+def test_what_comes_faster_than_any_rotor_turns_is_delivered(name: str, times: float) -> None:
+    """As where a file is written to a port. Its times tell nothing, and so nothing is early."""
+    packets = packets_of(name)
+    scans, _ = assembled_from(name, packets)
+    found, stats = assembled_from(name, [(packet, at_ns / times) for packet, at_ns in packets])
+    assert [len(scan) for scan in found] == [len(scan) for scan in scans]
+    assert stats.missed_scans == stats.broken_scans == 0
+
+
 def test_revolutions_that_begin_elsewhere_from_now_on_are_not_told_as_missing() -> None:
     """Seen with 0x81: a stream that begins at 281 degrees, and marks at 270."""
     clock = RevolutionClock()
