@@ -249,8 +249,10 @@ class RevolutionClock:
             late_ns = min(late_ns, elapsed - self._spanned_ns, key=abs)
         # What passed unseen had a speed between that before and that behind.
         late = late_ns / (last.revolution_ns * (1 + slower) / 2)
-        if was_timed and here.read_ns and abs(late + 1) <= NOISE:
-            # Time stamps are never early. An angle that noise told ended the one before too soon.
+        is_part = here.packets < NEARLY_ALL * last.revolution_packets
+        if is_part and was_timed and here.read_ns and abs(late + 1) <= NOISE:
+            # Time stamps are never early. An angle that noise told ended the one before too soon. One that came
+            # whole is a revolution: bytes that came twice had put a part before it.
             self._last = last
             return -1, 0
         each = last.revolution_packets
