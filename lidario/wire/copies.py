@@ -8,7 +8,7 @@ _T = TypeVar("_T")
 
 
 def copy_of(original: _T) -> _T:
-    """As `copy.copy`, of an object without slots: that takes 15 us where it is done once a revolution, this 2."""
+    """As `copy.copy`, but much faster where it is done once a revolution; of an object without slots."""
     twin = object.__new__(type(original))
     vars(twin).update(vars(original))
     return twin

@@ -2,7 +2,7 @@
 
 S-series interface manual, GET_LIDAR_CONF. Every value comes in a response of its own, and each of them can be lost
 or damaged. So each is asked until it came twice alike. Of a list of modes no more are asked after four that came
-not at all or never alike; whoever wants the list, or a value, again asks again.
+not at all or never alike. The next call for the list, or for a value, asks again.
 """
 
 from __future__ import annotations
