@@ -151,13 +151,15 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         left_out = [item for item in items if item.get_closest_marker("long")]
         config.hook.pytest_deselected(items=left_out)
         items[:] = [item for item in items if not item.get_closest_marker("long")]
+    # Which test runs a line, `tests.mutants` asks of each case.
+    measured = len(items) if config.getoption("cov_context", None) else MEASURED_CASES
     cases: Counter[str] = Counter()
     for item in items:
         if isinstance(item, pytest.Function) and inspect.iscoroutinefunction(item.obj):
             item.obj = leaves_no_task(item.obj)
         test = item.nodeid.partition("[")[0]
         cases[test] += 1
-        if cases[test] > MEASURED_CASES:
+        if cases[test] > measured:
             item.add_marker("repeats")
     # The longest first: at the end, every worker still finds something to do.
     items.sort(key=lambda item: not (any(map(item.get_closest_marker, FIRST)) or LONG & set(_fixtures(item))))
