@@ -65,11 +65,6 @@ class Hub:
         return bool(self._mailboxes)
 
     @property
-    def lingers(self) -> bool:
-        """Whether `deserted` is about to be called."""
-        return self._linger is not None
-
-    @property
     def is_waiting(self) -> bool:
         """Whether every reader has taken all its scans."""
         return all(mailbox.is_empty for mailbox in self._mailboxes)
@@ -128,10 +123,14 @@ class Hub:
             self._linger.cancel()
             self._linger = None
 
+    def check_deserted(self) -> None:
+        """Call `deserted` where nobody reads; not where that is about to be done."""
+        if self._linger is None and not self._mailboxes and not self.joining:
+            self._deserted()
+
     def _linger_over(self) -> None:
         self._linger = None
-        if not len(self):
-            self._deserted()
+        self.check_deserted()
 
     def _see_parts(self) -> None:
         parts = frozenset(mailbox.parts for mailbox in self._mailboxes if mailbox.parts)

@@ -200,9 +200,8 @@ class Scanner:
                 raise
             finally:
                 self._asks = False
-                if not len(self.hub) and not self.hub.lingers:
-                    # It may have been woken to hear this, or restarted.
-                    self._deserted()
+                # It may have been woken to hear this, or restarted.
+                self.hub.check_deserted()
                 self._resume()
 
     async def retune(self) -> None:
@@ -274,7 +273,7 @@ class Scanner:
         """The device is free again: have the stream started again, if it has readers."""
         if self.control.state is State.INTERRUPTED and self.hub.is_read:
             self.control.resume()
-        self._starter.work_soon()
+            self._starter.work_soon()
 
     def _deserted(self) -> None:
         """Nobody has read for a second. A question or restart goes on: `between` looks again at its end."""

@@ -140,8 +140,8 @@ class Dialogue(Intake, Waiting):
     # ------------------------------------------------------------------------------------------------ operations
 
     def begin(self) -> None:
-        super().begin()
-        self._wake = None
+        """An operation begins; what interrupted or woke the one before does not concern it."""
+        self._ends, self._wake = self.fatal, None
 
     def hurry(self, longest: float = math.inf, until: float = math.inf) -> None:
         """Ask each question once; without arguments, as often as is usual again.

@@ -39,10 +39,6 @@ class Waiting:
         # What ends the operation in progress, or every one.
         self._ends: LidarError | None = None
 
-    def begin(self) -> None:
-        """An operation begins; what interrupted the one before does not concern it."""
-        self._ends = self.fatal
-
     def interrupt(self, error: LidarError) -> None:
         """End the operation in progress with `error`: at once if it waits, else at its next step."""
         self._ends = self.fatal or error
