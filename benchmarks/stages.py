@@ -44,8 +44,8 @@ class _Timed:
         self.seconds = 0.0
         self._decoder = decoder
 
-    def tell_time(self, sample_ns: float) -> None:
-        self._decoder.tell_time(sample_ns)
+    def tell_time(self, sample_ns: float, *, passes: bool = True) -> None:
+        self._decoder.tell_time(sample_ns, passes=passes)
 
     def fork(self) -> Self:
         return type(self)(self._decoder.fork())

@@ -73,7 +73,7 @@ def happen(case: Case, form: Form) -> tuple[TrueStream, Line]:
     return stream, case.damage(stream, random)
 
 
-def _drifting(hertz: float, seconds: Floats) -> Floats:
+def drifting(hertz: float, seconds: Floats) -> Floats:
     """As good as a regulated motor is."""
     return hertz * (1 + 0.005 * np.sin(2 * np.pi * 0.4 * seconds))
 
@@ -146,7 +146,7 @@ def _each_second(stream: TrueStream, random: np.random.Generator, *, spoilt: boo
     return _lose(stream, np.arange(len(stream.offsets) - 1) % 2 == 0, random, spoilt=spoilt)
 
 
-def _share(percent: int, stream: TrueStream, random: np.random.Generator, *, spoilt: bool) -> Line:
+def lose_share(percent: int, stream: TrueStream, random: np.random.Generator, *, spoilt: bool) -> Line:
     return _lose(stream, random.random(len(stream.offsets) - 1) * 100 >= percent, random, spoilt=spoilt)
 
 
@@ -169,7 +169,7 @@ def _outage_at(begin: float, seconds: float, stream: TrueStream, random: np.rand
     return _only(stream, (begins < begin) | (begins >= begin + seconds))
 
 
-def _outages(each: float, seconds: float, stream: TrueStream, random: np.random.Generator) -> Line:
+def lose_stretches(each: float, seconds: float, stream: TrueStream, random: np.random.Generator) -> Line:
     del random
     return _only(stream, stream.times_ns[stream.firsts[:-1]] * 1e-9 % each < each - seconds)
 
@@ -181,26 +181,26 @@ def _two_turns(stream: TrueStream, random: np.random.Generator) -> Line:
     return _only(stream, (turns < begin) | (turns >= end))
 
 
-def _bytes_lost(percent: float, stream: TrueStream, random: np.random.Generator) -> Line:
+def lose_bytes(percent: float, stream: TrueStream, random: np.random.Generator) -> Line:
     left = random.random(len(stream.data)) * 100 >= percent
     return Line(stream.data[left], stream.arrivals_ns[left], None)
 
 
-def _bytes_flipped(percent: float, stream: TrueStream, random: np.random.Generator) -> Line:
+def flip_bytes(percent: float, stream: TrueStream, random: np.random.Generator) -> Line:
     data = stream.data.copy()
     hit = random.random(len(data)) * 100 < percent
     data[hit] ^= (1 << random.integers(0, 8, int(hit.sum()))).astype(np.uint8)
     return Line(data, stream.arrivals_ns, None)
 
 
-def _bursts(stream: TrueStream, random: np.random.Generator) -> Line:
+def bursts(stream: TrueStream, random: np.random.Generator) -> Line:
     data = stream.data.copy()
     for begin in random.integers(0, len(data) - 200, max(8, len(data) // 20_000)).tolist():
         data[begin : begin + 200] = random.integers(0, 256, 200, np.uint8)
     return Line(data, stream.arrivals_ns, None)
 
 
-def _doubled(share: float, stream: TrueStream, random: np.random.Generator) -> Line:
+def repeat_packets(share: float, stream: TrueStream, random: np.random.Generator) -> Line:
     """Packets that come twice, the second time right behind the first; a share of all, or one in the middle."""
     count = len(stream.offsets) - 1
     twice = random.random(count) < share
@@ -222,7 +222,7 @@ def _blocked(seconds: float, stream: TrueStream, random: np.random.Generator) ->
 
 
 def _cases() -> Iterator[Case]:
-    yield Case("clean", _clean, _drifting)
+    yield Case("clean", _clean, drifting)
     yield Case("wobbling by 3 %", _clean, _wobbling)
     yield Case("10 to 2 Hz in 1 s", _clean, partial(_ramp, 10.0, 2.0, 1.0))
     yield Case("10 to 1 Hz in 1 s", _clean, partial(_ramp, 10.0, 1.0, 1.0), 7.0)
@@ -231,30 +231,30 @@ def _cases() -> Iterator[Case]:
     yield Case("4 to 1 Hz in 0.5 s, at once", _clean, partial(_ramp, 4.0, 1.0, 0.5, after_s=0.0), begin=0.7)
     yield Case("spinning up from 2 Hz", _clean, _spin_up)
     yield Case("spinning up in jerks of 2 to 7.6 Hz", _clean, _jerky_spin_up)
-    yield Case("a clock 0.5 % slow", _clean, _drifting, clock=1.005)
+    yield Case("a clock 0.5 % slow", _clean, drifting, clock=1.005)
     for spoilt, how in ((False, "gone"), (True, "spoilt")):
-        yield Case(f"each second packet {how}", partial(_each_second, spoilt=spoilt), _drifting)
+        yield Case(f"each second packet {how}", partial(_each_second, spoilt=spoilt), drifting)
         for percent in (20, 40, 60):
-            yield Case(f"{percent} % of the packets {how}", partial(_share, percent, spoilt=spoilt), _drifting)
+            yield Case(f"{percent} % of the packets {how}", partial(lose_share, percent, spoilt=spoilt), drifting)
     for percent in (1, 2):
-        yield Case(f"{percent} % of the bytes lost", partial(_bytes_lost, percent), _drifting)
-        yield Case(f"{percent} % of the bytes flipped", partial(_bytes_flipped, percent), _drifting)
-    yield Case("bursts of 200 bytes", _bursts, _drifting)
-    yield Case("20 times three packets gone", _threes, _drifting)
-    yield Case("an outage of 0.3 s", partial(_outage, 0.3), _drifting)
-    yield Case("an outage of 0.8 s", partial(_outage, 0.8), _drifting)
-    yield Case("an outage of 0.8 s, begun at 345°", partial(_outage, 0.8), _drifting, begin=345 / 360)
-    yield Case("an outage of two turns", _two_turns, _drifting)
+        yield Case(f"{percent} % of the bytes lost", partial(lose_bytes, percent), drifting)
+        yield Case(f"{percent} % of the bytes flipped", partial(flip_bytes, percent), drifting)
+    yield Case("bursts of 200 bytes", bursts, drifting)
+    yield Case("20 times three packets gone", _threes, drifting)
+    yield Case("an outage of 0.3 s", partial(_outage, 0.3), drifting)
+    yield Case("an outage of 0.8 s", partial(_outage, 0.8), drifting)
+    yield Case("an outage of 0.8 s, begun at 345°", partial(_outage, 0.8), drifting, begin=345 / 360)
+    yield Case("an outage of two turns", _two_turns, drifting)
     yield Case("an outage of 0.8 s, then 40 % slower", partial(_outage_at, 2.6, 0.8), partial(_changed, 0.6))
     yield Case("an outage of 0.3 s, then 30 % faster", partial(_outage_at, 2.8, 0.3), partial(_changed, 1.3))
-    yield Case("an outage of 0.15 s each 0.35 s", partial(_outages, 0.35, 0.15), _drifting)
-    yield Case("one packet twice", partial(_doubled, 0.0), _drifting)
-    yield Case("5 % of the packets twice", partial(_doubled, 0.05), _drifting)
-    yield Case("10 % of the packets twice", partial(_doubled, 0.1), _drifting)
-    yield Case("late by 0.2 s", partial(_blocked, 0.2), _drifting, in_files=False)
-    yield Case("late by 2 s", partial(_blocked, 2.0), _drifting, in_files=False)
-    yield Case("wobbling, 20 % gone", partial(_share, 20, spoilt=False), _wobbling)
-    yield Case("10 to 2 Hz, 20 % gone", partial(_share, 20, spoilt=False), partial(_ramp, 10.0, 2.0, 1.0))
+    yield Case("an outage of 0.15 s each 0.35 s", partial(lose_stretches, 0.35, 0.15), drifting)
+    yield Case("one packet twice", partial(repeat_packets, 0.0), drifting)
+    yield Case("5 % of the packets twice", partial(repeat_packets, 0.05), drifting)
+    yield Case("10 % of the packets twice", partial(repeat_packets, 0.1), drifting)
+    yield Case("late by 0.2 s", partial(_blocked, 0.2), drifting, in_files=False)
+    yield Case("late by 2 s", partial(_blocked, 2.0), drifting, in_files=False)
+    yield Case("wobbling, 20 % gone", partial(lose_share, 20, spoilt=False), _wobbling)
+    yield Case("10 to 2 Hz, 20 % gone", partial(lose_share, 20, spoilt=False), partial(_ramp, 10.0, 2.0, 1.0))
 
 
 CASES = {case.name: case for case in _cases()}

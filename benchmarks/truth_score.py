@@ -138,6 +138,12 @@ def _points(stream: TrueStream, scan: Scan) -> _Points:
     return _Points(sample, off, scan.times_ns[there[fits]].astype(np.float64), strange)
 
 
+def is_right(stream: TrueStream, scan: Scan) -> bool:
+    """Whether no point of a scan is more than a degree off, or of no sample."""
+    points = _points(stream, scan)
+    return not points.strange and float(points.off_deg.max(initial=0.0)) <= _OFF_DEG
+
+
 def _number(stream: TrueStream, points: _Points) -> int | None:
     """Of which revolution most points of a scan are."""
     if not len(points.sample):

@@ -59,8 +59,8 @@ class ArcDecoder(ABC):
         self._full_turn = full_turn
         self._turning = turning
 
-    def tell_time(self, sample_ns: float) -> None:
-        self._turning.tell_time(sample_ns)
+    def tell_time(self, sample_ns: float, *, passes: bool = True) -> None:
+        self._turning.tell_time(sample_ns, passes=passes)
 
     def fork(self) -> Self:
         twin = copy_of(self)

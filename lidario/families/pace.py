@@ -154,7 +154,7 @@ class PacedTurning(Turning):
         self._retreat = int(full_turn * retreat)
         self._samples = samples
         # Nanoseconds that a packet takes; 0 where that is not known: then time tells nothing.
-        self._packet_ns = 0.0
+        self._packet_ns, self._time_passes = 0.0, True
         # Whether a speed is known, and whether time confirms it.
         self._certain = self._confirmed = False
         # How long what comes has not been like that speed.
@@ -163,8 +163,8 @@ class PacedTurning(Turning):
         self._close = 0
         self._pace = Pace(full_turn)
 
-    def tell_time(self, sample_ns: float) -> None:
-        self._packet_ns = self._samples * sample_ns
+    def tell_time(self, sample_ns: float, *, passes: bool = True) -> None:
+        self._packet_ns, self._time_passes = self._samples * sample_ns, passes
 
     def _note_close(self, packets: int) -> None:
         """So many more packets are told to follow each other."""

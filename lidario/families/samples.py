@@ -108,8 +108,14 @@ class Decoder(Protocol):
         """
         ...
 
-    def tell_time(self, sample_ns: float) -> None:  # noqa: ARG002
-        """Take note of how long a sample takes, before the first packet; 0 where the device does not say."""
+    def tell_time(self, sample_ns: float, *, passes: bool = True) -> None:  # noqa: ARG002
+        """Take note of how long a sample takes, before the first packet.
+
+        Args:
+            sample_ns: In nanoseconds; 0 where the device does not say.
+            passes: Whether time goes on while packets are missing. In a file of bytes it does not: there times are
+                made of what came.
+        """
         return
 
     def fork(self) -> Self:

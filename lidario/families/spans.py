@@ -74,8 +74,8 @@ class Arcs(NamedTuple):
 class Turning(ABC):
     """Follows the rotor through one stream, by the heads of its packets. By default it remembers nothing."""
 
-    def tell_time(self, sample_ns: float) -> None:  # noqa: B027
-        """Take note of how long a sample takes; 0 where that is not known."""
+    def tell_time(self, sample_ns: float, *, passes: bool = True) -> None:  # noqa: B027
+        """As `Decoder.tell_time`."""
 
     def copy(self) -> Self:
         """Another one, which goes on from here without changing what this one remembers."""

@@ -237,7 +237,9 @@ class Wheel(PacedTurning):
     def _remember(self, spans: Sequence[int], arrivals: Sequence[Arrival]) -> None:
         """Keep spans, and where the rotor was when packets came, while the speed is not sure."""
         if self._certain and self._confirmed and not self._strange:
-            self._forget()
+            if not self._time_passes or self._pace.measured(self._packet_ns) is not None:
+                # What is sure has been held against the time. Before that, a wrong belief would never be.
+                self._forget()
             # Time and spans of the speed before tell nothing of the one that may begin here.
             begin = self._first_strange(spans)
             spans = spans[begin:]
@@ -274,7 +276,7 @@ class Wheel(PacedTurning):
     def _is_too_much(self, spans: Sequence[int], missing: Sequence[int]) -> bool:
         """Whether the device cannot have measured so many packets in that time, by both halves of it."""
         turned, passed = sum(spans), len(spans) + sum(missing)
-        if turned <= 0 or passed <= len(spans):
+        if turned <= 0 or passed <= len(spans) or not self._time_passes:
             return False
         by_time = self._pace.measured(self._packet_ns, turned / passed)
         return by_time is not None and max(by_time) < 1 - OFF

@@ -161,7 +161,7 @@ class ScanMessages(StreamFormat):
 class _NoPackets:
     """The decoder of a stream without packets: there is nothing to decode."""
 
-    def tell_time(self, sample_ns: float) -> None:
+    def tell_time(self, sample_ns: float, *, passes: bool = True) -> None:
         pass
 
 

@@ -66,8 +66,8 @@ class Assembler:
         self._most_ns, self._most_bytes = stream.most_ns, stream.most_bytes
         self.partial: PartialRevolution = PartialRevolution(whole=False)
         self._clock = self._new_clock()
-        self._last_spanned_ns = 0.0
         self._by_blocks = True
+        self._earlier_scans = self.stats.scans
         self._next_offset_deg: float | None = None
         self.ended: int = 0
         self._ended_at: tuple[Packets, int, int] | None = None
@@ -161,7 +161,6 @@ class Assembler:
             begin,
             decoder=self._decoder,
             clock=self._clock,
-            last_spanned_ns=self._last_spanned_ns,
             byte_ns=self._byte_ns,
         )
         if block is None:
@@ -172,7 +171,6 @@ class Assembler:
         last.packets_before = stats.all_packets + block.packets - last.packets
         self._clock.settle(last)
         self.partial = block.next
-        self._last_spanned_ns = block.revolutions[-1].spanned_ns
         stats.scan_packets += stats.unfinished_packets + block.packets
         stats.unfinished_packets = 0
         self.incoming.time.add(block.samples.ends[-1], block.next.carried_ns)
@@ -184,11 +182,9 @@ class Assembler:
         """From now on a sample takes what was found that it takes."""
         if (sample_ns := self.incoming.time.ns) != self._stream.sample_ns:
             self._stream = replace(self._stream, sample_ns=sample_ns)
-            self._decoder.tell_time(sample_ns)
             self.incoming.use_time_of(self._stream)
             # What is remembered of the revolutions before was reckoned by the other time.
             self._clock = self._new_clock()
-            self._last_spanned_ns = 0.0
 
     def _new_clock(self) -> RevolutionClock:
         slowest_ns, rough = 1e9 * self._stream.slowest_turn_s, not self._stream.sample_ns
@@ -234,7 +230,8 @@ class Assembler:
             return None
         if split.broken or split.moved:
             # Only the first mark may stand elsewhere by right. A false one moves the seam there and back.
-            sure = partial.whole and not partial.moved and (split.broken or self._last_spanned_ns)
+            is_first = not split.broken and self.stats.scans == self._earlier_scans
+            sure = partial.whole and not (partial.moved or is_first)
             if sure and not (split.moved and ended.is_false_part):
                 self.stats.break_scan()
             self._clock.restart(split.seam / self._stream.format.full_turn)
@@ -296,10 +293,11 @@ class Assembler:
         number = stats.scans + stats.missed_scans - self._told_unseen - (not ended.partial.whole)
         if not self._is_whole(ended, number):
             return None
-        spanned_ns = self._last_spanned_ns = ended.spanned_ns
         arrays, reported_rpm = ended.arrays, ended.samples.reported_rpm
         arrays.angle = turned_by(arrays.angle, self._stream.zero_offset_deg)
-        made = DatedRevolution(arrays, ended.start_ns, spanned_ns, ended.revolution_ns, reported_rpm, ended.gaps)
+        made = DatedRevolution(
+            arrays, ended.start_ns, ended.spanned_ns, ended.revolution_ns, reported_rpm, ended.gaps
+        )
         return self._deliver(made, ended.sample_ns, ended.lost)
 
     def _date(self, ended: EndedRevolution) -> None:
@@ -317,7 +315,7 @@ class Assembler:
         """Count a revolution, and tell whether it makes a scan."""
         partial, packets, samples, wire = ended.partial, ended.packets, ended.samples, self._stream.format
         ended.spanned_ns += ended.missing_samples(gap_behind=self.partial.carried is None) * ended.sample_ns
-        ordinary_ns = self._last_spanned_ns or ended.spanned_ns
+        ordinary_ns = self._clock.usual_ns or ended.spanned_ns
         # What a program reads late it reads together: of an outage meanwhile only a gap in it tells where it was.
         broken = ended.is_broken(ordinary_ns) or (ended.lost > 0 and self._clock.is_late)
         if partial.whole and self._told_seq is None and self._ended_at is not None:

@@ -41,7 +41,6 @@ class Incoming:
     """
 
     def __init__(self, stream: Stream, stats: AssemblerStats, clock: Clock | None = None) -> None:
-        stream.decoder.tell_time(stream.sample_ns)
         self.time: SampleTime = SampleTime(stream.sample_ns, stream.may_take_ns, timed=stream.timed)
         self.passing: list[int] | None = None
         self._format = stream.format
@@ -49,6 +48,7 @@ class Incoming:
         self._false = FalsePackets(stream, stats)
         self._is_live, self._is_timed = clock is None, stream.timed
         self._clock: Clock = clock or DeviceClock(stream)
+        self._tell_time(stream)
 
     def take(self, event: Packets) -> list[tuple[Packets, Headings]]:
         """The next packets, in pieces where one was false, and their headings; none twice, and dated."""
@@ -86,3 +86,8 @@ class Incoming:
         self._false.tell_time(stream.sample_ns)
         if self._is_live:
             self._clock = DeviceClock(stream)
+        self._tell_time(stream)
+
+    def _tell_time(self, stream: Stream) -> None:
+        passes = (self._is_live and stream.timed) or self._clock.is_told
+        stream.decoder.tell_time(stream.sample_ns, passes=passes)

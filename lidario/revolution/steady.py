@@ -61,7 +61,6 @@ def decode_block(
     *,
     decoder: Decoder,
     clock: RevolutionClock,
-    last_spanned_ns: float,
     byte_ns: float,
 ) -> SteadyBlock | None:
     """Decode the revolution in the making and those that end in an event, if nothing is missing in any.
@@ -77,7 +76,6 @@ def decode_block(
         first: The first packet of the event that was not yet used.
         decoder: What decodes it.
         clock: The revolutions so far.
-        last_spanned_ns: What the revolution before took; 0 when that is not known.
         byte_ns: Nanoseconds that a byte takes on the line.
     """
     marked, seam, last = splits[0].marked, splits[0].seam, splits[-1].packet
@@ -109,7 +107,7 @@ def decode_block(
         here.begin_with(partial.carried)
     reads.insert(0, (room, partial.carried_ns))
     offsets = packet_offsets(packets.blocks) if byte_ns else ()
-    revolutions, last_ns = _dated(stream, here, samples, ends, reads, offsets, byte_ns, last_spanned_ns)
+    revolutions, last_ns = _dated(stream, here, samples, ends, reads, offsets, byte_ns, clock.usual_ns)
     if not revolutions or not clock.is_followed(revolutions):
         return None
     latest = revolutions[-1]
@@ -139,7 +137,7 @@ def _dated(
     reads: Sequence[tuple[int, int]],
     offsets: Sequence[int],
     byte_ns: float,
-    last_spanned_ns: float,
+    usual_ns: float,
 ) -> tuple[list[DatedRevolution], int]:
     """Divide the samples among the revolutions, and tell when each was measured, by all that came of it.
 
@@ -151,13 +149,13 @@ def _dated(
         reads: How many samples were there, and when, one read after the other; those that were there before first.
         offsets: Where packets begin; empty where bytes take no time.
         byte_ns: As for `decode_block`, and so is the next one.
-        last_spanned_ns: What the revolution before took.
+        usual_ns: What a revolution took before.
 
     Returns:
         The revolutions, and when the last packet of them came. None where one came late, or took more or less time
         than its angles tell: `Assembler` decides about those.
     """
-    sample_ns, ordinary_ns, rpms = stream.sample_ns, last_spanned_ns, samples.reported_rpm
+    sample_ns, rpms = stream.sample_ns, samples.reported_rpm
     turned = SampleArrays(turned_by(here.angle, stream.zero_offset_deg), here.distance, here.intensity)
     found: list[DatedRevolution] = []
     (there, at_ns), read = reads[0], 1
@@ -177,12 +175,12 @@ def _dated(
         start_ns = earliest_ns(earliest, sample_ns, wire_ns)
         spanned_ns, turn_ns = (seam_at - begin) * sample_ns, samples.revolution_samples[number] * sample_ns
         if (
-            at_ns - start_ns > spanned_ns + BROKEN_SHARE * (ordinary_ns or spanned_ns)
+            at_ns - start_ns > spanned_ns + BROKEN_SHARE * usual_ns
             or spanned_ns > UNEVEN * turn_ns
             or start_ns - round(at_ns - spanned_ns) > NOISE * turn_ns
         ):
             return [], 0
         rpm = rpms[number] if rpms else math.nan
         found.append(DatedRevolution(turned.part(begin, seam_at), start_ns, spanned_ns, turn_ns, rpm))
-        begin, packet, ordinary_ns = seam_at, end, spanned_ns
+        begin, packet, usual_ns = seam_at, end, turn_ns
     return found, at_ns

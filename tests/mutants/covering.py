@@ -14,8 +14,8 @@ from coverage import CoverageData
 
 from tests.mutants.places import Place
 
-MOST_TESTS: Final = 400
-"""Of more tests that run a line, so many are taken, evenly: to find and run more takes minutes."""
+MOST_TESTS: Final = 800
+"""Of more tests that run a line, so many are taken: to find and run more takes minutes."""
 
 
 class Covering:
@@ -56,13 +56,25 @@ class Covering:
             module = test.partition("::")[0]
             is_near = any(module == folder or module.startswith(f"{folder}/") for folder in nearest)
             (near if is_near else far).append(test)
-        return [tests[:: -(-len(tests) // MOST_TESTS)] for tests in (near, far) if tests]
+        return [_some(tests) for tests in (near, far) if tests]
 
     def _tests_of(self, path: Path, lines: Iterable[int] | None) -> set[str]:
         """The tests that run some of these lines of a file; None for any line."""
         contexts = self._data.contexts_by_lineno(str(path))
         these = contexts if lines is None else contexts.keys() & set(lines)
         return {context.rpartition("|")[0] for line in these for context in contexts[line] if context}
+
+
+def _some(tests: Sequence[str]) -> list[str]:
+    """At most `MOST_TESTS` of them: one case of each test before any other case, and of too many, evenly."""
+    first = {test.partition("[")[0]: test for test in reversed(tests)}
+    ones = sorted(first.values())
+    others = sorted(set(tests) - set(ones)) if len(ones) < MOST_TESTS else []
+    return sorted([*_evenly(ones, MOST_TESTS), *_evenly(others, MOST_TESTS - len(ones))])
+
+
+def _evenly(tests: Sequence[str], most: int) -> Sequence[str]:
+    return tests[:: -(-len(tests) // most)] if tests else ()
 
 
 def _statement(tree: ast.Module, line: int) -> ast.stmt:

@@ -122,7 +122,11 @@ class NodeSteps(PacedTurning):
         low, high = min(by_time) / each, max(by_time) / each
         for times in (max(1, round(low)), 1 / max(1, round(1 / high))):
             if high <= (1 + OFF) * times and low >= (1 - OFF) * times:
-                self._typical /= times
+                if times != 1:
+                    self._typical /= times
+                elif self._strange and (mean := float(spans.mean())) > 0:
+                    # It tells the right number of nodes, though hardly a step is like it: so long they are.
+                    self._typical = mean / each
                 self._confirmed, self._strange = True, 0
                 self._pace.clear()
                 return times

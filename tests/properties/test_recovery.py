@@ -1,0 +1,32 @@
+"""Trouble passes, and with it all that it made the host believe (`benchmarks.recovery`)."""
+
+from __future__ import annotations
+
+import pytest
+
+from benchmarks.recovery import TROUBLES, seconds_until_right
+from benchmarks.truth_forms import FORMATS
+
+LONGEST_S = 1.5
+"""Of hundreds of runs, a second at most; half of them take less than 0.1 s."""
+FOUND = [
+    # Half a step was believed, and so each second packet was told as lost for ever.
+    ("0x84 A3", "2 % of the bytes lost", 3),
+    # A scan of one packet was the measure of those behind it, which all came too late for it.
+    ("4ROS", "2 % of the bytes flipped", 1),
+    ("G4", "10 % of the bytes flipped", 1),
+    # Two and a half steps were believed, and confirmed by the number of nodes: each revolution seemed to be two.
+    ("0x81 S1", "85 % of the packets gone", 47),
+]
+
+
+@pytest.mark.parametrize(("name", "trouble", "seed"), FOUND)
+def test_nothing_stays_wrong_for_ever(name: str, trouble: str, seed: int) -> None:
+    assert seconds_until_right(FORMATS[name], trouble, seed) <= LONGEST_S
+
+
+@pytest.mark.exhaustive("seed", sample=[0], full=range(8))
+@pytest.mark.parametrize("name", FORMATS)
+def test_soon_behind_any_trouble_all_is_right(name: str, seed: int) -> None:
+    until = {trouble: seconds_until_right(FORMATS[name], trouble, seed) for trouble in TROUBLES}
+    assert max(until.values()) <= LONGEST_S, until
