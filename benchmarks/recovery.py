@@ -123,7 +123,7 @@ def seconds_until_right(form: Form, trouble: str, seed: int) -> float:
     line, end_ns = _troubled(stream, TROUBLES[trouble], random, begin)
     scans = receive(stream, line, "read", seed).scans
     turn_ns = 1e9 / form.hertz
-    last = stream.begins_ns[stream.whole.stop - 1] + _behind_ns(scans, stream)
+    last = stream.begins_ns[stream.whole.stop - 1]
     if not scans or scans[-1].stamp_ns < last - turn_ns / 2:
         return math.inf
     return max([0.0, *(wrong_ns - end_ns for wrong_ns in _wrong(stream, scans, turn_ns))]) * 1e-9
@@ -132,12 +132,6 @@ def seconds_until_right(form: Form, trouble: str, seed: int) -> float:
 @cache
 def _stream(form: Form) -> TrueStream:
     return true_stream(form, partial(drifting, form.hertz), _SECONDS)
-
-
-def _behind_ns(scans: list[Scan], stream: TrueStream) -> float:
-    """How far stamps are behind the truth: by what a line adds, the same for all."""
-    first = min(stream.begins_ns.values(), key=lambda at_ns: abs(at_ns - scans[0].stamp_ns)) if scans else 0.0
-    return scans[0].stamp_ns - first if scans else 0.0
 
 
 def _troubled(stream: TrueStream, damage: Damage, random: np.random.Generator, begin: float) -> tuple[Line, float]:

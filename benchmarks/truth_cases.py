@@ -95,6 +95,11 @@ def _changed(factor: float, hertz: float, seconds: Floats) -> Floats:
     return np.where(seconds < 3.0, hertz, hertz * factor)
 
 
+def _standing(hertz: float, seconds: Floats) -> Floats:
+    """For half a second, as when something holds it."""
+    return np.where((seconds >= 2.5) & (seconds < 3.0), 0.0, hertz)
+
+
 def _from_half(hertz: float, seconds: Floats) -> Floats:
     del hertz
     return 0.5 + 9.5 * np.clip(seconds / 3.0, 0.0, 1.0)
@@ -248,6 +253,9 @@ def _cases() -> Iterator[Case]:
     yield Case("an outage of 0.8 s, then 40 % slower", partial(_outage_at, 2.6, 0.8), partial(_changed, 0.6))
     yield Case("an outage of 0.3 s, then 30 % faster", partial(_outage_at, 2.8, 0.3), partial(_changed, 1.3))
     yield Case("an outage of 0.15 s each 0.35 s", partial(lose_stretches, 0.35, 0.15), drifting)
+    yield Case("standing for 0.5 s", _clean, _standing)
+    yield Case("standing for 0.5 s, 60 % gone", partial(lose_share, 60, spoilt=False), _standing)
+    yield Case("standing for 0.5 s, 60 % spoilt", partial(lose_share, 60, spoilt=True), _standing)
     yield Case("one packet twice", partial(repeat_packets, 0.0), drifting)
     yield Case("5 % of the packets twice", partial(repeat_packets, 0.05), drifting)
     yield Case("10 % of the packets twice", partial(repeat_packets, 0.1), drifting)

@@ -293,11 +293,9 @@ class Assembler:
         number = stats.scans + stats.missed_scans - self._told_unseen - (not ended.partial.whole)
         if not self._is_whole(ended, number):
             return None
-        arrays, reported_rpm = ended.arrays, ended.samples.reported_rpm
+        arrays, rpm = ended.arrays, ended.samples.reported_rpm
         arrays.angle = turned_by(arrays.angle, self._stream.zero_offset_deg)
-        made = DatedRevolution(
-            arrays, ended.start_ns, ended.spanned_ns, ended.revolution_ns, reported_rpm, ended.gaps
-        )
+        made = DatedRevolution(arrays, ended.start_ns, ended.spanned_ns, ended.revolution_ns, rpm, ended.gaps)
         return self._deliver(made, ended.sample_ns, ended.lost)
 
     def _date(self, ended: EndedRevolution) -> None:
@@ -318,6 +316,11 @@ class Assembler:
         ordinary_ns = self._clock.usual_ns or ended.spanned_ns
         # What a program reads late it reads together: of an outage meanwhile only a gap in it tells where it was.
         broken = ended.is_broken(ordinary_ns) or (ended.lost > 0 and self._clock.is_late)
+        told = samples.lost + partial.lost_behind_carried + ended.revoked
+        if self.incoming.is_live and ended.stood(self._clock.over_ns, ordinary_ns):
+            # What is missing all the same, the clock tells.
+            self.stats.lost_packets -= samples.lost
+            told, broken = told - samples.lost, True
         if partial.whole and self._told_seq is None and self._ended_at is not None:
             least_ns = ended.least_ns(wire, self._clock.usual_ns)
             # Angles hide whole revolutions; so it counts when the packet behind it came.
@@ -327,7 +330,6 @@ class Assembler:
             # Where only marks tell where revolutions begin, the first part may be longer than one.
             self._clock.restart()
         else:
-            told = samples.lost + partial.lost_behind_carried + ended.revoked
             before = self.stats.all_packets - packets.count - told
             beginning = ended.beginning(wire, broken=broken, number=number, packets_before=before)
             passed = self._clock.follow(beginning)

@@ -152,6 +152,12 @@ class RevolutionClock:
         unknown = self._late_ns is not None or self._is_open or sure is None or sure.borrowed
         return None if unknown else self._last
 
+    @property
+    def over_ns(self) -> float:
+        """When the revolution before was over; minus infinity where time does not tell."""
+        last = self._last if self._is_timed else None
+        return -math.inf if last is None else last.start_ns + last.spanned_ns * last.tells_time
+
     def learn_speed(self, packets: Iterable[tuple[float, int]]) -> None:
         """Packets came: where each begins, in revolutions, and when it came."""
         for angle, at_ns in packets:
@@ -180,13 +186,7 @@ class RevolutionClock:
         self._seam = seam
 
     def is_followed(self, revolutions: Iterable[DatedRevolution]) -> bool:
-        """Whether the next revolutions follow the last one, and each other, without one missing.
-
-        It is asked only where `last` is known. Nothing is remembered before `settle`.
-
-        Args:
-            revolutions: Those that come next.
-        """
+        """Whether the next revolutions follow the last one, which must be known; it remembers nothing."""
         last = self._last
         if last is None or not last.revolution_ns:
             return False
@@ -228,6 +228,7 @@ class RevolutionClock:
         """Revolutions and packets that are missing since the anchor, where nothing else tells what passed."""
         lost, untold = self._missing(here, elapsed)
         turns = elapsed / here.revolution_ns + anchor.over - here.over
+        self._is_timed |= abs(turns - (here.number - anchor.number)) <= NOISE
         unseen = int(turns * (1 - UNEVEN_SPEED) + NOISE) - (here.number - anchor.number)
         # Counting goes on from here, unless it is too vague when this one began.
         self._is_open = self._sure is not here and abs(turns - round(turns)) >= EXACT

@@ -38,6 +38,7 @@ class Incoming:
     Attributes:
         time: How long a sample takes.
         passing: As `FalsePackets.passing`, of the latest packets.
+        is_live: Whether the times of packets are those of reads.
     """
 
     def __init__(self, stream: Stream, stats: AssemblerStats, clock: Clock | None = None) -> None:
@@ -46,7 +47,8 @@ class Incoming:
         self._format = stream.format
         self._doubled = DoubledPackets(stream.format, stream.sample_ns, stats)
         self._false = FalsePackets(stream, stats)
-        self._is_live, self._is_timed = clock is None, stream.timed
+        self.is_live: bool = clock is None and stream.timed
+        self._is_timed = stream.timed
         self._clock: Clock = clock or DeviceClock(stream)
         self._tell_time(stream)
 
@@ -84,10 +86,9 @@ class Incoming:
         """A sample takes as long as this stream says from now on."""
         self._doubled.tell_time(stream.sample_ns)
         self._false.tell_time(stream.sample_ns)
-        if self._is_live:
+        if self.is_live:
             self._clock = DeviceClock(stream)
         self._tell_time(stream)
 
     def _tell_time(self, stream: Stream) -> None:
-        passes = (self._is_live and stream.timed) or self._clock.is_told
-        stream.decoder.tell_time(stream.sample_ns, passes=passes)
+        stream.decoder.tell_time(stream.sample_ns, passes=self.is_live or self._clock.is_told)

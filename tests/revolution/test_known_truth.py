@@ -56,6 +56,17 @@ def test_turns_that_hide_in_outages_are_not_taken_for_a_speed(name: str) -> None
     assert found.told <= 1.04 * found.missing
 
 
+@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize(("case", "more"), [("standing for 0.5 s", 8), ("standing for 0.5 s, 60 % gone", 60)])
+def test_a_rotor_that_stands_for_a_while_is_not_taken_for_losses(name: str, case: str, more: int) -> None:
+    """Beside what it turned before and behind, the angles tell thousands: more than there was time for."""
+    found = _scored(name, case, "read")
+    assert found.told <= found.missing + max(more, 0.08 * found.missing)
+    assert found.missing_revolutions <= 4
+    assert found.wrong <= 0.001 * found.samples
+    assert found.overlap_ms < 60
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("name", FORMATS)
 @pytest.mark.parametrize(
