@@ -87,6 +87,11 @@ class ToldWheel(Turning):
         skipped = np.where(gaps, np.rint(jumps / step) - 1, 0).astype(np.intp)
         return Arcs(way, skipped, mean, certain=True)
 
+    def whole(self, heads: Heads) -> Arcs | None:
+        way = _way_of(heads)
+        inner, turned = heads.samples - len(way), int(np.add.reduce(way))
+        return Arcs(way, None, turned / inner, certain=True) if inner and turned > 0 else None
+
     def steady(
         self,
         heads: Heads,

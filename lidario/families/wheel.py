@@ -145,6 +145,12 @@ class Wheel(PacedTurning):
         elif self._spans:
             self._forget()
 
+    def _use(self, arc: float) -> None:
+        if arc > 0:
+            self._take(arc, sure=True)
+        self._confirmed = False
+        self._forget()
+
     def _is_steady(self, spans: Ints, shortest: int, longest: int) -> bool:
         """Whether each span is one arc: near the last arc, or near the span before."""
         if self._certain and self._arc < _HALFWAY * shortest and longest <= _HALFWAY * self._arc:

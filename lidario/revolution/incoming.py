@@ -91,4 +91,4 @@ class Incoming:
         self._tell_time(stream)
 
     def _tell_time(self, stream: Stream) -> None:
-        stream.decoder.tell_time(stream.sample_ns, passes=self.is_live or self._clock.is_told)
+        stream.decoder.tell_time(stream.sample_ns, passes=self.is_live)

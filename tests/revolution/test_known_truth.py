@@ -63,7 +63,8 @@ def test_a_rotor_that_stands_for_a_while_is_not_taken_for_losses(name: str, case
     found = _scored(name, case, "read")
     assert found.told <= found.missing + max(more, 0.08 * found.missing)
     assert found.missing_revolutions <= 4
-    assert found.wrong <= 0.001 * found.samples
+    # A packet in the midst of which the rotor stops has its samples at equal steps all the same.
+    assert found.wrong <= 0.002 * found.samples
     assert found.overlap_ms < 60
 
 

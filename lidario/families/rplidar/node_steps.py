@@ -97,6 +97,11 @@ class NodeSteps(PacedTurning):
         self._typical, self._strange = arcs.step, 0
         self._pace.clear()
 
+    def _use(self, arc: float) -> None:
+        if arc > 0:
+            self._typical, self._certain, self._strange = arc, True, 0
+        self._pace.clear()
+
     @staticmethod
     def _is_ordinary(typical: float, shortest: int, longest: int) -> bool:
         return JITTER * typical < shortest and longest <= (1 + JITTER) * typical
