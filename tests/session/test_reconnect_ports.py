@@ -101,7 +101,7 @@ async def test_a_port_that_nobody_has_named_is_asked_15_times_in_vain(monkeypatc
     ports.append(PortInfo("/dev/other", "", "CP2102", ""))
     for _ in range(15):
         there = await places.candidates()
-        assert [place.address for place in there] == ["/dev/named", "/dev/other"]
+        assert there == [Source(port, "serial", port) for port in ("/dev/named", "/dev/other")]
         for place in there:
             places.silent(place)
     assert await places.candidates() == there[:1]

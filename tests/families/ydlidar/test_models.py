@@ -6,7 +6,7 @@ import pytest
 
 from lidario.families.stream import Known
 from lidario.families.ydlidar.models import MODELS, Model
-from lidario.families.ydlidar.raw import find_stream
+from lidario.families.ydlidar.raw import Turn, find_stream
 from lidario.families.ydlidar.simulated.packers import pack_points
 from tests.families.ydlidar.about import CASES
 
@@ -94,3 +94,14 @@ def test_where_no_speed_is_told_the_rate_is_that_of_about_8_revolutions_a_second
     found = find_stream(silent(samples), Known(model="g4"))
     assert found is not None
     assert found.stream.sample_ns == 1e9 / rate
+
+
+def test_a_rate_that_a_model_does_not_have_is_that_of_another_one() -> None:
+    """A G4 takes 4000, 8000 or 9000 samples a second, an X4 always 5000."""
+    many, one = MODELS["g4"], MODELS["x4"]
+    assert [Turn(samples, 100 - many.kind.speed_base).rate(many) for samples in (410.0, 800.0, 600.0)] == [
+        4000,
+        8000,
+        6000,
+    ]
+    assert Turn(600.0, 100 - one.kind.speed_base).rate(one) == one.rates[0]
