@@ -25,8 +25,8 @@ from lidario.wire.events import Arrival, Packets
 
 Floats = NDArray[np.float32]
 
-MANY_GAPS: Final = 3
-"""Gaps of one revolution that are held against the time."""
+EVEN: Final = 0.1
+"""By so much the arcs of one revolution differ where the rotor keeps its speed."""
 
 
 @dataclass(slots=True, eq=False)
@@ -214,9 +214,9 @@ class ArcDecoder(ABC):
             np.add.accumulate(arcs.skipped, out=before[1:])
         revoked = round(each * close * packet)
         told = [(ends[count - 1] + int(before[count - 1]) + revoked, at_ns) for count, at_ns in arrivals]
-        # One gap between arcs that are alike is one. Another speed looks like many.
-        many = revoked or np.count_nonzero(np.diff(before)) >= MANY_GAPS
-        if many and not self._tally.has_room(came, told, packet) and (whole := self._turning.whole(heads)):
+        # Gaps between arcs that are alike are gaps. Where the speed changes, arcs look like gaps, and all differ.
+        alike = not revoked and _are_alike(heads, arcs.arc, np.diff(before) == 0)
+        if not alike and not self._tally.has_room(came, told, packet) and (whole := self._turning.whole(heads)):
             self._tally.add(came)
             return whole
         self._tally.add(came, missing=int(before[-1]) + revoked)
@@ -240,6 +240,18 @@ class ArcDecoder(ABC):
             for at in arcs.skipped.nonzero()[0].tolist()
         ]
         return [at for at, lost in found if lost], [lost for _, lost in found if lost]
+
+
+def _are_alike(heads: Heads, arc: Arc, these: NDArray[np.bool_]) -> bool:
+    """Whether these arcs tell of one speed."""
+    if isinstance(heads.counts, int):
+        steps = np.asarray(arc[these], np.float64)
+    else:
+        # A short packet tells its step by a few units of the angle.
+        counts = heads.counts - (heads.way is not None)
+        these = these & (2 * counts > counts.max())
+        steps = arc[these] / counts[these]
+    return len(steps) > 1 and float(steps.max() - steps.min()) <= EVEN * float(steps.mean())
 
 
 def _reads(ends: Sequence[int], arrivals: Sequence[Arrival]) -> list[tuple[int, int]]:

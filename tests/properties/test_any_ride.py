@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 
-from benchmarks.truth_cases import Line
+from benchmarks.truth_cases import Line, drifting
 from benchmarks.truth_code import Floats
 from benchmarks.truth_forms import FORMATS
 from benchmarks.truth_score import score
@@ -45,3 +47,19 @@ def test_whatever_the_rotor_does_nothing_is_told_as_lost(name: str, seed: int) -
     assert found.told <= 20
     # A packet in the midst of which the rotor stops has its samples at equal steps all the same.
     assert found.wrong <= 0.01 * found.samples
+
+
+@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("share", [0.1, 0.3])
+def test_where_angles_are_even_they_are_believed_against_the_time(name: str, share: float) -> None:
+    """A file of which packets are gone, written to a port at an even pace: no time passes where they were."""
+    stream = true_stream(FORMATS[name], partial(drifting, FORMATS[name].hertz), 4.0)
+    count = len(stream.offsets) - 1
+    kept = (np.random.default_rng(3).random(count) >= share) | (np.arange(count) < count // 4)
+    data = stream.data[np.repeat(kept, np.diff(stream.offsets))]
+    at_ns = np.arange(1, len(data) + 1) * (stream.arrivals_ns[-1] / len(stream.data))
+    there = np.flatnonzero(kept)
+    line = Line(data, at_ns, int(there[-1] - there[0] + 1 - len(there)))
+    found = score(stream, line, receive(stream, line, "read"), timed=False)
+    assert abs(found.told - found.missing) <= 1
+    assert found.wrong == 0
