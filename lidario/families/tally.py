@@ -75,7 +75,8 @@ class Tally:
             return True
         # A packet comes whole, and so its samples are late, the last one of several reads by little.
         base, spare = min(known), packet_ns / 2 + off
-        return self._least(behind) > base + spare or self._least(told) >= base - spare
+        as_many = abs(self._least(behind) - base) <= spare
+        return not as_many or self._least(told) >= base - spare
 
     def _least(self, reads: Reads) -> float:
         """When the first of the next samples was due, by these reads."""
