@@ -7,42 +7,18 @@ from functools import partial
 import numpy as np
 import pytest
 
+from benchmarks.rides import ridden
 from benchmarks.truth_cases import Line, drifting
-from benchmarks.truth_code import Floats
 from benchmarks.truth_forms import FORMATS
 from benchmarks.truth_score import score
 from benchmarks.truth_streams import true_stream
 from benchmarks.truth_ways import receive
 
-SECONDS = 6.0
-EVEN_S = 0.8
-"""So long it is even at first: until the pace of the device is known, time can say nothing."""
-HARDEST = 10.0
-"""Revolutions a second that its speed changes by in a second: ten times as much as most motors do."""
-
-
-def _ride(random: np.random.Generator, hertz: float) -> tuple[Floats, Floats]:
-    """Speeds from nothing to beyond the ordinary one, by their times."""
-    times = np.arange(0.0, SECONDS + 1, 0.01)
-    wanted = np.interp(
-        times,
-        [EVEN_S, *np.sort(random.uniform(EVEN_S, SECONDS, 6)).tolist()],
-        [random.uniform(4.0, hertz), *(random.choice([0.0, 0.3, *random.uniform(2.0, 1.4 * hertz, 4)], 6))],
-    )
-    speed = wanted.copy()
-    for at in range(1, len(speed)):
-        speed[at] = speed[at - 1] + np.clip(wanted[at] - speed[at - 1], -HARDEST * 0.01, HARDEST * 0.01)
-    return times, speed
-
 
 @pytest.mark.exhaustive("seed", sample=[0, 1], full=range(12))
 @pytest.mark.parametrize("name", FORMATS)
 def test_whatever_the_rotor_does_nothing_is_told_as_lost(name: str, seed: int) -> None:
-    random = np.random.default_rng(seed)
-    times, speed = _ride(random, FORMATS[name].hertz)
-    stream = true_stream(FORMATS[name], lambda seconds: np.interp(seconds, times, speed), SECONDS)
-    line = Line(stream.data, stream.arrivals_ns, 0)
-    found = score(stream, line, receive(stream, line, "read", seed), timed=True)
+    found = ridden(FORMATS[name], seed)
     # Where it stood, the time between two revolutions tells a few.
     assert found.told <= 20
     # A packet in the midst of which the rotor stops has its samples at equal steps all the same.
