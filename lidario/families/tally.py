@@ -45,7 +45,7 @@ class Tally:
 
     def add(self, reads: Reads, missing: int = 0) -> None:
         """What came by these reads is decoded, and so many samples are missing among it."""
-        if not self._sample_ns:
+        if not (self._sample_ns and reads):
             return
         if missing:
             # A read in the midst of a gap is late for what it brings.
@@ -66,6 +66,8 @@ class Tally:
             told: The same with what is told as missing before.
             packet: Samples of a packet.
         """
+        if not (self._sample_ns and came):
+            return True
         off, packet_ns = _OFF * came[-1][0] * self._sample_ns, packet * self._sample_ns
         before = sum([there == with_missing for (there, _), (with_missing, _) in zip(came, told, strict=True)])
         # The last read before a gap may have come in the midst of it; the very last one may have brought more.
