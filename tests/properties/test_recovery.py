@@ -26,7 +26,7 @@ def test_nothing_stays_wrong_for_ever(name: str, trouble: str, seed: int) -> Non
 
 
 @pytest.mark.exhaustive("seed", sample=[0], full=range(8))
-@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.exhaustive("name", sample=["0x81 S1", "0x85 C1", "4ROS", "LD19"], full=list(FORMATS))
 def test_soon_behind_any_trouble_all_is_right(name: str, seed: int) -> None:
     until = {trouble: seconds_until_right(FORMATS[name], trouble, seed) for trouble in TROUBLES}
     assert max(until.values()) <= LONGEST_S, until
