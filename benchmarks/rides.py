@@ -23,7 +23,7 @@ _SECONDS = 6.0
 _EVEN_S: Final = 0.8
 """So long it is even at first: until the pace of the device is known, time can say nothing."""
 _HARDEST: Final = 10.0
-"""Revolutions a second that its speed changes by in a second: ten times as much as most motors do."""
+"""Revolutions a second by which its speed changes in a second, at most: from 10 Hz to none takes a second."""
 _SEEDS = 12
 
 

@@ -8,7 +8,7 @@ from benchmarks.recovery import TROUBLES, seconds_until_right
 from benchmarks.truth_forms import FORMATS
 
 LONGEST_S = 1.5
-"""Of thousands of runs, half a second at most; half of them take less than 0.1 s."""
+"""The slowest of thousands of runs took half a second."""
 FOUND = [
     # Half a step was believed, and so each second packet was told as lost for ever.
     ("0x84 A3", "2 % of the bytes lost", 3),

@@ -124,7 +124,7 @@ class Hub:
             self._linger = None
 
     def check_deserted(self) -> None:
-        """Call `deserted` where nobody reads; not where that is about to be done."""
+        """Call `deserted` if nobody reads, and no timer is about to call it."""
         if self._linger is None and not self._mailboxes and not self.joining:
             self._deserted()
 

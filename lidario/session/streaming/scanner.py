@@ -276,7 +276,7 @@ class Scanner:
             self._starter.work_soon()
 
     def _deserted(self) -> None:
-        """Nobody has read for a second. A question or restart goes on: `between` looks again at its end."""
+        """Nobody reads: stop the device. During a question or a restart it is left: `between` asks again."""
         may_turn = self.rests and not self._at.dialogue.stopper.still
         if not self._asks and (self.control.is_scanning or may_turn):
             self.control.unwant()
