@@ -183,8 +183,8 @@ class Wheel(PacedTurning):
             revoked = self._learn(anew=True)
             walk = self._walk(plain, followed=followed)
         arc, missing, self._fits = walk.arcs, walk.missing, walk.fitting == walk.known
-        passed = sum(1 + more for each, more in zip(arc, missing, strict=True) if each > 0)
-        typical = sum(each * (1 + more) for each, more in zip(arc, missing, strict=True)) / max(1, passed)
+        passed = len(arc) + sum(missing)
+        typical = sum(each * (1 + more) for each, more in zip(arc, missing, strict=True)) / passed
         behind = np.array(missing) * self._samples if any(missing) else None
         return Arcs(np.array(arc), behind, typical / self._samples, self._certain, revoked)
 
@@ -210,8 +210,9 @@ class Wheel(PacedTurning):
             if whole == 1:
                 if abs(times - 1) <= OFF or anew:
                     last = float(span)
-                # One that is another, and alone, hides a whole turn; or the rotor stands.
-                arcs.append(last if span else 0.0)
+                # One that is another, and alone, hides a whole turn; but not where the rotor stops or starts.
+                stands = 0 in (span, likely if at < end else last, arcs[-1] if at else last)
+                arcs.append(float(span) if stands else last)
                 missing.append(0)
                 continue
             mean = span / whole
@@ -231,7 +232,11 @@ class Wheel(PacedTurning):
         """Whether spans fit no whole number of arcs for some time: the speed may be another one."""
         fitting, known = walk.fitting, walk.known
         self._strange = 0 if 2 * fitting > known or not known else self._strange + known
-        return self._strange >= _STRANGE
+        if self._strange < _STRANGE:
+            return False
+        # What came before tells nothing of it.
+        self._spans = self._spans[-self._strange :]
+        return True
 
     def _fitting(self, spans: Sequence[int], arc: float) -> tuple[int, int]:
         """How many spans are a whole number of arcs, and how many are so short that this can be told."""
@@ -242,26 +247,12 @@ class Wheel(PacedTurning):
 
     def _remember(self, spans: Sequence[int], arrivals: Sequence[Arrival]) -> None:
         """Keep spans, and where the rotor was when packets came, while the speed is not sure."""
-        if self._certain and self._confirmed and not self._strange:
-            if not self._time_passes or self._pace.measured(self._packet_ns) is not None:
-                # What is sure has been held against the time. Before that, a wrong belief would never be.
-                self._forget()
-            # Time and spans of the speed before tell nothing of the one that may begin here.
-            begin = self._first_strange(spans)
-            spans = spans[begin:]
-            arrivals = [(count - begin, at_ns) for count, at_ns in arrivals if count > begin]
+        is_sure = self._certain and self._confirmed and not self._strange
+        if is_sure and (not self._time_passes or self._pace.measured(self._packet_ns) is not None):
+            # It has been held against the time. Before that, a wrong belief would never be.
+            self._forget()
         self._pace.add(spans, arrivals)
         self._spans = [*self._spans, *spans][-REMEMBERED:]
-
-    def _first_strange(self, spans: Sequence[int]) -> int:
-        """Where spans begin that are no whole number of arcs, or a gap ends in which turns may hide; else 0."""
-        for at, span in enumerate(spans):
-            times = span / self._arc
-            if times > _TELLING:
-                return at + 1
-            if abs(times - max(1, round(times))) > LIKENESS:
-                return at
-        return 0
 
     def _forget(self) -> None:
         self._spans = []
@@ -308,8 +299,7 @@ class Wheel(PacedTurning):
             fitting, known = self._fitting(spans, arc / whole)
             if agrees and agreeing >= FEW_AGREEING and fitting >= _FITTING * known and 2 * known > len(spans):
                 told = self._arc
-                if anew or whole > 1:
-                    self._take(arc / whole, sure=True)
+                self._take(arc / whole, sure=True)
                 self._confirmed = max(by_time) < _HALFWAY or whole > 1
                 return self._revoked(told / self._arc) if whole > 1 else nothing
             if not self._confirmed:
@@ -319,14 +309,10 @@ class Wheel(PacedTurning):
             return nothing
         # Time does not tell. Gaps only ever lengthen a span, so the short ones tell the truth.
         short = spans[len(spans) // 4]
-        for parts in (4, 3, 2):
-            if sum(abs(span - short / parts) <= LIKENESS * short / parts for span in spans) >= _STRANGE:
-                short = round(short / parts)
-                break
         ordinary = [span for span in spans if abs(span - short) <= short / 2]
-        middle = ordinary[len(ordinary) // 2] if ordinary else short
+        middle = ordinary[len(ordinary) // 2]
         agreeing = sum(abs(span - middle) <= LIKENESS * middle for span in ordinary)
-        self._take(float(middle), sure=agreeing >= AGREEING and 2 * agreeing > len(ordinary))
+        self._take(float(middle), sure=agreeing >= AGREEING)
         return nothing
 
     def _are_several(self, spans: Sequence[int], arc: float) -> bool:

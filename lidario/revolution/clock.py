@@ -194,7 +194,7 @@ class RevolutionClock:
         for each in revolutions:
             elapsed = each.start_ns - before_ns
             alike = 1 / ALIKE < each.revolution_ns / ordinary_ns < ALIKE
-            if not alike or elapsed <= 0 or abs(elapsed / ordinary_ns - share) >= NOISE:
+            if not alike or abs(elapsed / ordinary_ns - share) >= NOISE:
                 return False
             before_ns, ordinary_ns, share = each.start_ns, each.revolution_ns, 1
         return True
@@ -208,7 +208,7 @@ class RevolutionClock:
     def follow(self, here: Beginning) -> Passed:
         """Tell what passed since the beginning before; it is one revolution on by the angles."""
         last, self._last = self._last, here
-        own_ns, was_timed = here.revolution_ns, self._is_timed
+        own_ns = here.revolution_ns
         self._correct_packet(here)
         self._correct_speed(here, last)
         anchor = self._anchor
@@ -222,7 +222,8 @@ class RevolutionClock:
             return Passed(0, self._missing(here, elapsed)[0])
         if last is None or not last.revolution_ns or self.needs_speed or self._is_open or self._was_wrong(last):
             return Passed(*self._count_all(here, anchor, elapsed))
-        return Passed(*self._count_late(here, last, anchor, _slower(here, last, own_ns), was_timed=was_timed))
+        slower = own_ns / last.revolution_ns or 1.0
+        return Passed(*self._count_late(here, last, anchor, slower))
 
     def _count_all(self, here: Beginning, anchor: Beginning, elapsed: float) -> tuple[int, int]:
         """Revolutions and packets that are missing since the anchor, where nothing else tells what passed."""
@@ -237,9 +238,7 @@ class RevolutionClock:
             self._be_anchor(here, unseen, lost + untold)
         return max(0, unseen), lost
 
-    def _count_late(
-        self, here: Beginning, last: Beginning, anchor: Beginning, slower: float, *, was_timed: bool
-    ) -> tuple[int, int]:
+    def _count_late(self, here: Beginning, last: Beginning, anchor: Beginning, slower: float) -> tuple[int, int]:
         """Revolutions and packets that are missing, by how much later this beginning is than it was due."""
         elapsed = here.start_ns - anchor.start_ns
         self._spanned_ns += last.spanned_ns if last.tells_time else math.nan
@@ -251,7 +250,7 @@ class RevolutionClock:
         # What passed unseen had a speed between that before and that behind.
         late = late_ns / (last.revolution_ns * (1 + slower) / 2)
         is_part = here.packets < NEARLY_ALL * last.revolution_packets
-        if is_part and was_timed and here.read_ns and abs(late + 1) <= NOISE:
+        if is_part and here.read_ns and abs(late + 1) <= NOISE:
             # Time stamps are never early. An angle that noise told ended the one before too soon. One that came
             # whole is a revolution: bytes that came twice had put a part before it.
             self._last = last
@@ -339,10 +338,3 @@ class RevolutionClock:
             here.borrowed = True
         elif here.broken or not enough:
             here.revolution_ns = 0.0
-
-
-def _slower(here: Beginning, last: Beginning, own_ns: float) -> float:
-    """How many times as long a revolution takes as the one before; 1 where its packets do not tell for sure."""
-    times = own_ns / last.revolution_ns
-    like = 1 / ALIKE < times < ALIKE
-    return times if not here.broken and (like or (times and not here.lost)) else 1.0

@@ -71,7 +71,7 @@ class NodeSteps(PacedTurning):
                 steps, missing = self._walk(spans, followed=followed)
             elif not missing.any():
                 self._note_close(len(spans) if followed else len(spans) - 1)
-        if steps[0] <= 0:
+        if self._typical <= 0:
             return Arcs(np.maximum(spans, 0.0), None, 0.0, certain=False)
         skipped = missing if missing.any() else None
         return Arcs(spans, skipped, float(steps.mean()), self._certain, self._revoked(times))
@@ -148,9 +148,13 @@ class NodeSteps(PacedTurning):
         for begin in range(0, len(known), several):
             self._take(known[begin : begin + several])
             steps[begin : begin + several] = self._typical
-        if steps[0] <= 0:
+        if self._typical <= 0:
             return steps, np.zeros(len(rough), np.intp)
         missing = _missing(rough, steps)
+        for begin in range(0, len(known), several):
+            if not known[begin : begin + several].any():
+                # The rotor stood: so many samples more has this revolution.
+                steps[begin : begin + several] = 0.0
         if not followed:
             missing[-1] = 0
         return steps, missing
