@@ -28,9 +28,7 @@ _ORDINARY: Final = 0.5
 """Part of the longest packet of a format from which a packet is an ordinary one. The last packet of a revolution
 may be shorter, and a start packet is."""
 _FIRST_PACKETS: Final = 0.9
-_FIRST_SHARE: Final = 0.01
-"""Packets' arcs behind the seam, or share of 360 degrees, within which a revolution begins; farther on, its
-beginning was lost."""
+"""Packets' arcs behind the seam within which a revolution begins; farther on, its beginning was lost."""
 _BEFORE_SEAM: Final = 1 / 12
 """Part of 360 degrees by which a heading may tremble back behind the seam."""
 
@@ -154,8 +152,6 @@ class EndedRevolution:
             return _FALSE_PART * usual_ns
         least_ns = _FALSE_PART * self.turn_ns
         # What is missing at its beginning was lost.
-        if self.spanned_ns >= least_ns:
-            return 0.0
         came_ns = self.spanned_ns + share_before(wire, self.partial, samples) * self.turn_ns
         return 0.0 if came_ns >= least_ns else least_ns
 
@@ -192,8 +188,6 @@ def packet_time(
     """What a packet takes, how many a revolution has, and whether an ordinary one came: as in `Beginning`."""
     revolution_ns = samples.revolution_samples * sample_ns if samples.certain else 0.0
     revolution_packets = samples.revolution_packets
-    if samples.certain and wire.shortest == wire.longest:
-        return revolution_ns / revolution_packets, revolution_packets, True
     most = wire.samples_in((Block(wire.ordinary, 1),))
     longest = wire.samples_in((Block(max([size for size, _ in packets.blocks]), 1),))
     if longest < most * _ORDINARY:
@@ -215,4 +209,4 @@ def share_before(wire: StreamFormat, revolution: PartialRevolution, samples: Sam
     heading = int(wire.headings(first)[0]) & HEADING_MASK
     over = (heading - (revolution.seam or 0)) % wire.full_turn / wire.full_turn
     behind = over * samples.revolution_packets
-    return over if behind > _FIRST_PACKETS and _FIRST_SHARE < over < 1 - _BEFORE_SEAM else 0.0
+    return over if behind > _FIRST_PACKETS and over < 1 - _BEFORE_SEAM else 0.0
