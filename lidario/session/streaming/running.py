@@ -193,7 +193,6 @@ class Running:
     def _show(self, scans: Sequence[Scan]) -> None:
         for scan in scans:
             self._last_scan = self._last_packet
-            self._note_damage()
             self._scans += 1
             self._pace.turned(scan, self._dialogue.stats.bytes_received, self._last_packet)
             self._outlets.scan(scan)
@@ -204,7 +203,8 @@ class Running:
             self._discarded = self._totals.assembled.broken_scans
 
     def _note_damage(self) -> None:
-        """What is counted as damaged from now on has come since the last scan."""
+        """What is counted as damaged from now on has come since the last scan, or soon behind it."""
+        self._noted_at = self._last_scan
         self._broken_before = self._totals.assembled.broken_scans
         self._lost_before = self._totals.assembled.lost_packets
         self._late_before = self._dialogue.stats.late_reads
@@ -239,6 +239,8 @@ class Running:
             what = f"scan data arrives, but no full revolution for {turning:.1f} s"
             self._outlets.failed(self._failure(what, self._why_no_revolution(), silent=False))
         else:
+            if self._last_scan > self._noted_at:
+                self._note_damage()
             # First to the last part of the silence, then to its end.
             wait = next((due - idle for due in (patience - NOISE_S, patience) if idle < due), NOISE_S)
             self._watch_in(min(wait, self._silence_s, turns - turning) + _WATCH_MARGIN_S)
