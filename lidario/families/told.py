@@ -4,9 +4,9 @@ Such a packet states the angles of its first and of its last sample; its *way* l
 equal *steps* on it. From its last sample to the first one of the next packet the rotor turns by one step more. What
 that *jump* holds beyond was lost.
 
-1. **The step is the mean of all.** A revolution is short, and a motor keeps its speed.
-2. **Unless it changes from packet to packet**, by a little each time, as while a motor spins up: then each packet
-   has its own.
+1. **Each packet has its own step**, which is much like the one before: a motor keeps its speed, or changes it by a
+   little from packet to packet, as while it spins up.
+2. **Where one is not like the one before, the step is that of most**: some are damaged.
 3. **Any other way is damage** that a weak check value let pass, or the jump beside it would be as odd. The others
    tell the truth; what such a packet itself says of its samples is not changed, for that must not depend on others.
 """
@@ -25,7 +25,7 @@ from lidario.wire.events import Arrival
 Floats = NDArray[np.float64]
 
 _CHANGING: Final = 1.1
-"""If the longest way exceeds that of the mean step by this factor, a change of speed is looked for."""
+"""If the longest way of a revolution exceeds that of its mean step by this factor, its speed may change."""
 _SEVERAL: Final = 8
 """Samples of a packet from which its step is known well enough for that."""
 FEWEST: Final = 6
@@ -58,17 +58,11 @@ class ToldWheel(Turning):
         turned = int(np.add.reduce(way)) if inner else 0
         if turned <= 0:
             return Arcs(way, None, 0.0, certain=False)
-        step: Floats | float = turned / inner
-        most = counts if isinstance(counts, int) else int(np.maximum.reduce(counts))
-        if int(np.maximum.reduce(way)) > _CHANGING * (turned / inner) * (most - 1):
-            step = _steps_of(way, counts)
+        step = _steps_of(way, counts)
         tails = first + way
         jumps = self._jumps(first, tails, heads.following)
         gaps = jumps > (1 + self._least) * step
         if gaps.any():
-            if isinstance(step, float):
-                # The mean contains what is damaged.
-                step = _median(way, counts)
             usual: Floats = np.multiply(np.subtract(counts, 1), step, dtype=np.float64)
             better = self._mended(heads, tails, jumps, usual, step)
             if better is not None:

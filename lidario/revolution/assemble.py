@@ -321,7 +321,7 @@ class Assembler:
             # What is missing all the same, the clock tells.
             self.stats.lost_packets -= samples.lost
             told, broken = told - samples.lost, True
-        if partial.whole and self._told_seq is None and self._ended_at is not None:
+        if self._told_seq is None and self._ended_at is not None:
             least_ns = ended.least_ns(wire, self._clock.usual_ns)
             # Angles hide whole revolutions; so it counts when the packet behind it came.
             if least_ns and self._part(*self._ended_at).received_ns - ended.start_ns < least_ns:

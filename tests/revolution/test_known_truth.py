@@ -36,6 +36,11 @@ def test_what_comes_is_delivered_and_what_does_not_is_told(name: str, case: str,
         assert found.told == pytest.approx(found.missing, rel=0.01, abs=4)
 
 
+def test_in_a_file_the_clock_of_the_device_tells_an_outage() -> None:
+    found = _scored("LD19", "an outage of two turns", "file")
+    assert (found.told, found.told_revolutions, found.seq_off) == (found.missing, found.missing_revolutions, 0)
+
+
 @pytest.mark.parametrize("name", FORMATS)
 @pytest.mark.parametrize(
     ("case", "off"),
