@@ -29,8 +29,8 @@ _SEEDS = 12
 
 def run(setting: Setting) -> Result:
     """Some rides of every format."""
-    columns = ("format", "rides", "packets told as lost", "points wrong", "farthest", "times off, ms, at most")
-    table = Table("Rides", columns)
+    columns = ("format", "rides", "packets told as lost", "revolutions told as missing, and not delivered")
+    table = Table("Rides", (*columns, "points wrong", "farthest", "times off, ms, at most"))
     for name, form in FORMATS.items():
         if not setting.selects(name):
             continue
@@ -40,6 +40,7 @@ def run(setting: Setting) -> Result:
             name,
             str(len(found)),
             str(sum(each.told for each in found)),
+            f"{sum(each.told_revolutions for each in found)}, {sum(each.missing_revolutions for each in found)}",
             f"{sum(each.wrong for each in found)} of {sum(each.samples for each in found)}",
             f"{max(each.farthest_deg for each in found):.2f}",
             f"{max((each.times_off_ms or (0.0, 0.0))[1] for each in found):.0f}",
