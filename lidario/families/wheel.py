@@ -184,7 +184,7 @@ class Wheel(PacedTurning):
             walk = self._walk(plain, followed=followed)
         arc, missing, self._fits = walk.arcs, walk.missing, walk.fitting == walk.known
         passed = len(arc) + sum(missing)
-        typical = sum(each * (1 + more) for each, more in zip(arc, missing, strict=True)) / passed
+        typical = sum(each * (1 + more) for each, more in zip(arc, missing, strict=True)) / passed or self._arc
         behind = np.array(missing) * self._samples if any(missing) else None
         return Arcs(np.array(arc), behind, typical / self._samples, self._certain, revoked)
 
@@ -299,7 +299,8 @@ class Wheel(PacedTurning):
             fitting, known = self._fitting(spans, arc / whole)
             if agrees and agreeing >= FEW_AGREEING and fitting >= _FITTING * known and 2 * known > len(spans):
                 told = self._arc
-                self._take(arc / whole, sure=True)
+                if anew or whole > 1:
+                    self._take(arc / whole, sure=True)
                 self._confirmed = max(by_time) < _HALFWAY or whole > 1
                 return self._revoked(told / self._arc) if whole > 1 else nothing
             if not self._confirmed:

@@ -74,7 +74,9 @@ class NodeSteps(PacedTurning):
         if self._typical <= 0:
             return Arcs(np.maximum(spans, 0.0), None, 0.0, certain=False)
         skipped = missing if missing.any() else None
-        return Arcs(spans, skipped, float(steps.mean()), self._certain, self._revoked(times))
+        # Nodes during all of which it stood tell of no step.
+        step = float(steps.mean()) or self._typical
+        return Arcs(spans, skipped, step, self._certain, self._revoked(times))
 
     def steady(
         self,
