@@ -12,8 +12,9 @@ What the model believes, and why:
 2. **A longer span is a gap.** It holds a whole number of arcs. The packet before it is not stretched over it: its
    arc lies on the line between the arc before the gap and the mean arc in it.
 3. **A span of no whole number of arcs is another speed**, if the next span is like it, or if it goes on so for some
-   time. One that stands alone hides a whole turn: of that, the angles tell nothing. Nor does a span of many arcs
-   tell of a speed: it may be of one more or less.
+   time, and is learned from those spans alone. One that stands alone hides a whole turn, unless the rotor stops or
+   starts there: of that, the angles tell nothing. Nor does a span of many arcs tell of a speed: it may be of one
+   more or less.
 4. **The clock has the last word.** Spans that agree with each other are one arc each, or a whole number of them:
    where each second packet is lost, two. The angle alone cannot tell which. Time can: it is known when packets
    came, and how long each takes to measure, and so how many the device has measured (`Pace`). Bytes come late, but
