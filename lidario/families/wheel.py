@@ -12,8 +12,8 @@ What the model believes, and why:
 2. **A longer span is a gap.** It holds a whole number of arcs. The packet before it is not stretched over it: its
    arc lies on the line between the arc before the gap and the mean arc in it.
 3. **A span of no whole number of arcs is another speed**, if the next span is like it, or if it goes on so for some
-   time, and is learned from those spans alone. One that stands alone hides a whole turn, unless the rotor stops or
-   starts there: of that, the angles tell nothing. Nor does a span of many arcs tell of a speed: it may be of one
+   time; then it is learned from those spans alone. One that stands alone hides a whole turn, of which the angles
+   tell nothing, or the rotor stops or starts there. Nor does a span of many arcs tell of a speed: it may be of one
    more or less.
 4. **The clock has the last word.** Spans that agree with each other are one arc each, or a whole number of them:
    where each second packet is lost, two. The angle alone cannot tell which. Time can: it is known when packets
@@ -211,7 +211,7 @@ class Wheel(PacedTurning):
             if whole == 1:
                 if abs(times - 1) <= OFF or anew:
                     last = float(span)
-                # One that is another, and alone, hides a whole turn; but not where the rotor stops or starts.
+                # One that is another, and alone, hides a whole turn. Beside one of 0, the rotor stops or starts.
                 stands = 0 in (span, likely if at < end else last, arcs[-1] if at else last)
                 arcs.append(float(span) if stands else last)
                 missing.append(0)

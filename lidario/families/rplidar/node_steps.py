@@ -74,7 +74,7 @@ class NodeSteps(PacedTurning):
         if self._typical <= 0:
             return Arcs(np.maximum(spans, 0.0), None, 0.0, certain=False)
         skipped = missing if missing.any() else None
-        # Nodes during all of which it stood tell of no step.
+        # Where the rotor stood all the time, nodes tell of no step.
         step = float(steps.mean()) or self._typical
         return Arcs(spans, skipped, step, self._certain, self._revoked(times))
 
@@ -155,7 +155,7 @@ class NodeSteps(PacedTurning):
         missing = _missing(rough, steps)
         for begin in range(0, len(known), several):
             if not known[begin : begin + several].any():
-                # The rotor stood: so many samples more has this revolution.
+                # The rotor stood: this revolution has so many samples more.
                 steps[begin : begin + several] = 0.0
         if not followed:
             missing[-1] = 0

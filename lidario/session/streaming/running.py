@@ -203,7 +203,7 @@ class Running:
             self._discarded = self._totals.assembled.broken_scans
 
     def _note_damage(self) -> None:
-        """What is counted as damaged from now on has come since the last scan, or soon behind it."""
+        """Remember what is counted as damaged so far: what is more later has come behind the last scan."""
         self._noted_at = self._last_scan
         self._broken_before = self._totals.assembled.broken_scans
         self._lost_before = self._totals.assembled.lost_packets
