@@ -34,7 +34,8 @@ class Score:
         delivered: Scans.
         missing: Packets that did not come, between the first and the last.
         told: Packets counted as lost.
-        missing_revolutions: Whole revolutions that were not delivered.
+        missing_revolutions: Whole revolutions that were not delivered; of those behind the last one that was, as
+            many as are told, for nobody can know of all of them yet.
         told_revolutions: Revolutions counted as missed.
         seq_off: By how many revolutions `Scan.seq` is off, from the first scan on, at most.
         broken: Revolutions discarded.
@@ -113,7 +114,7 @@ def score(stream: TrueStream, line: Line, received: Received, *, timed: bool) ->
         delivered=len(scans),
         missing=_missing(stream, line, received),
         told=stats.lost_packets,
-        missing_revolutions=max(0, len(stream.whole) - len(scans)),
+        missing_revolutions=_missing_revolutions(stream, numbers, stats.missed_scans),
         told_revolutions=stats.missed_scans,
         seq_off=max(
             (abs(scans[at].seq - scans[known[0]].seq - by) for at, by in zip(known, passed, strict=True)), default=0
@@ -156,6 +157,13 @@ def _mixed(stream: TrueStream, points: _Points, number: int | None) -> int:
         return 0
     turns, edge = stream.turns[points.sample] - number, _SEAM_DEG / 360.0
     return int(((turns < -edge) | (turns > 1 + edge)).sum())
+
+
+def _missing_revolutions(stream: TrueStream, numbers: list[int | None], told: int) -> int:
+    last = max([number for number in numbers if number is not None], default=stream.whole.stop - 1)
+    behind = stream.whole.stop - 1 - last
+    missing = max(0, len(stream.whole) - len(numbers))
+    return min(missing, max(missing - behind, told))
 
 
 def _missing(stream: TrueStream, line: Line, received: Received) -> int:

@@ -265,7 +265,8 @@ class RevolutionClock:
             if not gap and not (is_sure and self._late_ns >= self._least_late * here.revolution_ns):
                 return 0, 0
             unseen = int(late + NOISE)
-        by_clock = self._missing_by_clock(here, elapsed if unseen else min(elapsed, share * last.revolution_ns))
+        due_ns = elapsed if unseen else min(elapsed, share * last.revolution_ns)
+        by_clock = max(0, self._missing_by_clock(here, due_ns))
         fewest, most = sorted((round(unseen * each), round(unseen * each * slower)))
         lost = min(max(by_clock, fewest), most)
         if last.broken and (gap or last.packets < NEARLY_ALL * each):
@@ -290,15 +291,16 @@ class RevolutionClock:
         self._anchor, self._is_open, self._late_ns, self._spanned_ns = here, False, None, 0.0
 
     def _missing_by_clock(self, here: Beginning, elapsed: float) -> int:
-        """Packets missing since the anchor beyond those known, by what one takes."""
+        """Packets missing since the anchor beyond those known, by what one takes; below 0 where more are known."""
         if not self._packet_ns or self._anchor is None:
             return 0
-        return max(0, round(elapsed / self._packet_ns) - (here.packets_before - self._anchor.packets_before))
+        return round(elapsed / self._packet_ns) - (here.packets_before - self._anchor.packets_before)
 
     def _missing(self, here: Beginning, elapsed: float) -> tuple[int, int]:
-        """The same of a long time, and how many more there may be, if the speed never was lower."""
+        """The same of a long time: how many are told now, and how many more, or less, there may be."""
         sure = self._missing_by_clock(here, elapsed * (1 - UNEVEN_SPEED))
-        return (sure, self._missing_by_clock(here, elapsed) - sure) if sure > FEWEST_PACKETS else (0, 0)
+        lost = sure if sure > FEWEST_PACKETS else 0
+        return lost, self._missing_by_clock(here, elapsed) - lost
 
     def _correct_packet(self, here: Beginning) -> None:
         """Where only short packets came, take what an ordinary one took before."""
@@ -313,14 +315,15 @@ class RevolutionClock:
     def _correct_speed(self, here: Beginning, last: Beginning | None) -> None:
         """Where the speed is not sure, take the one before: a rotor keeps its speed.
 
-        Sure is what the time confirms, and of the first revolution what it tells if enough came of it. Gaps that
-        are alike by chance tell of another speed.
+        Sure is what the time confirms, and of the first revolution what it tells; but enough must have come of it,
+        or it must be like what was sure. Gaps that are alike by chance tell of another speed.
         """
         sure = self._sure
-        enough = here.packets >= FEWEST_PACKETS and here.lost <= here.packets
+        alike = sure is not None and 1 / ALIKE < here.revolution_ns / sure.revolution_ns < ALIKE
+        enough = alike or (here.packets >= FEWEST_PACKETS and here.lost <= here.packets)
         if here.revolution_ns and not here.broken and enough:
             if last is None:
-                confirmed = sure is None or 1 / ALIKE < here.revolution_ns / sure.revolution_ns < ALIKE
+                confirmed = sure is None or alike
             else:
                 elapsed = (here.start_ns - last.start_ns) / here.revolution_ns
                 confirmed = abs(elapsed - (1 + here.over - last.over)) < NOISE

@@ -1,13 +1,14 @@
 """What a revolution takes, from a few packets of which each tells an angle and a time.
 
 Where most packets are missing, no two follow each other, and so no step of the angle is ever seen. But the rotor
-turns evenly: at its true speed the angles of all packets, less what the rotor has turned since, are one angle.
-Speeds are tried from slow to fast, and the first one at which nearly all packets agree is taken. So never more
-revolutions are counted than there were. Two such findings, with new packets between them, must be alike.
+turns evenly: at its true speed the angles of all packets, less what the rotor has turned since, are nearly one
+angle; not quite, for a packet is dated by the read that brought it. Many speeds are tried. The one at which these
+angles agree best is taken, if random angles would hardly ever agree so well.
 """
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from typing import Final
 
@@ -17,24 +18,21 @@ from numpy.typing import NDArray
 from lidario.wire.events import Packets
 from lidario.wire.formats import HEADING_MASK, StreamFormat
 
-_MOST: Final = 16
+_MOST: Final = 32
 _OF_ONE: Final = 2
 """Packets of one revolution. More would be too near each other."""
-_FEWEST: Final = 12
-"""Packets that a finding rests on. Random ones would agree once in a million tries."""
-_AGAIN: Final = 4
-"""New packets from one finding to the next."""
-_TOLERANCE: Final = 0.05
-"""Part of a revolution by which an angle may be off: a packet is dated by the read that brought it."""
-_AGREEING: Final = 0.8
-"""Share of the packets that must agree. Some are none: a few bytes whose check value is right by chance."""
-_ALIKE: Final = 0.01
-"""Share by which two findings may differ."""
+_SURE: Final = 9.0
+"""How much better they must agree than random angles would: these do so in one of 8100 tries (Rayleigh's test)."""
+_AS_WELL: Final = 2.0
+"""A speed at which they agree less than at the best one by no more than that may be the right one: then the slowest
+is taken, so that rather too few revolutions are counted than too many."""
+_STEP: Final = 0.2
+"""Revolutions from the first packet to the last by which two speeds that are tried differ."""
+_NEAR: Final = np.arange(-_STEP, _STEP, 0.01)
+"""The same, of those among which the best one is sought then."""
 _LEAST_TURNS: Final = 6.0
-"""Revolutions that the packets must be apart, for their angles to tell a speed within 1 %."""
+"""Revolutions that the packets must be apart, for their angles to tell a speed within some percent."""
 _FASTEST_HZ: Final = 30.0
-_TOGETHER: Final = 256
-"""Speeds that are tried at a time: slow ones first, and most rotors are found soon."""
 _LONGEST_NS: Final = 20e9
 """Packets farther apart are not compared: no rotor is so even, and more speeds would have to be tried."""
 
@@ -58,13 +56,10 @@ class SparseSpeed:
     def __init__(self, slowest_ns: float) -> None:
         self._slowest_hz = 1e9 / slowest_ns
         self._points: deque[tuple[float, int]] = deque(maxlen=_MOST)
-        self._new = 0
-        self._found_ns = 0.0
 
     def forget(self) -> None:
         """It is known otherwise."""
         self._points.clear()
-        self._new, self._found_ns = 0, 0.0
 
     def add(self, angle: float, at_ns: int) -> None:
         """A packet came; `angle` is where it begins, in revolutions."""
@@ -72,46 +67,32 @@ class SparseSpeed:
         if self._points and abs(at_ns - self._points[0][1]) > _LONGEST_NS:
             self._points.clear()
         self._points.append((angle, at_ns))
-        self._new += 1
 
     def revolution_ns(self) -> float:
         """What a revolution takes; 0 while that is not known."""
-        if self._new < _AGAIN or len(self._points) < _FEWEST:
+        if len(self._points) <= _SURE:
             return 0.0
-        self._new = 0
-        before, self._found_ns = self._found_ns, self._find()
-        return self._found_ns if abs(self._found_ns - before) < _ALIKE * before else 0.0
-
-    def _find(self) -> float:
-        first = self._points[0][1]
-        angles = np.array([angle for angle, _ in self._points])
-        seconds = np.array([(at_ns - first) * 1e-9 for _, at_ns in self._points])
-        lasted = float(seconds[-1])
-        if not lasted:
+        first, lasted = self._points[0][1], (self._points[-1][1] - self._points[0][1]) * 1e-9
+        points = [(angle, (at_ns - first) * 1e-9) for angle, at_ns in self._points]
+        speeds = np.arange(self._slowest_hz, _FASTEST_HZ, _STEP / lasted) if lasted > 0 else np.empty(0)
+        if not len(speeds):
             return 0.0
-        every = np.arange(self._slowest_hz, _FASTEST_HZ, _TOLERANCE / lasted)
-        for begin in range(0, len(every), _TOGETHER):
-            speeds = every[begin : begin + _TOGETHER]
-            left = np.exp(2j * np.pi * (angles[:, None] - seconds[:, None] * speeds))
-            strength = np.abs(left.mean(axis=0))
-            # Those that agree add up to more than what the others can take away.
-            for speed in speeds[strength >= 2 * _AGREEING - 1].tolist():
-                found = _fitted(angles, seconds, speed)
-                if found:
-                    return 1e9 / found if found * lasted >= _LEAST_TURNS else 0.0
-        return 0.0
+        agreeing = _agreeing(points, speeds)
+        most = float(agreeing.max())
+        # The longer it lasted, the more speeds there are that differ: chance finds one among them more easily.
+        if most < _SURE + math.log(_FASTEST_HZ * lasted):
+            return 0.0
+        near = speeds[int((agreeing >= most - _AS_WELL).argmax())] + _NEAR / lasted
+        hertz = float(near[int(_agreeing(points, near).argmax())])
+        return 1e9 / hertz if hertz * lasted >= _LEAST_TURNS else 0.0
 
 
-def _fitted(angles: NDArray[np.float64], seconds: NDArray[np.float64], speed: float) -> float:
-    """The speed near this one at which nearly all packets agree, in Hz; 0 where there is none."""
-    for _ in range(2):
-        left = angles - seconds * speed
-        apart = (left[:, None] - left + 0.5) % 1.0 - 0.5
-        agreeing = np.abs(apart) <= _TOLERANCE
-        best = int(agreeing.sum(axis=0).argmax())
-        these = agreeing[:, best]
-        if np.count_nonzero(these) < _AGREEING * len(angles):
-            return 0.0
-        # What is left of their angles drifts with what the speed is off by.
-        speed += float(np.polyfit(seconds[these], apart[these, best], 1)[0])
-    return speed
+def _agreeing(points: list[tuple[float, float]], speeds: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How far points, each an angle in revolutions and its time in seconds, agree at each speed.
+
+    It is their number where all agree, and mostly about 1 where none do.
+    """
+    sums = np.zeros(len(speeds), np.complex128)
+    for angle, at in points:
+        sums += np.exp(2j * np.pi * (angle - at * speeds))
+    return np.abs(sums) ** 2 / len(points)

@@ -36,6 +36,17 @@ def test_what_comes_is_delivered_and_what_does_not_is_told(name: str, case: str,
         assert found.told == pytest.approx(found.missing, rel=0.01, abs=4)
 
 
+@pytest.mark.parametrize("name", [name for name in FORMATS if name not in {"0x83 HQ", "0x86"}])
+def test_where_few_packets_come_the_speed_is_known_and_what_is_missing(name: str) -> None:
+    """Of 0x83 no packet comes then, and of 0x86 no two."""
+    found = _scored(name, "2 % of the bytes lost", "read")
+    assert found.no_rpm <= found.delivered / 2 + 5
+    assert found.rpm_off is not None or found.delivered < 5
+    assert (found.rpm_off or (0.0,))[0] < 0.1
+    assert abs(found.told_revolutions - found.missing_revolutions) <= 4
+    assert 0.92 * found.missing < found.told < 1.02 * found.missing
+
+
 def test_in_a_file_the_clock_of_the_device_tells_an_outage() -> None:
     found = _scored("LD19", "an outage of two turns", "file")
     assert (found.told, found.told_revolutions, found.seq_off) == (found.missing, found.missing_revolutions, 0)

@@ -47,12 +47,25 @@ def test_packets_of_one_angle_tell_it_too(seed: int) -> None:
     assert known == pytest.approx([140 * MS] * len(known), rel=1e-3)
 
 
-@pytest.mark.parametrize(("off", "is_told"), [(0.04, True), (0.09, False)])
+@pytest.mark.parametrize(("off", "is_told"), [(0.15, True), (0.4, False)])
 @pytest.mark.parametrize("seed", range(3))
-def test_angles_may_be_off_by_a_twentieth_of_a_revolution(seed: int, off: float, is_told: bool) -> None:
+def test_angles_may_be_off_by_a_sixth_of_a_revolution(seed: int, off: float, is_told: bool) -> None:
+    """A packet is dated by the read that brought it, and that may come late."""
     random = np.random.default_rng(seed)
     turns = np.cumsum(random.uniform(0.6, 1.9, 60))
     assert any(found(turns + off * random.integers(0, 2, 60), turns * 140 * MS)) is is_told
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_late_packets_of_an_uneven_rotor_tell_the_speed(seed: int) -> None:
+    """Its speed wobbles by 1 %, a fifth of the packets is none, and reads are up to a fifth of a turn late."""
+    random = np.random.default_rng(seed)
+    seconds = np.cumsum(random.exponential(0.1, 120))
+    turns = 10 * seconds + 0.1 / np.pi * np.sin(np.pi * seconds)
+    turns[random.random(120) < 0.2] = random.random()
+    known = [ns for ns in found(turns, (seconds + random.uniform(0, 0.02, 120)) * 1e9) if ns]
+    assert len(known) > 50
+    assert known == pytest.approx([100 * MS] * len(known), rel=0.02)
 
 
 @pytest.mark.parametrize("hertz", [1, 3, 10])
@@ -88,11 +101,11 @@ def test_times_that_go_back_make_it_try_no_more_speeds() -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_twelve_packets_tell_it_and_four_more_confirm_it(seed: int) -> None:
+def test_some_dozen_packets_tell_it(seed: int) -> None:
     turns = np.cumsum(np.random.default_rng(seed).uniform(0.6, 1.9, 30))
     told = found(turns, turns * 90 * MS)
-    assert told[:15] == [0] * 15
-    assert told[15] == pytest.approx(90 * MS, rel=1e-3)
+    assert told[:11] == [0] * 11
+    assert told[14:] == pytest.approx([90 * MS] * 16, rel=1e-3)
 
 
 @pytest.mark.parametrize("reads", range(1, 10))
