@@ -12,21 +12,17 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, Final, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.samples import Samples, SteadySamples
 from lidario.families.spans import Arc, Arcs, Heads, Ints, Turning
-from lidario.families.tally import Tally
 from lidario.wire.copies import copy_of
-from lidario.wire.events import Arrival, Packets
+from lidario.wire.events import Packets
 
 Floats = NDArray[np.float32]
-
-EVEN: Final = 0.1
-"""By so much the arcs of one revolution differ where the rotor keeps its speed."""
 
 
 @dataclass(slots=True, eq=False)
@@ -62,22 +58,19 @@ class ArcDecoder(ABC):
     def __init__(self, full_turn: int, turning: Turning) -> None:
         self._full_turn = full_turn
         self._turning = turning
-        self._tally = Tally()
 
     def tell_time(self, sample_ns: float, *, passes: bool = True) -> None:
-        self._tally.tell_time(sample_ns if passes else 0.0)
         self._turning.tell_time(sample_ns, passes=passes)
 
     def fork(self) -> Self:
         twin = copy_of(self)
-        twin._turning, twin._tally = self._turning.copy(), self._tally.copy()  # noqa: SLF001 - its own
+        twin._turning = self._turning.copy()  # noqa: SLF001 - its own
         return twin
 
     def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
         heads = self._heads(packets, following)
         arcs = self._turning.follow(heads, packets.arrivals)
         ends = self._ends(heads)
-        arcs = self._counted(heads, arcs, ends, packets.arrivals)
         gaps, lost = self._gaps(heads, arcs)
         angle, distance, intensity, last = self._decoded(heads, arcs, ends, room)
         self._remember(heads, last)
@@ -123,7 +116,6 @@ class ArcDecoder(ABC):
 
         def settle() -> None:
             self._turning.settle(arcs, packets.arrivals)
-            self._tally.add(_reads(sample_ends, packets.arrivals))
             self._remember(heads, last)
 
         return SteadySamples(
@@ -201,27 +193,6 @@ class ArcDecoder(ABC):
         self._write(heads, arcs, output)
         return angle, distance, intensity if self.has_intensity else None, output.last
 
-    def _counted(self, heads: Heads, arcs: Arcs, ends: Sequence[int], arrivals: Sequence[Arrival]) -> Arcs:
-        """What is known of packets, but for what is told as missing where there was no time for it."""
-        came = _reads(ends, arrivals)
-        if arcs.skipped is None and not arcs.revoked[0]:
-            self._tally.add(came)
-            return arcs
-        each, close = arcs.revoked
-        packet = ends[-1] / len(ends)
-        before = np.zeros(len(ends) + 1, np.intp)
-        if arcs.skipped is not None:
-            np.add.accumulate(arcs.skipped, out=before[1:])
-        revoked = round(each * close * packet)
-        told = [(ends[count - 1] + int(before[count - 1]) + revoked, at_ns) for count, at_ns in arrivals]
-        # Gaps between arcs that are alike are gaps. Where the speed changes, arcs look like gaps, and all differ.
-        alike = not revoked and _are_alike(heads, arcs.arc, np.diff(before) == 0)
-        if not alike and not self._tally.has_room(came, told, packet) and (whole := self._turning.whole(heads)):
-            self._tally.add(came)
-            return whole
-        self._tally.add(came, missing=int(before[-1]) + revoked)
-        return arcs
-
     @staticmethod
     def _ends(heads: Heads) -> Sequence[int]:
         """Samples up to the end of each packet."""
@@ -240,23 +211,6 @@ class ArcDecoder(ABC):
             for at in arcs.skipped.nonzero()[0].tolist()
         ]
         return [at for at, lost in found if lost], [lost for _, lost in found if lost]
-
-
-def _are_alike(heads: Heads, arc: Arc, these: NDArray[np.bool_]) -> bool:
-    """Whether these arcs tell of one speed."""
-    if isinstance(heads.counts, int):
-        steps = np.asarray(arc[these], np.float64)
-    else:
-        # A short packet tells its step by a few units of the angle.
-        counts = heads.counts - (heads.way is not None)
-        these = these & (2 * counts > counts.max())
-        steps = arc[these] / counts[these]
-    return len(steps) > 1 and float(steps.max() - steps.min()) <= EVEN * float(steps.mean())
-
-
-def _reads(ends: Sequence[int], arrivals: Sequence[Arrival]) -> list[tuple[int, int]]:
-    """How many samples had come by each read, by the samples up to the end of each packet."""
-    return [(ends[count - 1], at_ns) for count, at_ns in arrivals]
 
 
 def starts_and_arcs(first: Ints, arc: Arc) -> Floats:

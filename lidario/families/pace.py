@@ -7,12 +7,11 @@ the first half and in the second half of what is known.
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple, Self
 
-from lidario.families.spans import Arcs, Heads, Turning, spans_between
+from lidario.families.spans import Turning
 from lidario.wire.copies import copy_of
 from lidario.wire.events import Arrival
 
@@ -166,19 +165,6 @@ class PacedTurning(Turning):
 
     def tell_time(self, sample_ns: float, *, passes: bool = True) -> None:
         self._packet_ns, self._time_passes = self._samples * sample_ns, passes
-
-    def whole(self, heads: Heads) -> Arcs | None:
-        spans, shortest, _, total = spans_between(heads, self._full_turn, self._retreat)
-        known = len(spans) - (heads.following is None)
-        if shortest < 0 or total <= 0:
-            return None
-        spans[known:] = spans[known - 1]
-        self._use(float(spans[-1]))
-        return Arcs(spans, None, total / known / self._samples, certain=True)
-
-    @abstractmethod
-    def _use(self, arc: float) -> None:
-        """The rotor turns by so much from packet to packet, for certain."""
 
     def _note_close(self, packets: int) -> None:
         """So many more packets are told to follow each other."""

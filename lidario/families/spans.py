@@ -85,10 +85,6 @@ class Turning(ABC):
     def follow(self, heads: Heads, arrivals: Sequence[Arrival] = ()) -> Arcs:
         """The arc of each of the next packets, and the gaps behind them; `arrivals` as in `Packets`."""
 
-    def whole(self, heads: Heads) -> Arcs | None:  # noqa: ARG002
-        """As `follow`, which was asked before, where time says that nothing is missing; None for what it told."""
-        return None
-
     def steady(
         self,
         heads: Heads,  # noqa: ARG002

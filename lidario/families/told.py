@@ -4,11 +4,12 @@ Such a packet states the angles of its first and of its last sample; its *way* l
 equal *steps* on it. From its last sample to the first one of the next packet the rotor turns by one step more. What
 that *jump* holds beyond was lost.
 
-1. **Each packet has its own step**, which is much like the one before: a motor keeps its speed, or changes it by a
-   little from packet to packet, as while it spins up.
-2. **Where one is not like the one before, the step is that of most**: some are damaged.
-3. **Any other way is damage** that a weak check value let pass, or the jump beside it would be as odd. The others
-   tell the truth; what such a packet itself says of its samples is not changed, for that must not depend on others.
+1. **Each packet has its own step.** The rotor may turn evenly, speed up, stop or creep: the jump behind a packet is
+   held against the longer of the two steps beside it.
+2. **A step that is like none beside it is damage** that a weak check value let pass; then that of its neighbours is
+   taken. So is a way that no step explains, if the jump beside it would be as odd. The others tell the truth; what
+   such a packet itself says of its samples is not changed, for that must not depend on others.
+3. **What passed unseen passed as beside it**, but where the rotor all but stood: then as fast as it turns.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ class ToldWheel(Turning):
         step = _steps_of(way, counts)
         tails = first + way
         jumps = self._jumps(first, tails, heads.following)
-        gaps = jumps > (1 + self._least) * step
+        gaps = jumps > self._one(step)
         if gaps.any():
             usual: Floats = np.multiply(np.subtract(counts, 1), step, dtype=np.float64)
             better = self._mended(heads, tails, jumps, usual, step)
@@ -69,22 +70,18 @@ class ToldWheel(Turning):
                 first, tails = better
                 jumps = self._jumps(first, tails, heads.following)
                 turned = int(np.add.reduce(tails - first))
-                if isinstance(step, float):
-                    step = turned / inner or step
-                gaps = jumps > (1 + self._least) * step
-        mean = turned / inner
+                gaps = jumps > self._one(step)
+        mean = max(turned, 1) / inner
         if not gaps.any():
             if heads.following is not None:
                 # With the jumps, all of which are known, it is more exact.
                 mean = (turned + int(np.add.reduce(jumps))) / heads.samples
             return Arcs(way, None, mean, certain=True)
+        # Beside where it all but stood, it may have turned as fast as it does.
+        fastest = float(step.max())
+        step = np.where(step < LIKENESS * fastest, fastest, step)
         skipped = np.where(gaps, np.rint(jumps / step) - 1, 0).astype(np.intp)
         return Arcs(way, skipped, mean, certain=True)
-
-    def whole(self, heads: Heads) -> Arcs | None:
-        way = _way_of(heads)
-        inner, turned = heads.samples - len(way), int(np.add.reduce(way))
-        return Arcs(way, None, turned / inner, certain=True) if inner and turned > 0 else None
 
     def steady(
         self,
@@ -116,6 +113,10 @@ class ToldWheel(Turning):
             steps.append((way_turned + between[at]) / samples[at])
         return Arcs(way, None, steps[-1], certain=True, steps=steps)
 
+    def _one(self, step: Floats) -> Floats:
+        """Up to where a jump is one step. The angles at both its ends are rounded."""
+        return (1 + self._least) * step + 1
+
     def _jumps(self, first: Ints, tails: Ints, following: int | None) -> Ints:
         """How far ahead of the end of each packet the next one begins; 0 where it begins a little before that.
 
@@ -132,7 +133,7 @@ class ToldWheel(Turning):
         return jumps
 
     def _mended(
-        self, heads: Heads, tails: Ints, jumps: Ints, usual: Floats, step: Floats | float
+        self, heads: Heads, tails: Ints, jumps: Ints, usual: Floats, step: Floats
     ) -> tuple[Ints, Ints] | None:
         """Angles of first and last samples; one that is damaged is computed from the other one of its packet.
 
@@ -144,7 +145,7 @@ class ToldWheel(Turning):
             tails: Angles of the last samples, counted on past 360 degrees.
             jumps: What `_jumps` found of them.
             usual: The ways that the steps tell.
-            step: The angle from one sample to the next, of each packet or of them all.
+            step: The angle from the last sample of each packet to the next one.
 
         Returns:
             None where no angle is damaged.
@@ -155,7 +156,7 @@ class ToldWheel(Turning):
         odd = too_far | (np.abs(off) > _ODD * step)
         if not odd.any():
             return None
-        ways, one = np.rint(usual).astype(np.int32), (1 + self._least) * step
+        ways, one = np.rint(usual).astype(np.int32), self._one(step)
         ahead = jumps > one
         # The first angle is damaged if the next packet begins right behind the last angle,
         wrong_first = too_far & ~ahead
@@ -178,21 +179,16 @@ def _way_of(heads: Heads) -> Ints:
     return heads.way
 
 
-def _steps_of(way: Ints, counts: Ints | int) -> Floats | float:
-    """The step of each packet where it changes by a little from packet to packet; else the median of all."""
-    inner = np.subtract(counts, 1)
-    long = (np.broadcast_to(inner, way.shape) >= _SEVERAL - 1).nonzero()[0]
-    own: Floats = way[long] / np.broadcast_to(inner, way.shape)[long]
-    if len(own) > 1:
-        least = np.minimum(own[1:], own[:-1])
-        if least.min() > 0 and (np.abs(own[1:] - own[:-1]) <= LIKENESS * least).all():
-            # A short packet has that of the long one before.
-            return own[np.maximum(np.searchsorted(long, np.arange(len(way)), "right") - 1, 0)]
-    return _median(way, counts)
-
-
-def _median(way: Ints, counts: Ints | int) -> float:
-    """The step of most packets; at least one packet has several samples."""
+def _steps_of(way: Ints, counts: Ints | int) -> Floats:
+    """How far the rotor turns from the last sample of each packet to the next one, if nothing is missing."""
     inner = np.broadcast_to(np.subtract(counts, 1), way.shape)
-    each = way[inner > 0] / inner[inner > 0]
-    return float(np.median(each)) or int(np.add.reduce(way)) / int(np.add.reduce(inner))
+    long = (inner >= min(_SEVERAL - 1, int(inner.max()))).nonzero()[0]
+    # It may turn by less than the headings resolve.
+    own: Floats = np.maximum(way[long], 1) / inner[long]
+    if len(own) > 1:
+        # One that is like none beside it is damaged.
+        before, after = np.append(own[1], own[:-1]), np.append(own[1:], own[-2])
+        own = np.maximum(np.minimum(before, after), np.minimum(own, np.maximum(before, after)))
+        own[:-1] = np.maximum(own[:-1], own[1:])
+    # A short packet has that of the long one before.
+    return own[np.maximum(np.searchsorted(long, np.arange(len(way)), "right") - 1, 0)]

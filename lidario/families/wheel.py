@@ -6,9 +6,10 @@ to packet the angle advances by one *arc*, and where packets are missing, by two
 
 What the model believes, and why:
 
-1. **An arc is like the one before it.** Packets are so short that a rotor, whatever it does, changes its speed by a
-   few percent from one to the next. So a *span* from packet to packet that is much as the last arc is an arc. A
-   rotor may go from standstill to full speed, and nothing seems to be missing.
+1. **An arc is like the one before it.** Packets are so short that a rotor, whatever it does, changes its speed from
+   one to the next by a small part of what it turns at most. So a *span* from packet to packet that is hardly longer
+   than the last arc is an arc, and a shorter one always is: a gap only ever lengthens a span. A rotor may stop, and
+   go from standstill to full speed, and nothing seems to be missing.
 2. **A longer span is a gap.** It holds a whole number of arcs. The packet before it is not stretched over it: its
    arc lies on the line between the arc before the gap and the mean arc in it.
 3. **A span of no whole number of arcs is another speed**, if the next span is like it, or if it goes on so for some
@@ -108,19 +109,23 @@ class Wheel(PacedTurning):
     def _follow(self, heads: Heads, arrivals: Sequence[Arrival]) -> Arcs:
         followed = heads.following is not None
         spans, shortest, longest, total = spans_between(heads, self._full_turn, self._retreat)
-        if followed and self._is_steady(spans, shortest, longest):
+        known = spans if followed else spans[:-1]
+        if self._is_steady(known, shortest, longest):
+            if not followed:
+                spans[-1] = spans[-2]
+                total += int(spans[-1])
             if not self._confirmed and not self._pace.is_same_read(arrivals, len(spans), total, int(spans[-1])):
-                self._remember(spans.tolist(), arrivals)
+                self._remember(known.tolist(), arrivals)
                 # The spans are alike; are they one arc each?
                 if not self._is_confirmed():
-                    return self._among_gaps(spans, followed=True)
-            self._arc, self._certain, self._strange = float(spans[-1]), True, 0
+                    return self._among_gaps(spans, followed=followed)
+            # One that stands tells of no arc.
+            self._arc, self._certain, self._strange = float(spans[-1]) or self._arc, True, 0
             self._fits = True
             if self._confirmed:
                 self._forget()
-            return Arcs(spans, None, total / len(spans) / self._samples, certain=True)
-        plain = spans.tolist()
-        self._remember(plain if followed else plain[:-1], arrivals)
+            return Arcs(spans, None, (total / len(spans) or self._arc) / self._samples, certain=True)
+        self._remember(known.tolist(), arrivals)
         return self._among_gaps(spans, followed=followed)
 
     def steady(self, heads: Heads, ends: Sequence[int], arrivals: Sequence[Arrival] = ()) -> Arcs | None:
@@ -146,22 +151,20 @@ class Wheel(PacedTurning):
         elif self._spans:
             self._forget()
 
-    def _use(self, arc: float) -> None:
-        if arc > 0:
-            self._take(arc, sure=True)
-        self._confirmed = False
-        self._forget()
-
     def _is_steady(self, spans: Ints, shortest: int, longest: int) -> bool:
-        """Whether each span is one arc: near the last arc, or near the span before."""
+        """Whether each span is one arc: much like the last arc, or not much longer than the span before."""
         if self._certain and self._arc < _HALFWAY * shortest and longest <= _HALFWAY * self._arc:
             return True
-        if shortest <= 0 or not (self._certain or len(spans) >= AGREEING):
+        if len(spans) < (1 if self._certain else AGREEING) or not (self._certain or shortest > 0):
             return False
         earlier = np.empty_like(spans)
         earlier[0], earlier[1:] = round(self._arc) if self._certain else spans[0], spans[:-1]
-        changes = np.abs(spans - earlier)
-        return bool((changes <= LIKENESS * earlier).all() and (changes <= LIKENESS * spans).all())
+        # Of the fastest arc: the slower a rotor turns, the more any change is for it. Spans are rounded.
+        slack = LIKENESS * max(longest, self._arc) + 1
+        slower = earlier - spans
+        # Behind a gap of almost a turn the next span is longer again.
+        may_slow_down = (slower[-1] if self._certain else slower.max()) <= slack
+        return bool(may_slow_down and (spans >= -slack).all() and (slower >= -slack).all())
 
     # ------------------------------------------------------------------------------------------------- gaps
 

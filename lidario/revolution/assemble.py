@@ -212,13 +212,15 @@ class Assembler:
         partial.runs.append(packets)
         partial.even = partial.even and self.incoming.passing is not None
         partial.size += len(packets.data)
-        count, received_ns = packets.arrivals[-1]
-        self.stats.unfinished_packets += count
-        if received_ns - partial.runs[0].arrivals[0][1] > self._most_ns or partial.size > self._most_bytes:
+        self.stats.unfinished_packets += packets.count
+        if partial.lasted_ns > self._most_ns or partial.size > self._most_bytes:
             # It will never end as it should. Time alone is no bound: peers and files say what time it is.
             if partial.whole:
                 self.stats.break_scan()
             self._clock.restart()
+            if partial.missing_ns(self._stream.format, self._stream.sample_ns) < self._clock.usual_ns / 2:
+                # The rotor is slow, or stands: no turn passed unseen.
+                self._clock = self._new_clock()
             self._discard()
 
     def _end(self, split: Split, following: bytes) -> Scan | None:
@@ -289,8 +291,7 @@ class Assembler:
     def _scan(self, ended: EndedRevolution) -> Scan | None:
         """Date a revolution and build its scan; None when it is not whole, or parts of two have met in it."""
         self._date(ended)
-        stats = self.stats
-        number = stats.scans + stats.missed_scans - self._told_unseen - (not ended.partial.whole)
+        number = self.stats.scans + self.stats.missed_scans - self._told_unseen - (not ended.partial.whole)
         if not self._is_whole(ended, number):
             return None
         arrays, rpm = ended.arrays, ended.samples.reported_rpm
@@ -300,8 +301,7 @@ class Assembler:
 
     def _date(self, ended: EndedRevolution) -> None:
         """Fill in the times, as if nothing were missing."""
-        packets = ended.packets
-        packet_bytes = len(packets.data) / packets.count
+        packet_bytes = len(ended.packets.data) / ended.packets.count
         ended.sample_ns, ended.told = ended.samples.sample_ns or self._stream.sample_ns, self._stream.sample_ns > 0
         ended.start_ns = first_sample_ns(ended, packet_bytes=packet_bytes, byte_ns=self._byte_ns)
         ended.elapsed_ns = ended.partial.last_ns - ended.start_ns

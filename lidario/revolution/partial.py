@@ -130,6 +130,15 @@ class PartialRevolution:
         return [(at - first, skipped) for at, skipped in gaps if first < at < crossed]
 
     @property
+    def lasted_ns(self) -> int:
+        """From the arrival of its first packet to that of its latest; it must have one."""
+        return self.last_ns - self.runs[0].arrivals[0][1]
+
+    def missing_ns(self, wire: StreamFormat, sample_ns: float) -> float:
+        """How much of that time the samples of its packets do not fill."""
+        return self.lasted_ns - sum([wire.samples_in(run.blocks) for run in self.runs]) * sample_ns
+
+    @property
     def read_ns(self) -> int:
         """From the read that brought its beginning to the one that brought its end; 0 where that is not known."""
         return self.ended_ns - self.begun_ns if self.begun_ns else 0

@@ -83,6 +83,18 @@ def test_a_rotor_that_stands_for_a_while_is_not_taken_for_losses(name: str) -> N
 
 
 @pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("way", ["read", "file"])
+@pytest.mark.parametrize("case", ["braked by hand to 0.3 Hz in 20 ms", "standing for 3 s"])
+def test_a_rotor_that_is_held_is_not_taken_for_losses_whatever_time_says(name: str, case: str, way: str) -> None:
+    """A revolution that takes longer than any such device needs is given up. Then it alone is told as missing."""
+    found = _scored(name, case, way)
+    assert (found.told, found.seq_off) == (0, 0)
+    assert found.told_revolutions == found.missing_revolutions <= 1
+    assert found.wrong <= 0.003 * found.samples
+    assert found.overlap_ms < 60
+
+
+@pytest.mark.parametrize("name", FORMATS)
 def test_losses_of_a_rotor_that_stands_are_not_told_beyond_the_time_there_was(name: str) -> None:
     """Beside what it turned before and behind, the angles tell thousands."""
     found = _scored(name, "standing for 0.5 s, 60 % gone", "read")

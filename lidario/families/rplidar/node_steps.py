@@ -33,6 +33,9 @@ SEVERAL: Final = 32
 _SEVERAL_TURNS: Final = 1 / 24
 """Steps of which the mean is taken, at least so many and so far: a mean of seven units over 32 steps is off by half
 a percent, since each end is rounded."""
+CHANGE: Final = 0.1
+"""Part of the longest ordinary step of a revolution by which any other may differ from the one before: the slower a
+rotor turns, the more any change is for it."""
 STRANGE: Final = 32
 """So many times in a row hardly a step is like those before: if time tells nothing, it is another speed."""
 CERTAIN_STEPS: Final = 6
@@ -99,11 +102,6 @@ class NodeSteps(PacedTurning):
         self._typical, self._strange = arcs.step, 0
         self._pace.clear()
 
-    def _use(self, arc: float) -> None:
-        if arc > 0:
-            self._typical, self._certain, self._strange = arc, True, 0
-        self._pace.clear()
-
     @staticmethod
     def _is_ordinary(typical: float, shortest: int, longest: int) -> bool:
         return JITTER * typical < shortest and longest <= (1 + JITTER) * typical
@@ -131,9 +129,10 @@ class NodeSteps(PacedTurning):
             if high <= (1 + OFF) * times and low >= (1 - OFF) * times:
                 if times != 1:
                     self._typical /= times
-                elif self._strange and (mean := float(spans.mean())) > 0:
-                    # It tells the right number of nodes, though hardly a step is like it: so long they are.
-                    self._typical = mean / each
+                elif self._strange and 2 * np.count_nonzero(spans > 0) > len(spans):
+                    # It tells the right number of nodes, though hardly a step is like it: so long they are, unless
+                    # the rotor stood.
+                    self._typical = float(spans.mean()) / each
                 self._confirmed, self._strange = True, 0
                 self._pace.clear()
                 return times
@@ -147,42 +146,48 @@ class NodeSteps(PacedTurning):
             self._learn_first(known)
         steps = np.full(len(rough), self._typical)
         several = max(SEVERAL, round(_SEVERAL_TURNS * self._full_turn / max(1.0, self._typical)))
-        for begin in range(0, len(known), several):
-            self._take(known[begin : begin + several])
+        chunks = [known[begin : begin + several] for begin in range(0, len(known), several)]
+        slack = CHANGE * max([self._typical, *(_short(chunk) for chunk in chunks)])
+        for begin, chunk in zip(range(0, len(known), several), chunks, strict=True):
+            self._take(chunk, slack)
             steps[begin : begin + several] = self._typical
         if self._typical <= 0:
             return steps, np.zeros(len(rough), np.intp)
-        missing = _missing(rough, steps)
-        for begin in range(0, len(known), several):
-            if not known[begin : begin + several].any():
-                # The rotor stood: this revolution has so many samples more.
-                steps[begin : begin + several] = 0.0
+        missing = _missing(rough, np.maximum(steps, slack / JITTER))
+        for begin, chunk in zip(range(0, len(known), several), chunks, strict=True):
+            # Where the rotor all but stood, this revolution has so many samples more.
+            if (mean := float(chunk.mean())) < steps[begin] / 2:
+                steps[begin : begin + several] = mean
         if not followed:
             missing[-1] = 0
         return steps, missing
 
-    def _take(self, spans: Steps) -> None:
+    def _take(self, spans: Steps, slack: float) -> None:
         """Find the ordinary step of a few dozen, by the one before."""
-        near = spans[np.abs(spans - self._typical) <= self._typical / 2]
+        near = spans[np.abs(spans - self._typical) <= max(self._typical / 2, slack)]
         if len(near) >= CERTAIN_STEPS:
-            self._typical, self._strange = float(near.mean()), 0
+            # A rotor that stands tells of no step.
+            self._typical, self._strange = float(near.mean()) or self._typical, 0
             return
         middle, agreeing = _middle(spans)
         if agreeing < CERTAIN_STEPS or 2 * agreeing < len(spans):
             return
         self._strange += 1
-        # A rotor that stands tells of no step.
         if self._strange >= STRANGE and middle > 0:
             self._typical, self._strange = middle, 0
 
     def _learn_first(self, spans: Steps) -> None:
         """The ordinary step as long as none is certain."""
-        # Gaps only ever lengthen a step, so the short ones tell the truth.
-        short = float(np.partition(spans, len(spans) // 4)[len(spans) // 4])
+        short = _short(spans)
         ordinary = spans[np.abs(spans - short) <= short / 2]
         if len(ordinary):
             self._typical, _ = _middle(ordinary)
         self._certain = len(ordinary) >= CERTAIN_STEPS and self._typical > 0
+
+
+def _short(spans: Steps) -> float:
+    """One of the shorter ones. Gaps only ever lengthen a step, so these tell the truth."""
+    return float(np.partition(spans, len(spans) // 4)[len(spans) // 4])
 
 
 def _middle(spans: Steps) -> tuple[float, int]:

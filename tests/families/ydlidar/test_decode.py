@@ -198,13 +198,13 @@ def test_a_long_packet_that_is_damaged_does_not_look_like_lost_ones(
 
 
 def test_most_packets_may_reach_over_no_angle() -> None:
-    """The long ones tell the step. Where there is only one, and so the median is 0, it is the mean one."""
+    """The long ones tell the step, also where there is only one."""
     short = [pack_points([1000] * 2, 13000, 13000)] * 3
     long = [pack_points([1000] * 80, first, first + 3950) for first in (0, 8000)]
     samples = decoded([*long, *short], long[0])
     assert samples.revolution_samples == pytest.approx(23040 / 50, rel=0.02)
     assert samples.gaps[0] == (80, 80)
-    assert decoded([long[1], *short], long[1]).gaps[0] == (80, round(1050 * 82 / 3950) - 1)
+    assert decoded([long[1], *short], long[1]).gaps[0] == (80, 1050 // 50 - 1)
 
 
 def test_a_damaged_packet_does_not_cost_its_revolution() -> None:
