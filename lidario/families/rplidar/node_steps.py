@@ -155,9 +155,9 @@ class NodeSteps(PacedTurning):
             return steps, np.zeros(len(rough), np.intp)
         missing = _missing(rough, np.maximum(steps, slack / JITTER))
         for begin, chunk in zip(range(0, len(known), several), chunks, strict=True):
-            # Where the rotor all but stood, this revolution has so many samples more.
-            if (mean := float(chunk.mean())) < steps[begin] / 2:
-                steps[begin : begin + several] = mean
+            if np.abs(chunk).max() < steps[begin] / 2:
+                # The rotor all but stood: this revolution has so many samples more.
+                steps[begin : begin + several] = chunk.mean()
         if not followed:
             missing[-1] = 0
         return steps, missing
