@@ -100,7 +100,7 @@ def _standing(hertz: float, seconds: Floats, *, lasts_s: float = 0.5) -> Floats:
     return np.where((seconds >= 2.5) & (seconds < 2.5 + lasts_s), 0.0, hertz)
 
 
-def braked(creeps_hertz: float, within_s: float, hertz: float, seconds: Floats) -> Floats:
+def _braked(creeps_hertz: float, within_s: float, hertz: float, seconds: Floats) -> Floats:
     """As when a hand brakes it, lets it creep for a second, and lets it go."""
     return np.interp(seconds, [2.0, 2.0 + within_s, 3.0, 3.4], [hertz, creeps_hertz, creeps_hertz, hertz])
 
@@ -258,7 +258,7 @@ def _cases() -> Iterator[Case]:
     yield Case("an outage of 0.8 s, then 40 % slower", partial(_outage_at, 2.6, 0.8), partial(_changed, 0.6))
     yield Case("an outage of 0.3 s, then 30 % faster", partial(_outage_at, 2.8, 0.3), partial(_changed, 1.3))
     yield Case("an outage of 0.15 s each 0.35 s", partial(lose_stretches, 0.35, 0.15), drifting)
-    yield Case("braked by hand to 0.3 Hz in 20 ms", _clean, partial(braked, 0.3, 0.02))
+    yield Case("braked by hand to 0.3 Hz in 20 ms", _clean, partial(_braked, 0.3, 0.02))
     yield Case("standing for 3 s", _clean, partial(_standing, lasts_s=3.0), 8.0)
     yield Case("standing for 0.5 s", _clean, _standing)
     yield Case("standing for 0.5 s, 60 % gone", partial(lose_share, 60, spoilt=False), _standing)

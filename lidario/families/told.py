@@ -28,7 +28,7 @@ Floats = NDArray[np.float64]
 _CHANGING: Final = 1.1
 """If the longest way of a revolution exceeds that of its mean step by this factor, its speed may change."""
 _SEVERAL: Final = 8
-"""Samples of a packet from which its step is known well enough for that."""
+"""Samples of a packet from which its own step is known well enough."""
 FEWEST: Final = 6
 """Packets from which the longest one is an ordinary one, where they are of any size: of a revolution, the first one
 and the last one may be short."""

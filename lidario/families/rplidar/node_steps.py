@@ -4,7 +4,8 @@ The step from one node to the next is a few units of the angle, and angles are c
 one, and are even only in the mean. So what holds for the arcs of larger packets (`lidario.families.wheel`) holds
 for the mean of a few dozen steps:
 
-1. **It is like the one before it.** A rotor changes its speed little in a few milliseconds, whatever it does.
+1. **It is like the one before it.** In a few milliseconds a rotor changes its speed by a small part of the greatest
+   one, whatever it does.
 2. **What is not** is missing nodes; what is not for long is another speed.
 3. **The clock has the last word** where steps agree: they are one each, or a whole number of them.
 
