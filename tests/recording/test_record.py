@@ -228,9 +228,12 @@ async def test_who_is_cancelled_while_the_disk_writes_has_a_whole_file_when_the_
 
     monkeypatch.setattr(FileWriter, "close", slow)
     async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
+        recording = lidar.record(tmp_path / "a.mcap")
+        await recording.start()  # without a limit: the clock would jump past it while the file is made
+        await lidar.scan()
         with pytest.raises(TimeoutError):
-            async with asyncio.timeout(5.0), lidar.record(tmp_path / "a.mcap"):
-                await lidar.scan()
+            async with asyncio.timeout(5.0):
+                await recording.close()
         cancelled.set()
     assert lidario.summarize(tmp_path / "a.mcap").damage == ""
 
