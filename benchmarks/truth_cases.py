@@ -258,6 +258,8 @@ def _cases() -> Iterator[Case]:
     yield Case("an outage of 0.8 s, then 40 % slower", partial(_outage_at, 2.6, 0.8), partial(_changed, 0.6))
     yield Case("an outage of 0.3 s, then 30 % faster", partial(_outage_at, 2.8, 0.3), partial(_changed, 1.3))
     yield Case("an outage of 0.15 s each 0.35 s", partial(lose_stretches, 0.35, 0.15), drifting)
+    yield Case("an outage of 0.4 s each 0.6 s", partial(lose_stretches, 0.6, 0.4), drifting, 8.0)
+    yield Case("an outage of 0.7 s each second", partial(lose_stretches, 1.0, 0.7), drifting, 8.0)
     yield Case("braked by hand to 0.3 Hz in 20 ms", _clean, partial(_braked, 0.3, 0.02))
     yield Case("standing for 3 s", _clean, partial(_standing, lasts_s=3.0), 8.0)
     yield Case("standing for 0.5 s", _clean, _standing)

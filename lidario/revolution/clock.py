@@ -209,6 +209,7 @@ class RevolutionClock:
         """Tell what passed since the beginning before; it is one revolution on by the angles."""
         last, self._last = self._last, here
         own_ns = here.revolution_ns
+        needed = self.needs_speed
         self._correct_packet(here)
         self._correct_speed(here, last)
         anchor = self._anchor
@@ -220,7 +221,7 @@ class RevolutionClock:
             # What passed is counted when one is.
             self._is_open = True
             return Passed(0, self._missing(here, elapsed)[0])
-        if last is None or not last.revolution_ns or self.needs_speed or self._is_open or self._was_wrong(last):
+        if last is None or not last.revolution_ns or needed or self._is_open or self._was_wrong(last):
             return Passed(*self._count_all(here, anchor, elapsed))
         slower = own_ns / last.revolution_ns or 1.0
         return Passed(*self._count_late(here, last, anchor, slower))
@@ -282,8 +283,13 @@ class RevolutionClock:
         return unseen, lost
 
     def _was_wrong(self, last: Beginning) -> bool:
-        """Whether another speed is sure now than the one that was taken for that of the last revolution."""
-        return not (last.tells_time or 1 / ALIKE < self.usual_ns / last.revolution_ns < ALIKE)
+        """Whether another speed is sure now than the one that was taken for that of the last revolution.
+
+        In one that is broken the rotor may have had both.
+        """
+        if last.broken or not last.borrowed:
+            return False
+        return not 1 / ALIKE < self.usual_ns / last.revolution_ns < ALIKE
 
     def _be_anchor(self, here: Beginning, unseen: int = 0, lost: int = 0) -> None:
         here.number += unseen
@@ -315,8 +321,9 @@ class RevolutionClock:
     def _correct_speed(self, here: Beginning, last: Beginning | None) -> None:
         """Where the speed is not sure, take the one before: a rotor keeps its speed.
 
-        Sure is what the time confirms, and of the first revolution what it tells; but enough must have come of it,
-        or it must be like what was sure. Gaps that are alike by chance tell of another speed.
+        Sure is what the time confirms: since the one before, or that of its own reads, if it came whole. Of the first
+        revolution it is what its angles tell. But enough must have come of it, or it must be like what was sure:
+        gaps that are alike by chance tell of another speed.
         """
         sure = self._sure
         alike = sure is not None and 1 / ALIKE < here.revolution_ns / sure.revolution_ns < ALIKE
@@ -330,6 +337,8 @@ class RevolutionClock:
                 if last.tells_time and not confirmed:
                     late_ns = here.start_ns - last.start_ns - last.spanned_ns
                     confirmed = abs(late_ns) < NOISE * last.revolution_ns
+                if here.read_ns and not (here.lost or confirmed):
+                    confirmed = abs(here.read_ns / here.revolution_ns - (1 - here.over)) < NOISE
                 self._is_timed = confirmed
             if confirmed:
                 if self.needs_speed:

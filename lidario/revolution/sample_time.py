@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from statistics import median
+from statistics import median, median_low
 from typing import Final
 
 from lidario.revolution.ended import EndedRevolution
@@ -112,7 +112,8 @@ class SampleTime:
     def _is_told_by(self, reads: Sequence[tuple[int, int]]) -> bool:
         """Whether this window makes it sure; then what led to it is forgotten."""
         mean_ns = sum(passed_ns for passed_ns, _ in reads) / sum(samples for _, samples in reads)
-        middle_ns = median(passed_ns / samples for passed_ns, samples in reads)
+        # Of two halves the faster: where an outage lies in every second one, the middle of both is the mean.
+        middle_ns = median_low(passed_ns / samples for passed_ns, samples in reads)
         alike = abs(middle_ns - mean_ns) <= ALIKE * mean_ns
         before_ns, self._before_ns = self._before_ns, mean_ns if alike else 0.0
         likely_ns = self._nearest(mean_ns)

@@ -72,6 +72,17 @@ def test_turns_that_hide_in_outages_are_not_taken_for_a_speed(name: str) -> None
     assert found.told <= 1.04 * found.missing
 
 
+@pytest.mark.parametrize("case", ["an outage of 0.4 s each 0.6 s", "an outage of 0.7 s each second"])
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_revolution_that_came_whole_tells_its_speed_between_outages(name: str, case: str) -> None:
+    """Hardly a revolution follows the one before, so that only its own reads can confirm its speed."""
+    found = _scored(name, case, "read")
+    assert found.no_rpm <= 3
+    assert abs(found.told_revolutions - found.missing_revolutions) <= 2 >= found.seq_off
+    assert 0.94 * found.missing < found.told < 1.003 * found.missing + 3
+    assert found.wrong <= 0.002 * found.samples
+
+
 @pytest.mark.parametrize("name", FORMATS)
 def test_a_rotor_that_stands_for_a_while_is_not_taken_for_losses(name: str) -> None:
     found = _scored(name, "standing for 0.5 s", "read")
