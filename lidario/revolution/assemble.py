@@ -317,10 +317,6 @@ class Assembler:
         # What a program reads late it reads together: of an outage meanwhile only a gap in it tells where it was.
         broken = ended.is_broken(ordinary_ns) or (ended.lost > 0 and self._clock.is_late)
         told = samples.lost + partial.lost_behind_carried + ended.revoked
-        if self.incoming.is_live and ended.stood(self._clock.over_ns, ordinary_ns):
-            # What is missing all the same, the clock tells.
-            self.stats.lost_packets -= samples.lost
-            told, broken = told - samples.lost, True
         if self._told_seq is None and self._ended_at is not None:
             least_ns = ended.least_ns(wire, self._clock.usual_ns)
             # Angles hide whole revolutions; so it counts when the packet behind it came.

@@ -120,8 +120,6 @@ class RevolutionClock:
         self._late_ns: int | None = None
         self._last: Beginning | None = None
         self._sure: Beginning | None = None
-        # Whether the latest revolution of which enough came took as long as its angles tell.
-        self._is_timed = False
         self._seam = 0.0
         self._packet_ns = 0.0
         self._ordinary = False
@@ -151,12 +149,6 @@ class RevolutionClock:
         sure = self._sure
         unknown = self._late_ns is not None or self._is_open or sure is None or sure.borrowed
         return None if unknown else self._last
-
-    @property
-    def over_ns(self) -> float:
-        """When the revolution before was over; minus infinity where time does not tell."""
-        last = self._last if self._is_timed else None
-        return -math.inf if last is None else last.start_ns + last.spanned_ns * last.tells_time
 
     def learn_speed(self, packets: Iterable[tuple[float, int]]) -> None:
         """Packets came: where each begins, in revolutions, and when it came."""
@@ -202,7 +194,6 @@ class RevolutionClock:
     def settle(self, last: Beginning) -> None:
         """Remember revolutions of which `is_followed` is true, by the last of them."""
         self._last = self._sure = last
-        self._is_timed = True
         self._be_anchor(last)
 
     def follow(self, here: Beginning) -> Passed:
@@ -230,7 +221,6 @@ class RevolutionClock:
         """Revolutions and packets that are missing since the anchor, where nothing else tells what passed."""
         lost, untold = self._missing(here, elapsed)
         turns = elapsed / here.revolution_ns + anchor.over - here.over
-        self._is_timed |= abs(turns - (here.number - anchor.number)) <= NOISE
         unseen = int(turns * (1 - UNEVEN_SPEED) + NOISE) - (here.number - anchor.number)
         # Counting goes on from here, unless it is too vague when this one began.
         self._is_open = self._sure is not here and abs(turns - round(turns)) >= EXACT
@@ -321,9 +311,9 @@ class RevolutionClock:
     def _correct_speed(self, here: Beginning, last: Beginning | None) -> None:
         """Where the speed is not sure, take the one before: a rotor keeps its speed.
 
-        Sure is what the time confirms: since the one before, or that of its own reads, if it came whole. Of the first
-        revolution it is what its angles tell. But enough must have come of it, or it must be like what was sure:
-        gaps that are alike by chance tell of another speed.
+        Sure is what the time confirms: since the one before, or that of its own reads, if it came whole. Of the
+        first revolution it is what its angles tell. But enough must have come of it, or it must be like what was
+        sure: gaps that are alike by chance tell of another speed.
         """
         sure = self._sure
         alike = sure is not None and 1 / ALIKE < here.revolution_ns / sure.revolution_ns < ALIKE
@@ -339,7 +329,6 @@ class RevolutionClock:
                     confirmed = abs(late_ns) < NOISE * last.revolution_ns
                 if here.read_ns and not (here.lost or confirmed):
                     confirmed = abs(here.read_ns / here.revolution_ns - (1 - here.over)) < NOISE
-                self._is_timed = confirmed
             if confirmed:
                 if self.needs_speed:
                     self._search.forget()

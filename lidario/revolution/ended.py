@@ -115,22 +115,6 @@ class EndedRevolution:
         behind_ns = self.partial.ended_ns - self.start_ns
         return late and not 0 < behind_ns <= UNEVEN * (packets.count + samples.lost + 1) * packet_ns
 
-    def stood(self, over_ns: float, ordinary_ns: float) -> bool:
-        """Whether there was no time for what its angles tell as missing, since the rotor stood; it must be dated.
-
-        Then its times are those that the reads allow.
-
-        Args:
-            over_ns: When the revolution before was over.
-            ordinary_ns: What a revolution takes.
-        """
-        excess_ns = self.spanned_ns - (self.partial.ended_ns - over_ns)
-        if self.lost <= 0 or excess_ns <= ordinary_ns:
-            return False
-        self.start_ns = max(self.start_ns, round(over_ns))
-        self.spanned_ns -= excess_ns
-        return True
-
     @property
     def is_false_part(self) -> bool:
         """Whether so little of a revolution lies between two splits that one of them was false."""
