@@ -221,13 +221,12 @@ class Wheel(PacedTurning):
                 continue
             mean = span / whole
             # The arc before a gap lies on the line from the one before it to the middle of the gap.
-            lonely = at > 0 and missing[at - 1] > 0
             missing.append(whole - 1)
             if whole > TRUSTED_GAP + 1 or abs(times - whole) > OFF:
                 # A whole turn may hide in it.
                 arcs.append(last)
                 continue
-            arcs.append(mean if lonely else last + (mean - last) / (1 + (whole - 1) / 2))
+            arcs.append(last + (mean - last) / (1 + (whole - 1) / 2))
             last = mean
         self._arc = last
         return _Walk(arcs, missing, fitting, known)
