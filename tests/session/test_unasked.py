@@ -12,10 +12,13 @@ from typing import Any
 import pytest
 
 from lidario import ConnectFailed, InvalidValue, SessionClosed, StreamFailed, Unsupported, decode, open_lidar
+from lidario.families.camsense.simulated.device import PROFILES as CAMSENSE
+from lidario.families.camsense.simulated.device import SimulatedCamsense
 from lidario.families.ldrobot.simulated.device import PROFILES as LDROBOT
 from lidario.families.registry import FAMILIES, family_named
 from lidario.families.ydlidar.simulated.device import PROFILES as YDLIDAR
 from lidario.session.lidar import Lidar
+from lidario.sim.chassis import maker
 from tests.support.devices import Rig, end_of, left_still, make_rig, names, some, take
 from tests.support.loop import now, now_ns
 
@@ -249,3 +252,24 @@ async def test_one_that_streams_is_stopped_where_its_opening_is_cancelled(model:
     await asyncio.sleep(0.01)
     assert left_still(rig)
     assert names(rig)
+
+
+class Blocked(SimulatedCamsense):
+    """One whose rotor is blocked at some time: from then on its packets tell no angles."""
+
+    is_blocked = False
+
+    def _pack(self, turns: Any, seconds: Any, rpm: float) -> bytes:
+        return self._greeting() * (len(turns) // 4) if self.is_blocked else super()._pack(turns, seconds, rpm)
+
+
+async def test_packets_that_are_understood_are_no_noise() -> None:
+    device = maker(Blocked, CAMSENSE)("camsense-x1")
+    async with open_lidar(device, family="camsense") as lidar:
+        stream = lidar.scans()
+        await some(stream, 2)
+        device.is_blocked = True
+        error = await end_of(stream, why=r"no scan data for 0.\d s, though packets without any arrive")
+        assert "does the rotor turn?" in str(error)
+        assert "noise" not in str(error)
+        assert lidar.stats.records > 100

@@ -67,6 +67,7 @@ class Failure:
         what: It in words, as the beginning of a sentence.
         cause: The likeliest cause, as a question, if the device turns out to be well.
         noise: Whether bytes arrive that are no packets.
+        sends: Whether packets arrive that are understood, and measure nothing.
         restart: Whether it is worth starting the stream again, if the device turns out to be well.
         lasted_s: Seconds from its start to its last packet; 0 when there was none.
         error: What its start failed with, if it did not even begin.
@@ -75,6 +76,7 @@ class Failure:
     what: str
     cause: str
     noise: bool = False
+    sends: bool = False
     restart: bool = False
     lasted_s: float = 0.0
     error: LidarError | None = None
@@ -123,8 +125,8 @@ class Running:
         if stream.format.whole:
             # A damaged byte costs a packet that is a whole revolution.
             self._silence_s = max(self._silence_s, stream.slowest_turn_s)
-        # Bytes that had come when the last part of a silence began.
-        self._received = 0
+        # When the last part of a silence began: bytes not understood so far, and packets that measure nothing.
+        self._strange = self._records = 0
         self._watch_due = self._began
         self._note_damage()
 
@@ -222,9 +224,9 @@ class Running:
             now = self._loop.time()
         idle, turning = now - self._last_packet, now - self._last_scan
         # Records are understood, though nothing is measured: of a rotor that is too fast, for one.
-        received, stats = self._received, self._dialogue.stats
-        self._received = stats.bytes_received - stats.record_bytes
-        noise = self._received - received >= NOISE_BYTES
+        strange, records, stats = self._strange, self._records, self._dialogue.stats
+        self._strange, self._records = stats.bytes_received - stats.record_bytes, stats.records
+        noise, sends = self._strange - strange >= NOISE_BYTES, self._records > records
         # On a poor line many packets in a row may be damaged where each is a whole revolution.
         may_come = noise and self._stream.format.whole and turning < turns
         if now - self._watch_due > NOISE_S:
@@ -232,9 +234,8 @@ class Running:
             # block says nothing of the time since.
             self._watch_in(NOISE_S)
         elif idle >= patience and not may_come:
-            self._outlets.failed(
-                self._failure(f"no scan data for {idle:.1f} s", "does the rotor turn?", noise=noise)
-            )
+            what = f"no scan data for {idle:.1f} s{', though packets without any arrive' * sends}"
+            self._outlets.failed(self._failure(what, "does the rotor turn?", noise=noise, sends=sends))
         elif turning >= turns:
             what = f"scan data arrives, but no full revolution for {turning:.1f} s"
             self._outlets.failed(self._failure(what, self._why_no_revolution(), silent=False))
@@ -261,9 +262,11 @@ class Running:
         self._watch_due = self._loop.time() + seconds
         self._watchdog = self._loop.call_at(self._watch_due, self._watch)
 
-    def _failure(self, what: str, cause: str, *, noise: bool = False, silent: bool = True) -> Failure:
-        lasted_s = self._last_packet - self._began
-        return Failure(what, cause, noise=noise, restart=silent and self._scans > 0, lasted_s=lasted_s)
+    def _failure(
+        self, what: str, cause: str, *, noise: bool = False, sends: bool = False, silent: bool = True
+    ) -> Failure:
+        lasted_s, restart = self._last_packet - self._began, silent and self._scans > 0
+        return Failure(what, cause, noise=noise, sends=sends, restart=restart, lasted_s=lasted_s)
 
     def _keep_alive(self) -> None:
         keepalive = self._stream.keepalive
