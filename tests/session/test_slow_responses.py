@@ -12,7 +12,7 @@ from contextlib import suppress
 
 import pytest
 
-from lidario import ConnectFailed, LidarError, ScanStream, StreamFailed, open_lidar
+from lidario import ConnectFailed, LidarError, ResponseTimeout, ScanStream, StreamFailed, open_lidar
 from lidario.families.rplidar.simulated.device import SimulatedRplidar
 from tests.session.test_two_tasks import (
     Scene,
@@ -106,6 +106,23 @@ def test_closing_waits_for_a_response_that_nobody_waits_for_any_more(
         assert left_still(rig)
 
     run_driven(main)
+
+
+@both_families
+async def test_a_response_that_has_come_too_late_is_owed_no_longer(family: str) -> None:
+    rig = make_rig(family)
+    async with rig.open() as lidar:
+        await lidar.scan()
+        rig.device.response_delay_s = 1.0
+        with pytest.raises(ResponseTimeout):
+            await lidar.get_health()
+        rig.device.response_delay_s = 0.0
+        await asyncio.sleep(0.2)
+        began = now()
+        await lidar.stop()
+        # One that may still come is waited for for 2 s, from its request on.
+        assert now() - began < 0.2
+        assert left_still(rig)
 
 
 @pytest.mark.parametrize("model", ["rplidar-a1", "rplidar-a2"])

@@ -328,8 +328,6 @@ class Dialogue(Intake, Waiting):
             # One by one: where the line carries datagrams, a device may look for one request in each.
             if request.data:
                 self.port.write(request.data)
-        if self._awaited is Awaited.CHANGE:
-            self.wake(Awaited.CHANGE)
 
     # ------------------------------------------------------------------------------------------------ inside
 
