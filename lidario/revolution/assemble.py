@@ -226,7 +226,9 @@ class Assembler:
     def _end(self, split: Split, following: bytes) -> Scan | None:
         """End the revolution in the making before the packet `following`, and begin the next."""
         partial = self.partial
-        self.partial = PartialRevolution(whole=not split.broken, moved=split.moved, seam=split.seam)
+        self.partial = PartialRevolution(
+            whole=not split.broken, moved=split.moved, seam=split.seam, carried_ns=partial.last_ns
+        )
         ended = self._ended(partial, split, following)
         if ended is None:
             return None
@@ -268,7 +270,7 @@ class Assembler:
             lost += revoked
         crossed = room + samples.before_seam
         if crossed < len(here.angle):
-            self.partial.carry(here.part(crossed), partial.last_ns, samples)
+            self.partial.carry(here.part(crossed), samples)
             lost -= samples.lost_behind
         gaps = partial.gaps(samples, room, crossed, revoked=bool(revoked)) if samples.gaps or lost else []
         arrays = here.part(room if revoked else 0, crossed)

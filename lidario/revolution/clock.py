@@ -16,8 +16,9 @@ counted when a speed is known. Where not even that is, the time that a packet ta
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 from lidario.revolution.build import DatedRevolution
@@ -35,8 +36,6 @@ MORE_THAN_ONE: Final = 1.005
 third, it has 34 by right at times."""
 STAYED_LATE: Final = 0.5
 """Revolutions during which reads must go on and stamps stay late, where no packet is known to be missing."""
-UNEVEN_SPEED: Final = 0.005
-"""Part of the revolutions of a long time that are not counted, since the speed may have been lower for a while."""
 EXACT: Final = 0.15
 """Revolutions by which a time may miss a whole number, to be where counting goes on from."""
 NEARLY_ALL: Final = 0.9
@@ -63,7 +62,8 @@ class Beginning:
             the longest packet of the format.
         borrowed: Whether its speed is that of a revolution before, since its own is not known.
         spanned_ns: What its samples took, and those that are known to be missing; 0 when that is not known.
-        read_ns: From the read that brought its beginning to the one that brought its end; 0 when that is not known.
+        reads_ns: When the last packet before it came, then each read from the one that brought its beginning to the
+            one that brought its end; none when that is not known.
     """
 
     start_ns: int
@@ -79,7 +79,18 @@ class Beginning:
     ordinary: bool = True
     borrowed: bool = False
     spanned_ns: float = 0.0
-    read_ns: int = 0
+    reads_ns: Sequence[int] = ()
+
+    @property
+    def read_ns(self) -> int:
+        """From the read that brought its beginning to the one that brought its end; 0 when that is not known."""
+        return self.reads_ns[-1] - self.reads_ns[1] if self.reads_ns else 0
+
+    @property
+    def hides(self) -> bool:
+        """Whether whole revolutions may have passed in it unseen: in a silence as long as one."""
+        longest_ns = max((after - before for before, after in pairwise(self.reads_ns)), default=math.inf)
+        return longest_ns >= (1 - NOISE) * self.revolution_ns
 
     @property
     def tells_time(self) -> bool:
@@ -115,8 +126,10 @@ class RevolutionClock:
         self._anchor: Beginning | None = None
         # Whether all since the anchor is to be counted: nothing else tells what passed.
         self._is_open = False
-        # Since the anchor: what the samples took, and how long reads went on since a beginning was late.
+        # Since the anchor: what the samples took, whether revolutions may hide in silences, and how long reads went
+        # on since a beginning was late.
         self._spanned_ns = 0.0
+        self._hides = False
         self._late_ns: int | None = None
         self._last: Beginning | None = None
         self._sure: Beginning | None = None
@@ -211,7 +224,7 @@ class RevolutionClock:
         if self._sure is None:
             # What passed is counted when one is.
             self._is_open = True
-            return Passed(0, self._missing(here, elapsed)[0])
+            return Passed(0, _several(self._missing_by_clock(here, elapsed)))
         if last is None or not last.revolution_ns or needed or self._is_open or self._was_wrong(last):
             return Passed(*self._count_all(here, anchor, elapsed))
         slower = own_ns / last.revolution_ns or 1.0
@@ -219,20 +232,21 @@ class RevolutionClock:
 
     def _count_all(self, here: Beginning, anchor: Beginning, elapsed: float) -> tuple[int, int]:
         """Revolutions and packets that are missing since the anchor, where nothing else tells what passed."""
-        lost, untold = self._missing(here, elapsed)
+        missing = self._missing_by_clock(here, elapsed)
         turns = elapsed / here.revolution_ns + anchor.over - here.over
-        unseen = int(turns * (1 - UNEVEN_SPEED) + NOISE) - (here.number - anchor.number)
+        unseen = int(turns + NOISE) - (here.number - anchor.number)
         # Counting goes on from here, unless it is too vague when this one began.
         self._is_open = self._sure is not here and abs(turns - round(turns)) >= EXACT
         if not self._is_open:
             # Where too many were counted, that many are left out later.
-            self._be_anchor(here, unseen, lost + untold)
-        return max(0, unseen), lost
+            self._be_anchor(here, unseen, missing)
+        return max(0, unseen), _several(missing)
 
     def _count_late(self, here: Beginning, last: Beginning, anchor: Beginning, slower: float) -> tuple[int, int]:
         """Revolutions and packets that are missing, by how much later this beginning is than it was due."""
         elapsed = here.start_ns - anchor.start_ns
         self._spanned_ns += last.spanned_ns if last.tells_time else math.nan
+        self._hides |= last.hides
         share = here.number - anchor.number + here.over - anchor.over
         late_ns = elapsed - share * last.revolution_ns
         if not math.isnan(self._spanned_ns):
@@ -249,23 +263,23 @@ class RevolutionClock:
         each = last.revolution_packets
         # More than one revolution has: an outage of almost one lies in it, and its angles fell back by little.
         gap = last.lost > 0 or (last.broken and last.packets >= max(MORE_THAN_ONE * each, each + 1))
-        unseen = 0
-        if late >= 1 - NOISE:
+        unseen, is_late = 0, late >= 1 - NOISE
+        if is_late and self._hides:
             self._late_ns = (self._late_ns or 0) + here.read_ns
             is_sure = last.broken or not self._is_rough
             if not gap and not (is_sure and self._late_ns >= self._least_late * here.revolution_ns):
                 return 0, 0
             unseen = int(late + NOISE)
-        due_ns = elapsed if unseen else min(elapsed, share * last.revolution_ns)
+        # Without a silence in which a revolution may hide nothing is late, but the rotor was slow, or stood.
+        due_ns = elapsed if is_late else min(elapsed, share * last.revolution_ns)
         by_clock = max(0, self._missing_by_clock(here, due_ns))
         fewest, most = sorted((round(unseen * each), round(unseen * each * slower)))
         lost = min(max(by_clock, fewest), most)
-        if last.broken and (gap or last.packets < NEARLY_ALL * each):
+        if unseen and last.broken and (gap or last.packets < NEARLY_ALL * each):
             # Its angles do not tell all that is missing. Of two witnesses the lesser is told.
-            if unseen:
-                lost = min(lost, by_clock)
-            elif by_clock > max(last.packets, FEWEST_PACKETS):
-                lost = by_clock
+            lost = min(lost, by_clock)
+        elif not unseen and (is_late or last.broken):
+            lost = _several(by_clock)
         if here.broken and not unseen:
             # It began when it was due; all that came of it may come from behind an outage, or late.
             here.start_ns -= round(max(0.0, late_ns))
@@ -285,18 +299,13 @@ class RevolutionClock:
         here.number += unseen
         here.packets_before += lost
         self._anchor, self._is_open, self._late_ns, self._spanned_ns = here, False, None, 0.0
+        self._hides = False
 
     def _missing_by_clock(self, here: Beginning, elapsed: float) -> int:
         """Packets missing since the anchor beyond those known, by what one takes; below 0 where more are known."""
         if not self._packet_ns or self._anchor is None:
             return 0
         return round(elapsed / self._packet_ns) - (here.packets_before - self._anchor.packets_before)
-
-    def _missing(self, here: Beginning, elapsed: float) -> tuple[int, int]:
-        """The same of a long time: how many are told now, and how many more, or less, there may be."""
-        sure = self._missing_by_clock(here, elapsed * (1 - UNEVEN_SPEED))
-        lost = sure if sure > FEWEST_PACKETS else 0
-        return lost, self._missing_by_clock(here, elapsed) - lost
 
     def _correct_packet(self, here: Beginning) -> None:
         """Where only short packets came, take what an ordinary one took before."""
@@ -339,3 +348,8 @@ class RevolutionClock:
             here.borrowed = True
         elif here.broken or not enough:
             here.revolution_ns = 0.0
+
+
+def _several(missing: int) -> int:
+    """How many packets are told of those that time tells: of a few, none, for stamps are late."""
+    return missing if missing > FEWEST_PACKETS else 0

@@ -156,7 +156,7 @@ class EndedRevolution:
             packets_before=packets_before,
             ordinary=ordinary,
             spanned_ns=self.spanned_ns if samples.certain and self.told else 0.0,
-            read_ns=self.partial.read_ns,
+            reads_ns=self.partial.reads_ns(packets),
         )
 
 

@@ -65,7 +65,7 @@ class PartialRevolution:
         even: Whether nothing was missing in the revolution before, and each packet since is as close behind the one
             before as they were there: then nothing is missing in this one.
         carried: Samples from the packet that crossed the seam at its beginning, if any.
-        carried_ns: Arrival of that packet.
+        carried_ns: Arrival of the last packet before it; 0 when there was none.
         lost_behind_carried: Packets missing right behind that packet.
         skipped_behind_carried: The samples of those.
         carried_packets: Packets that a whole revolution has, as far as was known when that packet was decoded; 0
@@ -95,16 +95,14 @@ class PartialRevolution:
         """All its packets, as if they had been reported together; None when it has none."""
         return joined(self.runs) if self.runs else None
 
-    def carry(self, arrays: SampleArrays, at_ns: int, samples: Samples) -> None:
+    def carry(self, arrays: SampleArrays, samples: Samples) -> None:
         """Begin with what lies behind the seam in the last packet of the revolution before.
 
         Args:
             arrays: These samples.
-            at_ns: Arrival of that packet.
             samples: What the revolution before was decoded to.
         """
         self.carried = arrays
-        self.carried_ns = at_ns
         self.lost_behind_carried = samples.lost_behind
         self.skipped_behind_carried = samples.skipped_behind
         self.carried_packets = 0.0 if samples.certain else samples.revolution_packets
@@ -138,10 +136,11 @@ class PartialRevolution:
         """How much of that time the samples of its packets do not fill."""
         return self.lasted_ns - sum([wire.samples_in(run.blocks) for run in self.runs]) * sample_ns
 
-    @property
-    def read_ns(self) -> int:
-        """From the read that brought its beginning to the one that brought its end; 0 where that is not known."""
-        return self.ended_ns - self.begun_ns if self.begun_ns else 0
+    def reads_ns(self, packets: Packets) -> Sequence[int]:
+        """As `Beginning.reads_ns`, of its packets."""
+        if not self.begun_ns:
+            return ()
+        return self.carried_ns, self.begun_ns, *[at_ns for _, at_ns in packets.arrivals], self.ended_ns
 
     @property
     def last_ns(self) -> int:
