@@ -187,8 +187,7 @@ class Assembler:
             self._clock = self._new_clock()
 
     def _new_clock(self) -> RevolutionClock:
-        slowest_ns, rough = 1e9 * self._stream.slowest_turn_s, not self._stream.sample_ns
-        return RevolutionClock(slowest_ns, exact=self.incoming.is_exact, rough=rough)
+        return RevolutionClock(1e9 * self._stream.slowest_turn_s, exact=self.incoming.is_exact)
 
     def end(self) -> None:
         """The stream has ended: discard the revolution in the making. Harmless when done before."""

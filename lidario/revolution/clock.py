@@ -7,7 +7,8 @@ two ways: by the speed, and by what the samples since took, which is exact while
 Time stamps may be late, never early, as after a blocked event loop. A beginning that is late by less than a part
 of a revolution is the next anchor. One that is late by whole ones has missed so many, at once where packets are
 known to be missing. Where the angles show no gap, the anchor stays, and they are counted only when the stamps stay
-late while reads go on: what a program reads late, it reads in a moment.
+late while reads go on: what a program reads late, it reads in a moment. And a whole revolution hides only in a
+silence that is as long: where reads went on all the time, the rotor was slow, or stood.
 
 Behind a restart, and where so little comes that no speed is sure, the anchor stays too, and what has passed is
 counted when a speed is known. Where not even that is, the time that a packet takes tells how many are missing.
@@ -55,15 +56,14 @@ class Beginning:
         packets: How many came.
         lost: How many are known to be missing in it or right behind it.
         broken: Whether parts of several revolutions may have met in it, so that `lost` is not all.
-        number: Its number, by what was counted until then; that of the one before, where it is only a part and has
-            none.
+        number: Its number, by what was counted until then; where it is only a part, that of the one before.
         packets_before: Packets that came, or are counted as lost, before it.
         ordinary: Whether `packet_ns` is that of an ordinary packet. If not, only short ones came, and it is that of
             the longest packet of the format.
         borrowed: Whether its speed is that of a revolution before, since its own is not known.
         spanned_ns: What its samples took, and those that are known to be missing; 0 when that is not known.
-        reads_ns: When the last packet before it came, then each read from the one that brought its beginning to the
-            one that brought its end; none when that is not known.
+        reads_ns: When the last packet before it came, then each read from that of its beginning to that of its end;
+            none when that is not known.
     """
 
     start_ns: int
@@ -116,20 +116,17 @@ class RevolutionClock:
     Args:
         slowest_ns: What a revolution takes at most.
         exact: Whether the device's own clock tells the times, so that no stamp is late.
-        rough: Whether what a sample takes is not well known. Then a late beginning alone says nothing.
     """
 
-    def __init__(self, slowest_ns: float = 1e9, *, exact: bool = False, rough: bool = False) -> None:
+    def __init__(self, slowest_ns: float = 1e9, *, exact: bool = False) -> None:
         self._least_late = 0.0 if exact else STAYED_LATE
-        self._is_rough = rough
         self._search = SparseSpeed(slowest_ns)
         self._anchor: Beginning | None = None
         # Whether all since the anchor is to be counted: nothing else tells what passed.
         self._is_open = False
         # Since the anchor: what the samples took, whether revolutions may hide in silences, and how long reads went
         # on since a beginning was late.
-        self._spanned_ns = 0.0
-        self._hides = False
+        self._spanned_ns, self._hides = 0.0, False
         self._late_ns: int | None = None
         self._last: Beginning | None = None
         self._sure: Beginning | None = None
@@ -266,11 +263,10 @@ class RevolutionClock:
         unseen, is_late = 0, late >= 1 - NOISE
         if is_late and self._hides:
             self._late_ns = (self._late_ns or 0) + here.read_ns
-            is_sure = last.broken or not self._is_rough
-            if not gap and not (is_sure and self._late_ns >= self._least_late * here.revolution_ns):
+            if not gap and self._late_ns < self._least_late * here.revolution_ns:
                 return 0, 0
             unseen = int(late + NOISE)
-        # Without a silence in which a revolution may hide nothing is late, but the rotor was slow, or stood.
+        # Late, though no revolution can hide: then the rotor was slow, or stood.
         due_ns = elapsed if is_late else min(elapsed, share * last.revolution_ns)
         by_clock = max(0, self._missing_by_clock(here, due_ns))
         fewest, most = sorted((round(unseen * each), round(unseen * each * slower)))
@@ -280,7 +276,7 @@ class RevolutionClock:
             lost = min(lost, by_clock)
         elif not unseen and (is_late or last.broken):
             lost = _several(by_clock)
-        if here.broken and not unseen:
+        if here.broken and not is_late:
             # It began when it was due; all that came of it may come from behind an outage, or late.
             here.start_ns -= round(max(0.0, late_ns))
         self._be_anchor(here, unseen, lost)
@@ -291,15 +287,14 @@ class RevolutionClock:
 
         In one that is broken the rotor may have had both.
         """
-        if last.broken or not last.borrowed:
-            return False
-        return not 1 / ALIKE < self.usual_ns / last.revolution_ns < ALIKE
+        alike = 1 / ALIKE < self.usual_ns / last.revolution_ns < ALIKE
+        return last.borrowed and not (last.broken or alike)
 
     def _be_anchor(self, here: Beginning, unseen: int = 0, lost: int = 0) -> None:
         here.number += unseen
         here.packets_before += lost
-        self._anchor, self._is_open, self._late_ns, self._spanned_ns = here, False, None, 0.0
-        self._hides = False
+        self._anchor, self._is_open, self._late_ns = here, False, None
+        self._spanned_ns, self._hides = 0.0, False
 
     def _missing_by_clock(self, here: Beginning, elapsed: float) -> int:
         """Packets missing since the anchor beyond those known, by what one takes; below 0 where more are known."""

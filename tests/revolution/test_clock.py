@@ -186,8 +186,9 @@ def test_noise_never_makes_it_jump(seed: int, lost: int) -> None:
 
 def test_an_outage_with_a_gap_is_told_at_once_and_one_without_when_it_lasts() -> None:
     def unseen(starts: Sequence[float], lost: int | None = None, read: float = 1.0) -> list[int]:
-        read_ns = round(read * 100 * MS)
-        return [passed.unseen for passed in told(replace(beginning(n, n == lost), read_ns=read_ns) for n in starts)]
+        reads_ns = behind_a_silence(round(read * 100 * MS))
+        found = told(replace(beginning(n, n == lost), reads_ns=reads_ns) for n in starts)
+        return [passed.unseen for passed in found]
 
     assert unseen((0, 1, 2, 6, 7), lost=2) == [0, 0, 0, 3, 0]
     # Where each takes a revolution to read, it is told at once; where it is read in a moment, when that has lasted.
@@ -198,7 +199,25 @@ def test_an_outage_with_a_gap_is_told_at_once_and_one_without_when_it_lasts() ->
     assert unseen((0, 1, 3.9, 4, 4.2, 5), read=0.1) == [0] * 6
 
 
-def numbered(start: float, number: int, **changes: float) -> Beginning:
+def behind_a_silence(read_ns: int) -> tuple[int, ...]:
+    """Reads that took so long, behind a silence of a whole revolution; none if they took no time."""
+    return (0, 100 * MS, 100 * MS + read_ns) if read_ns else ()
+
+
+@pytest.mark.parametrize("lost", [0, 20])
+def test_without_a_silence_no_revolution_passes_unseen(lost: int) -> None:
+    """A rotor that was held for half a second, read all the time: only packets may be missing, as time tells."""
+    reads = tuple(range(0, 600 * MS, 10 * MS))
+    starts = [replace(beginning(n, lost), reads_ns=reads) for n in (0, 1, 2, 7, 8)]
+    starts[2].broken = lost > 0
+    found = told(starts)
+    assert [passed.unseen for passed in found] == [0] * 5
+    assert [passed.lost for passed in found] == [0, 0, 0, 320, 0]
+    starts[2].reads_ns = (0, 400 * MS, 600 * MS)
+    assert [passed.unseen for passed in told(starts)] == [0, 0, 0, 4, 0]
+
+
+def numbered(start: float, number: int, **changes: object) -> Beginning:
     """As `beginning`, with the number that was counted up to it."""
     return replace(beginning(start), number=number, packets_before=number * 80, **changes)  # type: ignore[arg-type]
 
@@ -228,14 +247,15 @@ def test_one_that_begins_a_whole_revolution_early_is_none(
 ) -> None:
     """Where it is known when bytes were read, and not all of it came. The next one is one revolution on."""
     clock = RevolutionClock()
+    reads_ns = behind_a_silence(read_ns)
     for n in range(4):
-        assert clock.follow(numbered(n, n, read_ns=read_ns)).unseen == 0
+        assert clock.follow(numbered(n, n, reads_ns=reads_ns)).unseen == 0
     is_none = is_none and read_ns > 0 and packets == 60
-    here = numbered(4 - early, 4, read_ns=read_ns, packets=packets)
+    here = numbered(4 - early, 4, reads_ns=reads_ns, packets=packets)
     assert clock.follow(here).unseen == (-1 if is_none else 0)
     if is_none:
-        assert clock.follow(numbered(4, 4, read_ns=read_ns)) == Passed(0, 0)
-        assert clock.follow(numbered(7, 5, read_ns=read_ns)).unseen == 2
+        assert clock.follow(numbered(4, 4, reads_ns=reads_ns)) == Passed(0, 0)
+        assert clock.follow(numbered(7, 5, reads_ns=reads_ns)).unseen == 2
 
 
 @every_kind

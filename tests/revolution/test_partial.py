@@ -48,9 +48,11 @@ def test_what_is_carried_over_comes_first(strong: bool) -> None:
     assert lists(whole) == [expected, [10 * each for each in expected], expected if strong else None]
 
 
-def test_how_long_its_reads_took_is_known_where_its_beginning_was_read() -> None:
-    assert PartialRevolution(whole=True, begun_ns=500, ended_ns=1200).read_ns == 700
-    assert PartialRevolution(whole=True, ended_ns=1200).read_ns == 0
+def test_when_its_reads_came_is_known_where_its_beginning_was_read() -> None:
+    packets = Packets(b"....", (Block(1, 4),), ((1, 600), (4, 900)))
+    known = PartialRevolution(whole=True, carried_ns=400, begun_ns=500, ended_ns=1200)
+    assert [*known.reads_ns(packets)] == [400, 500, 600, 900, 1200]
+    assert not PartialRevolution(whole=True, carried_ns=400, ended_ns=1200).reads_ns(packets)
 
 
 def blocks_of(sizes: Sequence[int], *, one_a_size: bool) -> tuple[Block, ...]:
