@@ -87,10 +87,11 @@ class Beginning:
         return self.reads_ns[-1] - self.reads_ns[1] if self.reads_ns else 0
 
     @property
-    def hides(self) -> bool:
-        """Whether whole revolutions may have passed in it unseen: in a silence as long as one."""
-        longest_ns = max((after - before for before, after in pairwise(self.reads_ns)), default=math.inf)
-        return longest_ns >= (1 - NOISE) * self.revolution_ns
+    def hides(self) -> float:
+        """How many whole revolutions may have passed in it unseen, in silences of at least one."""
+        turns = [(after - before) / self.revolution_ns for before, after in pairwise(self.reads_ns)]
+        # Rounded up: what came before a silence may have come late.
+        return sum([math.ceil(each) for each in turns if each >= 1 - NOISE]) if turns else math.inf
 
     @property
     def tells_time(self) -> bool:
@@ -124,9 +125,9 @@ class RevolutionClock:
         self._anchor: Beginning | None = None
         # Whether all since the anchor is to be counted: nothing else tells what passed.
         self._is_open = False
-        # Since the anchor: what the samples took, whether revolutions may hide in silences, and how long reads went
+        # Since the anchor: what the samples took, how many revolutions silences may hide, and how long reads went
         # on since a beginning was late.
-        self._spanned_ns, self._hides = 0.0, False
+        self._spanned_ns = self._hides = 0.0
         self._late_ns: int | None = None
         self._last: Beginning | None = None
         self._sure: Beginning | None = None
@@ -243,7 +244,7 @@ class RevolutionClock:
         """Revolutions and packets that are missing, by how much later this beginning is than it was due."""
         elapsed = here.start_ns - anchor.start_ns
         self._spanned_ns += last.spanned_ns if last.tells_time else math.nan
-        self._hides |= last.hides
+        self._hides += last.hides
         share = here.number - anchor.number + here.over - anchor.over
         late_ns = elapsed - share * last.revolution_ns
         if not math.isnan(self._spanned_ns):
@@ -260,33 +261,30 @@ class RevolutionClock:
         each = last.revolution_packets
         # More than one revolution has: an outage of almost one lies in it, and its angles fell back by little.
         gap = last.lost > 0 or (last.broken and last.packets >= max(MORE_THAN_ONE * each, each + 1))
-        unseen, is_late = 0, late >= 1 - NOISE
-        if is_late and self._hides:
+        unseen, passed = 0, int(late + NOISE) if late >= 1 - NOISE else 0
+        if passed and self._hides:
             self._late_ns = (self._late_ns or 0) + here.read_ns
             if not gap and self._late_ns < self._least_late * here.revolution_ns:
                 return 0, 0
-            unseen = int(late + NOISE)
-        # Late, though no revolution can hide: then the rotor was slow, or stood.
-        due_ns = elapsed if is_late else min(elapsed, share * last.revolution_ns)
+            unseen = int(min(passed, self._hides))
+        due_ns = elapsed if passed else min(elapsed, share * last.revolution_ns)
         by_clock = max(0, self._missing_by_clock(here, due_ns))
         fewest, most = sorted((round(unseen * each), round(unseen * each * slower)))
         lost = min(max(by_clock, fewest), most)
-        if unseen and last.broken and (gap or last.packets < NEARLY_ALL * each):
+        if unseen < passed or (last.broken and not unseen):
+            # Where no more revolutions can hide, the rotor was slow, or stood.
+            lost = _several(by_clock)
+        elif last.broken and (gap or last.packets < NEARLY_ALL * each):
             # Its angles do not tell all that is missing. Of two witnesses the lesser is told.
             lost = min(lost, by_clock)
-        elif not unseen and (is_late or last.broken):
-            lost = _several(by_clock)
-        if here.broken and not is_late:
+        if here.broken and not passed:
             # It began when it was due; all that came of it may come from behind an outage, or late.
             here.start_ns -= round(max(0.0, late_ns))
         self._be_anchor(here, unseen, lost)
         return unseen, lost
 
     def _was_wrong(self, last: Beginning) -> bool:
-        """Whether another speed is sure now than the one that was taken for that of the last revolution.
-
-        In one that is broken the rotor may have had both.
-        """
+        """Whether another speed is sure now than was taken for the last one; a broken one may have had both."""
         alike = 1 / ALIKE < self.usual_ns / last.revolution_ns < ALIKE
         return last.borrowed and not (last.broken or alike)
 
@@ -294,7 +292,7 @@ class RevolutionClock:
         here.number += unseen
         here.packets_before += lost
         self._anchor, self._is_open, self._late_ns = here, False, None
-        self._spanned_ns, self._hides = 0.0, False
+        self._spanned_ns = self._hides = 0.0
 
     def _missing_by_clock(self, here: Beginning, elapsed: float) -> int:
         """Packets missing since the anchor beyond those known, by what one takes; below 0 where more are known."""

@@ -92,7 +92,7 @@ def test_counting_revolutions(
                 packets=80 - 5 * lost,
                 lost=5 * lost,
                 broken=False,
-                reads_ns=(0, round(turn_ns), round(1.6 * turn_ns)) if read else (),
+                reads_ns=(0, round(10 * turn_ns), round(10.6 * turn_ns)) if read else (),
             )
         )
         start_ns += turn_ns * (1 + missing * (number + 1 == at))
