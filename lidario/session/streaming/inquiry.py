@@ -80,8 +80,11 @@ class Inquiry:
         self.doubtful = True
         health = await self._health()
         if health is None:
-            cause = failure.cause if failure.sends else "is it powered, and is the cable in?"
-            raise StreamFailed(f"{failure.what}, and it responds to no request: {cause}")
+            if failure.sends:
+                raise StreamFailed(f"{failure.what}: {failure.cause}")
+            raise StreamFailed(
+                f"{failure.what}, and it responds to no request: is it powered, and is the cable in?"
+            )
         if not health.ok:
             now = self._loop.time()
             if self._reset_at is not None and now - self._reset_at < PERIOD_S:
