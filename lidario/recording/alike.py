@@ -92,4 +92,6 @@ class _Walk:
             if name not in _TOTALS.get(kind, ()):
                 here = getattr(value, name)
                 yield name.encode()
-                yield from self.over(here - self._totals.get(name, 0) if kind is Beginning else here)
+                yield from self.over(
+                    here - self._totals[name] if kind is Beginning and name in self._totals else here
+                )
