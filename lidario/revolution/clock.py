@@ -252,13 +252,12 @@ class RevolutionClock:
             late_ns = min(late_ns, elapsed - self._spanned_ns, key=abs)
         # What passed unseen had a speed between that before and that behind.
         late = late_ns / (last.revolution_ns * (1 + slower) / 2)
-        is_part = here.packets < NEARLY_ALL * last.revolution_packets
-        if is_part and here.read_ns and abs(late + 1) <= NOISE:
+        each = last.revolution_packets
+        if here.packets < NEARLY_ALL * each and here.read_ns and abs(late + 1) <= NOISE:
             # Time stamps are never early. An angle that noise told ended the one before too soon. One that came
             # whole is a revolution: bytes that came twice had put a part before it.
             self._last = last
             return -1, 0
-        each = last.revolution_packets
         # More than one revolution has: an outage of almost one lies in it, and its angles fell back by little.
         gap = last.lost > 0 or (last.broken and last.packets >= max(MORE_THAN_ONE * each, each + 1))
         unseen, passed = 0, int(late + NOISE) if late >= 1 - NOISE else 0
@@ -280,7 +279,10 @@ class RevolutionClock:
         if here.broken and not passed:
             # It began when it was due; all that came of it may come from behind an outage, or late.
             here.start_ns -= round(max(0.0, late_ns))
+        left = self._hides - unseen
         self._be_anchor(here, unseen, lost)
+        # Of a silence that hid some, the next one may tell the rest.
+        self._hides = left if unseen else 0.0
         return unseen, lost
 
     def _was_wrong(self, last: Beginning) -> bool:
