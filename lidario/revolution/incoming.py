@@ -38,7 +38,6 @@ class Incoming:
     Attributes:
         time: How long a sample takes.
         passing: As `FalsePackets.passing`, of the latest packets.
-        is_live: Whether the times of packets are those of reads.
     """
 
     def __init__(self, stream: Stream, stats: AssemblerStats, clock: Clock | None = None) -> None:
@@ -47,7 +46,7 @@ class Incoming:
         self._format = stream.format
         self._doubled = DoubledPackets(stream.format, stream.sample_ns, stats)
         self._false = FalsePackets(stream, stats)
-        self.is_live: bool = clock is None and stream.timed
+        self._is_live = clock is None and stream.timed
         self._is_timed = stream.timed
         self._clock: Clock = clock or DeviceClock(stream)
         self._tell_time(stream)
@@ -86,9 +85,9 @@ class Incoming:
         """A sample takes as long as this stream says from now on."""
         self._doubled.tell_time(stream.sample_ns)
         self._false.tell_time(stream.sample_ns)
-        if self.is_live:
+        if self._is_live:
             self._clock = DeviceClock(stream)
         self._tell_time(stream)
 
     def _tell_time(self, stream: Stream) -> None:
-        stream.decoder.tell_time(stream.sample_ns, passes=self.is_live)
+        stream.decoder.tell_time(stream.sample_ns, passes=self._is_live)

@@ -137,7 +137,7 @@ def test_behind_a_seam_that_moved_rather_too_few_are_told(seam: float, unseen: i
     assert clock.follow(numbered(10 + seam + 0.5, 4 + unseen)).unseen == 2
 
 
-def test_backward_too() -> None:
+def test_what_passed_before_a_speed_was_known_is_told_then() -> None:
     clock = RevolutionClock()
     first = numbered(0.4, -1, over=0.4, revolution_ns=0.0, broken=True, packets=1)
     unknown = numbered(4, 0, revolution_ns=0.0, broken=True, packets=1)

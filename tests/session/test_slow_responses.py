@@ -120,7 +120,7 @@ async def test_a_response_that_has_come_too_late_is_owed_no_longer(family: str) 
         await asyncio.sleep(0.2)
         began = now()
         await lidar.stop()
-        # One that may still come is waited for for 2 s, from its request on.
+        # One that may still come is waited for until 2 s after its request.
         assert now() - began < 0.2
         assert left_still(rig)
 

@@ -234,7 +234,7 @@ class Running:
             # block says nothing of the time since.
             self._watch_in(NOISE_S)
         elif idle >= patience and not may_come:
-            what = f"no scan data for {idle:.1f} s{', though packets without any arrive' * sends}"
+            what = f"no scan data for {idle:.1f} s{', though other packets arrive' * sends}"
             self._outlets.failed(self._failure(what, "does the rotor turn?", noise=noise, sends=sends))
         elif turning >= turns:
             what = f"scan data arrives, but no full revolution for {turning:.1f} s"
