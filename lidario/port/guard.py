@@ -26,10 +26,10 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TypeAlias
-from weakref import WeakSet
 
 from lidario.errors import Unsupported
 from lidario.port.background import run_in_thread
+from lidario.port.forked import let_go_in_children
 from lidario.wire.envelope import Request
 
 _log = logging.getLogger("lidario")
@@ -103,7 +103,7 @@ class Guard:
             ) from error
         # Where this process is the one that orphans are given to, as the first one of a container is.
         self._is_ours = _reap(self._pid, os.WNOHANG)
-        _guards.add(self)
+        let_go_in_children(self)
 
     def watch(self, loop: asyncio.AbstractEventLoop) -> None:
         """Have the loop see its end."""
@@ -289,15 +289,3 @@ def _message(order: Order | None) -> bytes:
 def _plain(requests: Sequence[Request]) -> _Plain:
     """What the guard needs of requests: it knows nothing of lidario."""
     return [(request.data, request.dtr) for request in requests]
-
-
-_guards: WeakSet[Guard] = WeakSet()
-
-
-def _forget_parents() -> None:
-    for guard in list(_guards):
-        guard.let_go()
-
-
-with suppress(AttributeError):  # not on Windows
-    os.register_at_fork(after_in_child=_forget_parents)

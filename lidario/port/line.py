@@ -14,6 +14,7 @@ from typing import Protocol
 
 from lidario.errors import DeviceLost
 from lidario.model import LineErrors
+from lidario.port.forked import leave_nothing
 from lidario.port.repeat import Repeat
 
 Tap = Callable[[str, bytes, int], None]
@@ -94,6 +95,11 @@ class Line(ABC):
     def passed_on(self) -> tuple[int, bool] | None:
         """What a guard needs: a descriptor by which it can write too, and whether to give low latency back."""
         return None
+
+    def let_go(self) -> None:
+        """In a forked child: hold nothing open that is the parent's. Never raises."""
+        if (passed := self.passed_on()) is not None:
+            leave_nothing(passed[0])
 
     def set_baudrate(self, baudrate: int) -> None:  # noqa: B027 - most lines have no speed
         """Change the speed. Raises ConnectFailed where the adapter cannot do it."""

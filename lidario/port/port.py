@@ -28,6 +28,7 @@ from typing import Any
 
 from lidario.errors import DeviceLost
 from lidario.model import LineErrors
+from lidario.port.forked import let_go_in_children
 from lidario.port.guarded import Guarded, Stops
 from lidario.port.inbox import Late
 from lidario.port.line import Line, Receiver, Schedule
@@ -278,6 +279,7 @@ class Port(Guarded, asyncio.Protocol):
         """As `asyncio.Protocol`, with the line as the transport."""
         assert isinstance(transport, Line)
         self._line = transport
+        let_go_in_children(transport)
         _log.debug("%s is open", self.name)
 
     def data_received(

@@ -125,7 +125,8 @@ class _SerialLine(PolledLine, asyncio.Protocol):
         loop.call_soon(self.start)
 
     def passed_on(self) -> tuple[int, bool] | None:
-        return (self._device.fileno(), self._device.is_hurried) if POSIX else None
+        is_open = POSIX and self._device.is_open
+        return (self._device.fileno(), self._device.is_hurried) if is_open else None
 
     def set_baudrate(self, baudrate: int) -> None:
         try:

@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 
 from lidario.arguments import shown, yes_or_no
 from lidario.errors import InvalidValue, LocalProtocolError
+from lidario.port.forked import let_go_in_children
 
 T = TypeVar("T")
 _BY_SIGNAL = 128
@@ -27,8 +28,8 @@ def run(main: Coroutine[Any, Any, T], *, debug: bool | None = None) -> T:
     """As `asyncio.run`, but SIGTERM and SIGHUP too cancel `main` and let it end in order.
 
     A second signal cancels it again: that ends what it waits for while it ends, not the stop requests. Signals are
-    taken only in the main thread, until the last task has ended. A signal that the program ignores (as SIGHUP under
-    ``nohup``) or handles itself stays so.
+    taken only in the main thread, until the last task has ended, and not in forked children. A signal that the
+    program ignores (as SIGHUP under ``nohup``) or handles itself stays so.
 
     Args:
         main: The program.
@@ -55,18 +56,18 @@ def run(main: Coroutine[Any, Any, T], *, debug: bool | None = None) -> T:
     except InvalidValue:
         main.close()
         raise
-    caught: list[int] = []
+    signals = _Signals()
 
     async def guarded() -> T:
-        _let_signals_cancel(caught)
+        signals.cancel_task()
         return await main
 
     try:
         with asyncio.Runner(debug=debug) as runner:
             return runner.run(guarded())
     except asyncio.CancelledError:
-        if caught:
-            raise SystemExit(_BY_SIGNAL + caught[0]) from None
+        if signals.caught:
+            raise SystemExit(_BY_SIGNAL + signals.caught[0]) from None
         raise
     finally:
         main.close()
@@ -80,23 +81,44 @@ def _loop_runs() -> bool:
     return True
 
 
-def _let_signals_cancel(caught: list[int]) -> None:
-    """From now on signals cancel the current task, and their numbers are added to `caught`.
+class _Signals:
+    """What signals do while `run` runs: they cancel the main task.
 
-    The loop gives them back when it is closed, and not before: a lidar may be held by another task than `main`, and
-    the runner cancels that one after `main` has ended.
+    Attributes:
+        caught: Those that came.
     """
-    loop, task = asyncio.get_running_loop(), asyncio.current_task()
-    assert task is not None
 
-    def cancel(number: int) -> None:
-        caught.append(number)
-        task.cancel()
+    def __init__(self) -> None:
+        self.caught: list[int] = []
+        self._taken: list[int] = []
 
-    if threading.current_thread() is threading.main_thread():
-        for number in _ending_signals():
-            with suppress(NotImplementedError):  # loops on Windows take none; asyncio.run handles Ctrl-C there
-                loop.add_signal_handler(number, cancel, number)
+    def cancel_task(self) -> None:
+        """From now on they cancel the current task.
+
+        The loop gives them back when it is closed, and not before: a lidar may be held by another task than `main`,
+        and the runner cancels that one after `main` has ended.
+        """
+        loop, task = asyncio.get_running_loop(), asyncio.current_task()
+        assert task is not None
+
+        def cancel(number: int) -> None:
+            self.caught.append(number)
+            task.cancel()
+
+        if threading.current_thread() is threading.main_thread():
+            for number in _ending_signals():
+                with suppress(NotImplementedError):  # loops on Windows take none; asyncio.run handles Ctrl-C there
+                    loop.add_signal_handler(number, cancel, number)
+                    self._taken.append(number)
+            let_go_in_children(self)
+
+    def let_go(self) -> None:
+        """In a forked child they end it, as any process. Else one sent to it would wake the loop of its parent."""
+        taken, self._taken = self._taken, []
+        if taken:
+            signal.set_wakeup_fd(-1)
+        for number in taken:
+            signal.signal(number, signal.SIG_DFL)
 
 
 def _ending_signals() -> list[int]:

@@ -1,14 +1,19 @@
-"""A forked child ends; its parent's lidar goes on."""
+"""A forked child ends, and its parent's lidar goes on; it lives on, and holds nothing that is its parent's."""
 
 from __future__ import annotations
 
+import signal
+import socket
 import subprocess
 import sys
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
 
+from lidario.sim.serve import TcpServer
 from tests.support.devices import make_rig, names
 from tests.support.ports import PATIENCE_S
 from tests.support.speeds import SpeedPtyServer
@@ -88,3 +93,98 @@ def test_the_exit_of_a_forked_child_stops_nothing(program: str) -> None:
         assert process.returncode == 0, errors
         with server.lock:
             assert not rig.device.scanning
+
+
+LEFT = """
+import asyncio, os, signal, sys, time, lidario
+
+def forked():
+    reads, writes = os.pipe()
+    child = os.fork()
+    if child == 0:
+        os.write(writes, b"x")
+        time.sleep(60)
+        os._exit(0)
+    os.read(reads, 1)  # it runs
+    return child
+
+async def main():
+    async with lidario.open_lidar(sys.argv[1], family="rplidar") as lidar:
+        await lidar.scan()
+        child = forked()
+"""
+REOPENED = """
+    async with lidario.open_lidar(sys.argv[1], family="rplidar") as lidar:
+        print("open again", flush=True)
+    os.kill(child, signal.SIGKILL)
+
+lidario.run(main())
+"""
+CLOSED = """
+    sys.stdin.readline()
+    os.kill(child, signal.SIGKILL)
+
+lidario.run(main())
+"""
+TERMINATED = """
+        os.kill(child, signal.SIGTERM)
+        print("child ended by", os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+        await lidar.scan()
+        print("the parent goes on", flush=True)
+
+lidario.run(main())
+"""
+
+
+@contextmanager
+def running(program: str, address: str) -> Iterator[subprocess.Popen[str]]:
+    """A program that forks a child, which does nothing for a minute."""
+    arguments = [sys.executable, "-W", "ignore", "-c", LEFT + program, address]
+    with subprocess.Popen(
+        arguments,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+@pytest.mark.long
+def test_a_port_is_free_when_it_is_closed_though_a_child_lives_on() -> None:
+    with SpeedPtyServer(make_rig("rplidar").device) as server, running(REOPENED, server.path) as process:
+        assert process.communicate(timeout=PATIENCE_S) == ("open again\n", "")
+
+
+@pytest.mark.long
+def test_a_connection_ends_when_it_is_closed_though_a_child_lives_on() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as door, TcpServer(make_rig("rplidar").device) as server:
+        door.settimeout(PATIENCE_S)
+        with running(CLOSED, f"tcp://127.0.0.1:{door.getsockname()[1]}") as process:
+            host, _ = door.accept()
+            with host, socket.create_connection(server.address) as device:
+                pump = threading.Thread(target=relay, args=(device, host))
+                pump.start()
+                relay(host, device)  # until the program has closed it
+                device.shutdown(socket.SHUT_RDWR)
+                pump.join(PATIENCE_S)
+            assert process.communicate("\n", timeout=PATIENCE_S) == ("", "")
+
+
+@pytest.mark.long
+def test_a_signal_to_a_child_ends_the_child_and_not_the_program() -> None:
+    with SpeedPtyServer(make_rig("rplidar").device) as server, running(TERMINATED, server.path) as process:
+        said = f"child ended by {-signal.SIGTERM}\nthe parent goes on\n"
+        assert process.communicate(timeout=PATIENCE_S) == (said, "")
+
+
+def relay(begin: socket.socket, end: socket.socket) -> None:
+    """Pass on what comes, until there is no more."""
+    begin.settimeout(PATIENCE_S)
+    with suppress(ConnectionError):
+        while data := begin.recv(4096):
+            end.sendall(data)
