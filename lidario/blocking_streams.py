@@ -7,7 +7,7 @@ from contextlib import suppress
 from typing import Generic, Self, TypeVar
 
 from lidario.entered import Closing
-from lidario.errors import LidarError, SessionClosed
+from lidario.errors import Busy, LidarError, SessionClosed
 from lidario.recording.record import Recording
 from lidario.scan import Scan
 from lidario.sector import Sector
@@ -40,6 +40,9 @@ class SyncReaderStream(Closing, Generic[T]):
     def __next__(self) -> T:
         try:
             taken = self._thread.call(_next, self._stream)
+        except Busy:
+            # Another thread reads it, and goes on.
+            raise
         except BaseException:
             self._release()
             raise

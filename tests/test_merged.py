@@ -199,6 +199,16 @@ async def test_a_reader_that_leaves_stops_the_motors() -> None:
         assert one.is_still
 
 
+async def test_a_reader_ends_when_another_task_closes_its_stream() -> None:
+    async with lidario.open_lidar(SimulatedLidar()) as lidar:
+        clouds = lidario.merged(lidar, mounts=[Mount()])
+        assert len(await anext(clouds)) > 0
+        waiting = asyncio.ensure_future(anext(clouds, None))
+        await asyncio.sleep(0)
+        await clouds.close()
+        assert await waiting is None
+
+
 async def test_an_error_of_one_ends_all() -> None:
     one, two = SimulatedLidar(), SimulatedLidar(fault="unplug:1s")
     async with lidario.open_lidar(one) as front, lidario.open_lidar(two) as rear:

@@ -12,7 +12,7 @@ import contextlib
 import errno
 import os
 import socket
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from typing import Any, Generic, TypeVar
 
 from lidario.errors import ConnectFailed
@@ -30,13 +30,13 @@ async def connected(
     name: str,
     host: str,
     number: int,
-    connect: Callable[[], Awaitable[object]],
+    connect: Callable[[str], Awaitable[object]],
     *,
     seconds: float,
     late: str,
     unreachable: str,
 ) -> None:
-    """Await `connect`, and translate what the system says.
+    """Await `connect` to an address of a host, the first one that takes it, and translate what the system says.
 
     Where it takes longer than so many seconds, the error says `late`; where there is no way to the host, it asks
     `unreachable`.
@@ -50,12 +50,27 @@ async def connected(
     await run_in_thread(lambda: wait_for_guard(name))
     try:
         async with asyncio.timeout(seconds):
-            await connect()
+            await _first(await run_in_thread(lambda: _addresses(host)), connect)
     except TimeoutError as error:
         raise ConnectFailed(f"{name}: {late}", reason="refused") from error
     except (OSError, ValueError) as error:
         # ValueError: among others the UnicodeError of a name that cannot be a host's.
         raise ConnectFailed(f"{name}: {_why(error, unreachable)}", reason="refused") from error
+
+
+def _addresses(host: str) -> list[str]:
+    """Those of a host; blocks. A loop that asks waits at its end, too, for a name server that does not respond."""
+    found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
+    return [socket.getnameinfo(address, socket.NI_NUMERICHOST)[0] for *_, address in found]
+
+
+async def _first(addresses: Sequence[str], connect: Callable[[str], Awaitable[object]]) -> None:
+    *others, last = addresses
+    for address in others:
+        with contextlib.suppress(OSError):
+            await connect(address)
+            return
+    await connect(last)
 
 
 def _why(error: Exception, unreachable: str) -> str:
@@ -85,7 +100,13 @@ class SocketLine(Line, Generic[T]):
         return self._transport.is_closing()
 
     def passed_on(self) -> tuple[int, bool] | None:
-        return int(self._socket.fileno()), False
+        handle = int(self._socket.fileno())
+        return None if handle < 0 else (handle, False)
+
+    def let_go(self) -> None:
+        super().let_go()
+        if isinstance(self.repeat, _SocketRepeat):
+            self.repeat.let_go()
 
     def close(self) -> None:
         self._transport.close()
@@ -109,13 +130,16 @@ class _SocketRepeat(Repeat):
 
     def set(self, request: bytes, interval: float) -> None:
         super().set(b"", 0.0)
-        if self._own is not None:
-            self._own.close()
-            self._own = None
+        self.let_go()
         if request:
             with contextlib.suppress(OSError):  # a connection that has just died
                 self._own = self._line.dup()
                 super().set(request, interval)
+
+    def let_go(self) -> None:
+        if self._own is not None:
+            self._own.close()
+            self._own = None
 
     def _send(self, data: bytes) -> None:
         if self._own is not None:

@@ -35,7 +35,7 @@ async def open_tcp(name: str, host: str, number: int, baudrate: int = 0) -> Port
         name,
         host,
         number,
-        lambda: loop.create_connection(lambda: port, host, number),
+        lambda address: loop.create_connection(lambda: port, address, number),
         seconds=CONNECT_TIMEOUT_S,
         late=f"no response within {CONNECT_TIMEOUT_S:g} s. Is it switched on, and in this network?",
         unreachable="Is it switched on, and in this network?",

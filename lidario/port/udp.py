@@ -39,7 +39,7 @@ async def open_udp(name: str, host: str, number: int) -> Port:
         name,
         host,
         number,
-        lambda: loop.create_datagram_endpoint(lambda: port, remote_addr=(host, number)),
+        lambda address: loop.create_datagram_endpoint(lambda: port, remote_addr=(address, number)),
         seconds=RESOLVE_TIMEOUT_S,
         late=f"the name was not resolved within {RESOLVE_TIMEOUT_S:g} s. Is the name of the host right?",
         unreachable="Is this computer in the network of the lidar?",

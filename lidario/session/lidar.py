@@ -69,7 +69,7 @@ class Lidar(Streams, AsyncOnly):
         super().__init__(at, Scanner(at, latency), reconnector)
         self.source = source
         self.config = config
-        self._scanner.usual_mode = config.mode
+        self._scanner.control.usual_mode = config.mode
         at.dialogue.stopper.keep_spinning = keep_spinning
         self._scanner.inquiry.take_note(health)
         self._counters = Counters()
@@ -150,12 +150,12 @@ class Lidar(Streams, AsyncOnly):
         return self._scanner.line.read()
 
     async def stop(self) -> None:
-        """Stop laser and motor and end every stream; returns when that was seen. The session stays open.
+        """Stop laser and motor, and end every stream; returns when that was seen. The session stays open.
 
-        Every reader ends at once, also one whose stream is just being started. The stop requests are written
-        before anything is awaited, or, where the device does not listen at that moment, by a timer; and again until
-        they were heard, which takes some hundredths of a second, and 2 s where a response is owed. Cancelling ends
-        only the waiting.
+        With `keep_spinning` it is the laser alone. Every reader ends at once, also one whose stream is just being
+        started. The stop requests are written before anything is awaited, or, where the device does not listen at
+        that moment, by a timer; and again until they were heard, which takes some hundredths of a second, and 2 s
+        where a response is owed. Cancelling ends only the waiting.
 
         Raises:
             StreamFailed: Bytes still arrive after several stop requests.

@@ -58,6 +58,9 @@ class MergedStream(AsyncOnly):
             await self._begin()
             while True:
                 await asyncio.wait(self._reading, return_when=asyncio.FIRST_COMPLETED)
+                if self._is_over:
+                    # Another task has closed it.
+                    raise StopAsyncIteration
                 number = next(number for number, each in enumerate(self._reading) if each.done())
                 scan = self._reading[number].result()
                 self._reading[number] = self._next(number)

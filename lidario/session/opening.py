@@ -178,7 +178,7 @@ def open_lidar(
         latency: Seconds by which a scan may be late because the port is polled only from time to time while a
             stream runs. With 0 the program is woken for each delivery from shortly before the end of a revolution
             until it has come; before that, at any setting, as seldom as the kernel's buffer allows.
-        keep_spinning: Leave the motor on when the session ends; only the measuring stops.
+        keep_spinning: Leave the motor on when the stream or the session ends; only the measuring stops.
         reconnect: Come back when the device is unplugged, restarts, falls silent or protects itself: find it again
             by its own serial number, set it as it was set, and go on in the same streams. True comes back for as
             long as it takes; a `Reconnect` says how long. See `docs/reconnect.md`. It is about a device that was

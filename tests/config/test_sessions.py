@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from itertools import chain
 from pathlib import Path
 
@@ -64,6 +65,16 @@ async def test_a_session_honours_them(settings: Path, tmp_path: Path) -> None:
     decoder.filters = lidario.read_config(settings).of(SERIAL).filters
     for one in decoder:
         assert abs(one.angles[one.valid]).max() <= 1.5
+
+
+async def test_the_mode_is_that_of_each_reader_that_asks_for_none(settings: Path) -> None:
+    lidar = SimulatedLidar("rplidar-s2", serial=SERIAL)
+    async with lidario.open_lidar(lidar, config=settings) as session:
+        first, second = (asyncio.create_task(session.scan()) for _ in range(2))
+        await asyncio.sleep(0)
+        first.cancel()
+        scans = [await second, await session.scan(), await session.scan()]
+    assert [scan.mode for scan in scans] == ["Standard"] * 3
 
 
 async def test_another_lidar_is_left_as_it_is(settings: Path) -> None:

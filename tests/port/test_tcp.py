@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import gc
 import socket
+import threading
 from asyncio.trsock import TransportSocket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -139,6 +140,42 @@ async def test_what_cannot_be_connected_to_says_so(host: str, number: int, says:
     assert caught.value.reason == "refused"
     assert str(caught.value).startswith(f"tcp://{host}:{number}: ")
     assert says in str(caught.value)
+
+
+def test_a_name_server_that_does_not_respond_does_not_hold_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked, let_go, ended = threading.Event(), threading.Event(), threading.Event()
+
+    def silent(*_: object, **__: object) -> None:
+        asked.set()
+        let_go.wait(PATIENCE_S)
+        ended.set()
+        raise socket.gaierror(socket.EAI_AGAIN, "no response")
+
+    async def main() -> None:
+        connecting = asyncio.create_task(open_tcp("tcp://x.example:1", "x.example", 1))
+        while not asked.is_set():
+            await asyncio.sleep(0.001)
+        connecting.cancel()
+        await asyncio.wait([connecting])
+
+    monkeypatch.setattr(socket, "getaddrinfo", silent)
+    asyncio.run(main())
+    assert not ended.is_set()
+    let_go.set()
+    assert ended.wait(PATIENCE_S)
+
+
+@on_both_loops
+async def test_a_host_with_several_addresses(monkeypatch: pytest.MonkeyPatch) -> None:
+    known = [(socket.AF_INET, socket.SOCK_STREAM, 0, "", (f"127.0.0.{each}", 0)) for each in (2, 3, 1)]
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: known)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        number = server.getsockname()[1]
+        port = await open_tcp("tcp://x", "x.example", number)
+        assert port.is_open
+        await port.close()
+    with pytest.raises(ConnectFailed, match=r"refused\. Is the server running"):
+        await open_tcp("tcp://x", "x.example", number)
 
 
 @pytest.mark.long

@@ -5,17 +5,21 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from queue import Queue
+from threading import Event, Thread
 from typing import Any
 
 import numpy as np
 import pytest
 
 import lidario
-from lidario import InternalError, InvalidValue, LocalProtocolError, SessionClosed
+from lidario import Busy, InternalError, InvalidValue, LocalProtocolError, SessionClosed
 from lidario.session.streaming.control import StreamControl
 from lidario.session.talking.trouble import Trouble
 from tests.support.devices import Rig, take
+from tests.support.ports import PATIENCE_S
 
 
 def test_open_lidar_is_neither_for_a_plain_with_nor_iterated() -> None:
@@ -142,3 +146,23 @@ def test_trouble_is_told_at_most_once_a_second(
         "something else",
         "revolutions discarded: 4 (and 49 times more since the last such line)",
     ]
+
+
+def test_a_second_thread_that_reads_a_stream_does_not_end_the_first() -> None:
+    with lidario.open_sync("sim://rplidar-s2?via=memory") as session, session.scans() as stream:
+        read, enough = Queue[int](), Event()
+
+        def reading() -> None:
+            while not enough.is_set():
+                with suppress(Busy):
+                    read.put(next(stream).seq)
+
+        thread = Thread(target=reading)
+        thread.start()
+        with pytest.raises(Busy, match="two tasks read one stream"):
+            while True:
+                next(stream)
+        seen = [read.get(timeout=PATIENCE_S) for _ in range(read.qsize() + 3)]
+        enough.set()
+        thread.join(PATIENCE_S)
+    assert seen == sorted(set(seen))

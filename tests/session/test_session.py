@@ -122,6 +122,13 @@ async def test_modes_by_name_and_id_and_not_two_at_a_time(rplidar: Rig) -> None:
             with pytest.raises(LocalProtocolError, match="Standard"):
                 await anext(lidar.scans("DenseBoost"))
             assert (await anext(lidar.scans())).mode == "Standard"
+        # It lingers: who asks for no mode in particular goes on with it.
+        before = lidar.stats.interruptions
+        assert (await lidar.scan()).mode == "Standard"
+        assert lidar.stats.interruptions == before
+        async with lidar.scans("Standard", force=True) as stream:
+            await anext(stream)
+            assert (await lidar.scan("Standard")).mode == "Standard"
 
 
 @pytest.mark.parametrize("model", ["rplidar-s2", *SWITCHED])

@@ -38,6 +38,7 @@ class StreamControl:
         totals: Counters since the session was opened.
         state: What becomes of the stream at the moment.
         wanted: The stream that ought to run, or the one that ran last and is wanted again.
+        usual_mode: Scan mode for readers that ask for none while none runs; None for the typical one.
         modes: The scan modes of the device, once it was asked.
         continued: The last scan of a stream that goes on: what passes until its next one is counted as missed.
         failure: What is known of a stream that has failed, until the device was asked.
@@ -51,6 +52,7 @@ class StreamControl:
         self.totals: Totals = Totals(AssemblerStats())
         self.state: State = State.IDLE
         self.wanted: Wanted | None = None
+        self.usual_mode: str | int | None = None
         self.modes: tuple[ScanMode, ...] = ()
         self.continued: Scan | None = None
         self.failure: Failure | None = None

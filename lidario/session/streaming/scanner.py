@@ -54,7 +54,6 @@ class Scanner:
 
     Attributes:
         latest: The last scan, or None.
-        usual_mode: Scan mode for readers that ask for none; None for the device's typical one.
         rests: Whether a device that nobody reads is stopped soon.
     """
 
@@ -65,7 +64,6 @@ class Scanner:
         self.hub.on_parts = self.control.divide
         self.totals: Totals = self.control.totals
         self.latest: Scan | None = None
-        self.usual_mode: str | int | None = None
         self.rests: bool = True
         self.line: LineWatch = LineWatch()
         self.inquiry: Inquiry = Inquiry(at, self.totals)
@@ -80,8 +78,7 @@ class Scanner:
     # ------------------------------------------------------------------------------------------------ readers
 
     def join(self, mailbox: Mailbox[Any], mode: str | int | None, force: bool) -> None:
-        usual = self.usual_mode if not self.control.is_scanning else None
-        self.hub.add(mailbox, usual if mode is None else mode, force)
+        self.hub.add(mailbox, mode, force)
         self.control.want()
         self._starter.work_soon()
 

@@ -104,7 +104,7 @@ class Starter:
             mailbox, mode, force = self._hub.joining.pop(0)
             try:
                 modes = (*control.modes, *self._at.device.unlisted_modes())
-                wanted = agree(modes, mode, force, control.wanted, alone=not hub.is_read)
+                wanted = agree(modes, mode, control.usual_mode, force, control.wanted, alone=not hub.is_read)
             except (LocalProtocolError, Unsupported) as error:
                 mailbox.end(error)
                 continue
