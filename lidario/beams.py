@@ -68,6 +68,9 @@ FARTHEST_STATED_M: Final = 40.0
 _MOST_BEAMS = 1_000_000
 """Hundreds of times as many as any scan has samples; more than that is a mistake, and would take all memory."""
 
+_ROUNDING_DEG = 1e-4
+"""Samples at most this far before a beam belong to it: angles are float32, 3e-5 degrees apart below 360."""
+
 _EDGE_DEG = 15.0
 """Samples at most this far beyond an end of the grid belong to the beam at that end.
 
@@ -202,11 +205,11 @@ def _places(device_angles: NDArray[np.floating], rotor: Rotor, count: int) -> ND
     begin_deg, field = rotor.begin_deg, rotor.field_deg
     if not len(device_angles):
         return np.zeros(0, np.intp)
+    away = math.copysign(1.0, field) * (device_angles.astype(np.float64) - begin_deg) % 360.0
+    # Evenly spaced samples stand at the edges of as many beams, and rounding must not put two of them into one.
+    places = np.minimum(((away + _ROUNDING_DEG) * (count / abs(field))).astype(np.intp), count - 1)
     if field != 360.0:
-        away = math.copysign(1.0, field) * (device_angles.astype(np.float64) - begin_deg) % 360.0
-        return np.minimum((away * (count / abs(field))).astype(np.intp), count - 1)
-    inside = (device_angles.astype(np.float64) - begin_deg) % 360.0
-    places = np.minimum((inside * (count / 360.0)).astype(np.intp), count - 1)
+        return places
     way = turned(device_angles, begin_deg)
     if way[-1] > way[0]:
         # Beyond an end of the grid the angle alone would give the beam at the other end, a revolution off in time.

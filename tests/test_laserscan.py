@@ -104,6 +104,17 @@ def test_the_mounting_turns_the_scan(yaw: float) -> None:
     assert laser.frame_id == "base"
 
 
+@pytest.mark.parametrize("count", [336, 400, 808, 832, 3201])
+@pytest.mark.parametrize("begin", [0.0, 7.3])
+def test_evenly_spaced_samples_have_a_beam_each(count: int, begin: float) -> None:
+    """Though they stand at the edges of beams, where rounding would decide."""
+    degrees = begin + np.arange(count) * 360 / count
+    even = scan(-degrees, 1 + np.arange(count) / 1000, seam=begin, time_increment_ns=10**8 // count, lost_packets=0)
+    np.testing.assert_array_equal(even.to_laserscan(order="measured").ranges, even.ranges)
+    # As well where each has half a beam.
+    assert np.isnan(even.to_laserscan(2 * count, order="measured").ranges[1::2]).all()
+
+
 def test_formats_without_intensity_have_none_in_ros() -> None:
     assert scan([0], [1]).to_laserscan().intensities.shape == (0,)
 
