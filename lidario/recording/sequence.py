@@ -58,7 +58,13 @@ class RecordedFiles:
         self._sizes: dict[Path, int] = {}
         if len(paths) > 1:
             beginnings = [(*self._beginning(each), each) for each in paths]
-            devices = {(about.info.family, about.info.model, about.info.serial) for about, *_ in beginnings}
+            # One of each recording: its files are of one lidar, although a damaged one may say nothing, or another.
+            told = {
+                about.recording or file: (about.info.family, about.info.model, about.info.serial)
+                for about, _, file in beginnings
+                if about.info.family
+            }
+            devices = set(told.values())
             if len(devices) > 1:
                 names = "; ".join(sorted(" ".join(each) for each in devices)[:3])
                 raise RecordingError(f"{path} names recordings of several lidars: {names}. Name those of one")

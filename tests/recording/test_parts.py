@@ -159,6 +159,31 @@ def test_a_file_in_the_middle_is_missing(copied: Live) -> None:
     assert len(scans) == pytest.approx(len(copied.scans) * (seconds - 1) / seconds, abs=4)
 
 
+@pytest.mark.parametrize("number", [0, 2, -1])
+@pytest.mark.parametrize(("size", "why"), [(0, "it does not begin as an MCAP file"), (100, "the file was cut")])
+def test_a_file_of_which_nothing_is_left(copied: Live, number: int, size: int, why: str) -> None:
+    """As a full disk or a power cut leaves it."""
+    path = copied.parts[number]
+    path.write_bytes(path.read_bytes()[:size])
+    decoder = FileDecoder(copied.source)
+    scans = list(decoder)
+    assert f"{path.name}: {why}" in decoder.recording.damage.split("; ")
+    path.unlink()
+    assert_same_scans(list(FileDecoder(copied.source)), scans)
+
+
+@pytest.mark.parametrize("number", [0, 2, -1])
+@pytest.mark.parametrize("name", [b"model", b"serial"])
+def test_a_file_that_names_another_lidar_by_a_flipped_bit(copied: Live, number: int, name: bytes) -> None:
+    path = copied.parts[number]
+    before, behind = path.read_bytes().split(name, 1)
+    # Behind the length of the text, which has four bytes.
+    path.write_bytes(before + name + behind[:4] + bytes([behind[4] ^ 2]) + behind[5:])
+    decoder = FileDecoder(copied.source)
+    assert_same_scans(copied.scans, list(decoder))
+    assert decoder.recording.damage == f"{path.name}: bytes outside of its chunks were changed"
+
+
 def test_a_file_that_is_there_twice_is_read_once(copied: Live) -> None:
     shutil.copy(copied.parts[1], copied.parts[1].with_name("run-a-copy.mcap"))
     decoder = FileDecoder(copied.source)
