@@ -103,6 +103,8 @@ class Recording(Entered):
         # Each is written by one thread alone: the loop puts, the other one takes and loses.
         self._put = self._taken = 0
         self._lost_here = self._lost_there = 0
+        # What is in the chunk under way: a flush that fails leaves nothing of it in the file.
+        self._at_risk = 0
         self._over = False
         self._ending = threading.Event()
         self._open = threading.Event()
@@ -249,6 +251,7 @@ class Recording(Entered):
         finally:
             if self._parts is not None:
                 self._parts.writer.abandon()
+            self._lost_there += self._at_risk
             while self._entries:
                 self._lost_there += self._entries.popleft()[1] - _ITEM_BYTES
 
@@ -263,7 +266,8 @@ class Recording(Entered):
                 now, size, write = self._entries.popleft()
                 if first_ns is not None and now - first_ns >= CHUNK_NS:
                     parts.flush()
-                    first_ns, flushed = None, time.monotonic()
+                    first_ns, flushed, self._at_risk = None, time.monotonic(), 0
+                self._at_risk += size - _ITEM_BYTES
                 if first_ns is None:
                     writer, first_ns = parts.writer_at(now + self._offset_ns), now
                     self.path = writer.path
@@ -271,7 +275,7 @@ class Recording(Entered):
                 self._taken += size
             if first_ns is not None and (ending or time.monotonic() - flushed >= CHUNK_NS * 1e-9):
                 parts.flush()
-                first_ns, flushed = None, time.monotonic()
+                first_ns, flushed, self._at_risk = None, time.monotonic(), 0
             if ending:
                 return
 
