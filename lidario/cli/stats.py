@@ -120,16 +120,19 @@ def stats(source: str, seconds: float, mode: str | int | None, as_json: bool, gu
             run(lambda: measure(source, seconds, mode, measured, guard=guard, config=settings))
     except Stopped as caught:
         stopped = caught
-    if measured.line is not None and measured.stamps:
+    if measured.stamps:
         if as_json:
             dump(_record(measured))
         else:
             emit(rendered(console(), _table(measured)))
-    elif stopped is not None:
-        message("nothing was measured yet: the first revolution had not come")
+    else:
+        message(
+            "nothing was measured: revolutions count from the second one on, and none came. "
+            "Measure for longer (-t), or take a longer recording"
+        )
     if stopped is not None:
         raise stopped
-    return ExitCode.OK
+    return ExitCode.OK if measured.stamps else ExitCode.NO_DATA
 
 
 async def measure(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -124,6 +125,16 @@ def test_for_people_it_fits_a_terminal() -> None:
 def test_a_silent_device_is_no_data() -> None:
     ended = invoke_driven("stats", S2 + "&fault=silent:1s", "-t", "5s", "--json")
     assert ended.exit_code == 5
+
+
+@pytest.mark.parametrize("form", [(), ("--json",)])
+def test_where_no_second_revolution_comes_it_says_so(tmp_path: Path, form: tuple[str, ...]) -> None:
+    path = str(tmp_path / "one.mcap")
+    assert invoke_driven("record", S2, "-n", "1", "-o", path).exit_code == 0
+    for source, time in ((S2, "50ms"), (f"{path}?rate=0", "10s")):
+        ended = invoke_driven("stats", source, "-t", time, *form)
+        assert (ended.exit_code, ended.stdout) == (5, "")
+        assert ended.stderr.startswith("nothing was measured: ")
 
 
 def test_ctrl_c_ends_it_with_130_and_stops_the_device() -> None:
