@@ -10,6 +10,7 @@ Nothing here knows an event loop; `lidario.recording.record` calls it from a thr
 from __future__ import annotations
 
 import contextlib
+import glob
 import logging
 import os
 import re
@@ -142,7 +143,7 @@ class Parts:
 
 def pattern_of(path: Path) -> str:
     """What names all the parts of a recording, as a source."""
-    return str(path.with_name(f"{path.stem}-*{path.suffix}"))
+    return f"{glob.escape(str(path.with_suffix('')))}-*{glob.escape(path.suffix)}"
 
 
 def _named(path: Path, at_ns: int) -> Path:

@@ -231,6 +231,16 @@ async def test_figures_that_cannot_be(tmp_path: Path, arguments: dict[str, float
             lidar.record(tmp_path / "run.mcap", **arguments)  # type: ignore[arg-type]
 
 
+def test_a_name_with_brackets_is_no_pattern(tmp_path: Path) -> None:
+    """Some patterns have them for one of several letters."""
+    folder = tmp_path / "site[3]"
+    folder.mkdir()
+    made = record_any(folder / "[run].mcap", "sim://rplidar-s2", 15, split_s=1.0)
+    assert len(list(folder.iterdir())) == made.files > 1
+    assert_same_scans(made.scans, list(FileDecoder(made.source)))
+    assert_same_scans(made.scans, replayed(made.source))
+
+
 def test_a_pattern_that_nothing_fits(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="fits this pattern"):
         lidario.summarize(tmp_path / "run-*.mcap")
