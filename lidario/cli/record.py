@@ -39,7 +39,7 @@ class _Told:
     """The recording, for the summary; also of a command that was interrupted."""
 
     recording: Recording | None = None
-    began = 0.0
+    began: float | None = None
 
 
 @click.command()
@@ -156,6 +156,7 @@ async def _show(show: Callable[[str], None], told: _Told) -> None:
 def _so_far(told: _Told) -> str:
     recording = told.recording
     assert recording is not None
+    assert told.began is not None
     elapsed = time.monotonic() - told.began
     scans = f"{recording.scans} scan{'s' if recording.scans != 1 else ''}"
     files = f", {recording.files} files" if recording.files > 1 else ""
@@ -163,7 +164,7 @@ def _so_far(told: _Told) -> str:
 
 
 def _sum_up(told: _Told) -> None:
-    if told.recording is not None:
+    if told.recording is not None and told.began is not None:
         message(_so_far(told))
         if told.recording.lost_bytes:
             message(f"{told.recording.lost_bytes} bytes are missing, because the file could not be written")

@@ -33,7 +33,8 @@ def test_record_ends_by_itself_and_names_its_file(tmp_path: Path) -> None:
     assert (summary["damage"], summary["lost_packets"], summary["timed"]) == (None, 0, True)
     again = invoke_driven("record", "sim://rplidar-s2?via=memory", "-n", "1", "-o", path)
     assert again.exit_code == 4
-    assert "exists already: overwrite=True, or --force, replaces it" in again.stderr
+    # And nothing of a recording, which was none.
+    assert again.stderr == f"error: {path} exists already: overwrite=True, or --force, replaces it\n"
     # The motor needs longer than that to be at its speed.
     timed = invoke_driven("record", "sim://rplidar-s2?via=memory", "-t", "1s", "-o", path, "--force")
     assert timed.exit_code == 0
