@@ -20,7 +20,8 @@ from lidario.errors import InvalidValue, Unsupported
 from lidario.families.samples import Decoder, Samples, SteadySamples
 from lidario.families.stream import Keepalive, Known, RawStream, Stream, raw_stream
 from lidario.model import DeviceInfo, Health, NetworkAddress, SampleRate, ScanMode
-from lidario.wire.envelope import Request
+from lidario.wire.envelope import Request, encode_descriptor
+from lidario.wire.events import Descriptor
 from lidario.wire.formats import StreamFormat
 
 if TYPE_CHECKING:
@@ -152,6 +153,13 @@ class Device(ABC):
         yield from ()
         return False
 
+    def respond(self, request: bytes, head: Descriptor, payload: bytes = b"") -> bytes:  # noqa: ARG002
+        """The bytes that respond to a request, or announce a stream, where a recording of it is played as a device.
+
+        Default: `head`, then the payload.
+        """
+        return encode_descriptor(head) + payload
+
     @abstractmethod
     def identify(self) -> Script[DeviceInfo]:
         """Ask what the device is; the other scripts rely on it having been asked once."""
@@ -240,14 +248,9 @@ class Device(ABC):
         raise Unsupported("this device has no network address")
 
     def set_baudrate(self, baudrate: int, present: int) -> Script[None]:  # noqa: ARG002
-        """Have device and port change the speed of the line. Where it fails, the session has the port return.
+        """Have device and port change the speed of the line. Raises Unsupported where the device does not follow.
 
-        Args:
-            baudrate: The new speed.
-            present: The speed as it is.
-
-        Raises:
-            Unsupported: The device does not follow.
+        Where it fails, the session has the port return from `baudrate` to `present`.
         """
         raise Unsupported("the speed of this device's line cannot be changed from here")
 
@@ -304,10 +307,7 @@ class Family:
 
     @property
     def simulated(self) -> tuple[str, ...]:
-        """Names of its simulated models, which begin with its own.
-
-        Their code is loaded here, and wherever one is made: users of a real device do not load it.
-        """
+        """Names of its simulated models, which begin with its own. Users of a real device load no code of them."""
         return tuple(self._simulation().PROFILES)
 
     def make(self, model: str | None = None) -> Device:

@@ -15,6 +15,7 @@ from lidario.families.talking import Speeds, Talkers, TalkingModel
 from lidario.families.unasked import LINKED, NOT_STOPPED, begin, hear, hear_runs
 from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.wire.envelope import Request
+from lidario.wire.events import Descriptor
 from lidario.wire.formats import StreamFormat
 
 TIMING: Final = Timing(
@@ -97,6 +98,10 @@ class TalkingDevice(Device):
 
     def reset(self) -> Request:
         raise Unsupported("this device cannot be restarted from here: cut its power")
+
+    def respond(self, request: bytes, head: Descriptor, payload: bytes = b"") -> bytes:  # noqa: ARG002
+        """As `Device.respond`: nothing announces its stream."""
+        return payload
 
     def complete_probe(self) -> bytes:
         # What has started it may have reached it though nothing came. Where most models need no start, one that has

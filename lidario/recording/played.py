@@ -1,20 +1,22 @@
 """A recording as a device for anybody's driver, served on a pseudo-terminal or over TCP as a simulated one is.
 
 It responds to each request as the real device had responded, byte for byte. The request that had started a stream
-starts it again, and any stop request pauses it. A device that only talks was never asked: its recording is played
+starts it again, and any stop request pauses it. A device that was never asked only talks: its recording is played
 from the first call of `transmit` on, and no request pauses it. It does not respond to requests that the recording
 does not hold, as a device ignores a request that it does not know; each is logged.
 """
 
 from __future__ import annotations
 
+import re
 from collections import deque
+from contextlib import suppress
 
-from lidario.errors import RecordingError
+from lidario.errors import RecordingError, Unsupported
 from lidario.recording.player import Player
 from lidario.recording.read import Piece, StoredStreams
 from lidario.sim.device import Received
-from lidario.wire.envelope import REQUEST_MAGIC, encode_descriptor
+from lidario.wire.envelope import REQUEST_MAGIC
 from lidario.wire.events import Descriptor
 
 MOST_LOGGED = 1000
@@ -45,14 +47,20 @@ class PlayedDevice:
         self._outgoing = bytearray()
         self._scanning = False
         self._player = Player(recording, rate)
-        device = recording.streams[0].family.device()
-        self._talks = not any(stream.began.request for stream in recording.streams)
-        stops = () if self._talks else (device.stop(), device.reset(), *device.halt())
-        # A step that only sets a control line has no bytes, and every request begins with none.
-        self._stops = {each.data for each in stops if each.data}
+        self._device = device = recording.streams[0].family.device()
         self._starts = {stream.began.request for stream in recording.streams if stream.began.request}
-        known = {*self._stops, *self._starts, *recording.responses}
-        self._known = sorted(known, key=len, reverse=True)
+        self._talks = not self._starts
+        stops = [device.stop(), *device.halt(), *device.halt_unknown()]
+        with suppress(Unsupported):
+            stops.append(device.reset())
+        # A step that only sets a control line has no bytes, and every request begins with none.
+        self._stops = {each.data: each for each in stops if each.data and not self._talks}
+        # An empty line before a request of text only ends what was half written.
+        self._responses = {request.lstrip(b"\n"): found for request, found in recording.responses.items()}
+        self._known = sorted({*self._stops, *self._starts, *self._responses}, key=len, reverse=True)
+        self._is_text = device.stop().data.endswith(b"\n")
+        firsts = bytes({REQUEST_MAGIC, *(each[0] for each in self._known)})
+        self._begins = re.compile(rb"[^\n]" if self._is_text else b"[" + re.escape(firsts) + b"]")
 
     @property
     def baudrate(self) -> int:
@@ -76,21 +84,11 @@ class PlayedDevice:
 
     def receive(self, data: bytes, now: int) -> None:
         self._incoming += data
-        while self._incoming:
-            begin = self._incoming.find(REQUEST_MAGIC)
-            del self._incoming[: len(self._incoming) if begin < 0 else begin]
-            request = next((each for each in self._known if self._incoming.startswith(each)), None)
-            if request is not None:
-                del self._incoming[: len(request)]
+        while request := self._next_request():
+            if request in self._known:
                 self._obey(request, now)
-            elif any(each.startswith(self._incoming) for each in self._known):
-                return  # the rest of it is still to come
             else:
-                end = self._incoming.find(REQUEST_MAGIC, 1)
-                unknown = bytes(self._incoming[: LONGEST_REQUEST if end < 0 else end])
-                del self._incoming[: len(unknown)]
-                if unknown:
-                    self._note(unknown, now, "the recording holds no response to it")
+                self._note(request, now, "the recording holds no response to it")
 
     def transmit(self, now: int) -> bytes:
         self._talk()
@@ -108,6 +106,26 @@ class PlayedDevice:
         if self._outgoing:
             return now
         return self._due(now) if self._scanning else None
+
+    def _next_request(self) -> bytes:
+        """The next one that has come whole, known or not; empty where none has."""
+        incoming = self._incoming
+        begin = self._begins.search(incoming)
+        del incoming[: begin.start() if begin else len(incoming)]
+        if self._is_text:
+            size = incoming.find(b"\n", 0, LONGEST_REQUEST) + 1
+            if not size and len(incoming) >= LONGEST_REQUEST:
+                size = LONGEST_REQUEST
+        elif known := next((each for each in self._known if incoming.startswith(each)), b""):
+            size = len(known)
+        elif any(each.startswith(incoming) for each in self._known):
+            size = 0
+        else:
+            end = self._begins.search(incoming, 1)
+            size = end.start() if end else LONGEST_REQUEST
+        request = bytes(incoming[:size])
+        del incoming[:size]
+        return request
 
     def _peek(self) -> Piece | None:
         """The next piece; None at the end, and where the file cannot be read any more."""
@@ -136,25 +154,25 @@ class PlayedDevice:
         return self._player.due(piece, now)
 
     def _obey(self, request: bytes, now: int) -> None:
-        found = self._recording.responses.get(request)
+        found = self._responses.get(request)
         if request in self._stops:
             self._scanning = False
+            self._outgoing += self._stops[request].acknowledged
         elif request in self._starts:
             if not self._scanning and (piece := self._peek()) is not None:
-                self._begin(piece.stream)
+                self._begin(request, piece.stream)
         elif self._scanning:
             self._note(request, now, "while it scans")
             return
         elif found is not None:
-            self._outgoing += encode_descriptor(Descriptor(found.kind, len(found.payload), continuous=False))
-            self._outgoing += found.payload
+            head = Descriptor(found.kind, len(found.payload), continuous=False)
+            self._outgoing += self._device.respond(request, head, found.payload)
         self._note(request, now, "")
 
-    def _begin(self, number: int) -> None:
+    def _begin(self, request: bytes, number: int) -> None:
         began = self._recording.streams[number].began
-        self._outgoing += encode_descriptor(
-            Descriptor(began.mode.response_type, began.packet_size, continuous=True)
-        )
+        head = Descriptor(began.mode.response_type, began.packet_size, continuous=True)
+        self._outgoing += self._device.respond(request, head)
         self._scanning = True
         self._player.rest()
 

@@ -102,7 +102,7 @@ class Request:
     packets: int = 0
     dtr: bool | None = None
     baudrate: int | None = None
-    acknowledged: int = 0
+    acknowledged: bytes = b""
 
     def admits(self, descriptor: Descriptor) -> bool:
         """Whether `descriptor` announces the response to this request."""

@@ -176,6 +176,44 @@ def test_a_played_recording_is_a_device_like_the_recorded_one(live: Live) -> Non
     assert {each.data[1] for each in device.log if not each.obeyed} == {0xA8}
 
 
+@pytest.mark.parametrize(
+    "model", ["hlds-lds01", "hokuyo-urg04lx", "hokuyo-ust10lx", "ldrobot-ld14p", "ydlidar-g4", "ydlidar-tmini"]
+)
+def test_a_played_recording_is_started_and_stopped_as_its_family_is(tmp_path: Path, model: str) -> None:
+    """By a letter, by lines of text, or by a request whose response tells another type than the recording."""
+    live = record(tmp_path / "run.mcap", f"sim://{model}", 4)
+    device = PlayedDevice(open_stored(live.path), loop=True)
+    assert device.transmit(0) == b""
+
+    async def main() -> list[lidario.Scan]:
+        async with lidario.open_lidar(device, family=live.info.family) as lidar:
+            assert lidar.info == live.info
+            async with lidar.scans(depth=64) as stream:
+                scans = [await anext(stream) for _ in range(3)]
+                assert device.scanning
+                return scans
+
+    known = {scan.device_distances.tobytes() for scan in live.scans}
+    assert known & {scan.device_distances.tobytes() for scan in run_driven(main)}
+    assert not device.scanning
+    assert all(each.obeyed for each in device.log)
+
+
+def test_a_played_recording_of_lines_of_text_reads_them_as_any_program_writes_them(tmp_path: Path) -> None:
+    device = PlayedDevice(open_stored(record(tmp_path / "run.mcap", "sim://hokuyo-urg04lx", 2).path))
+    device.receive(b"\n\nV", 0)
+    assert device.transmit(0) == b""
+    device.receive(b"V\nQT\nBM\n" + bytes(1000), 0)
+    said = device.transmit(0)
+    assert said.startswith(b"VV\n00P\nVEND:Hokuyo")
+    assert said.endswith(b"\n\nQT\n00P\n\n")
+    assert [(each.data, each.obeyed) for each in device.log[:3]] == [
+        (b"VV\n", True), (b"QT\n", True), (b"BM\n", False),
+    ]  # fmt: skip
+    device.receive(b"\nMD0044072501000\n", 0)
+    assert device.transmit(0).startswith(b"MD0044072501000\n00P\n\nMD0044072501000\n99b\n")
+
+
 @pytest.mark.parametrize("model", ["ldrobot-ld06", "ydlidar-x3"])
 def test_a_played_recording_of_a_device_that_only_talks_talks(tmp_path: Path, model: str) -> None:
     """It was never asked to start, so it begins as soon as somebody listens to it, and hears no request."""

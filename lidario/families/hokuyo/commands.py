@@ -24,6 +24,7 @@ _MOST_LINES: Final = 40
 _LONGEST_LINE: Final = 80
 _ATTEMPTS: Final = 3
 OBEYED: Final = "00"
+ACCEPTED: Final = b"00P"
 TIME_MODE: Final = "0E"
 """The response to all but ``TM2`` while the clock is being adjusted, and to a word that is not known."""
 _MEANINGS: Final = {
@@ -32,9 +33,15 @@ _MEANINGS: Final = {
     "02": "it is in that state already",
 }
 
+
+def respond(request: bytes, payload: bytes) -> bytes:
+    """The bytes of a response: the request again, the payload, and an empty line."""
+    return request + payload + b"\n\n"
+
+
 FILL: Final = Request("FILL", b"\n")
 # Echo, status and an empty line come back.
-STOP: Final = Request("QT", b"QT\n", settle=SETTLE_S, ends_stream=True, acknowledged=len(b"QT\n00P\n\n"))
+STOP: Final = Request("QT", b"QT\n", settle=SETTLE_S, ends_stream=True, acknowledged=respond(b"QT\n", ACCEPTED))
 RESET: Final = Request("RS", b"RS\n", settle=SETTLE_S, ends_stream=True)
 
 
@@ -95,7 +102,7 @@ def measure(word: str, first: int, last: int, wire: StreamFormat) -> Request:
     """Measure all steps from `first` to `last` for ever: no step is joined with another, no scan left out."""
     line = f"{word}{first:04}{last:04}01000"
     expected = Expected(
-        wire.response_type, 0, 64, continuous=True, prefix=line.encode() + b"\n", lines=True, accepted=b"00P"
+        wire.response_type, 0, 64, continuous=True, prefix=line.encode() + b"\n", lines=True, accepted=ACCEPTED
     )
     return Request(word, line.encode() + b"\n", expected, stream=wire)
 

@@ -11,12 +11,13 @@ from typing import Final
 
 from lidario.errors import RemoteProtocolError, ResponseTimeout, Unsupported
 from lidario.families.base import Device, Script, Stream, told
-from lidario.families.hokuyo.commands import FILL, RESET, STOP, ask, measure, read_lines, refusal
+from lidario.families.hokuyo.commands import ACCEPTED, FILL, RESET, STOP, ask, measure, read_lines, refusal, respond
 from lidario.families.hokuyo.decode import BlockDecoder
 from lidario.families.hokuyo.formats import DistanceFormat, StrengthFormat
 from lidario.families.hokuyo.geometry import Geometry, geometry_of
 from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, ScanMode
 from lidario.wire.envelope import Request
+from lidario.wire.events import Descriptor
 
 FORMATS: Final = (DistanceFormat, StrengthFormat)
 SPIN_UP_S: Final = 4.0
@@ -63,6 +64,10 @@ class HokuyoDevice(Device):
 
     def reset(self) -> Request:
         return RESET
+
+    def respond(self, request: bytes, head: Descriptor, payload: bytes = b"") -> bytes:  # noqa: ARG002
+        """As `Device.respond`, in lines of text."""
+        return respond(request, payload or ACCEPTED)
 
     def identify(self) -> Script[DeviceInfo]:
         """As `Device.identify`; raises RemoteProtocolError where it tells a field that cannot be."""

@@ -20,6 +20,7 @@ from enum import IntEnum
 from typing import Final
 
 from lidario.wire.envelope import Expected, Request, encode_request
+from lidario.wire.events import Descriptor
 from lidario.wire.formats import StreamFormat
 
 STOP_SETTLE_S: Final = 0.010
@@ -48,6 +49,8 @@ def _health(name: str, command: int) -> Request:
     return Request(name, encode_request(command), expected, HEALTH_TIMEOUT_S, attempts=1)
 
 
+ANNOUNCED: Final = Descriptor(0x81, 5, continuous=True)
+"""What announces the stream of every model, whatever the length of its packets."""
 STOP: Final = Request("STOP", encode_request(0x65), settle=STOP_SETTLE_S, ends_stream=True)
 FORCED_STOP: Final = Request("FORCED_STOP", encode_request(0x00), settle=STOP_SETTLE_S, ends_stream=True)
 RESET: Final = Request("RESET", encode_request(0x80), settle=STOP_SETTLE_S, ends_stream=True)
@@ -81,6 +84,6 @@ KEEPALIVE: Final = Request("KEEPALIVE", encode_request(0x60), in_stream=True)
 
 def scan(stream: StreamFormat) -> Request:
     """SCAN from standstill: a header, then packets without end."""
-    announced = Expected(0x81, 0, LARGEST, continuous=True)
+    announced = Expected(ANNOUNCED.type, 0, LARGEST, continuous=True)
     # Only the first SCAN has a header as its response (manual 3.8): once packets flow, asking again is in vain.
     return Request("SCAN", encode_request(0x60), announced, SCAN_TIMEOUT_S, attempts=1, stream=stream)

@@ -37,6 +37,7 @@ from lidario.families.ydlidar.raw import turn_in
 from lidario.families.ydlidar.settings import ask_speed, ask_zero_offset, learn_protection, step_to, toggle_to
 from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.wire.envelope import Request
+from lidario.wire.events import Descriptor
 
 T = TypeVar("T")
 SPIN_UP_S: Final = 4.0
@@ -128,6 +129,10 @@ class YdlidarDevice(Device):
             return False
         yield from learn_protection(self._say_protected)
         return bool(self._protected)
+
+    def respond(self, request: bytes, head: Descriptor, payload: bytes = b"") -> bytes:
+        """As `Device.respond`; all models announce their stream alike."""
+        return super().respond(request, commands.ANNOUNCED if head.continuous else head, payload)
 
     def identify(self) -> Script[DeviceInfo]:
         if self._model.dtr:

@@ -214,7 +214,7 @@ class Stopper:
         self._doubtful = self._patient and self._hearing.owes_until - self._loop.time() > CLOCK_S
         self._attempts, self._moved = self._attempts + 1, False
         requests = self.requests()
-        self._acknowledged = sum(request.acknowledged for request in requests)
+        self._acknowledged = sum(len(request.acknowledged) for request in requests)
         self._write_all(requests)
         if any(request.data for request in requests):
             self._come_back(max(self._hearing.free_at(0.0), self._loop.time()), self._listen)
