@@ -10,8 +10,8 @@ known to be missing. Where the angles show no gap, the anchor stays, and they ar
 late while reads go on: what a program reads late, it reads in a moment. And a whole revolution hides only in a
 silence that is as long: where reads went on all the time, the rotor was slow, or stood.
 
-Behind a restart, and where so little comes that no speed is sure, the anchor stays too, and what has passed is
-counted when a speed is known. Where not even that is, the time that a packet takes tells how many are missing.
+Where so little comes that no speed is sure, the anchor stays too, and what has passed is counted when a speed is
+known. Where not even that is, the time that a packet takes tells how many are missing.
 """
 
 from __future__ import annotations
@@ -37,8 +37,6 @@ MORE_THAN_ONE: Final = 1.005
 third, it has 34 by right at times."""
 STAYED_LATE: Final = 0.5
 """Revolutions during which reads must go on and stamps stay late, where no packet is known to be missing."""
-EXACT: Final = 0.15
-"""Revolutions by which a time may miss a whole number, to be where counting goes on from."""
 NEARLY_ALL: Final = 0.9
 """Share of the packets of a revolution from which no more than what its angles tell is missing in it."""
 
@@ -233,11 +231,8 @@ class RevolutionClock:
         missing = self._missing_by_clock(here, elapsed)
         turns = elapsed / here.revolution_ns + anchor.over - here.over
         unseen = int(turns + NOISE) - (here.number - anchor.number)
-        # Counting goes on from here, unless it is too vague when this one began.
-        self._is_open = self._sure is not here and abs(turns - round(turns)) >= EXACT
-        if not self._is_open:
-            # Where too many were counted, that many are left out later.
-            self._be_anchor(here, unseen, missing)
+        # Where too many were counted, that many are left out later.
+        self._be_anchor(here, unseen, missing)
         return max(0, unseen), _several(missing)
 
     def _count_late(self, here: Beginning, last: Beginning, anchor: Beginning, slower: float) -> tuple[int, int]:
