@@ -105,7 +105,24 @@ def read_config(path: str | os.PathLike[str]) -> Config:
         InvalidValue: It cannot be read, or something in it cannot be right; the text says where, and what can be.
     """
     name = str(path_of(path, "a file of settings"))
-    tables = _tables(name)
+    try:
+        with open(name, "rb") as file:
+            data = file.read(MOST_BYTES + 1)
+    except OSError as error:
+        raise InvalidValue(f"{name}: the file of settings cannot be read: {error.strerror or error}") from error
+    return config_of(tables_of(data, name), name)
+
+
+def config_of(tables: dict[str, Any], name: str) -> Config:
+    """The settings that the tables of a file say.
+
+    Args:
+        tables: All of them.
+        name: The file, for texts of errors.
+
+    Raises:
+        InvalidValue: Something in them cannot be right.
+    """
     _known(tables, ("default", "lidars"), name)
     default = _table(tables.get("default", {}), f"{name}: [default]")
     lidars = _table(tables.get("lidars", {}), f"{name}: [lidars]")
@@ -129,12 +146,16 @@ def as_config(config: Config | str | os.PathLike[str] | None) -> Config:
     return config if isinstance(config, Config) else read_config(config)
 
 
-def _tables(name: str) -> dict[str, Any]:
-    try:
-        with open(name, "rb") as file:
-            data = file.read(MOST_BYTES + 1)
-    except OSError as error:
-        raise InvalidValue(f"{name}: the file of settings cannot be read: {error.strerror or error}") from error
+def tables_of(data: bytes, name: str) -> dict[str, Any]:
+    """The tables that the bytes of a file hold; `config_of` says whether they can be right.
+
+    Args:
+        data: The bytes.
+        name: The file, for texts of errors.
+
+    Raises:
+        InvalidValue: They are too many, or no TOML.
+    """
     if len(data) > MOST_BYTES:
         raise InvalidValue(f"{name} has more than {MOST_BYTES} bytes: that is no file of settings")
     try:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, cast
 
 from lidario.arguments import path_of, shown, text_of
-from lidario.config.read import FILTERS, parse_filter, read_config
+from lidario.config.read import FILTERS, config_of, parse_filter, read_config, tables_of
 from lidario.errors import InvalidValue, Unsupported
 from lidario.filters.base import Filter
 from lidario.points import Mount
@@ -19,6 +19,10 @@ from lidario.whole_file import whole_file
 if TYPE_CHECKING:
     from tomlkit import TOMLDocument
 
+_CANNOT: Final = (
+    "this cannot be written into it as it is. Give each lidar a table of its own, such as [lidars.AB12], with its "
+    "filters right below, in place of braces and keys with dots"
+)
 _DIGITS: Final = 4
 """Behind the point: tenths of a millimetre, and less than a hundredth of a degree."""
 
@@ -46,22 +50,32 @@ def save_config(
             of every lidar.
 
     Raises:
-        InvalidValue: What is there already is wrong, the file cannot be written, or a filter is none of those.
+        InvalidValue: What is there already is wrong, or written in a way that cannot take more; the file cannot be
+            written; or a filter is none of those. The file is as it was.
         Unsupported: ``tomlkit`` is not installed.
     """
     name, serial = str(path_of(path, "a file of settings")), text_of(serial, "a serial number")
     if mount is not None and not isinstance(mount, Mount):
         raise InvalidValue(f"mount is a Mount, not {shown(mount)}")
-    added, gone = _tuple_of(filters), [_table_of(each) for each in _tuple_of(without)]
-    document = _document(name)
-    table = _own_table(document, serial)
-    for each in (table, document.get("default", {})) if gone else ():
-        _take_away(each, gone)
-    if mount is not None:
-        table["mount"] = _inline({"x": mount.x, "y": mount.y, "yaw_deg": degrees(mount.yaw)})
-    for each in added:
-        _add(table, _table_of(each))
-    _replace(Path(os.path.realpath(name)), document.as_string())
+    try:
+        import tomlkit
+    except ModuleNotFoundError:
+        raise Unsupported("writing settings needs tomlkit, which is not installed: pip install tomlkit") from None
+    added = [_table_of(each) for each in _tuple_of(filters)]
+    gone = [_table_of(each) for each in _tuple_of(without)]
+    before = _read(name)
+    wanted = config_of(_changed(tables_of(before, name), serial, mount, added, gone), name)
+    try:
+        document = tomlkit.parse(before.decode())
+        _edit(document, serial, mount, added, gone)
+        after = document.as_string().encode()
+        said = config_of(tables_of(after, name), name)
+    except (LookupError, ValueError) as error:
+        raise InvalidValue(f"{name}: {_CANNOT}") from error
+    # tomlkit may leave something out, or put it elsewhere, and say nothing.
+    if said.default != wanted.default or any(said.of(each) != wanted.of(each) for each in wanted.lidars):
+        raise InvalidValue(f"{name}: {_CANNOT}")
+    _replace(Path(os.path.realpath(name)), after)
 
 
 def _tuple_of(filters: Iterable[Filter]) -> tuple[Filter, ...]:
@@ -69,6 +83,40 @@ def _tuple_of(filters: Iterable[Filter]) -> tuple[Filter, ...]:
         return tuple(filters)
     except TypeError:
         raise InvalidValue(f"filters are a list, not {shown(filters)}") from None
+
+
+def _read(name: str) -> bytes:
+    """What the file holds, or a new one shall; whatever is wrong with it is said before anything is changed."""
+    if not os.path.exists(name):
+        return b"# Settings of lidars: docs/settings.md says what may stand here.\n"
+    read_config(name)
+    return Path(name).read_bytes()
+
+
+def _changed(
+    tables: dict[str, Any], serial: str, mount: Mount | None, added: list[Any], gone: list[Any]
+) -> dict[str, Any]:
+    """What the tables of the file shall be."""
+    default, lidars = tables.setdefault("default", {}), tables.setdefault("lidars", {})
+    own = lidars.setdefault(_key(lidars, serial), {}) if serial else default
+    for each in (own, default):
+        kept = [one for one in each.get("filters", ()) if _table_of(parse_filter(one, None, "")) not in gone]
+        each["filters"] = kept
+    own["filters"] += [each.unwrap() for each in added]
+    if mount is not None:
+        own["mount"] = _place(mount)
+    return tables
+
+
+def _edit(document: TOMLDocument, serial: str, mount: Mount | None, added: list[Any], gone: list[Any]) -> None:
+    """Make the same changes in the text of the file."""
+    table = _own_table(document, serial)
+    for each in (table, document.get("default", {})) if gone else ():
+        _take_away(each, gone)
+    if mount is not None:
+        table["mount"] = _inline(_place(mount))
+    for each in added:
+        _add(table, each)
 
 
 def _take_away(table: MutableMapping[str, Any], gone: list[Any]) -> None:
@@ -81,21 +129,6 @@ def _take_away(table: MutableMapping[str, Any], gone: list[Any]) -> None:
         table.pop("filters", None)
 
 
-def _document(name: str) -> TOMLDocument:
-    try:
-        import tomlkit
-    except ModuleNotFoundError:
-        raise Unsupported("writing settings needs tomlkit, which is not installed: pip install tomlkit") from None
-    if not os.path.exists(name):
-        document = tomlkit.document()
-        document.add(tomlkit.comment("Settings of lidars: docs/settings.md says what may stand here."))
-        return document
-    # Whatever is wrong with it is said before anything is changed.
-    read_config(name)
-    with open(name, encoding="utf-8", newline="") as file:
-        return tomlkit.parse(file.read())
-
-
 def _own_table(document: TOMLDocument, serial: str) -> MutableMapping[str, Any]:
     import tomlkit
 
@@ -106,10 +139,15 @@ def _own_table(document: TOMLDocument, serial: str) -> MutableMapping[str, Any]:
     if "lidars" not in document:
         document.add("lidars", tomlkit.table(is_super_table=True))
     lidars = cast("MutableMapping[str, Any]", document["lidars"])
-    key = next((each for each in lidars if each.casefold() == serial.casefold()), serial)
+    key = _key(lidars, serial)
     if key not in lidars:
         lidars[key] = tomlkit.table()
     return cast("MutableMapping[str, Any]", lidars[key])
+
+
+def _key(lidars: Iterable[str], serial: str) -> str:
+    """How the file writes this serial number."""
+    return next((each for each in lidars if each.casefold() == serial.casefold()), serial)
 
 
 def _add(table: MutableMapping[str, Any], made: Any) -> None:
@@ -146,21 +184,26 @@ def _plain(value: Any) -> Any:
     return round(value, _DIGITS) + 0.0 if isinstance(value, float) else value
 
 
+def _place(mount: Mount) -> dict[str, float]:
+    place = {"x": mount.x, "y": mount.y, "yaw_deg": degrees(mount.yaw)}
+    return {name: _plain(float(value)) for name, value in place.items()}
+
+
 def _inline(values: dict[str, float]) -> Any:
     import tomlkit
 
     table = tomlkit.inline_table()
-    table.update({name: _plain(float(value)) for name, value in values.items()})
+    table.update(values)
     return table
 
 
-def _replace(path: Path, text: str) -> None:
+def _replace(path: Path, data: bytes) -> None:
     try:
         with whole_file(path) as part:
             if path.exists():
                 os.chmod(part, path.stat().st_mode & 0o777)
-            with open(part, "w", encoding="utf-8", newline="") as file:
-                file.write(text)
+            with open(part, "wb") as file:
+                file.write(data)
                 file.flush()
                 os.fsync(file.fileno())
     except OSError as error:

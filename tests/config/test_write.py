@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import os
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from lidario import InvalidValue, Mount, read_config, save_config
-from lidario.filters import AngularBoundsFilter, BoxFilter, MedianFilter, PolygonFilter, ShadowsFilter
+from lidario import InvalidValue, LidarConfig, Mount, read_config, save_config
+from lidario.filters import AngularBoundsFilter, BoxFilter, MedianFilter, PolygonFilter, RangeFilter, ShadowsFilter
 from tests.config.test_read import WHOLE, written
 
 
@@ -114,3 +115,39 @@ def test_filters_are_taken_away_and_all_else_stays(tmp_path: Path, inline: bool)
     save_config(path, "a", without=[ShadowsFilter(), MedianFilter()])
     assert read_config(path).of("a").filters == ()
     assert "filters" not in path.read_text()
+
+
+BOX = BoxFilter(-1, 1, -1, 1)
+
+
+@pytest.mark.parametrize(
+    ("text", "how"),
+    [
+        ('[lidars]\nA = { frame = "a" }\n', {"filters": [BOX]}),
+        ('default = { frame = "d" }\n', {"filters": [BOX], "serial": ""}),
+        ('lidars.A.frame = "a"\nlidars.B.frame = "b"\n', {"filters": [BOX]}),
+        ('lidars.B.frame = "b"\nlidars.C.frame = "c"\n', {"mount": Mount(1.0)}),
+        ('lidars = { B = { frame = "b" } }\n', {"mount": Mount(1.0)}),
+        (
+            '[default]\n[lidars.B]\n[[default.filters]]\nfilter = "RangeFilter"\n',
+            {"without": [RangeFilter()], "serial": ""},
+        ),
+        (
+            '[[lidars.A.filters]]\nfilter = "RangeFilter"\n[lidars.B]\n'
+            '[[lidars.A.filters]]\nfilter = "ShadowsFilter"\n',
+            {"filters": [BOX]},
+        ),
+    ],
+)
+def test_a_file_that_cannot_take_it_is_left_as_it_was(tmp_path: Path, text: str, how: dict[str, Any]) -> None:
+    path = written(tmp_path, text)
+    with pytest.raises(InvalidValue, match=r"lidario\.toml.*cannot be written into it"):
+        save_config(path, **{"serial": "A", **how})
+    assert path.read_text() == text
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_can_stand_in_an_inline_table_is_written_there(tmp_path: Path) -> None:
+    path = written(tmp_path, 'lidars = { A = { frame = "a" } }\n')
+    save_config(path, "a", mount=Mount(1.0, 2.0))
+    assert read_config(path).of("A") == LidarConfig(Mount(1.0, 2.0), "a")
