@@ -162,7 +162,7 @@ def tables_of(data: bytes, name: str) -> dict[str, Any]:
         return tomllib.loads(data.decode())
     except UnicodeDecodeError as error:
         raise InvalidValue(f"{name} is no text in UTF-8, from byte {error.start} on") from None
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:
         raise InvalidValue(f"{name} is no TOML: {error}") from None
     except RecursionError:
         raise InvalidValue(f"{name}: lists or tables are nested too deeply") from None

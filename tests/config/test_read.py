@@ -61,6 +61,7 @@ def test_an_empty_file_says_nothing(tmp_path: Path) -> None:
     [
         ("[defualt]", "'defualt' means nothing here; there are default, lidars"),
         ("x = [", "is no TOML"),
+        pytest.param("x = " + "1" * 5000, "is no TOML", id="a number of 5000 digits"),
         ("[default]\nmod = 1", r"\[default\]: 'mod' means nothing here; there are mount, frame, mode"),
         ("[lidars.A]\nspeed_rpm = 0", r"\[lidars.A\]: speed_rpm is revolutions a minute, above 0, not 0"),
         ("[lidars.A]\nspeed_rpm = true", r"speed_rpm is a number, not True"),
