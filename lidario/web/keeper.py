@@ -7,6 +7,7 @@ a viewer names no path.
 from __future__ import annotations
 
 import asyncio
+import os
 import re
 import time
 from collections.abc import Callable
@@ -18,6 +19,8 @@ from lidario import Lidar, LidarError
 
 _LOOK_S: Final = 1.0
 """How soon an end that the disk has brought is told."""
+_written: Final[set[Path]] = set()
+"""A thread makes the file: a name may be taken before it is there."""
 
 
 class Keeper:
@@ -64,27 +67,43 @@ class Keeper:
                 await self._record(lidar)
             except LidarError as error:
                 self.error = str(error)
-            self.ask(on=False)
+                self.ask(on=False)
             self._tell()
 
     async def _record(self, lidar: Lidar) -> None:
         self.error, self.scans = "", 0
-        self.name = _name(lidar)
-        async with lidar.record(self._folder / self.name) as recording:
-            self._tell()
-            try:
-                while recording.error is None and self.is_on:
-                    with suppress(TimeoutError):
-                        async with asyncio.timeout(_LOOK_S):
-                            await self._over.wait()
+        path = _free(self._folder / _name(lidar))
+        self.name = path.name
+        _written.add(path)
+        try:
+            async with lidar.record(path) as recording:
+                self._tell()
+                try:
+                    while recording.error is None and self.is_on:
+                        with suppress(TimeoutError):
+                            async with asyncio.timeout(_LOOK_S):
+                                await self._over.wait()
+                        self.scans = recording.scans
+                finally:
                     self.scans = recording.scans
-            finally:
-                self.scans = recording.scans
-        if recording.error is not None:
-            self.error = str(recording.error)
+                # Before the file is closed: a wish that comes meanwhile is for the next one.
+                self.ask(on=False)
+            if recording.error is not None:
+                self.error = str(recording.error)
+        finally:
+            _written.discard(path)
 
 
 def _name(lidar: Lidar) -> str:
     """By model, serial number and time: two lidars may be recorded in the same second."""
     about = re.sub(r"[^a-z0-9]+", "-", f"{lidar.info.model} {lidar.info.serial[:6]}".casefold()).strip("-")
     return f"{about or 'lidar'}-{time.strftime('%Y%m%d-%H%M%S')}.mcap"
+
+
+def _free(path: Path) -> Path:
+    """This name, or one with a number behind it: a lidar that tells no serial number is called like others."""
+    free, number = path, 1
+    while free in _written or os.path.lexists(free):
+        number += 1
+        free = path.with_stem(f"{path.stem}-{number}")
+    return free
