@@ -26,6 +26,7 @@ _NUMBER: Final = r"(-?\d{1,3}(?:\.\d{1,3})?)"
 _BOX: Final = re.compile(rf"(b|x){_NUMBER} {_NUMBER} {_NUMBER} {_NUMBER}", re.ASCII)
 _SECTOR: Final = re.compile(rf"(s|x)(\d{{1,2}}) {_NUMBER} {_NUMBER}", re.ASCII)
 _Change = tuple[list[Filter], Filter]
+_Unsaved = tuple[str, Feed, list[Filter], list[Filter]]
 
 
 class Masks:
@@ -88,18 +89,28 @@ class Masks:
             for changed, made in changes:
                 changed.append(made)
 
+    def _unsaved(self) -> list[_Unsaved]:
+        """What is to be saved of which lidar; all are checked before the first one is written."""
+        found: list[_Unsaved] = []
+        for feed in self._feeds:
+            drawn = [each for each in feed.drawn if each not in feed.removed]
+            gone = [each for each in feed.removed if each in feed.saved]
+            if feed.info is None or not (drawn or gone):
+                continue
+            serial = feed.info.serial
+            if not serial and len(self._feeds) > 1:
+                raise InvalidValue(f"{feed.source} tells no serial number: settings cannot tell it from others")
+            if any(serial.casefold() == other.casefold() for other, *_ in found):
+                raise InvalidValue(f"several lidars tell the serial number {serial}: settings cannot hold both")
+            found.append((serial, feed, drawn, gone))
+        return found
+
     def _save(self) -> None:
         assert self._path is not None
         try:
-            for feed in self._feeds:
-                drawn = [each for each in feed.drawn if each not in feed.removed]
-                gone = [each for each in feed.removed if each in feed.saved]
-                if feed.info is None or not (drawn or gone):
-                    continue
-                if not feed.info.serial and len(self._feeds) > 1:
-                    raise InvalidValue(f"{feed.source} tells no serial number: settings cannot tell it from others")
+            for serial, feed, drawn, gone in self._unsaved():
                 # Boxes were drawn from where the lidar is shown; without that place they would be elsewhere.
-                save_config(self._path, feed.info.serial, mount=feed.place, filters=drawn, without=gone)
+                save_config(self._path, serial, mount=feed.place, filters=drawn, without=gone)
             config = read_config(self._path)
         except LidarError as error:
             self.said = str(error).partition("\n")[0]

@@ -125,6 +125,30 @@ def test_a_lidar_that_tells_no_serial_number(tmp_path: Path) -> None:
     assert len(read_config(path).default.filters) == 1
 
 
+@pytest.mark.parametrize(
+    ("serials", "said"),
+    [(("S0", ""), "lidar 1 tells no serial number"), (("S0", "s0"), "several lidars tell the serial number s0")],
+)
+def test_nothing_is_saved_where_settings_cannot_tell_all_apart(
+    tmp_path: Path, serials: tuple[str, ...], said: str
+) -> None:
+    path, shown = tmp_path / "a.toml", feeds(Mount(1.0), Mount(-1.0))
+    for feed, serial in zip(shown, serials, strict=True):
+        feed.info = DeviceInfo("f", "m", 1, "1.0", 1, serial)
+    masks = Masks(shown, path)
+    masks.receive("b0 1 0 1")
+    masks.receive("save")
+    assert masks.said.startswith(said)
+    assert not path.exists()
+    assert masks.state()["unsaved"] == 1
+    # What concerns one lidar that can be told apart is saved.
+    masks.receive("undo")
+    masks.receive("s0 10 20")
+    masks.receive("save")
+    assert masks.said == f"saved in {path}"
+    assert len(read_config(path).of("S0").filters) == 1
+
+
 def test_no_more_than_fifty_and_a_file_that_cannot_be_written(tmp_path: Path) -> None:
     shown = feeds(Mount())
     masks = Masks(shown, tmp_path / "none" / "a.toml")
