@@ -95,7 +95,7 @@ def pack_state(feeds: list[Feed], echo: float | None = None, masks: dict[str, ob
         for feed in feeds
     ]
     state = {"now": time.time() * 1000, "echo": echo, "lidars": lidars, "masks": masks}
-    return json.dumps(state, ensure_ascii=False, allow_nan=False)
+    return json.dumps(state, allow_nan=False)
 
 
 def _play(feed: Feed) -> dict[str, float] | None:

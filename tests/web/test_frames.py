@@ -69,13 +69,15 @@ def test_an_empty_scan() -> None:
 
 
 def test_states_are_json_for_any_text() -> None:
-    feed = Feed("sim://x", mount=Mount(1, 2, np.pi / 2), colour="#112233")
+    # A file name that is not UTF-8 stands there as Python has it.
+    feed = Feed("fl\udcfcr.mcap", mount=Mount(1, 2, np.pi / 2), colour="#112233")
     feed.info = DeviceInfo("f", "</script>\u2028", 1, "1", 1, '"')
     feed.state, feed.reason = "lost", "x" * 10_000
     feed.line = traffic(Stats(), Stats(packets=97, lost_packets=3, bytes_received=100), 1.0, 2000)
-    told = json.loads(pack_state([feed, Feed("b")], 12.5))
+    told = json.loads(pack_state([feed, Feed("b")], 12.5).encode())
     assert told["echo"] == 12.5
     first, second = told["lidars"]
+    assert first["source"] == feed.source
     assert (first["model"], first["state"], first["damaged"], first["load"]) == (
         "</script>\u2028",
         "lost",
