@@ -58,13 +58,13 @@ class WaitingScans:
         held = self._scans.setdefault(item.key, deque())
         held.append(item)
         self._size += _size(item)
-        if len(held) <= self._depth:
+        if len(held) > self._depth:
+            # The next one takes its place in the order.
+            self._drop(item.key)
+        else:
             self._order.append(item.key)
-            if self._size > MOST_BYTES and len(self._order) > 1:
-                self._drop(self._order.popleft())
-            return
-        # The next one takes its place in the order.
-        self._drop(item.key)
+        while self._size > MOST_BYTES and len(self._order) > 1:
+            self._drop(self._order.popleft())
 
     def take(self) -> FleetScan:
         """The oldest scan; there must be one."""

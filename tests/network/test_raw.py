@@ -27,6 +27,7 @@ from lidario.ros import waiting
 from lidario.ros.share import RawFeed
 from lidario.ros.waiting import FleetScan, WaitingScans
 from lidario.scan import Scan
+from lidario.testing import make_scan
 from tests.support.loop import driven, run_driven
 from tests.test_model import FOUR
 
@@ -258,6 +259,19 @@ def test_scans_that_wait_are_bounded_in_bytes(monkeypatch: pytest.MonkeyPatch) -
     assert 5 < left < 20
     assert [scans.take().key for _ in range(left)] == [f"k{number % 50}" for number in range(100 - left, 100)]
     assert len(scans) == 0
+
+
+def test_scans_that_take_the_place_of_smaller_ones_are_bounded_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(waiting, "MOST_BYTES", 30_000)
+    scans, large = WaitingScans(1), make_scan([0.0] * 1000, 1.0)
+    for scan in (FOUR, large):
+        for number in range(10):
+            scans.put(FleetScan(f"k{number}", scan, 0, 0))
+    assert [scans.take().key for _ in range(len(scans))] == ["k8", "k9"]
+    # A large one behind many small ones of other lidars pushes out as many as it needs.
+    for number in range(12):
+        scans.put(FleetScan(f"k{number}", large if number == 11 else FOUR, 0, 0))
+    assert [scans.take().key for _ in range(len(scans))] == [f"k{number}" for number in range(2, 12)]
 
 
 @driven
