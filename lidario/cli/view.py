@@ -171,7 +171,7 @@ def _announce(server: LiveServer, lan: bool) -> None:
     if len(connection) == 4 and not lan:
         here = f"{_user()}@{connection[2]}"
         message("on the machine you sit at, then open the address there:")
-        message(f"  ssh -L {server.port}:localhost:{server.port} {here}")
+        message(f"  ssh -L {server.port}:127.0.0.1:{server.port} {here}")
     message("Ctrl-C ends it")
 
 

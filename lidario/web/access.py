@@ -44,7 +44,7 @@ def judge(token: str, path: str, hosts: list[str], origins: list[str]) -> Litera
     if host is None:
         return Refusal(400, "exactly one Host is needed")
     if not token and host not in _LOOPBACK:
-        return Refusal(403, "this server is for this machine alone: open it as http://localhost")
+        return Refusal(403, "this server is for this machine alone: open it as http://127.0.0.1")
     if token and not hmac.compare_digest(query.get("token", [""])[0].encode(), token.encode()):
         return Refusal(403, "the token is missing or wrong: open the address that lidario printed")
     if where == "/":

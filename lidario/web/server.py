@@ -164,8 +164,8 @@ class LiveServer:
             close_timeout=CLOSE_S, server_header=None, logger=_noise,
             create_connection=cast("type[ServerConnection]", partial(Connection, self._door, _may_send)),
         )  # fmt: skip
-        shown = "localhost" if self._host in ("127.0.0.1", "::1") else self._host
-        self.url = f"http://{shown}:{self.port}/" + (f"?token={self._token}" if self._token else "")
+        # Not localhost: a browser tries ::1 first, where another program may listen.
+        self.url = f"http://{self._host}:{self.port}/" + (f"?token={self._token}" if self._token else "")
         self._ticking = asyncio.create_task(self._tick())
         return self
 

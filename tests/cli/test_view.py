@@ -21,7 +21,7 @@ def test_it_prints_the_address_serves_the_page_and_ends_with_everything_off() ->
     with served("rplidar-s2") as server:
         with started("view", server.path, "--port", "0") as process:
             url = line_of(process.stdout).strip()
-            assert re.fullmatch(r"http://localhost:\d+/", url)
+            assert re.fullmatch(r"http://127\.0\.0\.1:\d+/", url)
             with urlopen(url, timeout=BOUND) as page:
                 assert b"<canvas" in page.read()
             assert server.device.scanning
@@ -52,7 +52,7 @@ def test_what_is_printed(monkeypatch: pytest.MonkeyPatch, reached: tuple[str, bo
     assert bool(found[3]) is lan
     assert (found[1] != "0.0.0.0") is True
     assert ("network" in said) is lan
-    assert (f"ssh -L {found[2]}:localhost:{found[2]} robot@10.0.0.7" in said) is bool(ssh)
+    assert (f"ssh -L {found[2]}:127.0.0.1:{found[2]} robot@10.0.0.7" in said) is bool(ssh)
 
 
 def test_a_port_that_is_taken() -> None:
