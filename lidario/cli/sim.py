@@ -140,7 +140,9 @@ def _listening(
     from lidario import ConnectFailed
 
     host, _, port = address.rpartition(":")
-    if not port.isdecimal() or int(port) > 0xFFFF:
+    # An IPv6 address stands in brackets, as in a source.
+    host = host.removeprefix("[").removesuffix("]")
+    if not port.isdecimal() or int(port) > 0xFFFF or not _may_be_a_host(host):
         raise click.BadParameter(f"{address!r} is not [HOST]:PORT, such as :2000", param_hint=f"--{kind}")
     try:
         return make(device, host or "127.0.0.1", int(port), faults=faults)
@@ -153,6 +155,15 @@ def _listening(
         cure = f". --{kind} :0 takes any free port" if why == "busy" else ""
         what = (error.strerror or str(error)).partition(" (while")[0]
         raise ConnectFailed(f"cannot listen on {address}: {what}{cure}", reason=why) from error
+
+
+def _may_be_a_host(name: str) -> bool:
+    """Whether Python can ask for it; else a socket raises TypeError."""
+    try:
+        name.encode("idna")
+    except UnicodeError:
+        return False
+    return True
 
 
 def _serve(server: PtyServer | TcpServer | UdpServer, model: str) -> int:
@@ -183,7 +194,8 @@ def name_of(server: PtyServer | TcpServer | UdpServer) -> str:
     if isinstance(server, PtyServer):
         return server.path
     host, port = server.address
-    return f"{'udp' if isinstance(server, UdpServer) else 'tcp'}://{host}:{port}"
+    where = f"[{host}]" if ":" in host else host
+    return f"{'udp' if isinstance(server, UdpServer) else 'tcp'}://{where}:{port}"
 
 
 async def _until_unplugged(server: PtyServer | TcpServer | UdpServer) -> None:

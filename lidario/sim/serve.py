@@ -179,7 +179,7 @@ class TcpServer(_AddressServer):
         *,
         faults: Faults | None = None,
     ) -> None:
-        self._listener = socket.create_server((host, port), backlog=1)
+        self._listener = _listener((host, port))
         self._client: socket.socket | None = None
         super().__init__(self._listener, device, faults, None)
 
@@ -239,7 +239,7 @@ class TcpServer(_AddressServer):
             self._client = None
 
     def _plug_in(self) -> None:
-        self._listener = socket.create_server(self.address, backlog=1)
+        self._listener = _listener(self.address)
         self._listener.setblocking(False)
 
     def _shut(self) -> None:
@@ -292,9 +292,16 @@ class UdpServer(_AddressServer):
         self._socket.close()
 
 
+def _family(address: tuple[str, int]) -> socket.AddressFamily:
+    return socket.AF_INET6 if ":" in address[0] else socket.AF_INET
+
+
+def _listener(address: tuple[str, int]) -> socket.socket:
+    return socket.create_server(address, family=_family(address), backlog=1)
+
+
 def _datagram_socket(address: tuple[str, int]) -> socket.socket:
-    family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
-    made = socket.socket(family, socket.SOCK_DGRAM)
+    made = socket.socket(_family(address), socket.SOCK_DGRAM)
     try:
         made.bind(address)
     except BaseException:

@@ -6,18 +6,17 @@ import json
 import signal
 import socket
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import pytest
 
 from lidario import simulate
-from lidario.cli.sim import sum_up
+from lidario.cli.sim import name_of, server_of, sum_up
 from lidario.families.registry import FAMILIES
 from lidario.sim.faults import FAULTS, Faults, parse_faults
+from lidario.sim.serve import PtyServer
+from lidario.source import parse_source
 from tests.cli.processes import BOUND, end, invoke, line_of, run, started
-
-if TYPE_CHECKING:
-    from lidario.sim.serve import PtyServer
 
 
 def test_the_models_are_listed() -> None:
@@ -83,6 +82,25 @@ def test_a_motor_that_goes_on_is_told(capsys: pytest.CaptureFixture[str]) -> Non
         if number:
             sum_up(cast("PtyServer", SimpleNamespace(device=device, lost=0)), 1.0)
             assert ("left its motor on" in capsys.readouterr().err) is (number == 1)
+
+
+@pytest.mark.skipif(not socket.has_dualstack_ipv6(), reason="this system has no IPv6")
+@pytest.mark.parametrize("way", ["tcp", "udp"])
+@pytest.mark.parametrize("address", ["[::1]:0", "::1:0"])
+def test_an_ipv6_address_is_printed_as_a_client_opens_it(way: str, address: str) -> None:
+    tcp, udp = (address, None) if way == "tcp" else (None, address)
+    with server_of(simulate("ydlidar-4ros"), pty=False, tcp=tcp, udp=udp) as server:
+        source = parse_source(name_of(server))
+    assert not isinstance(server, PtyServer)
+    assert (source.kind, source.host_and_port) == (way, server.address)
+    assert server.address[0] == "::1"
+
+
+@pytest.mark.parametrize("way", ["--tcp", "--udp"])
+def test_a_host_that_cannot_be_is_told(way: str) -> None:
+    ended = invoke("sim", way, "ü..x:0")
+    assert ended.exit_code == 2
+    assert "'ü..x:0' is not [HOST]:PORT" in ended.stderr
 
 
 @pytest.mark.long
