@@ -22,7 +22,9 @@ MOST: Final = 50
 ROUNDED_M: Final = 0.0006
 ROUNDED: Final = math.radians(0.006)
 """A viewer names the shape that it takes away by figures that it has rounded."""
-_NUMBER: Final = r"(-?\d{1,3}(?:\.\d{1,3})?)"
+FARTHEST_M: Final = 1e6
+"""As for the sides of a `BoxFilter`: those of the file are named when they are taken away."""
+_NUMBER: Final = r"(-?\d{1,7}(?:\.\d{1,3})?)"
 _BOX: Final = re.compile(rf"(b|x){_NUMBER} {_NUMBER} {_NUMBER} {_NUMBER}", re.ASCII)
 _SECTOR: Final = re.compile(rf"(s|x)(\d{{1,2}}) {_NUMBER} {_NUMBER}", re.ASCII)
 _Change = tuple[list[Filter], Filter]
@@ -53,6 +55,8 @@ class Masks:
         if box := _BOX.fullmatch(message):
             x1, x2, y1, y2 = map(float, box.groups()[1:])
             sides = min(x1, x2), max(x1, x2), min(y1, y2), max(y1, y2)
+            if max(map(abs, sides)) > FARTHEST_M:
+                return False
             if box[1] == "b":
                 self._add([(feed.drawn, BoxFilter(*sides, mount=feed.place)) for feed in self._feeds])
             else:

@@ -75,6 +75,13 @@ def test_what_stands_in_the_file_is_taken_away(tmp_path: Path) -> None:
     assert masks.state()["unsaved"] == 0
 
 
+def test_a_box_of_the_file_may_be_as_large_as_a_box_can_be(tmp_path: Path) -> None:
+    (shown,) = feeds(Mount())
+    shown.saved = (BoxFilter(-1_000_000, 1000, -2, 2),)
+    assert Masks([shown], tmp_path / "a.toml").receive("x-1000000.000 1000.000 -2.000 2.000")
+    assert shown.filters == ()
+
+
 @pytest.mark.parametrize(
     ("told", "window"),
     [("-370.00 -350.00", (-10, 10)), ("355.00 365.00", (-5, 5)), ("170.00 500.00", (170, 140)), ("-180 180", None)],
@@ -103,6 +110,7 @@ def test_sectors_of_a_lidar_that_is_turned_on_the_robot(
         "s0 30 10",
         "s0 0 400",
         "b1e9 2 3 4",
+        "b1 1000001 3 4",
         "bnan 1 1 1",
         "saved",
         "",
