@@ -75,8 +75,7 @@ def view(
         read_config(file)
     feeds = []
     for source, place, colour in zip_longest(sources, mounts, colours):
-        x, y, yaw = place or (0.0, 0.0, 0.0)
-        mount = Mount(x, y, math.radians(yaw))
+        mount = None if place is None else Mount(place[0], place[1], math.radians(place[2]))
         feeds.append(
             Feed(source, mode=mode, guard=guard, stays=True, folder=where, config=file, mount=mount,
                  colour=colour or "")

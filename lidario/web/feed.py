@@ -52,7 +52,7 @@ class Feed:
         stays: Whether it waits behind the end of a recording, to be played again.
         folder: Where it may be recorded; None for nowhere.
         config: The file of settings; None for none. It is read at each opening.
-        mount: Where it is mounted; at the origin unless its settings say otherwise.
+        mount: Where it is mounted; None for what its settings say, or else the origin.
         colour: As ``#rrggbb``; empty for one that the page chooses.
 
     Attributes:
@@ -87,7 +87,7 @@ class Feed:
         stays: bool = False,
         folder: Path | None = None,
         config: str | None = None,
-        mount: Mount = Mount(),  # noqa: B008 - it cannot be changed
+        mount: Mount | None = None,
         colour: str = "",
     ) -> None:
         self.source = source
@@ -128,8 +128,7 @@ class Feed:
     @property
     def place(self) -> Mount:
         """Where it is on the robot: as the caller says, else as its settings say."""
-        own = self.config.mount
-        return self._mount if own is None or self._mount != Mount() else own
+        return self._mount or self.config.mount or Mount()
 
     @property
     def reached_s(self) -> float:

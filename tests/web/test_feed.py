@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import lidario
-from lidario import save_config
+from lidario import Mount, save_config
 from lidario.filters import AngularBoundsFilter
 from lidario.web.feed import Feed
 from tests.support.loop import driven
@@ -52,6 +52,20 @@ async def test_what_the_settings_leave_out_is_left_out_until_a_viewer_takes_it_a
     feed.removed.append(half)
     await asyncio.sleep(0.5)
     assert not feed.latest.left_out.any()
+    await ended(task)
+
+
+@pytest.mark.parametrize(("said", "place"), [(None, Mount(1.0)), (Mount(), Mount()), (Mount(2.0), Mount(2.0))])
+@driven
+async def test_the_settings_say_where_it_is_unless_the_caller_does(
+    said: Mount | None, place: Mount, tmp_path: Path
+) -> None:
+    path = tmp_path / "a.toml"
+    save_config(path, "", mount=Mount(1.0))
+    feed = Feed(S2, config=str(path), mount=said)
+    task = asyncio.create_task(feed.run())
+    await asyncio.sleep(4)
+    assert feed.place == place
     await ended(task)
 
 
