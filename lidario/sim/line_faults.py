@@ -78,6 +78,8 @@ class Faults:
             )
         if not 0.0 <= self.stall_s < 1.0:
             raise ValueError("a stall lasts less than the second after which it comes again")
+        if self.babble and not self.babble >= 1.0:
+            raise ValueError("babble is at least one byte a second")
         self._choices = np.random.default_rng([self.seed, 1])
         self._detail = np.random.default_rng([self.seed, 2])
         self._noise = np.random.default_rng([self.seed, 3])

@@ -70,6 +70,7 @@ def test_every_example_can_be_read(fault: Fault) -> None:
         ("reboot:1s,reboot:2s", "twice"),
         ("babble:1%", "number of bytes"),
         ("babble", "number of bytes"),
+        ("babble:0.4", "babble is at least one byte a second"),
         ("wrong-response:120%", "100 %"),
         ("wrong_response:1%", "'wrong_response'"),
         ("freeze:10%", "duration"),
