@@ -82,9 +82,10 @@ def find_stream(data: memoryview, known: Known) -> RawStream | None:
     best: tuple[int, int] | None = None
     for size in (2, 3, 4) if named is None else (named.kind.sample_size,):
         wire = _wire(size)
-        # Only an earlier packet counts: without this bound a long file would be searched to its end.
+        # No later packet counts: without this bound a long file would be searched to its end.
         place = _first_packet(data if best is None else data[: best[0] + wire.longest], wire)
-        if place is not None and (best is None or place < best[0]):
+        # The longest reading is right: a start packet that saw nothing ends in zeros, and shorter ones pass, too.
+        if place is not None and (best is None or place <= best[0]):
             best = place, size
     if best is None:
         return None

@@ -5,9 +5,10 @@ from __future__ import annotations
 import pytest
 
 from lidario.families.stream import Known
+from lidario.families.ydlidar.formats import PointCloud
 from lidario.families.ydlidar.models import MODELS, Model
 from lidario.families.ydlidar.raw import Turn, find_stream
-from lidario.families.ydlidar.simulated.packers import pack_points
+from lidario.families.ydlidar.simulated.packers import Layout, pack_points
 from tests.families.ydlidar.about import CASES
 
 SHEET = {
@@ -75,6 +76,20 @@ def test_the_model_is_told_by_a_response_that_the_bytes_begin_with() -> None:
     found = find_stream(memoryview(bytes.fromhex("a55a14000000 04") + said + bytes(silent(500))), Known())
     assert found is not None
     assert (found.title, found.guess) == ("YDLIDAR G4", "")
+
+
+@pytest.mark.parametrize("seen_mm", [0, 900])
+@pytest.mark.parametrize("name", ["x4", "g2", "s4b", "tmini", "tmini-plus-sh"])
+def test_how_long_samples_are_is_told_also_by_a_start_packet_that_saw_nothing(name: str, seen_mm: int) -> None:
+    kind = MODELS[name].kind
+    layout = Layout(kind.sample_size, kind.unit, flags=kind.flags, bits=kind.bits)
+    start = pack_points([seen_mm], 0, 0, control=1, layout=layout, intensities=70)
+    parts = [pack_points([900] * 40, at, at + 2245, layout=layout, intensities=70) for at in range(0, 23040, 2304)]
+    found = find_stream(memoryview(start + b"".join(parts)), Known())
+    assert found is not None
+    assert found.begin == 0
+    assert isinstance(found.stream.format, PointCloud)
+    assert found.stream.format.sample_size == kind.sample_size
 
 
 @pytest.mark.parametrize(
