@@ -79,7 +79,7 @@ class RplidarDevice(Device):
         self._configuration.known = self._major >= FIRST_DIRECT_TOF or self._firmware >= CONF_FIRMWARE
         self._motor.identified(self._major)
         # Until it says so: its response may be lost.
-        if self.by_network and self._major == S2_MAJOR and not self._is_ethernet:
+        if self.baudrate == 0 and self._major == S2_MAJOR and not self._is_ethernet:
             self._is_ethernet = yield from self._has_mac()
         return DeviceInfo(
             family="rplidar",

@@ -141,9 +141,9 @@ class YdlidarDevice(Device):
             return (yield from self._hear())
         model, minor, major, hardware, serial = struct.unpack("<BBBB16s", (yield from agreed(commands.GET_INFO)))
         self._code = model
-        if self.is_guess and self._named is not None and self._named.code != model:
+        if self.is_guess and self._named is not None and model not in self._named.codes:
             self._named = None
-        found = self._named or model_of(model)
+        found = self._named or model_of(model, self.baudrate)
         if found is not None:
             self._be(found)
         return DeviceInfo(

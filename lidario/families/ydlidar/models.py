@@ -4,9 +4,10 @@ Codes, layouts and speeds: the vendor's SDK 1.2.20 and its tables of models; the
 sheet. Only streams of the X4, G2, G6, Tmini Pro and TG15 were compared with what that SDK decodes. No real device
 was tried.
 
-Two codes tell little: 6 is that of the X2, X3, X4 and X4 Pro, 100 that of the TG15 and TX8. Of these only the X4
-and the TG15 hear requests, so a device that responds is one of them. A model that only talks says nothing of
-itself: it is taken for an X2 at any rate unless it is named, as in ``?model=tx8``.
+Three codes tell little: 6 is that of the X2, X3, X4 and X4 Pro, 100 that of the TG15 and TX8, 4 that of the S4, the
+S2 Pro and some S4B. Of these only the X4, the TG15, the S4 and the S4B hear requests, so a device that responds is
+one of them; S4 and S4B are told apart by the speed of their line (more_families.md A1). A model that only talks
+says nothing of itself: it is taken for an X2 at any rate unless it is named, as in ``?model=tx8``.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ class Model:
         protection: Whether it has power-down protection that may be toggled.
         reach: Farthest distance in metres.
         dtr: State of the DTR line at which its motor runs; None where the line means nothing to it.
+        other_code: What some of them tell in place of `code`; None where all tell that.
     """
 
     name: str
@@ -50,6 +52,12 @@ class Model:
     protection: bool = False
     reach: float = 12.0
     dtr: bool | None = None
+    other_code: int | None = None
+
+    @property
+    def codes(self) -> tuple[int | None, ...]:
+        """All numbers by which it may tell what it is."""
+        return self.code, self.other_code
 
     @property
     def health_by_92(self) -> bool:
@@ -97,7 +105,7 @@ def _models() -> Iterator[Model]:
     yield Model("tg50", "TG50", 102, 512_000, _TG, _TG_RATES, offset=True, protection=True, reach=50.0)
     yield Model("x4", "X4", 6, 128_000, _X, (5000,), None, reach=10.0, dtr=True)
     yield Model("s4", "S4", 4, 115_200, _X, (4000,), None, reach=8.0, dtr=True)
-    yield Model("s4b", "S4B", 11, 153_600, KINDS["s4b"], (4000,), None, reach=8.0, dtr=True)
+    yield Model("s4b", "S4B", 11, 153_600, KINDS["s4b"], (4000,), None, reach=8.0, dtr=True, other_code=4)
     yield Model("f4", "F4", 1, 115_200, _X, (4000,))
     yield Model("f4pro", "F4 Pro", 8, 230_400, _X, (4000, 6000))
     yield Model("g1", "G1", 19, 230_400, _X, (9000,), offset=True)
@@ -128,6 +136,7 @@ MODELS: Final = {model.name: model for model in _models()}
 """Every model by the name that a user may give it."""
 
 
-def model_of(code: int) -> Model | None:
-    """The model with that code that hears requests; None where it is not known."""
-    return next((model for model in MODELS.values() if model.code == code and not model.one_way), None)
+def model_of(code: int, baudrate: int | None = None) -> Model | None:
+    """The model with that code that hears requests, of several the one with that line; None where none is known."""
+    known = [model for model in MODELS.values() if code in model.codes and not model.one_way]
+    return min(known, key=lambda model: model.baudrate != baudrate, default=None)

@@ -89,7 +89,7 @@ class Woken:
 def made(port: Port, attempt: Attempt) -> Device:
     """The device as the family sees it that is asked."""
     device = attempt.family.make(attempt.model)
-    device.by_network = not port.baudrate
+    device.baudrate = port.baudrate
     device.is_guess = attempt.is_guess
     return device
 

@@ -233,9 +233,9 @@ class _Search:
     async def _try_known(self, known: Attempt, *, patient: bool = True) -> Connection | None:
         """Ask the one family at the one speed that it can be, with patience; None when there is no response."""
         port, family = self._port, known.family
-        device = made(port, known)
         if known.baudrate:
             port.set_baudrate(known.baudrate)
+        device = made(port, known)
         dialogue = Dialogue(port, device, family.timing)
         half_open = HalfOpen(dialogue)
         try:

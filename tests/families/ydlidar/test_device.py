@@ -1,19 +1,24 @@
 """The 4ROS's scripts: by hand, and against the simulated device through a real `Link`, in driven time."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+import lidario
 from lidario.errors import ResponseTimeout, Unsupported
 from lidario.families.ydlidar import commands
 from lidario.families.ydlidar.device import YdlidarDevice
 from lidario.families.ydlidar.models import MODELS
-from lidario.families.ydlidar.simulated.device import make_simulated
+from lidario.families.ydlidar.simulated.device import PROFILES, Simulated4Ros, make_simulated
 from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.sim.world import World
 from lidario.wire.envelope import Request
 from lidario.wire.states import LinkState
 from tests.families.ydlidar.test_models import silent
 from tests.support.bench_4ros import Bench, played
+from tests.support.loop import driven
+from tests.support.speeds import serial_in_memory
 from tests.support.streams import in_one_run
 
 
@@ -25,6 +30,27 @@ def bench() -> Bench:
 def test_identify(bench: Bench) -> None:
     info = bench.run(bench.device.identify())
     assert info == DeviceInfo("ydlidar", "YDLIDAR 4ROS", 101, "3.1", 2, "2023061500001234")
+
+
+# An S4 whose motor is switched by DTR must be named.
+@pytest.mark.parametrize(
+    ("baudrate", "by_dtr", "title"),
+    [(115_200, False, "YDLIDAR S4"), (153_600, False, "YDLIDAR S4B"), (153_600, True, "YDLIDAR S4B")],
+)
+@pytest.mark.parametrize("source", ["only", "serial://only?family=ydlidar"])
+@driven
+async def test_of_two_models_with_one_code_the_speed_of_the_line_tells(
+    source: str, baudrate: int, by_dtr: bool, title: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Code 4 is that of the S4 and of some S4B, whose samples are longer (more_families.md A1)."""
+    made = PROFILES["ydlidar-s4b"]
+    if baudrate == 115_200:
+        made = replace(made, layout=PROFILES["ydlidar-x4"].layout, baudrate=baudrate)
+    device = Simulated4Ros(replace(made, model=4, by_dtr=by_dtr))
+    serial_in_memory(monkeypatch, only=device)
+    async with lidario.open_lidar(source) as lidar:
+        assert (lidar.info.model, lidar.info.model_id) == (title, 4)
+        assert len(await lidar.scan()) > 100
 
 
 @pytest.mark.parametrize(
