@@ -8,12 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lidario import HealthStatus, Scan, Unsupported
+from lidario import HealthStatus, Scan, Unsupported, open_lidar
+from lidario.families.hokuyo.simulated.device import PROFILES as HOKUYOS
+from lidario.families.hokuyo.simulated.device import SimulatedHokuyo
 from lidario.families.rplidar.simulated.device import Profile, SimulatedRplidar
 from lidario.families.rplidar.simulated.requests import Request
 from lidario.sim.rooms import make_world
 from tests.support.devices import Rig, change_info, make_rig, names, some, take
 from tests.support.loop import now_ns
+from tests.support.speeds import serial_in_memory
 
 AS_REAL = {
     "ydlidar-tg15": 20_000,
@@ -255,3 +258,19 @@ async def test_a_sample_time_that_is_told_wrong_is_measured(
         assert scan.duration_ns == pytest.approx(100e6, rel=0.01)
         assert scan.rpm == pytest.approx(600, rel=0.01)
     assert sum("what is measured counts" in each.getMessage() for each in caplog.records) == 1
+
+
+@pytest.mark.discards("what it is asked in SCIP 2.0 before it speaks that")
+@pytest.mark.parametrize("source", ["old", "serial://old?family=hokuyo"])
+async def test_a_hokuyo_that_begins_in_scip_1_is_told_to_speak_scip_2(
+    source: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A URG-04LX, each time it gets power and is reset (more_families_2.md 6.1)."""
+    device = SimulatedHokuyo(replace(HOKUYOS["hokuyo-urg04lx"], begins_scip1=True))
+    serial_in_memory(monkeypatch, old=device)
+    async with open_lidar(source) as lidar:
+        assert lidar.info.model == "Hokuyo URG-04LX"
+        assert len(await lidar.scan()) == 682
+        await lidar.reset()
+        assert len(await lidar.scan()) == 682
+    assert not device.motor_on

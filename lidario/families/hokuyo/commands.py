@@ -25,6 +25,8 @@ _LONGEST_LINE: Final = 80
 _ATTEMPTS: Final = 3
 OBEYED: Final = "00"
 ACCEPTED: Final = b"00P"
+SCIP_1: Final = b"E"
+"""The response of a device that still speaks SCIP 1.1 to what it does not know (more_families_2.md 6.1)."""
 TIME_MODE: Final = "0E"
 """The response to all but ``TM2`` while the clock is being adjusted, and to a word that is not known."""
 _MEANINGS: Final = {
@@ -86,10 +88,13 @@ def ask(word: str) -> Script[dict[str, str]]:
     # An empty line first: it ends what another program, or another question, has left half written.
     request = _request(word, b"\n" + word.encode() + b"\n")
     for _ in range(_ATTEMPTS):
-        told = read_lines((yield request))
+        payload = yield request
+        told = read_lines(payload)
         if told is not None and told.status == OBEYED:
             return told.lines
-        if told is not None and told.status == TIME_MODE:
+        if payload == SCIP_1:
+            yield _request("SCIP2.0")
+        elif told is not None and told.status == TIME_MODE:
             yield _request("TM2")
         elif told is not None:
             raise refusal(word, told.status)

@@ -175,7 +175,12 @@ def status(two: bytes) -> bytes:
     return two + bytes((check_of(two),))
 
 
-WELL, DAMAGED, IN_TIME_MODE = status(b"00") + b"\nA:7" + bytes((check_of(b"A:7"),)), b"00x", status(b"0E")
+WELL, DAMAGED, IN_TIME_MODE, IN_SCIP_1 = (
+    status(b"00") + b"\nA:7" + bytes((check_of(b"A:7"),)),
+    b"00x",
+    status(b"0E"),
+    b"E",
+)
 
 
 @pytest.mark.parametrize(
@@ -184,6 +189,7 @@ WELL, DAMAGED, IN_TIME_MODE = status(b"00") + b"\nA:7" + bytes((check_of(b"A:7")
         ([WELL], "VV"),
         ([DAMAGED, DAMAGED, WELL], "VV VV VV"),
         ([IN_TIME_MODE, status(b"00"), WELL], "VV TM2 VV"),
+        ([IN_SCIP_1, b"0", WELL], "VV SCIP2.0 VV"),
         ([DAMAGED, IN_TIME_MODE, status(b"00"), WELL], "VV VV TM2 VV"),
     ],
 )
@@ -204,6 +210,7 @@ def test_a_device_is_asked_again_where_that_helps(responses: list[bytes], asked:
     [
         (DAMAGED, "no response to VV could be read"),
         (IN_TIME_MODE, "no response to VV could be read"),
+        (IN_SCIP_1, "no response to VV could be read"),
         (status(b"0M"), "refuses VV with status '0M': its speed is not stable"),
         (status(b"7Z"), "refuses VV with status '7Z': the manual"),
     ],

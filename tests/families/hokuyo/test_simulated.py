@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -117,6 +118,16 @@ def test_while_its_clock_is_adjusted_it_obeys_nothing_else() -> None:
     assert (echo, status, clock) == ("TM1", "00P", hokuyo.sealed(clock[:4]))
     assert host.say("TM2\n") == "TM2\n00P\n\n"
     assert host.fields("VV")["VEND"]
+
+
+def test_an_old_one_obeys_nothing_else_before_it_is_told_to_speak_scip_2() -> None:
+    host = Dialogue()
+    host.device = SimulatedHokuyo(replace(PROFILES["hokuyo-urg04lx"], begins_scip1=True))
+    assert host.say("VV\n") == "VV\nE\n\n"
+    assert host.say("SCIP2.0\n") == "SCIP2.0\n0\n\n"
+    assert host.fields("VV")["VEND"]
+    assert host.say("RS\n", 2.0) == ""
+    assert host.say("VV\n") == "VV\nE\n\n"
 
 
 def test_a_failed_laser_is_told_and_cured_by_a_reset() -> None:

@@ -7,7 +7,8 @@ is that of its first step.
 
 Statuses and the states of ``%ST``: hokuyolx 0.9.0. Made up, for no document at hand tells it: an empty line has no
 response; steps that cannot be have status 05; steps that are joined tell the nearest distance; a device whose laser
-failed refuses with 01, and says so in ``II``; ``RS`` is obeyed without a response.
+failed refuses with 01, and says so in ``II``; ``RS`` is obeyed without a response. One that begins in SCIP 1.1
+responds with ``E`` to all but ``SCIP2.0`` (more_families_2.md 6.1), and begins so again after ``RS`` (made up).
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ _LONGEST_LINE = 80
 _NAMES = {
     "VV": "get_info", "PP": "get_parameters", "II": "get_health", "BM": "laser_on", "QT": "stop", "RS": "reset",
     "MD": "start", "ME": "start_intensity", "GD": "get_scan", "GE": "get_scan_intensity", "TM": "clock",
-    "SS": "set_speed", "%S": "get_laser_state", "HS": "sensitivity", "CR": "motor_speed",
+    "SC": "leave_scip1", "SS": "set_speed", "%S": "get_laser_state", "HS": "sensitivity", "CR": "motor_speed",
 }  # fmt: skip
 _MEASURE = re.compile(r"(M[DE])(\d{4})(\d{4})(\d{2})(\d)(\d{2})", re.ASCII)
 _ONCE = re.compile(r"(G[DE])(\d{4})(\d{4})(\d{2})", re.ASCII)
@@ -69,6 +70,7 @@ class SimulatedHokuyo(Chassis[Profile, _Stream]):
         self._step_ns = 60e9 / profile.rpm / profile.turn
         self._begun = b""
         self._adjusting = False
+        self._speaks_scip1 = profile.begins_scip1
 
     # --------------------------------------------------------------------------------------------------- the line
 
@@ -99,6 +101,12 @@ class SimulatedHokuyo(Chassis[Profile, _Stream]):
         name, why = _NAMES.get(text[:2], "unknown"), ""
         if now < self._deaf_until:
             self._log.add(now, name, line + b"\n", self._deaf_why)
+            return
+        if self._speaks_scip1:
+            self._speaks_scip1 = text != "SCIP2.0"
+            why = "speaks SCIP 1.1" if self._speaks_scip1 else ""
+            self._respond(line + (b"\nE\n\n" if why else b"\n0\n\n"), now, name)
+            self._log.add(now, name, line + b"\n", why)
             return
         if not text.isascii() or len(text) > _LONGEST_LINE or text[:2] not in _NAMES:
             why = "unknown to this device"
@@ -251,7 +259,7 @@ class SimulatedHokuyo(Chassis[Profile, _Stream]):
 
     def _restart(self, now: int, up: int) -> None:
         super()._restart(now, up)
-        self._begun, self._adjusting = b"", False
+        self._begun, self._adjusting, self._speaks_scip1 = b"", False, self.profile.begins_scip1
 
 
 make_simulated: Maker[SimulatedHokuyo] = maker(SimulatedHokuyo, PROFILES)

@@ -27,6 +27,7 @@ class Profile:
         nothing: What it sends where nothing came back.
         counts_semicolon: Whether the ``;`` of a line belongs to its sum.
         baudrate: What a serial port is set to; by USB and TCP that means nothing.
+        begins_scip1: Whether it speaks SCIP 1.1 until it is told ``SCIP2.0``.
     """
 
     name: str
@@ -42,6 +43,7 @@ class Profile:
     nothing: int = 65_533
     counts_semicolon: bool = False
     baudrate: int = 115_200
+    begins_scip1: bool = False
 
     @property
     def about(self) -> str:
