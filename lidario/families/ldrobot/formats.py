@@ -7,7 +7,7 @@ Layout (LD06 development manual v1.0, and the vendor's SDKs), little-endian::
     4   u16     angle of the first sample, 1/100 degrees
     6   12 x    u16 distance in mm, 0 where nothing came back; u8 intensity
     42  u16     angle of the last sample
-    44  u16     time in ms, from 0 to 29999 again and again
+    44  u16     time in ms, from 0 to 29999 again and again; of an LD08 perhaps to 65535
     46  u8      CRC-8 of all before it: polynomial 4D, begins at 0, not reflected
 
 The mark stands inside packets by chance, and the CRC lets one of 256 such places pass, so a packet that is not due
@@ -90,3 +90,5 @@ class AxisFormat(PacketFormat):
     """The same packets, of an LD08: angles and distances are corrected. The type is our own number."""
 
     response_type = 0x2E
+    # No document tells whether its time begins anew at 30000 or at 65536 (more_families_2.md 1.8).
+    ticks = None

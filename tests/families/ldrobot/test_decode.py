@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+import lidario
 from lidario.families.ldrobot.decode import PacketDecoder
 from lidario.families.ldrobot.device import TALKERS
 from lidario.families.ldrobot.formats import CRC, SIZE
+from lidario.families.ldrobot.simulated.device import PROFILES, SimulatedLdrobot
 from lidario.families.registry import family_of_simulated
 from lidario.families.samples import Samples
 from lidario.families.talking_device import TalkingDevice
@@ -62,6 +66,22 @@ def test_of_packets_that_are_missing_beside_a_wrong_angle_none_is_told_twice() -
     end = (int.from_bytes(packets[4][42:44], "little") + 9000) % 36_000
     found = decoded([*packets[:4], with_end(packets[4], end), *packets[5:8], *packets[10:]])
     assert (found.lost, found.unbroken) == (2, 8)
+
+
+@pytest.mark.parametrize("wrap_ms", [30_000, 65_536])
+def test_the_clock_of_an_ld08_may_begin_anew_at_either_number(wrap_ms: int) -> None:
+    """No document tells at which (more_families_2.md 1.8)."""
+    device = SimulatedLdrobot(replace(PROFILES["ldrobot-ld08"], wrap_ms=wrap_ms))
+    begin = (wrap_ms - 2000) * 1_000_000
+    device.transmit(begin)
+    raw = device.transmit(begin + 4_000_000_000)
+    raw = raw[raw.index(b"\x54\x2c") :]
+    times = [int.from_bytes(raw[at + 44 : at + 46], "little") for at in range(0, len(raw) - SIZE, SIZE)]
+    assert min(times) < 100
+    assert max(times) > wrap_ms - 100
+    scans = list(lidario.decode(raw, model="ld08"))
+    assert [scan.seq for scan in scans] == list(range(len(scans)))
+    assert np.diff([scan.stamp_ns for scan in scans]) == pytest.approx(200_000_000, rel=0.01)
 
 
 @pytest.mark.parametrize("lost", [0.1, 0.2, 0.5])

@@ -6,8 +6,8 @@ skips. It streams from power-up too, until it is stopped.
 
 A sample is taken at ``origin + n * sample time`` (rates as in `PROFILES`: LD06 as measured on a real device, the
 others by data sheet), where the motor points then. Twelve of them make a packet, which may lie across 0. Time
-stamps count milliseconds and begin anew at 30000. Models that triangulate state the angle of the beam; what they
-measure lies beside it, by the formula of the vendor's SDK.
+stamps count milliseconds and begin anew at 30000 (`Profile.wrap_ms`: an LD08 may do so at 65536). Models that
+triangulate state the angle of the beam; what they measure lies beside it, by the formula of the vendor's SDK.
 
 No document says how long a device boots, or what it does when its rotor is blocked: it boots in half a second
 (users report 0.5 to 0.7 s), and a blocked one is silent until its power is cut.
@@ -54,9 +54,11 @@ class Profile(TalkerProfile):
     Attributes:
         lens: What a model that triangulates states, by the true distance: its own, and how far the target lies
             before the beam, in degrees. None where it states the truth.
+        wrap_ms: Where its time stamps begin anew.
     """
 
     lens: _Lens | None = None
+    wrap_ms: int = 30_000
 
 
 _LD06 = Profile(
@@ -110,7 +112,7 @@ class SimulatedLdrobot(PacedByTime[Profile]):
             hundredths[:, 0],
             hundredths[:, -1],
             speed=round(rpm * 6),
-            milliseconds=(seconds[:, 0] * 1e3 % 30_000).astype(np.int64),
+            milliseconds=(seconds[:, 0] * 1e3 % self.profile.wrap_ms).astype(np.int64),
         )
 
     def _consider(self, request: bytes, now: int) -> None:
