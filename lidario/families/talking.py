@@ -88,7 +88,8 @@ class Talkers:
     Attributes:
         family: Short name of the family.
         all: All that is to be read in some way; those with a name are those that a user may name.
-        unnamed: Which model it is, where no user has named one: by packets, of which most are in a row.
+        unnamed: Which model it is, where no user has named one: by packets, of which most are in a row, and by the
+            speed of the line, as `Device.baudrate` has it.
         sample_us: What a sample takes, by packets in a row; 0 where they do not tell.
         heard: Packets in a row from which both are known.
         wires: What makes the formats in which a device may talk, the likeliest first; none for that of any model.
@@ -98,7 +99,7 @@ class Talkers:
 
     family: str
     all: tuple[TalkingModel, ...]
-    unnamed: Callable[[bytes], TalkingModel]
+    unnamed: Callable[[bytes, int | None], TalkingModel]
     sample_us: Callable[[bytes], float]
     heard: int
     wires: tuple[Callable[[], StreamFormat], ...] = ()
@@ -110,9 +111,11 @@ class Talkers:
         """Those that a user may name."""
         return {model.name: model for model in self.all if model.name}
 
-    def as_named(self, named: TalkingModel, packets: bytes) -> TalkingModel:
-        """The model that the user has named, with a note where packets are those of another one."""
-        seen = self.unnamed(packets)
+    def model_of(self, named: TalkingModel | None, packets: bytes, baudrate: int | None = None) -> TalkingModel:
+        """The model that the user has named, if any, with a note where packets are those of another one."""
+        seen = self.unnamed(packets, baudrate)
+        if named is None:
+            return seen
         # Where a note stands they do not tell.
         if seen.note or seen.wire is named.wire:
             return named
@@ -138,7 +141,7 @@ class Talkers:
                 run = wire.run(rows, 0)
                 if sum(block.packets for block in run.packets) >= self.linked:
                     heard = bytes(rows[: run.end])
-                    model = self.as_named(named, heard) if named else self.unnamed(heard)
+                    model = self.model_of(named, heard)
                     sample_us = known.sample_us or self.sample_us(heard) or model.sample_us
                     return raw_stream(at, model.wire(), model.decoder(), sample_us, model.title, model.note)
         return None

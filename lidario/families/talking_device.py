@@ -115,7 +115,7 @@ class TalkingDevice(Device):
         """As `Device.identify`: by its packets. One that may have been stopped is started for that."""
         runs = yield from self._hear()
         heard, of, self._was_heard = b"".join(runs), self._talkers, True
-        self._be(of.as_named(self._named, heard) if self._named else of.unnamed(heard))
+        self._be(of.model_of(self._named, heard, self.baudrate))
         # The median, for a run with damage that a check value does not find may tell anything.
         told_us = [each for each in map(self._talkers.sample_us, runs) if each]
         self._sample_us = median(told_us) if told_us else self._model.sample_us

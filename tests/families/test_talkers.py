@@ -65,7 +65,11 @@ def test_one_that_is_not_named_is_read_at_the_line_and_rate_of_one_that_is(famil
     # more_families_2.md 2: an LDS-01 has no other name.
     named = [*SHEET[family].values()] if family in SHEET else [(230_400, 1800, 3.5)]
     # Whatever a Neato or an alike sends.
-    others = [NEATO.unnamed(b"")] if family == "neato" else [each for each in FAMILIES[family].all if not each.name]
+    others = (
+        [NEATO.unnamed(b"", None)]
+        if family == "neato"
+        else [each for each in FAMILIES[family].all if not each.name]
+    )
     assert {facts(model) for model in others} <= set(named)
 
 
@@ -85,7 +89,7 @@ def test_what_a_sample_takes_follows_from_the_speed_that_packets_tell(family: st
     packets = b"".join(packet(at, hertz) for at in range(12))
     expected_us = 1e6 / (samples * hertz) if hertz else 0.0
     assert talkers.sample_us(packets) == pytest.approx(expected_us, rel=1e-9)
-    model = talkers.unnamed(packets)
+    model = talkers.model_of(None, packets)
     run = in_one_run(model.wire(), packets)
     assert model.decoder().decode(run, None).sample_ns == pytest.approx(1e3 * expected_us, rel=1e-9)
     if hertz:

@@ -7,6 +7,7 @@ import logging
 import math
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -15,12 +16,14 @@ from lidario import ConnectFailed, InvalidValue, SessionClosed, StreamFailed, Un
 from lidario.families.camsense.simulated.device import PROFILES as CAMSENSE
 from lidario.families.camsense.simulated.device import SimulatedCamsense
 from lidario.families.ldrobot.simulated.device import PROFILES as LDROBOT
+from lidario.families.ldrobot.simulated.device import SimulatedLdrobot
 from lidario.families.registry import FAMILIES, family_named
 from lidario.families.ydlidar.simulated.device import PROFILES as YDLIDAR
 from lidario.session.lidar import Lidar
 from lidario.sim.chassis import maker
 from tests.support.devices import Rig, end_of, left_still, make_rig, names, some, take
 from tests.support.loop import now, now_ns
+from tests.support.speeds import serial_in_memory
 
 TALKING = [name for name, profile in LDROBOT.items() if not profile.commands]
 TALKING += [name for name, other in YDLIDAR.items() if not other.commands]
@@ -237,6 +240,16 @@ async def test_the_ld14p_is_started_and_stopped_by_requests() -> None:
     async with rig.open() as lidar:
         assert lidar.info.model == "LDROBOT LD14P"
     assert left_still(rig)
+
+
+async def test_a_slow_ld14p_is_told_from_an_ld14_by_the_speed_of_its_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It measures 2300 samples a second, as an LD14 does (more_families.md B1)."""
+    device = SimulatedLdrobot(replace(LDROBOT["ldrobot-ld14p"], rate=2300.0))
+    serial_in_memory(monkeypatch, slow=device)
+    async with open_lidar("slow") as lidar:
+        assert lidar.info.model == "LDROBOT LD14P"
+        assert len(await lidar.scan()) == pytest.approx(2300 / 6, abs=12)
+    assert not device.motor_on
 
 
 @pytest.mark.parametrize("moment_s", [0.001, 0.02, 0.06, 0.15])

@@ -15,7 +15,7 @@ _LDS08RR: Final = TalkingModel("lds08rr", "LDS08RR of Camsense", 115_200, _SAMPL
 TALKERS: Final = Talkers(
     family="camsense",
     all=(_X1, _LDS08RR),
-    unnamed=lambda packets: _X1 if packets[2] == 3 else _LDS08RR,
+    unnamed=lambda packets, _: _X1 if packets[2] == 3 else _LDS08RR,
     sample_us=sample_us,
     # By so many the rate is known to half a percent.
     heard=24,

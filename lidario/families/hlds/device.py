@@ -31,7 +31,7 @@ _UNCHECKED: Final = TalkingModel(
 _CHECKED: Final = replace(_UNCHECKED, wire=CheckedFormat, note="")
 
 
-def _model_of(packets: bytes) -> TalkingModel:
+def _model_of(packets: bytes, _: int | None) -> TalkingModel:
     """By chance a check value holds in one packet of 16 thousand; some of these may be damaged."""
     rows = np.frombuffer(packets, np.uint8).reshape(-1, SIZE)
     return _CHECKED if 2 * np.count_nonzero(CheckedFormat.check.of_rows(rows)) > len(rows) else _UNCHECKED

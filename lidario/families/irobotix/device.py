@@ -47,7 +47,7 @@ TALKERS: Final = Talkers(
         _fifteen("lds08rr", "LDS08RR of 3irobotix"),
         *_UNNAMED.values(),
     ),
-    unnamed=lambda packets: _UNNAMED[frames_a_turn(packets)],
+    unnamed=lambda packets, _: _UNNAMED[frames_a_turn(packets)],
     sample_us=sample_us,
     heard=6,
     # Frames are long, and each is self-evident.

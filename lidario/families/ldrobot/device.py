@@ -1,7 +1,8 @@
 """The models: the rate of the samples tells them apart, for no packet tells model, firmware or serial number.
 
-Models of one rate are not told apart, but they measure alike, except LD14 and LD08. Sample rates: LD06 as measured
-on a real device, the others by data sheet. The LD14P has requests (`commands`), and may have been stopped.
+Models of one rate are not told apart, but they measure alike, except LD14 and LD08. Some LD14P have that rate too
+(more_families.md B1): the speed of their line tells them. Sample rates: LD06 as measured on a real device, the
+others by data sheet. The LD14P has requests (`commands`), and may have been stopped.
 """
 
 from __future__ import annotations
@@ -51,9 +52,10 @@ _BY_RATE: Final = (
 """The slowest rate of each kind."""
 
 
-def _model_of(packets: bytes) -> TalkingModel:
+def _model_of(packets: bytes, baudrate: int | None) -> TalkingModel:
     rate = PacketFormat.samples_a_second(packets)
-    return next(model for slowest, model in _BY_RATE if rate >= slowest)
+    model = next(model for slowest, model in _BY_RATE if rate >= slowest)
+    return _LD14P if model.note and baudrate == _LD14P.baudrate else model
 
 
 TALKERS: Final = Talkers(

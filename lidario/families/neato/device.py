@@ -41,7 +41,7 @@ TALKERS: Final = Talkers(
         TalkingModel("lds02rr", "LDS02RR", 115_200, _USUAL_US, 0.0, PacketFormat, PacketDecoder),
         TalkingModel("lds01rr", "LDS01RR", 115_200, _USUAL_US, 9.0, PacketFormat, PacketDecoder),
     ),
-    unnamed=lambda packets: _UNNAMED,  # noqa: ARG005 - they tell nothing
+    unnamed=lambda packets, baudrate: _UNNAMED,  # noqa: ARG005 - they tell nothing
     sample_us=PacketFormat.sample_us,
     heard=4,
     # Two packets a revolution at 50 revolutions a minute, as the recording has it.

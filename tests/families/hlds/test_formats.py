@@ -57,6 +57,6 @@ def test_a_check_value_that_holds_in_most_packets_is_a_rule(right: int, fold: bo
         (folded(each) if fold else each) if at < right else each[:40] + b"\x12\x34"
         for at, each in enumerate(PACKETS[:60])
     )
-    model = TALKERS.unnamed(heard)
+    model = TALKERS.model_of(None, heard)
     assert (model.wire is CheckedFormat) == (right > 30)
     assert ("damage" in model.note) != (right > 30)
