@@ -76,6 +76,7 @@ class YdlidarDevice(Device):
         self.can_only_talk: bool = model is None or model.one_way
         self._be(model or FOUR_ROS)
         self._code: int | None = None
+        self._firmware = (0, 0)
         self._health_request: Request | None = None
         # None: it was told to change it and has not said that it did.
         self._protected: bool | None = False
@@ -140,7 +141,7 @@ class YdlidarDevice(Device):
         if self._model.one_way:
             return (yield from self._hear())
         model, minor, major, hardware, serial = struct.unpack("<BBBB16s", (yield from agreed(commands.GET_INFO)))
-        self._code = model
+        self._code, self._firmware = model, (major, minor)
         if self.is_guess and self._named is not None and model not in self._named.codes:
             self._named = None
         found = self._named or model_of(model, self.baudrate)
@@ -259,7 +260,9 @@ class YdlidarDevice(Device):
 
     def zero_offset(self) -> Script[float]:
         # Clockwise degrees, if it counts the way the SDK takes it.
-        return self._awake(ask_zero_offset()) if self._model.offset else super().zero_offset()
+        if not self._model.offset:
+            return super().zero_offset()
+        return self._awake(ask_zero_offset(self._model.offset_parts(self._firmware)))
 
     def apply_zero_offset(self, on: bool) -> Script[float]:
         """As `Device.apply_zero_offset`: asks for it now, to be added to clockwise angles. Off at first."""

@@ -34,6 +34,7 @@ class Model:
         speeds: The slowest and the fastest scan frequency that can be set, in Hz; None where none can be set.
         one_way: Whether it only talks.
         offset: Whether it can be asked for its zero-angle offset.
+        fine_above: Firmware above which that is told in hundredths of a degree; None where always in quarters.
         protection: Whether it has power-down protection that may be toggled.
         reach: Farthest distance in metres.
         dtr: State of the DTR line at which its motor runs; None where the line means nothing to it.
@@ -49,6 +50,7 @@ class Model:
     speeds: tuple[float, float] | None = (5.0, 12.0)
     one_way: bool = False
     offset: bool = False
+    fine_above: tuple[int, int] | None = None
     protection: bool = False
     reach: float = 12.0
     dtr: bool | None = None
@@ -58,6 +60,10 @@ class Model:
     def codes(self) -> tuple[int | None, ...]:
         """All numbers by which it may tell what it is."""
         return self.code, self.other_code
+
+    def offset_parts(self, firmware: tuple[int, int]) -> int:
+        """Parts of a degree in which it tells its zero-angle offset (ydlidar_4ros.md 4)."""
+        return 100 if self.fine_above is not None and firmware > self.fine_above else 4
 
     @property
     def health_by_92(self) -> bool:
@@ -119,7 +125,7 @@ def _models() -> Iterator[Model]:
     yield Model("g5", "G5", 20, 230_400, _X, _G4_RATES, reach=16.0)
     yield Model("g6", "G6", 13, 512_000, KINDS["octave"], _G6_RATES, reach=25.0)
     yield Model("g7", "G7", 21, 512_000, KINDS["octave"], _G6_RATES, reach=25.0)
-    yield Model("r2", "R2", 9, 230_400, _X, (5000,), offset=True)
+    yield Model("r2", "R2", 9, 230_400, _X, (5000,), offset=True, fine_above=(1, 7))
     yield Model("tsa-pro", "TSA Pro", 131, 230_400, _TMINI, (4000,), (6.0, 12.0))
     yield Model("tmini", "Tmini", 140, 230_400, _TMINI, (4000,), (6.0, 12.0))
     yield Model("tmini-pro", "Tmini Pro", 150, 230_400, _TMINI, (4000,), (6.0, 12.0))

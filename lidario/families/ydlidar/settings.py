@@ -25,8 +25,6 @@ MOST_STEPS: Final = 40
 MOST_TOGGLES: Final = 4
 """Attempts; the SDK makes as many."""
 LEARN_TIMEOUT_S: Final = 0.5
-OFFSETS_A_TURN: Final = 4 * 360
-"""It is told in quarters of a degree."""
 
 _LEARN_PROTECTION: Final = replace(commands.TOGGLE_PROTECTION, timeout=LEARN_TIMEOUT_S)
 
@@ -97,16 +95,17 @@ def learn_protection(tell: Callable[[bool | None], None]) -> Script[None]:
                 return
 
 
-def ask_zero_offset() -> Script[float]:
-    """The zero-angle offset in degrees.
+def ask_zero_offset(a_degree: int) -> Script[float]:
+    """The zero-angle offset in degrees, of which the device counts so many parts.
 
     Raises:
         RemoteProtocolError: More than 360 degrees.
     """
-    (quarters,) = struct.unpack("<i", (yield from agreed(commands.GET_ZERO_OFFSET)))
-    if abs(quarters) <= OFFSETS_A_TURN:
-        return float(quarters) / 4
-    raise RemoteProtocolError(f"the device reports a zero-angle offset of {quarters / 4:g} degrees")
+    (parts,) = struct.unpack("<i", (yield from agreed(commands.GET_ZERO_OFFSET)))
+    degrees: float = parts / a_degree
+    if abs(degrees) <= 360:
+        return degrees
+    raise RemoteProtocolError(f"the device reports a zero-angle offset of {degrees:g} degrees")
 
 
 def _hundredths(payload: bytes) -> int:

@@ -2,6 +2,7 @@
 
 import math
 import struct
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from lidario.errors import InvalidValue, RemoteProtocolError, ResponseTimeout
 from lidario.families.ydlidar.device import YdlidarDevice
 from lidario.families.ydlidar.settings import learn_protection
-from lidario.families.ydlidar.simulated.device import make_simulated
+from lidario.families.ydlidar.simulated.device import PROFILES, Simulated4Ros, make_simulated
 from lidario.wire.envelope import Request
 from tests.support.bench_4ros import Bench, played
 
@@ -176,3 +177,26 @@ def test_protection_that_does_not_change_is_an_error() -> None:
         played(YdlidarDevice().power_down_protection(True), lambda _: b"\x01")
     with pytest.raises(ResponseTimeout):
         played(YdlidarDevice().power_down_protection(True), lambda _: None)
+
+
+@pytest.mark.parametrize(
+    ("model", "firmware", "degrees"),
+    [
+        ("ydlidar-r2", (1, 7), 180.0),
+        ("ydlidar-r2", (1, 8), 7.2),
+        ("ydlidar-r2", (2, 0), 7.2),
+        ("ydlidar-g1", (1, 8), 180.0),
+    ],
+)
+def test_the_offset_of_a_newer_r2_is_told_in_hundredths_of_a_degree(
+    model: str, firmware: tuple[int, int], degrees: float
+) -> None:
+    """Of all others in quarters (ydlidar_4ros.md 4)."""
+    bench = Bench(Simulated4Ros(replace(PROFILES[model], firmware=firmware)))
+    bench.run(bench.device.identify())
+    for sign in (1, -1):
+        bench.simulated.zero_offset = sign * 720
+        assert bench.run(bench.device.zero_offset()) == sign * degrees
+    bench.simulated.zero_offset = round(720 * 360 / degrees) + 1
+    with pytest.raises(RemoteProtocolError, match="zero-angle offset of 360"):
+        bench.run(bench.device.zero_offset())

@@ -44,7 +44,6 @@ _ALIVE_FOR = 3000 * _MS  # manual 3.8
 _MOST_OUTSTANDING = 1000 * _MS
 """Time in which all responses that wait must leave; a client that asks without end would fill the memory."""
 _SETTING, _HEALTH = 0x04, 0x06  # response types
-_FIRMWARE = (1, 3)  # minor, major, in the order in which they are sent
 _HARDWARE = 2
 
 _NAMES = {
@@ -79,7 +78,8 @@ class Simulated4Ros(Chassis[Profile, PointStream]):
     Attributes:
         serial: Its serial number, bytes of 0 to 9.
         health: Status (0 good, 1 warning, 2 error) and error code; this and more as in `Chassis`.
-        zero_offset: What it tells of its zero-angle offset, in quarter degrees; nothing else depends on it.
+        zero_offset: What it tells of its zero-angle offset: quarter degrees, of an R2 whose firmware is above 1.7
+            hundredths (ydlidar_4ros.md 4). Nothing else depends on it.
         set_speed: The speed that is set, in hundredths of Hz.
         protected: Whether power-down protection is on.
         lapses: How often protection has ended a scan.
@@ -227,7 +227,8 @@ class Simulated4Ros(Chassis[Profile, PointStream]):
 
     def info(self) -> bytes:
         """What it tells of itself."""
-        return bytes((self.profile.model, *_FIRMWARE, _HARDWARE)) + self.serial
+        major, minor = self.profile.firmware
+        return bytes((self.profile.model, minor, major, _HARDWARE)) + self.serial
 
     def _scan(self, now: int) -> None:
         """Announce a stream that begins once the motor is up to speed, or keep alive the one there is."""

@@ -53,6 +53,7 @@ class Profile:
         early_hertz: From which speed on it sends while its motor speeds up; 0: when that has its speed.
         announces: Whether it sends device information after a RESET, unasked (the vendor's SDK waits for it; the
             manual of the 4ROS knows no response).
+        firmware: Major and minor number.
         follows: Which recording of a real device it follows, for people; empty where there is none.
     """
 
@@ -78,6 +79,7 @@ class Profile:
     control: int = 0
     early_hertz: float = 0.0
     announces: bool = True
+    firmware: tuple[int, int] = (3, 1)
     follows: str = ""
 
     @property
