@@ -211,7 +211,7 @@ async def test_sample_rates_and_what_there_is_not() -> None:
             await lidar.get_sample_rate()
 
 
-@pytest.mark.parametrize("rate", [9000, 8000, 4000])
+@pytest.mark.parametrize("rate", [10_000, 9000, 8000, 4000])
 async def test_a_sample_rate_that_the_device_does_not_tell_is_measured(rate: int) -> None:
     rig = make_rig("ydlidar-g4")
     rig.device.profile = replace(rig.device.profile, sample_ns=10**9 // rate)

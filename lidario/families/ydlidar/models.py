@@ -95,7 +95,7 @@ class Model:
 
 _TG_RATES: Final = (20_000, 18_000, 10_000)
 _G6_RATES: Final = (18_000, 16_000, 8000)
-_G4_RATES: Final = (9000, 8000, 4000)
+_G4_RATES: Final = (10_000, 9000, 8000, 4000)  # ydlidar_4ros.md 4
 _TG, _X, _G2, _TMINI = (KINDS[name] for name in ("tg", "x", "g2", "tmini"))
 
 FOUR_ROS: Final = Model("4ros", "4ROS", 101, 512_000, _TG, (20_000,), offset=True, protection=True, reach=30.0)

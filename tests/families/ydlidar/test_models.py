@@ -1,4 +1,7 @@
-"""The models are those of the protocol sheet (more_families.md A1); `docs/devices.md` tells the same lines."""
+"""The models are those of the protocol sheets; `docs/devices.md` tells the same lines.
+
+more_families.md A1; the 10 kHz of a G4: ydlidar_4ros.md 4.
+"""
 
 from __future__ import annotations
 
@@ -19,9 +22,9 @@ SHEET = {
     "f4": (1, 115_200, (4,), False, 12), "f4pro": (8, 230_400, (4, 6), False, 12),
     "g1": (19, 230_400, (9,), False, 12), "g2": (15, 230_400, (5,), False, 12),
     "g2a": (14, 230_400, (5,), False, 12), "g2c": (16, 115_200, (4,), False, 12),
-    "g4": (5, 230_400, (9, 8, 4), False, 16), "g4pro": (7, 230_400, (9, 8, 4), False, 16),
+    "g4": (5, 230_400, (10, 9, 8, 4), False, 16), "g4pro": (7, 230_400, (10, 9, 8, 4), False, 16),
     "g4b": (17, 512_000, (10,), False, 16), "g4c": (18, 115_200, (4,), False, 16),
-    "g5": (20, 230_400, (9, 8, 4), False, 16),
+    "g5": (20, 230_400, (10, 9, 8, 4), False, 16),
     "g6": (13, 512_000, (18, 16, 8), False, 25), "g7": (21, 512_000, (18, 16, 8), False, 25),
     "r2": (9, 230_400, (5,), False, 12), "tsa-pro": (131, 230_400, (4,), False, 12),
     "tmini": (140, 230_400, (4,), False, 12), "tmini-pro": (150, 230_400, (4,), False, 12),
@@ -112,7 +115,7 @@ def test_where_no_speed_is_told_the_rate_is_that_of_about_8_revolutions_a_second
 
 
 def test_a_rate_that_a_model_does_not_have_is_that_of_another_one() -> None:
-    """A G4 takes 4000, 8000 or 9000 samples a second, an X4 always 5000."""
+    """A G4 takes 4000, 8000, 9000 or 10 000 samples a second, an X4 always 5000."""
     many, one = MODELS["g4"], MODELS["x4"]
     assert [Turn(samples, 100 - many.kind.speed_base).rate(many) for samples in (410.0, 800.0, 600.0)] == [
         4000,
