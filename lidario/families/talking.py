@@ -94,7 +94,8 @@ class Talkers:
         heard: Packets in a row from which both are known.
         wires: What makes the formats in which a device may talk, the likeliest first; none for that of any model.
         rotor: Where the host powers the motor.
-        linked: Packets in a row that are no chance.
+        linked: Packets in a row that prove a device which is heard. Recorded bytes need `LINKED`: one tells no
+            model.
     """
 
     family: str
@@ -139,7 +140,7 @@ class Talkers:
                 at = found.start()
                 rows = bytearray(data[at : at + (self.heard + 1) * wire.longest])
                 run = wire.run(rows, 0)
-                if sum(block.packets for block in run.packets) >= self.linked:
+                if sum(block.packets for block in run.packets) >= LINKED:
                     heard = bytes(rows[: run.end])
                     model = self.model_of(named, heard)
                     sample_us = known.sample_us or self.sample_us(heard) or model.sample_us

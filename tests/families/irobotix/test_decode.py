@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from lidario.families.irobotix.decode import FrameDecoder, frames_a_turn, sample_us
-from lidario.families.irobotix.formats import FrameFormat
+from lidario.families.irobotix.device import TALKERS
+from lidario.families.irobotix.formats import FifteenFormat, FrameFormat
 from lidario.families.irobotix.simulated.packers import pack_measurement
+from lidario.families.stream import Known
 from tests.families.irobotix.about import CASES
 from tests.reference import irobotix
 from tests.support.case import Case
@@ -25,6 +27,19 @@ def test_frames_of_a_turn_are_counted_by_where_they_begin(case: Case) -> None:
             heard = b"".join(case.packets[at : at + count])
             assert frames_a_turn(heard) == frames
             assert sample_us(heard) == pytest.approx(case.sample_us, rel=0.05)
+
+
+@every_case
+@pytest.mark.parametrize("spoilt", [1, 3])
+def test_one_frame_alone_tells_no_model(case: Case, spoilt: int) -> None:
+    """The count of frames follows from two start angles (more_families_2.md 5.3), and 0 is one of any model."""
+    begin = next(at for at, packet in enumerate(case.packets) if packet[11:13] == b"\0\0")
+    frames = list(case.packets[begin : begin + 40])
+    frames[spoilt] = frames[spoilt][:20] + bytes((frames[spoilt][20] ^ 1,)) + frames[spoilt][21:]
+    found = TALKERS.find_stream(memoryview(b"".join(frames)), Known())
+    assert found is not None
+    kind = FifteenFormat if "2g" in case.name else FrameFormat
+    assert type(found.stream.format) is kind
 
 
 def test_a_frame_that_tells_its_last_angle() -> None:
