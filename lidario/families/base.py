@@ -263,11 +263,11 @@ class NamedModel(NamedTuple):
     """A model that a user may name.
 
     Attributes:
-        baudrate: Speed of its line.
+        baudrates: Speeds that its line may have, the likeliest first.
         device: Makes the object for a newly opened port.
     """
 
-    baudrate: int
+    baudrates: tuple[int, ...]
     device: Callable[[], Device]
 
 

@@ -51,6 +51,7 @@ class TalkingModel:
         speeds: How the motor is regulated; None where it cannot be.
         slowest_turn_s: Longest time that one revolution may take: at the lowest speed, and half as long
             again. Default: at 200 revolutions a minute.
+        older_baudrate: Speed of the line of older ones; 0 where it is the same.
     """
 
     name: str
@@ -65,6 +66,12 @@ class TalkingModel:
     stop: bytes = b""
     speeds: Speeds | None = None
     slowest_turn_s: float = 0.45
+    older_baudrate: int = 0
+
+    @property
+    def baudrates(self) -> tuple[int, ...]:
+        """Speeds that its line may have, the likeliest first."""
+        return (self.baudrate, self.older_baudrate) if self.older_baudrate else (self.baudrate,)
 
 
 class Rotor(NamedTuple):

@@ -208,7 +208,7 @@ def family_of(talkers: Talkers, title: str, timing: Timing = TIMING) -> Family:
         timing: How long its devices take.
     """
     named = {
-        name: NamedModel(model.baudrate, partial(TalkingDevice, talkers, model))
+        name: NamedModel(model.baudrates, partial(TalkingDevice, talkers, model))
         for name, model in talkers.models.items()
     }
     return Family(

@@ -15,6 +15,8 @@ import pytest
 from lidario import ConnectFailed, InvalidValue, SessionClosed, StreamFailed, Unsupported, decode, open_lidar
 from lidario.families.camsense.simulated.device import PROFILES as CAMSENSE
 from lidario.families.camsense.simulated.device import SimulatedCamsense
+from lidario.families.irobotix.simulated.device import PROFILES as IROBOTIX
+from lidario.families.irobotix.simulated.device import SimulatedIrobotix
 from lidario.families.ldrobot.simulated.device import PROFILES as LDROBOT
 from lidario.families.ldrobot.simulated.device import SimulatedLdrobot
 from lidario.families.registry import FAMILIES, family_named
@@ -194,7 +196,18 @@ def test_a_model_may_be_named_where_the_device_cannot_tell(family: Any) -> None:
     for name, model in family.models.items():
         made = family.make(name)
         assert type(made) is type(family.device())
-        assert model.baudrate in family.baudrates
+        assert set(model.baudrates) <= set(family.baudrates)
+
+
+@pytest.mark.parametrize("baudrate", [230_400, 115_200])
+async def test_a_model_of_which_some_have_another_line_is_found_by_its_name(
+    baudrate: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An older Delta-2A has that of a Delta-2D (more_families_2.md 5.1)."""
+    serial_in_memory(monkeypatch, named=SimulatedIrobotix(replace(IROBOTIX["irobotix-delta2a"], baudrate=baudrate)))
+    async with open_lidar("serial://named?model=delta2a") as lidar:
+        assert (lidar.info.model, lidar.baudrate) == ("Delta-2A", baudrate)
+        assert len(await lidar.scan()) > 800
 
 
 def test_an_unknown_model_is_answered_with_the_known_ones() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 from lidario.families.irobotix.decode import FifteenDecoder, FrameDecoder, frames_a_turn, sample_us
@@ -40,7 +41,8 @@ def _trouble(packets: bytes) -> str:
 TALKERS: Final = Talkers(
     family="irobotix",
     all=(
-        _sixteen("delta2a", "Delta-2A", 230_400, 200.0),
+        # more_families_2.md 5.1
+        replace(_sixteen("delta2a", "Delta-2A", 230_400, 200.0), older_baudrate=115_200),
         _sixteen("delta2b", "Delta-2B", 230_400, 200.0),
         _sixteen("delta2d", "Delta-2D", 115_200, 500.0),
         _fifteen("delta2g", "Delta-2G"),

@@ -322,4 +322,6 @@ class YdlidarDevice(Device):
 _SHORT_INFO: Final = replace(commands.GET_INFO, timeout=0.25, attempts=1)
 
 
-NAMED: Final = {name: NamedModel(model.baudrate, partial(YdlidarDevice, model)) for name, model in MODELS.items()}
+NAMED: Final = {
+    name: NamedModel((model.baudrate,), partial(YdlidarDevice, model)) for name, model in MODELS.items()
+}

@@ -152,7 +152,7 @@ def _dark_ones(tries: list[Attempt]) -> Iterator[tuple[Attempt, float]]:
     asked: set[tuple[Family, int, float]] = set()
     for family in dict.fromkeys(each.family for each in tries):
         for name, patience_s in family.by_dtr.items():
-            baudrate = 0 if 0 in speeds else family.models[name].baudrate
+            baudrate = 0 if 0 in speeds else family.models[name].baudrates[0]
             # Where no speed tells them apart, one question is for all that respond, and one for all that talk.
             question = (family, baudrate, patience_s)
             if question in asked or baudrate not in speeds:

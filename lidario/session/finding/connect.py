@@ -136,7 +136,11 @@ async def _opened(
         tries = [Attempt(each, 0) for each in families]
     else:
         if source.model is not None:
-            tries = [Attempt(each, speed or each.models[source.model].baudrate, source.model) for each in families]
+            tries = [
+                Attempt(each, baudrate, source.model)
+                for each in families
+                for baudrate in ((speed,) if speed else each.models[source.model].baudrates)
+            ]
         elif speed:
             tries = [Attempt(each, speed) for each in families]
         else:
