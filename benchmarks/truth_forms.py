@@ -190,7 +190,8 @@ def _forms() -> Iterator[Form]:
     yield _ydlidar_form("4ROS", RATES["4ROS"].kind, YDLIDARS["ydlidar-4ros"], 30, 7.0)
     yield _ydlidar_form("X4", RELATIVES["X4 points"], YDLIDARS["ydlidar-x4"], 0, 7.6)
     triangulating = RELATIVES["X4 points"]
-    mode = replace(triangulating.mode, sample_us=1e6 / MODELS["g4"].rates[0])
+    # The rate that both sheets of the protocol know as its fastest.
+    mode = replace(triangulating.mode, sample_us=1e6 / 9000)
     form = _ydlidar_form("G4", replace(triangulating, mode=mode), YDLIDARS["ydlidar-g4"], 0, 7.0)
     yield replace(form, rates=MODELS["g4"].rates)
     yield Form("LD19", RELATIVES["LD19 packets"], 230_400, 10.0, 12, 0.3, b"", (1.0, 1.0, 65535), _ldrobot)

@@ -169,14 +169,13 @@ def times_of(
         rotor: How the rotor turned during the scan.
         gaps: Where samples are missing; None where that is not known. Then the angles tell the times.
     """
+    if gaps is not None:
+        numbers = numbers_of(len(device_angles), gaps)
+        times: NDArray[np.int64] = np.rint(numbers * time_increment_ns).astype(np.int64)
+        return times
     if rotor.field_deg < 0:
         device_angles = _mirrored(device_angles)
         rotor = Rotor(-rotor.begin_deg % 360.0, rotor.begin_ns, rotor.period_ns)
-    if gaps is not None and rotor.period_ns:
-        numbers = numbers_of(len(device_angles), gaps)
-        if _agree(_travelled(device_angles), numbers, 360.0 * time_increment_ns / rotor.period_ns):
-            times: NDArray[np.int64] = np.rint(numbers * time_increment_ns).astype(np.int64)
-            return times
     return times_by_angle(device_angles, rotor)
 
 

@@ -15,7 +15,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from lidario.beams import BeamOrder
-from lidario.rotor import follow_rotor
+from lidario.rotor import follow_rotor, times_of
 from tests.support.sweep import EVERY_MS, ORDERS, check, sweep
 
 
@@ -67,6 +67,14 @@ def test_times_are_right_whatever_the_scan_is_like(
         miscounted=miscounted if gaps else 0.0,
     )
     check(truth.scan.to_laserscan(beams, mount_yaw=yaw, order=order), truth, yaw)
+
+
+def test_known_gaps_tell_the_times_also_where_the_rotor_was_braked() -> None:
+    angles = np.cumsum([0.8] * 200 + [0.16] * 800)
+    numbers = np.delete(np.arange(1000), range(100, 112))
+    gaps = [(100, 12)]
+    rotor = follow_rotor(angles[numbers], 1000, 1000 * 1000, lost_packets=1, gaps=gaps)
+    np.testing.assert_array_equal(times_of(angles[numbers], 1000, rotor, gaps), numbers * 1000)
 
 
 def test_the_grid_is_the_same_for_scans_that_begin_at_the_seam() -> None:

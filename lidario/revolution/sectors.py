@@ -330,6 +330,8 @@ class SectorAssembler(Assembler):
         before_seam = sum([piece.ends[-1] for piece in pieces[:-1]]) + pieces[-1].before_seam
         if any(piece.lost or not piece.certain for piece in pieces):
             found = self._decoder.decode(packets, following, room, seam)
+            # What its pieces could not know, as behind one sample alone, is told with the last sector.
+            here.lost += max(0, found.lost - sum([piece.lost for piece in pieces]))
         else:
             self._decoder = here.decoder
             found = sum_of(pieces)

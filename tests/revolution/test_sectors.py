@@ -231,6 +231,21 @@ def test_what_is_counted_is_the_same(case: Case, seed: int) -> None:
             assert abs(sum(sector.lost_packets for sector in sectors) - scan.lost_packets) <= slack
 
 
+@pytest.mark.parametrize("parts", [8, 72])
+@pytest.mark.parametrize("name", ["ydlidar_4ros_room10", "ydlidar_x4_11hz"])
+def test_what_is_missing_right_behind_a_start_packet_is_told_with_a_sector(name: str, parts: int) -> None:
+    """A start packet has one sample, which tells no step."""
+    case = next(each for each in CASES if each.name == name)
+    shortest = min(map(len, case.packets))
+    gone = {number + 1 for number, packet in enumerate(case.packets) if len(packet) == shortest}
+    left = [number for number in range(len(case.packets)) if number not in gone]
+    raw = b"".join(case.packets[number] for number in left)
+    found = divided(case, raw, (parts,), [len(case.packets[number]) for number in left], arrivals(case, left))
+    for scan in found.scans[1:-1]:
+        told = [sector.lost_packets for sector in found.sectors[parts] if sector.seq == scan.seq]
+        assert sum(told) == scan.lost_packets > 0
+
+
 def test_what_passes_unseen_behind_the_first_revolution_is_counted_once() -> None:
     case = next(each for each in CASES if each.name == "ydlidar_4ros_room10")
     left = [*range(26), *range(148, len(case.packets))]

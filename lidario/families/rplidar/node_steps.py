@@ -148,7 +148,8 @@ class NodeSteps(PacedTurning):
         steps = np.full(len(rough), self._typical)
         several = max(SEVERAL, round(_SEVERAL_TURNS * self._full_turn / max(1.0, self._typical)))
         chunks = [known[begin : begin + several] for begin in range(0, len(known), several)]
-        slack = CHANGE * max([self._typical, *(_short(chunk) for chunk in chunks)])
+        # The last few may be gaps alone.
+        slack = CHANGE * max([self._typical, *(_short(each) for each in chunks if len(each) >= CERTAIN_STEPS)])
         for begin, chunk in zip(range(0, len(known), several), chunks, strict=True):
             self._take(chunk, slack)
             steps[begin : begin + several] = self._typical

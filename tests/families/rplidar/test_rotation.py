@@ -148,6 +148,14 @@ def test_steps_within_half_of_the_ordinary_one_are_of_one_speed(gap: int, missin
     assert lost(rotation.follow(steps_of(*[10] * 60, 20, *[10] * 60))) == 1
 
 
+@pytest.mark.parametrize("nodes", [96, 97, 100])
+def test_a_wide_gap_among_the_last_nodes_is_counted_by_the_steps_before(nodes: int) -> None:
+    """Steps are looked at 32 by 32; a gap may stand alone behind these."""
+    rotation = NodeSteps(TURN)
+    rotation.follow(nodes_of(70))
+    assert lost(rotation.follow(steps_of(*[70] * nodes, 70 * 51))) == 50
+
+
 @pytest.mark.parametrize(("back", "gone"), [(1900, 0), (1950, 3012)])
 def test_nodes_fall_back_by_30_degrees_at_most(back: int, gone: int) -> None:
     rotation = NodeSteps(TURN)
