@@ -1,4 +1,4 @@
-"""The robot's own test: no lidar, no waiting. Run it with pytest, which finds the fixture by itself."""
+"""The robot's own test: no lidar, no waiting. Run pytest in its folder; the fixture is found by itself."""
 
 import obstacle_stop
 import pytest

@@ -103,7 +103,7 @@ class StreamFailed(LidarError):
 
 
 class InternalError(LidarError):
-    """Lidario itself failed while it processed what the device sent; the original error is ``__cause__``.
+    """Lidario itself failed while it processed what the device sent; the original error is among its causes.
 
     This is a mistake in lidario: please report it with the traceback. The session is over, as after `DeviceLost`.
     """

@@ -53,8 +53,9 @@ class _Begun:
 def report_lidar(source: str, output: str | None, force: bool, check: bool, as_json: bool) -> int:
     """Try a lidar against thirty rules, and write a report.
 
-    It takes one to two minutes; Ctrl-C ends it. Its file is a recording, which every other command reads. It is
-    written as the report goes on. Of a device that responds in no known way it holds every byte at each speed.
+    It takes half a minute to two minutes; Ctrl-C ends it. Its file is a recording, which every other command
+    reads. It is written as the report goes on. Of a device that responds in no known way it holds every byte at
+    each speed.
     """
     from lidario.cli.running import run
 

@@ -4,7 +4,7 @@
 * The places are tried where the device may be (`Places`). It is known by its own serial number. It is asked how it
   is, reset if it protects itself, and gets its settings back.
 * Where nothing was found, the next attempt follows, later each time.
-* When the user's limit has passed, the session ends with `DeviceLost`, whose cause is the first error.
+* When the user's limit has passed, the session ends with `DeviceLost`, among whose causes is the first error.
 
 Unplugging, a TCP connection that is reset, a device that restarts or freezes and one that stops to protect itself
 all take this one way. So it needs no judgement of what has happened, which nobody can make from a silent line.
