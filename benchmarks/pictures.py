@@ -6,6 +6,7 @@ The page is what ``lidario view`` serves, after some seconds of a simulated lida
 
 from __future__ import annotations
 
+import argparse
 import asyncio
 import base64
 import io
@@ -33,6 +34,7 @@ _PLAIN = "#d6d9de"
 
 def main() -> int:
     """Make them; returns the exit code."""
+    argparse.ArgumentParser(prog="python -m benchmarks.pictures", description=__doc__).parse_args()
     FOLDER.mkdir(parents=True, exist_ok=True)
     text = asyncio.run(_frame())
     with Browser() as browser:
