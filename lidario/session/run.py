@@ -70,6 +70,7 @@ def run(main: Coroutine[Any, Any, T], *, debug: bool | None = None) -> T:
             raise SystemExit(_BY_SIGNAL + signals.caught[0]) from None
         raise
     finally:
+        signals.give_up()
         main.close()
 
 
@@ -90,7 +91,9 @@ class _Signals:
 
     def __init__(self) -> None:
         self.caught: list[int] = []
-        self._taken: list[int] = []
+        self._ending = _ending_signals()
+        self._before = {number: signal.getsignal(number) for number in (signal.SIGINT, *self._ending)}
+        self._taken: dict[int, Any] = {}
 
     def cancel_task(self) -> None:
         """From now on they cancel the current task.
@@ -106,19 +109,27 @@ class _Signals:
             task.cancel()
 
         if threading.current_thread() is threading.main_thread():
-            for number in _ending_signals():
+            for number in self._ending:
                 with suppress(NotImplementedError):  # loops on Windows take none; asyncio.run handles Ctrl-C there
                     loop.add_signal_handler(number, cancel, number)
-                    self._taken.append(number)
+            now = {number: signal.getsignal(number) for number in self._before}
+            self._taken = {number: now[number] for number in now if now[number] is not self._before[number]}
             let_go_in_children(self)
 
     def let_go(self) -> None:
-        """In a forked child they end it, as any process. Else one sent to it would wake the loop of its parent."""
-        taken, self._taken = self._taken, []
+        """In a forked child they do what they did before. Else one sent to it would wake the loop of its parent."""
+        taken = self.give_up()
         if taken:
             signal.set_wakeup_fd(-1)
-        for number in taken:
-            signal.signal(number, signal.SIG_DFL)
+        for number, handler in taken.items():
+            # Unless the program has meanwhile chosen what they do.
+            if signal.getsignal(number) is handler:
+                signal.signal(number, self._before[number])
+
+    def give_up(self) -> dict[int, Any]:
+        """When the loop is closed they are the program's again, also in children. Returns what was taken."""
+        taken, self._taken = self._taken, {}
+        return taken
 
 
 def _ending_signals() -> list[int]:

@@ -182,6 +182,53 @@ def test_a_signal_to_a_child_ends_the_child_and_not_the_program() -> None:
         assert process.communicate(timeout=PATIENCE_S) == (said, "")
 
 
+SIGNALLED = """
+import asyncio, os, signal, sys, time, lidario
+
+def own(*_):
+    os._exit(7)
+
+def told(number):
+    child = os.fork()
+    if child == 0:
+        try:
+            os.kill(os.getpid(), number)
+            time.sleep(60)
+        except KeyboardInterrupt:
+            os._exit(8)
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+
+async def main(change):
+    told(signal.SIGINT)
+    if change:
+        signal.signal(signal.SIGTERM, own)
+        told(signal.SIGTERM)
+    await asyncio.sleep(0)
+    raise ValueError
+
+for change in (True, False):
+    try:
+        lidario.run(main(change))
+    except ValueError as error:
+        kept = error  # and with it all that `run` had
+    signal.signal(signal.SIGTERM, own)
+    told(signal.SIGTERM)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+"""
+
+
+def test_signals_do_in_a_child_what_the_program_has_chosen() -> None:
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", SIGNALLED],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+    assert (done.stdout.split(), done.stderr) == (["8", "7", "7", "8", "7"], "")
+
+
 def relay(begin: socket.socket, end: socket.socket) -> None:
     """Pass on what comes, until there is no more."""
     begin.settimeout(PATIENCE_S)
