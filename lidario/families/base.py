@@ -99,7 +99,7 @@ class Device(ABC):
     Attributes:
         can_keep_spinning: Whether the motor can go on when the laser is stopped.
         can_be_stopped: Whether laser and motor can be switched off from here.
-        baudrate: Speed of its line; 0 where that has none, as in a network, and None until it is asked at one.
+        baudrate: Speed of its line; 0 where that has none, as in a network, and None where it is not known.
         sends_bytes: Whether its stream consists of bytes that can be decoded again; else of whole scans.
         can_only_talk: Whether it may be one that hears nothing, of a family whose others respond.
         is_guess: Whether its family or model is only looked for, and no user has named it: what the device says of

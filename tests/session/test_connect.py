@@ -14,6 +14,7 @@ from lidario.port.port import Port
 from lidario.port.simulated import connect_in_memory
 from lidario.scan import Scan
 from lidario.session.finding.silence import ReceivedInSilence
+from lidario.sim.serve import PtyServer
 from lidario.source import as_source
 from tests.support.devices import make_rig
 from tests.support.speeds import plugged_in
@@ -49,6 +50,15 @@ async def test_both_families_are_found_and_stream_side_by_side(soak: float) -> N
 
             await asyncio.gather(watch(left, first.turn_s), watch(right, second.turn_s))
         assert one.lost == two.lost == 0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("model", ["ldrobot-ld14", "ldrobot-ld08"])
+async def test_the_speed_of_a_pseudo_terminal_tells_no_model(model: str) -> None:
+    """That of a real line tells a slow LD14P from these two, which hear nothing."""
+    with PtyServer(make_rig(model).device) as server:
+        async with open_lidar(server.path, family="ldrobot") as lidar:
+            assert (lidar.info.model, lidar.can_be_stopped) == ("LDROBOT LD14 or LD08", False)
 
 
 async def test_auto_takes_the_only_lidar_that_answers(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,6 +20,7 @@ import anyio
 
 from lidario.errors import ConnectFailed, ResponseTimeout
 from lidario.families.base import Device, Family
+from lidario.port.diagnose import is_pseudo_terminal
 from lidario.port.port import Port
 from lidario.session.finding.connection import Connection, HalfOpen
 from lidario.session.finding.silence import ReceivedInSilence
@@ -89,7 +90,8 @@ class Woken:
 def made(port: Port, attempt: Attempt) -> Device:
     """The device as the family sees it that is asked."""
     device = attempt.family.make(attempt.model)
-    device.baudrate = port.baudrate
+    # A pseudo-terminal carries everything, whatever speed it was opened at.
+    device.baudrate = None if is_pseudo_terminal(port.name) else port.baudrate
     device.is_guess = attempt.is_guess
     return device
 
