@@ -7,6 +7,7 @@ which is that of the first return).
 
 from __future__ import annotations
 
+import math
 import struct
 from dataclasses import dataclass
 from typing import Final
@@ -86,10 +87,13 @@ def pointcloud2(scan: Scan, *, frame_id: str = "laser", mount_yaw: float = 0.0) 
     if not isinstance(scan, Scan):
         raise InvalidValue(f"pointcloud2() takes a Scan, not {shown(scan)}")
     frame_id, mount_yaw = text_of(frame_id, "frame_id"), finite(mount_yaw, "mount_yaw")
-    hit = scan.valid
+    # Of a sorted scan too; where angles tell the times, a corrected one may come before its neighbour.
+    hit = np.flatnonzero(scan.valid)
+    hit = hit[np.argsort(scan.times_ns[hit], kind="stable")]
     times_ns = scan.times_ns[hit]
     first_ns = int(times_ns[0]) if len(times_ns) else scan.stamp_ns
-    angles, ranges = scan.angles[hit] + np.float32(mount_yaw), scan.ranges[hit]
+    # Single precision has no digits left behind many turns.
+    angles, ranges = scan.angles[hit] + np.float32(math.remainder(mount_yaw, math.tau)), scan.ranges[hit]
     points = np.zeros(len(ranges), POINT)
     points["x"] = ranges * np.cos(angles)
     points["y"] = ranges * np.sin(angles)

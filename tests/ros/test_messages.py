@@ -173,6 +173,22 @@ def test_points_have_the_place_and_the_time_of_their_samples() -> None:
     assert cloud.stamp_ns == pytest.approx(truth.scan.wall_stamp_ns, abs=1000)
 
 
+def test_the_points_of_a_sorted_scan_are_those_of_the_scan() -> None:
+    scan = sweep(hertz=10, sample_us=500, gaps=[(0.3, 0.1)]).scan
+    for one, other in ((scan.sorted(), scan), (scan.sorted().select(scan.sorted().angles > 0), None)):
+        wanted = pointcloud2(scan.select(scan.angles > 0) if other is None else other)
+        made = pointcloud2(one)
+        assert made.stamp_ns == wanted.stamp_ns
+        np.testing.assert_array_equal(made.points, wanted.points)
+
+
+@pytest.mark.parametrize("turns", [-1e6, -1, 1, 1e6])
+def test_a_lidar_that_is_turned_by_whole_turns_is_not_turned(turns: float) -> None:
+    made, wanted = pointcloud2(FOUR, mount_yaw=turns * math.tau).points, pointcloud2(FOUR).points
+    for axis in "xy":
+        np.testing.assert_allclose(made[axis], wanted[axis], atol=1e-5)
+
+
 def test_samples_without_a_return_are_no_points() -> None:
     silent = replace(FOUR, device_distances=np.where(FOUR.device_distances > 1500, 0, FOUR.device_distances))
     cloud = pointcloud2(silent)
