@@ -149,13 +149,14 @@ def resample(
         stated = float(max_range) if 0 < max_range < math.inf else FARTHEST_STATED_M
 
     places = _places(device_angles, rotor, count)
+    on_grid = places >= 0
     # Comparing with NaN gives False: a sample without a return is no hit.
-    hit = (ranges >= nearest) & (ranges <= farthest)
+    hit = on_grid & (ranges >= nearest) & (ranges <= farthest)
     filled = np.full(count, np.nan, np.float32)
-    missed = ~hit
+    missed = on_grid & ~hit
     if left_out is not None:
         # First, so that every other sample of the beam says more.
-        filled[places[left_out]] = NO_RETURN[options.filtered]
+        filled[places[left_out & on_grid]] = NO_RETURN[options.filtered]
         missed &= ~left_out
     filled[places[missed]] = NO_RETURN[options.no_return]
     # From far to near, so that the nearest return is written last.
@@ -201,18 +202,27 @@ def beam_count(beams: SupportsIndex) -> int:
 
 
 def _places(device_angles: NDArray[np.floating], rotor: Rotor, count: int) -> NDArray[np.intp]:
-    """The beam of each sample, counted in the order of measuring."""
+    """The beam of each sample, counted in the order of measuring; -1 beside the grid."""
     begin_deg, field = rotor.begin_deg, rotor.field_deg
     if not len(device_angles):
         return np.zeros(0, np.intp)
     away = math.copysign(1.0, field) * (device_angles.astype(np.float64) - begin_deg) % 360.0
+    if abs(field) != 360.0:
+        away = (away + _ROUNDING_DEG) % 360.0 - _ROUNDING_DEG
     # Evenly spaced samples stand at the edges of as many beams, and rounding must not put two of them into one.
     places = np.minimum(((away + _ROUNDING_DEG) * (count / abs(field))).astype(np.intp), count - 1)
-    if field != 360.0:
+    if abs(field) != 360.0:
+        # Only where somebody has chosen another begin is a sample farther away than rounding explains.
+        places[away > abs(field) + _ROUNDING_DEG] = -1
+        return places
+    if field < 0.0:
         return places
     way = turned(device_angles, begin_deg)
     if way[-1] > way[0]:
         # Beyond an end of the grid the angle alone would give the beam at the other end, a revolution off in time.
-        places[(way < 0.0) & (way >= -_EDGE_DEG)] = 0
-        places[(way >= 360.0) & (way < 360.0 + _EDGE_DEG)] = count - 1
+        # Where the samples go on and on there, the grid begins amid the revolution, and only the angle tells.
+        if way.min() >= -_EDGE_DEG:
+            places[way < 0.0] = 0
+        if way.max() < 360.0 + _EDGE_DEG:
+            places[way >= 360.0] = count - 1
     return places

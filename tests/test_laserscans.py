@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 import lidario
+from lidario.filters import RangeFilter
 from lidario.laserscan import LaserScan
 from lidario.laserscans import MOST_WAITING, LaserScans
 from lidario.scan import Scan
+from lidario.testing import make_scan
 from tests.support.sweep import WALL, Sweep, check, sweep
 
 
@@ -60,6 +62,25 @@ def test_a_grid_that_begins_elsewhere_has_the_right_times(begin: float) -> None:
     np.testing.assert_array_equal(laser.ranges[ours], plain.ranges[others])
     times, wanted = (each.stamp_ns + np.arange(200) * each.time_increment * 1e9 - WALL for each in (laser, plain))
     np.testing.assert_allclose(times[ours], wanted[others], atol=1e6)
+
+
+@pytest.mark.parametrize("begin", [20.0, 90.0, 180.0, 270.0, 340.0])
+def test_a_grid_that_begins_amid_the_revolution_has_every_return_at_its_angle(begin: float) -> None:
+    angles = -np.radians(np.arange(360) + 0.5)
+    laser = make_scan(angles, 1 + np.arange(360) / 100).to_laserscan(360, begin_deg=begin, order="measured")
+    np.testing.assert_allclose(laser.ranges, 1 + (np.arange(360) + begin) % 360 / 100, rtol=1e-6)
+
+
+def test_a_grid_beside_the_field_of_a_device_has_only_what_is_in_it() -> None:
+    angles = (240.5 + np.arange(240)) % 360
+    made = make_scan(-np.radians(np.sort(angles)), 1.0)
+    scan = replace(made, device_angles=angles.astype(np.float32), field_of_view=240.0, seam=240.0)
+    for order in ("measured", "counter-clockwise"):
+        assert np.isfinite(scan.to_laserscan(order=order).ranges).all()
+        laser = scan.filtered(RangeFilter(2.0)).to_laserscan(begin_deg=300.0, order=order, filtered="zero")
+        ranges = laser.ranges if order == "measured" else laser.ranges[::-1]
+        assert (ranges[:180] == 0.0).all()
+        assert np.isnan(ranges[180:]).all()
 
 
 def test_a_motor_that_never_has_its_speed_is_not_waited_for_for_ever() -> None:
