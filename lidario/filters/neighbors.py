@@ -92,19 +92,27 @@ class ShadowsFilter(MaskFilter):
         if closed:
             # What was found beyond the end is at the begin.
             edges[: self.window] |= edges[count:]
-        return self._behind(ranges, edges[:count], closed)
+        return self._behind(record, edges[:count], closed)
 
-    def _behind(self, ranges: _Floats, edges: NDArray[np.bool_], closed: bool) -> NDArray[np.bool_]:
+    def _behind(self, record: MeasuredSamples, edges: NDArray[np.bool_], closed: bool) -> NDArray[np.bool_]:
         """Which returns are farther than an edge beside them."""
-        reach = self.neighbors
+        ranges, reach = record.ranges, self.neighbors
         edge = np.where(edges, ranges, np.float32(np.inf))
-        nearest = _around(edge, reach, closed, np.inf)
-        # The least of a window, by windows twice as long each time.
-        length, wanted = 1, 2 * reach + 1
-        while length < wanted:
-            step = min(length, wanted - length)
-            nearest = np.minimum(nearest[:-step], nearest[step:])
-            length += step
+        beside = _around(edge, reach, closed, np.inf)
+        cos, sin = record.directions()
+        following = cos[1:] * cos[:-1] + sin[1:] * sin[:-1]
+        # In such small steps nothing in the window is far apart; a closed scan has one more, at its end.
+        small = math.cos(math.radians(30.0) / max(reach, 1))
+        is_dense = not closed or cos[0] * cos[-1] + sin[0] * sin[-1] >= small
+        if is_dense and following.min(initial=1.0) >= small:
+            nearest = _least(beside, 2 * reach + 1)
+        else:
+            cos_around, sin_around = (_around(each, reach, closed, np.nan) for each in (cos, sin))
+            nearest = np.full_like(ranges, np.inf)
+            for begin in range(2 * reach + 1):
+                there = slice(begin, begin + len(ranges))
+                is_near = cos * cos_around[there] + sin * sin_around[there] >= FAR_APART_COS
+                nearest = np.minimum(nearest, np.where(is_near, beside[there], np.float32(np.inf)))
         out = nearest < ranges
         return out | edges if self.remove_shadow_start_point else out
 
@@ -219,6 +227,16 @@ def _around(values: NDArray[_ElementT], count: int, closed: bool, otherwise: flo
     """The values, and `count` more on both sides."""
     less = values[len(values) - count :] if closed else np.full(count, otherwise, values.dtype)
     return np.concatenate((less, _beyond(values, count, closed, otherwise)))
+
+
+def _least(values: _Floats, wanted: int) -> _Floats:
+    """The least of each window of so many, by windows twice as long each time."""
+    length = 1
+    while length < wanted:
+        step = min(length, wanted - length)
+        values = np.minimum(values[:-step], values[step:])
+        length += step
+    return values
 
 
 def _check_count(of: object, name: str, least: int, most: int) -> None:

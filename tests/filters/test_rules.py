@@ -155,6 +155,17 @@ def test_shadows(record: Scan | Sector, least: float, most: float, window: int, 
     agrees(record, ShadowsFilter(least, most, window, reach, start), expected)
 
 
+@pytest.mark.parametrize("reach", [1, 3])
+@pytest.mark.parametrize("count", [5, 30])
+def test_no_shadow_falls_over_a_gap(reach: int, count: int) -> None:
+    degrees = np.concatenate((np.arange(count), 100 + np.arange(count)))
+    metres = np.full(2 * count, 5.0)
+    metres[count - 1] = 1.0
+    scan = make_scan(-np.radians(degrees), metres)
+    taken = ShadowsFilter(neighbors=reach).leaves_out(scan)
+    assert np.flatnonzero(taken).tolist() == list(range(count - 1 - reach, count - 1))
+
+
 @given(st.one_of(scans(), sectors()), st.floats(0, 2), st.integers(1, 4), st.integers(1, 5))
 def test_radius_outliers(record: Scan | Sector, radius: float, wanted: int, window: int) -> None:
     expected = reference.radius_outliers(*known(record), radius, wanted, window, isinstance(record, Scan))

@@ -136,7 +136,7 @@ def shadows(
         is_edge = either(*edge)
         for at in neighbors(angles, index, reach, whole, most):
             beside = ranges[at]
-            if beside is not None and beside > here:
+            if beside is not None and beside > here and difference(angles[index], angles[at]) <= FAR_APART:
                 out[at] = either(out[at], is_edge)
         if start:
             out[index] = either(out[index], is_edge)
