@@ -97,6 +97,6 @@ class Sector(MeasuredSamples):
         return plain_of(self, _PLAIN)
 
     def _follow_rotor(self) -> Rotor | None:
-        if math.isnan(self.rpm):
+        if math.isnan(self.rpm) or not len(self):
             return None
         return Rotor(float(self.device_angles[0]), 0.0, 60e9 / self.rpm, self.field_of_view)

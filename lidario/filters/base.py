@@ -46,4 +46,5 @@ class MaskFilter(Filter):
             return record.device_distances, before
         distances = record.device_distances.copy()
         distances[out] = 0
-        return distances, out if before is None else out | before
+        # A copy: the mask may be one that the filter uses again.
+        return distances, out.copy() if before is None else out | before

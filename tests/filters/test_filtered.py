@@ -192,6 +192,28 @@ def test_a_sector() -> None:
     assert nearest.range == pytest.approx(2.0)
 
 
+def test_a_sector_without_samples_that_has_lost_packets() -> None:
+    sector = make_sector([], [], lost_packets=2)
+    assert sector.times_ns.tolist() == []
+    assert len(sector.filtered(RangeFilter(1.0), ShadowsFilter(), MedianFilter()).times_ns) == 0
+
+
+def test_a_filter_may_use_its_mask_again() -> None:
+    class Alternating(MaskFilter):
+        def __init__(self) -> None:
+            self.mask = np.zeros(360, np.bool_)
+
+        def leaves_out(self, record: MeasuredSamples, /) -> Any:
+            self.mask[::2] = ~self.mask[::2]
+            self.mask[1::2] = ~self.mask[::2]
+            return self.mask
+
+    scan, each = room(), Alternating()
+    first, second = scan.filtered(each), scan.filtered(each)
+    assert (first.left_out ^ second.left_out).all()
+    assert not first.left_out.flags.writeable
+
+
 def test_a_function_of_the_user_is_a_filter() -> None:
     class Every(MaskFilter):
         def leaves_out(self, record: MeasuredSamples, /) -> Any:
