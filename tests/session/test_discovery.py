@@ -43,6 +43,41 @@ def test_known_adapters_and_stable_names_are_found(monkeypatch: pytest.MonkeyPat
     assert (found["/dev/ttyS0"].adapter, found["/dev/ttyS0"].by_id, found["/dev/ttyS0"].description) == ("", "", "")
 
 
+def test_ports_of_which_one_is_unplugged_meanwhile_are_listed_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """pyserial takes the number of an adapter out of a file, which is gone by then."""
+    lists = 0
+
+    def listed() -> list[Port]:
+        nonlocal lists
+        lists += 1
+        return [Port("/dev/ttyUSB0", int(None, 16), 0)] if lists == 1 else [Port("/dev/ttyS0", None, None)]  # type: ignore[call-overload]
+
+    monkeypatch.setattr("serial.tools.list_ports.comports", listed)
+    monkeypatch.setattr("lidario.session.finding.discovery.LIST_AGAIN_S", 0.0)
+    assert [port.path for port in list_serial_ports()] == ["/dev/ttyS0"]
+    assert lists == 2
+
+
+def test_a_list_of_ports_that_never_succeeds_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    def listed() -> list[Port]:
+        raise TypeError("no number")
+
+    monkeypatch.setattr("serial.tools.list_ports.comports", listed)
+    monkeypatch.setattr("lidario.session.finding.discovery.LIST_AGAIN_S", 0.0)
+    with pytest.raises(TypeError, match="no number"):
+        list_serial_ports()
+
+
+def test_the_stable_names_are_unplugged_while_they_are_read(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """The system removes their folder with the last of them."""
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: [Port("/dev/ttyS0", None, None)])
+    monkeypatch.setattr("lidario.session.finding.discovery.BY_ID", tmp_path / "gone")
+    monkeypatch.setattr(Path, "is_dir", lambda _: True)
+    assert [port.by_id for port in list_serial_ports()] == [""]
+
+
 async def test_ports_are_listed_off_the_event_loop(monkeypatch: pytest.MonkeyPatch) -> None:
     threads: list[threading.Thread] = []
 

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import asyncio
 import os
+import time
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 from lidario.arguments import path_of, shown
 from lidario.errors import ConnectFailed, ConnectReason, InvalidValue, LidarError
@@ -22,6 +24,10 @@ from lidario.session.finding.connect import connect
 from lidario.session.finding.listening import BY_ID
 from lidario.source import Source
 
+MOST_LISTS = 20
+"""How often the ports are listed at most, where one after the other is unplugged meanwhile."""
+LIST_AGAIN_S = 0.01
+"""Time between two lists: the system takes some milliseconds to remove a port."""
 _BY_NUMBERS: Final = {(each.vendor, each.product): name for name, each in ADAPTERS.items()}
 
 
@@ -63,10 +69,8 @@ class Found:
 
 def list_serial_ports() -> list[PortInfo]:
     """Every serial port of this machine, by path; nothing is opened. It reads files: about 10 ms."""
-    from serial.tools import list_ports  # slow to import, and seldom needed
-
     stable = {}
-    if BY_ID.is_dir():
+    with suppress(OSError):  # there is none, or the last port of it was unplugged just now
         stable = {os.path.realpath(link): str(link) for link in BY_ID.iterdir()}
     return [
         PortInfo(
@@ -75,8 +79,20 @@ def list_serial_ports() -> list[PortInfo]:
             adapter=_BY_NUMBERS.get((port.vid, port.pid), ""),
             description=port.description if port.description != "n/a" else "",
         )
-        for port in sorted(list_ports.comports(), key=lambda port: str(port.device))
+        for port in sorted(_listed(), key=lambda port: str(port.device))
     ]
+
+
+def _listed() -> list[Any]:
+    """The ports as pyserial lists them. It fails where one is unplugged meanwhile: then they are listed again."""
+    from serial.tools import list_ports  # slow to import, and seldom needed
+
+    for _ in range(MOST_LISTS - 1):
+        try:
+            return list(list_ports.comports())
+        except (OSError, TypeError, ValueError):  # a file of that port is not there any more
+            time.sleep(LIST_AGAIN_S)
+    return list(list_ports.comports())
 
 
 async def list_lidars(paths: Iterable[str | os.PathLike[str]] = ()) -> list[Found]:
