@@ -209,6 +209,22 @@ async def test_a_reader_ends_when_another_task_closes_its_stream() -> None:
         assert await waiting is None
 
 
+@pytest.mark.parametrize("turns", range(1, 4))
+async def test_closing_that_is_cancelled_is_cancelled(turns: int) -> None:
+    one, two = SimulatedLidar(), SimulatedLidar()
+    async with lidario.open_lidar(one) as front, lidario.open_lidar(two) as rear:
+        clouds = lidario.merged(front, rear, mounts=[Mount(), Mount()])
+        assert len(await anext(clouds)) > 0
+        closing = asyncio.ensure_future(clouds.close())
+        for _ in range(turns):
+            await asyncio.sleep(0)
+        ends = closing.cancel()
+        await asyncio.wait([closing])
+        assert closing.cancelled() is ends
+        assert not front.is_scanning
+        assert not rear.is_scanning
+
+
 async def test_an_error_of_one_ends_all() -> None:
     one, two = SimulatedLidar(), SimulatedLidar(fault="unplug:1s")
     async with lidario.open_lidar(one) as front, lidario.open_lidar(two) as rear:

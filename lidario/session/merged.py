@@ -86,12 +86,13 @@ class MergedStream(AsyncOnly):
         self._reading.clear()
         for each in reading:
             each.cancel()
-        for each in reading:
-            # Their errors are those that the reader had, or come too late for it.
-            with suppress(asyncio.CancelledError, StopAsyncIteration, Exception):
-                await each
-        self._streams = []
-        await self._entered.aclose()
+        try:
+            # Not one by one: a cancellation of theirs would look like one of the task that waits here.
+            if reading:
+                await asyncio.wait(reading)
+        finally:
+            self._streams = []
+            await self._entered.aclose()
 
     async def _begin(self) -> None:
         if self._reading or self._is_over:
@@ -103,7 +104,15 @@ class MergedStream(AsyncOnly):
         weakref.finalize(self, _abandon, asyncio.get_running_loop(), self._reading)
 
     def _next(self, number: int) -> asyncio.Task[Scan]:
-        return asyncio.create_task(self._streams[number].__anext__(), name=f"lidario: read lidar {number}")
+        task = asyncio.create_task(self._streams[number].__anext__(), name=f"lidario: read lidar {number}")
+        task.add_done_callback(_heed)
+        return task
+
+
+def _heed(task: asyncio.Task[Scan]) -> None:
+    """An error that comes when nobody reads any more is not told by the loop as one that was forgotten."""
+    if not task.cancelled():
+        task.exception()
 
 
 def _abandon(loop: asyncio.AbstractEventLoop, reading: list[asyncio.Task[Scan]]) -> None:
