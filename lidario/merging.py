@@ -139,11 +139,16 @@ class MergedScans:
         self._latest: dict[int, Scan] = {}
         self._new: set[int] = set()
 
-    def take(self, number: int, scan: Scan) -> Merged | None:
-        """Take the next scan of lidar `number`; the cloud, where one is ready."""
+    def take(self, number: int, scan: Scan, *, more: bool = False) -> Merged | None:
+        """Take the next scan of lidar `number`; the cloud, where one is ready.
+
+        Where `more` are there already, none is: they belong to it, as where the program was busy for a while.
+        """
         again = number in self._new
         self._latest[number] = scan
         self._new.add(number)
+        if more:
+            return None
         at_ns = max(map(_end_of, self._latest.values()))
         young = {each: scan for each, scan in self._latest.items() if at_ns - _end_of(scan) <= self._oldest_ns}
         if not again and not self._new >= young.keys():

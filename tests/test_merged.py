@@ -181,6 +181,23 @@ async def test_two_lidars_are_read_as_one() -> None:
     assert two.is_still
 
 
+async def test_where_the_reader_is_slow_none_is_missing_and_the_latest_scans_win() -> None:
+    devices = [SimulatedLidar() for _ in range(3)]
+    async with (
+        lidario.open_lidar(devices[0]) as front,
+        lidario.open_lidar(devices[1]) as left,
+        lidario.open_lidar(devices[2]) as right,
+        lidario.merged(front, left, right, mounts=[Mount()] * 3) as clouds,
+    ):
+        await anext(clouds)
+        loop = asyncio.get_running_loop()
+        for _ in range(5):
+            await asyncio.sleep(0.55)
+            cloud = await anext(clouds)
+            assert cloud.missing == ()
+            assert loop.time() - cloud.at_ns * 1e-9 < 0.3
+
+
 async def test_a_reader_that_leaves_stops_the_motors() -> None:
     one, two = SimulatedLidar(), SimulatedLidar()
     mounts = [Mount(), Mount()]

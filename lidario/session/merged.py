@@ -13,9 +13,8 @@ from lidario.entered import AsyncOnly
 from lidario.errors import Busy, InvalidValue
 from lidario.merging import OLDEST_S, Merged, MergedScans
 from lidario.points import Motion, Mount
-from lidario.scan import Scan
 from lidario.session.lidar import Lidar
-from lidario.session.streaming.stream import ScanStream
+from lidario.session.streaming.stream import ScanStream, until_there
 
 
 class MergedStream(AsyncOnly):
@@ -34,7 +33,7 @@ class MergedStream(AsyncOnly):
         self._mode = mode
         self._streams: list[ScanStream] = []
         self._entered = AsyncExitStack()
-        self._reading: list[asyncio.Task[Scan]] = []
+        self._reading: list[asyncio.Task[None]] = []
         self._is_read = False
         self._is_over = False
 
@@ -61,10 +60,13 @@ class MergedStream(AsyncOnly):
                 if self._is_over:
                     # Another task has closed it.
                     raise StopAsyncIteration
-                number = next(number for number, each in enumerate(self._reading) if each.done())
-                scan = self._reading[number].result()
-                self._reading[number] = self._next(number)
-                found = self._scans.take(number, scan)
+                ready = [number for number, each in enumerate(self._reading) if each.done()]
+                found = None
+                for number in ready:
+                    self._reading[number].result()
+                    scan = await anext(self._streams[number])  # it is there: nothing comes between
+                    self._reading[number] = self._next(number)
+                    found = self._scans.take(number, scan, more=number != ready[-1])
                 if found is not None:
                     return found
         except asyncio.CancelledError:
@@ -103,19 +105,20 @@ class MergedStream(AsyncOnly):
         # Where a reader leaves by `break`, nobody closes it; the tasks would read on, and the motors turn.
         weakref.finalize(self, _abandon, asyncio.get_running_loop(), self._reading)
 
-    def _next(self, number: int) -> asyncio.Task[Scan]:
-        task = asyncio.create_task(self._streams[number].__anext__(), name=f"lidario: read lidar {number}")
+    def _next(self, number: int) -> asyncio.Task[None]:
+        # It takes no scan: while the program is busy, the latest one wins.
+        task = asyncio.create_task(until_there(self._streams[number]), name=f"lidario: read lidar {number}")
         task.add_done_callback(_heed)
         return task
 
 
-def _heed(task: asyncio.Task[Scan]) -> None:
+def _heed(task: asyncio.Task[None]) -> None:
     """An error that comes when nobody reads any more is not told by the loop as one that was forgotten."""
     if not task.cancelled():
         task.exception()
 
 
-def _abandon(loop: asyncio.AbstractEventLoop, reading: list[asyncio.Task[Scan]]) -> None:
+def _abandon(loop: asyncio.AbstractEventLoop, reading: list[asyncio.Task[None]]) -> None:
     for each in reading:
         with suppress(RuntimeError):  # the loop is closed, and so are the sessions
             loop.call_soon_threadsafe(each.cancel)

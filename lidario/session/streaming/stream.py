@@ -13,7 +13,7 @@ from __future__ import annotations
 import asyncio
 import weakref
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Coroutine, Iterable
 from contextlib import suppress
 from typing import Any, Generic, Protocol, Self, TypeVar, cast
 
@@ -96,13 +96,25 @@ class Mailbox(Generic[T]):
             LidarError: The stream ended with this error.
             Busy: Another task is waiting already.
         """
-        if self._waiter is not None:
-            raise Busy("two tasks read one stream: give each its own, as each call of lidar.scans() does")
-        while not self._scans:
+        await self.wait()
+        if not self._scans:
             if self._error is not None:
                 raise again(self._error)
-            if self.ended:
-                raise StopAsyncIteration
+            raise StopAsyncIteration
+        scan = self._scans.popleft()
+        if self.on_taken is not None:
+            self.on_taken()
+        return scan
+
+    async def wait(self) -> None:
+        """Return when a scan is held, or no more will come.
+
+        Raises:
+            Busy: Another task is waiting already.
+        """
+        if self._waiter is not None:
+            raise Busy("two tasks read one stream: give each its own, as each call of lidar.scans() does")
+        while not self._scans and not self.ended:
             loop = asyncio.get_running_loop()
             waiter: asyncio.Future[None] = loop.create_future()
             self._waiter = weakref.ref(waiter)
@@ -113,10 +125,6 @@ class Mailbox(Generic[T]):
             finally:
                 holding.cancel()
                 self._waiter = None
-        scan = self._scans.popleft()
-        if self.on_taken is not None:
-            self.on_taken()
-        return scan
 
     def _wake(self) -> None:
         waiter = None if self._waiter is None else self._waiter()
@@ -178,15 +186,7 @@ class ReaderStream(AsyncOnly, Generic[T]):
     async def __anext__(self) -> T:
         if self._left:
             raise StopAsyncIteration
-        if self._let_go is None:
-            self._check_open()
-            self._source.join(self._mailbox, self._mode, self._force)
-            self._loop = asyncio.get_running_loop()
-            # Run by the garbage collector, perhaps in another thread.
-            self._let_go = weakref.finalize(self, _let_go, self._loop, self._source, self._mailbox)
-            self._let_go.atexit = False
-        elif self._loop is not asyncio.get_running_loop():
-            raise LocalProtocolError("the stream was begun in another event loop, and its scans come only there")
+        self._begin()
         try:
             scan = await self._mailbox.get()
             if self._mailbox.dropped:
@@ -199,6 +199,18 @@ class ReaderStream(AsyncOnly, Generic[T]):
             # stream is garbage all the same, and that leaves the device still.
             del self
             raise
+
+    def _begin(self) -> None:
+        """Have scans come, unless they do already."""
+        if self._let_go is None:
+            self._check_open()
+            self._source.join(self._mailbox, self._mode, self._force)
+            self._loop = asyncio.get_running_loop()
+            # Run by the garbage collector, perhaps in another thread.
+            self._let_go = weakref.finalize(self, _let_go, self._loop, self._source, self._mailbox)
+            self._let_go.atexit = False
+        elif self._loop is not asyncio.get_running_loop():
+            raise LocalProtocolError("the stream was begun in another event loop, and its scans come only there")
 
     async def __aenter__(self) -> Self:
         self._check_open()
@@ -250,6 +262,12 @@ class ScanStream(ReaderStream[Scan]):
     """
 
     _instead = "scans come asynchronously: write `async for scan in lidar.scans():`, or `async with` first"
+
+
+def until_there(stream: ReaderStream[Any]) -> Coroutine[Any, Any, None]:
+    """Begin `stream`, and wait until its next scan is there, or its end; until that is taken a newer one wins."""
+    stream._begin()  # noqa: SLF001 - of this module
+    return stream._mailbox.wait()  # noqa: SLF001 - of this module
 
 
 def filters_of(filters: object) -> tuple[Callable[[Any], Any], ...]:
