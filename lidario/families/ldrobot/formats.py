@@ -91,4 +91,4 @@ class AxisFormat(PacketFormat):
 
     response_type = 0x2E
     # No document tells whether its time begins anew at 30000 or at 65536 (more_families_2.md 1.8).
-    ticks = None
+    ticks: Ticks | None = None
