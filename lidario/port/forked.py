@@ -26,7 +26,7 @@ def let_go_in_children(held: Held) -> None:
 
 
 def leave_nothing(handle: int) -> None:
-    """Put nothing in the place of what a descriptor leads to: whoever closes that number closes no other file."""
+    """Let a descriptor lead to nothing. Its number stays taken: who closes it later closes no other file."""
     with suppress(OSError):
         nothing = os.open(os.devnull, os.O_RDWR)
         os.dup2(nothing, handle, inheritable=False)

@@ -113,7 +113,7 @@ class MergedStream(AsyncOnly):
 
 
 def _heed(task: asyncio.Task[None]) -> None:
-    """An error that comes when nobody reads any more is not told by the loop as one that was forgotten."""
+    """Take note of an error that nobody reads any more; else the loop would log it."""
     if not task.cancelled():
         task.exception()
 

@@ -84,7 +84,6 @@ def test_a_motor_that_goes_on_is_told(capsys: pytest.CaptureFixture[str]) -> Non
             assert ("left its motor on" in capsys.readouterr().err) is (number == 1)
 
 
-@pytest.mark.skipif(not socket.has_dualstack_ipv6(), reason="this system has no IPv6")
 @pytest.mark.parametrize("way", ["tcp", "udp"])
 @pytest.mark.parametrize("address", ["[::1]:0", "::1:0"])
 def test_an_ipv6_address_is_printed_as_a_client_opens_it(way: str, address: str) -> None:
