@@ -8,6 +8,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from lidario.arguments import shown
+from lidario.errors import InvalidValue
 from lidario.measured import MeasuredSamples, with_distances
 
 RecordT = TypeVar("RecordT", bound=MeasuredSamples)
@@ -34,7 +36,7 @@ class MaskFilter(Filter):
 
     @abstractmethod
     def leaves_out(self, record: MeasuredSamples, /) -> NDArray[np.bool_]:
-        """Which samples it takes out, bool, shape (n,)."""
+        """Which samples it takes out, bool, shape (n,); the filter raises `InvalidValue` for another mask."""
 
     def __call__(self, record: RecordT, /) -> RecordT:
         """The same samples; those that it takes out have no return, and are `left_out`."""
@@ -42,6 +44,11 @@ class MaskFilter(Filter):
 
     def _change(self, record: MeasuredSamples) -> _Changed:
         out, before = self.leaves_out(record), record._left_out  # noqa: SLF001 - of our own
+        # Whole numbers would be taken for places of samples, and others would go than those that are meant.
+        if not isinstance(out, np.ndarray) or out.dtype != np.bool_ or out.shape != (len(record),):
+            raise InvalidValue(
+                f"leaves_out() returns bool, one value a sample, shape ({len(record)},), not {shown(out)}"
+            )
         if not out.any():
             return record.device_distances, before
         distances = record.device_distances.copy()

@@ -214,6 +214,20 @@ def test_a_filter_may_use_its_mask_again() -> None:
     assert not first.left_out.flags.writeable
 
 
+@pytest.mark.parametrize(
+    "mask", [np.array([0, 0, 1]), np.array([1.0, 0.0, 0.0]), np.array([True, False]), [True, False, False]]
+)
+def test_a_mask_that_is_not_one_of_samples_is_refused(mask: Any) -> None:
+    class Wrong(MaskFilter):
+        def leaves_out(self, record: MeasuredSamples, /) -> Any:
+            return mask
+
+    scan = make_scan([-0.1, 0.0, 0.1], 1.0)
+    with pytest.raises(InvalidValue, match=r"bool, one value a sample, shape \(3,\)"):
+        scan.filtered(Wrong())
+    assert scan.valid.all()
+
+
 def test_a_function_of_the_user_is_a_filter() -> None:
     class Every(MaskFilter):
         def leaves_out(self, record: MeasuredSamples, /) -> Any:
