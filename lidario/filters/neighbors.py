@@ -152,8 +152,10 @@ class RadiusOutlierFilter(MaskFilter):
         found = np.zeros(count + window, np.uint8)
         limit = self.radius_search * self.radius_search
         for step in range(1, window + 1):
-            dx, dy = x[:count] - x[step : step + count], y[:count] - y[step : step + count]
-            near = dx * dx + dy * dy <= limit
+            # Of ranges that only a damaged message has, the square is infinite, and so not near.
+            with np.errstate(over="ignore"):
+                dx, dy = x[:count] - x[step : step + count], y[:count] - y[step : step + count]
+                near = dx * dx + dy * dy <= limit
             found[:count] += near
             found[step : step + count] += near
         if closed:

@@ -3,6 +3,7 @@
 import inspect
 import math
 import pickle
+import warnings
 from typing import Any
 
 import numpy as np
@@ -175,6 +176,14 @@ def test_thresholds_beyond_single_precision(far: float) -> None:
     scan = room()
     assert scan.filtered(RangeFilter(-far, far)) is scan
     assert not scan.filtered(RangeFilter(far)).valid.any()
+
+
+def test_ranges_near_the_largest_number_are_far_from_each_other_and_warn_of_nothing() -> None:
+    scan = make_scan([-0.01, 0.0, 0.01, 3.1], [1.0, 1e30, 1.0, 1e30])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = scan.filtered(RadiusOutlierFilter(0.15, 1, 3))
+    assert found.sorted().left_out.tolist() == [False, True, False, True]
 
 
 def test_a_scan_that_carries_no_intensities_passes() -> None:
