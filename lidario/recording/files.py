@@ -61,7 +61,8 @@ def open_stored(path: Path, known: Known = Known()) -> StoredStreams:  # noqa: B
         return McapRecording(path, paths)
     if len(paths) != 1:
         raise RecordingError(
-            f"{path} names {len(paths)} files of bare bytes, which tell no times: name one of them"
+            f"{path} names {len(paths)} files, and none begins as MCAP does: they are empty or damaged, or bare "
+            "bytes, which tell no times: then name one of them"
         )
     recording = RawRecording(next(iter(paths)), known)
     if recording.guess:

@@ -241,6 +241,14 @@ def test_a_name_with_brackets_is_no_pattern(tmp_path: Path) -> None:
     assert_same_scans(made.scans, replayed(made.source))
 
 
+def test_a_pattern_of_files_of_which_none_is_mcap(tmp_path: Path) -> None:
+    """As where the disk was full: a file has its name and nothing else."""
+    for name in ("run-1.mcap", "run-2.mcap"):
+        (tmp_path / name).touch()
+    with pytest.raises(RecordingError, match="2 files, and none begins as MCAP does: they are empty"):
+        lidario.summarize(tmp_path / "run-*.mcap")
+
+
 def test_a_pattern_that_nothing_fits(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="fits this pattern"):
         lidario.summarize(tmp_path / "run-*.mcap")
