@@ -1,10 +1,10 @@
 """Live scans in Foxglove: open a connection to ws://localhost:8765 there, and a 3D panel.
 
-pip install foxglove-sdk
-python foxglove_live.py [SOURCE]
+pip install foxglove-sdk && python foxglove_live.py [SOURCE]
 """
 
 import sys
+from contextlib import suppress
 
 import foxglove
 from foxglove.channels import LaserScanChannel
@@ -35,4 +35,5 @@ async def main(source: str | lidario.SimulatedDevice = "auto", *, port: int = 87
 
 
 if __name__ == "__main__":
-    lidario.run(main(*sys.argv[1:2]))
+    with suppress(KeyboardInterrupt):
+        lidario.run(main(*sys.argv[1:2]))

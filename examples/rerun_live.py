@@ -6,6 +6,7 @@ python rerun_live.py [SOURCE [FILE.rrd]]
 
 import math
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -33,4 +34,5 @@ async def main(
 
 
 if __name__ == "__main__":
-    lidario.run(main(*sys.argv[1:3]))
+    with suppress(KeyboardInterrupt):
+        lidario.run(main(*sys.argv[1:3]))

@@ -6,6 +6,7 @@ import asyncio
 import base64
 import json
 import math
+import signal
 import struct
 from typing import Any
 
@@ -15,13 +16,22 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from websockets.asyncio.client import connect
 
 from tests.cli.processes import BOUND, line_of
-from tests.support.example import running
+from tests.support.example import EXAMPLES, running
 from tests.support.walls import WALLS, from_walls, is_all_around, is_at_ten_hertz
 
 PROGRAM = f"""
 import foxglove_live, lidario, lidario.testing
 lidario.run(foxglove_live.main(lidario.testing.SimulatedLidar(walls={WALLS}), port=0))
 """
+
+AS_STARTED = f"""
+import runpy, sys, foxglove
+start = foxglove.start_server
+foxglove.start_server = lambda port: start(port=0)
+sys.argv = ["foxglove_live.py", "sim://rplidar-s2?via=memory"]
+runpy.run_path({str(EXAMPLES / "foxglove_live.py")!r}, run_name="__main__")
+"""
+"""As its user starts it, but at any free port."""
 
 
 def message_class(channel: dict[str, Any]) -> Any:
@@ -73,3 +83,11 @@ def test_foxglove_live_reaches_a_client() -> None:
         points = points[np.isfinite(scan.ranges)]
         assert is_all_around(points)
         assert from_walls(points).max() < 0.01
+
+
+@pytest.mark.long
+def test_ctrl_c_is_a_normal_end() -> None:
+    with running(AS_STARTED) as process:
+        assert line_of(process.stdout).startswith("ws://")
+        process.send_signal(signal.SIGINT)
+        assert process.wait(BOUND) == 0
