@@ -8,7 +8,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -59,15 +58,6 @@ async def test_every_mode_by_name(rig: Rig, mode: str) -> None:
             await lidar.get_health()
             await anext(stream)
         assert lidar.stats.stray_bytes == 0
-
-
-async def test_the_way_is_decided_once() -> None:
-    rig = make_rig("rplidar-a2")
-    async with rig.open() as lidar:
-        for _ in range(3):
-            await take(lidar, 1)
-    assert names(rig).count("get_acc_board_flag") == 1
-    assert names(rig).count("set_motor_pwm") == 6
 
 
 @pytest.mark.parametrize(
@@ -138,88 +128,6 @@ async def test_scans_go_on_after_a_fault(rig: Rig, fault: str, monkeypatch: pyte
                 break
         assert now() < began + 8
         assert lidar.stats.scans > 10
-
-
-async def test_a_board_whose_responses_were_lost_is_found_when_no_packet_comes(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    rig = make_rig("rplidar-a2")
-    lost = 2
-    flag = type(rig.device).HANDLERS["get_acc_board_flag"]
-
-    def lose(device: object, request: object) -> str:
-        nonlocal lost
-        lost -= 1
-        return "" if lost >= 0 else flag(device, request)
-
-    monkeypatch.setitem(type(rig.device).HANDLERS, "get_acc_board_flag", lose)
-    async with rig.open() as lidar:
-        assert len(await lidar.scan()) > 1000
-        assert lidar.stats.restarts == 1
-    assert names(rig).count("get_acc_board_flag") == 3
-    assert left_still(rig)
-
-
-async def test_a_c1_whose_limits_were_lost_on_the_way_is_left_still() -> None:
-    rig = make_rig("rplidar-c1")
-    receive = rig.device.receive
-
-    def lossy(data: bytes, now: int) -> None:
-        if not data.startswith(b"\xa5\x84\x04\x04"):
-            receive(data, now)
-
-    rig.device.receive = lossy
-    async with rig.open() as lidar:
-        await lidar.scan()
-    assert left_still(rig)
-
-
-async def test_a_c1_whose_limits_were_lost_on_the_way_takes_a_speed_as_soon_as_it_tells_them() -> None:
-    rig = make_rig("rplidar-c1")
-    receive = rig.device.receive
-    rig.device.receive = lambda data, now: None if data.startswith(b"\xa5\x84\x04\x04") else receive(data, now)
-    async with rig.open() as lidar:
-        await lidar.scan()
-        with pytest.raises(Unsupported, match="were lost"):
-            await lidar.set_scan_frequency(8.0)
-        rig.device.receive = receive
-        assert await lidar.set_scan_frequency(8.0) == 8.0
-        assert (await take(lidar, 3))[-1].rpm == pytest.approx(480, rel=0.01)
-
-
-async def test_a_c1_that_says_that_it_has_no_limits_is_believed() -> None:
-    """Its response is there, and empty: nothing was lost."""
-    rig = make_rig("rplidar-c1-fixed")
-    conf = rig.device.identity.conf
-    rig.device.identity.conf = lambda profile, asked: b"" if asked[0] in (4, 5) else conf(profile, asked)
-    async with rig.read() as (lidar, stream):
-        asked = len(names(rig))
-        with pytest.raises(Unsupported, match="no motor control"):
-            await lidar.set_scan_frequency(8.0)
-        await anext(stream)
-        assert len(names(rig)) == asked
-
-
-async def test_a_motor_that_was_left_on_is_stopped_though_the_board_was_lost_on_the_way() -> None:
-    rig = make_rig("rplidar-a2")
-    rig.device.begin_streaming(1, now_ns())
-    receive = rig.device.receive
-    rig.device.receive = lambda data, now: None if data.startswith(b"\xa5\xff") else receive(data, now)
-    async with rig.open() as lidar:
-        await lidar.scan()
-        assert rig.device.motor_on
-    assert left_still(rig)
-
-
-async def test_a_speed_whose_response_was_lost_on_the_way_is_not_600_for_ever() -> None:
-    rig = make_rig("rplidar-c1")
-    rig.device.profile = replace(rig.device.profile, speed_conf=(720, *rig.device.profile.speed_conf[1:]))
-    receive = rig.device.receive
-    rig.device.receive = lambda data, now: None if data.startswith(b"\xa5\x84\x04\x01") else receive(data, now)
-    async with rig.open() as lidar:
-        assert (await take(lidar, 3))[-1].rpm == pytest.approx(600, rel=0.01)
-        rig.device.receive = receive
-        assert (await take(lidar, 3))[-1].rpm == pytest.approx(720, rel=0.01)
 
 
 @pytest.mark.parametrize("lost", [2, 4, 6, 9])
