@@ -118,11 +118,6 @@ async def test_what_came_back_is_said(babble: bytes, verdict: str, monkeypatch: 
     assert caught.value.reason == "silent"
 
 
-async def test_a_wrong_baud_rate_is_garbage_and_not_a_crash() -> None:
-    with pytest.raises(ConnectFailed, match="garbage"):
-        await open_lidar("sim://rplidar-s2?via=memory&fault=garbage")
-
-
 def test_the_received_is_bounded() -> None:
     """Only the first 4096 bytes are looked at, which are zero here."""
     received = ReceivedInSilence()

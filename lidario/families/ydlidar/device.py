@@ -279,10 +279,9 @@ class YdlidarDevice(Device):
         """
         if not self._model.protection:
             return (yield from super().power_down_protection(on))
-        wanted = bool(on)  # 1 and numpy's True are meant as well, and are not identical to True
-        yield from toggle_to(wanted, self._say_protected)
-        self._wanted_protection = wanted
-        return wanted
+        yield from toggle_to(on, self._say_protected)
+        self._wanted_protection = on
+        return on
 
     def _say_protected(self, on: bool | None) -> None:
         self._protected = on

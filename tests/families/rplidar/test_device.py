@@ -1,11 +1,7 @@
 """The scripts of an RPLIDAR, driven by hand: what it is, how it is started, and at which speed."""
 
-import math
 import struct
-from fractions import Fraction
-from typing import Any
 
-import numpy as np
 import pytest
 
 from lidario.errors import InvalidValue, RemoteProtocolError, ResponseTimeout, Unsupported
@@ -124,13 +120,6 @@ def test_motor_off_comes_before_stop(model: int | None) -> None:
     assert (device.stop().data, device.reset().data) == (b"\xa5\x25", b"\xa5\x40")
 
 
-def test_each_start_has_a_format_and_a_decoder_of_its_own() -> None:
-    device = identified()
-    first, second = (started(device, DENSE_BOOST, {})[0] for _ in range(2))
-    assert first.format is not second.format
-    assert first.decoder is not second.decoder
-
-
 def test_zero_microseconds_are_asked_for_in_the_older_way() -> None:
     mode = ScanMode(1, "DenseBoost", 0.0, 30.0, 0x85)
     rates = {b"\xa5\x59": struct.pack("<HH", 63, 31)}
@@ -180,29 +169,9 @@ def test_a_frequency_beyond_the_devices_limits_is_refused(hertz: float) -> None:
     assert drive(device.scan_frequency(), {})[0] == 10.0
 
 
-@pytest.mark.parametrize("hertz", [math.nan, math.inf, "10", None, 1j, 10**400, b"10", [10.0]])
-def test_what_is_no_frequency_is_refused_before_anything_is_asked(hertz: Any) -> None:
-    with pytest.raises(InvalidValue, match="scan frequency"):
-        next(identified().set_scan_frequency(hertz))
-
-
-@pytest.mark.parametrize("hertz", [10, np.float32(10.0), np.int16(10), Fraction(10)])
-def test_any_real_number_is_a_frequency(hertz: Any) -> None:
-    assert drive(identified().set_scan_frequency(hertz), LIMITS)[0] == 10.0
-
-
 def test_without_told_limits_what_fits_the_request_is_tried() -> None:
     device = identified()
     assert drive(device.set_scan_frequency(1000.0), {})[0] == 1000.0
     for hertz in (0.0, 2000.0):
         with pytest.raises(InvalidValue, match="1 to 65535 rpm"):
             drive(device.set_scan_frequency(hertz), {})
-
-
-def test_what_the_family_cannot_do_says_so() -> None:
-    device = identified()
-    for script in (device.zero_offset, lambda: device.apply_zero_offset(True)):
-        with pytest.raises(Unsupported):
-            script()
-    with pytest.raises(Unsupported):
-        device.power_down_protection(True)

@@ -251,7 +251,7 @@ def test_an_overloaded_line_is_refused() -> None:
 
 
 def test_an_unknown_model_names_those_there_are() -> None:
-    with pytest.raises(ValueError, match=r"'rplidar-s9'.*rplidar-s2.*rplidar-old-firmware"):
+    with pytest.raises(ValueError, match=r"no simulated device .*'rplidar-s9'.*rplidar-s2.*rplidar-old-firmware"):
         make_simulated("rplidar-s9")
 
 

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import pytest
 
-from lidario.families.ydlidar.simulated.device import PROFILES, Simulated4Ros, make_simulated
+from lidario.families.ydlidar.simulated.device import Simulated4Ros, make_simulated
 from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_points, pack_time_stamp
 from lidario.sim.rooms import make_world
 from tests.reference import ydlidar
@@ -132,27 +132,6 @@ def test_left_streaming_by_somebody_else(device: Simulated4Ros) -> None:
     assert not data.startswith((b"\xaa\x55", b"\xa5\x5a"))
     assert len(data) == pytest.approx(45_100, rel=0.01)
     assert len(whole(data[data.index(b"\xaa\x55") :])) > 500
-
-
-def test_every_profile_scans() -> None:
-    for model in PROFILES:
-        device = make_simulated(model)
-        device.receive(SCAN, BEGIN)
-        data = device.transmit(BEGIN + 3 * S)
-        if PROFILES[model].stamps:
-            assert unstamped(data[7:])[1]
-            continue
-        size = PROFILES[model].layout.size
-        # One that only talks is heard from anywhere on, and the last packet may be under way.
-        begin = data.find(b"\xaa\x55") if PROFILES[model].one_way else 7
-        places = [begin]
-        while places[-1] + 4 <= len(data):
-            assert data[places[-1] : places[-1] + 2] == b"\xaa\x55"
-            places.append(places[-1] + 10 + size * data[places[-1] + 3])
-        packets = ydlidar.split(data[begin : places[-2]], ydlidar.Kind(sample_bytes=size))
-        assert len(packets) > 20
-    with pytest.raises(ValueError, match="no simulated device"):
-        make_simulated("ydlidar-x5")
 
 
 def test_packers_agree_with_the_reference() -> None:
