@@ -49,12 +49,18 @@ FAULTS = ("drop:0.02%,stall:300ms,replug:11s", "burst:0.01%,duplicate:0.01%,rebo
 
 
 class Here(Executor):
-    """Runs at once what it is given."""
+    """Runs at once what it is given, or fails at it."""
+
+    def __init__(self, error: Exception | None = None) -> None:
+        self._error = error
 
     def submit(self, run: Callable[..., Any], /, *args: Any, **named: Any) -> Future[Any]:
         """As `Executor.submit`."""
         done: Future[Any] = Future()
-        done.set_result(run(*args, **named))
+        if self._error is None:
+            done.set_result(run(*args, **named))
+        else:
+            done.set_exception(self._error)
         return done
 
 
@@ -201,20 +207,6 @@ def test_bare_bytes_and_short_recordings_are_decoded_by_one_process(
     assert exported(path, tmp_path / "several.csv", JOBS) == exported(path, tmp_path / "one.csv", 1)
 
 
-class Fails(Executor):
-    """Fails at whatever it is given."""
-
-    def __init__(self, error: Exception) -> None:
-        self._error = error
-
-    def submit(self, run: Callable[..., Any], /, *args: Any, **named: Any) -> Future[Any]:
-        """As `Executor.submit`."""
-        del run, args, named
-        failed: Future[Any] = Future()
-        failed.set_exception(self._error)
-        return failed
-
-
 @pytest.mark.parametrize(
     ("form", "error", "words"),
     [
@@ -228,7 +220,7 @@ def test_what_fails_on_another_process_is_told_and_leaves_nothing(
 ) -> None:
     path = tmp_path / "a.mcap"
     path.write_bytes(recorded("ldrobot-ld06", "", 14.0))
-    monkeypatch.setattr(divided, "processes", lambda *_: Fails(error))
+    monkeypatch.setattr(divided, "processes", lambda *_: Here(error))
     with pytest.raises(lidario.LidarError, match=words):
         exported(path, tmp_path / f"several{form}", JOBS)
     assert not joined
