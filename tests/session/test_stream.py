@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidario import Busy, DeviceLost, Scan
+from lidario import DeviceLost, Scan
 from lidario.session.streaming.readers import Hub
 from lidario.session.streaming.stream import Mailbox
 
@@ -38,19 +38,6 @@ async def test_an_ended_mailbox_gives_what_it_holds_first() -> None:
     for _ in range(2):
         with pytest.raises(DeviceLost, match="gone"):
             await mailbox.get()
-
-
-async def test_cancelling_a_reader_loses_nothing() -> None:
-    mailbox = Mailbox[Scan](1)
-    reading = asyncio.ensure_future(mailbox.get())
-    await asyncio.sleep(0)
-    with pytest.raises(Busy):
-        await mailbox.get()
-    mailbox.put(numbered(3))
-    reading.cancel()
-    with pytest.raises(asyncio.CancelledError):
-        await reading
-    assert (await mailbox.get()).seq == 3
 
 
 async def test_a_reader_that_only_the_loop_holds_is_not_collected() -> None:

@@ -52,23 +52,6 @@ def test_letters(model: str) -> None:
     assert device.log[-1].why == "still booting"
 
 
-@pytest.mark.parametrize("model", PROFILES)
-@driven
-async def test_a_session_starts_it_and_stops_its_motor(model: str) -> None:
-    rig = make_rig("hlds", model)
-    async with open_lidar(rig.device, family="hlds") as lidar:
-        assert lidar.info.model == "HLDS LDS-01"
-        assert not (await lidar.get_health()).note
-        for _ in range(2):
-            async with lidar.scans() as stream:
-                scan = await anext(stream)
-                assert (len(scan), scan.lost_packets) == (360, 0)
-            await lidar.stop()
-            assert not rig.device.motor_on
-    assert not rig.device.motor_on
-    assert all(each.obeyed for each in rig.device.log)
-
-
 @driven
 async def test_one_whose_check_value_nobody_knows_says_so() -> None:
     rig = make_rig("hlds", "hlds-lds01")
