@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, MutableMapping
 from dataclasses import fields
+from itertools import takewhile
 from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, cast
@@ -119,14 +120,32 @@ def _edit(document: TOMLDocument, serial: str, mount: Mount | None, added: list[
         _add(table, each)
 
 
-def _take_away(table: MutableMapping[str, Any], gone: list[Any]) -> None:
+def _take_away(table: Any, gone: list[Any]) -> None:
     """Take away the filters that are written like one of these."""
     kept = table.get("filters", [])
     for at in reversed(range(len(kept))):
-        if _table_of(parse_filter(kept[at].unwrap(), None, "")) in gone:
-            del kept[at]
-    if not kept:
-        table.pop("filters", None)
+        if _table_of(parse_filter(kept[at].unwrap(), None, "")) not in gone:
+            continue
+        behind = _comments_behind(kept[at], table)
+        del kept[at]
+        if at == 0 and (behind or not kept):
+            del table["filters"]
+        for each in behind:
+            (kept[at - 1] if at else table).value.append(None, each)
+        if "filters" not in table and kept:
+            table["filters"] = kept
+
+
+def _comments_behind(made: Any, table: Any) -> list[Any]:
+    """Blank lines and comments at the end of a filter: they may belong to what follows, as that of the next table.
+
+    None where the filter is written in braces, or the table of the lidar in several pieces.
+    """
+    from tomlkit.items import Table
+
+    if not (isinstance(made, Table) and isinstance(table, Table)):
+        return []
+    return [item for _, item in reversed(list(takewhile(lambda each: each[0] is None, reversed(made.value.body))))]
 
 
 def _own_table(document: TOMLDocument, serial: str) -> MutableMapping[str, Any]:

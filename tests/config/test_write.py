@@ -117,6 +117,28 @@ def test_filters_are_taken_away_and_all_else_stays(tmp_path: Path, inline: bool)
     assert "filters" not in path.read_text()
 
 
+NEAR = '[[lidars.A.filters]]\nfilter = "RangeFilter"\nlower_threshold = 0.5'
+MEDIAN = '[[lidars.A.filters]]\nfilter = "MedianFilter"'
+
+
+@pytest.mark.parametrize(
+    ("parts", "kept"),
+    [
+        (["[lidars.A]\nframe = 'f'", "# on A", NEAR, "\n# on B", "[lidars.B]"], [0, 1, 3, 4]),
+        (["[lidars.A]", MEDIAN, "# on near", NEAR, "\n# on B", "[lidars.B]"], [0, 1, 2, 4, 5]),
+        (["[lidars.A]", NEAR, "# on median", MEDIAN, "\n# on B", "[lidars.B]"], [0, 2, 3, 4, 5]),
+        (["[lidars.A]", NEAR, "# on median", MEDIAN, "# on near", NEAR, "# the end"], [0, 2, 3, 4, 6]),
+        (["[lidars.A]", "[lidars.B]", NEAR], [0, 1]),
+        ([NEAR, "[lidars.B]", "[lidars.A]\nframe = 'f'", "# the end"], [1, 2, 3]),
+    ],
+)
+def test_comments_around_a_filter_taken_away_stay(tmp_path: Path, parts: list[str], kept: list[int]) -> None:
+    path = written(tmp_path, "\n".join(parts))
+    save_config(path, "A", without=[RangeFilter(0.5)])
+    lines = [line for line in path.read_text().splitlines() if line]
+    assert lines == [line for each in kept for line in parts[each].splitlines() if line]
+
+
 BOX = BoxFilter(-1, 1, -1, 1)
 
 
@@ -128,10 +150,6 @@ BOX = BoxFilter(-1, 1, -1, 1)
         ('lidars.A.frame = "a"\nlidars.B.frame = "b"\n', {"filters": [BOX]}),
         ('lidars.B.frame = "b"\nlidars.C.frame = "c"\n', {"mount": Mount(1.0)}),
         ('lidars = { B = { frame = "b" } }\n', {"mount": Mount(1.0)}),
-        (
-            '[default]\n[lidars.B]\n[[default.filters]]\nfilter = "RangeFilter"\n',
-            {"without": [RangeFilter()], "serial": ""},
-        ),
         (
             '[[lidars.A.filters]]\nfilter = "RangeFilter"\n[lidars.B]\n'
             '[[lidars.A.filters]]\nfilter = "ShadowsFilter"\n',
