@@ -17,8 +17,8 @@ from contextlib import suppress
 import anyio
 import pytest
 
-from lidario import Lidar, LidarError
-from tests.support.cable import Cable, cable_to
+from lidario import Lidar, LidarError, LocalProtocolError, StreamFailed
+from tests.support.cable import Cable, cable_to, on_a_cable
 from tests.support.devices import EVERY_FAMILY, left_still, make_rig, some
 from tests.support.loop import driven_loop, now
 
@@ -160,6 +160,57 @@ async def test_none_is_left_where_a_session_is_closed_as_its_line_is_lost(turns:
         await lidar.close()
         assert asyncio.all_tasks() - {asyncio.current_task(), reading, *asking} == set()
         await asyncio.gather(reading, *asking, return_exceptions=True)
+
+
+def cancel_all_others() -> None:
+    for task in asyncio.all_tasks() - {asyncio.current_task()}:
+        task.cancel()
+
+
+@pytest.mark.parametrize("turns", [0, 1, 5, 20])
+async def test_no_reader_waits_for_ever_where_a_program_cancels_all_tasks_and_goes_on(turns: int) -> None:
+    rig = make_rig("rplidar")
+    async with rig.open() as lidar:
+        stream = lidar.scans()
+        reading = asyncio.ensure_future(anext(stream))
+        for _ in range(1 + turns):
+            await asyncio.sleep(0)
+        cancel_all_others()
+        with pytest.raises(asyncio.CancelledError):
+            await reading
+        with pytest.raises(LocalProtocolError, match="cancelled the task that starts the stream"):
+            await asyncio.wait_for(anext(stream), 30.0)
+        assert (await lidar.get_health()).ok
+        assert await lidar.scan()
+        await lidar.stop()
+        assert left_still(rig)
+
+
+@pytest.mark.parametrize("away_s", [0.0, 1.0])
+async def test_a_program_that_cancels_all_tasks_while_a_session_comes_back_has_ended_it(away_s: float) -> None:
+    async with on_a_cable("rplidar") as (cable, lidar), lidar.scans() as stream:
+        await anext(stream)
+        cable.pull()
+        await asyncio.sleep(away_s)
+        cancel_all_others()
+        with pytest.raises(LocalProtocolError, match="cancelled the task that brings the session back"):
+            async with asyncio.timeout(30.0):
+                while True:
+                    await anext(stream)
+        with pytest.raises(LocalProtocolError, match="cancelled the task that brings the session back"):
+            await lidar.get_health()
+        assert [change.state async for change in lidar.line_changes()] == []
+
+
+async def test_a_stream_that_was_to_go_on_tells_that_all_tasks_were_cancelled() -> None:
+    rig = make_rig("rplidar")
+    async with rig.read() as (lidar, stream):
+        await lidar.get_health()
+        cancel_all_others()
+        with pytest.raises(StreamFailed, match="cancelled the task that starts the stream"):
+            async with asyncio.timeout(30.0):
+                while True:
+                    await anext(stream)
 
 
 @pytest.mark.usefixtures("quick_collection")

@@ -25,7 +25,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from lidario.arguments import finite, number, shown
-from lidario.errors import ConnectFailed, DeviceLost, InternalError, InvalidValue, LidarError
+from lidario.errors import ConnectFailed, DeviceLost, InternalError, InvalidValue, LidarError, LocalProtocolError
 from lidario.families.base import Device, Script
 from lidario.model import Health
 from lidario.session.finding.connect import connect
@@ -83,7 +83,7 @@ class Reconnector:
         settings: What the user has set, in the order of setting: each makes the script that sets it again.
         proven: Whether the session works: then the next loss is a new one.
         adopt: Takes a new line over; False when nobody is there any more who could.
-        gave_up: Called with the error that ends the session.
+        gave_up: Called with the error that ends the session, unless `cancel` or `abandon` came before.
         unused: Returns when nobody uses the line that was lost.
     """
 
@@ -135,6 +135,7 @@ class Reconnector:
             _log.warning("the line to the lidar is lost, and the session comes back: %s", error)
         self._is_ready = False
         self._task = self._loop.create_task(self._run(), name="lidario: come back")
+        self._task.add_done_callback(self._ended)
 
     def away_error(self) -> DeviceLost:
         """What calls raise that cannot be done without the device."""
@@ -147,7 +148,7 @@ class Reconnector:
 
     def cancel(self) -> None:
         """Come back no more. What is half connected is left still and closed by the task, see `ended`."""
-        self._is_ready = False
+        self._is_ready, self.gave_up = False, None
         if self._task is not None:
             self._task.cancel()
 
@@ -162,7 +163,7 @@ class Reconnector:
 
     def abandon(self) -> None:
         """Nobody holds the session any more: leave the device still, in any thread and without a loop."""
-        task = self._task
+        task, self.gave_up = self._task, None
         if task is not None and not task.done() and self._loop.is_running():
             # The task leaves the device still with the pauses that it needs, and blocks nobody.
             with suppress(RuntimeError):  # the loop was closed just now
@@ -199,6 +200,11 @@ class Reconnector:
             # Nothing is awaited from here on: `cancel` comes either before, and then there is no connection, or
             # after, and then the session has taken it over.
             self._take_over(connection, health)
+
+    def _ended(self, task: asyncio.Task[None]) -> None:
+        """Where the program has cancelled all tasks and goes on, no reader waits for ever."""
+        if task.cancelled() and self.gave_up is not None:
+            self._end_with(LocalProtocolError("the program has cancelled the task that brings the session back"))
 
     async def _leave(self) -> None:
         assert self._known is not None

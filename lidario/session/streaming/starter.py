@@ -47,6 +47,7 @@ class Starter:
         # A coroutine that is collected after its loop was closed comes by here, too.
         if self._task is None and self._has_work and not self._loop.is_closed():
             self._task = self._loop.create_task(self._work(), name="lidario: start the stream")
+            self._task.add_done_callback(self._ended)
 
     async def ended(self) -> None:
         """Return when the task has ended."""
@@ -59,6 +60,14 @@ class Starter:
         control = self._control
         waits = self._hub.joining or control.failure is not None
         return control.state is State.STARTING or (bool(waits) and not control.is_away)
+
+    def _ended(self, task: asyncio.Task[None]) -> None:
+        """Where the program has cancelled all tasks and goes on, no reader waits for ever."""
+        if task.cancelled() and self._task in (None, task):
+            self._task = None
+            self._failures.could_not_start(
+                LocalProtocolError("the program has cancelled the task that starts the stream")
+            )
 
     async def _work(self) -> None:
         """Let the readers in who wait for it, and start the stream they want; until nothing is left to do."""

@@ -257,6 +257,8 @@ class ScanStream(ReaderStream[Scan]):
     revolutions or cannot be started, and `DeviceFault` when it has stopped to protect itself and a reset is of no
     use; the session goes on after both. It raises `DeviceLost` when the port died, and `SessionClosed`
     when the session is closed by another task. With `open_lidar(reconnect=...)` it waits while the device is away.
+    Where the program cancels all tasks, the session's own included, a stream that waits for one of these ends with
+    `LocalProtocolError`, or with `StreamFailed`.
 
     Cancelling ``__anext__`` loses no scan, and does not end the stream.
     """
