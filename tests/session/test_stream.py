@@ -77,14 +77,15 @@ async def test_each_reader_gets_an_error_of_its_own() -> None:
     hub, mailboxes = Hub(print), [Mailbox[Scan](1), Mailbox[Scan](1)]
     for mailbox in mailboxes:
         hub.let_in(mailbox)
-    cause = DeviceLost("gone")
-    hub.end(cause)
+    gone, cause = DeviceLost("gone"), OSError("unplugged")
+    gone.__cause__ = cause
+    hub.end(gone)
     errors = []
     for mailbox in mailboxes:
         with pytest.raises(DeviceLost) as caught:
             await mailbox.get()
         errors.append(caught.value)
-    assert errors[0] is not errors[1]
+    assert len({id(each) for each in (*errors, gone)}) == 3
     assert errors[0].__cause__ is errors[1].__cause__ is cause
 
 

@@ -89,7 +89,7 @@ async def test_a_lost_line_ends_every_stream_and_is_told_once(caplog: pytest.Log
         assert [*connected, lidar.is_connected] == [True, False]
         with pytest.raises(DeviceLost, match="unplugged") as caught:
             await lidar.get_health()
-        assert caught.value.__cause__ is not None
+        assert str(caught.value.__cause__) != str(caught.value), "one sentence stands twice in the traceback"
         await asyncio.sleep(1.0)
     (told,) = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
     assert told.startswith("the session ended: ")
@@ -103,8 +103,7 @@ async def test_a_mistake_of_ours_ends_the_stream_and_says_so(rig: Rig, monkeypat
     async with rig.read() as (_, stream):
         monkeypatch.setattr(Seam, "splits", blunder)
         error = await end_of(stream, InternalError, r"IndexError\('a bug'\).*report")
-        assert isinstance(error.__cause__, InternalError)
-        assert isinstance(error.__cause__.__cause__, IndexError)
+        assert isinstance(error.__cause__, IndexError)
 
 
 async def test_a_device_that_does_not_come_back_from_a_reset(rig: Rig) -> None:

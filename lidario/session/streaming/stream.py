@@ -22,7 +22,7 @@ from lidario.entered import AsyncOnly
 from lidario.errors import Busy, InvalidValue, LidarError, LocalProtocolError
 from lidario.measured import changed
 from lidario.scan import Scan
-from lidario.session.talking.trouble import again
+from lidario.session.talking.trouble import twin_of
 
 T = TypeVar("T")
 
@@ -99,7 +99,7 @@ class Mailbox(Generic[T]):
         await self.wait()
         if not self._scans:
             if self._error is not None:
-                raise again(self._error)
+                raise twin_of(self._error)
             raise StopAsyncIteration
         scan = self._scans.popleft()
         if self.on_taken is not None:

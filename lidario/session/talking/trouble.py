@@ -18,9 +18,14 @@ INTERVAL_S = 1.0
 
 
 def twin_of(error: ErrorT) -> ErrorT:
-    """A copy of `error`, caused by it: each task that raises it gets a traceback of its own."""
+    """A copy of `error` with the same cause, to be raised in its place: by several tasks, or by who keeps `error`.
+
+    Each task so has a traceback of its own. And an exception that was raised holds the frames that it passed, and
+    they hold the reader: a reader that is reachable from its own finalizer is never collected, and a session that
+    nobody holds any more is never ended.
+    """
     twin = copy.copy(error)
-    twin.__cause__ = error
+    twin.__cause__ = error.__cause__
     return twin
 
 
@@ -37,17 +42,6 @@ def to_be_kept(error: LidarError) -> None:
         if not isinstance(each.__context__, OSError | LidarError):
             each.__context__ = None
         each = each.__cause__ or each.__context__
-
-
-def again(error: ErrorT) -> ErrorT:
-    """A copy of `error` with the same cause, to be raised in its place by who keeps `error`.
-
-    An exception that was raised holds the frames that it passed, and they hold the reader: a reader that is
-    reachable from its own finalizer is never collected, and a session that nobody holds any more is never ended.
-    """
-    twin = copy.copy(error)
-    twin.__cause__ = error.__cause__
-    return twin
 
 
 class Trouble:
