@@ -242,6 +242,20 @@ async def test_closing_that_is_cancelled_is_cancelled(turns: int) -> None:
         assert not rear.is_scanning
 
 
+async def test_a_stream_goes_on_where_the_program_cancels_all_tasks_and_reads_on() -> None:
+    async with (
+        lidario.open_lidar(SimulatedLidar()) as front,
+        lidario.open_lidar(SimulatedLidar()) as rear,
+        lidario.merged(front, rear, mounts=[Mount(), Mount()]) as clouds,
+    ):
+        await anext(clouds)
+        for task in asyncio.all_tasks() - {asyncio.current_task()}:
+            task.cancel()
+        async with asyncio.timeout(30):
+            while (await anext(clouds)).missing:
+                pass
+
+
 async def test_an_error_of_one_ends_all() -> None:
     one, two = SimulatedLidar(), SimulatedLidar(fault="unplug:1s")
     async with lidario.open_lidar(one) as front, lidario.open_lidar(two) as rear:

@@ -60,6 +60,10 @@ class MergedStream(AsyncOnly):
                 if self._is_over:
                     # Another task has closed it.
                     raise StopAsyncIteration
+                for number, each in enumerate(self._reading):
+                    if each.cancelled():
+                        # The program has cancelled all tasks, and goes on. No scan was taken.
+                        self._reading[number] = self._next(number)
                 ready = [number for number, each in enumerate(self._reading) if each.done()]
                 found = None
                 for number in ready:
