@@ -168,7 +168,7 @@ class Stats:
         scan_packets: Packets of the scans that were delivered.
         discarded_packets: Packets of revolutions that were not delivered: broken ones, the parts of a revolution at
             the beginning and the end of a stream, and packets that no stream had asked for.
-        doubled_packets: Packets that came twice in a row: the second one was dropped.
+        doubled_packets: Packets that came once more, right behind themselves, and were dropped.
         false_packets: Noise that passed for a packet, as its angle shows: it was dropped.
         unfinished_packets: Packets of the revolution in the making.
         records: Known records between packets that carry no measurement.

@@ -23,7 +23,7 @@ class AssemblerStats:
         scan_packets: Packets of revolutions delivered.
         discarded_packets: Packets of revolutions not delivered: broken ones, and the parts of one at the beginning
             and the end of each stream.
-        doubled_packets: Packets that came twice in a row: the second one was dropped.
+        doubled_packets: Packets that came once more, right behind themselves, and were dropped.
         false_packets: Noise that passed for a packet, as its angle shows.
         waiting_packets: Packets that wait until it is known whether they are false.
         unfinished_packets: Packets of the revolution in the making.
