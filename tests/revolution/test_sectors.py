@@ -246,6 +246,21 @@ def test_what_is_missing_right_behind_a_start_packet_is_told_with_a_sector(name:
         assert sum(told) == scan.lost_packets > 0
 
 
+@pytest.mark.parametrize("name", ["rplidar_9k_82", "rplidar_a1_84", "ydlidar_4ros_room10"])
+def test_a_lost_packet_is_told_with_the_sector_in_which_it_began(name: str) -> None:
+    case, parts = next(each for each in CASES if each.name == name), 36
+    wire = case.make_format()
+    began = [float(wire.headings(in_one_run(wire, packet))[0]) / wire.full_turn for packet in case.packets]
+    halfway = [number for number, turned in enumerate(began) if 0.3 < turned < 0.7]
+    for lost in halfway[len(halfway) // 2 :][:10]:
+        left = [number for number in range(len(case.packets)) if number != lost]
+        raw = b"".join(case.packets[number] for number in left)
+        found = divided(case, raw, (parts,), [len(case.packets[number]) for number in left], arrivals(case, left))
+        told = [sector.index for sector in found.sectors[parts] if sector.lost_packets]
+        # By the samples before it, so that of one that begins at an end of a sector either of both may tell.
+        assert told in [[int(began[lost] * parts + slack)] for slack in (-0.1, 0.1)]
+
+
 def test_what_passes_unseen_behind_the_first_revolution_is_counted_once() -> None:
     case = next(each for each in CASES if each.name == "ydlidar_4ros_room10")
     left = [*range(26), *range(148, len(case.packets))]
