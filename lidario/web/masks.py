@@ -115,16 +115,24 @@ class Masks:
             for serial, feed, drawn, gone in self._unsaved():
                 # Boxes were drawn from where the lidar is shown; without that place they would be elsewhere.
                 save_config(self._path, serial, mount=feed.place, filters=drawn, without=gone)
-            config = read_config(self._path)
+                # At once: the file may not take what is drawn for the next lidar, and is then saved again.
+                self._is_saved(feed)
+            for feed in self._feeds:
+                self._is_saved(feed)
         except LidarError as error:
             self.said = str(error).partition("\n")[0]
         else:
-            self._changes.clear()
-            for feed in self._feeds:
-                feed.drawn.clear()
-                feed.removed.clear()
-                feed.saved = config.of("" if feed.info is None else feed.info.serial).filters
             self.said = f"saved in {self._path}"
+
+    def _is_saved(self, feed: Feed) -> None:
+        """Nothing is unsaved any more of this lidar, and what the file has is shown."""
+        assert self._path is not None
+        serial = "" if feed.info is None else feed.info.serial
+        feed.saved = read_config(self._path).of(serial).filters
+        for changed in (feed.drawn, feed.removed):
+            changed.clear()
+            kept = [[each for each in change if each[0] is not changed] for change in self._changes]
+            self._changes = [change for change in kept if change]
 
 
 def _is_box(each: Filter, sides: tuple[float, ...]) -> bool:

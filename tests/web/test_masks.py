@@ -168,6 +168,22 @@ def test_no_more_than_fifty_and_a_file_that_cannot_be_written(tmp_path: Path) ->
     assert masks.state()["unsaved"] == 50
 
 
+def test_where_the_file_cannot_take_what_is_drawn_for_one_the_other_is_saved_once(tmp_path: Path) -> None:
+    path, shown = tmp_path / "a.toml", feeds(Mount(), Mount(1.0))
+    path.write_text('[lidars]\nS1 = { frame = "b" }\n[lidars.S0]\n')
+    masks = Masks(shown, path)
+    masks.receive("b0 1 0 1")
+    masks.receive("s0 10 20")
+    for _ in range(2):
+        masks.receive("save")
+        assert "cannot be written into it" in masks.said
+        assert len(read_config(path).of("S0").filters) == 2
+        assert (shown[0].filters, len(shown[1].filters)) == (read_config(path).of("S0").filters, 1)
+        assert masks.state()["unsaved"] == 1
+    masks.receive("undo")
+    assert (len(shown[0].filters), len(shown[1].filters), masks.state()["unsaved"]) == (2, 0, 0)
+
+
 @pytest.mark.long
 def test_a_box_and_a_sector_are_drawn_and_saved(
     opened: Open, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
