@@ -69,7 +69,8 @@ class ConnectFailed(LidarError):
     Attributes:
         reason: One word for programs:
 
-            * ``missing``: no such port, no lidar found, or no such host of a zenoh router;
+            * ``missing``: no such port, no lidar found, none published under a zenoh key, or no such host of a
+              zenoh router;
             * ``permission``: this user may not open the port;
             * ``busy``: another program holds the port;
             * ``silent``: the port opened, but no lidar responds;

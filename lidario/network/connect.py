@@ -52,7 +52,8 @@ async def open_remote(source: Source) -> Remote:
 
     Raises:
         ConnectFailed: The key or the address of the router cannot be right (``source``), no router (``refused``),
-            nobody publishes under the key (``silent``), or several do (``ambiguous``).
+            nobody publishes under the key (``missing``), who does sends nothing (``silent``), or several publish
+            (``ambiguous``).
         Unsupported: The package is not installed.
     """
     router = source.options.get("router", DEFAULT_ROUTER)
@@ -104,9 +105,9 @@ async def _nobody(bus: Bus, key: str) -> ConnectFailed:
     if tokens:
         one = tokens[0]
         text = f"zenoh:{one.key} is published by {one.robot}, which does not respond: does its program hang?"
-    else:
-        text = f"no lidar is published under {key} at {bus.router}; `lidario devices --zenoh` lists those that are"
-    return ConnectFailed(text, reason="silent")
+        return ConnectFailed(text, reason="silent")
+    text = f"no lidar is published under {key} at {bus.router}; `lidario devices --zenoh` lists those that are"
+    return ConnectFailed(text, reason="missing")
 
 
 def _of_message(bus: Bus, first: Sample) -> Remote:

@@ -77,6 +77,26 @@ async def test_what_passes_while_a_publisher_is_away_is_counted_as_missed(
         assert 0 < missed <= remote.stats.missed_scans
 
 
+async def test_a_publisher_that_was_sought_in_vain_is_found_when_it_is_back(
+    router: Router, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("lidario.network.port.GONE_S", 0.05)
+    monkeypatch.setattr("lidario.network.connect.WAIT_S", 0.05)
+    async with Rig(router) as rig:
+        lidar = await rig.open()
+        async with Share(lidar, "late/scan", router=router.address) as share:
+            rig.run(share)
+            remote, scans = await rig.read("late/scan", reconnect=True)
+            await anext(scans)
+        await until(lambda: "no lidar is published under late/scan" in caplog.text)
+        rig.run(await rig.enter_async_context(Share(lidar, "late/scan", router=router.address)))
+        await until(lambda: remote.stats.reconnects)
+        back_ns = time.monotonic_ns()
+        async with asyncio.timeout(BOUND_S):
+            while (await anext(scans)).stamp_ns < back_ns:
+                pass
+
+
 @pytest.mark.long
 async def test_a_recording_holds_the_descriptor_that_was_made_for_the_stream(router: Router) -> None:
     """Places in it are counted in received bytes: without it each stream would lack its first bytes."""
