@@ -1,11 +1,10 @@
 """Scans as the topic /scan of ROS 2 over DDS, without ROS: pip install cyclonedds."""
 
 import sys
+from contextlib import suppress
 from dataclasses import make_dataclass
-from typing import Any
 
-from cyclonedds import domain, pub, topic
-from cyclonedds.idl import IdlStruct
+from cyclonedds import domain, idl, pub, topic
 from cyclonedds.idl.types import float32, int32, sequence, uint32
 
 import lidario
@@ -13,9 +12,9 @@ import lidario
 NUMBERS = ("angle_min", "angle_max", "angle_increment", "time_increment", "scan_time", "range_min", "range_max")
 
 
-def message(name: str, **fields: Any) -> Any:
+def message(name: str, **fields: object) -> type:
     """A message of ROS 2, by the name that it has in DDS."""
-    return make_dataclass("Message", fields.items(), bases=(IdlStruct,), namespace={"__idl_typename__": name})
+    return make_dataclass("Message", fields.items(), bases=(idl.IdlStruct,), namespace={"__idl_typename__": name})
 
 
 Time = message("builtin_interfaces.msg.dds_.Time_", sec=int32, nanosec=uint32)
@@ -36,4 +35,5 @@ async def main(source: str | lidario.SimulatedDevice = "auto", *, domain_id: int
 
 
 if __name__ == "__main__":
-    lidario.run(main(*sys.argv[1:2]))
+    with suppress(KeyboardInterrupt):
+        lidario.run(main(*sys.argv[1:2]))

@@ -7,6 +7,7 @@ Recordings need the package mcap: pip install mcap.
 """
 
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import lidario
@@ -44,4 +45,5 @@ def is_near(scan: lidario.Scan) -> bool:
 
 
 if __name__ == "__main__":
-    lidario.run(main(sys.argv[1] if len(sys.argv) > 1 else "auto"))
+    with suppress(KeyboardInterrupt):
+        lidario.run(main(sys.argv[1] if len(sys.argv) > 1 else "auto"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 
 import numpy as np
 import pytest
@@ -21,6 +22,11 @@ LOOPBACK = """<CycloneDDS><Domain>
 WRITER = f"""
 import dds_publish, lidario, lidario.testing
 lidario.run(dds_publish.main(lidario.testing.SimulatedLidar(walls={WALLS}), domain_id={DOMAIN}))
+"""
+AS_STARTED = """
+import runpy, sys
+sys.argv[1:] = ["sim://rplidar-s2"]
+runpy.run_module("dds_publish", run_name="__main__")
 """
 READER = f"""
 import json
@@ -77,3 +83,13 @@ def test_dds_publish_reaches_another_process() -> None:
         assert is_all_around(points)
         assert from_walls(points).max() < 0.01
     assert is_at_ten_hertz([scan[0] for scan in found])
+
+
+@pytest.mark.long
+def test_ctrl_c_is_a_normal_end() -> None:
+    reading = READER.replace(f"DomainParticipant({DOMAIN})", "DomainParticipant(0)")
+    with running(AS_STARTED, CYCLONEDDS_URI=LOOPBACK) as writer:
+        with running(reading, CYCLONEDDS_URI=LOOPBACK) as reader:
+            line_of(reader.stdout)
+        writer.send_signal(signal.SIGINT)
+        assert writer.wait(30.0) == 0

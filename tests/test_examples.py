@@ -8,6 +8,7 @@ import importlib.util
 import json
 import math
 import shutil
+import signal
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -20,6 +21,8 @@ import pytest
 
 import lidario
 from lidario.testing import Body, SimulatedLidar, make_scan, make_sector, room
+from tests.cli.processes import line_of
+from tests.support.example import running
 from tests.support.inner import ASYNCIO_INI, run_pytest
 from tests.support.loop import run_driven
 from tests.support.pages import blocks
@@ -226,6 +229,20 @@ async def test_record_on_trigger(tmp_path: Path) -> None:
 def cells() -> list[dict[str, Any]]:
     found: list[dict[str, Any]] = json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"]
     return found
+
+
+@pytest.mark.long
+def test_ctrl_c_ends_record_on_trigger(tmp_path: Path) -> None:
+    program = f"""
+import os, runpy, sys
+os.chdir({str(tmp_path)!r})
+sys.argv[1:] = ["sim://rplidar-s2?via=memory"]
+runpy.run_module("record_on_trigger", run_name="__main__")
+"""
+    with running(program, PYTHONUNBUFFERED="1") as process:
+        assert line_of(process.stdout).startswith("something is near")
+        process.send_signal(signal.SIGINT)
+        assert process.wait(30.0) == 0
 
 
 @pytest.mark.long
