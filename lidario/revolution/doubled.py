@@ -1,9 +1,10 @@
-"""Packets that a line delivers twice, or more often: only the first one stays.
+"""Packets that a line delivers twice, or a few times: only the first one stays.
 
 A packet states where it begins, and the rotor has turned when the next one begins. So a packet with the heading and
 the check value of the one before it, and all its other bytes, is that packet once more, unless so much time lies
 between them that the rotor may have turned once. If it stayed, the angle would seem to go back, and a start packet
-would begin a second revolution.
+would begin a second revolution. Where very many are alike, the rotor stands still: these stay, as they tell that
+nothing is missing meanwhile.
 
 A packet of one sample without a check value (`StreamFormat.samples` is 1, and all have one size) is never dropped:
 of a slow rotor, two samples may be alike.
@@ -25,6 +26,8 @@ from lidario.wire.formats import Headings, StreamFormat
 
 FASTEST_TURN_NS: Final = 25_000_000
 """No rotor takes less: two packets that are alike and farther apart are of two revolutions."""
+MOST_ALIKE: Final = 4
+"""So often at most does a line deliver a packet; where more are alike, the rotor stands still."""
 
 
 class DoubledPackets:
@@ -37,12 +40,14 @@ class DoubledPackets:
 
     Attributes:
         before: The packets that came last; None at the beginning.
+        alike: How many at their end are alike.
     """
 
     def __init__(self, wire: StreamFormat, sample_ns: float, stats: AssemblerStats) -> None:
         self._wire, self._sample_ns, self._stats = wire, sample_ns, stats
         self._can_tell = wire.shortest != wire.longest or wire.samples > 1
         self.before: Packets | None = None
+        self.alike: int = 1
 
     def tell_time(self, sample_ns: float) -> None:
         """A sample takes so many nanoseconds from now on."""
@@ -70,18 +75,24 @@ class DoubledPackets:
         if last and packets.data[: packets.blocks[0].size] == last and packets.skipped <= len(last):
             same = [0, *same]
         found = self._among(packets, same) if same else []
+        if not same or same[-1] != packets.count - 1:
+            self.alike = 1
         self.before = packets
         return found
 
     def _among(self, packets: Packets, same: Sequence[int]) -> list[int]:
         """Which of those with the heading of the packet before are that packet once more."""
         data, offsets = packets.data, packet_offsets(packets.blocks)
-        return [
-            at
-            for at in same
-            if (not at or data[offsets[at - 1] : offsets[at]] == data[offsets[at] : offsets[at + 1]])
-            and self._apart_ns(packets, at, offsets) < FASTEST_TURN_NS
-        ]
+        found, previous = list[int](), -1
+        for at in same:
+            if at - 1 != previous:
+                self.alike = 1
+            previous = at
+            here = data[offsets[at] : offsets[at + 1]]
+            self.alike = self.alike + 1 if not at or here == data[offsets[at - 1] : offsets[at]] else 1
+            if 1 < self.alike <= MOST_ALIKE and self._apart_ns(packets, at, offsets) < FASTEST_TURN_NS:
+                found.append(at)
+        return found
 
     def _apart_ns(self, packets: Packets, number: int, offsets: Sequence[int]) -> int:
         """How long behind the one before a packet came."""

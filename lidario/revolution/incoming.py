@@ -56,7 +56,8 @@ class Incoming:
         headings = self._format.headings(event)
         self.passing = self._false.passing(headings)
         if self.passing is not None:
-            self._doubled.before = event  # none came twice either
+            # None came twice either.
+            self._doubled.before, self._doubled.alike = event, 1
             return [(self._clock.dated(event), headings)]
         event, headings = self._doubled.drop(event, headings)
         found = self._false.drop(event, headings) if event.data else ()

@@ -1,4 +1,4 @@
-"""A packet that comes twice, or more often, is dropped and counted, and costs nothing else."""
+"""A packet that comes twice, or a few times, is dropped and counted, and costs nothing else."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from lidario.families.base import Known
 from lidario.recording.offline import OfflineDecoder
 from lidario.revolution.assemble import Assembler, AssemblerStats
-from lidario.revolution.doubled import without
+from lidario.revolution.doubled import MOST_ALIKE, without
 from lidario.scan import Scan
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
@@ -43,7 +43,7 @@ def test_it_costs_nothing(case: Case, data: st.DataObject) -> None:
     run = data.draw(st.sampled_from([1, 3, 17, len(case.packets)]), "packets at a time")
     every = data.draw(st.integers(1, 40), "one in so many comes again")
     first = data.draw(st.integers(0, every - 1), "the first of them")
-    most = data.draw(st.integers(2, 5), "so often")
+    most = data.draw(st.integers(2, MOST_ALIKE), "so often")
     packets, times, twice = list[bytes](), list[int](), 0
     for number, (packet, end_ns) in enumerate(zip(case.packets, ends_ns, strict=True)):
         copies = most if number % every == first else 1
@@ -87,6 +87,19 @@ def test_it_takes_no_time_in_a_file(case: Case) -> None:
     for scan, other in zip(scans, plain, strict=True):
         # Other blocks are rounded elsewhere.
         assert scan.stamp_ns == pytest.approx(other.stamp_ns, abs=10)
+
+
+@pytest.mark.parametrize("case", WITH_A_CHECK, ids=named)
+@pytest.mark.parametrize("run", [1, 2, 5])
+def test_of_many_that_are_alike_only_a_few_are_dropped(case: Case, run: int) -> None:
+    """Then the rotor stands still, and nothing is missing."""
+    packets = [case.packets[0], *[case.packets[1]] * 40, case.packets[2]]
+    wire, assembler = case.make_format(), Assembler(stream_of(case))
+    for at in range(0, len(packets), run):
+        assembler.add(in_one_run(wire, b"".join(packets[at : at + run])))
+    assembler.end()
+    dropped = assembler.stats.doubled_packets
+    assert (dropped, assembler.stats.discarded_packets) == (MOST_ALIKE - 1, len(packets) - dropped)
 
 
 def test_two_alike_that_may_both_be_true_stay() -> None:
