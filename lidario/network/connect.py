@@ -51,9 +51,9 @@ async def open_remote(source: Source) -> Remote:
     """Connect to the router, and to the publisher. Cancelling leaves nothing open.
 
     Raises:
-        ConnectFailed: The key or the address of the router cannot be right (``source``), no router (``refused``),
-            nobody publishes under the key (``missing``), who does sends nothing (``silent``), or several publish
-            (``ambiguous``).
+        ConnectFailed: The key or the address of the router cannot be right (``source``); there is no router
+            (``refused``); nobody publishes under the key (``missing``), or several do (``ambiguous``); or the one
+            that publishes there does not respond (``silent``).
         Unsupported: The package is not installed.
     """
     router = source.options.get("router", DEFAULT_ROUTER)
