@@ -28,11 +28,17 @@ def never_ending(case: Case) -> bytes:
 
 def fed(assembler: Assembler, lead: bytes, packet: bytes, total: int, wire: Any, *, together: int) -> int:
     """Feed a stream and then one packet again and again, at one time; return the most bytes that were held."""
-    assembler.add(in_one_run(wire, lead, 0))
+    begun = in_one_run(wire, lead, 0)
+    assembler.add(begun)
+    stats, offsets = assembler.stats, packet_offsets(begun.blocks)
+    # Packets of the stream itself that the revolution begins with may be shorter.
+    discarded, first = stats.discarded_packets, stats.unfinished_packets
+    shorter = first * len(packet) - (offsets[-1] - offsets[-1 - first])
     most = 0
     for _ in range(0, total, together * len(packet)):
         assembler.add(arrived(packet * together, together, 0))
-        most = max(most, assembler.stats.unfinished_packets * len(packet))
+        is_first = stats.discarded_packets == discarded
+        most = max(most, stats.unfinished_packets * len(packet) - shorter * is_first)
     return most
 
 
