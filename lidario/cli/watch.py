@@ -173,7 +173,7 @@ def figures(feed: Feed) -> list[tuple[str, str]]:
         ("nearest", nearest),
     ]
     if line is not None:
-        rows.append(("damage", f"{percent(line.damaged)} damaged"))
+        rows.append(("loss", f"{percent(line.damaged)} of packets lost"))
         if line.load is not None:
             rows.append(("link", f"{percent(line.load)} of the line"))
     return rows

@@ -51,7 +51,7 @@ def test_a_narrow_terminal_shows_each_figure_whole(width: int, least: int) -> No
     line = traffic(Stats(), Stats(packets=97, lost_packets=3), 1.0, 0)
     lines = drawn(feed(line=line), width, 20)
     told = "  ".join(each.strip() for each in lines[-2:])
-    shown = ("scanning", "10.0 Hz", "3600, 0 % no return", "nearest 2.00 m", "3.0 % damaged")
+    shown = ("scanning", "10.0 Hz", "3600, 0 % no return", "nearest 2.00 m", "3.0 % of packets lost")
     assert sum(each in told for each in shown) >= least, told
     # No figure is cut where the line ends, and the picture does not go for it.
     assert not any("…" in each for each in lines)
@@ -62,8 +62,8 @@ def test_states_are_said_in_words() -> None:
     assert "no returns" in " ".join(drawn(feed(np.nan), 110, 30))
     lost = " ".join(" ".join(drawn(feed(state="lost", reason="it is gone"), 110, 30)).split())
     assert "lost, reconnecting" in lost
-    damaged = feed(line=traffic(Stats(), Stats(packets=97, lost_packets=3), 1.0, 0))
-    assert "3.0 % damaged" in " ".join(drawn(damaged, 110, 30))
+    lossy = feed(line=traffic(Stats(), Stats(packets=97, lost_packets=3), 1.0, 0))
+    assert "3.0 % of packets lost" in " ".join(drawn(lossy, 110, 30))
 
 
 def test_a_picture_that_is_drawn_again_stays_where_it_is() -> None:

@@ -39,7 +39,7 @@ def test_scans_are_drawn_and_the_panel_tells_of_them(url: str, opened: Open) -> 
     assert told["rate"].endswith(" Hz")
     assert told["serial"] == "AB" * 6
     assert " m at " in told["nearest"]
-    assert told["damaged"] == "0 %"
+    assert told["packets lost"] == "0 %"
 
 
 def test_the_room_is_drawn_where_it_is(url: str, opened: Open) -> None:
@@ -224,7 +224,7 @@ def test_an_empty_scan_and_damage_are_said_in_words(opened: Open) -> None:
     with started("view", empty, "sim://ydlidar-4ros?via=memory&fault=drop:0.05%", "--port", "0") as process:
         page = opened(line_of(process.stdout).strip())
         page.until("document.body.innerText.includes('no returns in any direction')")
-        page.until("/[\\d.]+ % damaged/.test(document.body.innerText)")
+        page.until("/[\\d.]+ % of the packets lost/.test(document.body.innerText)")
         end(process)
         page.until("document.body.innerText.includes('no connection to lidario, trying again')")
         assert "scanning" not in page.text()
