@@ -23,7 +23,7 @@ from typing import Final
 from lidario.families.base import Samples
 from lidario.measured import with_gaps
 from lidario.revolution.assemble import Assembler
-from lidario.revolution.build import turned_by, unfrozen
+from lidario.revolution.build import turned_by
 from lidario.revolution.clock import NOISE, Beginning
 from lidario.revolution.divided import (
     RETREAT_PART,
@@ -49,7 +49,6 @@ from lidario.wire.formats import BEGINS, HEADING_MASK, Headings
 
 MOST_PARTS: Final = 72
 """Sectors of 5 degrees: the narrowest packet of any format is not much narrower."""
-_OpenSector: Final = unfrozen(Sector)
 
 
 class SectorAssembler(Assembler):
@@ -208,7 +207,7 @@ class SectorAssembler(Assembler):
             elif at < here.given:
                 gaps.append((at - done.begin, skipped))
         stamp_ns = start_ns + round(before * sample_ns)
-        sector = _OpenSector(
+        sector = Sector(
             device_angles=read_only(turned_by(arrays.angle, here.offset_deg)),
             device_distances=read_only(arrays.distance),
             intensities=None if arrays.intensity is None else read_only(arrays.intensity),
@@ -226,7 +225,6 @@ class SectorAssembler(Assembler):
             max_range=mode.max_distance,
             field_of_view=wire.field_deg,
         )
-        sector.__class__ = Sector
         self._publish_sector(count, with_gaps(sector, gaps) if lost else sector)
 
     @property
