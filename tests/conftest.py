@@ -31,7 +31,7 @@ from hypothesis.strategies import just
 
 from benchmarks.browser import find_browser
 from tests.support.discards import all_obeyed, devices_made, may_discard, some_discarded
-from tests.support.environment import obey_signals, set_aside, start_fewer_threads
+from tests.support.environment import obey_signals, search_alone, set_aside, start_fewer_threads
 from tests.support.leaks import leaves_no_task, leaves_nothing
 from tests.support.ledger import ledgers_made
 
@@ -128,6 +128,7 @@ def pytest_configure(config: pytest.Config) -> None:
     set_aside()
     obey_signals()
     start_fewer_threads()
+    search_alone()
     profile = "ci" if config.getoption("--exhaustive") else "sample"
     settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", profile))
 

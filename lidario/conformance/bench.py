@@ -26,7 +26,7 @@ from lidario.model import Health, HealthStatus, ScanMode
 from lidario.port.port import Port
 from lidario.session.finding.connect import connect
 from lidario.session.finding.connection import Connection
-from lidario.session.finding.discovery import find_source
+from lidario.session.finding.discovery import find_source, search_for
 from lidario.session.lidar import Lidar
 from lidario.session.opening import DEFAULT_LATENCY_S
 from lidario.session.talking.dialogue import play
@@ -314,15 +314,16 @@ async def open_bench(
     check_source(where, family)
     if where.kind in ("file", "zenoh"):
         raise InvalidValue("rules are tried on a device: give its port, its address or a simulated one")
-    found = await find_source(where, family)
-    connection = await connect(found, family, baudrate, on_port=on_port)
-    try:
-        check_family(found, family, connection.info.family)
+    with await search_for(where):
+        found = await find_source(where, family)
+        connection = await connect(found, family, baudrate, on_port=on_port)
         try:
-            health = await healthy(connection.dialogue)
-        except DeviceFault as error:
-            health = error.health
-        return Bench(connection, health, found.text, where.device, found.kind)
-    except BaseException:
-        await connection.dialogue.close()
-        raise
+            check_family(found, family, connection.info.family)
+            try:
+                health = await healthy(connection.dialogue)
+            except DeviceFault as error:
+                health = error.health
+            return Bench(connection, health, found.text, where.device, found.kind)
+        except BaseException:
+            await connection.dialogue.close()
+            raise

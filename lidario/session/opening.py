@@ -16,7 +16,7 @@ from lidario.errors import InvalidValue, LocalProtocolError, Unsupported
 from lidario.families.registry import check_family, check_source
 from lidario.port.guard import check_guard
 from lidario.session.finding.connect import connect
-from lidario.session.finding.discovery import find_source
+from lidario.session.finding.discovery import find_source, search_for
 from lidario.session.finding.reconnect import Reconnect, Reconnector
 from lidario.session.lidar import Lidar
 from lidario.session.talking.handshake import healthy
@@ -94,7 +94,11 @@ class OpenLidar(AsyncOnly):
             ) from None
         if asked.guard and asked.source.is_driven_from_here:
             check_guard()
-        source = await find_source(asked.source, asked.family)
+        with await search_for(asked.source):
+            return await self._open_found(await find_source(asked.source, asked.family))
+
+    async def _open_found(self, source: Source) -> Lidar:
+        asked = self._asked
         if source.kind == "file" and asked.keep_spinning:
             raise InvalidValue("keep_spinning: a recording has no motor")
         if asked.guard and not source.is_driven_from_here:

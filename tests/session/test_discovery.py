@@ -95,10 +95,10 @@ async def test_ports_are_listed_off_the_event_loop(monkeypatch: pytest.MonkeyPat
 async def test_a_family_chooses_among_the_lidars_that_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     infos = [DeviceInfo(family, "", 0, "1.0", 1, family) for family in ("rplidar", "ydlidar")]
 
-    async def lidars() -> list[Found]:
+    async def ask(*_: object) -> list[Found]:
         return [Found(PortInfo(f"/dev/{info.family}", "", "", ""), info, 115200, "") for info in infos]
 
-    monkeypatch.setattr("lidario.session.finding.discovery.list_lidars", lidars)
+    monkeypatch.setattr("lidario.session.finding.discovery.ask", ask)
     assert (await find_source(parse_source("auto"), "ydlidar")).address == "/dev/ydlidar"
     assert (await find_source(parse_source("id:rplidar"), "rplidar")).address == "/dev/rplidar"
     with pytest.raises(ConnectFailed, match="2 lidars respond"):

@@ -10,6 +10,8 @@ from __future__ import annotations
 import os
 import signal
 
+from lidario.session.finding import one_search
+
 SET_ASIDE = (
     # Python: containers often set the first one, and it hides what is left in a stream's buffer.
     "PYTHONUNBUFFERED", "PYTHONASYNCIODEBUG", "PYTHONDEVMODE", "PYTHONINSPECT", "PYTHONOPTIMIZE",
@@ -43,3 +45,8 @@ def obey_signals() -> None:
         number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) is signal.SIG_IGN:
             signal.signal(number, signal.default_int_handler if name == "SIGINT" else signal.SIG_DFL)
+
+
+def search_alone() -> None:
+    """Wait for no search of another process of the tests, which its driven clock would take for one that hangs."""
+    one_search.NAME += f" of tests in process {os.getpid()}"

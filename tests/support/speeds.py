@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from lidario.port.diagnose import busy
 from lidario.port.port import Port
 from lidario.port.simulated import MemoryTransport
 from lidario.session.finding.discovery import PortInfo
@@ -60,15 +61,18 @@ class _SpeedLine(MemoryLine):
 
 
 def serial_in_memory(patch: pytest.MonkeyPatch, **devices: Any) -> list[tuple[int, bytes]]:
-    """Have serial ports of these names lead to these devices, on the clock of the loop.
+    """Have serial ports of these names lead to these devices, on the clock of the loop; each can be open once.
 
     Returns:
         Everything that is written to them, with the speed at which it is written; it grows.
     """
     written: list[tuple[int, bytes]] = []
+    ports: dict[str, Port] = {}
 
     async def open_serial(path: str, baudrate: int) -> Port:
-        port = Port(path, baudrate)
+        if path in ports and ports[path].is_open:
+            raise busy(path)
+        port = ports[path] = Port(path, baudrate)
         line = _SpeedLine(devices[path], port, written)
         port.connection_made(MemoryTransport(asyncio.get_running_loop(), port, line))
         return port

@@ -9,8 +9,8 @@ from __future__ import annotations
 import asyncio
 import os
 import time
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
@@ -22,6 +22,7 @@ from lidario.model import DeviceInfo
 from lidario.port.background import run_in_thread
 from lidario.session.finding.connect import connect
 from lidario.session.finding.listening import BY_ID
+from lidario.session.finding.one_search import only_search
 from lidario.source import Source
 
 MOST_LISTS = 20
@@ -99,7 +100,8 @@ async def list_lidars(paths: Iterable[str | os.PathLike[str]] = ()) -> list[Foun
     """Ask which device is at each port, at all ports at the same time.
 
     A device that streams is stopped by this. Where no port has a lidar, all are asked again for 8 s, which is
-    enough for a lidar that boots. Cancelling leaves every port closed.
+    enough for a lidar that boots. Another search on this machine, of whatever program, is waited for. Cancelling
+    leaves every port closed.
 
     Args:
         paths: Ports to ask, whatever adapter they have; none: every port with an adapter that lidars come with.
@@ -113,15 +115,32 @@ async def list_lidars(paths: Iterable[str | os.PathLike[str]] = ()) -> list[Foun
     if isinstance(paths, str | bytes) or not isinstance(paths, Iterable):
         raise InvalidValue(f"write list_lidars(['/dev/ttyUSB0']): it takes a list of ports, not {shown(paths)}")
     names = [str(path_of(path, "a port")) for path in paths]
-    named = {name: PortInfo(name, "", "", "") for name in names}
+    with await only_search():
+        return await ask(list({name: PortInfo(name, "", "", "") for name in names}.values()), lambda _: True)
+
+
+async def ask(ports: Sequence[PortInfo], is_wanted: Callable[[DeviceInfo], bool]) -> list[Found]:
+    """Ask which device is at each port; none: at every port with an adapter that lidars come with.
+
+    Where none of them is wanted, those that have not responded are asked once more, with patience.
+    """
     # Off the loop: it reads a few files of each port.
-    ports = list(named.values()) or [port for port in await run_in_thread(list_serial_ports) if port.adapter]
-    found: list[Found] = []
-    for patient in (False, True):
-        found = await asyncio.gather(*(_ask(port, patient=patient) for port in ports))
-        if any(each.info is not None for each in found):
-            break
+    ports = ports or [port for port in await run_in_thread(list_serial_ports) if port.adapter]
+    found = list(await asyncio.gather(*(_ask(port, patient=False) for port in ports)))
+    if not any(each.info is not None and is_wanted(each.info) for each in found):
+        late = [number for number, each in enumerate(found) if each.info is None]
+        again = await asyncio.gather(*(_ask(ports[number], patient=True) for number in late))
+        for number, each in zip(late, again, strict=True):
+            found[number] = each
     return found
+
+
+async def search_for(source: Source) -> ExitStack:
+    """Where a source must be found first, wait for other searches, and keep them from beginning until it is closed.
+
+    What was found is opened anew: close it when that is done. Meanwhile another search would hold the port.
+    """
+    return await only_search() if source.kind in ("auto", "id") else ExitStack()
 
 
 async def find_source(source: Source, family: str | None = None) -> Source:
@@ -132,19 +151,19 @@ async def find_source(source: Source, family: str | None = None) -> Source:
     """
     if source.kind not in ("auto", "id"):
         return source
-    found = await list_lidars()
-    responding = [each for each in found if each.info is not None]
-    if source.kind == "id":
-        wanted = source.address.casefold()
-        responding = [each for each in responding if each.info and each.info.serial.casefold() == wanted]
-    if family is not None:
-        responding = [each for each in responding if each.info and each.info.family == family]
-    if len(responding) == 1:
-        best = responding[0]
+    serial = source.address.casefold() if source.kind == "id" else None
+
+    def is_wanted(info: DeviceInfo) -> bool:
+        return serial in (None, info.serial.casefold()) and family in (None, info.family)
+
+    found = await ask((), is_wanted)
+    wanted = [each for each in found if each.info is not None and is_wanted(each.info)]
+    if len(wanted) == 1:
+        (best,) = wanted
         own = best.info.family if best.info else ""
         return Source(best.port.path, "serial", best.port.path, {"baud": str(best.baudrate), "family": own})
-    if responding:
-        raise _several(responding)
+    if wanted:
+        raise _several(wanted)
     others = [] if found else [port.path for port in await run_in_thread(list_serial_ports)]
     raise _none(source, family, found, others)
 

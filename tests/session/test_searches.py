@@ -1,0 +1,86 @@
+"""Several searches for lidars at the same time, and a lidar that is not ready when another one is."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import Iterator
+
+import pytest
+
+from lidario import Lidar, list_lidars, open_lidar
+from lidario.session.finding import one_search
+from tests.support.devices import make_rig
+from tests.support.loop import now, now_ns
+from tests.support.speeds import plugged_in
+
+MODELS = ("rplidar-s2", "rplidar-a1", "ydlidar-4ros")
+
+
+@pytest.fixture
+def another_search() -> Iterator[socket.socket]:
+    """A search of another program, which goes on until it is closed."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as search:
+        search.bind(one_search.NAME)
+        yield search
+
+
+async def test_each_of_several_is_found_by_its_number_at_the_same_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each search asks at all ports, which others cannot open meanwhile."""
+    plugged_in(monkeypatch, **{model: make_rig(model).device for model in MODELS})
+    serials = [each.info.serial for each in await list_lidars() if each.info is not None]
+    lidars: list[Lidar] = await asyncio.gather(*(open_lidar(f"id:{serial}") for serial in serials))
+    assert [lidar.info.serial for lidar in lidars] == serials
+    assert len(set(serials)) == len(MODELS)
+    for lidar in lidars:
+        await lidar.close()
+
+
+async def test_the_search_of_another_program_is_waited_for(
+    monkeypatch: pytest.MonkeyPatch, another_search: socket.socket
+) -> None:
+    written = plugged_in(monkeypatch, only=make_rig("rplidar-s2").device)
+    search = asyncio.ensure_future(list_lidars())
+    await asyncio.sleep(5.0)
+    assert not written
+    another_search.close()
+    (found,) = await asyncio.wait_for(search, 1.0)
+    assert found.info is not None
+    # Others may begin.
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as third:
+        third.bind(one_search.NAME)
+
+
+@pytest.mark.usefixtures("another_search")
+async def test_a_search_that_hangs_is_not_waited_for_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    plugged_in(monkeypatch, only=make_rig("rplidar-s2").device)
+    began = now()
+    async with open_lidar("auto") as lidar:
+        assert now() - began < 25.0
+        await lidar.scan()
+
+
+async def test_no_search_is_kept_from_beginning_by_one_that_was_cancelled(monkeypatch: pytest.MonkeyPatch) -> None:
+    plugged_in(monkeypatch, only=make_rig("rplidar-s2").device)
+    for seconds in (0.0, 0.01, 0.1, 0.25):
+        opening = asyncio.ensure_future(open_lidar("auto").__aenter__())
+        await asyncio.sleep(seconds)
+        opening.cancel()
+        await asyncio.wait([opening])
+        began = now()
+        await list_lidars()
+        assert now() - began < 5.0
+
+
+@pytest.mark.parametrize(("text", "family"), [("id:{serial}", None), ("auto", "ydlidar")])
+async def test_one_that_still_boots_is_waited_for_where_another_responds(
+    text: str, family: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, wanted = make_rig("rplidar-s2").device, make_rig("ydlidar-4ros").device
+    plugged_in(monkeypatch, first=first, wanted=wanted)
+    async with open_lidar(wanted) as lidar:
+        serial = lidar.info.serial
+    hears, booted = wanted.receive, now_ns() + 3_000_000_000
+    wanted.receive = lambda data, at_ns: hears(data, at_ns) if at_ns >= booted else None
+    async with open_lidar(text.format(serial=serial), family=family) as lidar:
+        assert lidar.info.serial == serial
