@@ -44,7 +44,8 @@ class Scan(MeasuredSamples):
         device_distances: Millimetres, float32; 0 where nothing came back: the device's own convention.
         intensities: uint8, the device's own scale of 0..255; None where the format carries none.
         stamp_ns: When the first sample was measured, on the monotonic clock of the event loop.
-        wall_stamp_ns: The same instant in nanoseconds since the Unix epoch.
+        wall_stamp_ns: The same instant in nanoseconds since the Unix epoch. Where the clock is set while a stream
+            runs, it goes on by the new time; in a recording, by that with which the recording began.
         time_increment_ns: Time from one sample to the next.
         duration_ns: Time from the first sample to the end of the revolution.
         rpm: Measured speed: revolutions a minute, by the step of the angle from sample to sample and the time that

@@ -159,7 +159,7 @@ class Chronicle:
 
     Attributes:
         responses: The latest response to each request.
-        running: The stream that runs, with the latest zero-angle offset, or None.
+        running: The stream that runs, with the latest zero-angle offset and wall clock, or None.
     """
 
     def __init__(self) -> None:
@@ -199,6 +199,11 @@ class Chronicle:
         if self.running is not None and degrees != self.running.zero_offset_deg:
             self.running = replace(self.running, zero_offset_deg=degrees)
             self._tell(ZeroOffsetSet(at, degrees, behind))
+
+    def clock_set(self, wall_offset_ns: int) -> None:
+        """The system's wall clock was set. A recording that runs goes on by the clock with which it began."""
+        if self.running is not None:
+            self.running = replace(self.running, wall_offset_ns=wall_offset_ns)
 
     def ended(self, at: int) -> None:
         """The stream is not delivered any more."""

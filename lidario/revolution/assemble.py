@@ -47,6 +47,7 @@ class Assembler:
         incoming: What comes; it knows how long a sample takes.
         partial: The revolution that goes on.
         ended: How many streams have ended, or were taken over by another assembler.
+        wall_offset_ns: Wall clock minus monotonic clock, for the scans to come.
     """
 
     def __init__(
@@ -60,7 +61,7 @@ class Assembler:
         self.stats: AssemblerStats = stats or AssemblerStats()
         self._stream, self._decoder = stream, stream.decoder
         self._byte_ns = byte_ns_at(baudrate)
-        self._wall_offset_ns = wall_offset_ns
+        self.wall_offset_ns: int = wall_offset_ns
         self.incoming: Incoming = Incoming(stream, self.stats, clock)
         self._seam = Seam(stream.format.full_turn, stream.format.first_seam)
         self._most_ns, self._most_bytes = stream.most_ns, stream.most_bytes
@@ -343,5 +344,5 @@ class Assembler:
         self.stats.resume(made.start_ns)
         seq = self.stats.scans + self.stats.missed_scans if self._told_seq is None else self._told_seq
         self.stats.scans += 1
-        wall_ns = made.start_ns + self._wall_offset_ns
+        wall_ns = made.start_ns + self.wall_offset_ns
         return build_scan(self._stream, made, wall_ns=wall_ns, sample_ns=sample_ns, seq=seq, lost=lost)

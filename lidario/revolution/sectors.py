@@ -212,7 +212,7 @@ class SectorAssembler(Assembler):
             device_distances=read_only(arrays.distance),
             intensities=None if arrays.intensity is None else read_only(arrays.intensity),
             stamp_ns=stamp_ns,
-            wall_stamp_ns=stamp_ns + self._wall_offset_ns,
+            wall_stamp_ns=stamp_ns + self.wall_offset_ns,
             time_increment_ns=round(sample_ns),
             duration_ns=round((len(arrays.angle) + sum([skipped for _, skipped in gaps])) * sample_ns),
             rpm=60e9 / (self._usual_samples * sample_ns) if self._usual_samples else math.nan,

@@ -1,0 +1,80 @@
+"""The system's wall clock is set while a stream runs, as on a computer that learns the time from the network."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lidario import open_lidar
+from tests.support.devices import Rig
+
+HOUR_NS = 3600 * 10**9
+
+
+class _Clock:
+    """The wall clock of this process, which can be set."""
+
+    def __init__(self, patch: pytest.MonkeyPatch) -> None:
+        self.ahead_ns = 0
+        usual = time.time_ns
+        patch.setattr(time, "time_ns", lambda: usual() + self.ahead_ns)
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Iterator[_Clock]:
+    with monkeypatch.context() as patch:
+        yield _Clock(patch)
+
+
+def ahead(scan: Any) -> int:
+    return int(scan.wall_stamp_ns - scan.stamp_ns)
+
+
+@pytest.mark.parametrize("step_ns", [HOUR_NS, -HOUR_NS, 50_000_000])
+async def test_stamps_follow(rig: Rig, clock: _Clock, step_ns: int, caplog: pytest.LogCaptureFixture) -> None:
+    async with rig.read() as (_, stream):
+        before = [await anext(stream) for _ in range(3)]
+        clock.ahead_ns = step_ns
+        after = [await anext(stream) for _ in range(4)]
+    assert len({ahead(scan) for scan in before}) == 1
+    # Reading two clocks takes a moment.
+    assert {round((ahead(scan) - ahead(before[0])) / step_ns, 1) for scan in after[1:]} == {1.0}
+    assert [scan.seq - before[0].seq for scan in (*before, *after)] == list(range(7))
+    told = [each for each in caplog.records if each.levelno >= logging.WARNING and "clock" in each.getMessage()]
+    assert len(told) == 1
+
+
+async def test_sectors_follow(rplidar: Rig, clock: _Clock) -> None:
+    async with rplidar.open() as lidar, lidar.sectors(90) as stream:
+        before = [await anext(stream) for _ in range(8)]
+        clock.ahead_ns = HOUR_NS
+        after = [await anext(stream) for _ in range(8)]
+    assert ahead(after[-1]) - ahead(before[-1]) == pytest.approx(HOUR_NS, rel=1e-5)
+
+
+async def test_small_differences_are_no_setting(rplidar: Rig, clock: _Clock) -> None:
+    async with rplidar.read() as (_, stream):
+        first = await anext(stream)
+        for number in range(15):
+            clock.ahead_ns = number * 500_000
+            last = await anext(stream)
+    assert ahead(first) == ahead(last)
+
+
+async def test_a_replay_keeps_the_clock_with_which_it_was_recorded(
+    rplidar: Rig, clock: _Clock, tmp_path: Path
+) -> None:
+    path = tmp_path / "run.mcap"
+    async with rplidar.read() as (lidar, stream), lidar.record(path):
+        first = await anext(stream)
+        clock.ahead_ns = HOUR_NS
+        for _ in range(4):
+            await anext(stream)
+    async with open_lidar(path) as replayed, replayed.scans() as again:
+        found = [ahead(await anext(again)) for _ in range(4)]
+    assert set(found) == {ahead(first)}
