@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import socket
 from collections.abc import Iterator
 
@@ -84,3 +85,24 @@ async def test_one_that_still_boots_is_waited_for_where_another_responds(
     wanted.receive = lambda data, at_ns: hears(data, at_ns) if at_ns >= booted else None
     async with open_lidar(text.format(serial=serial), family=family) as lidar:
         assert lidar.info.serial == serial
+
+
+@pytest.mark.parametrize("fails", ["socket", "bind"])
+async def test_where_a_sandbox_forbids_it_others_are_not_waited_for(
+    fails: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Forbidden(socket.socket):
+        def __init__(self, *_: object) -> None:
+            if fails == "socket":
+                raise PermissionError(errno.EPERM, "forbidden")
+            super().__init__(socket.AF_UNIX, socket.SOCK_DGRAM)
+
+        def bind(self, _: object) -> None:
+            raise PermissionError(errno.EPERM, "forbidden")
+
+    plugged_in(monkeypatch, only=make_rig("rplidar-s2").device)
+    monkeypatch.setattr("lidario.session.finding.one_search.socket.socket", Forbidden)
+    began = now()
+    (found,) = await list_lidars()
+    assert found.info is not None
+    assert now() - began < 1.0

@@ -7,6 +7,7 @@ where the programs of two lidars begin with the machine, would each find some po
 from __future__ import annotations
 
 import asyncio
+import errno
 import logging
 import socket
 import sys
@@ -46,10 +47,17 @@ def _begin() -> Callable[[], None] | None:
     if sys.platform != "linux":
         # Only those of this program are known.
         return _here.release if _here.acquire(blocking=False) else None
-    name = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        name = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    except OSError:  # a sandbox without such sockets: others are not known
+        return _nothing
     try:
         name.bind(NAME)
-    except OSError:
+    except OSError as error:
         name.close()
-        return None
+        return None if error.errno == errno.EADDRINUSE else _nothing
     return name.close
+
+
+def _nothing() -> None:
+    """End a search that could keep no other from beginning."""
