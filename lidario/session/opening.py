@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, NamedTuple, NoReturn
 from lidario.arguments import finite, shown, whole, yes_or_no
 from lidario.config.read import Config, LidarConfig, as_config
 from lidario.entered import AsyncOnly
-from lidario.errors import InvalidValue, LocalProtocolError, Unsupported
+from lidario.errors import ConnectFailed, InvalidValue, LocalProtocolError, Unsupported
 from lidario.families.registry import check_family, check_source
 from lidario.port.guard import check_guard
 from lidario.session.finding.connect import connect
 from lidario.session.finding.discovery import find_source, search_for
+from lidario.session.finding.one_search import only_search
 from lidario.session.finding.reconnect import Reconnect, Reconnector
 from lidario.session.lidar import Lidar
 from lidario.session.talking.handshake import healthy
@@ -94,8 +95,15 @@ class OpenLidar(AsyncOnly):
             ) from None
         if asked.guard and asked.source.is_driven_from_here:
             check_guard()
-        with await search_for(asked.source):
-            return await self._open_found(await find_source(asked.source, asked.family))
+        try:
+            with await search_for(asked.source):
+                return await self._open_found(await find_source(asked.source, asked.family))
+        except ConnectFailed as error:
+            if error.reason != "busy" or asked.source.kind != "serial":
+                raise
+        # A search asks at every port, and may do so just now.
+        with await only_search():
+            return await self._open_found(asked.source)
 
     async def _open_found(self, source: Source) -> Lidar:
         asked = self._asked

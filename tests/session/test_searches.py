@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from lidario import Lidar, list_lidars, open_lidar
+from lidario import ConnectFailed, Lidar, list_lidars, open_lidar
 from lidario.session.finding import one_search
 from tests.support.devices import make_rig
 from tests.support.loop import now, now_ns
@@ -35,6 +35,18 @@ async def test_each_of_several_is_found_by_its_number_at_the_same_time(monkeypat
     assert len(set(serials)) == len(MODELS)
     for lidar in lidars:
         await lidar.close()
+
+
+async def test_a_port_that_a_search_asks_just_now_is_opened_behind_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    plugged_in(monkeypatch, only=make_rig("rplidar-s2").device)
+    searching = asyncio.ensure_future(list_lidars())
+    await asyncio.sleep(0.05)
+    async with open_lidar("serial://only?baud=1000000") as lidar:
+        await lidar.scan()
+        # In use, as opposed to asked.
+        with pytest.raises(ConnectFailed, match="busy"):
+            await open_lidar("serial://only")
+    assert [each.info is not None for each in await searching] == [True]
 
 
 async def test_the_search_of_another_program_is_waited_for(
