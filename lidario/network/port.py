@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Final, TypeAlias
 
@@ -58,7 +57,7 @@ class RemotePort(FedPort):
 
     def __init__(self, bus: Bus, key: str, form: str, streams: RemoteStreams, sender: bytes) -> None:
         super().__init__(f"zenoh:{key}", streams.stream.began.baudrate)
-        self._wall_offset_ns = time.time_ns() - round(self._loop.time() * 1e9)
+        self._began_offset_ns = super().wall_offset_ns
         self._bus = bus
         self._streams = streams
         self._raw = form == "raw"
@@ -85,8 +84,8 @@ class RemotePort(FedPort):
 
     @property
     def wall_offset_ns(self) -> int:
-        """It stays as it was when the port was opened."""
-        return self._wall_offset_ns
+        """As `Port.wall_offset_ns`; of raw bytes, as it was when their stream began, or was first heard of."""
+        return self._began_offset_ns if self._raw else super().wall_offset_ns
 
     def want(self, on: bool) -> None:
         """Hand over what comes from now on, or nothing; silence counts from now on."""
@@ -136,7 +135,7 @@ class RemotePort(FedPort):
                 self._streams.learn(event)
 
     def _take_scan(self, sample: Sample) -> None:
-        scan = whole_scan(sample, self._wall_offset_ns)
+        scan = whole_scan(sample, self.wall_offset_ns)
         if scan is None:
             return
         before, self._seq = self._seq, scan.seq
@@ -163,7 +162,7 @@ class RemotePort(FedPort):
     def _hand_over(self, entries: Sequence[Entry]) -> None:
         """Hand over what was read, as one piece: a message may have thousands of reads."""
         if self.is_wanted and self._flows:
-            reads = reads_here(entries, self.stream.began, self._wall_offset_ns)
+            reads = reads_here(entries, self.stream.began, self.wall_offset_ns)
             if reads:
                 self.data_received(*join_reads(reads))
 
@@ -173,7 +172,7 @@ class RemotePort(FedPort):
         if self.stream.family.stream_in(began.mode) is None:
             return
         self._streams.begin(began)
-        self._flows = True
+        self._flows, self._began_offset_ns = True, super().wall_offset_ns
         if self.is_wanted and self.audience is not None:
             self.is_wanted = False
             self.audience.restart()

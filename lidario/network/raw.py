@@ -16,6 +16,7 @@ from lidario.families.base import Family
 from lidario.families.registry import FAMILIES
 from lidario.network.messages import Entry, parse_raw_message
 from lidario.network.status import Status
+from lidario.port.wall_clock import WallClock
 from lidario.recording.chronicle import MOST_NS, StreamBegan, StreamEnded, StreamEvent, event_of
 from lidario.recording.read import StoredStream
 from lidario.revolution.assemble import AssemblerStats
@@ -52,15 +53,17 @@ class RawDecoder:
     """Decodes what one publisher sends.
 
     Args:
-        wall_offset_ns: Wall clock minus monotonic clock of this machine.
+        clock: The wall clock of this machine.
 
     Attributes:
         stats: What became of the packets.
     """
 
-    def __init__(self, wall_offset_ns: int) -> None:
+    def __init__(self, clock: WallClock) -> None:
         self.stats: AssemblerStats = AssemblerStats()
-        self._wall_offset_ns = wall_offset_ns
+        self._clock = clock
+        # As it was when the stream began, or was first heard of: a stream has one clock.
+        self._wall_offset_ns = 0
         self._family: Family | None = None
         self._began: StreamBegan | None = None
         self._pipeline: Pipeline | None = None
@@ -113,7 +116,7 @@ class RawDecoder:
         self._end()
         if self._family is None or self._family.stream_in(began.mode) is None:
             return
-        self._began = began
+        self._began, self._wall_offset_ns = began, self._clock.offset_ns()
         stream = StoredStream(self._family, began).open()
         self._pipeline = Pipeline(stream, began.baudrate, self._wall_offset_ns, self.stats)
         self._last_ns = -(1 << 63)
@@ -127,8 +130,8 @@ class RawDecoder:
 class Decoders:
     """The decoders of a fleet; those not heard for longest are forgotten where all take too much."""
 
-    def __init__(self, wall_offset_ns: int) -> None:
-        self._wall_offset_ns = wall_offset_ns
+    def __init__(self, clock: WallClock) -> None:
+        self._clock = clock
         self._known: OrderedDict[tuple[str, bytes], tuple[RawDecoder, int]] = OrderedDict()
         self._size = 0
 
@@ -138,7 +141,7 @@ class Decoders:
     def of(self, key: str, gid: bytes) -> RawDecoder:
         """The one for a publisher; a new one where it is not known."""
         found, counted = self._known.pop((key, gid), (None, 0))
-        decoder = found or RawDecoder(self._wall_offset_ns)
+        decoder = found or RawDecoder(self._clock)
         size = decoder.held + len(key)
         self._known[key, gid] = decoder, size
         self._size += size - counted

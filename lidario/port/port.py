@@ -32,6 +32,7 @@ from lidario.port.forked import let_go_in_children
 from lidario.port.guarded import Guarded, Stops
 from lidario.port.inbox import Late
 from lidario.port.line import Line, Receiver, Schedule
+from lidario.port.wall_clock import WallClock
 
 _log = logging.getLogger("lidario")
 
@@ -69,6 +70,7 @@ class Port(Guarded, asyncio.Protocol):
         self._exact = type(self._loop).__module__.split(".")[0] == "uvloop"
         # Threads know the system's clock only: they are of no use to a loop with another one.
         self.is_real_time: bool = abs(self.now() - time.monotonic_ns()) < _SAME_CLOCK_NS
+        self._wall_clock = WallClock(self.now())
         self._receiver: Receiver | None = None
         self._untold: DeviceLost | None = None
         self.is_closing: bool = False
@@ -93,8 +95,8 @@ class Port(Guarded, asyncio.Protocol):
 
     @property
     def wall_offset_ns(self) -> int:
-        """Nanoseconds from the event loop's clock to the wall clock."""
-        return time.time_ns() - round(self._loop.time() * 1e9)
+        """Nanoseconds from the event loop's clock to the wall clock: the same number until the latter is set."""
+        return self._wall_clock.offset_ns()
 
     def follow(self, audience: Any) -> None:
         """Name the session to which a recording is played; a live device does not care."""

@@ -7,7 +7,6 @@ key of its lidar. What is missing is told: the next scan of that lidar says how 
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Iterable, Iterator
 from typing import Final, Self
 
@@ -21,6 +20,7 @@ from lidario.network.messages import is_raw
 from lidario.network.raw import Decoders
 from lidario.network.senders import Senders
 from lidario.network.status import Status
+from lidario.port.wall_clock import WallClock
 from lidario.ros.waiting import FleetScan, WaitingScans
 from lidario.scan import Scan
 
@@ -68,9 +68,9 @@ class Fleet(Entered):
         self._is_read = False
         self._waiter: asyncio.Future[None] | None = None
         self._bus: Bus | None = None
-        self._offset_ns = 0
+        self._clock = WallClock(0)
         self._senders = Senders()
-        self._decoders = Decoders(0)
+        self._decoders = Decoders(self._clock)
         self._missing: dict[str, int] = {}
         self._gaps = 0
         self._closed = False
@@ -99,8 +99,8 @@ class Fleet(Entered):
         """
         if self._bus is not None:
             raise LocalProtocolError("a fleet can be started once: make another one")
-        self._offset_ns = time.time_ns() - round(asyncio.get_running_loop().time() * 1e9)
-        self._decoders = Decoders(self._offset_ns)
+        self._clock = WallClock(round(asyncio.get_running_loop().time() * 1e9))
+        self._decoders = Decoders(self._clock)
         bus = await Bus.open(self._router)
         try:
             bus.subscribe(status_key(self._keys), self._learn)
@@ -169,7 +169,7 @@ class Fleet(Entered):
         if is_raw(sample.payload) and attachment is not None:
             return self._decoders.of(sample.key, attachment.gid).steps(sample.payload)
         number = 0 if attachment is None else max(0, attachment.number)
-        scan = whole_scan(sample, self._offset_ns, number)
+        scan = whole_scan(sample, self._clock.offset_ns(), number)
         return None if scan is None else [[scan]]
 
     def _wake(self) -> None:

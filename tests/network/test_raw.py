@@ -20,6 +20,7 @@ from lidario.network.messages import MOST_RAW_BYTES, Entry, encode_raw_message, 
 from lidario.network.raw import RawDecoder
 from lidario.network.senders import RIVAL_S, OneSender, Senders
 from lidario.network.status import Status
+from lidario.port.wall_clock import WallClock
 from lidario.recording.about import About
 from lidario.recording.chronicle import MOST_NS, Responded, StreamBegan, StreamEnded, ZeroOffsetSet, text_of
 from lidario.revolution.together import join_reads
@@ -38,6 +39,17 @@ def added(decoder: RawDecoder, message: bytes) -> list[Scan] | None:
     """The scans that a message completes; None where it is none."""
     taken = decoder.steps(message)
     return None if taken is None else [scan for scans in taken for scan in scans]
+
+
+class Clock(WallClock):
+    """The wall clock of a reader, which is so much ahead of its own clock until a test sets it."""
+
+    def __init__(self, ahead_ns: int) -> None:
+        super().__init__(0)
+        self.ahead_ns = ahead_ns
+
+    def offset_ns(self) -> int:
+        return self.ahead_ns
 
 
 class Sent:
@@ -69,7 +81,7 @@ class Sent:
 
     def decoder(self) -> RawDecoder:
         """One that has heard the status."""
-        decoder = RawDecoder(self.offset_ns)
+        decoder = RawDecoder(Clock(self.offset_ns))
         assert self.status is not None
         decoder.learn(self.status)
         return decoder
@@ -88,6 +100,23 @@ def test_scans_are_those_of_the_publisher(sent: Sent) -> None:
         np.testing.assert_array_equal(own.device_angles, other.device_angles)
         np.testing.assert_array_equal(own.device_distances, other.device_distances)
         assert (own.seq, own.stamp_ns, own.mode) == (other.seq, other.stamp_ns, other.mode)
+
+
+def test_where_the_clock_of_the_reader_is_set_a_stream_goes_on_and_the_next_one_has_the_new_time(
+    sent: Sent,
+) -> None:
+    assert sent.status is not None
+    clock = Clock(sent.offset_ns)
+    decoder = RawDecoder(clock)
+    decoder.learn(sent.status)
+    half = len(sent.messages) // 2
+    scans = [scan for message in sent.messages[:half] for scan in added(decoder, message) or ()]
+    clock.ahead_ns += 10**12
+    scans += [scan for message in sent.messages[half:] for scan in added(decoder, message) or ()]
+    assert [scan.stamp_ns for scan in scans] == [scan.stamp_ns for scan in sent.scans]
+    again = [scan for message in sent.messages for scan in added(decoder, message) or ()]
+    assert [scan.stamp_ns for scan in again] == [scan.stamp_ns - 10**12 for scan in sent.scans]
+    assert [scan.wall_stamp_ns for scan in again] == [scan.wall_stamp_ns for scan in sent.scans]
 
 
 def test_a_message_that_is_missing_costs_a_part_of_one_revolution(sent: Sent) -> None:
@@ -109,7 +138,7 @@ def test_a_message_that_is_missing_costs_a_part_of_one_revolution(sent: Sent) ->
 
 def test_until_the_status_is_known_bytes_are_left_out(sent: Sent) -> None:
     """And behind the end of a stream; an unknown family stays unknown."""
-    decoder = RawDecoder(0)
+    decoder = RawDecoder(Clock(0))
     strange = sent.status
     assert strange is not None
     data = [message for message in sent.messages if b'"began"' not in message]
@@ -230,7 +259,7 @@ def test_reads_of_one_message_are_one_piece_with_their_times() -> None:
 def test_decoders_are_bounded_by_what_they_hold(sent: Sent, monkeypatch: pytest.MonkeyPatch) -> None:
     """A peer may name itself anew with each message."""
     monkeypatch.setattr(raw, "MOST_DECODER_BYTES", 20 * raw.DECODER_BYTES)
-    decoders = raw.Decoders(sent.offset_ns)
+    decoders = raw.Decoders(Clock(sent.offset_ns))
     first = decoders.of("a", bytes(16))
     for number in range(100):
         decoders.of("a", number.to_bytes(16, "big"))

@@ -27,7 +27,6 @@ from lidario.sector import Sector
 from lidario.session.finding.connection import At
 from lidario.session.streaming.pace import Pace
 from lidario.session.streaming.sectors import SectorPace
-from lidario.session.streaming.system_clock import SystemClock
 from lidario.wire.events import Packets
 
 _log = logging.getLogger("lidario")
@@ -111,7 +110,6 @@ class Running:
         self._outlets = outlets
         self._loop = asyncio.get_running_loop()
         self._wall_offset_ns = dialogue.port.wall_offset_ns
-        self._clock = SystemClock() if dialogue.port.is_live else None
         self._baudrate = stream.speed_on(dialogue.port.baudrate)
         self._pipeline = Pipeline(
             stream, self._baudrate, self._wall_offset_ns, totals.assembled, link=dialogue.link
@@ -187,8 +185,9 @@ class Running:
 
     def _take(self, packets: Packets) -> Iterator[None]:
         self._last_packet = self._loop.time()
-        if self._clock is not None and (step_ns := self._clock.set_by()):
-            self._follow_clock(step_ns)
+        port = self._dialogue.port
+        if port.is_live and (offset_ns := port.wall_offset_ns) != self._wall_offset_ns:
+            self._follow_clock(offset_ns)
         for scans in self._pipeline.take(packets):
             self._show(scans)
             yield
@@ -196,11 +195,11 @@ class Running:
             pace, assembler = self._sectors
             pace.expect(assembler.next_ns)
 
-    def _follow_clock(self, step_ns: int) -> None:
-        self._wall_offset_ns += step_ns
-        self._pipeline.assembler.wall_offset_ns = self._wall_offset_ns
-        self._dialogue.chronicle.clock_set(self._wall_offset_ns)
-        _log.warning("the clock of this computer was set by %.3f s, and so are the stamps of scans", step_ns * 1e-9)
+    def _follow_clock(self, wall_offset_ns: int) -> None:
+        step_s = (wall_offset_ns - self._wall_offset_ns) * 1e-9
+        _log.warning("the clock of this computer was set by %.3f s, and so are the stamps of scans", step_s)
+        self._wall_offset_ns = self._pipeline.assembler.wall_offset_ns = wall_offset_ns
+        self._dialogue.chronicle.clock_set(wall_offset_ns)
 
     def _show(self, scans: Sequence[Scan]) -> None:
         for scan in scans:
