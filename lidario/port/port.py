@@ -70,7 +70,7 @@ class Port(Guarded, asyncio.Protocol):
         self._exact = type(self._loop).__module__.split(".")[0] == "uvloop"
         # Threads know the system's clock only: they are of no use to a loop with another one.
         self.is_real_time: bool = abs(self.now() - time.monotonic_ns()) < _SAME_CLOCK_NS
-        self._wall_clock = WallClock(self.now())
+        self._wall_clock = WallClock(self.now)
         self._receiver: Receiver | None = None
         self._untold: DeviceLost | None = None
         self.is_closing: bool = False

@@ -7,6 +7,7 @@ key of its lidar. What is missing is told: the next scan of that lidar says how 
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Iterable, Iterator
 from typing import Final, Self
 
@@ -68,7 +69,7 @@ class Fleet(Entered):
         self._is_read = False
         self._waiter: asyncio.Future[None] | None = None
         self._bus: Bus | None = None
-        self._clock = WallClock(0)
+        self._clock = WallClock(time.monotonic_ns)
         self._senders = Senders()
         self._decoders = Decoders(self._clock)
         self._missing: dict[str, int] = {}
@@ -99,7 +100,8 @@ class Fleet(Entered):
         """
         if self._bus is not None:
             raise LocalProtocolError("a fleet can be started once: make another one")
-        self._clock = WallClock(round(asyncio.get_running_loop().time() * 1e9))
+        loop = asyncio.get_running_loop()
+        self._clock = WallClock(lambda: round(loop.time() * 1e9))
         self._decoders = Decoders(self._clock)
         bus = await Bus.open(self._router)
         try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import time
 import weakref
 from dataclasses import replace
 
@@ -45,7 +46,7 @@ class Clock(WallClock):
     """The wall clock of a reader, which is so much ahead of its own clock until a test sets it."""
 
     def __init__(self, ahead_ns: int) -> None:
-        super().__init__(0)
+        super().__init__(time.monotonic_ns)
         self.ahead_ns = ahead_ns
 
     def offset_ns(self) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+import time
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -195,7 +196,8 @@ def test_recordings_of_one_lidar_follow_each_other(tmp_path: Path, monkeypatch: 
     """Each in its own program: their clocks have nothing in common but the time of day."""
     scans = list[Scan]()
     for name, day_s in (("b", 1_900_000_000), ("a", 1_900_000_060)):
-        monkeypatch.setattr("time.time_ns", lambda day_s=day_s: day_s * 10**9)
+        ahead_ns = day_s * 10**9 - time.monotonic_ns()
+        monkeypatch.setattr("time.time_ns", lambda ahead_ns=ahead_ns: time.monotonic_ns() + ahead_ns)
         (tmp_path / name).mkdir()
         scans += record(tmp_path / name, "sim://rplidar-s2", 15).scans
     found = list(FileDecoder(str(tmp_path / "*" / "run-*.mcap")))

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from lidario import open_lidar
+from lidario.port.wall_clock import WallClock
 from tests.support.devices import Rig
 
 HOUR_NS = 3600 * 10**9
@@ -78,3 +79,24 @@ async def test_a_replay_keeps_the_clock_with_which_it_was_recorded(
     async with open_lidar(path) as replayed, replayed.scans() as again:
         found = [ahead(await anext(again)) for _ in range(4)]
     assert set(found) == {ahead(first)}
+
+
+def test_a_thread_that_waits_while_it_reads_the_clocks_sees_no_setting(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Between any two readings it may have to wait: one in three times for 50 ms here."""
+    wall, monotonic = time.time_ns, time.monotonic_ns
+    waited, count = 0, 0
+
+    def late(clock: Callable[[], int]) -> Callable[[], int]:
+        def read() -> int:
+            nonlocal waited, count
+            count += 1
+            waited += 50_000_000 * (count % 3 == 0)
+            return clock() + waited
+
+        return read
+
+    monkeypatch.setattr(time, "time_ns", late(wall))
+    monkeypatch.setattr(time, "monotonic_ns", late(monotonic))
+    clock = WallClock(time.monotonic_ns)
+    first = clock.offset_ns()
+    assert {clock.offset_ns() for _ in range(200)} == {first}
