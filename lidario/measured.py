@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, Self, TypeVar, cast
 
 import numpy as np
@@ -68,6 +68,14 @@ class MeasuredSamples:
 
     def __len__(self) -> int:
         return len(self.device_distances)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # By itself a dataclass would leave the arrays of a loaded record writeable: numpy does not keep that.
+        record: Any = self
+        return _made_again, (
+            type(self),
+            {each.name: getattr(self, each.name) for each in fields(record) if each.name not in _MADE_ON_USE},
+        )
 
     @property
     def angles(self) -> FloatArray:
@@ -182,6 +190,17 @@ class MeasuredSamples:
 
     def _ordered_as_this(self, made: Any) -> Any:
         return made
+
+
+_MADE_ON_USE = ("_angles", "_ranges", "_directions")
+
+
+def _made_again(kind: type[_RecordT], values: dict[str, Any]) -> _RecordT:
+    """A record that was copied or pickled."""
+    made = object.__new__(kind)
+    for name, value in {**dict.fromkeys(_MADE_ON_USE), **values}.items():
+        object.__setattr__(made, name, read_only(value) if isinstance(value, np.ndarray) else value)
+    return made
 
 
 def with_gaps(record: _RecordT, gaps: Gaps | None) -> _RecordT:

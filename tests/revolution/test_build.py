@@ -2,16 +2,20 @@
 
 import copy
 import pickle
+from collections.abc import Callable
 from dataclasses import FrozenInstanceError, fields, replace
 
 import numpy as np
 import pytest
 
+from lidario.filters import RangeFilter
 from lidario.revolution.build import DatedRevolution, build_scan
 from lidario.revolution.partial import SampleArrays
 from lidario.scan import Scan
 from tests.support.cases import CASES
 from tests.support.streams import stream_of
+
+DEVICE_ARRAYS = ("device_angles", "device_distances", "intensities")
 
 
 def built(lost: int = 0, zero_offset_deg: float = -90.0) -> Scan:
@@ -54,3 +58,20 @@ def test_it_can_be_copied(way: object) -> None:
     again = way(built())
     assert type(again) is Scan
     assert again.ranges[0] == np.float32(0.03)
+
+
+@pytest.mark.parametrize("of", [lambda scan: scan, Scan.sorted, lambda scan: scan.select(np.array([False, True]))])
+@pytest.mark.parametrize("way", [copy.copy, copy.deepcopy, lambda scan: pickle.loads(pickle.dumps(scan))])
+def test_a_copy_is_as_read_only_and_tells_the_same(way: Callable[[Scan], Scan], of: Callable[[Scan], Scan]) -> None:
+    scan = of(built(lost=2).filtered(RangeFilter(lower_threshold=1.0)))
+    for used in (False, True):
+        if used:
+            scan.directions()
+        again = way(scan)
+        for name in (*DEVICE_ARRAYS, "angles", "ranges", "times_ns", "left_out"):
+            found = getattr(again, name)
+            np.testing.assert_array_equal(found, getattr(scan, name), err_msg=name)
+            assert not found.flags.writeable, name
+        assert not any(each.flags.writeable for each in again.directions())
+        np.testing.assert_array_equal(again.to_laserscan(5).ranges, scan.to_laserscan(5).ranges)
+        assert again.to_laserscan(5).stamp_ns == scan.to_laserscan(5).stamp_ns
