@@ -200,6 +200,8 @@ def _samples(
         raise InvalidValue("angles are finite radians, in an array of shape (n,)")
     if (metres < 0).any():
         raise InvalidValue("ranges are metres from 0 on, or NaN where nothing comes back")
+    with np.errstate(over="ignore"):
+        millimetres = (metres * 1000.0).astype(np.float32)
     if strengths is not None and (not (strengths >= 0).all() or not (strengths <= 255).all()):
         raise InvalidValue("intensities are numbers from 0 to 255")
     if finite(rpm, "rpm") <= 0.0:
@@ -207,7 +209,8 @@ def _samples(
     degrees = (-np.degrees(given)) % 360.0
     clockwise = degrees.astype(np.float32)
     clockwise[clockwise >= 360.0] = 0.0  # just below 360, single precision rounds up
-    millimetres = np.where(np.isfinite(metres), metres * 1000.0, 0.0).astype(np.float32)
+    # Farther than single precision reaches is infinite too: nothing comes back.
+    millimetres[~np.isfinite(millimetres)] = 0.0
     return clockwise, millimetres, None if strengths is None else strengths.astype(np.uint8)
 
 

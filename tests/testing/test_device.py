@@ -262,6 +262,13 @@ def test_a_made_scan_without_returns() -> None:
     assert (scan.device_angles < 360).all()
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("metres", [4e36, 1e300, 1.7e308, math.inf])
+def test_farther_than_a_scan_can_tell_nothing_comes_back(metres: float) -> None:
+    assert make_scan([0.0, 1.0], [metres, 2.0]).valid.tolist() == [False, True]
+    assert make_sector([0.0, 0.1], [metres, metres]).nearest() is None
+
+
 def test_made_sectors_are_those_of_a_made_scan() -> None:
     scan = make_scan(np.linspace(-np.pi, np.pi, 360, endpoint=False) - 1e-3, 2.0, intensities=40, rpm=300)
     at = 0
