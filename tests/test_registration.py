@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import random
+from collections.abc import Sequence
+from contextlib import ExitStack
 from itertools import pairwise
 from pathlib import Path
 
@@ -12,7 +14,8 @@ import pytest
 
 import lidario
 from lidario import InvalidValue, Mount, looseness, read_config, register
-from tests.cli.processes import invoke_driven
+from lidario.sim.serve import PtyServer
+from tests.cli.processes import invoke, invoke_driven
 from tests.support.loop import driven
 
 DRAW = random.Random(29)
@@ -130,3 +133,30 @@ def test_the_verb_writes_the_mount(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     same = invoke_driven("calibrate", sources[0], sources[0].replace("c1?", "c1?pose=0.1,0,0&"), "-n", "2")
     assert same.exit_code == 2
     assert "cannot tell them apart" in same.stderr
+
+
+def in_metres(walls: Sequence[Sequence[complex]]) -> list[tuple[tuple[float, float], tuple[float, float]]]:
+    return [((begin.real, begin.imag), (end.real, end.imag)) for begin, end in walls]
+
+
+@pytest.mark.long
+def test_a_lidar_that_hangs_upside_down_is_told() -> None:
+    room = [-3 - 2j, 4 - 2j, 4 + 2.5j, -3 + 2.5j, -3 - 2j]
+    cupboard = [1 - 1j, 1.5 - 1j, 1.5 - 0.2j, 1 - 0.2j, 1 - 1j]
+    walls = [*pairwise(room), *pairwise(cupboard), (-3 + 1j, -1.5 + 2.5j)]
+    # B is 0.5 m ahead of A, 0.5 m to its right, and turned. Upside down, its left is its right.
+    upright = [[(end - (0.5 - 0.5j)) * np.exp(-2j) for end in wall] for wall in walls]
+    upside_down = [[end.conjugate() for end in wall] for wall in upright]
+    with ExitStack() as stack:
+        a, b, c = (
+            stack.enter_context(PtyServer(lidario.simulate("rplidar-c1", world=world, serial=f"{number:02X}" * 16)))
+            for number, world in enumerate((in_metres(walls), in_metres(upright), in_metres(upside_down)))
+        )
+        good, told = (
+            invoke("calibrate", a.path, each.path, "-n", "2", "--dry-run", "--config", "/dev/null")
+            for each in (b, c)
+        )
+    assert good.exit_code == 0, good.stderr
+    assert "yaw = 114." in good.stdout
+    assert (told.exit_code, told.stdout) == (1, "")
+    assert "upside down" in told.stderr

@@ -30,6 +30,10 @@ LOOSE: Final = (
     "the room does not hold B in its place: beside it the points fit nearly as well, as along a corridor, or "
     "around the middle of a round room. Put something into the room, or go where walls stand in several directions"
 )
+UPSIDE_DOWN: Final = (
+    "mirrored, far more points of B lie on those of A: one hangs upside down, and a mount cannot say so. "
+    "Turn it over, or place it in the robot description of ROS"
+)
 FARTHEST_RESIDUAL_M: Final = 0.05
 
 
@@ -75,7 +79,12 @@ def calibrate(
             picture, fixed, moving, found, f"{two.model} {two.serial[:8]} as {one.model} {one.serial[:8]} sees it"
         )
         message(f"picture: {picture}")
-    doubt = _doubt(found) or (LOOSE if looseness(fixed, moving, found) > RIVAL else "")
+    # Seen from below, left is right: then a wrong place may be found that explains many points.
+    upside_down = register(fixed, moving * (1.0, -1.0), guess=begin)
+    fits_better = upside_down.share >= LEAST_SHARE and found.share < RIVAL * upside_down.share
+    doubt = UPSIDE_DOWN if fits_better else _doubt(found)
+    if not doubt and looseness(fixed, moving, found) > RIVAL:
+        doubt = LOOSE
     if doubt:
         raise LidarError(doubt)
     base = config.of(one.serial).mount or Mount()
