@@ -49,7 +49,8 @@ def _file_source(source: Source) -> FileSource:
 def open_stored(path: Path, known: Known = Known()) -> StoredStreams:  # noqa: B008 - it cannot be changed
     """Read what a file holds, or all files that a pattern names, as one recording.
 
-    `known` is for bare bytes, MCAP states it itself. A model that is guessed is logged.
+    `known` is for bare bytes, MCAP states it itself: it is logged that what was said is not used. A model that is
+    guessed is logged, too.
 
     Raises:
         RecordingError: Nothing can be read of it.
@@ -58,7 +59,10 @@ def open_stored(path: Path, known: Known = Known()) -> StoredStreams:  # noqa: B
     """
     paths = files_of(path)
     if any(is_mcap(each) for each in paths):
-        return McapRecording(path, paths)
+        stored = McapRecording(path, paths)
+        if known not in (Known(), Known(stored.about.info.family)):
+            _log.warning("%s tells by itself which lidar it is of: what was said of bare bytes is not used", path)
+        return stored
     if len(paths) != 1:
         raise RecordingError(
             f"{path} names {len(paths)} files, and none begins as MCAP does: they are empty or damaged, or bare "

@@ -145,6 +145,19 @@ def test_several_files_are_exported_on_processes_and_one_bad_one_harms_no_other(
     assert len(one) == len(other) > 100_000
 
 
+@pytest.mark.parametrize("option", ["--family", "--model", "--sample-us"])
+def test_what_is_said_of_bare_bytes_is_told_to_be_unused_of_a_recording(
+    live: Live, tmp_path: Path, caplog: pytest.LogCaptureFixture, option: str
+) -> None:
+    value = {"--family": "ydlidar", "--model": "x4", "--sample-us": "1000"}[option]
+    assert invoke("export", str(live.path), str(tmp_path / "out.npz"), option, value).exit_code == 0
+    said = f"{live.path} tells by itself which lidar it is of: what was said of bare bytes is not used"
+    assert caplog.messages == [said]
+    # Who names the family that it is of has said nothing wrong.
+    assert invoke("export", str(live.path), str(tmp_path / "b.npz"), "--family", live.info.family).exit_code == 0
+    assert caplog.messages == [said]
+
+
 @pytest.mark.parametrize("case", KINDS, ids=named)
 def test_bare_bytes_are_exported_as_they_are_decoded(case: Case, tmp_path: Path) -> None:
     """Of what a user says of them, too; tests/test_golden.py tells that the scans are right."""
