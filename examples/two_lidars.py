@@ -50,4 +50,4 @@ async def main(front: str | lidario.SimulatedDevice, rear: str | lidario.Simulat
 
 
 if __name__ == "__main__":
-    lidario.run(main(sys.argv[1], sys.argv[2]))
+    lidario.run(main(sys.argv[1], sys.argv[2])) if len(sys.argv) == 3 else sys.exit(__doc__)

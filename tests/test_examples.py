@@ -22,7 +22,7 @@ import pytest
 import lidario
 from lidario.testing import Body, SimulatedLidar, make_scan, make_sector, room
 from tests.cli.processes import line_of
-from tests.support.example import running
+from tests.support.example import run_example, running
 from tests.support.inner import ASYNCIO_INI, run_pytest
 from tests.support.loop import run_driven
 from tests.support.pages import blocks
@@ -60,6 +60,14 @@ def test_it_is_short_and_says_what_it_is(path: Path) -> None:
         assert len(text.splitlines()) < (LINES_FOR_OTHERS if path.stem in FOR_OTHER_PROGRAMS else LINES)
     else:
         assert sum(len(cell["source"]) for cell in cells() if cell["cell_type"] == "code") < LINES
+
+
+@pytest.mark.parametrize("name", ["two_lidars", "day_to_parquet"])
+@pytest.mark.parametrize("given", [0, 1, 3])
+def test_an_example_that_needs_two_arguments_says_which(name: str, given: int) -> None:
+    done = run_example(name, *["sim://rplidar-s2"] * given)
+    assert done.returncode == 1
+    assert done.stderr.strip() == (ast.get_docstring(ast.parse((FOLDER / f"{name}.py").read_text("utf-8"))) or "")
 
 
 @pytest.mark.long

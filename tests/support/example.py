@@ -29,3 +29,11 @@ def running(program: str, **more: str) -> Iterator[subprocess.Popen[str]]:
             yield process
         finally:
             process.kill()
+
+
+def run_example(name: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run an example to its end, as its user does."""
+    return subprocess.run(
+        [sys.executable, str(EXAMPLES / f"{name}.py"), *arguments],
+        env=environment(), capture_output=True, encoding="utf-8", timeout=60,
+    )  # fmt: skip
