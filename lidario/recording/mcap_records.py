@@ -42,6 +42,7 @@ _COMPRESSED = ("zstd", "lz4")
 
 CUT = "the file was cut"
 CHANGED = "a chunk is damaged, and was left out"
+_JOINED = "what stands behind its end was left out"
 TOO_LARGE = "a record is too large to be ours, and was left out"
 
 
@@ -113,7 +114,8 @@ def read_records(file: StoredFile, begin_ns: int = 0) -> Iterator[Channel | Mess
         opcode, length = _HEAD.unpack(head)
         behind = file.at + length
         if opcode == _DATA_END:
-            yield from _end(index, crc)
+            file.seek(behind)
+            yield from _end(file, index, crc)
             return
         if opcode in (_NONE, _FOOTER_OP):
             yield Damage("what follows makes no sense")
@@ -152,12 +154,23 @@ def read_records(file: StoredFile, begin_ns: int = 0) -> Iterator[Channel | Mess
         file.seek(behind)
 
 
-def _end(index: _Index, crc: int | None) -> Iterator[Damage]:
+def _end(file: StoredFile, index: _Index, crc: int | None) -> Iterator[Damage]:
     """What is wrong with the file as a whole, at the end of its data."""
     if not index.is_whole:
-        yield Damage("its index is cut or damaged", missing=False)
+        # The index is looked for at the end of the file, where that of another one stands if two were joined.
+        yield Damage(_JOINED if _goes_on(file) else "its index is cut or damaged", missing=False)
     elif index.crc and crc is not None and crc != index.crc:
         yield Damage("bytes outside of its chunks were changed", missing=False)
+
+
+def _goes_on(file: StoredFile) -> bool:
+    """Whether more follows behind the end of the index that begins here."""
+    block, most = b"", file.at + _LONGEST_INDEX
+    while file.left and file.at < most:
+        block = block[1 - len(MAGIC) :] + file.read(_BLOCK)
+        if (at := block.find(MAGIC)) >= 0:
+            return at + len(MAGIC) < len(block) or file.left > 0
+    return False
 
 
 def _read_index(file: StoredFile) -> _Index:

@@ -130,6 +130,22 @@ def pieces_of(path: Path) -> dict[int, bytes]:
     return {piece.at_ns: piece.data for piece in open_stored(path).pieces()}
 
 
+@pytest.mark.parametrize("behind", [1.0, 0.5, 0.0])
+def test_what_stands_behind_the_end_of_a_file_is_told_as_left_out(
+    live: Live, tmp_path: Path, behind: float
+) -> None:
+    """As of two recordings that `cat` has joined, the second one whole, cut, or only a few bytes."""
+    data = live.path.read_bytes()
+    path = tmp_path / "joined.mcap"
+    path.write_bytes(data + (data[: int(behind * len(data))] or b"\0\0\0"))
+    recording = open_stored(path)
+    assert recording.damage == "what stands behind its end was left out"
+    assert len(list(FileDecoder(path))) == len(list(FileDecoder(live.path)))
+    # That of an index which is only cut is another sentence.
+    path.write_bytes(data[:-20])
+    assert open_stored(path).damage == "its index is cut or damaged"
+
+
 @pytest.mark.parametrize("number", range(4))
 def test_a_damaged_chunk_takes_only_its_own_bytes_with_it(live: Live, tmp_path: Path, number: int) -> None:
     """Also the one in which the stream began, and the channels were told."""
