@@ -40,6 +40,8 @@ from lidario.filters.single import AngularBoundsFilter, IntensityFilter, RangeFi
 from lidario.points import Mount
 
 MOST_BYTES: Final = 1 << 20
+ENCODING: Final = "utf-8-sig"
+"""UTF-8, also with the byte order mark that programs on Windows put in front."""
 FILTERS: Final[Mapping[str, type[Filter]]] = {
     each.__name__: each
     for each in (
@@ -159,7 +161,7 @@ def tables_of(data: bytes, name: str) -> dict[str, Any]:
     if len(data) > MOST_BYTES:
         raise InvalidValue(f"{name} has more than {MOST_BYTES} bytes: that is no file of settings")
     try:
-        return tomllib.loads(data.decode())
+        return tomllib.loads(data.decode(ENCODING))
     except UnicodeDecodeError as error:
         raise InvalidValue(f"{name} is no text in UTF-8, from byte {error.start} on") from None
     except ValueError as error:

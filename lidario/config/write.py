@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, cast
 
 from lidario.arguments import path_of, shown, text_of
-from lidario.config.read import FILTERS, config_of, parse_filter, read_config, tables_of
+from lidario.config.read import ENCODING, FILTERS, config_of, parse_filter, read_config, tables_of
 from lidario.errors import InvalidValue, Unsupported
 from lidario.filters.base import Filter
 from lidario.points import Mount
@@ -67,7 +67,7 @@ def save_config(
     before = _read(name)
     wanted = config_of(_changed(tables_of(before, name), serial, mount, added, gone), name)
     try:
-        document = tomlkit.parse(before.decode())
+        document = tomlkit.parse(before.decode(ENCODING))
         _edit(document, serial, mount, added, gone)
         after = document.as_string().encode()
         said = config_of(tables_of(after, name), name)

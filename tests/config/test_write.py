@@ -60,6 +60,17 @@ def test_a_wrong_file_is_left_alone(tmp_path: Path) -> None:
         save_config(tmp_path / "x.toml", "a", filters=[len])  # type: ignore[list-item]
 
 
+def test_a_file_as_windows_writes_it_is_read_and_written(tmp_path: Path) -> None:
+    """With a byte order mark in front, and two bytes where a line ends."""
+    path = tmp_path / "lidario.toml"
+    path.write_bytes(b'\xef\xbb\xbf[default]\r\nframe = "front"  # mine\r\n')
+    assert read_config(path).default.frame == "front"
+    save_config(path, "1234", mount=Mount(x=0.5))
+    config = read_config(path)
+    assert (config.default.frame, config.of("1234").mount) == ("front", Mount(x=0.5))
+    assert b'frame = "front"  # mine\r\n' in path.read_bytes()
+
+
 def test_a_link_stays_a_link(tmp_path: Path) -> None:
     path = written(tmp_path, "")
     link = tmp_path / "link.toml"
