@@ -139,6 +139,10 @@ def _show_summary(file: FileSource, *, as_json: bool) -> int:
     """Decode a recording and print what it holds; returns the exit code."""
     from lidario import summarize
 
+    if file.played:
+        raise click.BadParameter(
+            f"{file.played[0]}= says how a recording is played: here the whole file is told of", param_hint="SOURCE"
+        )
     with progress(f"decoding {file.path} …"):
         summary = summarize(file.path, **file.known._asdict())
     if as_json:

@@ -43,7 +43,10 @@ def play(file: str, rate: float, loop: bool, pty: bool, tcp: str | None) -> int:
 
     if pty and tcp is not None:
         raise click.UsageError("--pty and --tcp exclude each other")
-    recording = open_stored(*(file_source(file) or FileSource(Path(file))))
+    source = file_source(file) or FileSource(Path(file))
+    if source.played:
+        raise click.BadParameter(f"{source.played[0]}= means nothing here: --rate and --loop do", param_hint="FILE")
+    recording = open_stored(source.path, source.known)
     if not recording.responses:
         message("note: the recording holds no responses, so a driver that asks what the device is gets none")
     device = PlayedDevice(recording, rate=rate, loop=loop)

@@ -16,6 +16,7 @@ from lidario.source import Source, parse_source
 __all__ = ["FileSource", "Known", "file_source", "open_stored", "open_stored_source"]
 
 _log = logging.getLogger("lidario")
+_PLAYED = ("rate", "loop", "from")
 
 
 class FileSource(NamedTuple):
@@ -24,10 +25,12 @@ class FileSource(NamedTuple):
     Attributes:
         path: The file.
         known: What it says of bare bytes.
+        played: Names of the options that say how it is played, those that were given.
     """
 
     path: Path
     known: Known = Known()
+    played: tuple[str, ...] = ()
 
 
 def file_source(text: str) -> FileSource | None:
@@ -43,7 +46,7 @@ def file_source(text: str) -> FileSource | None:
 def _file_source(source: Source) -> FileSource:
     sample_us = source.options.get("sample_us")
     known = Known(source.family, source.model, None if sample_us is None else float(sample_us))
-    return FileSource(Path(source.address), known)
+    return FileSource(Path(source.address), known, tuple(name for name in source.options if name in _PLAYED))
 
 
 def open_stored(path: Path, known: Known = Known()) -> StoredStreams:  # noqa: B008 - it cannot be changed
@@ -76,5 +79,5 @@ def open_stored(path: Path, known: Known = Known()) -> StoredStreams:  # noqa: B
 
 def open_stored_source(source: Source, family: str | None = None) -> StoredStreams:
     """As `open_stored`, for a source of the kind ``file``."""
-    path, known = _file_source(source)
-    return open_stored(path, known._replace(family=family or known.family))
+    file = _file_source(source)
+    return open_stored(file.path, file.known._replace(family=family or file.known.family))

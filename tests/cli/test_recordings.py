@@ -245,6 +245,14 @@ def test_a_played_recording_of_a_device_that_only_talks_talks(tmp_path: Path, mo
     assert not any(each.obeyed for each in device.log)
 
 
+@pytest.mark.parametrize("verb", ["play", "info"])
+@pytest.mark.parametrize("option", ["rate=2", "loop=1", "from=1"])
+def test_options_of_a_source_that_a_verb_does_not_follow_are_refused(live: Live, verb: str, option: str) -> None:
+    done = invoke(verb, f"{live.path}?{option}")
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert f"{option.partition('=')[0]}= " in done.stderr
+
+
 @pytest.mark.long
 def test_play_serves_another_process(live: Live) -> None:
     with started("play", str(live.path), "--loop", "--tcp", ":0") as process:
