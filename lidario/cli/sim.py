@@ -170,13 +170,13 @@ def _serve(server: PtyServer | TcpServer | UdpServer, model: str) -> int:
     from lidario.cli.running import run_until_stopped
     from lidario.sim.serve import UdpServer
 
-    began = time.monotonic()
+    began, turned = time.monotonic(), server.device.motor_on
     with server:
         at = "" if isinstance(server, UdpServer) else f" at {server.device.baudrate} baud"
         announce(server, f"a simulated {model}{at}, until Ctrl-C")
         if run_until_stopped(lambda: _until_unplugged(server)):
             message("the line was unplugged, as --fault asks")
-    sum_up(server, time.monotonic() - began)
+    sum_up(server, time.monotonic() - began, turned=turned)
     return ExitCode.OK
 
 
@@ -210,8 +210,11 @@ async def _until_unplugged(server: PtyServer | TcpServer | UdpServer) -> None:
         await asyncio.sleep(POLL_S)  # the server is a thread, and has no event to await
 
 
-def sum_up(server: PtyServer | TcpServer | UdpServer, took: float) -> None:
-    """Tell what its clients have asked in `took` seconds, and how they have left the device."""
+def sum_up(server: PtyServer | TcpServer | UdpServer, took: float, *, turned: bool = False) -> None:
+    """Tell what its clients have asked in `took` seconds, and how they have left the device.
+
+    One that `turned` before anybody opened it has a motor that no request stops, as by DTR: this line has none.
+    """
     log = server.device.log
     obeyed = Counter(request.name for request in log if request.obeyed)
     discarded = Counter((request.name, request.why) for request in log if not request.obeyed)
@@ -226,5 +229,5 @@ def sum_up(server: PtyServer | TcpServer | UdpServer, took: float) -> None:
     # A model that only talks always scans; no client has left it scanning.
     if server.device.scanning and obeyed:
         message("  the client has left it scanning")
-    elif server.device.motor_on and obeyed:
+    elif server.device.motor_on and obeyed and not turned:
         message("  the client has left its motor on")

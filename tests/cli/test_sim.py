@@ -84,6 +84,17 @@ def test_a_motor_that_goes_on_is_told(capsys: pytest.CaptureFixture[str]) -> Non
             assert ("left its motor on" in capsys.readouterr().err) is (number == 1)
 
 
+@pytest.mark.parametrize("model", ["rplidar-a1", "rplidar-c1-fixed"])
+def test_no_client_has_left_a_motor_on_that_no_request_stops(model: str) -> None:
+    """By DTR, which a pseudo-terminal and TCP do not carry; or never."""
+    with started("sim", model, "--tcp", ":0") as sim:
+        told = run("info", line_of(sim.stdout).strip())
+        assert told.returncode == 0, told.stderr
+        _, said = end(sim)
+    assert "get_info" in said
+    assert "left its motor on" not in said
+
+
 @pytest.mark.parametrize("way", ["tcp", "udp"])
 @pytest.mark.parametrize("address", ["[::1]:0", "::1:0"])
 def test_an_ipv6_address_is_printed_as_a_client_opens_it(way: str, address: str) -> None:
