@@ -7,6 +7,7 @@ of any ROS 2 node is a source too, although nothing is known of its device.
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -73,6 +74,7 @@ async def open_remote(source: Source) -> Remote:
 
 async def _meet(bus: Bus, key: str) -> Remote:
     deadline = asyncio.get_running_loop().time() + WAIT_S
+    leave: Callable[[], None] | None = None
     while True:
         found = await _ask(bus, key)
         if len(found) > 1:
@@ -92,10 +94,16 @@ async def _meet(bus: Bus, key: str) -> Remote:
         ((place, status),) = found.items()
         began = _stream_of(status)
         if began is not None:
-            return _remote(bus, place, status, began)
+            remote = _remote(bus, place, status, began)
+            if leave is not None:
+                leave()
+            return remote
         if left <= 0:
             lost = f": {status.lost}" if status.lost else ""
             raise ConnectFailed(f"zenoh:{place} is published, but its lidar does not scan{lost}", reason="silent")
+        if leave is None:
+            # A lidar that rests until it is read starts for this reader (`Broadcast.run`).
+            leave = bus.subscribe(place, lambda _: None)
         await asyncio.sleep(0.1)
 
 

@@ -124,6 +124,19 @@ async def test_a_lidar_that_nobody_reads_rests_until_somebody_does(router: Route
         assert not running.done()
 
 
+@pytest.mark.parametrize("raw", [False, True])
+async def test_a_lidar_that_rests_can_be_opened_and_starts(router: Router, raw: bool) -> None:
+    device = lidario.simulate("rplidar-s2", spin_up=0)
+    async with Rig(router) as rig:
+        lidar = await rig.enter_async_context(lidario.open_lidar(device))
+        share = await rig.enter_async_context(Share(lidar, f"woken/{raw}", raw=raw, router=router.address))
+        rig.work(share.run(idle_stop=0.2))
+        await until(lambda: share.scans and not device.scanning)
+        remote, scans = await rig.take(share.key, 2)
+        assert remote.info == lidar.info
+        assert [scan.mode for scan in scans] == ["DenseBoost"] * 2
+
+
 @driven
 async def test_a_time_that_is_none() -> None:
     async with lidario.open_lidar(SIM) as lidar:
