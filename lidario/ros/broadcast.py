@@ -86,6 +86,7 @@ class Broadcast(Entered):
         self._ticking: asyncio.Task[None] | None = None
         self._status: Sender | None = None
         self._trouble = Trouble()
+        self._read = set[Sender]()
         self._readers = asyncio.Event()
 
     @property
@@ -232,9 +233,14 @@ class Broadcast(Entered):
     def _leave(self) -> None:
         """End what `_declare` began."""
 
-    def _watch_readers(self, bus: Bus, scans: Sender) -> None:
-        """Know from now on whether anybody reads the scans."""
-        bus.watch_readers(scans, lambda is_read: self._readers.set() if is_read else self._readers.clear())
+    def _watch_readers(self, bus: Bus, sender: Sender) -> None:
+        """Know from now on whether anybody reads what `sender` sends, too."""
+
+        def changed(is_read: bool) -> None:
+            (self._read.add if is_read else self._read.discard)(sender)
+            (self._readers.set if self._read else self._readers.clear)()
+
+        bus.watch_readers(sender, changed)
 
     def _each_second(self, status: Status) -> None:
         """The status has been published."""
@@ -305,6 +311,7 @@ class Broadcast(Entered):
 
     def _router_changed(self, connected: bool) -> None:
         if not connected:
+            self._read.clear()
             self._readers.clear()
         what = "is back" if connected else "is lost; scans are not sent until it is back"
         self._tell(connected, f"the zenoh router at {self.router} {what}")

@@ -135,6 +135,7 @@ class MergedPublisher(Publisher):
     def _declare(self, bus: Bus) -> bytes:
         identity = super()._declare(bus)
         self._cloud = self._outlet(bus, CLOUD_ENTITY, self._cloud_topic, POINTCLOUD2)
+        self._watch_readers(bus, self._cloud)
         return identity
 
     def _each_second(self, status: Status) -> None:

@@ -25,7 +25,7 @@ from lidario.web.feed import Feed
 from lidario.web.masks import Masks
 from tests.cli.processes import BOUND, started
 from tests.support.messages import decoded
-from tests.support.network import until
+from tests.support.network import Rig, until
 from tests.support.pages import blocks
 from tests.support.router import Router
 
@@ -190,6 +190,30 @@ async def test_the_list_of_a_fleet_names_both_and_who_is_away(monkeypatch: pytes
         sick = Health(HealthStatus.ERROR, 3)
         monkeypatch.setattr(lidario.Lidar, "health", property(lambda of: sick if of is two else one_health))
         assert publisher.status().about.health == sick
+
+
+@pytest.mark.long
+async def test_who_reads_the_cloud_alone_is_a_reader(router: Router) -> None:
+    node, clouds = Node(domain=33), list[Any]()
+    async with Rig(router) as rig:
+        lidars = [await rig.enter_async_context(lidario.open_lidar(each)) for each in (ONE, TWO)]
+        publisher = MergedPublisher(lidars, mounts=[Mount(), Mount()], domain=33, router=router.address)
+        await rig.enter_async_context(publisher)
+        rig.work(publisher.run(idle_stop=0.2))
+        await until(lambda: publisher.scans and lidars[0].mode is None)
+        both = await rig.bus()
+        leave_cloud = both.subscribe(node.data_key("/cloud", POINTCLOUD2), clouds.append)
+        leave_scan = both.subscribe(publisher.key, lambda _: None)
+        await until(lambda: len(clouds) > 5)
+        leave_scan()
+        seen = len(clouds)
+        # Three times as long as they would scan for nobody.
+        await until(lambda: len(clouds) > seen + 8)
+        leave_cloud()
+        await until(lambda: lidars[0].mode is None)
+        both.subscribe(node.data_key("/cloud", POINTCLOUD2), clouds.append)
+        seen = len(clouds)
+        await until(lambda: len(clouds) > seen)
 
 
 async def test_what_is_no_cloud(router: Router) -> None:
