@@ -65,7 +65,7 @@ def scan_of_laserscan(laser: LaserScan, seq: int, wall_offset_ns: int) -> Scan |
     duration_ns = round(abs(every_s) * count * 1e9)
     return Scan(
         device_angles=read_only(turned),
-        device_distances=read_only(np.where(valid, ranges * np.float32(1000), 0).astype(np.float32)),
+        device_distances=read_only(np.where(valid, ranges, np.float32(0)) * np.float32(1000)),
         intensities=None
         if strengths is None
         else read_only(np.nan_to_num(strengths).clip(0, 255).astype(np.uint8)),

@@ -239,6 +239,13 @@ def test_a_device_that_turns_the_other_way_keeps_its_order() -> None:
     assert scan.wall_stamp_ns == 10**18
 
 
+def test_a_range_that_is_the_largest_number_is_no_return() -> None:
+    """Some nodes send FLT_MAX where nothing came back. A warning of numpy is an error here."""
+    scan = scan_of_laserscan(laserscan(ranges=np.array([1, np.finfo(np.float32).max, 2], np.float32)), 0, 0)
+    assert scan is not None
+    assert scan.device_distances.tolist() == [2000, 0, 1000]
+
+
 wild = st.floats(width=32)
 
 
