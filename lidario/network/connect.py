@@ -75,6 +75,7 @@ async def open_remote(source: Source) -> Remote:
 async def _meet(bus: Bus, key: str) -> Remote:
     deadline = asyncio.get_running_loop().time() + WAIT_S
     leave: Callable[[], None] | None = None
+    first: Sample | None = None
     while True:
         found = await _ask(bus, key)
         if len(found) > 1:
@@ -84,12 +85,12 @@ async def _meet(bus: Bus, key: str) -> Remote:
             )
         left = deadline - asyncio.get_running_loop().time()
         if not found:
-            first = await _first_message(bus, key, max(0.0, min(left, ASK_AGAIN_S)))
             if first is not None:
                 return _of_message(bus, first)
-            if left <= 0:
+            first = await _first_message(bus, key, max(0.0, min(left, ASK_AGAIN_S)))
+            if first is None and left <= 0:
                 raise await _nobody(bus, key)
-            # A publisher may have come that has sent no message yet.
+            # A publisher may have come meanwhile that responds.
             continue
         ((place, status),) = found.items()
         began = _stream_of(status)

@@ -110,6 +110,25 @@ async def test_a_recording_holds_the_descriptor_that_was_made_for_the_stream(rou
     assert shown[0].startswith(DESCRIPTOR)
 
 
+async def test_a_publisher_that_comes_while_it_is_waited_for_is_known(
+    router: Router, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its first scan tells nothing of its lidar."""
+    monkeypatch.setattr("lidario.network.connect.ASK_AGAIN_S", BOUND_S)
+    async with Rig(router) as rig:
+        lidar, waited_for = await rig.open(), asyncio.Event()
+        bus = await rig.bus()
+        bus.watch_readers(bus.sender("meanwhile/scan", bytes(16)), lambda _: waited_for.set())
+        reading = asyncio.ensure_future(rig.read("meanwhile/scan"))
+        async with asyncio.timeout(BOUND_S):
+            await waited_for.wait()
+            share = await rig.enter_async_context(Share(lidar, "meanwhile/scan", router=router.address))
+            rig.work(publish_on(share))
+            remote, _ = await reading
+        assert remote.info == lidar.info
+        assert await remote.get_health() == lidar.health
+
+
 async def test_a_reader_may_come_before_the_first_scan(router: Router) -> None:
     """The publisher's lidar does not scan yet, so its mode is not known."""
     async with Rig(router) as rig:
