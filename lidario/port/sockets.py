@@ -38,8 +38,8 @@ async def connected(
 ) -> None:
     """Await `connect` to an address of a host, the first one that takes it, and translate what the system says.
 
-    Where it takes longer than so many seconds, the error says `late`; where there is no way to the host, it asks
-    `unreachable`.
+    Each address has its share of so many seconds. Where all of it takes longer, the error says `late`; where there
+    is no way to the host, it asks `unreachable`.
 
     Raises:
         ConnectFailed: It could not be done; the reason is ``refused``. Cancelling leaves nothing open.
@@ -50,7 +50,7 @@ async def connected(
     await run_in_thread(lambda: wait_for_guard(name))
     try:
         async with asyncio.timeout(seconds):
-            await _first(await run_in_thread(lambda: _addresses(host)), connect)
+            await _first(await run_in_thread(lambda: _addresses(host)), connect, seconds)
     except TimeoutError as error:
         raise ConnectFailed(f"{name}: {late}", reason="refused") from error
     except (OSError, ValueError) as error:
@@ -64,11 +64,13 @@ def _addresses(host: str) -> list[str]:
     return [socket.getnameinfo(address, socket.NI_NUMERICHOST)[0] for *_, address in found]
 
 
-async def _first(addresses: Sequence[str], connect: Callable[[str], Awaitable[object]]) -> None:
+async def _first(addresses: Sequence[str], connect: Callable[[str], Awaitable[object]], seconds: float) -> None:
     *others, last = addresses
     for address in others:
+        # One that does not respond leaves the others their share of the time; a TimeoutError is an OSError.
         with contextlib.suppress(OSError):
-            await connect(address)
+            async with asyncio.timeout(seconds / len(addresses)):
+                await connect(address)
             return
     await connect(last)
 

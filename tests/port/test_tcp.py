@@ -15,6 +15,7 @@ import pytest
 
 from lidario import ConnectFailed, open_lidar
 from lidario.port.port import Port
+from lidario.port.sockets import connected as in_turn
 from lidario.port.tcp import open_tcp
 from lidario.sim.serve import TcpServer
 from tests.support.devices import make_rig
@@ -176,6 +177,21 @@ async def test_a_host_with_several_addresses(monkeypatch: pytest.MonkeyPatch) ->
         await port.close()
     with pytest.raises(ConnectFailed, match=r"refused\. Is the server running"):
         await open_tcp("tcp://x", "x.example", number)
+
+
+@on_both_loops
+async def test_an_address_that_is_silent_leaves_time_for_the_next_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    known = [(socket.AF_INET, socket.SOCK_STREAM, 0, "", (f"127.0.0.{each}", 0)) for each in (2, 1)]
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: known)
+    asked = list[str]()
+
+    async def connect(address: str) -> None:
+        asked.append(address)
+        if address == "127.0.0.2":
+            await asyncio.Event().wait()
+
+    await in_turn("tcp://x", "x.example", 1, connect, seconds=0.2, late="too late", unreachable="")
+    assert asked == ["127.0.0.2", "127.0.0.1"]
 
 
 @pytest.mark.long
