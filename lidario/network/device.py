@@ -106,17 +106,19 @@ class RemoteDevice(RecordedDevice):
         return (replace(running, typical=True), *others)
 
     def start(self, mode: ScanMode, *, force: bool = False) -> Script[Stream]:
-        """As `Device.start`.
+        """As `Device.start`: in the mode that runs, also where its publisher has chosen another one since.
 
         Raises:
-            Unsupported: It runs in another mode, or `force` is set.
+            Unsupported: Another mode is asked for, or `force` is set.
         """
         began = self._streams.stream.began
-        if force or mode.id != began.mode.id:
+        # The typical one was the one that ran when it was asked which there are.
+        if force or not (mode.typical or mode.id == began.mode.id):
             raise Unsupported(
                 f"this lidar is driven by its publisher, in mode {began.mode.name!r}: nothing can be set from here"
             )
-        return (yield from super().start(mode))
+        stream = yield from super().start(began.mode)
+        return replace(stream, mode=replace(stream.mode, typical=True))
 
     def _recall(self, script: Script[T], what: str) -> Script[T]:
         if self._foreign:

@@ -1,13 +1,15 @@
-"""A lidar of another machine is what its publisher has told."""
+"""A lidar of another machine is what its publisher has told, and in the mode that its publisher has chosen."""
 
 from __future__ import annotations
+
+import asyncio
 
 import pytest
 
 import lidario
 from lidario.errors import Unsupported
 from lidario.ros import Share
-from tests.support.network import Rig, until
+from tests.support.network import BOUND_S, Rig, until
 from tests.support.router import Router
 
 
@@ -30,3 +32,34 @@ async def test_who_reads_raw_bytes_is_told_what_the_publisher_is(router: Router,
         await until(lambda: rig.sent)
         remote = await rig.enter_async_context(lidario.open_lidar(f"zenoh:{share.key}?router={router.address}"))
         assert await told(remote) == live
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("form", ["raw", "scan"])
+@pytest.mark.parametrize("is_away", [False, True])
+async def test_a_reader_follows_its_publisher_into_another_mode(
+    router: Router, form: str, is_away: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Within the publisher's session, and when its program comes back with another one."""
+    monkeypatch.setattr("lidario.network.port.GONE_S", 0.05)
+    key = f"modes/{form}/{is_away}"
+    async with Rig(router) as rig:
+        lidar = await rig.open()
+        share = await rig.enter_async_context(Share(lidar, key, raw=form == "raw", router=router.address))
+        running = rig.work(share.run("Standard"))
+        await until(lambda: share.scans)
+        remote, scans = await rig.read(key, reconnect=True)
+        async with asyncio.timeout(BOUND_S):
+            assert (await anext(scans)).mode == "Standard"
+            running.cancel()
+            if is_away:
+                await share.close()
+                await until(lambda: not remote.is_connected)
+                share = await rig.enter_async_context(Share(lidar, key, raw=form == "raw", router=router.address))
+            rig.work(share.run("DenseBoost"))
+            while (await anext(scans)).mode != "DenseBoost":
+                pass
+        if is_away or form == "raw":
+            assert remote.mode is not None
+            assert remote.mode.name == "DenseBoost"
+            assert [mode.name for mode in await remote.get_modes() if mode.typical] == ["DenseBoost"]

@@ -135,6 +135,9 @@ class StreamControl:
         # A pseudo-terminal carries everything, whatever speed it was opened at.
         if misfit and not is_pseudo_terminal(self._at.dialogue.port.name):
             raise Unsupported(misfit)
+        if stream.mode.id != wanted.mode.id:
+            # It was not chosen here: the next stream of a recording, or another machine's lidar.
+            self.wanted, self.modes = wanted._replace(mode=stream.mode), ()
         self.go(Event.STARTED)
         self.ran = True
         self.running = Running(stream, self._at, self._latency, self.totals, self._outlets)
