@@ -217,9 +217,7 @@ class Port(Guarded, asyncio.Protocol):
     def close_soon(self) -> None:
         """Begin to write out what is pending and to close the port, without waiting for it."""
         self.is_closing = True
-        if self.is_forked:
-            self._settle()
-        elif self._line is not None and self._loop.is_closed():
+        if self._line is not None and self._loop.is_closed() and not self.is_forked:
             self._line.close_without_loop()
             self.closed()
         elif (line := self._open_line()) is not None:
@@ -332,7 +330,12 @@ class Port(Guarded, asyncio.Protocol):
 
     def _freed(self) -> None:
         """Nobody holds the line any more. A failure of what `on_close` named is logged."""
-        self._settle()
+        if self._close_timer is not None:
+            self._close_timer.cancel()
+            self._close_timer = None
+        if not self._closed.done() and not self._loop.is_closed():
+            self._closed.set_result(None)
+            _log.debug("%s is closed", self.name)
         callback, self.on_close = self.on_close, None
         if callback is None:
             return
@@ -340,11 +343,3 @@ class Port(Guarded, asyncio.Protocol):
             callback()
         except Exception:
             _log.warning("ending what serves %s failed", self.name, exc_info=True)
-
-    def _settle(self) -> None:
-        if self._close_timer is not None:
-            self._close_timer.cancel()
-            self._close_timer = None
-        if not self._closed.done() and not self._loop.is_closed():
-            self._closed.set_result(None)
-            _log.debug("%s is closed", self.name)

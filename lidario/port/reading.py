@@ -87,7 +87,6 @@ class PolledLine(Line):
         """Stop reading. What is held stays for `hand_over`."""
         self._running = False
         self._closing = True
-        self._stop_timer()
         self._watch(False)
         self.release()
 
@@ -103,7 +102,9 @@ class PolledLine(Line):
         """Poll by this schedule from now on, as `Port.set_polling` describes; a thread helps where it is late."""
         self._latency = latency
         self._schedule = schedule
-        self._stop_timer()
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
         self._watch_in_thread(schedule)
         if self._inbox.size:
             self.hand_over()
@@ -202,11 +203,6 @@ class PolledLine(Line):
         elif self._watching and not on:
             self._loop.remove_reader(self._handle)
         self._watching = on
-
-    def _stop_timer(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
 
     def _thread_failed(self) -> None:
         """The thread could not read: end the port, if it is so."""

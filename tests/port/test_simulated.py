@@ -20,6 +20,7 @@ from lidario.port.simulated import Simulation, connect_in_memory, open_simulated
 from lidario.sim.serve import usual_way
 from lidario.source import parse_source
 from tests.support.devices import both_families, make_rig
+from tests.support.leaks import leaves_nothing
 from tests.support.loop import driven, run_driven
 from tests.support.ports import PATIENCE_S, Sink, open_files
 
@@ -212,6 +213,13 @@ def test_a_device_of_a_loop_that_is_closed_is_free() -> None:
 
     run_driven(again)
     kept.clear()
+
+
+def test_a_served_device_ends_with_its_port_after_the_loop_was_closed() -> None:
+    with leaves_nothing():
+        with asyncio.Runner() as runner:
+            port = runner.run(open_simulated(parse_source("sim://rplidar-s2?via=pty")))
+        port.close_soon()
 
 
 @pytest.mark.parametrize("via", ["pty", "tcp", "udp"] if sys.platform == "linux" else ["tcp", "udp"])
