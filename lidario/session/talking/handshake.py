@@ -48,7 +48,7 @@ async def introduce(dialogue: Dialogue, patience: float, *, quiet: bool = False)
                 return await dialogue.run(dialogue.device.overhear() if talks_on else dialogue.device.identify())
             except ResponseTimeout:
                 device, since = dialogue.device, dialogue.stats.bytes_received - came
-                if quiet or talks_on or device.is_guess or not device.can_only_talk or since <= RESPONSE_BYTES:
+                if talks_on or device.is_guess or not device.can_only_talk or since <= RESPONSE_BYTES:
                     raise
                 # It goes on sending, and was silent for a moment only.
                 return await dialogue.run(dialogue.device.overhear())
