@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import math
 
 import numpy as np
@@ -256,11 +257,18 @@ async def test_a_stream_goes_on_where_the_program_cancels_all_tasks_and_reads_on
                 pass
 
 
-async def test_an_error_of_one_ends_all() -> None:
-    one, two = SimulatedLidar(), SimulatedLidar(fault="unplug:1s")
+@pytest.mark.parametrize("fault", ["", "unplug:1s"])
+async def test_an_error_of_one_ends_all(fault: str) -> None:
+    """It is raised, and nothing else is told to the loop."""
+    told = list[object]()
+    asyncio.get_running_loop().set_exception_handler(lambda _, context: told.append(context))
+    one, two = SimulatedLidar(fault=fault), SimulatedLidar(fault="unplug:1s")
     async with lidario.open_lidar(one) as front, lidario.open_lidar(two) as rear:
         with pytest.raises(lidario.DeviceLost):
             async for _ in lidario.merged(front, rear, mounts=[Mount(), Mount()]):
                 pass
-        await front.stop()
-    assert one.is_still
+        if not fault:
+            await front.stop()
+            assert one.is_still
+    gc.collect()
+    assert not told
