@@ -21,6 +21,24 @@ class Port:
     description: str = "n/a"
 
 
+ADAPTERS = {
+    "CP2102": (0x10C4, 0xEA60),
+    "CH340": (0x1A86, 0x7523),
+    "CH9102": (0x1A86, 0x55D4),
+    "STM32 virtual port": (0x0483, 0x5740),
+    "PL2303": (0x067B, 0x2303),
+    "FT232": (0x0403, 0x6001),
+    "FT231X": (0x0403, 0x6015),
+}
+"""As the drivers of Linux know them."""
+
+
+@pytest.mark.parametrize("name", ADAPTERS)
+def test_an_adapter_is_told_by_its_numbers(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: [Port("/dev/ttyUSB0", *ADAPTERS[name])])
+    assert [port.adapter for port in list_serial_ports()] == [name]
+
+
 def test_known_adapters_and_stable_names_are_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     device = tmp_path / "ttyUSB0"
     device.touch()
