@@ -31,6 +31,7 @@ class Paper:
         self.owes_until = 0.0
         self.has_responded = False
         self.written: list[Request] = []
+        self.told: list[bool] = []
         self._listens_at = now() + listens_in
 
     def free_at(self, patient_until: float) -> float:
@@ -43,7 +44,7 @@ class Paper:
         self.owes_until = 0.0
 
     def settled(self, still: bool) -> None:
-        """Nobody waits for that."""
+        self.told.append(still)
 
     def close_soon(self) -> None:
         self.is_open = False
@@ -65,6 +66,17 @@ async def test_a_line_that_is_left_is_not_waited_for() -> None:
     await stopper.surely_settled()
     assert not paper.is_open
     assert now() - began < 0.2
+
+
+async def test_a_line_that_is_lost_is_given_up_at_once() -> None:
+    """And nobody is told later that the device is still."""
+    paper = Paper(0.0)
+    stopper = stopper_of(paper, 0.001)
+    stopper.stop()
+    paper.is_open = False
+    stopper.hang_up()
+    await asyncio.sleep(0.05)
+    assert paper.told == [False]
 
 
 async def test_only_who_hangs_up_leaves_the_port_to_timers() -> None:
