@@ -137,5 +137,5 @@ class SampleTime:
 
     def _nearest(self, measured_ns: float) -> float:
         """The likely time that is about what was measured; 0 where there is none."""
-        near_ns = min(self._likely_ns, key=lambda each: abs(each - measured_ns), default=0.0)
-        return near_ns if abs(near_ns - measured_ns) <= OFF * near_ns else 0.0
+        near_ns = [each for each in self._likely_ns if abs(each - measured_ns) <= OFF * each]
+        return min(near_ns, key=lambda each: abs(each - measured_ns), default=0.0)
