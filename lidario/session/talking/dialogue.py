@@ -284,7 +284,6 @@ class Dialogue(Intake, Waiting):
         self.end(SessionClosed("the session was let go, and is over"))
         if self.stopper.ends_by_itself and self._loop.is_running():
             return
-        self.stopper.cancel()
         requests, last = () if self.stopper.still else self.stopper.requests(), self.stopper.last_requests()
         # A response that is outstanding is not received any more. A healthy device has sent it after this time.
         patient_until = self._loop.time() + RESPONSE_S
