@@ -120,7 +120,6 @@ class Running:
         self._watchdog: asyncio.TimerHandle | None = None
         self._keepalive: asyncio.TimerHandle | None = None
         self._began = self._last_packet = self._last_scan = self._loop.time()
-        self._scans = 0
         self._silence_s = SILENCE_S if dialogue.port.baudrate else NETWORK_SILENCE_S
         if stream.format.whole:
             # A damaged byte costs a packet that is a whole revolution.
@@ -204,7 +203,6 @@ class Running:
     def _show(self, scans: Sequence[Scan]) -> None:
         for scan in scans:
             self._last_scan = self._last_packet
-            self._scans += 1
             self._pace.turned(scan, self._dialogue.stats.bytes_received, self._last_packet)
             self._outlets.scan(scan)
         if note := self._pipeline.take_note():
@@ -212,6 +210,11 @@ class Running:
         if self._totals.assembled.broken_scans > self._discarded:
             self._trouble.tell("revolutions discarded: %d so far", self._totals.assembled.broken_scans)
             self._discarded = self._totals.assembled.broken_scans
+
+    @property
+    def _has_turned(self) -> bool:
+        """Whether there was a scan."""
+        return self._last_scan > self._began
 
     def _note_damage(self) -> None:
         """Remember what is counted as damaged so far: what is more later has come behind the last scan."""
@@ -224,8 +227,10 @@ class Running:
     def _watch(self) -> None:
         began = self._last_packet == self._began
         patience = self._stream.spin_up_s if began else self._silence_s
-        # The rotor that has turned need not speed up again.
-        turns = REVOLUTIONS_MISSED * self._stream.slowest_turn_s + (0.0 if self._scans else self._stream.spin_up_s)
+        turns = REVOLUTIONS_MISSED * self._stream.slowest_turn_s
+        if not self._has_turned:
+            # One that has turned need not speed up again.
+            turns += self._stream.spin_up_s
         now = self._loop.time()
         if now - self._last_packet >= patience - NOISE_S or now - self._last_scan >= turns:
             # The program may have blocked the loop: read what the line holds before judging it.
@@ -274,7 +279,7 @@ class Running:
     def _failure(
         self, what: str, cause: str, *, noise: bool = False, sends: bool = False, silent: bool = True
     ) -> Failure:
-        lasted_s, restart = self._last_packet - self._began, silent and self._scans > 0
+        lasted_s, restart = self._last_packet - self._began, silent and self._has_turned
         return Failure(what, cause, noise=noise, sends=sends, restart=restart, lasted_s=lasted_s)
 
     def _keep_alive(self) -> None:
