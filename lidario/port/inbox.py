@@ -165,8 +165,6 @@ class Inbox:
 
 
 def _is_readable(handle: int) -> bool:
-    if hasattr(select, "poll"):  # select() itself refuses file descriptors beyond 1023
-        poll = select.poll()
-        poll.register(handle, select.POLLIN)
-        return bool(poll.poll(0))
-    return bool(select.select([handle], [], [], 0)[0])
+    poll = select.poll()  # select() itself refuses file descriptors beyond 1023
+    poll.register(handle, select.POLLIN)
+    return bool(poll.poll(0))
