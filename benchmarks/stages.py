@@ -57,7 +57,7 @@ class _Timed:
         return samples
 
     def decode_steady(
-        self, packets: Packets, following: bytes, ends: Sequence[int], room: int = 0, seam: int | None = None
+        self, packets: Packets, following: bytes, ends: Sequence[int], room: int, seam: int | None
     ) -> SteadySamples | None:
         start = time.perf_counter()
         samples = self._decoder.decode_steady(packets, following, ends, room, seam)

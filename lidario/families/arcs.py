@@ -95,7 +95,7 @@ class ArcDecoder(ABC):
         )
 
     def decode_steady(
-        self, packets: Packets, following: bytes, ends: Sequence[int], room: int = 0, seam: int | None = None
+        self, packets: Packets, following: bytes, ends: Sequence[int], room: int, seam: int | None
     ) -> SteadySamples | None:
         heads = self._heads(packets, following)
         arcs = self._turning.steady(heads, ends, packets.arrivals)

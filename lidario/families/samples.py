@@ -127,8 +127,8 @@ class Decoder(Protocol):
         packets: Packets,  # noqa: ARG002
         following: bytes,  # noqa: ARG002
         ends: Sequence[int],  # noqa: ARG002
-        room: int = 0,  # noqa: ARG002
-        seam: int | None = None,  # noqa: ARG002
+        room: int,  # noqa: ARG002
+        seam: int | None,  # noqa: ARG002
     ) -> SteadySamples | None:
         """Decode several revolutions at once, where nothing is missing; None where something may be.
 

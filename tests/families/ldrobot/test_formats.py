@@ -114,7 +114,7 @@ def test_the_correction_before_holds_where_nothing_came_back_also_across_packets
         after = each.decode(in_one_run(TriangleFormat(), nothing), None)
         np.testing.assert_allclose(after.angle_deg[[0, 11]], [19.6 - shift, 28.4 - shift], atol=2e-5)
     # A block that is not taken is not remembered.
-    steady = decoder.decode_steady(in_one_run(TriangleFormat(), CLEAN[0] + CLEAN[1]), CLEAN[2], [1, 2])
+    steady = decoder.decode_steady(in_one_run(TriangleFormat(), CLEAN[0] + CLEAN[1]), CLEAN[2], [1, 2], 0, None)
     assert steady is not None
     again = decoder.decode(in_one_run(TriangleFormat(), nothing), None)
     assert again.angle_deg[0] == pytest.approx(19.6 - shift, abs=2e-5)

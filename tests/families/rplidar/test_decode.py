@@ -160,7 +160,7 @@ def test_steady_revolutions_are_remembered_only_when_settled() -> None:
     for decoder in (one_by_one, together):
         decoder.decode(_run(packets[:80]), packets[80])
     before = _remembered(together)
-    samples = together.decode_steady(_run(packets[80:242]), packets[242], [72, 162], seam=0)
+    samples = together.decode_steady(_run(packets[80:242]), packets[242], [72, 162], 0, 0)
     assert samples is not None
     assert _remembered(together) == before
     samples.settle()
@@ -178,6 +178,6 @@ def test_revolutions_with_a_gap_are_not_steady() -> None:
     decoder = DenseDecoder()
     decoder.decode(_run(packets[:80]), packets[80])
     gap = packets[80:190] + packets[191:240]
-    assert decoder.decode_steady(_run(gap), packets[240], [80, 159]) is None
-    assert decoder.decode_steady(_run(packets[80:240]), packets[5], [80, 160]) is None
-    assert decoder.decode_steady(_run(packets[80:240]), packets[240], [80, 160]) is not None
+    assert decoder.decode_steady(_run(gap), packets[240], [80, 159], 0, None) is None
+    assert decoder.decode_steady(_run(packets[80:240]), packets[5], [80, 160], 0, None) is None
+    assert decoder.decode_steady(_run(packets[80:240]), packets[240], [80, 160], 0, None) is not None
