@@ -88,6 +88,13 @@ def test_after_two_turns_without_a_mark_none_is_waited_for(many: Callable[[list[
     assert seam.angle == 0
 
 
+@pytest.mark.parametrize("many", [tuple, np.array])
+def test_trembling_where_no_mark_is_waited_for_any_more_ends_no_turn(many: Callable[[list[int]], Headings]) -> None:
+    turn = [1_000, 9_000, 18_000, 27_000, 35_000]
+    headings = [*turn, *turn, 500, 35_800, *turn, 1_000]
+    assert Seam(TURN, None).splits(many(headings)) == [Split(17, marked=False, broken=False)]
+
+
 def steady(restart: int, *, begin: int = 20_000, step: int = 1_000) -> list[Split]:
     """Eight headings by steady steps, then one that says that the stream was restarted, so far behind them."""
     headings = [begin + step * number for number in range(8)]
