@@ -74,7 +74,7 @@ class NodeSteps(PacedTurning):
             if times != 1:
                 steps, missing = self._walk(spans, followed=followed)
             elif not missing.any():
-                self._note_close(len(spans) if followed else len(spans) - 1)
+                self._note_close(len(spans) - (not followed))
         if self._typical <= 0:
             return Arcs(np.maximum(spans, 0.0), None, 0.0, certain=False)
         skipped = missing if missing.any() else None

@@ -96,6 +96,13 @@ def test_another_step_is_believed_the_32nd_time_in_a_row(between: str) -> None:
     assert told == [2 * 130] * 31 + [0, 0]
 
 
+def test_so_is_the_next_one_though_the_one_before_was_believed_just_now() -> None:
+    rotation = NodeSteps(TURN)
+    rotation.follow(nodes_of(7))
+    told = [[lost(rotation.follow(nodes_of(step, 40))) for _ in range(32)] for step in (20, 60)]
+    assert told == [[2 * 40] * 31 + [0]] * 2
+
+
 def steps_of(*steps: int) -> Heads:
     """Nodes so far apart, and one behind them."""
     *angles, following = accumulate(steps, initial=0)
@@ -115,6 +122,16 @@ def test_time_tells_that_each_second_node_is_lost_though_steps_are_even(timed: b
         told.append(lost(arcs))
         now += 62_500 * 140
     assert told == ([140] * 4 if timed else [0] * 4)
+
+
+@pytest.mark.parametrize("followed", [True, False])
+def test_what_was_told_before_time_tells_is_revoked(followed: bool) -> None:
+    """Of each two nodes that were told to follow each other; the last one follows no other where none is behind."""
+    rotation, before = NodeSteps(TURN), nodes_of(14)
+    rotation.tell_time(31_250.0)
+    rotation.follow(before if followed else before._replace(following=None))
+    arcs = rotation.follow(nodes_of(14), [(end, 62_500 * end) for end in range(28, 141, 28)])
+    assert arcs.revoked == (1, 139 + followed)
 
 
 def test_what_came_while_all_was_steady_is_not_missing() -> None:
