@@ -137,9 +137,10 @@ def _sample_bytes(packets: Packets, sample_size: int, total: int) -> NDArray[np.
     """The bytes of all samples, shape (samples, bytes of one)."""
     data, found, at, place = np.frombuffer(packets.data, np.uint8), np.empty((total, sample_size), np.uint8), 0, 0
     for size, count in packets.blocks:
-        until, end = at + size * count, place + (size - HEADER_SIZE) // sample_size * count
-        found[place:end].reshape(count, -1)[...] = data[at:until].reshape(count, size)[:, HEADER_SIZE:]
-        at, place = until, end
+        rows = data[at : at + size * count].reshape(count, size)[:, HEADER_SIZE:]
+        end = place + rows.size // sample_size
+        found[place:end].reshape(rows.shape)[...] = rows
+        at, place = at + size * count, end
     return found
 
 
