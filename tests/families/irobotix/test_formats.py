@@ -6,6 +6,7 @@ import pytest
 
 from lidario.families.irobotix.formats import AnyFrame, FrameFormat
 from lidario.families.irobotix.simulated.packers import pack_failure, pack_frame, pack_measurement
+from lidario.wire.formats import NO_PACKET
 from tests.families.irobotix.about import CASES
 from tests.support.streams import feed, in_one_run
 
@@ -36,6 +37,14 @@ def test_a_frame_tells_how_many_samples_it_has_and_what_they_take(count: int, en
     run = in_one_run(FrameFormat(), frame * 3)
     assert FrameFormat().samples_in(run.blocks) == 3 * count
     assert FrameFormat().told_sample_ns(run).tolist() == pytest.approx([1e9 / (5 * 16 * count)] * 3)
+
+
+@pytest.mark.parametrize("at", [0, 1, 4, 5])
+def test_what_begins_no_frame_is_not_waited_for(at: int) -> None:
+    head = bytearray(PACKETS[0][: at + 1])
+    assert FrameFormat().measure(head, 0) == 0
+    head[at] ^= 0x01
+    assert FrameFormat().measure(head, 0) == NO_PACKET
 
 
 @pytest.mark.parametrize("count", [0, 81, 300])
