@@ -240,7 +240,6 @@ class ReaderStream(AsyncOnly, Generic[T]):
         left, self._left = self._left, True
         if self._let_go is None or left:
             return False
-        self._let_go.detach()
         self._mailbox.end()
         return True
 
