@@ -1,0 +1,26 @@
+"""What a device says of itself, in words."""
+
+from __future__ import annotations
+
+import pytest
+
+from lidario.families.hokuyo.device import HokuyoDevice
+from lidario.families.hokuyo.simulated.packers import pack_lines
+from lidario.model import Health, HealthStatus
+from tests.support.scripts import played
+
+STATES = {
+    "Sensor works well.": Health(HealthStatus.OK, 0),
+    "Stable 000 no error.": Health(HealthStatus.OK, 0),
+    "malfunction 32": Health(HealthStatus.ERROR, 32, "it says: malfunction 32"),
+    "Internal failure": Health(HealthStatus.ERROR, 0, "it says: Internal failure"),
+    "Warming up 7": Health(HealthStatus.WARNING, 7, "it says: Warming up 7"),
+    "Warming up": Health(HealthStatus.WARNING, 0, "it says: Warming up"),
+}
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_its_health_is_told_in_words(state: str) -> None:
+    response = pack_lines(b"II", [f"STAT:{state}"], counts_semicolon=False)
+    payload = response.removeprefix(b"II\n").removesuffix(b"\n\n")
+    assert played(HokuyoDevice().health(), lambda _: payload) == STATES[state]
