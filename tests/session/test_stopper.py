@@ -17,7 +17,7 @@ from lidario.families.rplidar.commands import motor_speed
 from lidario.session.talking.stopper import Stopper
 from lidario.wire.envelope import Request
 from tests.support.loop import now
-from tests.support.ports import on_both_loops
+from tests.support.ports import PATIENCE_S, on_both_loops
 
 
 class Paper:
@@ -77,6 +77,19 @@ async def test_a_line_that_is_lost_is_given_up_at_once() -> None:
     stopper.hang_up()
     await asyncio.sleep(0.05)
     assert paper.told == [False]
+
+
+async def test_who_waits_for_stop_requests_goes_on_where_the_line_is_lost_meanwhile() -> None:
+    paper = Paper(0.05)
+    stopper = stopper_of(paper, 0.0)
+    stopper.stop()
+    waiting = asyncio.ensure_future(stopper.surely_settled())
+    await asyncio.sleep(0)
+    paper.is_open = False
+    stopper.cancel()
+    done, _ = await asyncio.wait([waiting], timeout=PATIENCE_S)
+    stopper.wanted = False
+    assert done
 
 
 async def test_only_who_hangs_up_leaves_the_port_to_timers() -> None:
