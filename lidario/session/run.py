@@ -1,9 +1,11 @@
 """Running an asyncio program so that the signals which end a service leave its lidars still.
 
 Left alone, SIGTERM (systemd, docker, `kill`) and SIGHUP (a closed terminal) end a process at once: no context
-manager is left, no finalizer runs, and laser and motor go on. `run` makes them cancel the main task, as
-`asyncio.run` does on Ctrl-C. A process that is killed by SIGKILL cannot do anything; its lidar goes on until the
-next program opens it, unless it was opened with `guard=True`.
+manager is left, no finalizer runs, and laser and motor go on. With `asyncio.run` the first Ctrl-C cancels the main
+task, and a second one, as of somebody who presses it twice, raises `KeyboardInterrupt` wherever the program stands,
+which may be in the midst of stopping a lidar. `run` makes all of them cancel the main task, as often as they come.
+A process that is killed by SIGKILL cannot do anything; its lidar goes on until the next program opens it, unless it
+was opened with `guard=True`.
 """
 
 from __future__ import annotations
@@ -11,6 +13,7 @@ from __future__ import annotations
 import asyncio
 import signal
 import threading
+import time
 from collections.abc import Coroutine
 from contextlib import suppress
 from typing import Any, TypeVar
@@ -20,6 +23,8 @@ from lidario.errors import InvalidValue, LocalProtocolError
 from lidario.port.forked import let_go_in_children
 
 T = TypeVar("T")
+PATIENCE_S = 5.0
+"""Leaving a lidar still takes up to 4 s. Later than that, Ctrl-C raises `KeyboardInterrupt` wherever it comes."""
 _BY_SIGNAL = 128
 """Shells report a program that a signal has ended by this number plus the signal's."""
 
@@ -27,9 +32,10 @@ _BY_SIGNAL = 128
 def run(main: Coroutine[Any, Any, T], *, debug: bool | None = None) -> T:
     """As `asyncio.run`, but SIGTERM and SIGHUP too cancel `main` and let it end in order.
 
-    A second signal cancels it again: that ends what it waits for while it ends, not the stop requests. Signals are
-    taken only in the main thread, until the last task has ended, and not in forked children. A signal that the
-    program ignores (as SIGHUP under ``nohup``) or handles itself stays so.
+    A second signal, also a second Ctrl-C, cancels it again: that ends what it waits for while it ends, not the stop
+    requests. Ctrl-C more than 5 s after the first one ends a program at once, as one that blocks its event loop.
+    Signals are taken only in the main thread, until the last task has ended, and not in forked children. A signal
+    that the program ignores (as SIGHUP under ``nohup``) or handles itself stays so.
 
     Args:
         main: The program.
@@ -66,6 +72,8 @@ def run(main: Coroutine[Any, Any, T], *, debug: bool | None = None) -> T:
         with asyncio.Runner(debug=debug) as runner:
             return runner.run(guarded())
     except asyncio.CancelledError:
+        if signals.caught and signals.caught[0] == signal.SIGINT:
+            raise KeyboardInterrupt from None
         if signals.caught:
             raise SystemExit(_BY_SIGNAL + signals.caught[0]) from None
         raise
@@ -94,6 +102,7 @@ class _Signals:
         self._ending = _ending_signals()
         self._before = {number: signal.getsignal(number) for number in (signal.SIGINT, *self._ending)}
         self._taken: dict[int, Any] = {}
+        self._interrupted_at = 0.0
 
     def cancel_task(self) -> None:
         """From now on they cancel the current task.
@@ -108,10 +117,19 @@ class _Signals:
             self.caught.append(number)
             task.cancel()
 
+        def interrupt(number: int, _: object) -> None:
+            self._interrupted_at = self._interrupted_at or time.monotonic()
+            if time.monotonic() > self._interrupted_at + PATIENCE_S or loop.is_closed():
+                raise KeyboardInterrupt
+            loop.call_soon_threadsafe(cancel, number)
+
         if threading.current_thread() is threading.main_thread():
             for number in self._ending:
-                with suppress(NotImplementedError):  # loops on Windows take none; asyncio.run handles Ctrl-C there
+                with suppress(NotImplementedError):  # loops on Windows take none
                     loop.add_signal_handler(number, cancel, number)
+            if self._before[signal.SIGINT] is signal.default_int_handler:
+                # In place of the runner's handler, which would be given back before the other tasks have ended.
+                signal.signal(signal.SIGINT, interrupt)
             now = {number: signal.getsignal(number) for number in self._before}
             self._taken = {number: now[number] for number in now if now[number] is not self._before[number]}
             let_go_in_children(self)
@@ -129,11 +147,14 @@ class _Signals:
     def give_up(self) -> dict[int, Any]:
         """When the loop is closed they are the program's again, also in children. Returns what was taken."""
         taken, self._taken = self._taken, {}
+        if signal.SIGINT in taken and signal.getsignal(signal.SIGINT) is taken[signal.SIGINT]:
+            # The loop gives back the others.
+            signal.signal(signal.SIGINT, self._before[signal.SIGINT])
         return taken
 
 
 def _ending_signals() -> list[int]:
-    """SIGTERM and SIGHUP, unless the program has chosen what they do; SIGINT is the runner's."""
+    """SIGTERM and SIGHUP, unless the program has chosen what they do."""
     wanted: list[int] = [signal.SIGTERM]
     hang_up = getattr(signal, "SIGHUP", None)
     if hang_up is not None:

@@ -10,7 +10,7 @@ import signal
 import subprocess
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import pytest
 
@@ -120,6 +120,29 @@ def test_without_run_sigterm_leaves_the_device_scanning() -> None:
 
 
 @pytest.mark.long
+def test_a_program_that_blocks_its_loop_is_ended_by_ctrl_c_when_patience_is_over() -> None:
+    blocking = """
+import time
+import lidario.session.run
+lidario.session.run.PATIENCE_S = 0.2
+
+async def main():
+    print(0, flush=True)
+    while True:
+        time.sleep(0.01)
+
+lidario.run(main())
+"""
+    with child(UNDISTURBED + blocking) as process:
+        line_of(process)
+        process.send_signal(signal.SIGINT)
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(0.5)
+        returned, _, said = ended_by(process, signal.SIGINT)
+        assert (returned, said.splitlines()[-1]) == (-signal.SIGINT, "KeyboardInterrupt")
+
+
+@pytest.mark.long
 def test_a_hang_up_that_is_ignored_stays_ignored() -> None:
     """As under nohup."""
     with running(f"signal.signal(signal.SIGHUP, signal.SIG_IGN)\n{RUN}") as (server, process):
@@ -175,3 +198,31 @@ def test_signals_are_as_before_after_it() -> None:
     lidario.run(main())
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
     assert signal.getsignal(signal.SIGHUP) is signal.SIG_DFL
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.parametrize("holder", ["main", "another task"])
+def test_who_presses_ctrl_c_twice_ends_no_cleanup(holder: str) -> None:
+    """The second one may come at any moment, as in the midst of the requests that stop a lidar."""
+    done: list[str] = []
+
+    async def holding() -> None:
+        try:
+            await asyncio.Event().wait()
+        finally:
+            done.append("begun")
+            signal.raise_signal(signal.SIGINT)
+            with suppress(asyncio.CancelledError):
+                await asyncio.sleep(0.01)
+            done.append("ended")
+
+    async def main() -> None:
+        asyncio.get_running_loop().call_soon(signal.raise_signal, signal.SIGINT)
+        if holder == "main":
+            await holding()
+        kept = asyncio.create_task(holding())
+        await asyncio.wait([kept])
+
+    with pytest.raises(KeyboardInterrupt):
+        lidario.run(main())
+    assert done == ["begun", "ended"]
