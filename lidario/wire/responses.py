@@ -43,7 +43,7 @@ def find_lines(data: bytearray, expected: Expected) -> Lines:
             continue
         begin = place + len(echo)
         end = data.find(b"\n\n", begin - 1)
-        if 0 <= end - place <= expected.largest:
+        if place <= end <= place + expected.largest:
             return Lines(place, end + 2 - place, bytes(data[begin:end]))
         if end < 0 and len(data) - place <= expected.largest:
             return Lines(place)

@@ -114,6 +114,7 @@ def test_a_size_is_admitted_between_its_bounds(size: int, largest: int, claimed:
 def test_type_and_mode_must_be_those_expected() -> None:
     assert not Expected(4, 20).admits(Descriptor(6, 20, continuous=False))
     assert not Expected(4, 20).admits(Descriptor(4, 20, continuous=True))
+    assert not Expected(4, 0).admits(Descriptor(4, 1, continuous=False))
     assert Expected(0x81, 5, continuous=True).admits(Descriptor(0x81, 5, continuous=True))
     assert not Expected(0x81, 5, continuous=True).admits(Descriptor(0x81, 5, continuous=False))
 
