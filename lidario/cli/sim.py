@@ -225,7 +225,7 @@ def sum_up(server: PtyServer | TcpServer | UdpServer, took: float, *, turned: bo
     for (name, remark), count in Counter((each.name, each.remark) for each in log if each.remark).items():
         message(f"  obeyed, but too early: {name} {count}, {remark}")
     if server.lost:
-        message(f"  {server.lost} bytes were lost, because the client read too slowly")
+        message(f"  {server.lost} bytes were lost: nobody read them, or too slowly")
     # A model that only talks always scans; no client has left it scanning.
     if server.device.scanning and obeyed:
         message("  the client has left it scanning")

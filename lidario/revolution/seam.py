@@ -111,7 +111,9 @@ class Seam:
     def _follow(self, headings: Headings, offset: int, found: list[Split]) -> None:
         """Step along headings without flags, `offset` on from the first."""
         angle, full_turn = self.angle, self._full_turn
-        if isinstance(headings, np.ndarray):
+        if angle is None:
+            found += [split for at, each in enumerate(headings, offset) if (split := self._step(at, int(each)))]
+        elif isinstance(headings, np.ndarray):
             away = (headings - angle) % full_turn if angle else headings
             self._rise(headings, away, offset, ((away[1:] < away[:-1]).nonzero()[0] + 1).tolist(), found)
         else:
@@ -167,7 +169,7 @@ class Seam:
             self._unmarked_revolutions += 1
         self._last = heading
         if self._unmarked_revolutions == _UNMARKED_REVOLUTIONS:
-            self.angle, self._armed, self._unmarked_revolutions = 0, False, 0
+            self.angle, self._unmarked_revolutions = 0, 0
 
     def _forward(self, last: int, away: int) -> bool:
         """Whether a reading beyond the near quarter was reached forwards: not by trembling back over the seam."""
