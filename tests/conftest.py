@@ -1,7 +1,7 @@
 """How long tests run: short by default, long with ``--exhaustive``, ``--soak`` and ``HYPOTHESIS_PROFILE=search``.
 
-- ``--exhaustive`` (`.ci/run`): tests marked ``exhaustive`` go through all that they can, not through a sample;
-  property tests try three times as many examples; and with the tests marked ``long``.
+- ``--exhaustive`` (each night and before a release): tests marked ``exhaustive`` go through all that they can, not
+  through a sample; property tests try three times as many examples; and with the tests marked ``long``.
 - ``--long`` (`make check`): these, too: real programs, browsers and routers, which take or wait half a second or
   more. A test file that is named is run whole.
 - ``--every-step``: two tasks at once are tried at every step of the event loop, not at every twelfth; five minutes.
