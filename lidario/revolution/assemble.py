@@ -46,7 +46,7 @@ class Assembler:
     Attributes:
         incoming: What comes; it knows how long a sample takes.
         partial: The revolution that goes on.
-        ended: How many streams have ended, or were taken over by another assembler.
+        ended: How many streams have ended.
         wall_offset_ns: Wall clock minus monotonic clock, for the scans to come.
     """
 
@@ -94,7 +94,7 @@ class Assembler:
     def ends(self, event: Packets) -> Iterator[list[Scan]]:
         """As `add`, one or a block at a time.
 
-        What is left when it is closed, or when the stream is ended or divided meanwhile, counts as discarded.
+        What is left when it is closed, or when the stream is ended meanwhile, counts as discarded.
         """
         pieces, ended = iter(self.incoming.take(event)), self.ended
         count = kept = 0

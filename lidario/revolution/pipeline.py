@@ -6,19 +6,17 @@ parser and in how much is done at once. A session parses for itself, since its l
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TypeAlias
 
 from lidario.families.base import Stream
-from lidario.revolution.assemble import Assembler
 from lidario.revolution.incoming import Clock
 from lidario.revolution.partial import MOST_IN_A_PART, parts_of
 from lidario.revolution.sectors import SectorAssembler
 from lidario.revolution.stats import AssemblerStats
 from lidario.revolution.together import join_runs, slices
-from lidario.revolution.whole import WholeSectors, assembler_of, sector_assembler_of
+from lidario.revolution.whole import assembler_of
 from lidario.scan import Scan
-from lidario.sector import Sector
 from lidario.wire.events import Arrival, Packets
 from lidario.wire.link import Link
 
@@ -39,7 +37,7 @@ class Pipeline:
     Attributes:
         stream: The stream.
         link: The parser.
-        assembler: Builds the scans.
+        assembler: Builds the scans, and their sectors.
     """
 
     def __init__(
@@ -56,7 +54,7 @@ class Pipeline:
         self.link: Link = link or Link()
         if link is None:
             self.link.enter_stream(stream.format)
-        self.assembler: Assembler = assembler_of(stream, baudrate, wall_offset_ns, stats, clock)
+        self.assembler: SectorAssembler = assembler_of(stream, baudrate, wall_offset_ns, stats, clock)
         self._is_stored = clock is not None
 
     @property
@@ -83,8 +81,7 @@ class Pipeline:
     def take(self, packets: Packets) -> Iterator[list[Scan]]:
         """Take packets that were parsed elsewhere, in steps of bounded work.
 
-        Those that are left when it is closed, when the stream is ended or when it is divided meanwhile are counted
-        as discarded.
+        Those that are left when it is closed, or when the stream is ended meanwhile, are counted as discarded.
         """
         if packets.count <= MOST_IN_A_PART:
             return self.assembler.ends(packets)
@@ -100,20 +97,6 @@ class Pipeline:
                     return
         finally:
             assembler.stats.discarded_packets += sum(part.count for part in parts)
-
-    def divide(
-        self, parts: Iterable[int], publish: Callable[[int, Sector], None]
-    ) -> SectorAssembler | WholeSectors:
-        """Publish sectors from the next revolution on; returns what builds scans and sectors from now on.
-
-        Args:
-            parts: How many sectors each revolution is divided into; several sizes at the same time, or none.
-            publish: Called with how many sectors of its size a revolution has, and the sector.
-        """
-        if not isinstance(self.assembler, SectorAssembler | WholeSectors):
-            self.assembler = sector_assembler_of(self.assembler, publish)
-        self.assembler.divide(parts)
-        return self.assembler
 
     def take_note(self) -> str:
         """What is to be told of the time of a sample, once; empty where nothing is."""

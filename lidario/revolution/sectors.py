@@ -52,25 +52,25 @@ MOST_PARTS: Final = 72
 
 
 class SectorAssembler(Assembler):
-    """Builds the scans of one stream, and hands out their sectors before.
+    """Builds the scans of one stream, and hands out their sectors before, once it was told to divide them.
 
-    Args:
-        other: An assembler of that stream, which is not used any more. This one goes on where it stands.
-        publish: Called with how many sectors of its size a revolution has, and the sector.
+    Its arguments are those of `Assembler`.
     """
 
-    def __init__(self, other: Assembler, publish: Callable[[int, Sector], None]) -> None:
-        vars(self).update(vars(other))
-        other.ended += 1
-        self._publish_sector = publish
-        self._parts: tuple[int, ...] = ()
-        self._divided: DividedRevolution | None = None
-        self._usual_samples = self._by_speed_ns = 0.0
-        self._ending: tuple[DividedRevolution, int] | None = None
+    _publish_sector: Callable[[int, Sector], None]
+    _parts: tuple[int, ...] = ()
+    _divided: DividedRevolution | None = None
+    _usual_samples = _by_speed_ns = 0.0
+    _ending: tuple[DividedRevolution, int] | None = None
 
-    def divide(self, parts: Iterable[int]) -> None:
-        """Divide each revolution, from the next one on, into so many sectors; several numbers at once may be."""
-        self._parts = tuple(sorted(parts))
+    def divide(self, parts: Iterable[int], publish: Callable[[int, Sector], None]) -> None:
+        """Hand out sectors from the next revolution on.
+
+        Args:
+            parts: How many sectors each revolution is divided into; several sizes at the same time, or none.
+            publish: Called with how many sectors of its size a revolution has, and the sector.
+        """
+        self._parts, self._publish_sector = tuple(sorted(parts)), publish
         self._by_blocks = not self._parts
 
     @property
@@ -110,6 +110,8 @@ class SectorAssembler(Assembler):
 
     def _keep(self, packets: Packets, headings: Headings) -> None:
         super()._keep(packets, headings)
+        if not self._parts and self._divided is None:
+            return
         if self._divided is None or self._divided.partial is not self.partial:
             self._divided = self._begin(int(headings[0]))
         if self._divided is not None:

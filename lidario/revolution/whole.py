@@ -8,14 +8,13 @@ many. What lies beside the field of the device was never measured, and so is nei
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
 from lidario.families.base import Stream
-from lidario.revolution.assemble import Assembler
 from lidario.revolution.build import DatedRevolution, turned_by
 from lidario.revolution.incoming import Clock
 from lidario.revolution.partial import SampleArrays, part_of
@@ -32,19 +31,10 @@ _MOST_UNSEEN: Final = 1_000_000
 """Scans that may be missing at most: times come from the device, a peer or a file."""
 
 
-class WholeAssembler(Assembler):
-    """Builds the scans of one stream whose packets are whole scans; as `Assembler`."""
+class WholeAssembler(SectorAssembler):
+    """Builds the scans of one stream whose packets are whole scans; their sectors come just before each."""
 
-    def __init__(
-        self,
-        stream: Stream,
-        baudrate: int = 0,
-        wall_offset_ns: int = 0,
-        stats: AssemblerStats | None = None,
-        clock: Clock | None = None,
-    ) -> None:
-        super().__init__(stream, baudrate, wall_offset_ns, stats, clock)
-        self._last_ns: int | None = None
+    _last_ns: int | None = None
 
     def ends(self, event: Packets) -> Iterator[list[Scan]]:
         # None is false: all begin at the same angle.
@@ -59,15 +49,14 @@ class WholeAssembler(Assembler):
                     done += 1
                     scan = self._scan_of(part, came_ns)
                     self.stats.scan_packets += 1
-                    self._told(scan)
+                    for count in self._parts:
+                        for sector in sectors_of(scan, count):
+                            self._publish_sector(count, sector)
                     yield [scan]
                     if self.ended != ended:
                         return
             finally:
                 self.stats.discarded_packets += packets.count - done
-
-    def _told(self, scan: Scan) -> None:
-        """A scan is about to be delivered."""
 
     def _came(self, event: Packets) -> list[float]:
         """When each packet would have come if it were not delayed: by the device's clock, where it has one."""
@@ -110,35 +99,6 @@ class WholeAssembler(Assembler):
         if self._next_offset_deg is not None:
             self.set_zero_offset(self._next_offset_deg)
         return scan
-
-
-class WholeSectors(WholeAssembler):
-    """As `WholeAssembler`, and hands out the sectors of each scan before it.
-
-    Args:
-        other: An assembler of that stream, which is not used any more. This one goes on where it stands.
-        publish: Called with how many sectors of its size a revolution has, and the sector.
-    """
-
-    def __init__(self, other: Assembler, publish: Callable[[int, Sector], None]) -> None:
-        vars(self).update(vars(other))
-        other.ended += 1
-        self._publish_sector = publish
-        self._parts: tuple[int, ...] = ()
-
-    def divide(self, parts: Iterable[int]) -> None:
-        """Hand out sectors in so many parts each; in none, none."""
-        self._parts = tuple(sorted(parts))
-
-    @property
-    def next_ns(self) -> float:
-        """As `SectorAssembler.next_ns`: all come with the scan."""
-        return math.nan
-
-    def _told(self, scan: Scan) -> None:
-        for count in self._parts:
-            for sector in sectors_of(scan, count):
-                self._publish_sector(count, sector)
 
 
 def sectors_of(scan: Scan, parts: int) -> Iterator[Sector]:
@@ -190,12 +150,7 @@ def assembler_of(
     wall_offset_ns: int = 0,
     stats: AssemblerStats | None = None,
     clock: Clock | None = None,
-) -> Assembler:
+) -> SectorAssembler:
     """What builds the scans of a stream; the arguments are those of `Assembler`."""
-    made = WholeAssembler if stream.format.whole else Assembler
+    made = WholeAssembler if stream.format.whole else SectorAssembler
     return made(stream, baudrate, wall_offset_ns, stats, clock)
-
-
-def sector_assembler_of(other: Assembler, publish: Callable[[int, Sector], None]) -> SectorAssembler | WholeSectors:
-    """What builds them and their sectors; the arguments are those of `SectorAssembler`."""
-    return WholeSectors(other, publish) if isinstance(other, WholeAssembler) else SectorAssembler(other, publish)

@@ -48,10 +48,9 @@ def test_a_revolution_whose_times_stand_still_is_given_up_by_its_bytes(case: Cas
     stream = replace(stream_of(case), slowest_turn_s=0.2)
     assert stream.sample_ns > 0
     stats = AssemblerStats()
-    assembler = Assembler(stream, stats=stats)
+    assembler = SectorAssembler(stream, stats=stats)
     if sectors:
-        assembler = SectorAssembler(assembler, lambda *_: None)
-        assembler.divide([8])
+        assembler.divide([8], lambda *_: None)
     packet = never_ending(case)
     most = fed(assembler, case.raw, packet, 2 * stream.most_bytes, case.make_format(), together=8)
     assert stream.most_bytes // 4 < most <= stream.most_bytes

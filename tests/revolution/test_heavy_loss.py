@@ -58,7 +58,7 @@ def test_a_false_mark_just_behind_the_beginning_makes_no_scan_of_what_lies_befor
     raw = np.frombuffer(capture(kind, 1.5), np.uint8)
     left = np.random.default_rng(0).random(len(raw) - DESCRIPTOR_SIZE) >= 0.02
     pipeline, scans, sectors = Pipeline(kind.stream()), list[Scan](), list[Sector]()
-    pipeline.divide([1], lambda _, sector: sectors.append(sector))
+    pipeline.assembler.divide([1], lambda _, sector: sectors.append(sector))
     for begin in range(0, len(left), 512):
         part = slice(begin, begin + 512)
         came = raw[DESCRIPTOR_SIZE:][part][left[part]].tobytes()

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from lidario.families.rplidar.simulated.packers import pack_standard
 from lidario.families.ydlidar.simulated.packers import pack_points, start_control
-from lidario.revolution.assemble import Assembler, AssemblerStats
+from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.sectors import SectorAssembler
 from lidario.scan import Scan
 from lidario.sector import Sector
@@ -84,10 +84,9 @@ class Made(NamedTuple):
 def made(runs: Iterator[Packets], parts: int = 0, case: Case = FOUR_ROS) -> Made:
     """The scans of a stream, and the sectors where it is divided into `parts`."""
     sectors: list[Sector] = []
-    assembler = Assembler(stream_of(case, sample_ns=float(SAMPLE_NS)))
+    assembler = SectorAssembler(stream_of(case, sample_ns=float(SAMPLE_NS)))
     if parts:
-        assembler = SectorAssembler(assembler, lambda _, sector: sectors.append(sector))
-        assembler.divide((parts,))
+        assembler.divide((parts,), lambda _, sector: sectors.append(sector))
     scans = [scan for run in runs for scan in assembler.add(run)]
     return Made(scans, sectors, assembler.stats)
 

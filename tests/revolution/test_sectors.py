@@ -60,7 +60,7 @@ def divided(
         sectors[count].append(sector)
         order.append(sector)
 
-    pipeline.divide(parts, publish)
+    pipeline.assembler.divide(parts, publish)
     clock = times or (lambda offset: round(offset * case.byte_ns))
     scans: list[Scan] = []
     pieces = list(cut_up(raw, chunks))

@@ -12,10 +12,8 @@ from itertools import accumulate
 import numpy as np
 import pytest
 
-from lidario.revolution.assemble import Assembler
 from lidario.revolution.sectors import SectorAssembler
 from lidario.session.streaming.pace import Pace
-from lidario.session.streaming.sectors import SectorPace
 from lidario.wire.blocks import Block
 from tests.support.cases import KINDS, Case, named
 from tests.support.streams import in_one_run, stream_of
@@ -29,9 +27,9 @@ def test_a_sector_is_handed_over_in_time(case: Case) -> None:
     stream = stream_of(case)
     ends = [end * case.byte_ns * 1e-9 for end in accumulate(map(len, case.packets))]
     published: list[int] = []
-    assembler = SectorAssembler(Assembler(stream), lambda _, sector: published.append(sector.index))
-    assembler.divide((8,))
-    pace = SectorPace(Pace(stream, 0, LATENCY_S))
+    assembler = SectorAssembler(stream)
+    assembler.divide((8,), lambda _, sector: published.append(sector.index))
+    pace = Pace(stream, 0, LATENCY_S)
     taken = polls = 0
     now, delays = 0.0, list[float]()
     while taken < len(ends):
@@ -65,8 +63,8 @@ def test_it_is_known_to_the_sample_when_the_last_sector_of_a_revolution_is_compl
     """Each packet comes when its last sample was measured."""
     stream = stream_of(case)
     published: list[int] = []
-    assembler = SectorAssembler(Assembler(stream), lambda _, sector: published.append(sector.index))
-    assembler.divide((8,))
+    assembler = SectorAssembler(stream)
+    assembler.divide((8,), lambda _, sector: published.append(sector.index))
     measured, expected, off = 0, list[float](), list[float]()
     for packet in case.packets:
         measured += stream.format.samples_in([Block(len(packet), 1)])

@@ -14,7 +14,6 @@ from lidario import InvalidValue, Lidar, Scan, Sector
 from lidario.blocking import open_sync
 from lidario.port.line import Schedule
 from lidario.port.port import Port
-from lidario.revolution.sectors import SectorAssembler
 from lidario.revolution.whole import sectors_of
 from lidario.session.streaming.sectors import parts_of
 from tests.support.cable import on_a_cable
@@ -80,14 +79,6 @@ async def test_they_may_be_asked_for_while_scans_come(rig: Rig, monkeypatch: pyt
                 rests.append(schedules[-1].rest(now()))
         assert lidar.stats.interruptions == 0
     assert 0 < max(rests) < 1.2 * rig.turn_s / 8
-
-
-async def test_who_reads_scans_alone_pays_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    made = []
-    monkeypatch.setattr(SectorAssembler, "__init__", lambda *_: made.append(1))
-    async with make_rig("rplidar").open() as lidar, lidar.scans() as scans:
-        await some(scans, 3)
-    assert not made
 
 
 async def test_a_question_interrupts_them_and_they_go_on(rig: Rig) -> None:

@@ -1,4 +1,4 @@
-"""When the next revolution completes, so that the port is not polled earlier.
+"""When the next revolution completes, or a sector that is read, so that the port is not polled earlier.
 
 A rotor turns evenly, so the scans that came predict when the next one is complete. Until then bytes may stay in the
 kernel's buffer, as long as it does not fill, and what was read of them need not be parsed. Most of the work of a
@@ -35,6 +35,9 @@ _FOLLOW = 0.25
 """Share of a deviation by which the predicted period follows; more would copy the noise of a single stamp."""
 _JUST_BEFORE_S = 1e-5
 """Much less than a packet takes, and more than the resolution of a clock."""
+_SECTOR_MARGIN_S = 0.001
+"""How much later than predicted the port is polled for a sector: a full-speed USB adapter delivers once a
+millisecond. With 0.3 ms one poll in five came too early, and the next one 4 ms later."""
 _LEAST_INTERVAL = 0.8
 """Share of a revolution's time that must have passed since the scan before."""
 _NOISE = 0.03
@@ -54,10 +57,13 @@ class Pace:
     Attributes:
         due: When the revolution in progress is expected to be complete; 0 when nothing is known.
         interval: Longest time for which the port may stay unread, so that the kernel's buffer never fills.
+        sector_due: When the next sector is expected to be complete; 0 where nothing is known, or nobody reads
+            sectors, so that only the revolution counts.
     """
 
     def __init__(self, stream: Stream, baudrate: int, latency: float, received: int = 0) -> None:
         self.due: float = 0.0
+        self.sector_due: float = 0.0
         packet_s = stream.format.samples * stream.sample_ns * 1e-9
         wire_s = stream.format.ordinary * BITS_A_BYTE / baudrate if baudrate else 0.0
         # After the packet that crosses the seam one more must arrive; where in it the crossing lies is chance.
@@ -96,10 +102,14 @@ class Pace:
         whole = scan.stamp_ns * 1e-9 + 2 * expected + self._behind_s
         self.due = min(whole, now + expected) - early_s
 
+    def expect(self, next_ns: float) -> None:
+        """The packet that completes the next sector arrives then, in nanoseconds; NaN where that is not known."""
+        self.sector_due = 0.0 if math.isnan(next_ns) else next_ns * 1e-9 + _SECTOR_MARGIN_S
+
     def rest(self, now: float) -> float:
-        """Seconds for which nobody needs the bytes; 0 when the revolution may be complete."""
-        return max(0.0, min(self.due - now, LONGEST_HOLD_S))
+        """Seconds for which nobody needs the bytes; 0 when the revolution, or a sector of it, may be complete."""
+        return max(0.0, min((self.sector_due or self.due) - now, LONGEST_HOLD_S))
 
     def hold(self, now: float) -> float:
         """Until when bytes need not be parsed: slightly before the next poll, so that this poll parses them."""
-        return min(self.due, now + LONGEST_HOLD_S) - _JUST_BEFORE_S
+        return min(self.sector_due or self.due, now + LONGEST_HOLD_S) - _JUST_BEFORE_S

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -20,13 +21,10 @@ from lidario.errors import LidarError
 from lidario.families.base import Stream
 from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.pipeline import Pipeline
-from lidario.revolution.sectors import SectorAssembler
-from lidario.revolution.whole import WholeSectors
 from lidario.scan import Scan
 from lidario.sector import Sector
 from lidario.session.finding.connection import At
 from lidario.session.streaming.pace import Pace
-from lidario.session.streaming.sectors import SectorPace
 from lidario.wire.events import Packets
 
 _log = logging.getLogger("lidario")
@@ -115,8 +113,7 @@ class Running:
             stream, self._baudrate, self._wall_offset_ns, totals.assembled, link=dialogue.link
         )
         self._pace = Pace(stream, self._baudrate, latency, dialogue.stats.bytes_received)
-        self._sectors: tuple[SectorPace, SectorAssembler | WholeSectors] | None = None
-        self._delivered = False
+        self._is_divided = False
         self._watchdog: asyncio.TimerHandle | None = None
         self._keepalive: asyncio.TimerHandle | None = None
         self._began = self._last_packet = self._last_scan = self._loop.time()
@@ -139,7 +136,6 @@ class Running:
             self._wall_offset_ns,
             continues=self._totals.assembled.left_off is not None,
         )
-        self._delivered = True
         self._dialogue.deliver_to(self._take)
         self._dialogue.port.set_polling(self._latency, self._pace)
         if self._dialogue.port.is_live:
@@ -174,13 +170,9 @@ class Running:
 
     def divide(self, parts: frozenset[int]) -> None:
         """Publish sectors from the next revolution on, so many of each revolution; none for no more."""
-        whole, assembler = self._pipeline.assembler, self._pipeline.divide(parts, self._outlets.sector)
-        if assembler is not whole:
-            # Only from now on does a stream cost what sectors cost.
-            self._pace = SectorPace(self._pace)
-            self._sectors = self._pace, assembler
-            if self._delivered:
-                self._dialogue.port.set_polling(self._latency, self._pace)
+        self._pipeline.assembler.divide(parts, self._outlets.sector)
+        self._is_divided = bool(parts)
+        self._pace.expect(math.nan)
 
     def _take(self, packets: Packets) -> Iterator[None]:
         self._last_packet = self._loop.time()
@@ -190,9 +182,8 @@ class Running:
         for scans in self._pipeline.take(packets):
             self._show(scans)
             yield
-        if self._sectors is not None:
-            pace, assembler = self._sectors
-            pace.expect(assembler.next_ns)
+        if self._is_divided:
+            self._pace.expect(self._pipeline.assembler.next_ns)
 
     def _follow_clock(self, wall_offset_ns: int) -> None:
         step_s = (wall_offset_ns - self._wall_offset_ns) * 1e-9

@@ -1,4 +1,4 @@
-"""Sectors on their way to their readers, and when the port is polled for them.
+"""Sectors on their way to their readers.
 
 A reader of sectors is a reader of the stream like any other (`ScanStream`): its mailbox says into how
 many sectors it wants a revolution divided.
@@ -12,16 +12,11 @@ from lidario.arguments import finite, shown
 from lidario.errors import InvalidValue
 from lidario.revolution.sectors import MOST_PARTS
 from lidario.sector import Sector
-from lidario.session.streaming.pace import LONGEST_HOLD_S, Pace
 from lidario.session.streaming.stream import ReaderStream
 
 DEFAULT_DEGREES = 45.0
 _WHOLE = 1e-6
 """Difference from a whole number of sectors that is only rounding."""
-_MARGIN_S = 0.001
-"""How much later than predicted the port is polled for a sector: a full-speed USB adapter delivers once a
-millisecond. With 0.3 ms one poll in five came too early, and the next one 4 ms later."""
-_JUST_BEFORE_S = 1e-5
 
 
 def parts_of(degrees: float) -> int:
@@ -41,35 +36,6 @@ def parts_of(degrees: float) -> int:
             f"not so {shown(degrees)}"
         )
     return whole
-
-
-class SectorPace(Pace):
-    """As `Pace`, and for those who read sectors: the port is polled when the next sector is complete.
-
-    Args:
-        other: What has followed the revolutions so far, and is not used any more. This one goes on where it stands.
-
-    Attributes:
-        sector_due: When that is expected; 0 where nothing is known, so that only the revolution counts.
-    """
-
-    def __init__(self, other: Pace) -> None:
-        vars(self).update(vars(other))
-        self.sector_due: float = 0.0
-
-    def expect(self, next_ns: float) -> None:
-        """The packet that completes the next sector arrives then, in nanoseconds; NaN where that is not known."""
-        self.sector_due = 0.0 if math.isnan(next_ns) else next_ns * 1e-9 + _MARGIN_S
-
-    def rest(self, now: float) -> float:
-        if not self.sector_due:
-            return super().rest(now)
-        return max(0.0, min(self.sector_due - now, LONGEST_HOLD_S))
-
-    def hold(self, now: float) -> float:
-        if not self.sector_due:
-            return super().hold(now)
-        return min(self.sector_due, now + LONGEST_HOLD_S) - _JUST_BEFORE_S
 
 
 class SectorStream(ReaderStream[Sector]):
