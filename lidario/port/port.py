@@ -59,7 +59,10 @@ class Port(Guarded, asyncio.Protocol):
         length_s: As `Lidar.length_s`.
         on_close: Called once after the port was closed, e.g. to end a simulated device.
         explain_loss: Asked why the line died; a simulated device knows more about it than the system.
+        likely_loss: What is to be looked for where nobody knows.
     """
+
+    likely_loss: str = "Was it unplugged?"
 
     def __init__(self, name: str, baudrate: int = 0) -> None:
         super().__init__(name)
@@ -311,7 +314,7 @@ class Port(Guarded, asyncio.Protocol):
         if error is None and self.explain_loss is not None:
             error = self.explain_loss()
         if error is None and not self.is_closing:
-            error = DeviceLost(f"{self.name} is gone: {exc or 'the other end closed it'}. Was it unplugged?")
+            error = DeviceLost(f"{self.name} is gone: {exc or 'the other end closed it'}. {self.likely_loss}")
             error.__cause__ = exc
         if error is not None:
             _log.debug("%s is lost: %s", self.name, error)

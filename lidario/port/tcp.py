@@ -46,6 +46,8 @@ async def open_tcp(name: str, host: str, number: int, baudrate: int = 0) -> Port
 class _TcpPort(Port):
     """A port that makes its line when the connection stands."""
 
+    likely_loss = "Was it switched off, or does it take one connection, and another program has it now?"
+
     def connection_made(self, transport: asyncio.BaseTransport | Line) -> None:
         # Not isinstance: uvloop's transports are no subclasses of asyncio.Transport.
         super().connection_made(_TcpLine(cast("asyncio.Transport", transport), self))

@@ -32,6 +32,8 @@ def main() -> int:
     name = asked.name
     stream = ROOT / "tests" / "data" / f"{name}_first.npz"
     if asked.stream:
+        if not (ROOT / "lidario" / "families" / name).is_dir():
+            parser.error(f"there is no family {name!r} in lidario/families; without --stream it is begun")
         made = subprocess.run([sys.executable, "-c", _STREAM.replace("newname", name), str(stream)], cwd=ROOT)
         return made.returncode
     try:
