@@ -15,8 +15,8 @@ from typing import Final, TypeVar, cast
 from lidario.errors import Unsupported
 from lidario.families.base import Decoder, Family, Script, Stream
 from lidario.model import DeviceInfo, Health, ScanMode
-from lidario.recording.about import About, EventState
-from lidario.recording.chronicle import Responded, StreamBegan, StreamEvent
+from lidario.recording.about import About
+from lidario.recording.chronicle import EventState, Responded, StreamBegan, StreamEvent
 from lidario.recording.device import RecordedDevice
 from lidario.recording.read import Piece, StoredStream, StoredStreams
 from lidario.wire.events import Packets

@@ -6,22 +6,11 @@ anybody, so `About.of` takes whatever is there and replaces what cannot be right
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from lidario.arguments import printable
 from lidario.model import DeviceInfo, Health, HealthStatus
-from lidario.recording.chronicle import (
-    MOST_NS,
-    MOST_RESPONSES,
-    Responded,
-    StreamBegan,
-    StreamEnded,
-    StreamEvent,
-    ZeroOffsetSet,
-    event_of,
-    text_of,
-)
+from lidario.recording.chronicle import MOST_NS, MOST_RESPONSES, StreamBegan, StreamEvent, event_of, text_of
 
 NAME = "lidario"
 FORMAT = "1"
@@ -126,39 +115,3 @@ class About:
             began_ns=max(0, number("began_ns")),
             events=tuple(event for event in events if event is not None),
         )
-
-
-class EventState:
-    """What events add up to.
-
-    Args:
-        events: Those that it begins with.
-
-    Attributes:
-        responses: The latest response to each request.
-        running: The stream that runs, with the latest zero-angle offset, or None.
-    """
-
-    def __init__(self, events: Iterable[StreamEvent] = ()) -> None:
-        self.responses: dict[bytes, Responded] = {}
-        self.running: StreamBegan | None = None
-        for event in events:
-            self.follow(event)
-
-    @property
-    def events(self) -> tuple[StreamEvent, ...]:
-        """Those that add up to the same."""
-        return (*self.responses.values(), *((self.running,) if self.running is not None else ()))
-
-    def follow(self, event: StreamEvent | None) -> None:
-        """Take note of the next event."""
-        if isinstance(event, StreamBegan):
-            self.running = event
-        elif isinstance(event, StreamEnded):
-            self.running = None
-        elif isinstance(event, ZeroOffsetSet) and self.running is not None:
-            self.running = replace(self.running, zero_offset_deg=event.zero_offset_deg)
-        elif isinstance(event, Responded) and (
-            event.request in self.responses or len(self.responses) < MOST_RESPONSES
-        ):
-            self.responses[event.request] = event

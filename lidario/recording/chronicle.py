@@ -11,7 +11,7 @@ over another line goes on counting, too.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Self, TypeVar
 
@@ -154,17 +154,44 @@ class LineChanged:
 StreamEvent = StreamBegan | StreamEnded | ZeroOffsetSet | Responded | Placed | LineChanged
 
 
-class Chronicle:
-    """What has happened in one session.
+class EventState:
+    """What events add up to.
 
     Attributes:
         responses: The latest response to each request.
-        running: The stream that runs, with the latest zero-angle offset and wall clock, or None.
+        running: The stream that runs, with the latest zero-angle offset, or None.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, events: Iterable[StreamEvent] = ()) -> None:
         self.responses: dict[bytes, Responded] = {}
         self.running: StreamBegan | None = None
+        for event in events:
+            self.follow(event)
+
+    @property
+    def events(self) -> tuple[StreamEvent, ...]:
+        """Those that add up to the same."""
+        return (*self.responses.values(), *((self.running,) if self.running is not None else ()))
+
+    def follow(self, event: StreamEvent | None) -> None:
+        """Take note of the next event."""
+        if isinstance(event, StreamBegan):
+            self.running = event
+        elif isinstance(event, StreamEnded):
+            self.running = None
+        elif isinstance(event, ZeroOffsetSet) and self.running is not None:
+            self.running = replace(self.running, zero_offset_deg=event.zero_offset_deg)
+        elif isinstance(event, Responded) and (
+            event.request in self.responses or len(self.responses) < MOST_RESPONSES
+        ):
+            self.responses[event.request] = event
+
+
+class Chronicle(EventState):
+    """What has happened in one session; the stream that runs has the latest wall clock, too."""
+
+    def __init__(self) -> None:
+        super().__init__()
         self._watchers: tuple[Callable[[StreamEvent], None], ...] = ()
         self._started_by = b""
 
@@ -180,7 +207,6 @@ class Chronicle:
         """The device has responded."""
         event = Responded(request, kind, payload)
         if self.responses.get(request) != event and len(self.responses) < MOST_RESPONSES:
-            self.responses[request] = event
             self._tell(event)
 
     def started(self, request: bytes) -> None:
@@ -191,13 +217,11 @@ class Chronicle:
         self, stream: Stream, at: int, baudrate: int, wall_offset_ns: int, *, continues: bool = False
     ) -> None:
         """A stream is delivered from now on; the arguments are those of `StreamBegan`."""
-        self.running = StreamBegan.of(stream, at, self._started_by, baudrate, wall_offset_ns, continues=continues)
-        self._tell(self.running)
+        self._tell(StreamBegan.of(stream, at, self._started_by, baudrate, wall_offset_ns, continues=continues))
 
     def zero_offset_set(self, at: int, degrees: float, *, behind: bool) -> None:
         """The stream that runs gets another zero-angle offset; the arguments are those of `ZeroOffsetSet`."""
         if self.running is not None and degrees != self.running.zero_offset_deg:
-            self.running = replace(self.running, zero_offset_deg=degrees)
             self._tell(ZeroOffsetSet(at, degrees, behind))
 
     def clock_set(self, wall_offset_ns: int) -> None:
@@ -208,10 +232,10 @@ class Chronicle:
     def ended(self, at: int) -> None:
         """The stream is not delivered any more."""
         if self.running is not None:
-            self.running = None
             self._tell(StreamEnded(at))
 
     def _tell(self, event: StreamEvent) -> None:
+        self.follow(event)
         for watcher in self._watchers:
             watcher(event)
 
@@ -236,7 +260,10 @@ def moved(event: _Event, by: int, least: int = 0) -> _Event:
 
 def text_of(event: StreamEvent) -> str:
     """The event as one line of JSON, for a file."""
-    return json.dumps(_record_of(event), separators=(",", ":"))
+    record = {"event": _KINDS[type(event)], **asdict(event)}
+    if record.get("running") is not None:
+        record["running"] = {"event": _KINDS[StreamBegan], **record["running"]}
+    return json.dumps(record, default=bytes.hex, separators=(",", ":"))
 
 
 def event_of(text: str) -> StreamEvent | None:
@@ -247,16 +274,6 @@ def event_of(text: str) -> StreamEvent | None:
         return _event_of(json.loads(text))
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
         return None
-
-
-def _record_of(event: StreamEvent) -> dict[str, object]:
-    record = asdict(event)
-    for name in ("request", "payload"):
-        if name in record:
-            record[name] = record[name].hex()
-    if isinstance(event, Placed):
-        record["running"] = None if event.running is None else _record_of(event.running)
-    return {"event": _KINDS[type(event)], **record}
 
 
 def _event_of(record: dict[str, Any]) -> StreamEvent | None:

@@ -12,8 +12,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from lidario.errors import RecordingError
-from lidario.recording.about import About, EventState
+from lidario.recording.about import About
 from lidario.recording.chronicle import (
+    EventState,
     Placed,
     Responded,
     StreamBegan,

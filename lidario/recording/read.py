@@ -23,9 +23,10 @@ from typing import NamedTuple
 from lidario.errors import ConnectFailed, RecordingError
 from lidario.families.base import Decoder, Family, Stream
 from lidario.families.registry import family_named
-from lidario.recording.about import About, EventState
+from lidario.recording.about import About
 from lidario.recording.chronicle import (
     MOST_NS,
+    EventState,
     LineChanged,
     Responded,
     StreamBegan,

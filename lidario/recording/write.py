@@ -21,8 +21,8 @@ from typing import Any
 
 from lidario.errors import CannotRecord
 from lidario.laserscan import LaserScan
-from lidario.recording.about import NAME, About, EventState
-from lidario.recording.chronicle import Placed, event_of, text_of
+from lidario.recording.about import NAME, About
+from lidario.recording.chronicle import EventState, Placed, event_of, text_of
 from lidario.recording.opened import not_a_file
 from lidario.recording.ros_messages import (
     LASERSCAN_DEFINITION,

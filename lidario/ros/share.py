@@ -19,8 +19,8 @@ from lidario.network.bus import DEFAULT_ROUTER, Bus
 from lidario.network.keys import check_key
 from lidario.network.messages import MOST_RAW_BYTES, Entry, encode_raw_message, encode_scan
 from lidario.network.sender import Sender
-from lidario.recording.about import About, EventState
-from lidario.recording.chronicle import event_of
+from lidario.recording.about import About
+from lidario.recording.chronicle import EventState, event_of
 from lidario.ros.broadcast import Broadcast
 from lidario.ros.names import gid_of
 from lidario.scan import Scan
