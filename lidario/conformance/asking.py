@@ -10,26 +10,20 @@ QUESTIONS = 5
 
 
 @known(
-    "It says what it is, each response within the time of its request.",
     Origin.MANUAL,
     "the times of requests and responses; where the manual tells none, those of the vendor's SDK",
     Need.ANSWERS,
 )
 async def identity_in_time(bench: Bench) -> str:
-    """Ask what it is."""
+    """It says what it is, each response within the time of its request."""
     info, times = await bench.ask(bench.connection.device.identify())
     bench.measured("response to what it is", 1e3 * max(times.values()), "ms")
     return f"{info.model}; {_longest(times)}"
 
 
-@known(
-    "It says how it is, each response within the time of its request, and reports no error.",
-    Origin.MANUAL,
-    "health request",
-    Need.ANSWERS,
-)
+@known(Origin.MANUAL, "health request", Need.ANSWERS)
 async def health_in_time(bench: Bench) -> str:
-    """Ask how it is."""
+    """It says how it is, each response within the time of its request, and reports no error."""
     # This also sets a control line, where the device is dark without.
     await bench.ask(bench.connection.device.identify())
     health, times = await bench.ask(bench.connection.device.health())
@@ -39,14 +33,9 @@ async def health_in_time(bench: Bench) -> str:
     return _longest(times)
 
 
-@known(
-    "It says the same of itself however often it is asked.",
-    Origin.MANUAL,
-    "device information request",
-    Need.ANSWERS,
-)
+@known(Origin.MANUAL, "device information request", Need.ANSWERS)
 async def identity_is_one(bench: Bench) -> str:
-    """Ask several times, without a pause."""
+    """It says the same of itself however often it is asked."""
     for _ in range(QUESTIONS):
         info, _times = await bench.ask(bench.connection.device.identify())
         if info != bench.lidar.info:
@@ -54,14 +43,9 @@ async def identity_is_one(bench: Bench) -> str:
     return f"{QUESTIONS} times"
 
 
-@known(
-    "A request right behind the response before is answered, as soon as the first one.",
-    Origin.MANUAL,
-    "one request at a time",
-    Need.ANSWERS,
-)
+@known(Origin.MANUAL, "one request at a time", Need.ANSWERS)
 async def questions_in_a_row(bench: Bench) -> str:
-    """Ask one question many times without a pause; each must take about as long."""
+    """A request right behind the response before is answered, as soon as the first one."""
     request = bench.question()
     assert request is not None
     # This also sets a control line, where the device is dark without.
@@ -71,25 +55,16 @@ async def questions_in_a_row(bench: Bench) -> str:
     return f"{len(times)} questions, {max(times) * 1e3:.0f} ms at most"
 
 
-@known(
-    "A device that was not started sends nothing.",
-    Origin.MANUAL,
-    "states: idle",
-    Need.STOPS,
-)
+@known(Origin.MANUAL, "states: idle", Need.STOPS)
 async def silent_at_rest(bench: Bench) -> str:
-    """Listen to a device at rest."""
+    """A device that was not started sends nothing."""
     await bench.rest()
     return await bench.is_silent()
 
 
-@known(
-    "It lists its scan modes, each once.",
-    Origin.MANUAL,
-    "scan modes",
-)
+@known(Origin.MANUAL, "scan modes")
 async def modes_are_listed(bench: Bench) -> str:
-    """Ask for the modes."""
+    """It lists its scan modes, each once."""
     modes, _times = await bench.ask(bench.connection.device.modes())
     names = [mode.name for mode in modes]
     if len(set(names)) < len(names):
@@ -97,14 +72,9 @@ async def modes_are_listed(bench: Bench) -> str:
     return ", ".join(names)
 
 
-@known(
-    "The scan frequency that it tells lies between the slowest and the fastest one.",
-    Origin.MANUAL,
-    "scan frequency, or motor speed",
-    Need.SPEED,
-)
+@known(Origin.MANUAL, "scan frequency, or motor speed", Need.SPEED)
 async def speed_within_range(bench: Bench) -> str:
-    """Ask for the range, and for what is set."""
+    """The scan frequency that it tells lies between the slowest and the fastest one."""
     device = bench.connection.device
     (slowest, fastest), _times = await bench.ask(device.scan_frequency_range())
     if not 0 < slowest < fastest:

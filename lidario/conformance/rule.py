@@ -107,12 +107,13 @@ class Verdict:
 
 
 def known(
-    sentence: str, origin: Origin, known_from: str, *needs: Need, limit_s: float = 20.0
+    origin: Origin, known_from: str, *needs: Need, limit_s: float = 20.0
 ) -> Callable[[Callable[[Bench], Awaitable[str]]], Rule]:
-    """Decorate a check to make a `Rule` of it, whose name is that of the function with hyphens."""
+    """Decorate a check to make a `Rule` of it: what must hold is its docstring, and the name has hyphens."""
 
     def made(check: Callable[[Bench], Awaitable[str]]) -> Rule:
         name = check.__name__.replace("_", "-")
-        return Rule(name, sentence, origin, known_from, check, needs, limit_s)
+        # Python without docstrings (-OO) has only the name.
+        return Rule(name, check.__doc__ or name, origin, known_from, check, needs, limit_s)
 
     return made

@@ -23,15 +23,9 @@ KEPT_S = 5.0
 KEPT_SHARE = 0.9
 
 
-@known(
-    "A scan frequency that is set is reached within ten seconds, a slower one and a faster one.",
-    Origin.MANUAL,
-    "motor speed, or scan frequency; the measured speed is within 5 %",
-    Need.SPEED,
-    limit_s=60.0,
-)
+@known(Origin.MANUAL, "motor speed, or scan frequency; the measured speed is within 5 %", Need.SPEED, limit_s=60.0)
 async def speed_is_reached(bench: Bench) -> str:
-    """Set a slower and a faster one while scans come, and what was set before at the end."""
+    """A scan frequency that is set is reached within ten seconds, a slower one and a faster one."""
     lidar = bench.lidar
     slowest, fastest = await lidar.get_scan_frequency_range()
     took = list[str]()
@@ -53,14 +47,9 @@ async def speed_is_reached(bench: Bench) -> str:
     return ", ".join(took)
 
 
-@known(
-    "With power-down protection a stream goes on while its host repeats what keeps it going.",
-    Origin.MANUAL,
-    "power-down protection",
-    limit_s=30.0,
-)
+@known(Origin.MANUAL, "power-down protection", limit_s=30.0)
 async def protection_keeps(bench: Bench) -> str:
-    """Read scans for longer than the device waits for its host."""
+    """With power-down protection a stream goes on while its host repeats what keeps it going."""
     await bench.lidar.set_power_down_protection(True)
     try:
         async with bench.lidar.scans(depth=16) as scans:
@@ -83,14 +72,9 @@ async def protection_keeps(bench: Bench) -> str:
         await bench.lidar.set_power_down_protection(False)
 
 
-@known(
-    "With power-down protection a device whose host falls silent stops after three seconds.",
-    Origin.MANUAL,
-    "power-down protection",
-    limit_s=30.0,
-)
+@known(Origin.MANUAL, "power-down protection", limit_s=30.0)
 async def protection_stops(bench: Bench) -> str:
-    """Start a stream and say nothing more."""
+    """With power-down protection a device whose host falls silent stops after three seconds."""
     await bench.lidar.set_power_down_protection(True)
     try:
         flow = await bench.flow(await bench.typical())
@@ -106,13 +90,9 @@ async def protection_stops(bench: Bench) -> str:
     return f"last packets {lasted:.1f} s behind the last request"
 
 
-@known(
-    "When the program pauses, no revolution is lost in silence: numbers and time stamps tell of each.",
-    Origin.PROMISE,
-    "what you can rely on: losses counted",
-)
+@known(Origin.PROMISE, "what you can rely on: losses counted")
 async def pause_is_told(bench: Bench) -> str:
-    """Block the event loop between two scans, then count."""
+    """When the program pauses, no revolution is lost in silence: numbers and time stamps tell of each."""
     async with bench.lidar.scans(depth=64) as scans:
         before = await steady(scans)
         first = last = await anext(scans)

@@ -20,14 +20,9 @@ LATER_S = 1.0
 QUESTIONS = 5
 
 
-@known(
-    "STOP ends the stream, within the pause that the manual demands behind it.",
-    Origin.MANUAL,
-    "STOP",
-    Need.STOPS,
-)
+@known(Origin.MANUAL, "STOP", Need.STOPS)
 async def stop_ends_stream(bench: Bench) -> str:
-    """Write STOP once, in the midst of a stream."""
+    """STOP ends the stream, within the pause that the manual demands behind it."""
     stop = bench.stop_requests()
     await bench.flow(await bench.typical())
     await asyncio.sleep(FLOW_S)
@@ -39,15 +34,9 @@ async def stop_ends_stream(bench: Bench) -> str:
     return f"last bytes {took * 1e3:.0f} ms behind STOP"
 
 
-@known(
-    "A request is answered right behind the pause that the manual demands behind STOP.",
-    Origin.MANUAL,
-    "STOP",
-    Need.STOPS,
-    Need.ANSWERS,
-)
+@known(Origin.MANUAL, "STOP", Need.STOPS, Need.ANSWERS)
 async def request_after_stop(bench: Bench) -> str:
-    """Write STOP in the midst of a stream, and a question as soon as the device must listen."""
+    """A request is answered right behind the pause that the manual demands behind STOP."""
     stop, question = bench.connection.device.stop(), bench.question()
     assert question is not None
     await bench.flow(await bench.typical())
@@ -64,30 +53,18 @@ async def request_after_stop(bench: Bench) -> str:
     return f"asked {stop.settle * 1e3:.0f} ms behind STOP, answered {took_ms:.0f} ms behind it"
 
 
-@known(
-    "STOP to a device at rest does no harm: the next request is answered.",
-    Origin.MANUAL,
-    "STOP; states: idle",
-    Need.STOPS,
-    Need.ANSWERS,
-)
+@known(Origin.MANUAL, "STOP; states: idle", Need.STOPS, Need.ANSWERS)
 async def stop_at_rest(bench: Bench) -> str:
-    """Write STOP to a device at rest, then ask."""
+    """STOP to a device at rest does no harm: the next request is answered."""
     await bench.rest()
     bench.connection.dialogue.write((bench.connection.device.stop(),))
     _info, times = await bench.ask(bench.connection.device.identify())
     return f"answered in {max(times.values()) * 1e3:.0f} ms"
 
 
-@known(
-    "A program that stops while it asks leaves the device still, and the next question is answered.",
-    Origin.PROMISE,
-    "what you can rely on: the motor stopped at the end",
-    Need.STOPS,
-    Need.ANSWERS,
-)
+@known(Origin.PROMISE, "what you can rely on: the motor stopped at the end", Need.STOPS, Need.ANSWERS)
 async def stop_while_asking(bench: Bench) -> str:
-    """Stop the session while a question interrupts its stream."""
+    """A program that stops while it asks leaves the device still, and the next question is answered."""
     async with bench.lidar.scans(depth=1) as scans:
         await anext(scans)
         asking = asyncio.ensure_future(bench.lidar.get_health())
@@ -106,15 +83,9 @@ async def stop_while_asking(bench: Bench) -> str:
     return f"still after {took:.2f} s"
 
 
-@known(
-    "A question in the midst of a stream is answered, and the stream goes on by itself.",
-    Origin.PROMISE,
-    "what you can rely on: several tasks at once",
-    Need.STOPS,
-    Need.ANSWERS,
-)
+@known(Origin.PROMISE, "what you can rely on: several tasks at once", Need.STOPS, Need.ANSWERS)
 async def question_in_stream(bench: Bench) -> str:
-    """Ask while scans come."""
+    """A question in the midst of a stream is answered, and the stream goes on by itself."""
     longest = 0.0
     async with bench.lidar.scans(depth=1) as scans:
         for _ in range(2):
@@ -127,15 +98,9 @@ async def question_in_stream(bench: Bench) -> str:
     return f"{longest:.2f} s without a scan"
 
 
-@known(
-    "A stream starts again each time after it was stopped, as soon as the first time.",
-    Origin.MANUAL,
-    "scan requests, STOP",
-    Need.STOPS,
-    limit_s=40.0,
-)
+@known(Origin.MANUAL, "scan requests, STOP", Need.STOPS, limit_s=40.0)
 async def starts_again(bench: Bench) -> str:
-    """Start and stop some times without a pause."""
+    """A stream starts again each time after it was stopped, as soon as the first time."""
     took = list[float]()
     await asyncio.sleep(LISTEN_S)  # the first one is not asked for right behind a STOP
     for _ in range(RESTARTS):
@@ -150,16 +115,9 @@ async def starts_again(bench: Bench) -> str:
     return f"scans after {times}"
 
 
-@known(
-    "After RESET it answers within the time that it may take to boot, and is the same device.",
-    Origin.MANUAL,
-    "RESET",
-    Need.RESETS,
-    Need.ANSWERS,
-    limit_s=30.0,
-)
+@known(Origin.MANUAL, "RESET", Need.RESETS, Need.ANSWERS, limit_s=30.0)
 async def reset_boots(bench: Bench) -> str:
-    """Restart a device at rest."""
+    """After RESET it answers within the time that it may take to boot, and is the same device."""
     before = bench.lidar.info
     began = bench.now()
     try:
@@ -175,16 +133,9 @@ async def reset_boots(bench: Bench) -> str:
     return f"answered {took:.2f} s behind RESET"
 
 
-@known(
-    "A device that is restarted in the midst of a stream boots, and its stream goes on by itself.",
-    Origin.PROMISE,
-    "what you can rely on: several tasks at once",
-    Need.RESETS,
-    Need.ANSWERS,
-    limit_s=30.0,
-)
+@known(Origin.PROMISE, "what you can rely on: several tasks at once", Need.RESETS, Need.ANSWERS, limit_s=30.0)
 async def reset_in_stream(bench: Bench) -> str:
-    """Restart a device while scans come."""
+    """A device that is restarted in the midst of a stream boots, and its stream goes on by itself."""
     async with bench.lidar.scans(depth=1) as scans:
         await anext(scans)
         began = bench.now()
@@ -195,14 +146,9 @@ async def reset_in_stream(bench: Bench) -> str:
         return f"{took:.2f} s without a scan"
 
 
-@known(
-    "The stop requests leave laser and motor off: no byte comes, and a simulated motor is off.",
-    Origin.PROMISE,
-    "what you can rely on: the motor stopped at the end",
-    Need.STOPS,
-)
+@known(Origin.PROMISE, "what you can rely on: the motor stopped at the end", Need.STOPS)
 async def stands_at_the_end(bench: Bench) -> str:
-    """Stop, and listen."""
+    """The stop requests leave laser and motor off: no byte comes, and a simulated motor is off."""
     await bench.lidar.scan()
     await bench.rest()
     text = await bench.is_silent()

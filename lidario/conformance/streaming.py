@@ -42,7 +42,7 @@ _of_modes = partial(known, limit_s=MODES_S)
 
 
 def _of_each(
-    select: Callable[[Bench], Awaitable[list[T]]], sentence: str, origin: Origin, known_from: str
+    select: Callable[[Bench], Awaitable[list[T]]], origin: Origin, known_from: str
 ) -> Callable[[Callable[[T], Found]], Rule]:
     """Decorate a check of one mode to make a `Rule`: each selected mode passes. The rest as for `known`."""
 
@@ -61,7 +61,7 @@ def _of_each(
                 raise Broken("; ".join(bad))
             return "; ".join(seen)
 
-        return _of_modes(sentence, origin, known_from)(of_all)
+        return _of_modes(origin, known_from)(of_all)
 
     return made
 
@@ -88,13 +88,9 @@ async def _with_packets(bench: Bench, *, whole: bool = False) -> list[Flow]:
     return flows
 
 
-@_of_modes(
-    "Each scan mode that it lists starts, and brings packets and full revolutions in the time its rotor needs.",
-    Origin.MANUAL,
-    "scan requests, start of the motor",
-)
+@_of_modes(Origin.MANUAL, "scan requests, start of the motor")
 async def modes_start(bench: Bench) -> str:
-    """Start every mode; what is seen is kept for the rules that follow."""
+    """Each scan mode that it lists starts, and brings packets and full revolutions in the time its rotor needs."""
     watches = await bench.watches()
     failed = [f"mode {each.mode.name}: {each.error}" for each in watches if each.error and not each.unknown]
     if failed:
@@ -111,12 +107,11 @@ async def modes_start(bench: Bench) -> str:
 
 @_of_each(
     partial(_with_packets, whole=True),
-    "A sample takes the time that the device tells.",
     Origin.MANUAL,
     "scan modes: time of a sample; where it is not told, the data sheet's rate",
 )
 def sample_time(flow: Flow) -> Found:
-    """Compare with the times at which packets came."""
+    """A sample takes the time that the device tells."""
     told, measured = flow.mode.sample_us, flow.sample_us()
     figure = Figure(f"sample of {flow.mode.name}", measured, "us")
     if not told:
@@ -126,41 +121,28 @@ def sample_time(flow: Flow) -> Found:
     return abs(share) <= SAMPLE_TIME_SHARE, text, figure
 
 
-@_of_each(
-    _with_packets,
-    "Angles increase clockwise from packet to packet, as the model says.",
-    Origin.MANUAL,
-    "packets: start angle; direction of rotation",
-)
+@_of_each(_with_packets, Origin.MANUAL, "packets: start angle; direction of rotation")
 def turns_clockwise(flow: Flow) -> Found:
-    """Compare the beginnings of neighbouring packets: a mirrored device goes backward."""
+    """Angles increase clockwise from packet to packet, as the model says."""
+    # A mirrored device goes backward.
     steps = flow.steps()
     backward = float(np.mean(steps > 0.5)) if len(steps) else math.nan
     return backward <= BACKWARD_SHARE, f"{backward:.0%} of {len(steps)} packets begin before the one before"
 
 
-@_of_each(
-    _with_scans,
-    "On a line without faults every byte of a stream belongs to an intact packet, and none is missing.",
-    Origin.MANUAL,
-    "packets: check values; and what you can rely on: losses counted",
-)
+@_of_each(_with_scans, Origin.MANUAL, "packets: check values; and what you can rely on: losses counted")
 def packets_are_whole(watch: Watch) -> Found:
-    """Compare the counters before and behind some scans."""
+    """On a line without faults every byte of a stream belongs to an intact packet, and none is missing."""
     names = ("skipped_bytes", "lost_packets", "doubled_packets", "broken_scans", "discarded_bytes")
     counts = {name: getattr(watch.after, name) - getattr(watch.before, name) for name in names}
     bad = ", ".join(f"{count} {name}" for name, count in counts.items() if count)
     return not bad, bad or f"{watch.after.packets - watch.before.packets} packets"
 
 
-@_of_each(
-    _with_scans,
-    "Revolutions follow each other: none is missing, and their time stamps meet.",
-    Origin.PROMISE,
-    "what you can rely on: losses counted",
-)
+@_of_each(_with_scans, Origin.PROMISE, "what you can rely on: losses counted")
 def revolutions_follow(watch: Watch) -> Found:
-    """Compare numbers and times of scans. One stamp may be late; behind a missing revolution all are."""
+    """Revolutions follow each other: none is missing, and their time stamps meet."""
+    # One stamp may be late; behind a missing revolution all are.
     late = [0.0]
     for one, two in pairwise(watch.scans):
         if two.seq != one.seq + 1:
@@ -173,14 +155,9 @@ def revolutions_follow(watch: Watch) -> Found:
     return True, f"{len(watch.scans)} in a row"
 
 
-@_of_each(
-    _with_scans,
-    "Revolutions have about as many samples each, and as many as speed and time of a sample say.",
-    Origin.PROMISE,
-    "full revolutions",
-)
+@_of_each(_with_scans, Origin.PROMISE, "full revolutions")
 def revolutions_are_full(watch: Watch) -> Found:
-    """Count the samples."""
+    """Revolutions have about as many samples each, and as many as speed and time of a sample say."""
     counts = [len(scan) for scan in watch.scans]
     usual = float(np.median(counts))
     worst = max(abs(count - usual) for count in counts) / usual
@@ -194,14 +171,9 @@ def revolutions_are_full(watch: Watch) -> Found:
     return worst <= ALIKE_SHARE, text
 
 
-@_of_each(
-    _with_scans,
-    "The samples of a revolution go round the whole circle, or what of it the device sees.",
-    Origin.PROMISE,
-    "full revolutions",
-)
+@_of_each(_with_scans, Origin.PROMISE, "full revolutions")
 def circle_is_whole(watch: Watch) -> Found:
-    """Look for the widest gap between neighbouring angles."""
+    """The samples of a revolution go round the whole circle, or what of it the device sees."""
     widest = blind = 0.0
     for scan in watch.scans:
         blind = 360.0 * (1.0 - _seen_of(scan))
@@ -210,14 +182,9 @@ def circle_is_whole(watch: Watch) -> Found:
     return widest <= blind + WIDEST_GAP_DEG, f"widest gap {widest:.1f} degrees"
 
 
-@_of_each(
-    _with_scans,
-    "Distances lie within the range of the scan mode, and something is seen at all.",
-    Origin.MANUAL,
-    "scan modes: farthest distance; the data sheet's range",
-)
+@_of_each(_with_scans, Origin.MANUAL, "scan modes: farthest distance; the data sheet's range")
 def ranges_are_possible(watch: Watch) -> Found:
-    """Look at the farthest return."""
+    """Distances lie within the range of the scan mode, and something is seen at all."""
     far = max((float(np.nanmax(scan.ranges, initial=0.0)) for scan in watch.scans), default=0.0)
     if not far:
         return False, "no return at all"
@@ -228,19 +195,19 @@ def ranges_are_possible(watch: Watch) -> Found:
 
 @_of_each(
     _with_scans,
-    "The rotor turns steadily.",
     Origin.MANUAL,
     "data sheet: scan frequency; a revolution lasts as long as its neighbours, within 5 %",
 )
 def rotor_is_steady(watch: Watch) -> Found:
-    """Compare what neighbouring revolutions took by their samples: when they are read, depends on the computer."""
+    """The rotor turns steadily."""
     speeds = [scan.rpm for scan in watch.scans if scan.rpm == scan.rpm]
     if not speeds:
         return False, "no speed could be measured"
     flow = watch.flow
     assert flow is not None
     assert flow.stream is not None
-    # Where a packet is a whole scan, it has as many samples at any speed.
+    # What neighbours took by their samples: when they are read, depends on the computer. But where a packet is a
+    # whole scan, it has as many samples at any speed.
     by_clock, ticks = flow.turns_ns().tolist(), flow.stream.format.ticks
     off = 2 * ticks.tick_ns if by_clock and ticks is not None else 0
     took = by_clock or [float(scan.duration_ns) for scan in watch.scans]
@@ -250,14 +217,9 @@ def rotor_is_steady(watch: Watch) -> Found:
     return worst <= STEADY_SHARE, text, Figure(f"scan frequency of {watch.mode.name}", hertz, "Hz")
 
 
-@_of_each(
-    _with_scans,
-    "The speed that stands in the packets is the one measured.",
-    Origin.MANUAL,
-    "packets: scan frequency, or speed",
-)
+@_of_each(_with_scans, Origin.MANUAL, "packets: scan frequency, or speed")
 def reported_speed(watch: Watch) -> Found:
-    """Compare the speed in the packets with the measured one."""
+    """The speed that stands in the packets is the one measured."""
     reported = [scan.reported_rpm for scan in watch.scans if scan.reported_rpm == scan.reported_rpm]
     if not reported:
         raise NotTried("its packets tell no speed")
