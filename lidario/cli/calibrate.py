@@ -53,7 +53,7 @@ def calibrate(
     first: str,
     second: str,
     count: int,
-    guess: tuple[float, float, float] | None,
+    guess: Mount | None,
     picture: Path | None,
     dry_run: bool,
 ) -> int:
@@ -71,16 +71,15 @@ def calibrate(
     config = settings_of_file()
     with progress("reading both lidars …"):
         (one, fixed), (two, moving) = run(lambda: _clouds((first, second), count, config))
-    begin = None if guess is None else Mount(guess[0], guess[1], math.radians(guess[2]))
     with progress("laying one on the other …"):
-        found = register(fixed, moving, guess=begin)
+        found = register(fixed, moving, guess=guess)
     if picture is not None:
         _draw(
             picture, fixed, moving, found, f"{two.model} {two.serial[:8]} as {one.model} {one.serial[:8]} sees it"
         )
         message(f"picture: {picture}")
     # Seen from below, left is right: then a wrong place may be found that explains many points.
-    upside_down = register(fixed, moving * (1.0, -1.0), guess=begin)
+    upside_down = register(fixed, moving * (1.0, -1.0), guess=guess)
     fits_better = upside_down.share >= LEAST_SHARE and found.share < RIVAL * upside_down.share
     doubt = UPSIDE_DOWN if fits_better else _doubt(found)
     if not doubt and looseness(fixed, moving, found) > RIVAL:

@@ -7,10 +7,13 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 from click.shell_completion import CompletionItem
+
+if TYPE_CHECKING:
+    from lidario import Mount
 
 _UNITS: Final = {"ms": 1e-3, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0}
 _SIZE: Final = re.compile(r"([0-9]{1,9}(?:\.[0-9]{1,9})?)\s*([KMGT]B)", re.ASCII | re.IGNORECASE)
@@ -46,15 +49,17 @@ def as_time_or_size(text: str) -> tuple[float | None, int | None]:
     return float(match[1]) * _UNITS[match[2]], None
 
 
-def as_place(text: str) -> tuple[float, float, float]:
+def as_place(text: str) -> Mount:
     """A place and a direction: ``0.1,0,90``, metres and degrees."""
+    from lidario import Mount
+
     try:
         x, y, yaw = map(float, text.split(","))
     except ValueError:
         x = y = yaw = math.nan
     if not math.isfinite(x + y + yaw):
         raise click.BadParameter(f"{text!r} is not x,y,yaw in metres and degrees, such as 0.1,0,90")
-    return x, y, yaw
+    return Mount(x, y, math.radians(yaw))
 
 
 def as_mode(text: str) -> str | int:

@@ -6,7 +6,6 @@ Nothing of ROS is needed on this machine: a zenoh router carries it, `lidario ro
 from __future__ import annotations
 
 import asyncio
-import math
 from contextlib import AsyncExitStack, suppress
 from typing import TYPE_CHECKING, Any, Final
 
@@ -139,21 +138,19 @@ def _ros_publisher(
         stamps: What is said with --stamps.
         is_recorded: Whether a recording is published.
     """
-    from lidario import Mount
     from lidario.ros import MergedPublisher, Publisher
 
     (lidar, *others), own = lidars, lidars[0].config
     options = arguments_of(options, own.frame)
     mounts, cloud = options.pop("mounts"), options.pop("cloud")
-    places = [(x, y, math.radians(yaw)) for x, y, yaw in mounts]
     if others:
         for name in ("order", "preset", "mount_yaw"):
             options.pop(name)
         options["frame_id"] = options.pop("base_frame")
         options["beams"] = options["beams"] or BEAMS
-        where = [Mount(*place) for place in places] or None
-        return MergedPublisher(lidars, mounts=where, cloud_topic=cloud, **options)
-    options["mount"] = places[0] if places else own.mount and (own.mount.x, own.mount.y, own.mount.yaw)
+        return MergedPublisher(lidars, mounts=mounts or None, cloud_topic=cloud, **options)
+    mount = mounts[0] if mounts else own.mount
+    options["mount"] = mount and (mount.x, mount.y, mount.yaw)
     options["stamps"] = "now" if is_recorded and stamps != "recorded" else "measured"
     return Publisher(lidar, clock=stamps == "recorded", **options)
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import errno
 import getpass
-import math
 import os
 import re
 import secrets
@@ -27,6 +26,7 @@ from lidario.cli.settings import FILE, config_file, config_option
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
+    from lidario import Mount
     from lidario.web.feed import Feed
     from lidario.web.server import LiveServer
 
@@ -52,7 +52,7 @@ def view(
     sources: tuple[str, ...],
     port: int,
     lan: bool,
-    mounts: tuple[tuple[float, float, float], ...],
+    mounts: tuple[Mount, ...],
     colours: tuple[str, ...],
     folder: str | None,
     mode: str | int | None,
@@ -63,7 +63,7 @@ def view(
     The address of the page is printed. A lidar that is lost is opened again as soon as it is back.
     """
     need("websockets", "the page")
-    from lidario import Mount, read_config
+    from lidario import read_config
     from lidario.cli.running import run_until_stopped
     from lidario.web.feed import Feed
 
@@ -74,8 +74,7 @@ def view(
     if file is not None:
         read_config(file)
     feeds = []
-    for source, place, colour in zip_longest(sources, mounts, colours):
-        mount = None if place is None else Mount(place[0], place[1], math.radians(place[2]))
+    for source, mount, colour in zip_longest(sources, mounts, colours):
         feeds.append(
             Feed(source, mode=mode, guard=guard, stays=True, folder=where, config=file, mount=mount,
                  colour=colour or "")
