@@ -12,7 +12,6 @@ drawing, and neither the lidar nor a signal. At the end laser and motor are swit
 from __future__ import annotations
 
 import asyncio
-import logging
 import os
 import sys
 from contextlib import ExitStack, suppress
@@ -21,6 +20,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from lidario.cli.errors import ExitCode, Stopped
+from lidario.cli.log import nothing_logged
 from lidario.cli.output import Writer, facts, progress, terminal
 from lidario.cli.parameters import complete_source, guard_option, mode_option
 from lidario.cli.settings import config_file, config_option
@@ -63,15 +63,12 @@ def watch(source: str, mode: str | int | None, guard: bool) -> int:
 
     feed = Feed(source, mode=mode, guard=guard, config=config_file())
     writer = Writer()
-    # The picture says what the log would say, and a line of the log would run through it.
-    quiet = logging.NullHandler()
-    logging.getLogger("lidario").addHandler(quiet)
     try:
-        with suppress(Stopped):
+        # The picture says what the log would say, and a line of the log would run through it.
+        with suppress(Stopped), nothing_logged():
             run(lambda: _draw(feed, writer))
     finally:
         taken = writer.close()
-        logging.getLogger("lidario").removeHandler(quiet)
     lost = f", lost {feed.losses} time{'s' if feed.losses > 1 else ''}" if feed.losses else ""
     if taken:
         # Else the terminal takes no output, and this line would only keep the program from ending.
