@@ -27,8 +27,6 @@ __all__ = ["MemoryLine", "PtyServer", "TcpServer", "UdpServer", "usual_way"]
 
 _TICK_S = 0.002
 """Time between two polls of a device that is sending."""
-_DATAGRAM = 1024
-"""Most bytes in a datagram: the vendor's driver reads so many of each."""
 
 
 def usual_way() -> str:
@@ -135,28 +133,7 @@ class PtyServer(Server):
 
 
 class _AddressServer(Server):
-    """One that is reached at an address of this machine; `opened` is the socket that clients find there."""
-
-    def __init__(
-        self,
-        opened: socket.socket,
-        device: SimulatedDevice,
-        faults: Faults | None,
-        chunk: int | None,
-    ) -> None:
-        try:
-            super().__init__(device, _TICK_S, faults, chunk)
-        except BaseException:
-            opened.close()
-            raise
-        opened.setblocking(False)
-        bound = opened.getsockname()
-        self.address: tuple[str, int] = (bound[0], bound[1])
-        self._thread.start()
-
-
-class TcpServer(_AddressServer):
-    """A simulated device behind a TCP port, as a serial-to-network bridge offers it: one client at a time.
+    """One that is reached at an address of this machine.
 
     Args:
         device: The device.
@@ -171,25 +148,38 @@ class TcpServer(_AddressServer):
         OSError: The address cannot be listened on.
     """
 
+    _most: int | None = None
+    """Most bytes that are sent at once; None = all there are."""
+    _socket: socket.socket
+    """What clients find at the address; `_plug_in` opens it."""
+
     def __init__(
-        self,
-        device: SimulatedDevice,
-        host: str = "127.0.0.1",
-        port: int = 0,
-        *,
-        faults: Faults | None = None,
+        self, device: SimulatedDevice, host: str = "127.0.0.1", port: int = 0, *, faults: Faults | None = None
     ) -> None:
-        self._listener = _listener((host, port))
-        self._client: socket.socket | None = None
-        super().__init__(self._listener, device, faults, None)
+        self.address: tuple[str, int] = (host, port)
+        self._plug_in()
+        try:
+            super().__init__(device, _TICK_S, faults, self._most)
+        except BaseException:
+            self._shut()
+            raise
+        bound = self._socket.getsockname()
+        self.address = (bound[0], bound[1])
+        self._thread.start()
+
+
+class TcpServer(_AddressServer):
+    """A simulated device behind a TCP port, as a serial-to-network bridge offers it: one client at a time."""
+
+    _client: socket.socket | None = None
 
     def _sources(self) -> list[int | socket.socket]:
-        return [self._listener] if self._client is None else [self._listener, self._client]
+        return [self._socket] if self._client is None else [self._socket, self._client]
 
     def _receive(self, readable: list[int | socket.socket]) -> bytes:
         # The old client first: if it has closed its end, the next one can be accepted at once.
         data = self._hear(self._client)
-        if self._listener in readable:
+        if self._socket in readable:
             self._accept()
         return data
 
@@ -212,7 +202,7 @@ class TcpServer(_AddressServer):
     def _accept(self) -> None:
         """Accept a client; while there is one, others are refused."""
         try:
-            client, _ = self._listener.accept()
+            client, _ = self._socket.accept()
         except OSError:
             return  # it closed its end before it was accepted
         if self._client is not None:
@@ -239,28 +229,20 @@ class TcpServer(_AddressServer):
             self._client = None
 
     def _plug_in(self) -> None:
-        self._listener = _listener(self.address)
-        self._listener.setblocking(False)
+        self._socket = socket.create_server(self.address, family=_family(self.address), backlog=1)
+        self._socket.setblocking(False)
 
     def _shut(self) -> None:
         self._hang_up()
-        self._listener.close()
+        self._socket.close()
 
 
 class UdpServer(_AddressServer):
-    """A simulated Ethernet device: it responds to whoever wrote last, by UDP. The rest is as with `TcpServer`."""
+    """A simulated Ethernet device: it responds to whoever wrote last, by UDP."""
 
-    def __init__(
-        self,
-        device: SimulatedDevice,
-        host: str = "127.0.0.1",
-        port: int = 0,
-        *,
-        faults: Faults | None = None,
-    ) -> None:
-        self._socket = _datagram_socket((host, port))
-        self._peer: tuple[str, int] | None = None
-        super().__init__(self._socket, device, faults, _DATAGRAM)
+    _most = 1024
+    """Of a datagram: the vendor's driver reads so many of each."""
+    _peer: tuple[str, int] | None = None
 
     def _sources(self) -> list[int | socket.socket]:
         return [self._socket]
@@ -286,7 +268,13 @@ class UdpServer(_AddressServer):
             return 0
 
     def _plug_in(self) -> None:
-        self._socket = _datagram_socket(self.address)
+        self._socket = socket.socket(_family(self.address), socket.SOCK_DGRAM)
+        try:
+            self._socket.bind(self.address)
+        except BaseException:
+            self._socket.close()
+            raise
+        self._socket.setblocking(False)
 
     def _shut(self) -> None:
         self._socket.close()
@@ -294,18 +282,3 @@ class UdpServer(_AddressServer):
 
 def _family(address: tuple[str, int]) -> socket.AddressFamily:
     return socket.AF_INET6 if ":" in address[0] else socket.AF_INET
-
-
-def _listener(address: tuple[str, int]) -> socket.socket:
-    return socket.create_server(address, family=_family(address), backlog=1)
-
-
-def _datagram_socket(address: tuple[str, int]) -> socket.socket:
-    made = socket.socket(_family(address), socket.SOCK_DGRAM)
-    try:
-        made.bind(address)
-    except BaseException:
-        made.close()
-        raise
-    made.setblocking(False)
-    return made
