@@ -53,14 +53,23 @@ def cast(segments: Iterable[Segment]) -> Floats:
     dx, dy = np.cos(angles), -np.sin(angles)
     nearest = np.full(DIRECTIONS, np.inf)
     for x1, y1, x2, y2 in segments:
-        ex, ey = x2 - x1, y2 - y1
-        across = dx * ey - dy * ex
-        with np.errstate(divide="ignore", invalid="ignore"):
-            distance = (x1 * ey - y1 * ex) / across
-            along = (x1 * dy - y1 * dx) / across
-        hit = (distance > 0.0) & (along >= 0.0) & (along <= 1.0)
-        np.minimum(nearest, distance, out=nearest, where=hit)
+        np.minimum(nearest, to_wall(dx, dy, x1, y1, x2 - x1, y2 - y1), out=nearest)
     return np.where(np.isfinite(nearest), nearest * 1000.0, 0.0)
+
+
+def to_wall(
+    dx: Floats, dy: Floats, x: float | Floats, y: float | Floats, ex: float | Floats, ey: float | Floats
+) -> Floats:
+    """How far it is from the origin along the beams (dx, dy) to a wall; infinite where they miss it.
+
+    The wall is the way (ex, ey) from its beginning at (x, y); metres, in arrays of shapes that fit together.
+    """
+    across = dx * ey - dy * ex
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = (x * ey - y * ex) / across
+        along = (x * dy - y * dx) / across
+    hit = (distance > 0.0) & (along >= 0.0) & (along <= 1.0)
+    return np.where(hit, distance, np.inf)
 
 
 def seen_from(segments: Iterable[Segment], pose: Pose) -> list[Segment]:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from lidario import Wall
 from lidario.arguments import finite, whole
 from lidario.sim.rooms import furnished_room
-from lidario.sim.world import Floats
+from lidario.sim.world import Floats, to_wall
 from lidario.testing.surroundings import segments, table_of
 
 NOISES = 1 << 14
@@ -87,12 +87,7 @@ class Drive:
         dx, dy = np.cos(toward)[:, None], np.sin(toward)[:, None]
         x1, y1 = self._walls[:, 0] - poses[:, :1], self._walls[:, 1] - poses[:, 1:2]
         ex, ey = self._walls[:, 2] - self._walls[:, 0], self._walls[:, 3] - self._walls[:, 1]
-        across = dx * ey - dy * ex
-        with np.errstate(divide="ignore", invalid="ignore"):
-            distance = (x1 * ey - y1 * ex) / across
-            along = (x1 * dy - y1 * dx) / across
-        hit = (distance > 0.0) & (along >= 0.0) & (along <= 1.0)
-        nearest = np.where(hit, distance, np.inf).min(axis=1, initial=np.inf)
+        nearest = to_wall(dx, dy, x1, y1, ex, ey).min(axis=1, initial=np.inf)
         draw = ((seconds * 1e6).astype(np.int64) * HASH >> 16) & (NOISES - 1)
         measured: Floats = np.where(
             np.isfinite(nearest), np.maximum(nearest * 1000.0 + self._noise[draw], 0.0), 0.0
