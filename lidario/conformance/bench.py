@@ -14,7 +14,6 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from math import isfinite
-from types import TracebackType
 from typing import Self, TypeVar
 
 from lidario.conformance.flow import Flow, Watch, collect
@@ -88,9 +87,7 @@ class Bench:
     async def __aenter__(self) -> Self:
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         await self.lidar.close()
 
     # -------------------------------------------------------------------------------------------- trying rules
@@ -242,10 +239,6 @@ class Bench:
             raise Broken(f"no packet within {limit:g} s") from None
         flow.first_s = self.now() - flow.began
         return flow
-
-    async def quieten(self) -> bool:
-        """Write STOP, and wait until the line is quiet; the motor may go on."""
-        return await self.connection.dialogue.quieten()
 
     async def silence_after(self, *requests: Request, listen_s: float) -> float:
         """Write requests, listen for `listen_s` seconds; returns how long behind them the last bytes came."""

@@ -17,7 +17,6 @@ from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
 from importlib.resources import files
-from types import TracebackType
 from typing import Final, Self, cast
 
 from websockets.asyncio.server import Server, ServerConnection, serve
@@ -169,9 +168,7 @@ class LiveServer:
         self._ticking = asyncio.create_task(self._tick())
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         assert self._server is not None
         assert self._ticking is not None
         self._ticking.cancel()
