@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, MutableMapping
+from collections.abc import Iterable, Mapping, MutableMapping
 from dataclasses import fields
 from itertools import takewhile
 from math import degrees
@@ -176,9 +176,7 @@ def _add(table: MutableMapping[str, Any], made: Any) -> None:
     filters = table.setdefault("filters", tomlkit.aot())
     if isinstance(filters, Array):
         # Written in one line, as `filters = [{…}]`: a table of its own cannot stand there.
-        inline = tomlkit.inline_table()
-        inline.update(made.unwrap())
-        made = inline
+        made = _inline(made.unwrap())
     filters.append(made)
 
 
@@ -208,7 +206,7 @@ def _place(mount: Mount) -> dict[str, float]:
     return {name: _plain(float(value)) for name, value in place.items()}
 
 
-def _inline(values: dict[str, float]) -> Any:
+def _inline(values: Mapping[str, Any]) -> Any:
     import tomlkit
 
     table = tomlkit.inline_table()

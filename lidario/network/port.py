@@ -18,7 +18,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Final, TypeAlias
+from typing import Final
 
 from lidario.errors import DeviceLost
 from lidario.network.bus import Bus, Sample
@@ -44,7 +44,6 @@ SILENCE_S: Final = 5.0
 """Longest pause of a publisher that shows no token: a node that is not ours."""
 
 MOST_TOKENS: Final = 1024
-Take: TypeAlias = Callable[[Sample], Iterable[None] | None]
 AGAIN_S: Final = 1.0  # from one warning about the lidar of a publisher to the next
 
 
@@ -61,7 +60,7 @@ class RemotePort(FedPort):
         self._bus = bus
         self._streams = streams
         self._raw = form == "raw"
-        self._take: Take = self._take_raw if self._raw else self._take_scan
+        self._take: Callable[[Sample], Iterable[None] | None] = self._take_raw if self._raw else self._take_scan
         self._flows = True
         self._senders = Senders()
         self._sender = OneSender(sender, self._loop.time())

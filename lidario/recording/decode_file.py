@@ -9,7 +9,7 @@ import logging
 import os
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import Protocol
+from typing import TypeAlias
 
 from lidario.arguments import path_of
 from lidario.families.base import Known
@@ -34,18 +34,9 @@ BLOCK_NS = 4_000_000_000
 """Time of a block at most: of slow lidars, so many bytes are a minute."""
 
 
-class Watch(Protocol):
-    """What looks at a decoder where a block of bytes ends."""
-
-    def __call__(self, place: int, at_ns: int, hold: Callable[[], bytes]) -> bool:
-        """Whether to go no further.
-
-        Args:
-            place: Of the end of the block.
-            at_ns: When it was read.
-            hold: Tells what the decoder holds, as a check value.
-        """
-        ...
+Watch: TypeAlias = Callable[[int, int, Callable[[], bytes]], bool]
+"""Says, where a block of bytes ends, whether to go no further: by the place of that end, the time at which it was
+read, and a function that tells what the decoder holds, as a check value."""
 
 
 class FileDecoder:

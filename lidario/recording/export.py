@@ -78,8 +78,9 @@ def export_npz(decoder: FileDecoder, path: Path, *, overwrite: bool = False, job
         for scan in files.enter_context(divided(decoder, jobs, iter, path.parent)):
             angles.write(scan.device_angles.data)
             distances.write(scan.device_distances.data)
-            has_intensities = has_intensities and scan.intensities is not None
-            if has_intensities and scan.intensities is not None:
+            if scan.intensities is None:
+                has_intensities = False
+            else:
                 intensities.write(scan.intensities.data)
             starts.append(starts[-1] + len(scan))
             stamps.append(scan.wall_stamp_ns)
@@ -125,7 +126,7 @@ def export_mcap(
         CannotRecord: It cannot be written, or is there already.
     """
     recording = decoder.recording
-    count, begun_ns = 0, None
+    begun_ns = None
     messages = messages or LaserScans()
     if jobs > 1 and not _find_grid(decoder, messages):
         jobs = 1
@@ -145,12 +146,11 @@ def export_mcap(
                     writer.flush()
                     begun_ns = None
             writer.flush()
-            count = writer.count_of_scans
         except BaseException:
             writer.abandon()
             raise
         writer.close()
-    return count
+    return writer.count_of_scans
 
 
 def _scan(message: LaserScan) -> Copy:

@@ -186,7 +186,6 @@ class McapRecording(StoredStreams):
         super().__init__(path)
         self._files = RecordedFiles(path, paths or (path,))
         self.paths: tuple[Path, ...] = self._files.paths
-        self.chunks: int = 0
         self._events: list[StreamEvent] = []
         about: About | None = None
         first = last = None
@@ -196,7 +195,6 @@ class McapRecording(StoredStreams):
                 if first is None and any(isinstance(each, StreamBegan) for each in self._events):
                     first = record.at_ns
                 last = record.at_ns
-                self.chunks += 1
             elif isinstance(record, About):
                 about = record
                 self._events += record.events

@@ -7,7 +7,6 @@ key of its lidar. What is missing is told: the next scan of that lidar says how 
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Iterable, Iterator
 from typing import Final, Self
 
@@ -69,9 +68,7 @@ class Fleet(Entered):
         self._is_read = False
         self._waiter: asyncio.Future[None] | None = None
         self._bus: Bus | None = None
-        self._clock = WallClock(time.monotonic_ns)
         self._senders = Senders()
-        self._decoders = Decoders(self._clock)
         self._missing: dict[str, int] = {}
         self._gaps = 0
         self._closed = False

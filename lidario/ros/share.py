@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
+from functools import partial
 from typing import Any, Final, cast
 
 from lidario.arguments import yes_or_no
@@ -69,7 +69,7 @@ class Share(Broadcast):
         self.form = "raw" if raw else "scan"
         self._key = check_key(key)
         self._outlet: Sender | None = None
-        self._raw = RawFeed(lidar, self.send_raw, self.count_scan) if raw else None
+        self._raw = RawFeed(lidar, self._send_raw, partial(self._count, True)) if raw else None
 
     @property
     def key(self) -> str:
@@ -99,14 +99,9 @@ class Share(Broadcast):
         about = super()._about()
         return about if self._raw is None else self._raw.added_to(about)
 
-    def send_raw(self, entries: list[Entry]) -> None:
-        """Send what was collected."""
+    def _send_raw(self, entries: list[Entry]) -> None:
         if self._outlet is not None:
             self._outlet.send(encode_raw_message(entries))
-
-    def count_scan(self) -> None:
-        """A scan was complete, and its bytes are sent."""
-        self._count(True)
 
 
 class RawFeed:
@@ -119,7 +114,6 @@ class RawFeed:
     """
 
     def __init__(self, lidar: Lidar, send: Callable[[list[Entry]], None], count_scan: Callable[[], None]) -> None:
-        self.path: Path = Path("zenoh")
         # Not public: users record to files only.
         self._session = lidar._recorded  # noqa: SLF001
         if not self._session.sends_bytes:
