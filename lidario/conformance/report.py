@@ -25,7 +25,7 @@ from lidario.errors import RecordingError
 from lidario.model import ScanMode
 from lidario.recording.about import NAME, About
 from lidario.recording.chronicle import mode_of
-from lidario.recording.mcap_records import MAGIC, Metadata, read_records
+from lidario.recording.mcap_records import Metadata, read_records
 from lidario.recording.opened import StoredFile
 from lidario.version import __version__
 
@@ -221,14 +221,13 @@ def read_report(path: Path) -> Report:
     about: About | None = None
     texts, tried, room = dict[str, str](), list[str](), MOST_LETTERS
     with StoredFile(path) as file:
-        if file.read(len(MAGIC)) == MAGIC:
-            for record in read_records(file):
-                if isinstance(record, Metadata) and record.name == NAME:
-                    about = About.of(record.texts)
-                elif isinstance(record, Metadata) and record.name == REPORT and room > 0:
-                    room -= sum(len(name) + len(text) for name, text in record.texts.items())
-                    tried.append(record.texts.get("tried", ""))
-                    texts |= record.texts
+        for record in read_records(file):
+            if isinstance(record, Metadata) and record.name == NAME:
+                about = About.of(record.texts)
+            elif isinstance(record, Metadata) and record.name == REPORT and room > 0:
+                room -= sum(len(name) + len(text) for name, text in record.texts.items())
+                tried.append(record.texts.get("tried", ""))
+                texts |= record.texts
     if about is None or not texts:
         raise RecordingError(f"{path} is no report: `lidario report -o FILE` makes one")
     return report_of(about, {**texts, "tried": "\n".join(tried)})

@@ -93,18 +93,22 @@ class _Index(NamedTuple):
 
 
 def read_records(file: StoredFile, begin_ns: int = 0) -> Iterator[Channel | Message | Metadata | Damage]:
-    """The records of a file that begins with `MAGIC`, as far as they can be read. Raises only RecordingError.
+    """The records of a file, as far as they can be read. Raises only RecordingError.
 
     Args:
         file: The file.
         begin_ns: Chunks that end before are passed over unread, up to the first one that does not; but never the
             first of all, which tells the channels.
     """
+    file.seek(0)
+    if file.read(len(MAGIC)) != MAGIC:
+        yield Damage("it does not begin as an MCAP file", missing=False)
+        return
     index = _read_index(file)
     # A channel is told in one chunk; where that is damaged, the index knows it.
     yield from index.channels
-    file.seek(0)
-    crc: int | None = crc32(file.read(len(MAGIC)))
+    file.seek(len(MAGIC))
+    crc: int | None = crc32(MAGIC)
     is_first = True
     while True:
         head = file.read(_HEAD.size)

@@ -16,7 +16,7 @@ from pathlib import Path
 from lidario.errors import RecordingError
 from lidario.recording.about import NAME, About
 from lidario.recording.chronicle import StreamEvent, event_of
-from lidario.recording.mcap_records import LEFT_OUT, MAGIC, Channel, Damage, Message, Metadata, read_records
+from lidario.recording.mcap_records import LEFT_OUT, Channel, Damage, Message, Metadata, read_records
 from lidario.recording.opened import StoredFile
 from lidario.recording.reached import Reached, StoredChunk
 from lidario.recording.ros_messages import parse_text
@@ -96,9 +96,6 @@ class RecordedFiles:
         told = False
         with StoredFile(path, self._sizes.get(path, 0)) as file:
             self._sizes[path] = file.size
-            if file.read(len(MAGIC)) != MAGIC:
-                yield Damage("it does not begin as an MCAP file")
-                return
             for record in read_records(file, begin_ns):
                 if isinstance(record, Message):
                     topic = topics.get(record.channel)
@@ -139,13 +136,12 @@ class RecordedFiles:
         """What stands at the beginning of a file, and when it was begun, on the clock of files."""
         about = About.of({})
         with StoredFile(path) as file:
-            if file.read(len(MAGIC)) == MAGIC:
-                for record in read_records(file):
-                    if isinstance(record, Metadata) and record.name == NAME:
-                        about = About.of(record.texts)
-                        if about.began_ns:
-                            break
-                    elif isinstance(record, Message):
-                        # Older versions did not tell.
-                        return about, record.at_ns
+            for record in read_records(file):
+                if isinstance(record, Metadata) and record.name == NAME:
+                    about = About.of(record.texts)
+                    if about.began_ns:
+                        break
+                elif isinstance(record, Message):
+                    # Older versions did not tell.
+                    return about, record.at_ns
         return about, about.began_ns
