@@ -44,6 +44,7 @@ class StoredFile:
     Attributes:
         path: The file.
         size: Its bytes when it was opened.
+        at: Where it is read next.
 
     Raises:
         RecordingError: It cannot be opened, is no regular file, or is shorter than it was; the text says which. The
@@ -52,7 +53,7 @@ class StoredFile:
 
     def __init__(self, path: Path, least: int = 0) -> None:
         self.path: Path = path
-        self._at = 0
+        self.at: int = 0
         try:
             kind = kind_of(path.stat().st_mode)
             if not kind:
@@ -78,20 +79,15 @@ class StoredFile:
         self._file.close()
 
     @property
-    def at(self) -> int:
-        """Where it is read next."""
-        return self._at
-
-    @property
     def left(self) -> int:
         """How many bytes follow."""
-        return self.size - self._at
+        return self.size - self.at
 
     def seek(self, at: int) -> None:
         """Go on reading there; behind the end nothing is left."""
-        self._at = min(at, self.size)
+        self.at = min(at, self.size)
         try:
-            self._file.seek(self._at)
+            self._file.seek(self.at)
         except OSError as error:
             raise _unreadable(self.path, error) from error
 
@@ -104,7 +100,7 @@ class StoredFile:
             raise _unreadable(self.path, error) from error
         if len(data) < size:
             raise self._cut()
-        self._at += size
+        self.at += size
         return data
 
     def read_into(self, buffer: memoryview) -> memoryview:
@@ -118,7 +114,7 @@ class StoredFile:
             raise _unreadable(self.path, error) from error
         if done < len(view):
             raise self._cut()
-        self._at += done
+        self.at += done
         return view
 
     def _cut(self) -> RecordingError:

@@ -35,7 +35,10 @@ class PlayedDevice:
     Attributes:
         finished: Whether the recording is at its end.
         error: Why it cannot be read to its end, or None.
+        scanning: Whether it is played at the moment.
     """
+
+    scanning: bool = False
 
     def __init__(self, recording: StoredStreams, *, rate: float = 1.0, loop: bool = False) -> None:
         self.finished: bool = False
@@ -45,7 +48,6 @@ class PlayedDevice:
         self._log: deque[Received] = deque(maxlen=MOST_LOGGED)
         self._incoming = bytearray()
         self._outgoing = bytearray()
-        self._scanning = False
         self._player = Player(recording, rate)
         self._device = device = recording.streams[0].family.device()
         self._starts = {stream.began.request for stream in recording.streams if stream.began.request}
@@ -73,14 +75,9 @@ class PlayedDevice:
         return list(self._log)
 
     @property
-    def scanning(self) -> bool:
-        """Whether the recording is played at the moment."""
-        return self._scanning
-
-    @property
     def motor_on(self) -> bool:
         """As `SimulatedDevice.motor_on`: as long as it scans."""
-        return self._scanning
+        return self.scanning
 
     def receive(self, data: bytes, now: int) -> None:
         self._incoming += data
@@ -92,7 +89,7 @@ class PlayedDevice:
 
     def transmit(self, now: int) -> bytes:
         self._talk()
-        while self._scanning and (due := self._due(now)) is not None and due <= now:
+        while self.scanning and (due := self._due(now)) is not None and due <= now:
             piece = self._peek()
             assert piece is not None
             self._outgoing += piece.data
@@ -105,7 +102,7 @@ class PlayedDevice:
         self._talk()
         if self._outgoing:
             return now
-        return self._due(now) if self._scanning else None
+        return self._due(now) if self.scanning else None
 
     def _next_request(self) -> bytes:
         """The next one that has come whole, known or not; empty where none has."""
@@ -139,7 +136,7 @@ class PlayedDevice:
     def _talk(self) -> None:
         """Begin unasked, where the recorded device had done so; never again behind the end."""
         if self._talks and not self.finished and self._peek() is not None:
-            self._scanning = True
+            self.scanning = True
 
     def _due(self, now: int) -> int | None:
         """When the next piece is; None at the end."""
@@ -148,7 +145,7 @@ class PlayedDevice:
             self._player.begin_anew()
             piece = self._peek()
             if not self._again or piece is None or self.error is not None:
-                self._scanning = False
+                self.scanning = False
                 self.finished = True
                 return None
         return self._player.due(piece, now)
@@ -156,12 +153,12 @@ class PlayedDevice:
     def _obey(self, request: bytes, now: int) -> None:
         found = self._responses.get(request)
         if request in self._stops:
-            self._scanning = False
+            self.scanning = False
             self._outgoing += self._stops[request].acknowledged
         elif request in self._starts:
-            if not self._scanning and (piece := self._peek()) is not None:
+            if not self.scanning and (piece := self._peek()) is not None:
                 self._begin(request, piece.stream)
-        elif self._scanning:
+        elif self.scanning:
             self._note(request, now, "while it scans")
             return
         elif found is not None:
@@ -173,7 +170,7 @@ class PlayedDevice:
         began = self._recording.streams[number].began
         head = Descriptor(began.mode.response_type, began.packet_size, continuous=True)
         self._outgoing += self._device.respond(request, head)
-        self._scanning = True
+        self.scanning = True
         self._player.rest()
 
     def _note(self, request: bytes, now: int, why: str) -> None:

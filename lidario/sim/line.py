@@ -44,6 +44,9 @@ class TransmitQueue:
     Args:
         baudrate: Bits a second; a byte takes ten of them.
 
+    Attributes:
+        free_at: When the last byte queued so far will have left, or has left.
+
     Raises:
         ValueError: The baud rate is not positive.
     """
@@ -54,12 +57,7 @@ class TransmitQueue:
         self.baudrate = baudrate
         self._bursts: deque[_Burst] = deque()
         self._left = b""  # what left before a `cut` and was not fetched yet
-        self._free = 0  # when the last byte queued so far will have left
-
-    @property
-    def free_at(self) -> int:
-        """When the last byte queued so far will have left (or has left)."""
-        return self._free
+        self.free_at: int = 0
 
     def airtime(self, count: int) -> int:
         """Nanoseconds that `count` bytes need on the line, rounded up."""
@@ -82,9 +80,9 @@ class TransmitQueue:
         size = size or len(data)
         if len(data) % size:
             raise ValueError(f"{len(data)} bytes are not a whole number of packets of {size}")
-        burst = _Burst(data, ready, size, period, max(ready, self._free))
+        burst = _Burst(data, ready, size, period, max(ready, self.free_at))
         self._bursts.append(burst)
-        self._free = self._end(burst)
+        self.free_at = self._end(burst)
 
     def take(self, now: int) -> bytes:
         """Hand out the bytes whose last bit has left by `now`, and forget them."""
@@ -127,13 +125,13 @@ class TransmitQueue:
             if burst.data:
                 break
             self._bursts.pop()
-        self._free = self._end(self._bursts[-1]) if self._bursts else min(self._free, now)
+        self.free_at = self._end(self._bursts[-1]) if self._bursts else min(self.free_at, now)
 
     def cut(self, now: int) -> None:
         """Lose every byte that has not left by `now`, in the middle of a packet if need be (a reboot)."""
         self._left = self.take(now)
         self._bursts.clear()
-        self._free = now
+        self.free_at = now
 
     def _end(self, burst: _Burst) -> int:
         """When the last byte of `burst` will have left."""
