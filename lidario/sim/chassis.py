@@ -130,11 +130,6 @@ class Chassis(ABC, Generic[NamedT, StreamT]):
         return self._motor.target_rpm > 0.0
 
     @property
-    def motor_rpm(self) -> float:
-        """The commanded speed in revolutions per minute; 0 = off."""
-        return self._motor.target_rpm
-
-    @property
     def spin_up_s(self) -> float:
         """Seconds the motor needs from standstill to a stable speed, from its next command on; 0 = none."""
         return self._motor.spin_up_s

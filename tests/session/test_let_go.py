@@ -53,7 +53,7 @@ async def test_who_keeps_the_error_of_a_cancelled_setting_keeps_no_stream(rig: R
     async with rig.open() as lidar:
         await lidar.scan()
         setting = asyncio.ensure_future(lidar.set_scan_frequency(8.0))
-        while rig.device.motor_rpm != 480.0:
+        while rig.device.motor.target_rpm != 480.0:
             await asyncio.sleep(0.001)
         await asyncio.sleep(0.05)
         assert not setting.done()

@@ -30,7 +30,7 @@ async def test_a_speed_that_is_set_beside_a_question_for_it_stays_set(rplidar: R
         await asyncio.gather(lidar.set_scan_frequency(9.0, verify=False), lidar.get_scan_frequency())
         assert await lidar.get_scan_frequency() == 9.0
         await lidar.scan()
-        assert rplidar.device.motor_rpm == 540
+        assert rplidar.device.motor.target_rpm == 540
 
 
 @pytest.mark.parametrize("mode", ["Standard", "DenseBoost"])
@@ -48,7 +48,7 @@ async def test_a_speed_that_is_set_in_mid_scan_is_one_request_and_interrupts_not
         await asyncio.gather(*(lidar.set_scan_frequency(each, verify=False) for each in (9.0, 10.0)))
         assert await lidar.get_scan_frequency() == 10.0
         await asyncio.sleep(1.0)
-        assert rplidar.device.motor_rpm == pytest.approx(600)
+        assert rplidar.device.motor.target_rpm == pytest.approx(600)
         scans += await some(stream, 20)
         assert [scan.seq for scan in scans] == list(range(21))
         stats = lidar.stats

@@ -34,16 +34,16 @@ class TestMotor:
         bench.ask(GET_INFO)
         assert not bench.device.motor_on
         bench.send(SCAN)
-        assert bench.device.motor_rpm == 600
+        assert bench.device.motor.target_rpm == 600
 
     @pytest.mark.parametrize(("rpm", "actual"), [(600, 600), (480, 480), (300, 480), (2000, 1200)])
     def test_speed_is_clamped_to_what_it_can_do(self, bench: Bench, rpm: int, actual: int) -> None:
         bench.send(framed(0xA8, struct.pack("<H", rpm)))
-        assert bench.device.motor_rpm == actual
+        assert bench.device.motor.target_rpm == actual
 
     def test_the_documented_requests(self, bench: Bench) -> None:
         bench.send(MOTOR_600)
-        assert bench.device.motor_rpm == 600
+        assert bench.device.motor.target_rpm == 600
         bench.send(MOTOR_OFF)
         assert not bench.device.motor_on
         assert all(request.obeyed for request in bench.device.log)
@@ -95,7 +95,7 @@ class TestBoard:
         bench.ask(STOP)
         assert [*states, bench.device.scanning] == [True, False]
         bench.send(DUTY_660)
-        assert bench.device.motor_rpm == 600
+        assert bench.device.motor.target_rpm == 600
         assert len(bench.ask(express(3), SECOND)) > 20_000
 
     def test_it_obeys_no_other_motor_request(self) -> None:
@@ -108,7 +108,7 @@ class TestBoard:
     def test_the_speed_follows_from_the_duty(self, duty: int, rpm: float) -> None:
         bench = Bench("rplidar-a2")
         bench.send(framed(0xF0, struct.pack("<H", duty)))
-        assert bench.device.motor_rpm == pytest.approx(rpm)
+        assert bench.device.motor.target_rpm == pytest.approx(rpm)
 
     def test_a_restart_forgets_the_duty(self) -> None:
         bench = Bench("rplidar-a3")
