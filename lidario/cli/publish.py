@@ -130,14 +130,7 @@ def publish(
 def _ros_publisher(
     lidars: list[Lidar], options: dict[str, Any], stamps: str | None, *, is_recorded: bool
 ) -> Publisher:
-    """The publisher of these lidars on topics of ROS 2.
-
-    Args:
-        lidars: The lidars.
-        options: All that belong to --ros, router and name of the robot.
-        stamps: What is said with --stamps.
-        is_recorded: Whether a recording is published.
-    """
+    """The publisher of these lidars on topics of ROS 2; `options` are those of --ros, --router and --robot."""
     from lidario.ros import MergedPublisher, Publisher
 
     (lidar, *others), own = lidars, lidars[0].config

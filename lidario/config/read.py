@@ -116,15 +116,7 @@ def read_config(path: str | os.PathLike[str]) -> Config:
 
 
 def config_of(tables: dict[str, Any], name: str) -> Config:
-    """The settings that the tables of a file say.
-
-    Args:
-        tables: All of them.
-        name: The file, for texts of errors.
-
-    Raises:
-        InvalidValue: Something in them cannot be right.
-    """
+    """The settings that the tables of the file `name` say; InvalidValue where something in them cannot be right."""
     _known(tables, ("default", "lidars"), name)
     default = _table(tables.get("default", {}), f"{name}: [default]")
     lidars = _table(tables.get("lidars", {}), f"{name}: [lidars]")
@@ -149,15 +141,7 @@ def as_config(config: Config | str | os.PathLike[str] | None) -> Config:
 
 
 def tables_of(data: bytes, name: str) -> dict[str, Any]:
-    """The tables that the bytes of a file hold; `config_of` says whether they can be right.
-
-    Args:
-        data: The bytes.
-        name: The file, for texts of errors.
-
-    Raises:
-        InvalidValue: They are too many, or no TOML.
-    """
+    """The tables that the bytes of the file `name` hold; InvalidValue where they are too many, or no TOML."""
     if len(data) > MOST_BYTES:
         raise InvalidValue(f"{name} has more than {MOST_BYTES} bytes: that is no file of settings")
     try:
@@ -200,15 +184,9 @@ def _mount(value: object, place: str) -> Mount:
 
 
 def parse_filter(value: object, mount: Mount | None, place: str) -> Filter:
-    """The filter that a table of the file says.
+    """The filter that a table of the file says; InvalidValue where it says none, or one that cannot be.
 
-    Args:
-        value: The table.
-        mount: Where the lidar is, for those that must know it; None where nobody has said it.
-        place: Where it stands, for texts of errors.
-
-    Raises:
-        InvalidValue: It says none, or one that cannot be.
+    Filters that must know where the lidar is get its `mount`. `place` is where the table stands in the file.
     """
     table = dict(_table(value, place))
     kind = table.pop("filter", None)

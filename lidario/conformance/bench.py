@@ -47,13 +47,6 @@ REST_S = 3.0
 class Bench:
     """One open device; made by `open_bench`, and used as its context manager: laser and motor are off afterwards.
 
-    Args:
-        connection: The open line.
-        health: What the device has said of its health.
-        source: Where it was opened.
-        simulated: The simulated device, where it is one in memory.
-        kind: What leads to the device, as `Source.kind` has it.
-
     Attributes:
         kind: What leads to the device: ``serial``, ``tcp``, ``udp``, or ``sim`` of a simulated one.
         lidar: The session.

@@ -58,16 +58,7 @@ class Unknown:
         self._entries.clear()
 
     async def kept(self, source: str, path: Path, facts: dict[str, str], *, overwrite: bool) -> bool:
-        """Listen to a serial port at each speed, and write what came, where anything did.
-
-        Args:
-            source: The source on which nothing responds.
-            path: The file to make.
-            facts: What is known of the adapter.
-            overwrite: Whether a file that is there already may be replaced.
-
-        Returns:
-            Whether the file was made: nothing at all may have come.
+        """Listen to a serial port at each speed, and write what came; False where nothing at all did.
 
         Raises:
             ConnectFailed: The port is not there any more.

@@ -121,11 +121,7 @@ class Bus:
     def sender(self, key: str, gid: bytes, *, keeps_last: bool = False) -> Sender:
         """Publish under `key`. Where a router does not keep up, messages are lost: the lidar does not wait.
 
-        Args:
-            key: Where it goes.
-            gid: 16 bytes that tell the publisher.
-            keeps_last: Whether those who come later and ask for it get the last message, too: transient local, in
-                the words of ROS 2.
+        With `keeps_last`, those who come later get the last message, too: transient local, in the words of ROS 2.
         """
         return Sender(self._hold(lambda: declare(self._session, key, keeps_last=keeps_last)), gid)
 

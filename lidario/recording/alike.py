@@ -49,9 +49,7 @@ def held(pipeline: Pipeline, *others: object) -> bytes:
 class _Walk:
     """Goes through objects and what they hold.
 
-    Args:
-        totals: From what the fields of a `Beginning` count.
-        fed: From what places of bytes count.
+    The fields of a `Beginning` count from `totals`, and places of bytes from `fed`.
     """
 
     def __init__(self, totals: dict[str, int], fed: int) -> None:

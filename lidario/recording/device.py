@@ -145,10 +145,7 @@ class RecordedDevice(Device):
 def recalled(script: Script[T], responses: Mapping[bytes, Responded], otherwise: str) -> T:
     """Run a script on the latest responses to requests, without a device.
 
-    Args:
-        script: What is asked.
-        responses: By the bytes of their requests.
-        otherwise: What it means where they do not suffice, for messages.
+    `otherwise` says what it means where they do not suffice.
 
     Raises:
         Unsupported: A response is missing, or cannot be read.

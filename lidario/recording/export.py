@@ -115,12 +115,7 @@ def export_mcap(
 ) -> int:
     """Write a recording that holds each scan on ``/scan`` too; returns how many scans.
 
-    Args:
-        decoder: What is written.
-        path: Where.
-        messages: How LaserScan messages are made of the scans.
-        overwrite: Whether a file that is there already may be replaced.
-        jobs: How many processes decode it, if it is long enough (`lidario.recording.divided`).
+    On so many processes, if it is long enough (`lidario.recording.divided`).
 
     Raises:
         CannotRecord: It cannot be written, or is there already.

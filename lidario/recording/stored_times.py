@@ -24,11 +24,7 @@ _BACK_NS: Final = 1_000_000_000
 
 
 class StoredTimes:
-    """Follows one stream.
-
-    Args:
-        stream: What it is.
-    """
+    """Follows one stream."""
 
     def __init__(self, stream: Stream) -> None:
         self._wire, self._sample_ns = stream.format, stream.sample_ns

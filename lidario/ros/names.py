@@ -16,13 +16,13 @@ from __future__ import annotations
 import hashlib
 import re
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final, Literal, get_args
 
 from lidario.arguments import shown, text_of, whole
 from lidario.errors import InvalidValue
 
 Distro = Literal["humble", "jazzy", "kilted", "lyrical"]
-DISTROS: Final[tuple[Distro, ...]] = ("humble", "jazzy", "kilted", "lyrical")
+DISTROS: Final[tuple[Distro, ...]] = get_args(Distro)
 
 NO_HASH: Final = "TypeHashNotSupported"
 """What nodes of Humble have in the place of the hash. With a hash they list a topic, and drop its messages."""

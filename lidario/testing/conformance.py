@@ -27,9 +27,6 @@ class Runner:
     """A bench, and the event loop on which rules are tried, one in each test.
 
     The loop belongs to no plugin: these tests run with pytest-asyncio, with anyio, and without both.
-
-    Args:
-        source: What is tried.
     """
 
     def __init__(self, source: str | SimulatedLidar) -> None:

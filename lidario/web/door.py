@@ -143,12 +143,7 @@ class Connection(ServerConnection):
 
 
 class Listening(socket.socket):
-    """The socket that browsers connect to.
-
-    Args:
-        door: Where they come in.
-        host: Address to listen at.
-        port: Port to listen at; 0 for any.
+    """The socket that browsers connect to; with port 0, at any that is free.
 
     Raises:
         OSError: The port is taken, or not allowed.

@@ -67,13 +67,7 @@ def pack_scan(number: int, scan: Scan) -> bytes:
 
 
 def pack_state(feeds: list[Feed], echo: float | None = None, masks: dict[str, object] | None = None) -> str:
-    """The states of all lidars as JSON.
-
-    Args:
-        feeds: What is shown.
-        echo: A viewer's own time, sent back so that it can compare clocks.
-        masks: What became of that which viewers have drawn.
-    """
+    """The states of all lidars as JSON, and of the masks; `echo` is a viewer's own time, to compare clocks."""
     lidars = [
         {
             "source": feed.source,
