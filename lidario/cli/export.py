@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from lidario.cli.errors import ExitCode
-from lidario.cli.laserscans import LASERSCAN_OPTIONS, laserscan_options, laserscans_of, only_with
+from lidario.cli.laserscans import laserscan_options, laserscans_of, only_with
 from lidario.cli.output import progress
 from lidario.cli.parameters import FiniteRange, WholeRange, complete_file
 from lidario.cli.settings import config_option, settings_of_file
@@ -61,7 +61,7 @@ def export(
         raise click.BadParameter(f"{out!r} does not end in {', '.join(FORMS)}", param_hint="OUT")
     if len(files) > 1 and "{}" not in out:
         raise click.BadParameter("of several files, OUT needs {} where each name belongs", param_hint="OUT")
-    only_with("an OUT that ends with .mcap", LASERSCAN_OPTIONS, Path(out).suffix == ".mcap")
+    only_with("an OUT that ends with .mcap", of_scans, Path(out).suffix == ".mcap")
     laserscans_of(of_scans)
     known, config = (family, model, sample_us), settings_of_file()
     divided = jobs if len(files) == 1 else 1

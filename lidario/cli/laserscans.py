@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import click
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
 FRAME: Final = "laser"
-LASERSCAN_OPTIONS: Final = ("frame", "beams", "order", "preset", "mount_yaw", "filtered")
 _OPTIONS = (
     click.option("--frame", metavar="NAME", help=f"Coordinate frame.  [that of the settings, else {FRAME}]"),
     click.option("--beams", type=WholeRange(1, 65536), metavar="N",
@@ -66,7 +65,7 @@ def is_given(name: str) -> bool:
     return click.get_current_context().get_parameter_source(name) is ParameterSource.COMMANDLINE
 
 
-def only_with(what: str, names: tuple[str, ...], is_so: bool) -> None:
+def only_with(what: str, names: Iterable[str], is_so: bool) -> None:
     """Refuse options that mean nothing here, where they were given.
 
     Raises:

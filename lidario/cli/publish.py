@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from lidario.cli.errors import ExitCode, need
-from lidario.cli.laserscans import LASERSCAN_OPTIONS, arguments_of, is_given, laserscan_options, only_with
+from lidario.cli.laserscans import arguments_of, is_given, laserscan_options, only_with
 from lidario.cli.parameters import WholeRange, as_duration, as_place, complete_source, guard_option, mode_option
 from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import ReaderGone, emit, message
@@ -24,19 +24,6 @@ if TYPE_CHECKING:
 ROUTER: Final = "tcp/localhost:7447"
 BEAMS: Final = 720
 """Of several lidars, where the user says nothing: half a degree each."""
-_OF_ROS: Final = (
-    *LASERSCAN_OPTIONS,
-    "topic",
-    "domain",
-    "distro",
-    "namespace",
-    "node",
-    "mounts",
-    "cloud",
-    "base_frame",
-    "stamps",
-)
-"""Options that mean nothing without --ros."""
 
 
 @click.command()
@@ -94,8 +81,8 @@ def publish(
     from lidario.cli.running import run_until_stopped
 
     sources = sources or ("auto",)
+    is_recorded = _check_choice(sources, ros, key, raw, of_ros)
     stamps = of_ros.pop("stamps")
-    is_recorded = _check_choice(sources, ros, key, raw, stamps, len(of_ros["mounts"]))
     need("zenoh", "zenoh", "eclipse-zenoh")
     config = settings_of_file()
     told: list[Publisher | Share] = []
@@ -179,18 +166,17 @@ async def _publish(
             await asyncio.wait([checking])
 
 
-def _check_choice(
-    sources: tuple[str, ...], ros: bool, key: str | None, raw: bool, stamps: str | None, mounts: int
-) -> bool:
+def _check_choice(sources: tuple[str, ...], ros: bool, key: str | None, raw: bool, of_ros: dict[str, Any]) -> bool:
     """Refuse what does not fit together; whether a recording is published."""
     from lidario.recording.files import file_source
 
     is_recorded = any(file_source(source) is not None for source in sources)
     _refuse_if(ros == (key is not None), "say one of --ros and --zenoh KEY")
     _refuse_if(raw and ros, "--raw belongs to --zenoh KEY; a topic of ROS 2 has scans")
-    only_with("--ros", _OF_ROS, ros)
+    only_with("--ros", of_ros, ros)
+    mounts = len(of_ros["mounts"])
     _refuse_if(
-        stamps is not None and not is_recorded,
+        of_ros["stamps"] is not None and not is_recorded,
         "--stamps is for a recording: a lidar's stamps are those of its measurements",
     )
     if len(sources) > 1:

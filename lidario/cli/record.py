@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from lidario.cli.errors import ExitCode, Stopped
-from lidario.cli.laserscans import LASERSCAN_OPTIONS, laserscan_options, laserscans_of, only_with
+from lidario.cli.laserscans import laserscan_options, laserscans_of, only_with
 from lidario.cli.output import progress
 from lidario.cli.parameters import (
     WholeRange,
@@ -82,7 +82,7 @@ def record(
     """
     from lidario.cli.running import run
 
-    only_with("--scans", LASERSCAN_OPTIONS, scans)
+    only_with("--scans", of_scans, scans)
     path = datetime.now().strftime("lidar-%Y%m%d-%H%M%S.mcap") if output is None else output
     if not path.casefold().endswith(".mcap"):
         # By its name a recording is told from a serial port.
