@@ -85,11 +85,6 @@ class Faults:
         self._noise = np.random.default_rng([self.seed, 3])
         self.device.replug_s = self.replug_s
 
-    @property
-    def holding(self) -> bool:
-        """Whether bytes are held back: `apply` must be called at `wakeup`, with or without new bytes."""
-        return bool(self._held or self._under_way)
-
     def begin(self, now: int) -> None:
         """Begin to count the time, at the first byte on the line; later calls change nothing."""
         if self._first is None:
@@ -118,7 +113,10 @@ class Faults:
         return data
 
     def wakeup(self, now: int) -> int | None:
-        """When something comes, or the cable goes, without a new byte of the device; None = never."""
+        """When something comes, or the cable goes, without a new byte of the device; None = never.
+
+        Then `apply` must be called, with or without new bytes.
+        """
         times = [due for due, _ in list(self._under_way)[:1]]
         if self._babble_from is None:
             self._babble_from = now

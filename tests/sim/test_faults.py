@@ -185,7 +185,7 @@ def test_late_bytes_come_later_and_all_of_them() -> None:
     assert faults.apply(b"", SECOND * 3 // 10) == b"ab"
     assert faults.wakeup(SECOND * 3 // 10) == SECOND * 4 // 10
     assert faults.apply(b"d", SECOND * 8 // 10) == b"c"
-    assert faults.holding
+    assert faults.wakeup(SECOND * 8 // 10) == SECOND * 11 // 10
     assert faults.apply(b"", 2 * SECOND) == b"d"
 
 
@@ -262,6 +262,6 @@ def test_a_stall_holds_bytes_back_and_loses_none() -> None:
     assert faults.apply(b"b", SECOND * 8 // 10 - 1) == b"b"
     assert faults.apply(b"c", SECOND * 8 // 10) == b""
     assert faults.apply(b"d", SECOND - 1) == b""
-    assert faults.holding
+    assert faults.wakeup(SECOND - 1) == SECOND
     assert faults.apply(b"", SECOND) == b"cd"
-    assert not faults.holding
+    assert faults.wakeup(SECOND) is None

@@ -70,7 +70,7 @@ class TestPty:
             def held_back() -> bool:
                 nonlocal sent
                 sent += os.write(port, b"a")
-                return faults.holding
+                return faults.wakeup(0) is not None
 
             until(held_back)
             assert read_exactly(port, sent) == b"A" * sent
