@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from lidario import Config, Scan
     from lidario.recording.decode_file import FileDecoder
+    from lidario.recording.files import Known
 
 FORMS = (".npz", ".csv", ".mcap")
 _SEQ = "#"
@@ -57,13 +58,15 @@ def export(
     as in scans/{}.npz. NPZ holds the device's own figures: clockwise degrees and millimetres. CSV has a row for
     each sample, as `lidario scan --csv`. MCAP is the recording with each scan on /scan.
     """
+    from lidario.recording.files import Known
+
     if Path(out).suffix not in FORMS:
         raise click.BadParameter(f"{out!r} does not end in {', '.join(FORMS)}", param_hint="OUT")
     if len(files) > 1 and "{}" not in out:
         raise click.BadParameter("of several files, OUT needs {} where each name belongs", param_hint="OUT")
     only_with("an OUT that ends with .mcap", of_scans, Path(out).suffix == ".mcap")
     laserscans_of(of_scans)
-    known, config = (family, model, sample_us), settings_of_file()
+    known, config = Known(family, model, sample_us), settings_of_file()
     divided = jobs if len(files) == 1 else 1
     tasks = [(file, out.replace("{}", _name_of(file)), known, of_scans, force, config, divided) for file in files]
     if len({target for _, target, *_ in tasks}) < len(tasks):
@@ -82,8 +85,7 @@ def _name_of(file: str) -> str:
     return Path(file).stem.replace("*", "").strip("-_") or "all"
 
 
-_Known = tuple[str | None, str | None, float | None]
-_Task = tuple[str, str, _Known, dict[str, Any], bool, Any, int]
+_Task = tuple[str, str, Any, dict[str, Any], bool, Any, int]
 
 
 def _all(tasks: list[_Task], jobs: int) -> list[Exception]:
@@ -112,14 +114,13 @@ def _tell(task: _Task, done: tuple[int, str]) -> None:
 
 
 def export_one(
-    file: str, out: str, known: _Known, of_scans: dict[str, Any], force: bool, config: Config, jobs: int
+    file: str, out: str, known: Known, of_scans: dict[str, Any], force: bool, config: Config, jobs: int
 ) -> tuple[int, str]:
     """Export one file; returns how many scans, and why it could not be read to its end. Runs in any process."""
     from lidario.recording.decode_file import FileDecoder
     from lidario.recording.export import export_mcap, export_npz
-    from lidario.recording.files import Known
 
-    decoder = FileDecoder(file, Known(*known))
+    decoder = FileDecoder(file, known)
     own = config.of(decoder.recording.about.info.serial)
     decoder.filters = own.filters
     if Path(out).suffix == ".mcap":

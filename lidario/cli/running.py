@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Awaitable, Callable
-from typing import TypeVar
+from collections.abc import Callable, Coroutine
+from typing import Any, TypeVar
 
 import lidario
 from lidario.cli.errors import Stopped
@@ -20,7 +20,7 @@ _BY_SIGNAL = 128
 """`lidario.run` adds the number of the signal to it."""
 
 
-def run_until_stopped(work: Callable[[], Awaitable[object]]) -> bool:
+def run_until_stopped(work: Callable[[], Coroutine[Any, Any, object]]) -> bool:
     """As `run`, of what a signal may end at any time: whether it came to its own end."""
     try:
         run(work)
@@ -31,19 +31,15 @@ def run_until_stopped(work: Callable[[], Awaitable[object]]) -> bool:
     return True
 
 
-def run(work: Callable[[], Awaitable[T]]) -> T:
+def run(work: Callable[[], Coroutine[Any, Any, T]]) -> T:
     """Await ``work()`` in a new event loop.
 
     Raises:
         Stopped: SIGINT, SIGTERM or SIGHUP ended it.
     """
-
-    async def main() -> T:
-        return await work()
-
     try:
         with log_beside():
-            return lidario.run(main())
+            return lidario.run(work())
     except KeyboardInterrupt:
         raise Stopped(signal.SIGINT) from None
     except SystemExit as ended:

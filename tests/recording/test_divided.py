@@ -16,6 +16,7 @@ import pytest
 import lidario
 from lidario.cli.export import export_one
 from lidario.config.read import Config
+from lidario.families.base import Known
 from lidario.families.registry import FAMILIES
 from lidario.recording import decode_file, divided
 from lidario.recording.decode_file import FileDecoder
@@ -120,7 +121,7 @@ def exported(path: Path, out: Path, jobs: int) -> bytes:
     """What ``lidario export`` writes of it."""
     options = {"frame": "laser", "beams": None, "order": "counter-clockwise", "preset": "rep103", "mount_yaw": 0.0,
                "filtered": "nan"}  # fmt: skip
-    export_one(str(path), str(out), (None, None, None), options, True, Config(), jobs)
+    export_one(str(path), str(out), Known(), options, True, Config(), jobs)
     return out.read_bytes()
 
 
