@@ -51,15 +51,8 @@ def can_fail(device: object) -> TypeGuard[CanFail]:
 class DeviceFaults:
     """Faults of one device, and which of them have happened; a device needs one of its own.
 
-    All times count from the first byte on the line, in either direction.
-
-    Attributes:
-        reboot_s: Seconds until the device restarts by itself; None = never.
-        freeze_s: Seconds until it freezes; None = never.
-        protect_s: Seconds until it stops to protect itself; None = never.
-        replug_s: Seconds until it loses its power for `REPLUG_GAP_S`; None = never. What happens to the line at
-            the same time is a line fault.
-        wrong_response: Share of the responses in whose place the response before is repeated.
+    `lidario.sim.faults.FAULTS` says what each of them does. Seconds count from the first byte on the line; None is
+    never. Of ``replug``, only the loss of power is a fault of the device.
 
     Raises:
         ValueError: The share is not between 0 and 1.

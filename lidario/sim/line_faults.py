@@ -25,19 +25,10 @@ _BYTE_FAULTS = ("drop", "flip", "insert", "burst", "duplicate")
 class Faults:
     """Faults of one line and of the device behind it, and how far they have got; a line needs one of its own.
 
+    `lidario.sim.faults.FAULTS` says what each of them does. Shares are from 0 to 1, and what ends with ``_s`` is in
+    seconds; 0 and None are never.
+
     Attributes:
-        drop: Probability that a byte is lost.
-        flip: Probability that a bit of a byte is inverted.
-        insert: Probability that a random byte comes before a byte.
-        burst: Probability that a byte and the 63 behind it become random.
-        duplicate: Probability that the 64 bytes before a byte come a second time.
-        babble: Random bytes a second that the device has not sent.
-        garbage: Whether every byte is random.
-        late_s: Seconds that every byte arrives later.
-        stall_s: Seconds that bytes are held back once a second; 0 = never.
-        silent_s: Seconds from the first byte until nothing arrives any more; None = never.
-        unplug_s: Seconds from the first byte until the port is dead; None = never.
-        replug_s: Seconds from the first byte until the cable is out for `REPLUG_GAP_S`; None = never.
         device: Faults of the device; its `replug_s` is set here.
         seed: Seed of everything random.
 
