@@ -100,17 +100,14 @@ def _all(tasks: list[_Task], jobs: int) -> list[Exception]:
         ]
         for task, done in zip(tasks, running, strict=True):
             try:
-                _tell(task, done())
+                scans, damage = done()
             except LidarError as error:
                 failures.append(error)
+                continue
+            message(f"{task[1]}: {scans} scans")
+            if damage:
+                message(f"note: {task[0]}: {damage}; everything else is exported")
     return failures
-
-
-def _tell(task: _Task, done: tuple[int, str]) -> None:
-    scans, damage = done
-    message(f"{task[1]}: {scans} scans")
-    if damage:
-        message(f"note: {task[0]}: {damage}; everything else is exported")
 
 
 def export_one(

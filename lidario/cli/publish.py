@@ -110,7 +110,8 @@ def publish(
         run_until_stopped(work)
     finally:
         for each in told:
-            message(_summary(each.scans, each.unsent))
+            lost = f"; {each.unsent} not sent, because there was no router" if each.unsent else ""
+            message(f"{each.scans} scan{'s' if each.scans != 1 else ''} published{lost}")
     return ExitCode.OK
 
 
@@ -207,8 +208,3 @@ async def _check(publisher: Publisher | Share, there: asyncio.Event) -> None:
             f"the router passes nothing on that is published under {publisher.key}: do its access rules let this "
             "robot publish there, and hear that itself?"
         )
-
-
-def _summary(sent: int, unsent: int) -> str:
-    lost = f"; {unsent} not sent, because there was no router" if unsent else ""
-    return f"{sent} scan{'s' if sent != 1 else ''} published{lost}"

@@ -91,7 +91,10 @@ def scan(
         taken = writer.close()
     if tally.last is not None:
         if form == "people" and failure is None and taken:
-            _draw(tally.last)
+            from lidario.cli.picture import picture
+
+            target = console()
+            emit("\n" + rendered(target, picture(tally.last, target)))
         if count != 1:
             _sum_up(tally)
     if failure is not None:
@@ -118,13 +121,6 @@ async def _write(
         tally.last, tally.count = scan, tally.count + 1
         if tally.count == count:
             return
-
-
-def _draw(last: Scan) -> None:
-    from lidario.cli.picture import picture
-
-    target = console()
-    emit("\n" + rendered(target, picture(last, target)))
 
 
 def _sum_up(tally: _Tally) -> None:

@@ -43,14 +43,14 @@ def udev(port: str | None, name: str, as_json: bool) -> int:
     lidars are sold with, and give access but no name. They also keep the adapter awake and fast, and ModemManager
     and brltty off it.
     """
+    from lidario import ConnectFailed, list_serial_ports
+
     if not re.fullmatch(r"[A-Za-z0-9][\w.-]{0,63}", name, re.ASCII):
         raise click.BadParameter(f"{name!r} cannot be the name of a device", param_hint="--name")
     machine = Machine()
-    ports = [port] if port is not None else _plugged()
+    ports = [port] if port is not None else [each.path for each in list_serial_ports() if each.adapter]
     found = machine.usb(ports[0]) if len(ports) == 1 else None
     if port is not None and found is None:
-        from lidario import ConnectFailed
-
         raise ConnectFailed(f"{port} is not the port of a USB adapter that is plugged in", reason="missing")
     rule = general() if found is None else rule_for(found, name)
     if as_json:
@@ -116,9 +116,3 @@ def _rule(*parts: str) -> str:
 def is_unique(serial: str) -> bool:
     """Whether the serial number of an adapter is likely to be its own, and can stand in a rule."""
     return serial not in _COMMON and _SAFE.fullmatch(serial) is not None
-
-
-def _plugged() -> list[str]:
-    from lidario import list_serial_ports
-
-    return [port.path for port in list_serial_ports() if port.adapter]
