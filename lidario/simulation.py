@@ -26,7 +26,7 @@ from lidario.errors import ConnectFailed, InvalidValue
 from lidario.families.registry import FAMILIES, family_of_simulated
 from lidario.sim.device import SimulatedDevice
 from lidario.sim.rooms import make_world
-from lidario.sim.world import Wall, WorldLike, as_world, measures, walls_around
+from lidario.sim.world import Wall, World, WorldLike, as_world, cast, measures, segments_of
 
 _WORLDS = "A world is a name, a list of walls or an object with the method ranges_mm"
 _PROBE_DEG = np.linspace(0.0, 350.0, 36)
@@ -85,7 +85,7 @@ def _world(world: str | WorldLike | Iterable[Wall], seed: int) -> WorldLike:
         if measures(world):
             found = as_world(world)
         elif isinstance(world, Iterable):
-            return walls_around(world)
+            return World(cast(segments_of(world)))
         else:
             raise ValueError(f"{type(world).__name__} is not a world")
     except ValueError as error:

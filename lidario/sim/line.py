@@ -46,14 +46,9 @@ class TransmitQueue:
 
     Attributes:
         free_at: When the last byte queued so far will have left, or has left.
-
-    Raises:
-        ValueError: The baud rate is not positive.
     """
 
     def __init__(self, baudrate: int) -> None:
-        if baudrate <= 0:
-            raise ValueError(f"a line needs a positive baud rate, not {baudrate}")
         self.baudrate = baudrate
         self._bursts: deque[_Burst] = deque()
         self._left = b""  # what left before a `cut` and was not fetched yet

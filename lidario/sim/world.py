@@ -187,8 +187,6 @@ class World:
     def __init__(
         self, static_mm: Floats, *, walker: Walker | None = None, noise_mm: float = 0.0, seed: int = 0
     ) -> None:
-        if static_mm.shape != (DIRECTIONS,):
-            raise ValueError(f"the table of distances has shape {static_mm.shape}, not ({DIRECTIONS},)")
         self._static = static_mm
         self.walker = walker
         self._noise: Floats | None = None
@@ -272,15 +270,6 @@ def as_world(world: WorldLike) -> World | CheckedWorld:
         ValueError: The object has no method `ranges_mm`.
     """
     return world if isinstance(world, World | CheckedWorld) else CheckedWorld(world)
-
-
-def walls_around(walls: Iterable[Wall]) -> World:
-    """Build a world of bare walls, without noise; no walls are an empty world.
-
-    Raises:
-        ValueError: As `segments_of`.
-    """
-    return World(cast(segments_of(walls)))
 
 
 def segments_of(walls: Iterable[Wall]) -> list[Segment]:

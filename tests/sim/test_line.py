@@ -86,12 +86,6 @@ def test_half_a_packet_cannot_be_pushed() -> None:
         TransmitQueue(1_000_000).push(b"12345", 0, size=2, period=1)
 
 
-@pytest.mark.parametrize("baudrate", [0, -1])
-def test_a_line_needs_a_speed(baudrate: int) -> None:
-    with pytest.raises(ValueError, match="positive"):
-        TransmitQueue(baudrate)
-
-
 pushes = st.lists(
     st.tuples(
         st.integers(0, 3_000_000),  # ready

@@ -138,8 +138,3 @@ def test_the_other_worlds() -> None:
 def test_an_unknown_world_names_those_there_are() -> None:
     with pytest.raises(ValueError, match=r"'moon'.*circle, corridor, empty, room"):
         make_world("moon")
-
-
-def test_a_table_of_the_wrong_size_is_refused() -> None:
-    with pytest.raises(ValueError, match="shape"):
-        World(np.zeros(360))
