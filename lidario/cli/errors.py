@@ -1,17 +1,5 @@
 """The text and the exit code for each failure; nothing else decides them.
 
-===  ==================================================
-0    done
-1    unexpected
-2    usage, or a missing extra
-3    no device, or several and none named
-4    no permission, another program holds the port, or a file cannot be written
-5    the device sends wrong responses or no data
-6    the device reports a fault
-7    a recording of which nothing can be read
-130  Ctrl-C in a verb that had not finished
-===  ==================================================
-
 Ctrl-C is the normal end of an endless stream: the code is 0. Other signals that end a verb give 128 and
 the number of the signal, as a shell does.
 """
@@ -48,13 +36,13 @@ class ExitCode(IntEnum):
 
     OK = 0
     UNEXPECTED = 1
-    USAGE = 2
-    NO_DEVICE = 3
-    NO_ACCESS = 4
-    NO_DATA = 5
-    UNHEALTHY = 6
-    BAD_RECORDING = 7
-    INTERRUPTED = 130
+    USAGE = 2  # or a missing extra
+    NO_DEVICE = 3  # or several and none named
+    NO_ACCESS = 4  # no permission, another program holds the port, or a file cannot be written
+    NO_DATA = 5  # or wrong responses
+    UNHEALTHY = 6  # the device reports a fault
+    BAD_RECORDING = 7  # nothing can be read of it
+    INTERRUPTED = 130  # by Ctrl-C, in a verb that had not finished
 
 
 class Stopped(Exception):
