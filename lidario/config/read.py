@@ -31,30 +31,19 @@ from dataclasses import MISSING, dataclass, field, fields
 from math import radians
 from typing import Any, Final
 
+import lidario.filters as filters
 from lidario.arguments import finite, path_of, shown, text_of
 from lidario.errors import InvalidValue
-from lidario.filters.areas import BoxFilter, PolygonFilter
 from lidario.filters.base import Filter
-from lidario.filters.neighbors import MedianFilter, RadiusOutlierFilter, ShadowsFilter
-from lidario.filters.single import AngularBoundsFilter, IntensityFilter, RangeFilter
 from lidario.points import Mount
 
 MOST_BYTES: Final = 1 << 20
 ENCODING: Final = "utf-8-sig"
 """UTF-8, also with the byte order mark that programs on Windows put in front."""
 FILTERS: Final[Mapping[str, type[Filter]]] = {
-    each.__name__: each
-    for each in (
-        AngularBoundsFilter,
-        BoxFilter,
-        IntensityFilter,
-        MedianFilter,
-        PolygonFilter,
-        RadiusOutlierFilter,
-        RangeFilter,
-        ShadowsFilter,
-    )
+    name: getattr(filters, name) for name in filters.__all__ if name not in ("Filter", "MaskFilter")
 }
+"""Those that a file may name: all of `lidario.filters` but the bases for others."""
 _KEYS: Final = ("mount", "frame", "mode", "speed_rpm", "filters")
 _PLACES: Final = ("x", "y", "yaw_deg")
 
@@ -168,12 +157,12 @@ def _lidar(default: dict[str, Any], own: dict[str, Any], name: str, place: str) 
         if speed <= 0:
             raise InvalidValue(f"{place}: speed_rpm is revolutions a minute, above 0, not {speed:g}")
     whose = (f"{name}: [default]", default), (place, own)
-    filters = [
+    made = [
         parse_filter(each, mount, f"{where}: filter {number}")
         for where, table in whose
         for number, each in enumerate(_list(table.get("filters", []), where), 1)
     ]
-    return LidarConfig(mount, None if frame is None else text_of(frame, "a frame"), mode, speed, tuple(filters))
+    return LidarConfig(mount, None if frame is None else text_of(frame, "a frame"), mode, speed, tuple(made))
 
 
 def _mount(value: object, place: str) -> Mount:
