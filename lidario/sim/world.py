@@ -119,12 +119,6 @@ class Walker:
         self._from = np.floor((bearing - width) * _PER_DEGREE).astype(np.int64)
         self._span = np.ceil(2.0 * width * _PER_DEGREE).astype(np.int64)
 
-    def position_m(self, t_seconds: float) -> tuple[float, float]:
-        """Where the person's middle is at a time: x, y in metres."""
-        tick = int(t_seconds * _TICKS_PER_SECOND) % len(self._distance)
-        distance, bearing = self._distance[tick] / 1000.0, np.radians(self._bearing[tick])
-        return float(distance * np.cos(bearing)), float(-distance * np.sin(bearing))
-
     def occlude(self, ranges: Floats, angles: Floats, directions: npt.NDArray[np.int64], t: Floats) -> None:
         """Shorten, in place, the beams that meet the person before anything else."""
         ticks = (t * _TICKS_PER_SECOND).astype(np.int64)
