@@ -17,7 +17,6 @@ FLOW_S = 0.2
 RESTARTS = 3
 LATER_S = 1.0
 """A start that is not heard is asked for again after two seconds; rotors need more or less by some tenths."""
-QUESTIONS = 5
 
 
 @known(Origin.MANUAL, "STOP", Need.STOPS)
