@@ -42,7 +42,6 @@ class StoredFile:
         least: Bytes that it had before, if it was opened before.
 
     Attributes:
-        path: The file.
         size: Its bytes when it was opened.
         at: Where it is read next.
 

@@ -124,10 +124,6 @@ class StoredStream:
 class StoredStreams(ABC):
     """What can be played.
 
-    Args:
-        path: The file.
-        timed: Whether it is known when each byte was read.
-
     Attributes:
         path: The file.
         about: What stands at its beginning.

@@ -68,7 +68,6 @@ class Chassis(ABC, Generic[NamedT, StreamT]):
         making: As in `Making`. The serial number is the business of a family.
 
     Attributes:
-        profile: What it is.
         health: Status and error code, as it tells them.
         faults_cleared_by_reset: Whether RESET cures an error.
         response_delay_s: Seconds from a request to the beginning of its response; raise it for late responses.

@@ -56,8 +56,6 @@ class Feed:
         colour: As ``#rrggbb``; empty for one that the page chooses.
 
     Attributes:
-        source: Where it was asked for.
-        mode: Scan mode that was asked for; None for the typical one.
         state: ``connecting`` until the first scan, then ``scanning``, or ``lost`` while it is away; ``ended``
             behind the end of a recording.
         reason: Why it was lost, or what the last attempt said; empty while it scans.
@@ -69,7 +67,6 @@ class Feed:
         length_s: Seconds that a recording lasts; None of a lidar, and before it was opened.
         rate: How many times as fast as it was recorded it is played.
         keeper: Records it; None where it may not be recorded, as a recording.
-        colour: In which it is shown.
         config: Its settings, once it was opened.
         saved: The filters of its settings.
         drawn: Filters that viewers have added, and have not saved.
