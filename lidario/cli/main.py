@@ -55,32 +55,6 @@ class Lidario(click.Group):
         sys.exit(self.run(sys.argv[1:] if args is None else args))
 
 
-def _with_common_options(command: CommandT) -> CommandT:
-    """Accept `--traceback` and `--help` after any verb as well as before it.
-
-    click's own `--help` does not tell a stdout that cannot be written from a mistake of ours.
-    """
-    command.params += (
-        click.Option(
-            ["--traceback"],
-            is_flag=True,
-            expose_value=False,
-            is_eager=True,
-            callback=_set_traceback,
-            help="Show where an error comes from.",
-        ),
-        click.Option(
-            ["-h", "--help"],
-            is_flag=True,
-            expose_value=False,
-            is_eager=True,
-            callback=_show_help,
-            help="Show this message and exit.",
-        ),
-    )
-    return command
-
-
 def _set_traceback(context: click.Context, _: click.Parameter, wanted: bool) -> None:
     context.ensure_object(Settings).traceback |= wanted
 
@@ -95,6 +69,24 @@ def _show_version(context: click.Context, _: click.Parameter, wanted: bool) -> N
     if wanted and not context.resilient_parsing:
         emit(f"lidario {__version__}\n")
         context.exit()
+
+
+_COMMON_OPTIONS = (
+    click.option("--traceback", is_flag=True, expose_value=False, is_eager=True, callback=_set_traceback,
+                 help="Show where an error comes from."),
+    click.option("-h", "--help", is_flag=True, expose_value=False, is_eager=True, callback=_show_help,
+                 help="Show this message and exit."),
+)  # fmt: skip
+
+
+def _with_common_options(command: CommandT) -> CommandT:
+    """Accept `--traceback` and `--help` after any verb as well as before it.
+
+    click's own `--help` does not tell a stdout that cannot be written from a mistake of ours.
+    """
+    for option in _COMMON_OPTIONS:
+        option(command)
+    return command
 
 
 @_with_common_options
