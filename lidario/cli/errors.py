@@ -26,7 +26,7 @@ from lidario import (
     StreamFailed,
     Unsupported,
 )
-from lidario.cli.streams import CannotWrite, ReaderGone, message, say
+from lidario.cli.streams import CannotWrite, ReaderGone, message
 
 _PREFIX = "error: "
 
@@ -121,7 +121,7 @@ def report(error: BaseException, *, with_traceback: bool = False) -> None:
     """Write to stderr what went wrong, in one or two lines; nothing where nothing went wrong."""
     text = _words(error)
     if text and with_traceback:
-        say("".join(traceback.format_exception(error)))
+        message("".join(traceback.format_exception(error)).removesuffix("\n"))
     if text:
         message(_PREFIX + text.replace("\n", "\n" + " " * len(_PREFIX)))
 

@@ -44,13 +44,8 @@ def emit(text: str) -> None:
 
 def message(text: str) -> None:
     """Write a line to stderr; where it cannot be written, as on a full disk, the work goes on without it."""
-    say(text + "\n")
-
-
-def say(text: str) -> None:
-    """Write to stderr as `message` does, without ending the line."""
     with suppress(OSError, ReaderGone):
-        write(sys.stderr, text)
+        write(sys.stderr, text + "\n")
 
 
 def write(stream: TextIO, text: str) -> None:
