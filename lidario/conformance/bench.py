@@ -218,13 +218,12 @@ class Bench:
             Broken: No packet came in the time that the family gives the rotor.
             Unsupported: The format of the mode is not known.
         """
-        dialogue = self.connection.dialogue
-        flow = Flow(mode, self.now(), dialogue.stats)
+        dialogue, began = self.connection.dialogue, self.now()
         dialogue.begin()
-        flow.stream = await dialogue.run(self.connection.device.start(mode))
-        flow.announced_s = self.now() - flow.began
+        stream = await dialogue.run(self.connection.device.start(mode))
+        flow = Flow(mode, stream, dialogue.stats, began, self.now() - began)
         dialogue.deliver_to(flow.take)
-        limit = flow.stream.spin_up_s
+        limit = stream.spin_up_s
         try:
             async with asyncio.timeout(limit):
                 await flow.first.wait()

@@ -38,9 +38,9 @@ class Flow:
 
     Attributes:
         mode: The scan mode.
-        began: When its start was asked for, seconds of the event loop's clock.
+        stream: What is known of it.
         stats: The counters of the line.
-        stream: What is known of it, once it was announced.
+        began: When its start was asked for, seconds of the event loop's clock.
         announced_s: Seconds until the device had responded to the start.
         first_s: Seconds until the first packet.
         first: Set with the first packet.
@@ -48,10 +48,10 @@ class Flow:
     """
 
     mode: ScanMode
-    began: float
+    stream: Stream
     stats: LinkStats
-    stream: Stream | None = None
-    announced_s: float = 0.0
+    began: float
+    announced_s: float
     first_s: float = 0.0
     first: asyncio.Event = field(default_factory=asyncio.Event)
     packets: list[Packets] = field(default_factory=list)
@@ -77,7 +77,6 @@ class Flow:
 
     def sample_us(self) -> float:
         """Microseconds a sample, by the times at which the packets came."""
-        assert self.stream is not None
         wire, behind = self.stream.format, self.packets[1:]
         if wire.whole:
             # The rotor turns on where the device sees nothing.
@@ -89,7 +88,6 @@ class Flow:
 
     def turns_ns(self) -> NDArray[np.float64]:
         """What each revolution took by the device's clock; empty where no packet is a whole one."""
-        assert self.stream is not None
         wire = self.stream.format
         if not wire.whole or wire.ticks is None:
             return np.empty(0)
@@ -100,7 +98,6 @@ class Flow:
 
     def steps(self) -> NDArray[np.float64]:
         """Turns from the beginning of each packet to that of the next one, in [0, 1): clockwise ones are short."""
-        assert self.stream is not None
         wire = self.stream.format
         made = [np.asarray(wire.headings(each), np.int64) & HEADING_MASK for each in self.packets]
         steps: NDArray[np.float64] = np.diff(np.concatenate(made)) % wire.full_turn / wire.full_turn

@@ -205,7 +205,6 @@ def rotor_is_steady(watch: Watch) -> Found:
         return False, "no speed could be measured"
     flow = watch.flow
     assert flow is not None
-    assert flow.stream is not None
     # What neighbours took by their samples: when they are read, depends on the computer. But where a packet is a
     # whole scan, it has as many samples at any speed.
     by_clock, ticks = flow.turns_ns().tolist(), flow.stream.format.ticks
