@@ -214,7 +214,7 @@ async def _of_scans(source: str) -> list[Finding]:
         found = [Finding("scans", "ok", text, port=source)]
     else:
         found = [Finding("scans", "bad" if word == "damaged" else "hint", f"{word}: {text}", reason, source)]
-    if measured.line is not None and measured.line.line_trouble:
+    if measured.line.line_trouble:
         found.append(Finding("driver", "hint", f"counted {measured.line.line_trouble}", port=source))
     return found
 

@@ -20,12 +20,12 @@ from lidario.cli.output import console, dump, facts, introduced, progress, rende
 from lidario.cli.parameters import as_duration, complete_source, guard_option, mode_option
 from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import emit, message
+from lidario.web.traffic import Traffic, traffic
 
 if TYPE_CHECKING:
     from rich.table import Table
 
     from lidario import Config, Lidar, Scan, ScanStream
-    from lidario.web.traffic import Traffic
 
 TOLERABLE_DAMAGE = 0.005
 """One packet in 200; a scan has about 80, so that fewer than every second scan has a gap."""
@@ -60,7 +60,7 @@ class Measured:
     stamps: list[tuple[int, float]] = field(default_factory=list)
     samples: list[int] = field(default_factory=list)
     returns: list[int] = field(default_factory=list)
-    line: Traffic | None = None
+    line: Traffic = field(default_factory=Traffic)
     seconds: float = 0.0
     cpu: float = 0.0
     model: str = ""
@@ -160,8 +160,6 @@ async def measure(
 
 
 async def _for_a_while(lidar: Lidar, scans: ScanStream, seconds: float, into: Measured) -> None:
-    from lidario.web.traffic import traffic
-
     loop = asyncio.get_running_loop()
     before, began, cpu = lidar.stats, loop.time(), time.process_time()
     try:
@@ -180,7 +178,6 @@ async def _for_a_while(lidar: Lidar, scans: ScanStream, seconds: float, into: Me
 def verdict(measured: Measured) -> tuple[str, str]:
     """One word, and its reason with what to do."""
     line = measured.line
-    assert line is not None
     is_damaged = line.missed_scans > 0 or line.damaged > TOLERABLE_DAMAGE
     if is_damaged and line.late_reads:
         return "slow", (
@@ -225,7 +222,6 @@ def percent(share: float) -> str:
 
 def _table(measured: Measured) -> Table:
     line = measured.line
-    assert line is not None
     word, reason = verdict(measured)
     load = f", {percent(line.load)} of the line" if line.load is not None else ""
     trouble = [("driver", f"counted {line.line_trouble}")] if line.line_trouble else []
@@ -254,7 +250,6 @@ def _table(measured: Measured) -> Table:
 
 def _record(measured: Measured) -> dict[str, object]:
     line = measured.line
-    assert line is not None
     word, reason = verdict(measured)
     return {
         "model": measured.model,
