@@ -227,7 +227,7 @@ class Chronicle(EventState):
     def clock_set(self, wall_offset_ns: int) -> None:
         """The system's wall clock was set. A recording that runs goes on by the clock with which it began."""
         if self.running is not None:
-            self.running = replace(self.running, wall_offset_ns=wall_offset_ns)
+            self.follow(replace(self.running, wall_offset_ns=wall_offset_ns))
 
     def ended(self, at: int) -> None:
         """The stream is not delivered any more."""

@@ -89,7 +89,7 @@ def about_now(dialogue: Dialogue, info: DeviceInfo, health: Health, source: str)
         lidario=__version__,
         recording=secrets.token_hex(_ID_BYTES),
         began_ns=max(0, dialogue.port.now() + dialogue.port.wall_offset_ns),
-        events=(*chronicle.responses.values(), *((chronicle.running,) if chronicle.running else ())),
+        events=chronicle.events,
     )
 
 
