@@ -20,9 +20,9 @@ import math
 from collections.abc import Callable, Iterable
 from typing import Final
 
-from lidario.families.base import Samples
+from lidario.families.base import Samples, Stream
 from lidario.measured import with_gaps
-from lidario.revolution.assemble import Assembler
+from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.revolution.build import turned_by
 from lidario.revolution.clock import NOISE, Beginning
 from lidario.revolution.divided import (
@@ -36,6 +36,7 @@ from lidario.revolution.divided import (
     sum_of,
 )
 from lidario.revolution.ended import share_before
+from lidario.revolution.incoming import Clock
 from lidario.revolution.partial import PartialRevolution, joined
 from lidario.revolution.seam import Split
 from lidario.revolution.timing import earliest_ns
@@ -52,16 +53,23 @@ MOST_PARTS: Final = 72
 
 
 class SectorAssembler(Assembler):
-    """Builds the scans of one stream, and hands out their sectors before, once it was told to divide them.
-
-    Its arguments are those of `Assembler`.
-    """
+    """As `Assembler`; once it was told to divide revolutions, it hands out their sectors before."""
 
     _publish_sector: Callable[[int, Sector], None]
-    _parts: tuple[int, ...] = ()
-    _divided: DividedRevolution | None = None
-    _usual_samples = _by_speed_ns = 0.0
-    _ending: tuple[DividedRevolution, int] | None = None
+
+    def __init__(
+        self,
+        stream: Stream,
+        baudrate: int = 0,
+        wall_offset_ns: int = 0,
+        stats: AssemblerStats | None = None,
+        clock: Clock | None = None,
+    ) -> None:
+        super().__init__(stream, baudrate, wall_offset_ns, stats, clock)
+        self._parts: tuple[int, ...] = ()
+        self._divided: DividedRevolution | None = None
+        self._usual_samples = self._by_speed_ns = 0.0
+        self._ending: tuple[DividedRevolution, int] | None = None
 
     def divide(self, parts: Iterable[int], publish: Callable[[int, Sector], None]) -> None:
         """Hand out sectors from the next revolution on.
