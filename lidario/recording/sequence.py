@@ -22,6 +22,11 @@ from lidario.recording.reached import Reached, StoredChunk
 from lidario.recording.ros_messages import parse_text
 from lidario.recording.write import EVENTS_TOPIC, RAW_TOPIC
 
+MIXED = (
+    "{} was merged of several recordings, and their bytes cannot be told apart. Name the files that it was made "
+    "of, those of each lidar by themselves"
+)
+
 
 def files_of(path: Path) -> tuple[Path, ...]:
     """The files that a path names: itself, or, where no file has that name, those that fit it as a pattern.
@@ -75,6 +80,9 @@ class RecordedFiles:
 
         Args:
             begin_ns: What comes before, on the clock of the file, is left out as far as that is easy.
+
+        Raises:
+            RecordingError: A file was merged of several recordings, or cannot be read.
         """
         reached = Reached()
         for path in self.paths:
@@ -93,7 +101,7 @@ class RecordedFiles:
         self, path: Path, reached: Reached, begin_ns: int
     ) -> Iterator[About | StoredChunk | StreamEvent | Damage]:
         topics: dict[int, str] = {}
-        told = False
+        recording: str | None = None
         with StoredFile(path, self._sizes.get(path, 0)) as file:
             self._sizes[path] = file.size
             for record in read_records(file, begin_ns):
@@ -120,9 +128,13 @@ class RecordedFiles:
                     reached.is_known = reached.is_known and not record.missing
                     if record is not LEFT_OUT:
                         yield record
-                elif isinstance(record, Metadata) and record.name == NAME and not told:
-                    told = True
+                elif isinstance(record, Metadata) and record.name == NAME:
                     about = About.of(record.texts)
+                    if recording is not None:
+                        if about.recording != recording:
+                            raise RecordingError(MIXED.format(path))
+                        continue
+                    recording = about.recording
                     if reached.about is None:
                         reached.begin(about)
                         yield about

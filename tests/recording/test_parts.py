@@ -5,14 +5,18 @@ from __future__ import annotations
 import re
 import shutil
 import time
+from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import replace
-from itertools import pairwise
+from heapq import merge
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2 import Reader
 
 import lidario
@@ -262,3 +266,38 @@ def test_recordings_of_two_lidars_are_not_one(tmp_path: Path) -> None:
         record(tmp_path / model, f"sim://{model}", 15)
     with pytest.raises(RecordingError, match="several lidars"):
         lidario.summarize(tmp_path / "*" / "run-*.mcap")
+
+
+def merged(paths: Sequence[Path], into: Path) -> Path:
+    """The messages of files in the order of their times, as other programs merge files: with all metadata."""
+    with ExitStack() as files:
+        readers = [make_reader(files.enter_context(open(path, "rb"))) for path in paths]
+        writer = Writer(files.enter_context(open(into, "wb")), compression=CompressionType.NONE)
+        writer.start("ros2")
+        for metadata in chain.from_iterable(reader.iter_metadata() for reader in readers):
+            writer.add_metadata(metadata.name, metadata.metadata)
+        channels: dict[tuple[int, int], int] = {}
+        numbered = ([(n, *each) for each in reader.iter_messages()] for n, reader in enumerate(readers))
+        for number, schema, channel, message in merge(*numbered, key=lambda each: each[3].log_time):
+            if (number, channel.id) not in channels:
+                assert schema is not None
+                kind = writer.register_schema(schema.name, schema.encoding, schema.data)
+                made = writer.register_channel(channel.topic, channel.message_encoding, kind)
+                channels[number, channel.id] = made
+            writer.add_message(channels[number, channel.id], message.log_time, message.data, message.publish_time)
+        writer.finish()  # type: ignore[no-untyped-call]
+    return into
+
+
+@pytest.mark.parametrize("models", [("rplidar-s2", "ydlidar-4ros"), ("rplidar-s2", "rplidar-s2")], ids="+".join)
+def test_a_file_that_was_merged_of_several_recordings_says_so(tmp_path: Path, models: tuple[str, ...]) -> None:
+    """The bytes of the second one were lost, or mixed with those of the first, without a word."""
+    files = [
+        record_any(tmp_path / f"{n}.mcap", f"sim://{model}?seed={n}", 5).path for n, model in enumerate(models)
+    ]
+    with pytest.raises(RecordingError, match=r"both.mcap was merged of several recordings"):
+        lidario.summarize(merged(files, tmp_path / "both.mcap"))
+
+
+def test_a_file_that_was_merged_of_the_parts_of_one_recording_is_read(copied: Live, tmp_path: Path) -> None:
+    assert_same_scans(copied.scans, list(FileDecoder(merged(copied.parts, tmp_path / "whole.mcap"))))
