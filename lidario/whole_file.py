@@ -16,11 +16,13 @@ _BY_HANDLE = "/proc/self/fd/{}"
 def whole_file(path: Path) -> Iterator[Path]:
     """A new file to write to, which takes the name `path` when the block ends; one that fails leaves nothing.
 
-    Where the system has files without a name, as Linux does, nor does a program that is killed meanwhile.
+    Where the system has files without a name, as Linux does, nor does a program that is killed meanwhile. A
+    symbolic link stays, and leads to the new file.
 
     Raises:
         OSError: It cannot be written.
     """
+    path = Path(os.path.realpath(path))
     part = path.with_name(f".lidario-{token_hex(8)}")
     nameless: int | None = None
     try:

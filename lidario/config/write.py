@@ -76,7 +76,7 @@ def save_config(
     # tomlkit may leave something out, or put it elsewhere, and say nothing.
     if said.default != wanted.default or any(said.of(each) != wanted.of(each) for each in wanted.lidars):
         raise InvalidValue(f"{name}: {_CANNOT}")
-    _replace(Path(os.path.realpath(name)), after)
+    _replace(Path(name), after)
 
 
 def _tuple_of(filters: Iterable[Filter]) -> tuple[Filter, ...]:

@@ -88,3 +88,19 @@ def test_ctrl_c_does_not_wait_for_the_files_of_other_processes(tmp_path: Path) -
         [sys.executable, program], env=environment, stderr=subprocess.PIPE, timeout=BOUND, check=False
     )
     assert done.stderr.endswith(b"KeyboardInterrupt\n")
+
+
+@pytest.mark.parametrize("exists", [True, False])
+def test_a_link_stays_a_link(tmp_path: Path, exists: bool) -> None:
+    """As to a disk with more room."""
+    (tmp_path / "disk").mkdir()
+    target, link = tmp_path / "disk" / "run.npz", tmp_path / "run.npz"
+    if exists:
+        target.write_bytes(b"the old one")
+    link.symlink_to(target)
+    with write_whole(link, overwrite=exists) as part:
+        part.write_bytes(b"the new one")
+    assert link.is_symlink()
+    assert target.read_bytes() == b"the new one"
+    assert sorted(os.listdir(tmp_path)) == ["disk", "run.npz"]
+    assert os.listdir(tmp_path / "disk") == ["run.npz"]
