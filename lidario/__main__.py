@@ -46,6 +46,10 @@ def _verb() -> int:
     # The OpenBLAS in numpy starts a thread for each core, and all of them wait in a loop at first: importing numpy
     # took 0.15 s of CPU time with them and 0.08 s without, on two cores. No verb multiplies matrices.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    for size in ("COLUMNS", "LINES"):
+        # Programs that have no terminal tell such a size to those that they start, and rich would draw nothing.
+        if os.environ.get(size) == "0":
+            del os.environ[size]
     try:
         from lidario.cli.main import cli
     except KeyboardInterrupt:

@@ -35,6 +35,13 @@ def test_numpy_starts_no_threads_unless_asked_to(asked: str, monkeypatch: pytest
     assert os.environ["OPENBLAS_NUM_THREADS"] == (asked or "1")
 
 
+def test_a_terminal_without_columns_is_none() -> None:
+    """As some programs tell those that they start."""
+    told = [run("info", "sim://rplidar-s2?via=memory", environment=size).stdout for size in ({}, {"COLUMNS": "0"})]
+    assert "RPLIDAR S2" in told[0]
+    assert told[0] == told[1]
+
+
 @pytest.mark.parametrize("missing", ["click", "rich"])
 def test_a_missing_extra_is_one_sentence_that_names_the_cure(
     missing: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
