@@ -135,3 +135,16 @@ def test_a_signal_ends_what_waits_for_a_device() -> None:
         assert os.read(ours, 1)
         process.send_signal(signal.SIGTERM)
         assert process.wait(BOUND) == 128 + signal.SIGTERM
+
+
+def test_the_cursor_is_there_while_a_verb_works() -> None:
+    """So a verb that is killed does not leave a terminal without one."""
+    with served("rplidar-s2") as server:
+        with server.lock:
+            server.device.mute = True  # type: ignore[attr-defined]
+        with on_terminal("info", server.path) as (process, screen, _):
+            shown = [screen.until(f"asking {server.path}") for _ in range(2)]
+            process.kill()
+            process.wait(BOUND)
+    written = "".join(shown)
+    assert written.rfind("\x1b[?25h") > written.rfind("\x1b[?25l")
