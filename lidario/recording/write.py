@@ -131,6 +131,10 @@ class FileWriter:
             self.flush()
         except BaseException:
             self._file.close()
+            if not overwrite:
+                # It is new, and holds nothing: its name would only be taken.
+                with contextlib.suppress(OSError):
+                    path.unlink()
             raise
 
     @property

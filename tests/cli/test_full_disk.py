@@ -80,6 +80,18 @@ def test_a_picture_that_cannot_be_written_is_told_and_the_one_before_stays(tmp_p
     assert os.listdir(tmp_path) == ["full.svg"]
 
 
+@pytest.mark.parametrize("options", [(), ("--split", "1s")], ids=["one file", "split"])
+def test_a_recording_that_cannot_begin_leaves_no_file(tmp_path: Path, options: tuple[str, ...]) -> None:
+    """So the same command works when there is room again."""
+    command = "record", SIM, "-n", "1", "-o", str(tmp_path / "run.mcap"), *options
+    with no_room():
+        done = invoke_driven(*command)
+    assert done.exit_code == 4, done.stderr
+    assert "cannot be written: " in done.stderr
+    assert os.listdir(tmp_path) == []
+    assert invoke_driven(*command).exit_code == 0
+
+
 @pytest.mark.parametrize("kind", [".csv", ".npz", ".mcap"])
 def test_an_export_that_cannot_be_written_is_told(tmp_path: Path, kind: str) -> None:
     """Whether a file of this name exists cannot be found out either, as in a folder of another user."""
