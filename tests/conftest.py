@@ -125,6 +125,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    # Until `pytest_collection_finish`: what is collected stays, and the collector went through it again and again.
+    gc.disable()
     set_aside()
     obey_signals()
     start_fewer_threads()
@@ -205,6 +207,7 @@ def pytest_collection_finish() -> None:
     given(just(0))(lambda _: None)()
     _tracers.append(sys.gettrace())
     _freeze()
+    gc.enable()
 
 
 @pytest.fixture(scope="module")
@@ -228,33 +231,25 @@ def _first_uvloop() -> None:
 
 
 @pytest.fixture(autouse=True)
-def _tidy() -> Iterator[None]:
-    """No test leaves a thread or a file descriptor behind, nor a log that is silent."""
+def _watched(request: pytest.FixtureRequest) -> Iterator[None]:
+    """No test leaves a thread or a file descriptor behind, nor a log that is silent.
+
+    No simulated device has discarded a request, unless the marker ``discards`` says why it may. Every byte and
+    packet that a link or a session received is counted in exactly one place.
+    """
     log = logging.getLogger("lidario")
-    level = log.level
+    level, allowed = log.level, may_discard(request.node)
     with leaves_nothing():
-        yield
+        with devices_made() as devices, ledgers_made() as ledgers:
+            yield
+        ledgers.assert_closed()
+        if not allowed:
+            all_obeyed(devices)
+        elif any(mark.name == "discards" for mark in request.node.own_markers):
+            assert some_discarded(devices), "the marker discards is not needed: no request was discarded"
+        # What only these hold is not left behind.
+        del devices, ledgers
     assert log.level == level
-
-
-@pytest.fixture(autouse=True)
-def _obeyed(request: pytest.FixtureRequest) -> Iterator[None]:
-    """No simulated device of the test has discarded a request, unless the marker ``discards`` says why it may."""
-    allowed = may_discard(request.node)
-    with devices_made() as devices:
-        yield
-    if not allowed:
-        all_obeyed(devices)
-    elif any(mark.name == "discards" for mark in request.node.own_markers):
-        assert some_discarded(devices), "the marker discards is not needed: no request was discarded"
-
-
-@pytest.fixture(autouse=True)
-def _ledger() -> Iterator[None]:
-    """Every byte and packet that a link or a session of the test received is counted in exactly one place."""
-    with ledgers_made() as ledgers:
-        yield
-    ledgers.assert_closed()
 
 
 @pytest.fixture

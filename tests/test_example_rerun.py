@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rerun.chunk import RrdReader
 
 from tests.cli.processes import BOUND
 from tests.support.example import environment
@@ -22,6 +21,8 @@ lidario.run(rerun_live.main(lidario.testing.SimulatedLidar(walls={WALLS}), sys.a
 
 @pytest.mark.long
 def test_rerun_live_keeps_what_the_viewer_shows(tmp_path: Path) -> None:
+    from rerun.chunk import RrdReader  # which takes long
+
     file = tmp_path / "run.rrd"
     subprocess.run([sys.executable, "-c", PROGRAM, str(file)], env=environment(), timeout=BOUND, check=True)
     # Rerun writes a piece of the file whenever some time has passed: on a busy machine they are several.

@@ -62,8 +62,7 @@ def test_it_is_short_and_says_what_it_is(path: Path) -> None:
         assert sum(len(cell["source"]) for cell in cells() if cell["cell_type"] == "code") < LINES
 
 
-@pytest.mark.parametrize("name", ["two_lidars", "day_to_parquet"])
-@pytest.mark.parametrize("given", [0, 1, 3])
+@pytest.mark.parametrize(("name", "given"), [("two_lidars", 0), ("two_lidars", 3), ("day_to_parquet", 1)])
 def test_an_example_that_needs_two_arguments_says_which(name: str, given: int) -> None:
     done = run_example(name, *["sim://rplidar-s2"] * given)
     assert done.returncode == 1

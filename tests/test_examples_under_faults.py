@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from fastapi import FastAPI, HTTPException
 
 import lidario
 from tests.support.loop import driven, run_driven
@@ -62,7 +61,7 @@ def test_a_robot_stands_where_its_lidar_has_failed(model: str, fault: str, monke
 
 @pytest.mark.parametrize("fault", PASSING)
 def test_a_robot_drives_on_when_its_lidar_is_back(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    told = wheels("rplidar-s2", fault, 12.0, monkeypatch)
+    told = wheels("rplidar-s2", fault, 10.0, monkeypatch)
     assert [at for at, speed in told if speed > 0 and BEGIN_S + SEEN_AFTER_S < at < BEGIN_S + 1.0] == []
     assert any(speed > 0 for at, speed in told if at > BEGIN_S + 3.0)
     assert told[-1][1] == 0.0
@@ -74,7 +73,7 @@ def test_damage_keeps_no_robot_from_driving_where_it_sees(
     model: str, fault: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # Where every response is late, it takes long until the first scan: each is asked for until two are alike.
-    told = wheels(model, fault, 18.0 if "late" in fault else 4.0, monkeypatch)
+    told = wheels(model, fault, 12.0 if "late" in fault else 2.5, monkeypatch)
     # That all comes 0.3 s late nobody can know: the devices have no clock that is ours.
     assert sum(speed > 0 for _, speed in told) > 10
     assert told[-1][1] == 0.0
@@ -142,6 +141,8 @@ def test_a_sample_ends_goes_on_or_says_what_is_wrong(
 @pytest.mark.parametrize("fault", ENDING)
 @driven
 async def test_a_web_application_answers_503_where_there_is_nothing_new(fault: str) -> None:
+    from fastapi import FastAPI, HTTPException  # which take long
+
     program, app = load("web_app"), FastAPI()
     app.state.source = source("rplidar-s2", fault)
     vars(program)["app"] = app

@@ -50,8 +50,8 @@ def test_what_runs_is_changed_and_what_is_shown_is_not() -> None:
 
 @pytest.mark.parametrize("part", PARTS)
 def test_every_change_is_one_line_and_compiles(part: str) -> None:
-    chosen = choose(40, 1, part)
-    assert len(chosen) == 40
+    chosen = choose(20, 1, part)
+    assert len(chosen) == 20
     for place in chosen:
         source = (ROOT / place.path).read_bytes()
         before, after = source.splitlines(), place.changed(source).splitlines()

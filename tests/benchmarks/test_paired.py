@@ -80,6 +80,7 @@ def test_it_prints_which_two_revisions_it_has_compared(
     assert f"- revisions: 1234567 and {report.machine()['revision']} (this code)\n" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_both_checkouts_decode_by_turns() -> None:
     here = paired.Checkout("here", ROOT)
     table = paired.compare_decode(here, paired.Checkout("there", ROOT), 1, [DENSE], [4096, 65536])
@@ -89,6 +90,7 @@ def test_both_checkouts_decode_by_turns() -> None:
     assert "of there to that of here" in table.title
 
 
+@pytest.mark.long
 def test_a_checkout_that_cannot_decode_is_named(tmp_path: Path) -> None:
     other = paired.Checkout("other", tmp_path)
     with pytest.raises(paired.Refused, match=f"^other cannot decode {DENSE}: it has no benchmarks"):

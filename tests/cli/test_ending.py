@@ -72,6 +72,7 @@ def test_a_number_of_scans_that_is_not_reached(number: signal.Signals, code: int
         until(lambda: was_stopped(server))
 
 
+@pytest.mark.long
 def test_ctrl_c_in_a_question() -> None:
     with served(FIRST) as server:
         with server.lock:
@@ -144,6 +145,7 @@ def test_a_finished_scan_leaves_nothing_running() -> None:
         until(lambda: was_stopped(server))
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("verb", sample=["scan"], full=["scan", "info"])
 def test_a_busy_port(verb: str) -> None:
     import fcntl

@@ -84,6 +84,7 @@ def test_a_motor_that_goes_on_is_told(capsys: pytest.CaptureFixture[str]) -> Non
             assert ("left its motor on" in capsys.readouterr().err) is (number == 1)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", ["rplidar-a1", "rplidar-c1-fixed"])
 def test_no_client_has_left_a_motor_on_that_no_request_stops(model: str) -> None:
     """By DTR, which a pseudo-terminal and TCP do not carry; or never."""

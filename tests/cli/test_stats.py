@@ -137,6 +137,7 @@ def test_where_no_second_revolution_comes_it_says_so(tmp_path: Path, form: tuple
         assert ended.stderr.startswith("nothing was measured: ")
 
 
+@pytest.mark.long
 def test_ctrl_c_ends_it_with_130_and_stops_the_device() -> None:
     with served("rplidar-s2") as server:
         with started("stats", server.path, "-t", "1h", "--json") as process:

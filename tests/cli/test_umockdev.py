@@ -90,6 +90,7 @@ def test_the_rules_for_one_of_two_with_neither(tmp_path: Path) -> None:
     assert rules.count('KERNELS=="1-4.1"') == 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("verb", ["doctor", "devices"])
 def test_what_is_plugged_in_is_found(tmp_path: Path, verb: str) -> None:
     found = json.loads(told(tmp_path, f"{FTDI}\n{CP2102}", verb, "--json"))

@@ -74,7 +74,7 @@ def calls_of(random: np.random.Generator) -> list[Call]:
     return calls
 
 
-@pytest.mark.parametrize("seed", range(60))
+@pytest.mark.exhaustive("seed", sample=range(20), full=range(60))
 def test_it_knows_what_a_slow_way_tells(seed: int) -> None:
     random, pace, calls, points = np.random.default_rng(seed), Pace(TURN), list[Call](), list[Point]()
     for spans, arrivals in calls_of(random):

@@ -35,7 +35,7 @@ def test_every_single_flipped_bit_is_turned_back(case: Case) -> None:
 def test_nothing_else_is_taken_for_it(case: Case) -> None:
     """Two to five flipped bits, bursts, shifted bytes: nothing is delivered that was not sent."""
     random, wrong = Random(5), 0
-    for trial in range(20_000):
+    for trial in range(6000):
         number = random.randrange(len(case.packets) - 1)
         packet = bytearray(case.packets[number])
         if trial % 4 == 0:
@@ -52,7 +52,7 @@ def test_nothing_else_is_taken_for_it(case: Case) -> None:
     assert wrong == 0
 
 
-@pytest.mark.exhaustive("seeds", sample=[2], full=[6])
+@pytest.mark.exhaustive("seeds", sample=[1], full=[6])
 @every_case
 def test_one_flip_in_a_thousand_bytes_costs_a_fifth(case: Case, seeds: int) -> None:
     """Of packets of 781 bytes 46 % have no flip and 36 % have one. No point is wrong, each lost packet is told."""
@@ -65,6 +65,7 @@ def test_one_flip_in_a_thousand_bytes_costs_a_fifth(case: Case, seeds: int) -> N
         assert (result.wrong, result.broken, float(result.moved.max())) == (0, 0, 0)
         assert result.lost == result.missing
         shares.append(result.share)
+        whole = feed(case, raw).events
         for chunks in (1, 64, 1000):
-            assert feed(case, raw, chunks).events == feed(case, raw).events
+            assert feed(case, raw, chunks).events == whole
     assert sum(shares) / len(shares) > 0.79

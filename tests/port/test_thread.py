@@ -214,6 +214,7 @@ print("child", os.waitstatus_to_exitcode(status), flush=True)
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("program", "told"), [(EXIT, "done\n"), (FORK, "child 7\n")], ids=["exit", "fork"])
 def test_the_thread_keeps_no_program_from_ending_and_a_child_has_its_own(program: str, told: str) -> None:
     done = subprocess.run(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from itertools import cycle, product
 
 import numpy as np
 import pytest
@@ -16,8 +17,11 @@ from benchmarks.truth_ways import receive
 
 
 @pytest.mark.exhaustive("seed", sample=[0], full=range(12))
-@pytest.mark.parametrize("name", FORMATS)
-@pytest.mark.parametrize("way", ["read", "file"])
+@pytest.mark.exhaustive(
+    ("name", "way"),
+    sample=list(zip(FORMATS, cycle(["read", "file"]), strict=False)),
+    full=list(product(FORMATS, ["read", "file"])),
+)
 def test_whatever_the_rotor_does_nothing_is_told_as_lost(name: str, way: str, seed: int) -> None:
     found = ridden(FORMATS[name], seed, way)
     assert (found.told, found.wrong) == (0, 0)

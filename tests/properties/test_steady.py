@@ -8,6 +8,7 @@ missing or repeated, late stamps.
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -126,8 +127,11 @@ def compared(
 
 
 @every_kind
-@pytest.mark.parametrize("read", [0, 731])
-@pytest.mark.parametrize("chunk", [1 << 20, 50_001, 2_000])
+@pytest.mark.exhaustive(
+    ("chunk", "read"),
+    sample=[(1 << 20, 731), (50_001, 0), (2_000, 731)],
+    full=list(product([1 << 20, 50_001, 2_000], [0, 731])),
+)
 def test_a_clean_stream_is_decoded_in_blocks(kind: Kind, chunk: int, read: int) -> None:
     block = compared(kind, stream_of(kind), chunk, read=read)
     assert block.blocks > (len(block.scans) // 2 if chunk == 2_000 else 0)

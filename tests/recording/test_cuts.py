@@ -41,7 +41,7 @@ def received(path: Path) -> bytes:
     return b"".join(piece.data for piece in open_stored(path).pieces())
 
 
-@pytest.mark.exhaustive("cuts", sample=[50], full=[200])
+@pytest.mark.exhaustive("cuts", sample=[25], full=[200])
 def test_a_file_cut_anywhere_loses_only_what_was_cut_off(live: Live, tmp_path: Path, cuts: int) -> None:
     """Not even the last second: of the chunk that was cut, every whole message is read."""
     whole, every = live.path.read_bytes(), received(live.path)

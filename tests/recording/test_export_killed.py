@@ -26,6 +26,7 @@ with write_whole(Path(sys.argv[1]), overwrite=True) as part:
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("number", "before"),
     [(signal.SIGTERM, None), (signal.SIGINT, b"the old one"), (signal.SIGKILL, b"the old one")],
@@ -80,6 +81,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.long
 def test_ctrl_c_does_not_wait_for_the_files_of_other_processes(tmp_path: Path) -> None:
     program = tmp_path / "waits.py"
     program.write_text(WAITS)

@@ -47,7 +47,7 @@ def whole(case: Case) -> bytes:
     return case.told + case.descriptor + case.raw
 
 
-@every_case
+@every_kind
 def test_scans_are_those_of_the_live_way(case: Case) -> None:
     expected = assembled(case, case.raw).scans
     model = "ld08" if "ld08" in case.name else None

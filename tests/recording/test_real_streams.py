@@ -74,7 +74,7 @@ def test_its_samples_are_the_vendors(path: Path) -> None:
 @streams
 @pytest.mark.parametrize("size", [1, 64])
 def test_pieces_change_nothing(path: Path, size: int) -> None:
-    raw = raw_of(path)[:25_000]
+    raw = raw_of(path)[:15_000]
     whole = list(lidario.decode(raw))
     assert len(whole) >= 3
     decoder = OfflineDecoder(raw)

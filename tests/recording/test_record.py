@@ -166,6 +166,7 @@ run_driven(main)
 """
 
 
+@pytest.mark.long
 def test_a_full_disk_ends_the_recording_in_order(tmp_path: Path) -> None:
     """The system refuses to let the file grow, half-way through a chunk."""
     path = tmp_path / "a.mcap"

@@ -1,6 +1,7 @@
 """A packet that comes twice, or a few times, is dropped and counted, and costs nothing else."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -14,11 +15,11 @@ from lidario.revolution.doubled import MOST_ALIKE, without
 from lidario.scan import Scan
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
-from tests.support.cases import CASES, Case, named
+from tests.support.cases import KINDS, Case, named
 from tests.support.streams import in_one_run, stream_of
 
-WITH_A_CHECK = [case for case in CASES if case.response_type != 0x81 or not case.name.startswith("rplidar")]
-NODES = next(case for case in CASES if case.name == "rplidar_32k_81")
+WITH_A_CHECK = [case for case in KINDS if case.response_type != 0x81 or not case.name.startswith("rplidar")]
+NODES = next(case for case in KINDS if case.name == "rplidar_32k_81")
 
 
 def scans_of(case: Case, packets: list[bytes], ends_ns: list[int], run: int) -> tuple[list[Scan], AssemblerStats]:
@@ -33,6 +34,12 @@ def scans_of(case: Case, packets: list[bytes], ends_ns: list[int], run: int) -> 
 def pace(case: Case) -> list[int]:
     """When each packet of a golden stream has come."""
     return [round(each * case.byte_ns) for each in np.cumsum([len(packet) for packet in case.packets])]
+
+
+@cache
+def undisturbed(case: Case) -> tuple[list[Scan], AssemblerStats]:
+    """The scans of a golden stream that comes packet by packet."""
+    return scans_of(case, list(case.packets), pace(case), 1)
 
 
 @pytest.mark.repeats
@@ -50,7 +57,7 @@ def test_it_costs_nothing(case: Case, data: st.DataObject) -> None:
         twice += copies - 1
         packets += [packet] * copies
         times += [end_ns] * copies
-    plain, before = scans_of(case, list(case.packets), ends_ns, 1)
+    plain, before = undisturbed(case)
     found, stats = scans_of(case, packets, times, 1)
     assert stats == replace(before, doubled_packets=twice)
     assert [scan.stamp_ns for scan in found] == [scan.stamp_ns for scan in plain]

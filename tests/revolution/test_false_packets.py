@@ -13,7 +13,7 @@ from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.revolution.false_packets import FalsePackets
 from lidario.scan import Scan
 from lidario.wire.formats import HEADING_MASK
-from tests.support.cases import CASES, Case, named
+from tests.support.cases import KINDS, Case, named
 from tests.support.numbered import DENSE, TURN, assemble, numbered, on_time
 from tests.support.streams import in_one_run, stream_of
 
@@ -36,7 +36,7 @@ def can_tell(case: Case) -> bool:
     return bool(np.mean(advances) < wire.full_turn / 13 and len(case.packets) > 3 * LEARNED)
 
 
-JUDGED = [case for case in CASES if can_tell(case)]
+JUDGED = [case for case in KINDS if can_tell(case)]
 
 
 def scans_of(case: Case, packets: dict[int, bytes], run: int) -> tuple[list[Scan], AssemblerStats]:
@@ -95,7 +95,7 @@ def test_several_in_one_read_cost_nothing_else_wherever_they_are(case: Case) -> 
         assert [len(scan) for scan in found] == [len(scan) for scan in expected]
 
 
-@pytest.mark.parametrize("case", CASES, ids=named)
+@pytest.mark.parametrize("case", KINDS, ids=named)
 def test_on_a_clean_line_none_waits(case: Case) -> None:
     wire, assembler = case.make_format(), Assembler(stream_of(case))
     for packet in case.packets:

@@ -74,7 +74,7 @@ ENOUGH_PACKETS = 50
 """Of fewer, in six seconds, nothing tells the speed for long enough."""
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.exhaustive("name", sample=["0x81 nodes", "0x84 ultra", "4ROS points"], full=list(KINDS))
 @pytest.mark.exhaustive("share", sample=[0.05], full=[0.02, 0.05, 0.1])
 @pytest.mark.exhaustive("seed", sample=[1], full=[1])
 def test_revolutions_are_told_although_no_speed_was_ever_seen(name: str, share: float, seed: int) -> None:

@@ -9,13 +9,17 @@ from benchmarks.truth_forms import FORMATS
 from benchmarks.truth_score import Score, score
 from benchmarks.truth_ways import receive
 
+ONE_A_PARSER = ["0x81 S1", "0x82 A1", "0x83 HQ", "0x84 A3", "0x85 C1", "4ROS", "G4", "LD19"]
+"""Formats that are cut or decoded by different code, or whose packets hold far fewer samples."""
+every_format = pytest.mark.exhaustive("name", sample=ONE_A_PARSER, full=list(FORMATS))
+
 
 def _scored(name: str, case: str, way: str) -> Score:
     stream, line = happen(CASES[case], FORMATS[name])
     return score(stream, line, receive(stream, line, way), timed=way != "file")
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@every_format
 @pytest.mark.parametrize(
     ("case", "way", "comes"),
     [
@@ -36,7 +40,11 @@ def test_what_comes_is_delivered_and_what_does_not_is_told(name: str, case: str,
         assert found.told == pytest.approx(found.missing, rel=0.01, abs=4)
 
 
-@pytest.mark.parametrize("name", [name for name in FORMATS if name not in {"0x83 HQ", "0x86"}])
+@pytest.mark.exhaustive(
+    "name",
+    sample=[name for name in ONE_A_PARSER if name != "0x83 HQ"],
+    full=[name for name in FORMATS if name not in {"0x83 HQ", "0x86"}],
+)
 def test_where_few_packets_come_the_speed_is_known_and_what_is_missing(name: str) -> None:
     """Of 0x83 no packet comes then, and of 0x86 no two."""
     found = _scored(name, "2 % of the bytes lost", "read")
@@ -52,7 +60,7 @@ def test_in_a_file_the_clock_of_the_device_tells_an_outage() -> None:
     assert (found.told, found.told_revolutions, found.seq_off) == (found.missing, found.missing_revolutions, 0)
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@every_format
 @pytest.mark.parametrize(
     ("case", "off"),
     [("an outage of 0.8 s, then 40 % slower", 0.04), ("an outage of 0.3 s, then 30 % faster", 0.06)],
@@ -64,7 +72,7 @@ def test_a_rotor_may_turn_at_another_speed_behind_an_outage(name: str, case: str
     assert found.wrong == 0
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@every_format
 def test_turns_that_hide_in_outages_are_not_taken_for_a_speed(name: str) -> None:
     """Of just over a turn, for some formats, from the first moment on."""
     found = _scored(name, "an outage of 0.15 s each 0.35 s", "read")
@@ -73,7 +81,7 @@ def test_turns_that_hide_in_outages_are_not_taken_for_a_speed(name: str) -> None
 
 
 @pytest.mark.parametrize("case", ["an outage of 0.4 s each 0.6 s", "an outage of 0.7 s each second"])
-@pytest.mark.parametrize("name", FORMATS)
+@every_format
 def test_a_revolution_that_came_whole_tells_its_speed_between_outages(name: str, case: str) -> None:
     """Hardly a revolution follows the one before, so that only its own reads can confirm its speed."""
     found = _scored(name, case, "read")
@@ -83,7 +91,7 @@ def test_a_revolution_that_came_whole_tells_its_speed_between_outages(name: str,
     assert found.wrong <= 0.002 * found.samples
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@every_format
 def test_a_rotor_that_stands_for_a_while_is_not_taken_for_losses(name: str) -> None:
     found = _scored(name, "standing for 0.5 s", "read")
     assert (found.told, found.told_revolutions, found.seq_off) == (0, 0, 0)
@@ -93,7 +101,7 @@ def test_a_rotor_that_stands_for_a_while_is_not_taken_for_losses(name: str) -> N
     assert found.overlap_ms < 60
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@every_format
 @pytest.mark.parametrize("way", ["read", "file"])
 @pytest.mark.parametrize("case", ["braked by hand to 0.3 Hz in 20 ms", "standing for 3 s"])
 def test_a_rotor_that_is_held_is_not_taken_for_losses_whatever_time_says(name: str, case: str, way: str) -> None:
@@ -105,7 +113,7 @@ def test_a_rotor_that_is_held_is_not_taken_for_losses_whatever_time_says(name: s
     assert found.overlap_ms < 60
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@every_format
 def test_losses_of_a_rotor_that_stands_are_told_by_the_time_there_was(name: str) -> None:
     """The angles tell thousands; and no revolution passed, however long it stood, unless a silence is as long."""
     found = _scored(name, "standing for 0.5 s, 60 % gone", "read")
@@ -117,7 +125,7 @@ def test_losses_of_a_rotor_that_stands_are_told_by_the_time_there_was(name: str)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", FORMATS)
+@every_format
 @pytest.mark.parametrize(
     "case",
     [

@@ -23,8 +23,8 @@ def found(angles: np.ndarray, times_ns: np.ndarray) -> list[float]:
     return told
 
 
-@pytest.mark.parametrize("hertz", [2.0, 5.9, 10.0, 13.7, 21.0])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("hertz", [2.0, 10.0, 21.0])
+@pytest.mark.exhaustive("seed", sample=[0], full=range(4))
 def test_scarce_packets_tell_the_speed(hertz: float, seed: int) -> None:
     """One packet in a revolution or less, late by some milliseconds, and one in ten is none."""
     random = np.random.default_rng(seed)
@@ -71,8 +71,8 @@ def test_late_packets_of_an_uneven_rotor_tell_the_speed(seed: int) -> None:
 @pytest.mark.parametrize("hertz", [1, 3, 10])
 def test_packets_of_any_angle_tell_nothing(hertz: int) -> None:
     random = np.random.default_rng(hertz)
-    times_ns = np.cumsum(random.exponential(1e9 / hertz, 500))
-    assert not any(found(random.random(500), times_ns))
+    times_ns = np.cumsum(random.exponential(1e9 / hertz, 200))
+    assert not any(found(random.random(200), times_ns))
 
 
 def test_packets_of_few_revolutions_tell_nothing() -> None:

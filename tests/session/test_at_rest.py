@@ -63,7 +63,7 @@ async def test_a_question_leaves_a_resting_device_at_rest(rig: Rig) -> None:
 @pytest.mark.parametrize("rig", DARK, indirect=True)
 async def test_a_question_is_heard_although_another_task_stops_the_device_meanwhile(rig: Rig, before: str) -> None:
     """What stops it makes it deaf. It is woken again, and rests behind the question."""
-    for turn in range(1, 30):
+    for turn in range(1 + len(before) % 3, 30, 3):
         async with open_lidar(rig.device, family=rig.family) as lidar:
             if before == "scanned":
                 await lidar.scan()

@@ -193,14 +193,15 @@ def test_cancelled_anywhere_the_device_is_left_still(what: tuple[Scenario, str, 
         cancelled_at(scenario, family, turn, how)
 
 
-@pytest.mark.exhaustive("how", sample=["twice"], full=WAYS)
-@pytest.mark.exhaustive("points", sample=[10], full=[60])
-@pytest.mark.parametrize("scenario", SEARCHES)
-@pytest.mark.parametrize("kind", SEARCHED)
-def test_a_search_that_is_cancelled_leaves_the_device_still(
-    kind: str, scenario: Scenario, points: int, how: str
-) -> None:
+@pytest.mark.exhaustive(
+    "what",
+    sample=[(SEARCHES[at % 2], "twice", kind) for at, kind in enumerate(SEARCHED)],
+    full=[*product(SEARCHES, WAYS, SEARCHED)],
+)
+@pytest.mark.exhaustive("points", sample=[5], full=[60])
+def test_a_search_that_is_cancelled_leaves_the_device_still(what: tuple[Scenario, str, str], points: int) -> None:
     """From the moment on at which the port is open."""
+    scenario, how, kind = what
     turns = turns_of(scenario, kind)
     # Most is decided in the first turns, while it is listened to and each family is asked shortly.
     for turn in sorted({*range(2, 2 + points), *range(2, turns + 1, max(1, turns // points))}):

@@ -43,7 +43,7 @@ def run(main: Callable[[], Coroutine[Any, Any, None]], patch: pytest.MonkeyPatch
 
 
 @both_families
-@pytest.mark.exhaustive("stride", sample=[5], full=[1])
+@pytest.mark.exhaustive("stride", sample=[11], full=[1])
 def test_ctrl_c_at_every_line_of_close(family: str, stride: int, monkeypatch: pytest.MonkeyPatch) -> None:
     async def main() -> None:
         lidar = await rig.open()

@@ -9,7 +9,7 @@ import pytest
 from lidario import ConnectFailed, Health, LidarError, ScanMode, Unsupported, open_lidar
 from tests.support.loop import now, run_driven
 
-SEEDS = 24
+SEEDS = 12
 MODELS = ["rplidar-s2", "rplidar-a1", "rplidar-express", "ydlidar-4ros"]
 
 

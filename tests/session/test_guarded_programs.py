@@ -183,6 +183,7 @@ def test_a_motor_that_shall_go_on_goes_on() -> None:
         assert not is_still(server)
 
 
+@pytest.mark.long
 def test_two_sessions_in_one_program_have_two_guards() -> None:
     with (
         served("rplidar-s2") as one,

@@ -228,8 +228,15 @@ async def test_cancelled_while_it_listens_it_asks_only_those_whose_motor_the_ope
     assert device.log == []
 
 
-@pytest.mark.parametrize("model", ["ydlidar-4ros", "ydlidar-g2", "hokuyo-urg04lx", "ldrobot-ld14p", "hlds-lds01"])
-@pytest.mark.parametrize("at_s", [0.01, 0.1, 0.7, 1.2, 1.7])
+DAMAGED = ("ydlidar-4ros", "ydlidar-g2", "hokuyo-urg04lx", "ldrobot-ld14p", "hlds-lds01")
+WHEN_S = (0.01, 0.1, 0.7, 1.2, 1.7)
+
+
+@pytest.mark.exhaustive(
+    ("model", "at_s"),
+    sample=[(DAMAGED[(row + row * turn) % 5], at_s) for turn in (1, 2) for row, at_s in enumerate(WHEN_S)],
+    full=list(itertools.product(DAMAGED, WHEN_S)),
+)
 async def test_one_whose_packets_are_not_recognised_is_stopped_where_its_search_is_cancelled(
     model: str, at_s: float, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -238,7 +245,13 @@ async def test_one_whose_packets_are_not_recognised_is_stopped_where_its_search_
     serial_in_memory(monkeypatch, unknown=device)
     stream(device, 1)
     send = device.transmit
-    device.transmit = lambda now: bytes(byte ^ 0x10 if at % 7 == 0 else byte for at, byte in enumerate(send(now)))
+
+    def damaged(now: int) -> bytes:
+        data = bytearray(send(now))
+        data[::7] = bytes(byte ^ 0x10 for byte in data[::7])
+        return bytes(data)
+
+    device.transmit = damaged
     began = now()
     with pytest.raises(TimeoutError):
         async with asyncio.timeout(at_s):
@@ -272,8 +285,8 @@ async def test_whose_packets_are_whole_scans_is_recognised_by_one_where_its_sear
 @pytest.mark.parametrize("model", ["rplidar-a1", "ydlidar-x2", "ydlidar-s2-pro"])
 @pytest.mark.parametrize("source", ["serial://unknown", "serial://unknown?baud=115200"])
 async def test_dtr_is_left_as_the_model_needs_it(model: str, source: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What stops the motor of an A1 starts that of an X2. The search is cancelled every 20 ms."""
-    for step in range(75):
+    """What stops the motor of an A1 starts that of an X2. The search is cancelled every 60 ms."""
+    for step in range(len(model) % 3, 75, 3):
         device = make_rig(model).device
         serial_in_memory(monkeypatch, unknown=device)
         with suppress(TimeoutError):

@@ -85,8 +85,14 @@ async def test_a_motor_that_shall_go_on_goes_on(kept: bool) -> None:
         assert rig.device.motor_on is kept
 
 
-@pytest.mark.parametrize("before_s", [0.5, 0.05, 0.02, 0.01, 0.002, 0.0])
-@pytest.mark.parametrize("rig", STOPPED, indirect=True)
+MOMENTS_S = (0.5, 0.05, 0.02, 0.01, 0.002, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("rig", "before_s"),
+    [(kind, MOMENTS_S[(number + 3 * half) % 6]) for number, kind in enumerate(STOPPED) for half in (0, 1)],
+    indirect=["rig"],
+)
 async def test_a_question_at_the_moment_at_which_a_stream_is_given_up_is_answered(
     rig: Rig, before_s: float
 ) -> None:
@@ -157,7 +163,7 @@ async def _called(call: Callable[[Lidar], Awaitable[object]], lidar: Lidar) -> N
 @pytest.mark.exhaustive("points", sample=[3], full=[20])
 @pytest.mark.exhaustive(
     "what",
-    sample=[(call, STOPPED[number % len(STOPPED)]) for number, call in enumerate([*CALLS, *CALLS])],
+    sample=[(call, STOPPED[number % len(STOPPED)]) for number, call in enumerate(CALLS)],
     full=[(call, kind) for call in CALLS for kind in STOPPED],
 )
 def test_what_is_cancelled_at_any_step_leaves_the_motor_off(what: tuple[str, str], points: int) -> None:

@@ -240,8 +240,9 @@ async def test_nothing_is_told_as_lost_of_devices_that_are_odd_as_real_ones(mode
         assert len(scan) == pytest.approx(rate * 60 / rpm, abs=2)
 
 
-@pytest.mark.parametrize("mode", ["Standard", "DenseBoost"])
-@pytest.mark.parametrize("factor", [0.8, 1.25, 2.0, 4.0])
+@pytest.mark.parametrize(
+    ("mode", "factor"), [("Standard", 0.8), ("Standard", 2.0), ("DenseBoost", 1.25), ("DenseBoost", 4.0)]
+)
 async def test_a_sample_time_that_is_told_wrong_is_measured(
     rplidar: Rig, factor: float, mode: str, caplog: pytest.LogCaptureFixture
 ) -> None:

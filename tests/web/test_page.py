@@ -14,6 +14,8 @@ from tests.cli.processes import end, line_of, started
 from tests.support.children import until
 from tests.web.shown import S2, Open, end_both, ink
 
+pytestmark = pytest.mark.long
+
 EDGES = (
     "() => { const xs = [], ys = []; latest((scan, lidar) => cloud(scan, lidar, 1, (x, y) => {"
     " const [across, down] = place(x, y); xs.push(across); ys.push(down); }));"
@@ -24,7 +26,6 @@ EDGES = (
 """Left, right, upper and lower edge of what is drawn, in dots, without the farthest hundredth."""
 
 
-@pytest.mark.long
 def test_scans_are_drawn_and_the_panel_tells_of_them(url: str, opened: Open) -> None:
     page = opened(url)
     page.until("seen.painted > 3")
@@ -65,7 +66,6 @@ def test_the_room_is_drawn_where_it_is(url: str, opened: Open) -> None:
     assert page.ask("place(1, 0)[1] < place(0, 0)[1] && place(0, 1)[0] < place(0, 0)[0]")
 
 
-@pytest.mark.long
 def test_pause_stops_the_picture_and_goes_on(url: str, opened: Open) -> None:
     page = opened(url)
     page.until("seen.painted > 1")
@@ -100,7 +100,6 @@ def test_zoom_and_pan_by_wheel_pointer_and_keys(url: str, opened: Open) -> None:
     page.until(f"Math.abs(view.scale - {scale}) < {scale * 0.3} && view.fitted")
 
 
-@pytest.mark.long
 def test_a_trail_and_other_colours(url: str, opened: Open) -> None:
     page = opened(url)
     page.until("scans[0] && scans[0].length > 5")
@@ -218,7 +217,6 @@ def test_the_title_names_the_lidar_and_the_screen_is_filled(url: str, opened: Op
     page.until("document.fullscreenElement === null")
 
 
-@pytest.mark.long
 def test_an_empty_scan_and_damage_are_said_in_words(opened: Open) -> None:
     empty = "sim://rplidar-s2?via=memory&world=empty"
     with started("view", empty, "sim://ydlidar-4ros?via=memory&fault=drop:0.05%", "--port", "0") as process:
@@ -233,7 +231,6 @@ def test_an_empty_scan_and_damage_are_said_in_words(opened: Open) -> None:
         page.complaints.clear()
 
 
-@pytest.mark.long
 def test_two_lidars_stand_where_they_are_mounted(opened: Open) -> None:
     places = ["--mount", "0.5,0,0", "--mount=-1,0.8,90", "--colour", "#ff0000", "--colour", "#00ff00"]
     with started("view", S2, "sim://ydlidar-4ros?via=memory", "--port", "0", *places) as process:
@@ -261,7 +258,6 @@ STRONGEST = (
 """The strongest colour of the picture, by every third dot."""
 
 
-@pytest.mark.long
 def test_after_unplugging_it_says_so_and_comes_back(opened: Open) -> None:
     with started("view", S2 + "&fault=replug:3s", "--port", "0") as process:
         page = opened(line_of(process.stdout).strip())

@@ -14,8 +14,9 @@ from tests.cli.processes import line_of, started
 from tests.support.recorded import record
 from tests.web.shown import S2, Open, end_both, ink
 
+pytestmark = pytest.mark.long
 
-@pytest.mark.long
+
 def test_the_colours_keep_their_scale_and_the_legend_tells_it(url: str, opened: Open) -> None:
     page = opened(url)
     page.until("seen.painted > 3")
@@ -34,7 +35,6 @@ def test_the_colours_keep_their_scale_and_the_legend_tells_it(url: str, opened: 
     )
 
 
-@pytest.mark.long
 def test_intensity_is_shown_where_there_is_one(opened: Open) -> None:
     with started("view", S2, "--mode", "Standard", "--port", "0") as process:
         page = opened(line_of(process.stdout).strip())
@@ -45,7 +45,6 @@ def test_intensity_is_shown_where_there_is_one(opened: Open) -> None:
         end_both(process, page)
 
 
-@pytest.mark.long
 def test_what_is_shown_is_recorded(opened: Open, tmp_path: Path) -> None:
     with started("view", S2, "--port", "0", "--record", str(tmp_path)) as process:
         page = opened(line_of(process.stdout).strip())
@@ -63,7 +62,6 @@ def test_what_is_shown_is_recorded(opened: Open, tmp_path: Path) -> None:
         end_both(process, page)
 
 
-@pytest.mark.long
 def test_a_recording_is_moved_through_and_played_at_another_speed(opened: Open, tmp_path: Path) -> None:
     path = record(tmp_path / "a.mcap", "sim://rplidar-s2", 60).path
     with started("view", str(path), "--port", "0") as process:

@@ -218,6 +218,7 @@ asyncio.run(main())
 """
 
 
+@pytest.mark.long
 def test_without_descriptors_there_is_one_line_and_no_waiting() -> None:
     """Those that cannot be served are closed, and when there are descriptors again all is well."""
     process = subprocess.Popen(

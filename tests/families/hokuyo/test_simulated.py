@@ -49,10 +49,10 @@ def test_it_tells_what_it_is_and_measures_what_it_told(model: str) -> None:
     first, last = int(told["AMIN"]), int(told["AMAX"])
     words = ("MD", "ME") if of.intensity else ("MD",)
     for word in words:
-        heard = host.say(f"{word}{first:04}{last:04}01000\n", 1.5).encode("latin-1")
+        heard = host.say(f"{word}{first:04}{last:04}01000\n", 0.8).encode("latin-1")
         assert host.device.motor_on
         blocks = hokuyo.split(heard[: heard.rindex(b"\n\n") + 2])
-        assert len(blocks) == pytest.approx(int(told["SCAN"]) / 60 * 1.45, abs=2)
+        assert len(blocks) == pytest.approx(int(told["SCAN"]) / 60 * 0.75, abs=2)
         field = hokuyo.Field(int(told["AFRT"]), int(told["ARES"]), int(told["DMIN"]), int(told["DMAX"]))
         samples = hokuyo.decode(blocks, field=field)
         assert len(samples) == len(blocks) * (last - first + 1)

@@ -88,7 +88,7 @@ def test_the_clock_of_an_ld08_may_begin_anew_at_either_number(wrap_ms: int) -> N
 @pytest.mark.parametrize("model", ["ldrobot-ld06", "ldrobot-ld19"])
 def test_a_device_of_which_packets_are_lost_is_no_other_model(model: str, lost: float) -> None:
     random = np.random.default_rng(5)
-    for _ in range(20):
+    for _ in range(8):
         packets = [packet for packet in [*packets_of(model), *packets_of(model)] if random.random() >= lost]
         script = TalkingDevice(TALKERS).identify()
         next(script)
