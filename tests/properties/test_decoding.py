@@ -13,7 +13,7 @@ from lidario.revolution.seam import Seam, Split
 from lidario.wire.events import Packets
 from lidario.wire.formats import BEGINS, RESTARTS, Headings
 from tests.reference import ydlidar
-from tests.support.cases import CASES, KINDS, LAYOUTS, Case, Sample, named
+from tests.support.cases import KINDS, LAYOUTS, Case, Sample, named
 from tests.support.contents import any_packets, point_cloud
 from tests.support.harm import messes
 from tests.support.samples import one_a_parser
@@ -200,7 +200,7 @@ def test_leaping_over_many_headings_finds_the_splits_a_walk_finds(
         begin += size
 
 
-@pytest.mark.parametrize("case", CASES, ids=named)
+@pytest.mark.parametrize("case", KINDS, ids=named)
 def test_the_headings_of_a_golden_stream_split_where_its_turns_begin(case: Case) -> None:
     wire = case.make_format()
     headings = [int(heading) for heading in wire.headings(in_one_run(wire, case.raw))]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import pytest
 
 from benchmarks.truth_cases import CASES, happen
@@ -11,6 +13,7 @@ from benchmarks.truth_ways import receive
 
 ONE_A_PARSER = ["0x81 S1", "0x82 A1", "0x83 HQ", "0x84 A3", "0x85 C1", "4ROS", "G4", "LD19"]
 """Formats that are cut or decoded by different code, or whose packets hold far fewer samples."""
+HELD = ["braked by hand to 0.3 Hz in 20 ms", "standing for 3 s"]
 every_format = pytest.mark.exhaustive("name", sample=ONE_A_PARSER, full=list(FORMATS))
 
 
@@ -102,8 +105,9 @@ def test_a_rotor_that_stands_for_a_while_is_not_taken_for_losses(name: str) -> N
 
 
 @every_format
-@pytest.mark.parametrize("way", ["read", "file"])
-@pytest.mark.parametrize("case", ["braked by hand to 0.3 Hz in 20 ms", "standing for 3 s"])
+@pytest.mark.exhaustive(
+    ("case", "way"), sample=[(HELD[0], "read"), (HELD[1], "file")], full=product(HELD, ["read", "file"])
+)
 def test_a_rotor_that_is_held_is_not_taken_for_losses_whatever_time_says(name: str, case: str, way: str) -> None:
     """A revolution that takes longer than any such device needs is given up. Then it alone is told as missing."""
     found = _scored(name, case, way)
