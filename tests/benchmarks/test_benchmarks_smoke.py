@@ -157,6 +157,7 @@ def test_damage_costs_what_it_hits_and_is_told(name: str, how: str) -> None:
     assert found.kept > (0.78 if "flip" in how or "0.8" in how else 0.9) * found.samples
 
 
+@pytest.mark.long
 def test_a_long_recording_is_made_of_a_short_one(tmp_path: Path) -> None:
     export.make_recording(tmp_path / "a.mcap", 20.0)
     found = lidario.summarize(tmp_path / "a.mcap")

@@ -105,11 +105,13 @@ def test_no_fault_makes_it_hang_or_crash_or_be_silent(where: tuple[str, str]) ->
         assert found.again.startswith("scans after")
 
 
+@pytest.mark.long
 def test_damage_that_no_counter_tells_is_silent(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(faults, "TELLING", ("broken_scans",))
     assert judge("ydlidar-4ros", "drop:0.01%").outcome == "silent: goes on"
 
 
+@pytest.mark.long
 def test_a_watchdog_that_sleeps_hangs(monkeypatch: pytest.MonkeyPatch) -> None:
     for patience in ("SILENCE_S", "REVOLUTIONS_MISSED"):
         monkeypatch.setattr(running, patience, 1e6)

@@ -19,6 +19,7 @@ def test_the_first_scan_comes_in_time(case: Case) -> None:
     assert 0.1 < first_scan_s(case) < LONGEST_S[case]
 
 
+@pytest.mark.long
 def test_every_case_has_its_row() -> None:
     found, took = table()
     assert [name for name, _ in found.rows] == [case.name for case in CASES] == list(took)

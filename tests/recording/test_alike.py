@@ -37,6 +37,7 @@ def decoder(path: Path) -> Pipeline:
     return behind(path)
 
 
+@pytest.mark.long
 def test_it_is_the_same_of_two_that_have_seen_the_same(path: Path, decoder: Pipeline) -> None:
     assert held(behind(path)) == held(decoder)
 

@@ -175,6 +175,7 @@ async def change_the_mode(lidar: Lidar, live: Live) -> None:
         await take_scans(lidar, live, 20, mode.id)
 
 
+@pytest.mark.long
 def test_streams_that_begin_and_end_in_damaged_chunks_are_told_apart(tmp_path: Path) -> None:
     live = record(tmp_path / "a.mcap", "sim://rplidar-s2", act=change_the_mode)
     right = {scan.stamp_ns: scan for scan in lidario.decode_file(live.path)}

@@ -208,6 +208,7 @@ def test_bare_bytes_and_short_recordings_are_decoded_by_one_process(
     assert exported(path, tmp_path / "several.csv", JOBS) == exported(path, tmp_path / "one.csv", 1)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("form", "error", "words"),
     [

@@ -36,6 +36,7 @@ def test_so_does_a_device_that_restarts_by_itself(tmp_path: Path, model: str) ->
     assert_same_scans(live.scans, replayed(tmp_path / "a.mcap"))
 
 
+@pytest.mark.long
 def test_what_was_away_is_told(tmp_path: Path) -> None:
     live = record(tmp_path / "a.mcap", "sim://rplidar-s2?fault=replug:6s", SCANS)
     recording = McapRecording(tmp_path / "a.mcap")

@@ -15,6 +15,7 @@ from tests.support.interrupt import StartedThreads, as_if_running, interrupted_a
 from tests.support.loop import DrivenLoop
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("stride", sample=[4], full=[1])
 def test_ctrl_c_at_every_call_of_starting(stride: int, tmp_path: Path) -> None:
     with StartedThreads() as started, closing(DrivenLoop()) as loop:

@@ -147,6 +147,7 @@ def test_ended_while_one_that_streams_is_opened(kind: str, monkeypatch: pytest.M
         assert left_still(rig), (at, names(rig)[-4:])
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("quick_collection")
 def test_ended_while_one_is_searched_that_was_started_and_does_not_respond(monkeypatch: pytest.MonkeyPatch) -> None:
     """The search has started it by a question, and stops it when it ends, also where nothing can be awaited."""

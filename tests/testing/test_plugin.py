@@ -96,6 +96,7 @@ def test_no_other_plugin_is_needed(folder: Path) -> None:
     assert result.outcomes == {"passed": 2}, result.text
 
 
+@pytest.mark.long
 def test_the_same_tests_with_another_lidar(folder: Path) -> None:
     write(
         folder,
