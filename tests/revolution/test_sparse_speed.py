@@ -56,18 +56,6 @@ def test_angles_may_be_off_by_a_sixth_of_a_revolution(seed: int, off: float, is_
     assert any(found(turns + off * random.integers(0, 2, 60), turns * 140 * MS)) is is_told
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_late_packets_of_an_uneven_rotor_tell_the_speed(seed: int) -> None:
-    """Its speed wobbles by 1 %, a fifth of the packets is none, and reads are up to a fifth of a turn late."""
-    random = np.random.default_rng(seed)
-    seconds = np.cumsum(random.exponential(0.1, 120))
-    turns = 10 * seconds + 0.1 / np.pi * np.sin(np.pi * seconds)
-    turns[random.random(120) < 0.2] = random.random()
-    known = [ns for ns in found(turns, (seconds + random.uniform(0, 0.02, 120)) * 1e9) if ns]
-    assert len(known) > 50
-    assert known == pytest.approx([100 * MS] * len(known), rel=0.02)
-
-
 @pytest.mark.parametrize("hertz", [1, 3, 10])
 def test_packets_of_any_angle_tell_nothing(hertz: int) -> None:
     random = np.random.default_rng(hertz)

@@ -87,15 +87,6 @@ def test_what_cannot_be_read_names_the_faults(text: str) -> None:
         parse_faults(text)
 
 
-def test_no_faults_no_change() -> None:
-    assert Faults().apply(COUNTING, 0) == COUNTING
-
-
-def test_drop_takes_its_share() -> None:
-    left = parse_faults("drop:1%").apply(ZEROS, 0)
-    assert len(ZEROS) - len(left) == pytest.approx(1000, abs=150)
-
-
 def test_dropping_all_leaves_nothing() -> None:
     assert parse_faults("drop:100%").apply(COUNTING, 0) == b""
 
@@ -245,15 +236,6 @@ def test_silence_counts_from_the_first_byte() -> None:
     assert faults.apply(b"b", 205 * SECOND - 1) == b"b"
     assert faults.apply(b"c", 205 * SECOND) == b""
     assert not faults.unplugged(300 * SECOND)
-
-
-def test_unplugging_counts_from_the_first_byte() -> None:
-    faults = parse_faults("unplug:2s")
-    assert not faults.unplugged(100 * SECOND)
-    assert faults.apply(b"a", 200 * SECOND) == b"a"
-    assert not faults.unplugged(202 * SECOND - 1)
-    assert faults.unplugged(202 * SECOND)
-    assert faults.apply(b"b", 202 * SECOND) == b""
 
 
 def test_a_stall_holds_bytes_back_and_loses_none() -> None:
