@@ -45,17 +45,15 @@ def reloaded(error: LidarError) -> object:
     return pickle.loads(pickle.dumps(error))
 
 
-@pytest.mark.parametrize("kind", EVERY)
 @pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, reloaded])
-def test_an_error_can_be_copied(kind: type[LidarError], copied: Callable[[LidarError], object]) -> None:
-    error = made(kind)
-    error.add_note("seen in the cellar")
-    twin = copied(error)
-    assert type(twin) is kind
-    assert twin is not error
-    assert str(twin) == str(error)
-    assert repr(twin) == repr(error)
-    assert vars(twin) == vars(error)
+def test_an_error_can_be_copied(copied: Callable[[LidarError], object]) -> None:
+    for kind in EVERY:
+        error = made(kind)
+        error.add_note("seen in the cellar")
+        twin = copied(error)
+        assert type(twin) is kind
+        assert twin is not error
+        assert (str(twin), repr(twin), vars(twin)) == (str(error), repr(error), vars(error))
 
 
 def test_every_error_is_exported_and_drawn_where_it_stands() -> None:

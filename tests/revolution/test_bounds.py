@@ -12,7 +12,7 @@ from lidario.families.stream import LONGEST_REVOLUTION
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.revolution.sectors import SectorAssembler
 from lidario.wire.blocks import packet_offsets
-from tests.support.cases import CASES, Case, named
+from tests.support.cases import CASES, KINDS, Case, named
 from tests.support.streams import arrived, in_one_run, stream_of
 
 
@@ -76,7 +76,7 @@ def test_what_it_takes_is_bounded_too() -> None:
         tracemalloc.stop()
 
 
-@pytest.mark.parametrize("case", CASES, ids=named)
+@pytest.mark.parametrize("case", KINDS, ids=named)
 def test_it_is_what_the_slowest_revolution_can_hold_twice(case: Case) -> None:
     stream = stream_of(case)
     wire = case.make_format()

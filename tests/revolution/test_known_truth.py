@@ -106,7 +106,7 @@ def test_a_rotor_that_stands_for_a_while_is_not_taken_for_losses(name: str) -> N
 
 @every_format
 @pytest.mark.exhaustive(
-    ("case", "way"), sample=[(HELD[0], "read"), (HELD[1], "file")], full=product(HELD, ["read", "file"])
+    ("case", "way"), sample=[(HELD[0], "read"), (HELD[1], "file")], full=list(product(HELD, ["read", "file"]))
 )
 def test_a_rotor_that_is_held_is_not_taken_for_losses_whatever_time_says(name: str, case: str, way: str) -> None:
     """A revolution that takes longer than any such device needs is given up. Then it alone is told as missing."""

@@ -7,7 +7,7 @@ import pytest
 from lidario.revolution.together import join_runs, slices
 from lidario.wire.events import Packets
 from lidario.wire.link import Link
-from tests.support.cases import CASES, Case, named
+from tests.support.cases import KINDS, Case, named
 from tests.support.streams import cut_up, open_stream
 
 
@@ -23,7 +23,7 @@ def packets_of(link: Link) -> list[Packets]:
     return [event for event in link.events_received() if isinstance(event, Packets)]
 
 
-@pytest.mark.parametrize("case", CASES, ids=named)
+@pytest.mark.parametrize("case", KINDS, ids=named)
 @pytest.mark.parametrize("every", [1, 3, 10**6])
 def test_they_are_joined_with_the_time_of_each_read(case: Case, every: int) -> None:
     runs = runs_of(case, 1000, every)
@@ -44,7 +44,7 @@ def test_they_are_joined_with_the_time_of_each_read(case: Case, every: int) -> N
     assert {at: count for count, at in whole.arrivals} == expected
 
 
-@pytest.mark.parametrize("case", CASES[::4], ids=named)
+@pytest.mark.parametrize("case", KINDS[::3], ids=named)
 @pytest.mark.parametrize("most", [100, 1000, 10**6])
 def test_slices_are_the_same_bytes_with_the_same_times(case: Case, most: int) -> None:
     data = case.raw[:20_000]

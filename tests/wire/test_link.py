@@ -49,7 +49,6 @@ def test_an_answer_arrives_when_its_last_byte_does() -> None:
     assert receive(link, INFO_ANSWER[-1:], 6) == [Response(0x04, INFO, 6)]
 
 
-@pytest.mark.parametrize("size", [None, 1, 3])
 @pytest.mark.parametrize(
     "noise",
     [
@@ -69,11 +68,12 @@ def test_an_answer_arrives_when_its_last_byte_does() -> None:
     ],
     ids=range(13),
 )
-def test_noise_before_the_answer_is_counted_and_hides_nothing(noise: bytes, size: int | None) -> None:
-    link = waiting()
-    assert receive(link, noise + INFO_ANSWER, 0, size) == [Response(0x04, INFO, 0)]
-    assert link.stats.stray_bytes == len(noise)
-    assert link.stats.bytes_received == len(noise + INFO_ANSWER)
+def test_noise_before_the_answer_is_counted_and_hides_nothing(noise: bytes) -> None:
+    for size in (None, 1, 3):
+        link = waiting()
+        assert receive(link, noise + INFO_ANSWER, 0, size) == [Response(0x04, INFO, 0)], size
+        assert link.stats.stray_bytes == len(noise)
+        assert link.stats.bytes_received == len(noise + INFO_ANSWER)
 
 
 def test_a_claimed_size_too_large_is_never_waited_for() -> None:
