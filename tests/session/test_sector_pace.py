@@ -16,12 +16,13 @@ from lidario.revolution.sectors import SectorAssembler
 from lidario.session.streaming.pace import Pace
 from lidario.wire.blocks import Block
 from tests.support.cases import KINDS, Case, named
+from tests.support.samples import one_a_parser
 from tests.support.streams import in_one_run, stream_of
 
 LATENCY_S, TIMER_S = 0.005, 0.001
 
 
-@pytest.mark.parametrize("case", KINDS, ids=named)
+@one_a_parser(KINDS)
 def test_a_sector_is_handed_over_in_time(case: Case) -> None:
     chance = random.Random(case.name)
     stream = stream_of(case)
