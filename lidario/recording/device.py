@@ -60,8 +60,6 @@ class RecordedDevice(Device):
         try:
             return (yield from self._recall(self._device.identify(), "its information"))
         except Unsupported:
-            # It may have tried another model of its family, that would have to be started.
-            self._device = self._recording.streams[0].family.device()
             return self._recording.about.info
 
     def health(self) -> Script[Health]:

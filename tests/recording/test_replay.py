@@ -231,18 +231,6 @@ def test_the_device_responds_what_it_had_responded(tmp_path: Path, source: str) 
     run_driven(main)
 
 
-def test_a_speed_that_cannot_be_set_has_no_range(tmp_path: Path) -> None:
-    """A device that only talks was not asked what it is: it must not be taken for a model of its family that is."""
-    record(tmp_path / "a.mcap", "sim://ldrobot-ld06", 2)
-
-    async def ask() -> None:
-        async with lidario.open_lidar(tmp_path / "a.mcap") as lidar:
-            with pytest.raises(lidario.Unsupported, match="cannot be set"):
-                await lidar.get_scan_frequency_range()
-
-    run_driven(ask)
-
-
 def test_pace(live: Live) -> None:
     async def took(options: str, slow: float = 0.0) -> tuple[float, list[Scan]]:
         loop = asyncio.get_running_loop()
