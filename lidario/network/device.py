@@ -84,11 +84,7 @@ class RemoteDevice(RecordedDevice):
 
     def identify(self) -> Script[DeviceInfo]:
         """What its publisher told. The other scripts of a family rely on this one of its own having run."""
-        try:
-            yield from self._recall(self._device.identify(), "its information")
-        except Unsupported:
-            # What it has assumed in vain does not hold.
-            self._device = self._streams.stream.family.device()
+        yield from super().identify()
         return self._streams.about.info
 
     def health(self) -> Script[Health]:

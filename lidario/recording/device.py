@@ -60,6 +60,8 @@ class RecordedDevice(Device):
         try:
             return (yield from self._recall(self._device.identify(), "its information"))
         except Unsupported:
+            # What it has assumed in vain does not hold.
+            self._device = self._recording.streams[0].family.device()
             return self._recording.about.info
 
     def health(self) -> Script[Health]:

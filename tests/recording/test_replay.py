@@ -231,6 +231,17 @@ def test_the_device_responds_what_it_had_responded(tmp_path: Path, source: str) 
     run_driven(main)
 
 
+@pytest.mark.parametrize("model", ["ldrobot-ld06", "neato-xv11"])
+def test_a_speed_that_cannot_be_set_has_no_range_in_a_replay_either(tmp_path: Path, model: str) -> None:
+    async def check() -> None:
+        async with lidario.open_lidar(path) as lidar:
+            with pytest.raises(lidario.Unsupported, match="cannot be set"):
+                await lidar.get_scan_frequency_range()
+
+    path = record(tmp_path / "a.mcap", f"sim://{model}", 2).path
+    run_driven(check)
+
+
 def test_pace(live: Live) -> None:
     async def took(options: str, slow: float = 0.0) -> tuple[float, list[Scan]]:
         loop = asyncio.get_running_loop()
