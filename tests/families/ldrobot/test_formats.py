@@ -11,7 +11,7 @@ import pytest
 from lidario.families.ldrobot.decode import PacketDecoder, TriangleDecoder
 from lidario.families.ldrobot.device import TALKERS
 from lidario.families.ldrobot.formats import CRC, PacketFormat, TriangleFormat
-from lidario.families.ldrobot.simulated.packers import pack_health, pack_points, pack_response
+from lidario.families.ldrobot.simulated.packers import pack_points, pack_response
 from lidario.families.stream import Known
 from lidario.families.unasked import hear
 from lidario.wire.events import Response
@@ -30,6 +30,8 @@ CLEAN = [
     pack_points(np.arange(12) + 1000 + n, range(100, 112), 950 * n % 36_000, (950 * n + 870) % 36_000)
     for n in range(80)
 ]
+BLOCKED = bytes((0x54, 0xE0, 1, ldrobot.crc8(b"\x54\xe0\x01")))
+"""The record that tells of a blocked window."""
 LD19 = next(case for case in CASES if case.name == "ldrobot_ld19_6hz")
 DATA = Path(__file__).parents[2] / "data"
 REAL = Path(__file__).parents[4] / "shared" / "golden" / "ldrobot_ld06_real.npz"
@@ -69,14 +71,14 @@ def test_records_between_packets_are_no_noise(name: str, chunk: int | None) -> N
 
 @pytest.mark.parametrize("chunk", [None, 1, 13])
 def test_responses_of_the_one_model_that_has_any_are_records(chunk: int | None) -> None:
-    between = pack_response(0xA0) + pack_health(1) + pack_response(0xA8, b"\x54\x2c" * 12)
+    between = pack_response(0xA0) + BLOCKED + pack_response(0xA8, b"\x54\x2c" * 12)
     found = feed(LD19, b"".join(CLEAN[:40]) + between + b"".join(CLEAN[40:]), chunk)
     assert found.data == b"".join(CLEAN)
     assert (found.stats.records, found.stats.skipped_bytes) == (3, 0)
 
 
 def test_a_record_with_a_wrong_check_value_is_noise() -> None:
-    wrong = bytearray(pack_health(1))
+    wrong = bytearray(BLOCKED)
     wrong[-1] ^= 1
     found = feed(LD19, b"".join(CLEAN[:40]) + bytes(wrong) + b"".join(CLEAN[40:]))
     assert found.data == b"".join(CLEAN)

@@ -21,7 +21,6 @@ def pack_measurement(
     signals: Sequence[int],
     *,
     hertz: float = 6.0,
-    offset: int = 0,
     end: int | None = None,
     version: int = 1,
 ) -> bytes:
@@ -32,11 +31,11 @@ def pack_measurement(
         millimetres: Sent as quarters; 0 = no return, as is what 16 bits cannot hold.
         signals: As many.
         hertz: Speed of the rotor.
-        offset: The calibration, hundredths of a degree.
         end: The angle of the last sample, of a model that sends it.
         version: As in the head.
     """
-    data = bytes((min(round(hertz * 20), 255),)) + offset.to_bytes(2, "big", signed=True) + start.to_bytes(2, "big")
+    # The calibration is 0.
+    data = bytes((min(round(hertz * 20), 255), 0, 0)) + start.to_bytes(2, "big")
     if end is not None:
         data += end.to_bytes(2, "big")
     for distance, signal in zip(millimetres, signals, strict=True):

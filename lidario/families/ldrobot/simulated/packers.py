@@ -73,15 +73,7 @@ def pack_points(
     return rows.tobytes()
 
 
-def pack_health(blocked: int) -> bytes:
-    """The record that tells of a blocked (1) or covered (2) window."""
-    return _checked(bytes((0x54, 0xE0, blocked)))
-
-
 def pack_response(command: int, payload: bytes = bytes(4)) -> bytes:
     """What the LD14P sends after a request; the contents are documented nowhere."""
-    return _checked(struct.pack("<BBB", 0x54, command, len(payload)) + payload)
-
-
-def _checked(body: bytes) -> bytes:
+    body = struct.pack("<BBB", 0x54, command, len(payload)) + payload
     return body + bytes(check_of(np.frombuffer(body, np.uint8)[None]))
