@@ -13,7 +13,7 @@ import pytest
 from lidario.families.base import Family
 from lidario.families.registry import FAMILIES
 from tests.new_family import sizes
-from tests.new_family.__main__ import begin_family
+from tests.new_family.__main__ import begin_family, main
 from tests.new_family.sizes import size_of
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -62,6 +62,18 @@ def test_a_family_is_green_from_the_first_minute(clone: Path) -> None:
     stream.unlink()
     run(clone, "-m", "tests.new_family", "zebra", "--stream")
     assert stream.read_bytes() == made
+
+
+def test_no_stream_is_made_for_a_family_that_is_not_there(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["new_family", "zebra", "--stream"])
+    with pytest.raises(SystemExit) as left:
+        main()
+    told = capfd.readouterr().err
+    assert left.value.code == 2
+    assert "there is no family 'zebra' yet" in told
+    assert "Traceback" not in told
 
 
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.name)

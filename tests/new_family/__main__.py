@@ -32,8 +32,8 @@ def main() -> int:
     name = asked.name
     stream = ROOT / "tests" / "data" / f"{name}_first.npz"
     if asked.stream:
-        if not (ROOT / "lidario" / "families" / name).is_dir():
-            parser.error(f"there is no family {name!r} in lidario/families; without --stream it is begun")
+        if not (ROOT / "tests" / "reference" / f"{name}.py").exists():
+            parser.error(f"there is no family {name!r} yet: the same without --stream begins one")
         made = subprocess.run([sys.executable, "-c", _STREAM.replace("newname", name), str(stream)], cwd=ROOT)
         return made.returncode
     try:
@@ -49,7 +49,7 @@ def main() -> int:
     for path in (*written, stream):
         print(path.relative_to(ROOT))
     print(f"\nlidario scan sim://{name}-one -n 3        # works already\npython -m pytest tests/families/{name}")
-    print("grep -rn 'WRITE HERE' lidario/families       # what the manual must tell first: docs/new-family.md")
+    print("grep -rnI 'WRITE HERE' lidario/families      # what the manual must tell first: docs/new-family.md")
     return 0
 
 
