@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,14 +20,20 @@ lidario.run(rerun_live.main(lidario.testing.SimulatedLidar(walls={WALLS}), sys.a
 """
 
 
-@pytest.mark.long
-def test_rerun_live_keeps_what_the_viewer_shows(tmp_path: Path) -> None:
-    from rerun.chunk import RrdReader  # which takes long
+@pytest.fixture(scope="module")
+def reader() -> Any:
+    """Rerun's own. To import it takes long, and starts threads that stay."""
+    from rerun.chunk import RrdReader
 
+    return RrdReader
+
+
+@pytest.mark.long
+def test_rerun_live_keeps_what_the_viewer_shows(tmp_path: Path, reader: Any) -> None:
     file = tmp_path / "run.rrd"
     subprocess.run([sys.executable, "-c", PROGRAM, str(file)], env=environment(), timeout=BOUND, check=True)
     # Rerun writes a piece of the file whenever some time has passed: on a busy machine they are several.
-    pieces = [chunk.to_record_batch() for chunk in RrdReader(file).stream() if chunk.entity_path == "/lidar/scan"]
+    pieces = [chunk.to_record_batch() for chunk in reader(file).stream() if chunk.entity_path == "/lidar/scan"]
     found = sorted(
         (time, scan)
         for piece in pieces
