@@ -7,9 +7,10 @@ READY := $(VENV)/.ready
 # pyright asks the first `python` in PATH where the packages are. It has --pythonpath too, but --verifytypes ignores that.
 PYRIGHT := PATH="$(BIN):$$PATH" $(BIN)/pyright
 SCANS ?= 3
-# Tests wait for a process or a clock at times, so two share a core.
+# Quick tests wait for hardly anything, and each worker takes 8 s to find them. Long ones wait for a process or a clock
+# at times, so two share a core.
 CORES := $(shell getconf _NPROCESSORS_ONLN)
-WORKERS ?= $(shell expr 2 \* $(CORES))
+WORKERS ?= $(shell expr 1 + $(CORES))
 CHECK_WORKERS ?= $(shell expr 2 \* $(CORES))
 TESTS ?= --long
 # Without compiled files, each program that the tests start compiles everything again: 0.8 s each time.
@@ -37,7 +38,7 @@ demo: $(RUNS)  ## live scans of a simulated lidar, as bytes through a real pseud
 	$(BIN)/lidario info sim://rplidar-s2
 	$(BIN)/lidario scan sim://rplidar-s2 -n $(SCANS)
 
-test: $(READY)  ## the quick tests, two on every core; `make check` runs all of them
+test: $(READY)  ## the quick tests; `make check` runs the long ones, too
 	$(BIN)/python -m pytest -n $(WORKERS)
 
 check: $(READY)  ## lint, types and workflows, beside all tests under coverage; TESTS=--exhaustive: at full length

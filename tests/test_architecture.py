@@ -53,6 +53,7 @@ def _bound(node: ast.stmt) -> set[str]:
     return {target.id if isinstance(target, ast.Name) else getattr(target, "attr", "") for target in targets}
 
 
+@pytest.mark.long
 def test_something_is_found_to_test() -> None:
     assert len(PATHS) > 12
     assert len(NAMES) > 80
@@ -61,6 +62,7 @@ def test_something_is_found_to_test() -> None:
     assert not {"Port.no_such_thing", "link"} & defined()
 
 
+@pytest.mark.long
 def test_everything_that_is_named_is_there() -> None:
     beside = (ROOT, ROOT / "lidario" / "families" / "rplidar")
     assert [path for path in PATHS if not any((folder / path).exists() for folder in beside)] == []

@@ -186,6 +186,7 @@ async def tried_in_session(call: Callable[[Any], Coroutine[Any, Any, object]], v
     return None
 
 
+@pytest.mark.long
 @both_families
 @driven
 async def test_no_foreign_exception_leaves_a_session(family: str) -> None:

@@ -28,6 +28,7 @@ def test_every_beam_has_the_time_of_its_samples(hertz: float, beams: int | None,
 
 
 # Exactly one sample lost, and not enough to be seen in the duration.
+@pytest.mark.long
 @example(6.0, 1000.0, 15.3, False, 0.0, 0.0, [(0.25, 0.0078125)], 0.0, None, 0.0, "counter-clockwise")
 @example(6.0, 1000.0, 15.3, False, 0.0, 0.0, [(0.25, 0.0078125)], -0.006, None, 0.0, "counter-clockwise")
 @given(
@@ -97,6 +98,7 @@ def test_a_seam_that_was_not_told_moves_the_grid() -> None:
     assert laser.angle_min == pytest.approx(math.radians(0.25 - 20.0), abs=1e-6)
 
 
+@pytest.mark.long
 def test_lost_packets_at_the_seam_do_not_change_the_speed() -> None:
     """The scan that begins late has too short a duration, and the one before it too long a one."""
     late = sweep(hertz=10, sample_us=500, gaps=[(0.0, 0.08)])

@@ -137,6 +137,7 @@ async def test_beams_of_simulated_devices_say_when_they_were_measured(family: st
         assert laser.range_max == 30.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("family", FAMILIES)
 @driven
 async def test_beams_say_when_they_were_measured_although_packets_are_lost(family: str) -> None:

@@ -62,6 +62,7 @@ def _types(node: ast.expr) -> list[str]:
     return []
 
 
+@pytest.mark.long
 def test_every_number_of_several_bytes_says_its_order() -> None:
     lines = {path.relative_to(ROOT).as_posix(): unsaid(path.read_text(encoding="utf-8")) for path in MODULES}
     assert len(lines) > 200

@@ -62,6 +62,7 @@ def test_it_is_short_and_says_what_it_is(path: Path) -> None:
         assert sum(len(cell["source"]) for cell in cells() if cell["cell_type"] == "code") < LINES
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "given"), [("two_lidars", 0), ("two_lidars", 3), ("day_to_parquet", 1)])
 def test_an_example_that_needs_two_arguments_says_which(name: str, given: int) -> None:
     done = run_example(name, *["sim://rplidar-s2"] * given)
@@ -141,6 +142,7 @@ async def test_two_lidars() -> None:
     assert rear.is_still
 
 
+@pytest.mark.long
 async def test_occupancy_grid(capsys: pytest.CaptureFixture[str]) -> None:
     grid = await load("occupancy_grid").main(SimulatedLidar(walls=room(6, 4), noise=0.002), count=3)
     cells, middle = grid.cells, grid.cells.shape[0] // 2
@@ -178,6 +180,7 @@ async def until(client: httpx.AsyncClient, status: int) -> Any:
     return answer.json()
 
 
+@pytest.mark.long
 async def test_web_app() -> None:
     lidar = SimulatedLidar(walls=[((2.0, -1.0), (2.0, 1.0))])
     async with served(lidar) as (app, client):
@@ -191,6 +194,7 @@ async def test_web_app() -> None:
     assert lidar.is_still
 
 
+@pytest.mark.long
 async def test_web_app_serves_no_old_scan() -> None:
     lidar = SimulatedLidar()
     async with served(lidar) as (_, client):
@@ -221,6 +225,7 @@ async def test_web_app_says_what_has_ended_its_reading(monkeypatch: pytest.Monke
             assert detail == "the lidar is gone: the rotor is held"
 
 
+@pytest.mark.long
 async def test_record_on_trigger(tmp_path: Path) -> None:
     lidar = SimulatedLidar(bodies=[Body([(0, 3, 0), (2, 3, 0), (2.1, 0.5, 0), (2.6, 0.5, 0), (2.7, 3, 0)], 0.2)])
     files = await load("record_on_trigger").main(lidar, tmp_path)

@@ -59,6 +59,7 @@ def test_a_robot_stands_where_its_lidar_has_failed(model: str, fault: str, monke
     assert told[-1][1] == 0.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fault", PASSING)
 def test_a_robot_drives_on_when_its_lidar_is_back(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
     told = wheels("rplidar-s2", fault, 10.0, monkeypatch)
@@ -67,6 +68,7 @@ def test_a_robot_drives_on_when_its_lidar_is_back(fault: str, monkeypatch: pytes
     assert told[-1][1] == 0.0
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("model", sample=MODELS[:1], full=MODELS)
 @pytest.mark.parametrize("fault", DAMAGE)
 def test_damage_keeps_no_robot_from_driving_where_it_sees(
@@ -79,6 +81,7 @@ def test_damage_keeps_no_robot_from_driving_where_it_sees(
     assert told[-1][1] == 0.0
 
 
+@pytest.mark.long
 @driven
 async def test_two_lidars_are_merged_only_where_both_are_of_one_moment(capsys: pytest.CaptureFixture[str]) -> None:
     """One of them pauses: the other one's scan, which waited meanwhile, is old by then."""

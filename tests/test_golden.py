@@ -104,6 +104,7 @@ def test_the_events_are_one_descriptor_and_one_run(how: tuple[Case, int | None])
     assert received.stats.skipped_bytes == received.stats.stray_bytes == 0
 
 
+@pytest.mark.long
 @SOME_OR_ALL
 def test_the_scans_are_the_scalar_references_turns(how: tuple[Case, int | None]) -> None:
     case, chunks = how

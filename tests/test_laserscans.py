@@ -34,6 +34,7 @@ def test_the_grid_is_not_that_of_a_motor_that_spins_up() -> None:
     assert repr(messages) == "<LaserScans: 200 beams>"
 
 
+@pytest.mark.long
 def test_all_are_on_it_also_where_much_is_missing() -> None:
     messages = LaserScans(order="measured", mount_yaw=0.3, preset="vendor", frame_id="front")
     truths = [
@@ -83,6 +84,7 @@ def test_a_grid_beside_the_field_of_a_device_has_only_what_is_in_it() -> None:
         assert np.isnan(ranges[180:]).all()
 
 
+@pytest.mark.long
 def test_a_motor_that_never_has_its_speed_is_not_waited_for_for_ever() -> None:
     messages = LaserScans()
     scans = turning(*np.geomspace(1.0, 20.0, 2 * MOST_WAITING))

@@ -113,6 +113,7 @@ def test_the_rules_see_the_whole_package() -> None:
     assert "serial" in foreign(PACKAGE / "port" / "adapter.py")
 
 
+@pytest.mark.long
 def test_imports_point_one_way() -> None:
     for path in FILES:
         own = layer(module(path))
@@ -134,6 +135,7 @@ def test_the_folders_of_the_session_import_one_way() -> None:
                 assert rank(name) <= rank(module(path)), f"{named(path)} imports {name}"
 
 
+@pytest.mark.long
 def test_input_and_output_begin_at_the_port() -> None:
     for path in FILES:
         if RANK[layer(module(path))] >= OF_PORT or named(path) in ("sim/serve.py", "sim/server.py"):
@@ -141,6 +143,7 @@ def test_input_and_output_begin_at_the_port() -> None:
         assert not foreign(path) & (SANS_IO | {"logging", "time"}), named(path)
 
 
+@pytest.mark.long
 def test_serial_ports_are_known_where_they_are_opened_and_listed() -> None:
     users = {named(path) for path in FILES if foreign(path) & {"serial", "serial_asyncio"}}
     assert users == {"port/adapter.py", "port/serial.py", "session/finding/discovery.py"}
@@ -215,6 +218,7 @@ def vendors_named(source: str) -> list[str]:
     return found
 
 
+@pytest.mark.long
 def test_no_vendor_is_named_outside_the_families() -> None:
     for path in [path for path in FILES if "families" not in path.parts]:
         assert vendors_named(path.read_text(encoding="utf-8")) == [], named(path)
@@ -243,6 +247,7 @@ def too_long(root: Path) -> dict[str, int]:
     return found
 
 
+@pytest.mark.long
 def test_no_file_is_too_long_to_have_one_idea() -> None:
     assert too_long(ROOT) == {}
 

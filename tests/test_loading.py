@@ -40,6 +40,7 @@ print("it goes on")
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "use", ["lidario.Scan", "from lidario.testing import make_scan", "from lidario.ros import pointcloud2"]
 )

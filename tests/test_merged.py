@@ -146,6 +146,7 @@ def test_what_cannot_be(tmp_path: object) -> None:
         lidario.merged("x")  # type: ignore[arg-type]
 
 
+@pytest.mark.long
 async def test_two_lidars_are_read_as_one() -> None:
     """Each stands 0.5 m off the middle of one room; put together, all points lie on its walls."""
     walls = room(6.0, 4.0)
@@ -182,6 +183,7 @@ async def test_two_lidars_are_read_as_one() -> None:
     assert two.is_still
 
 
+@pytest.mark.long
 async def test_where_the_reader_is_slow_none_is_missing_and_the_latest_scans_win() -> None:
     devices = [SimulatedLidar() for _ in range(3)]
     async with (
@@ -199,6 +201,7 @@ async def test_where_the_reader_is_slow_none_is_missing_and_the_latest_scans_win
             assert loop.time() - cloud.at_ns * 1e-9 < 0.3
 
 
+@pytest.mark.long
 async def test_a_reader_that_leaves_stops_the_motors() -> None:
     one, two = SimulatedLidar(), SimulatedLidar()
     mounts = [Mount(), Mount()]
@@ -257,6 +260,7 @@ async def test_a_stream_goes_on_where_the_program_cancels_all_tasks_and_reads_on
                 pass
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fault", ["", "unplug:1s"])
 async def test_an_error_of_one_ends_all(fault: str) -> None:
     """It is raised, and nothing else is told to the loop."""

@@ -48,6 +48,7 @@ def test_what_runs_is_changed_and_what_is_shown_is_not() -> None:
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("part", PARTS)
 def test_every_change_is_one_line_and_compiles(part: str) -> None:
     chosen = choose(20, 1, part)
@@ -61,6 +62,7 @@ def test_every_change_is_one_line_and_compiles(part: str) -> None:
         compile(place.changed(source), place.path, "exec")
 
 
+@pytest.mark.long
 def test_the_same_seed_gives_the_same_changes() -> None:
     chosen = choose(100, 7, "wire")
     assert chosen != choose(100, 8, "wire")

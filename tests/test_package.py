@@ -99,6 +99,7 @@ def named_extras() -> list[tuple[str, str]]:
     )
 
 
+@pytest.mark.long
 def test_every_extra_that_a_text_names_is_one() -> None:
     named = named_extras()
     assert {"README.md", "docs/index.md", "CONTRIBUTING.md", "Makefile"} <= {file for file, _ in named}

@@ -7,6 +7,8 @@ import ast
 import re
 from pathlib import Path
 
+import pytest
+
 PRIVATE = re.compile(r"_[^_]\w*(?<!_)")
 WORD = re.compile(r"\b_[^_\W]")
 BY_STRINGS = {"__setattr__", "delattr", "getattr", "hasattr", "object", "patch", "setattr"}
@@ -52,6 +54,7 @@ def _is_own(node: ast.AST) -> bool:
     return isinstance(owner, ast.Name) and owner.id in ("self", "cls", "super")
 
 
+@pytest.mark.long
 def test_no_test_looks_at_what_is_private() -> None:
     tests = Path(__file__).parent
     found = {
@@ -62,6 +65,8 @@ def test_no_test_looks_at_what_is_private() -> None:
 
 def test_what_is_private_is_found_wherever_it_stands() -> None:
     source = """
+import pytest
+
 from lidario._a import b
 from lidario.b import _b
 import _c

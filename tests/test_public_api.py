@@ -121,6 +121,7 @@ def test_importing_costs_next_to_nothing() -> None:
     assert not loaded & (EXTRAS | {"numpy", "serial", "anyio"})
 
 
+@pytest.mark.long
 def test_no_public_name_brings_an_extra_along() -> None:
     loaded = set(in_a_fresh_interpreter(f"from lidario import *; import sys; {LOADED}").split())
     assert {"numpy", "lidario.session.lidar"} <= loaded

@@ -43,6 +43,7 @@ async def test_ten_poses(pose: tuple[float, float, float]) -> None:
     assert looseness(*clouds, found) < 0.8
 
 
+@pytest.mark.long
 async def test_a_guess_is_enough_where_the_room_looks_alike() -> None:
     corners = [(2.0, 1.5), (-2.0, 1.5), (-2.0, -1.5), (2.0, -1.5), (2.0, 1.5)]
     walls = np.concatenate([np.linspace(a, b, 300) for a, b in pairwise(corners)])
@@ -75,6 +76,7 @@ def plane(room: np.ndarray) -> np.ndarray:
 ROUND = 3 * WAYS + np.random.default_rng(7).normal(0.0, 0.005, len(WAYS)) * WAYS
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("first", "second"),
     [

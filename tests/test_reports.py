@@ -50,6 +50,7 @@ def report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_one_is_added(report: Path, tmp_path: Path) -> None:
     folder = tmp_path / "reports"
     folder.mkdir()
@@ -72,6 +73,7 @@ def test_one_is_added(report: Path, tmp_path: Path) -> None:
         reports.add(report, "somebody", folder)
 
 
+@pytest.mark.long
 def test_a_change_of_what_is_decoded_shows(report: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = reports.text_of(report, "somebody")
     decode_file = lidario.decode_file

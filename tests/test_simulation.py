@@ -45,6 +45,7 @@ class Breaking(Seen):
         return super().ranges_mm(angles, times)
 
 
+@pytest.mark.long
 @driven
 async def test_a_list_of_walls_is_a_world() -> None:
     for model in (family.simulated[0] for family in FAMILIES):

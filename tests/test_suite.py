@@ -157,6 +157,7 @@ EVERY_SECOND = [each for number, each in enumerate(FAULTY) if number % 4 in (0, 
 """Every fault on one of the models, in turns."""
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("faulty", sample=EVERY_SECOND, full=FAULTY)
 @driven
 async def test_the_ledger_of_a_session_closes_under_every_fault(faulty: tuple[str, str]) -> None:
@@ -198,6 +199,7 @@ def test_signals_that_the_parent_ignores_are_obeyed(name: str) -> None:
         signal.signal(number, before)
 
 
+@pytest.mark.long
 def test_what_goes_on_for_ever_on_a_driven_loop_fails() -> None:
     """A device that sends, or a timer that comes again, keeps the clock going."""
 

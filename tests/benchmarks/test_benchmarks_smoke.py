@@ -144,6 +144,7 @@ def test_the_table_of_the_page_is_markdown() -> None:
     assert any("not run: no Chromium" in line for line in lines)
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("how", sample=list(damage.DAMAGES)[::6], full=list(damage.DAMAGES))
 @pytest.mark.exhaustive("name", sample=list(KINDS)[::3], full=list(KINDS))
 def test_damage_costs_what_it_hits_and_is_told(name: str, how: str) -> None:
@@ -168,6 +169,7 @@ def test_a_long_recording_is_made_of_a_short_one(tmp_path: Path) -> None:
     assert (found.missed_scans, found.skipped_bytes) == (0, 0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["0x82 express", "0x84 ultra", "0x85 dense", "0x86 ultra-dense"])
 def test_of_capsules_of_which_each_second_is_lost_from_the_start_half_of_the_points_are_kept(name: str) -> None:
     found = damage.outcome(KINDS[name], "each second packet lost", seed=1)
@@ -176,6 +178,7 @@ def test_of_capsules_of_which_each_second_is_lost_from_the_start_half_of_the_poi
     assert found.told == pytest.approx(found.missing, rel=0.01)
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("seed", sample=[2], full=range(1, 7))
 @pytest.mark.parametrize("name", ["0x82 express", "0x85 dense"])
 def test_where_most_packets_are_lost_no_more_is_told_than_is_missing(name: str, seed: int) -> None:

@@ -22,6 +22,7 @@ pytestmark = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("family", life.MODELS)
 def test_a_seed_always_means_the_same(family: str) -> None:
     first, second = (live(family, 7, 0, SECONDS, CALM) for _ in range(2))
@@ -34,6 +35,7 @@ def test_every_fault_is_among_the_damages() -> None:
     assert {each.partition(":")[0] for each in DAMAGES} == set(FAULTS)
 
 
+@pytest.mark.long
 def test_a_device_that_is_not_left_still_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Stopper, "requests", lambda self: ())
     with pytest.raises(Broken, match=r"goes on|it scans"):

@@ -158,6 +158,7 @@ def test_the_number_of_a_sample_is_found_by_its_neighbours(code: Code) -> None:
     assert (code.decode(millimetres + np.float32(code.step / 2))[0] == UNKNOWN).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "gone"),
     [("each second packet gone", 0.5), ("40 % of the packets spoilt", 0.4), ("an outage of two turns", 0.05)],
@@ -181,6 +182,7 @@ def _arc_over_a_gap(case: Case) -> tuple[int, int] | None:
     return by_vendor(*happen(case, FORMATS["0x85 C1"]))
 
 
+@pytest.mark.long
 def test_the_vendors_rules_spread_a_packet_over_a_gap() -> None:
     stream, line = happen(CASES["clean"], FORMATS["0x85 C1"])
     points = score(stream, line, receive(stream, line, "read"), timed=True).samples
@@ -195,6 +197,7 @@ def test_the_vendors_rules_spread_a_packet_over_a_gap() -> None:
     assert by_vendor(*happen(CASES["clean"], FORMATS["X4"])) is None
 
 
+@pytest.mark.long
 def test_rows_are_selected_by_words() -> None:
     result = truth.run(Setting(quick=False, words=("0x85 C1", "two turns")))
     assert [row["way"] for row in result.rows] == list(WAYS)

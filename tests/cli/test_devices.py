@@ -71,6 +71,7 @@ def test_a_named_port_ends_it_as_it_ends_scan(
     assert invoke("devices").exit_code == 3
 
 
+@pytest.mark.long
 def test_a_named_port_is_asked() -> None:
     with served("rplidar-s2") as server:
         ended = invoke("devices", server.path, "/dev/nosuchport", "--json")

@@ -130,6 +130,7 @@ def hangs_in_a_write(pid: int) -> bool:
     return False
 
 
+@pytest.mark.long
 def test_keep_spinning_leaves_the_motor_on_and_the_laser_off() -> None:
     with served(FIRST) as server:
         ended = invoke("scan", server.path, "--json", "--keep-spinning")
@@ -139,6 +140,7 @@ def test_keep_spinning_leaves_the_motor_on_and_the_laser_off() -> None:
             assert server.device.motor_on
 
 
+@pytest.mark.long
 def test_a_finished_scan_leaves_nothing_running() -> None:
     with served(FIRST) as server:
         assert invoke("scan", server.path, "--csv").exit_code == 0

@@ -103,6 +103,7 @@ def test_an_export_that_cannot_be_written_is_told(tmp_path: Path, kind: str) -> 
     assert done.exit_code == 4, done.stderr
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("arguments", [("--version",), ("scan", "--help")], ids=" ".join)
 def test_a_reader_that_is_gone_is_no_error(arguments: tuple[str, ...]) -> None:
     reader, writer = os.pipe()

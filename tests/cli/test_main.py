@@ -35,6 +35,7 @@ def test_numpy_starts_no_threads_unless_asked_to(asked: str, monkeypatch: pytest
     assert os.environ["OPENBLAS_NUM_THREADS"] == (asked or "1")
 
 
+@pytest.mark.long
 def test_a_terminal_without_columns_is_none() -> None:
     """As some programs tell those that they start."""
     told = [run("info", "sim://rplidar-s2?via=memory", environment=size).stdout for size in ({}, {"COLUMNS": "0"})]

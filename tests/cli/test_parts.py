@@ -31,6 +31,7 @@ def pattern(tmp_path_factory: pytest.TempPathFactory) -> str:
     return done.stdout.strip()
 
 
+@pytest.mark.long
 def test_info_tells_of_all_of_them(pattern: str) -> None:
     told = json.loads(invoke("info", pattern, "--json").stdout)
     assert told["scans"] in (36, 37)
@@ -39,6 +40,7 @@ def test_info_tells_of_all_of_them(pattern: str) -> None:
     assert "1 times" in invoke("info", pattern).stdout
 
 
+@pytest.mark.long
 def test_a_reader_sees_the_gap(pattern: str) -> None:
     done = invoke("scan", f"{pattern}?rate=0", "-n", "0", "--json")
     assert done.exit_code == 0, done.stderr
@@ -47,6 +49,7 @@ def test_a_reader_sees_the_gap(pattern: str) -> None:
     assert [scan["seq"] for scan in scans] == [scan.seq for scan in FileDecoder(pattern)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("end", ["npz", "csv", "mcap"])
 def test_they_are_exported_as_one(pattern: str, end: str, tmp_path: Path) -> None:
     done = invoke("export", pattern, str(tmp_path / f"{{}}.{end}"))

@@ -23,6 +23,7 @@ def live(tmp_path_factory: pytest.TempPathFactory) -> Live:
     return record(tmp_path_factory.mktemp("runs") / "run.mcap", "sim://rplidar-s2", 6)
 
 
+@pytest.mark.long
 def test_record_ends_by_itself_and_names_its_file(tmp_path: Path) -> None:
     path = str(tmp_path / "a.mcap")
     done = invoke_driven("record", "sim://rplidar-s2?via=memory", "-n", "4", "-o", path, "--scans")
@@ -41,6 +42,7 @@ def test_record_ends_by_itself_and_names_its_file(tmp_path: Path) -> None:
     assert 0.9 < json.loads(invoke("info", path, "--json").stdout)["duration_s"] < 1.3
 
 
+@pytest.mark.long
 def test_other_verbs_read_a_recording_to_its_end(live: Live, tmp_path: Path) -> None:
     path = str(live.path)
     done = invoke("stats", f"{path}?rate=0", "-t", "30s", "--json")
@@ -107,6 +109,7 @@ def test_scan_reads_a_file(live: Live) -> None:
     assert stamps[: len(live.scans)] == [scan.stamp_ns for scan in live.scans]
 
 
+@pytest.mark.long
 def test_export(live: Live, tmp_path: Path) -> None:
     scans = list(lidario.decode_file(live.path))
     for form in ("npz", "csv", "mcap"):

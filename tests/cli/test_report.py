@@ -27,6 +27,7 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "report.mcap"
 
 
+@pytest.mark.long
 def test_a_report_is_a_page_and_a_file(path: Path) -> None:
     result = invoke_driven("report", LD19, "-o", str(path))
     assert result.exit_code == 0, result.stderr
@@ -62,6 +63,7 @@ def test_a_report_is_checked(path: Path) -> None:
     assert page["facts"]["line"] == "simulated, 230400 baud"
 
 
+@pytest.mark.long
 def test_a_sick_device(path: Path) -> None:
     result = invoke_driven("report", LD19 + "&fault=flip:0.2%", "-o", str(path), "--json")
     assert result.exit_code == 0, result.stderr
@@ -181,6 +183,7 @@ def test_where_nothing_comes_at_all_no_file_is_made(path: Path) -> None:
     assert not path.exists()
 
 
+@pytest.mark.long
 def test_the_port_is_told(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with served("rplidar-s2") as server:
         root = tmp_path / "root"

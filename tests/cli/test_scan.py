@@ -51,6 +51,7 @@ def test_intensities_where_the_mode_carries_them() -> None:
     assert all(isinstance(value, int) for value in scan["intensities"])
 
 
+@pytest.mark.long
 def test_csv_is_one_row_per_sample() -> None:
     source = "sim://rplidar-s2?via=memory"
     ended = invoke_driven("scan", source, "-n", "2", "--csv")
@@ -97,6 +98,7 @@ def test_every_model(model: str) -> None:
     assert all(value is not None and abs(value - 2.0) < 0.02 for value in scan["ranges"])
 
 
+@pytest.mark.long
 def test_a_device_that_is_unplugged_is_lost_but_counted() -> None:
     ended = invoke_driven("scan", "sim://rplidar-s2?via=memory&fault=unplug:3s", "-n", "0", "--json")
     assert ended.exit_code == 5
@@ -106,6 +108,7 @@ def test_a_device_that_is_unplugged_is_lost_but_counted() -> None:
     assert ended.stderr.splitlines()[-1].startswith("error: ")
 
 
+@pytest.mark.long
 def test_it_goes_on_after_the_lidar_was_unplugged() -> None:
     source = "sim://rplidar-s2?via=memory&fault=replug:2s"
     lost = invoke_driven("scan", source, "-n", "15", "--json")
@@ -118,6 +121,7 @@ def test_it_goes_on_after_the_lidar_was_unplugged() -> None:
     assert "1 reconnect" in result.stderr
 
 
+@pytest.mark.long
 def test_what_a_device_does_not_tell_is_left_out() -> None:
     """A device that only talks tells no serial number and no firmware."""
     for verb in (["scan"], ["stats", "-t", "1s"], ["doctor"]):

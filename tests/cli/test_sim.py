@@ -137,6 +137,7 @@ def test_an_address_that_is_taken() -> None:
     assert "in use" in ended.stderr
 
 
+@pytest.mark.long
 def test_it_ends_when_a_fault_pulls_the_cable() -> None:
     with started("sim", "--fault", "drop:0.1%", "--fault", "unplug:100ms") as sim:
         path = line_of(sim.stdout).strip()

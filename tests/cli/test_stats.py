@@ -29,6 +29,7 @@ def measured(periods: list[float] | None = None, *, returns: int = 3000, **chang
     return Measured(stamps, [3200] * count, [returns] * count, line(**changes), now)
 
 
+@pytest.mark.long
 def test_a_clean_line_is_good_and_every_figure_is_right() -> None:
     ended = invoke_driven("stats", S2, "-t", "2s", "--json")
     assert ended.exit_code == 0
@@ -45,6 +46,7 @@ def test_a_clean_line_is_good_and_every_figure_is_right() -> None:
     assert 0 < told["jitter_ms"] < 2
 
 
+@pytest.mark.long
 def test_damage_is_told_with_its_cure() -> None:
     ended = invoke_driven("stats", S2 + "&fault=drop:0.1%", "-t", "1s", "--json")
     assert ended.exit_code == 0

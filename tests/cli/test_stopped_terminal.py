@@ -82,6 +82,7 @@ def test_watch_is_ended_while_its_terminal_takes_nothing(typed: bool) -> None:
         assert process.wait(BOUND) == 0
 
 
+@pytest.mark.long
 def test_watch_says_that_a_terminal_cannot_draw() -> None:
     with on_terminal("watch", "sim://rplidar-s2", kind="dumb") as (process, screen, _):
         screen.until("needs a terminal whose cursor moves")
@@ -137,6 +138,7 @@ def test_a_signal_ends_what_waits_for_a_device() -> None:
         assert process.wait(BOUND) == 128 + signal.SIGTERM
 
 
+@pytest.mark.long
 def test_the_cursor_is_there_while_a_verb_works() -> None:
     """So a verb that is killed does not leave a terminal without one."""
     with served("rplidar-s2") as server:

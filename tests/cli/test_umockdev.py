@@ -69,6 +69,7 @@ def told(folder: Path, devices: str, *arguments: str) -> str:
     return ended.stdout
 
 
+@pytest.mark.long
 def test_the_rules_for_an_adapter_with_a_timer_and_a_number_of_its_own(tmp_path: Path) -> None:
     rules = told(tmp_path, FTDI, "udev", "--name", "front").splitlines()[1:]
     its = '{idVendor}=="0403", ATTR{idProduct}=="6001", ATTR{serial}=="AH06W0EQ", '
@@ -82,6 +83,7 @@ def test_the_rules_for_an_adapter_with_a_timer_and_a_number_of_its_own(tmp_path:
     ]
 
 
+@pytest.mark.long
 def test_the_rules_for_one_of_two_with_neither(tmp_path: Path) -> None:
     rules = told(tmp_path, f"{FTDI}\n{CP2102}", "udev", "/dev/ttyUSB1")
     assert "latency_timer" not in rules

@@ -36,6 +36,7 @@ def settings(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.long
 async def test_a_session_honours_them(settings: Path, tmp_path: Path) -> None:
     lidar = SimulatedLidar("rplidar-s2", serial=SERIAL)
     async with lidario.open_lidar(lidar, config=settings) as session:

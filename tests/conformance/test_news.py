@@ -26,10 +26,12 @@ def report(tmp_path: Path) -> Report:
     return make(lidario.simulate("rplidar-s2"), tmp_path / "report.mcap", [rule_named("modes-are-listed")])[1]
 
 
+@pytest.mark.long
 def test_nothing_is_new_of_a_simulated_device(report: Report, known: tuple[Seen, ...]) -> None:
     assert news_of(report, known) == []
 
 
+@pytest.mark.long
 def test_a_model_that_nobody_knows(report: Report, known: tuple[Seen, ...]) -> None:
     info = replace(report.about.info, model="RPLIDAR S9", model_id=0x91)
     news = news_of(replace(report, about=replace(report.about, info=info)), known)
@@ -62,6 +64,7 @@ def test_modes_that_differ(report: Report, known: tuple[Seen, ...]) -> None:
     ]
 
 
+@pytest.mark.long
 def test_what_is_not_held(report: Report, known: tuple[Seen, ...]) -> None:
     tried = (Tried("sample-time", Outcome.BROKEN, "twice of it", 1.0), Tried("reset-boots", Outcome.HELD, "", 1.0))
     assert news_of(replace(report, tried=tried), known) == ["not held: sample-time: twice of it"]

@@ -80,6 +80,7 @@ def test_a_report_is_a_recording_that_others_read(model: str, tmp_path: Path) ->
         assert form not in data
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", ["rplidar-s2", "ydlidar-4ros", "hokuyo-urg04lx"])
 def test_what_plays_a_report_tells_the_hash(model: str, tmp_path: Path) -> None:
     path = tmp_path / "report.mcap"
@@ -215,6 +216,7 @@ def texts_in(path: Path) -> list[str]:
     return [*about["events"].split("\n"), *lines]
 
 
+@pytest.mark.long
 def test_what_was_measured_is_in_a_table(tmp_path: Path) -> None:
     path = tmp_path / "report.mcap"
     make(lidario.simulate("rplidar-s2", spin_up=0), path)
@@ -231,6 +233,7 @@ def test_what_was_measured_is_in_a_table(tmp_path: Path) -> None:
     assert str(figures["boot"]).endswith(" s")
 
 
+@pytest.mark.long
 def test_what_keeps_a_stream_going_is_measured(tmp_path: Path) -> None:
     rules = [rule_named("protection-keeps"), rule_named("protection-stops")]
     _, report = make(lidario.simulate("ydlidar-4ros"), tmp_path / "report.mcap", rules)
@@ -239,6 +242,7 @@ def test_what_keeps_a_stream_going_is_measured(tmp_path: Path) -> None:
     assert 2.5 < figures["stream without a request"] < 4.0
 
 
+@pytest.mark.long
 def test_a_file_that_is_cut_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
     path = tmp_path / "report.mcap"
     # Else a device that only talks fills the file while its thread begins late.
@@ -258,6 +262,7 @@ def test_a_file_that_is_cut_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
     assert counts[0] < counts[2]
 
 
+@pytest.mark.long
 def test_what_the_report_is_about_stands_first_on_a_slow_disk_too(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -277,6 +282,7 @@ def test_what_the_report_is_about_stands_first_on_a_slow_disk_too(
         assert not any(isinstance(each, Message) for each in before)
 
 
+@pytest.mark.long
 def test_what_is_too_much_is_counted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(module_kept, "MOST_BYTES", 2000)
     path = tmp_path / "report.mcap"

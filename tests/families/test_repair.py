@@ -52,6 +52,7 @@ def test_nothing_else_is_taken_for_it(case: Case) -> None:
     assert wrong == 0
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("seeds", sample=[1], full=[6])
 @every_case
 def test_one_flip_in_a_thousand_bytes_costs_a_fifth(case: Case, seeds: int) -> None:

@@ -39,6 +39,7 @@ def test_a_gap_seen_first_is_not_the_ordinary_step(arc: int, width: int, share: 
     assert found.certain
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("lost", sample=[1, 4], full=range(6))
 @pytest.mark.parametrize("name", ["rplidar_32k_82", "rplidar_32k_84", "rplidar_32k_85", "rplidar_32k_86"])
 def test_a_stream_joined_at_a_gap_delivers_no_wrong_point(name: str, lost: int) -> None:

@@ -117,6 +117,7 @@ def test_what_was_believed_while_little_came_is_held_against_the_time() -> None:
     assert all(arcs.certain and not lost(arcs) for arcs in behind)
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("share", sample=[0.3, 0.6], full=[0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
 @pytest.mark.parametrize("large", [False, True])
 @given(seed=st.integers(0, 2**32 - 1))

@@ -21,6 +21,7 @@ from tests.support.samples import one_a_parser
 pytestmark = pytest.mark.discards("a device that means harm answers what was not asked, and leaves out what was")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", TARGETS)
 def test_a_target_holds_on_its_seeds(name: str) -> None:
     target = TARGETS[name]
@@ -29,6 +30,7 @@ def test_a_target_holds_on_its_seeds(name: str) -> None:
         target.run(seed)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", TARGETS)
 @settings(max_examples=10)
 @given(st.data())
@@ -39,6 +41,7 @@ def test_a_target_holds_on_other_bytes(name: str, data: st.DataObject) -> None:
     target.run(seed[:at] + data.draw(st.binary(max_size=40)) + seed[at:])
 
 
+@pytest.mark.long
 @settings(max_examples=settings().max_examples * 20)
 @given(st.data(), st.integers(0, 255), st.integers(0, 255), st.integers(0, 255))
 def test_no_bytes_raise_in_any_state(data: st.DataObject, number: int, state: int, chunk: int) -> None:

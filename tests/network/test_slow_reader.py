@@ -83,6 +83,7 @@ async def read(session: Session, rounds: int, **options: Any) -> tuple[list[tupl
     return found, fleet
 
 
+@pytest.mark.long
 async def test_a_slow_reader_gets_no_old_scans(session: Session) -> None:
     found, fleet = await read(session, 20)
     # Each lidar has its turn, and what it gives is of the last revolution. Much had come before the first round.

@@ -80,6 +80,7 @@ async def close_and_watch(port: Port) -> tuple[float, float]:
     return took, worst
 
 
+@pytest.mark.long
 async def test_an_adapter_that_sends_nothing_stops_neither_the_loop_nor_the_close(
     ends: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -95,6 +96,7 @@ async def test_an_adapter_that_sends_nothing_stops_neither_the_loop_nor_the_clos
     assert "closed before all was sent" in caplog.text
 
 
+@pytest.mark.long
 async def test_a_terminal_that_takes_nothing(ends: tuple[int, int, str]) -> None:
     master, slave, path = ends
     before = open_files()
@@ -139,6 +141,7 @@ async def test_stop_requests_leave_before_the_port_is_closed(ends: tuple[int, in
     assert order == [f"closed, {before - 5} files"]
 
 
+@pytest.mark.long
 async def test_a_driver_that_cannot_discard_is_closed_off_the_loop(
     ends: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -189,6 +192,7 @@ async def test_cancelling_the_close_ends_only_the_waiting(
     await port.wait_closed()
 
 
+@pytest.mark.long
 async def test_a_loop_that_was_blocked_while_it_closed(
     ends: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -217,6 +217,7 @@ for change in (True, False):
 """
 
 
+@pytest.mark.long
 def test_signals_do_in_a_child_what_the_program_has_chosen() -> None:
     done = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", SIGNALLED],

@@ -84,6 +84,7 @@ async def test_one_that_is_stopped_does_not_keep_the_port(monkeypatch: pytest.Mo
         assert list(holders(server.path)) == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("source", ["sim://rplidar-s2", "sim://rplidar-s2?via=memory", "device"])
 async def test_a_simulated_device_needs_none(source: str, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO, "lidario")
@@ -92,6 +93,7 @@ async def test_a_simulated_device_needs_none(source: str, caplog: pytest.LogCapt
     assert len([record for record in caplog.records if record.message.startswith("guard: nothing at")]) == 1
 
 
+@pytest.mark.long
 async def test_a_device_that_only_talks_needs_none() -> None:
     with served("ldrobot-ld06") as server:
         async with open_lidar(server.path, guard=True), asyncio.timeout(PATIENCE_S):
@@ -99,6 +101,7 @@ async def test_a_device_that_only_talks_needs_none() -> None:
                 await asyncio.sleep(0.01)
 
 
+@pytest.mark.long
 async def test_where_the_system_cannot_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     with served("rplidar-s2") as server:
         for owner, name, value in (
@@ -140,6 +143,7 @@ async def test_cancelled_while_it_starts_it_ends(monkeypatch: pytest.MonkeyPatch
     await run_in_thread(lambda: until(lambda: not own_guards()))
 
 
+@pytest.mark.long
 async def test_the_end_of_the_socket_without_a_farewell_is_the_end_of_the_program() -> None:
     with terminal_pair() as (master, _, path):
         port = await open_serial(path, 115200)
@@ -222,6 +226,7 @@ async def test_its_end_without_a_farewell_is_told(caplog: pytest.LogCaptureFixtu
     assert called == [1]
 
 
+@pytest.mark.long
 def test_a_port_that_a_guard_has_is_held_by_its_program() -> None:
     """What is said to the next program: the guard of a program that lives is not waited for, and not named."""
     with served("rplidar-s2") as server:

@@ -43,6 +43,7 @@ async def test_what_is_held_comes_in_one_piece_with_the_time_of_each_read(
         assert sink.times == [third]
 
 
+@pytest.mark.long
 async def test_nothing_is_held_for_longer_than_half_a_second(terminal: tuple[int, str]) -> None:
     master, path = terminal
     # A schedule that makes no sense: no poll for a minute, and nothing is ever needed.

@@ -78,6 +78,7 @@ def test_when_it_has_ended_nothing_is_written_and_a_dead_line_does_not_raise(
     assert line.written == []
 
 
+@pytest.mark.long
 async def test_the_thread_writes_it_while_the_loop_is_blocked_and_taps_see_it_in_order() -> None:
     with terminal_pair() as (master, _, path):
         port = await open_serial(path, 1_000_000)

@@ -118,6 +118,7 @@ async def test_taps_see_what_the_thread_read_before_what_is_written_later() -> N
         await port.close()
 
 
+@pytest.mark.long
 async def test_beyond_a_mebibyte_the_port_tells_what_it_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.port.inbox.INBOX_BYTES", 6000)
     async with opened_terminal(1_000_000) as (port, sink, master):

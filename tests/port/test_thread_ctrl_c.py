@@ -91,6 +91,7 @@ def plain_loop() -> Iterator[asyncio.AbstractEventLoop]:
         loop.run_until_complete(asyncio.sleep(0))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("at", ["begin", "end"])
 @pytest.mark.exhaustive("stride", sample=[5], full=[1])
 def test_ctrl_c_at_every_call_of_a_stream(at: str, stride: int) -> None:

@@ -75,6 +75,7 @@ async def test_what_the_system_does_not_send_is_not_the_end(peer: socket.socket)
     await port.close()
 
 
+@pytest.mark.long
 @on_both_loops
 async def test_a_session() -> None:
     rig = make_rig("rplidar-s2e", world=make_world("circle"))
@@ -103,6 +104,7 @@ async def test_where_nothing_listens(peer: socket.socket) -> None:
     assert caught.value.reason == "refused"
 
 
+@pytest.mark.long
 async def test_a_host_that_is_silent(peer: socket.socket, monkeypatch: pytest.MonkeyPatch) -> None:
     impatient(monkeypatch)
     with pytest.raises(ConnectFailed, match="in its network") as caught:
@@ -140,6 +142,7 @@ async def test_abandoned_writes_the_stop_requests(peer: socket.socket) -> None:
         peer.recv(100)
 
 
+@pytest.mark.long
 async def test_an_ethernet_model_is_simulated_by_udp() -> None:
     async with asyncio.timeout(PATIENCE_S), open_lidar("sim://rplidar-t1") as lidar:
         assert lidar.info.model == "RPLIDAR T1M1"

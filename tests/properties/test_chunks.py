@@ -19,6 +19,7 @@ every_kind = one_a_parser(KINDS)
 HARM = {"flips": damage.flip, "lost bytes": damage.drop_bytes, "added bytes": damage.insert_bytes}
 
 
+@pytest.mark.long
 @every_kind
 @given(st.data())
 def test_any_mess_gives_the_same_events(case: Case, data: st.DataObject) -> None:
@@ -44,6 +45,7 @@ def packet_arrivals(packets: Packets) -> list[int]:
     return times
 
 
+@pytest.mark.long
 @every_kind
 @given(st.data())
 def test_several_reads_handed_over_together_tell_the_same_times(case: Case, data: st.DataObject) -> None:

@@ -23,6 +23,7 @@ def damaged(case: Case, probability: float, seed: int) -> Kept:
     return kept(case, raw, accepted, faulty)
 
 
+@pytest.mark.long
 @one_a_parser(PACKET_CASES)
 def test_one_byte_in_a_thousand(case: Case) -> None:
     # Of 781-byte packets so few survive that whole turns go: they get a tenth.
@@ -60,6 +61,7 @@ def test_a_flipped_bit_costs_its_packet_and_nothing_else(case: Case, bit: int) -
         assert [scan.lost_packets for scan in result.scans] == [0, 1] + [0] * (len(case.turns) - 2)
 
 
+@pytest.mark.long
 @one_a_parser(PACKET_CASES)
 def test_a_truncated_packet_costs_itself(case: Case) -> None:
     number = case.turns[1][0].packet + 4

@@ -19,6 +19,7 @@ def in_a_turn(case: Case, places: int) -> list[int]:
     return sorted({*range(first - 3, first + 2), *range(first, last, max(1, (last - first) // places)), last - 1})
 
 
+@pytest.mark.long
 @one_a_parser(PACKET_CASES)
 @pytest.mark.parametrize("count", [1, 3, 6])
 def test_lost_packets_are_counted_and_no_point_moves(case: Case, count: int) -> None:
@@ -58,6 +59,7 @@ def test_most_of_a_turn_may_be_lost(case: Case, begin: float, end: float) -> Non
     assert result.scans[1].lost_packets == pytest.approx(result.missing, rel=0.05)
 
 
+@pytest.mark.long
 @one_a_parser(KINDS)
 def test_more_than_a_turn_lost_is_no_scan(case: Case) -> None:
     """From the middle of one turn to just behind the middle of the next: the angle alone cannot tell."""
@@ -78,6 +80,7 @@ def test_more_than_a_turn_lost_is_no_scan(case: Case) -> None:
         assert len(scan) == len(turn)
 
 
+@pytest.mark.long
 @one_a_parser(CASES)
 def test_joining_in_mid_stream_delivers_no_partial_turn(case: Case) -> None:
     first = len(b"".join(case.packets[: case.turns[0][0].packet + 1]))

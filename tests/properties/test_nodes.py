@@ -60,6 +60,7 @@ def kind(origin: list[int]) -> str:
     return "hit" if origin[0] >= 0 and origin[0] % 5 == 0 else "wrong phase"
 
 
+@pytest.mark.long
 @every_case
 @pytest.mark.parametrize("harm", ["lost", "added"])
 @pytest.mark.exhaustive("seeds", sample=[4], full=[14])
@@ -85,6 +86,7 @@ def test_no_false_turn_and_hardly_a_node_of_wrong_phase(case: Case, harm: str, s
     assert lost <= 2 * hits
 
 
+@pytest.mark.long
 @every_case
 def test_what_a_single_lost_byte_costs(case: Case) -> None:
     """The node it was lost from, and mostly none or one of its neighbours."""
@@ -122,6 +124,7 @@ def test_bytes_put_between_two_nodes_cost_one_at_most(case: Case, extra: bytes) 
         assert len(set(found) - set(clean)) <= 1
 
 
+@pytest.mark.long
 @every_case
 def test_one_byte_in_a_thousand_flipped(case: Case) -> None:
     """A node's distance is guarded by nothing; but its angle is, and so are the turns."""
@@ -138,6 +141,7 @@ def test_one_byte_in_a_thousand_flipped(case: Case) -> None:
         assert link.skipped_bytes // 10 <= lost <= 0.02 * len(case.packets), f"seed {seed}"
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("tremble", sample=[40], full=[0, 5, 40, 90])
 def test_trembling_nodes_are_the_same_in_any_chunks(tremble: int) -> None:
     """Triangulating models correct each angle by its distance: nodes fall back, also from 0 to 359."""

@@ -100,6 +100,7 @@ def test_next_to_nothing_is_held_back(case: Case, data: st.DataObject) -> None:
         assert link.buffered <= bound
 
 
+@pytest.mark.long
 @every_kind
 def test_a_megabyte_of_noise_leaves_no_trace(case: Case) -> None:
     random = Random(7)

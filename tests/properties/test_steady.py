@@ -169,6 +169,7 @@ def _chunks() -> Iterator[st.SearchStrategy[int]]:
     yield st.just(1 << 20)
 
 
+@pytest.mark.long
 @every_kind
 @given(st.data())
 def test_damage_is_told_the_same(kind: Kind, data: st.DataObject) -> None:

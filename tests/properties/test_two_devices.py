@@ -12,6 +12,7 @@ from tests.support.cases import CASES, Case
 from tests.support.streams import cut_up, open_stream, stream_of
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("first", sample=CASES[::10], full=CASES)
 def test_two_devices_share_nothing(first: Case) -> None:
     """Packet by packet in turns, each gives what it gives alone; both families, and two of one kind."""

@@ -42,6 +42,7 @@ def test_it_is_the_same_of_two_that_have_seen_the_same(path: Path, decoder: Pipe
     assert held(behind(path)) == held(decoder)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "seen",
     [lambda reads: reads[len(reads) // 4 :], lambda reads: reads[:100] + reads[160:]],
@@ -66,11 +67,13 @@ SEEN: dict[str, Callable[[Reads], Reads]] = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seen", SEEN.values(), ids=SEEN)
 def test_what_was_seen_last_does(path: Path, decoder: Pipeline, seen: Callable[[Reads], Reads]) -> None:
     assert held(behind(path, seen)) != held(decoder)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "value"), [("left_off", (1, 2.0)), ("missed_scans", 7)])
 def test_so_does_what_the_next_scan_is_numbered_by(
     decoder: Pipeline, name: str, value: object, monkeypatch: pytest.MonkeyPatch

@@ -106,6 +106,7 @@ def figures(path: Path) -> tuple[object, ...]:
     )  # fmt: skip
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("tries", sample=[60], full=[600])
 def test_no_flipped_bit_passes_without_a_word(live: Live, tmp_path: Path, tries: int) -> None:
     whole, right = live.path.read_bytes(), figures(live.path)
@@ -130,6 +131,7 @@ def pieces_of(path: Path) -> dict[int, bytes]:
     return {piece.at_ns: piece.data for piece in open_stored(path).pieces()}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("behind", [1.0, 0.5, 0.0])
 def test_what_stands_behind_the_end_of_a_file_is_told_as_left_out(
     live: Live, tmp_path: Path, behind: float
@@ -146,6 +148,7 @@ def test_what_stands_behind_the_end_of_a_file_is_told_as_left_out(
     assert open_stored(path).damage == "its index is cut or damaged"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("number", range(4))
 def test_a_damaged_chunk_takes_only_its_own_bytes_with_it(live: Live, tmp_path: Path, number: int) -> None:
     """Also the one in which the stream began, and the channels were told."""
@@ -211,6 +214,7 @@ def test_a_file_is_cut_while_it_is_decoded(tmp_path: Path) -> None:
         list(lidario.decode_file(path, family=golden.family))
 
 
+@pytest.mark.long
 def test_a_recording_is_cut_while_it_is_used(tmp_path: Path, live: Live) -> None:
     path = tmp_path / "a.mcap"
 
@@ -252,6 +256,7 @@ def test_what_grows_while_it_is_read_has_an_end(tmp_path: Path) -> None:
     assert found <= right
 
 
+@pytest.mark.long
 def test_a_flood_ends_a_chunk_before_its_second_is_over(tmp_path: Path, live: Live) -> None:
     path = tmp_path / "flood.mcap"
     about = open_stored(live.path).about

@@ -41,6 +41,7 @@ def received(path: Path) -> bytes:
     return b"".join(piece.data for piece in open_stored(path).pieces())
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("cuts", sample=[25], full=[200])
 def test_a_file_cut_anywhere_loses_only_what_was_cut_off(live: Live, tmp_path: Path, cuts: int) -> None:
     """Not even the last second: of the chunk that was cut, every whole message is read."""
@@ -63,6 +64,7 @@ def test_a_file_cut_anywhere_loses_only_what_was_cut_off(live: Live, tmp_path: P
         assert len(found) - complete < 3_000
 
 
+@pytest.mark.long
 def test_export_makes_a_whole_file_of_one_that_was_cut(live: Live, tmp_path: Path) -> None:
     content, draw = live.path.read_bytes(), random.Random(2)
     cut, made = tmp_path / "cut.mcap", tmp_path / "made.mcap"

@@ -32,6 +32,7 @@ def live(tmp_path_factory: pytest.TempPathFactory) -> Live:
     return record(tmp_path_factory.mktemp("from") / "a.mcap", "sim://rplidar-s2", 20)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("source", ["sim://rplidar-s2", "sim://ydlidar-4ros", "sim://ldrobot-ld06"])
 def test_the_scans_behind_that_place_are_those_of_the_whole(tmp_path: Path, source: str) -> None:
     live = record(tmp_path / "a.mcap", source, 16)
@@ -56,6 +57,7 @@ def test_the_scans_behind_that_place_are_those_of_the_whole(tmp_path: Path, sour
     assert not any(scan.lost_packets for scan in scans)
 
 
+@pytest.mark.long
 def test_a_place_in_a_later_stream_is_of_that_stream(tmp_path: Path) -> None:
     async def two_modes(lidar: lidario.Lidar, live: Live) -> None:
         await take_scans(lidar, live, 10, "DenseBoost")
@@ -68,6 +70,7 @@ def test_a_place_in_a_later_stream_is_of_that_stream(tmp_path: Path) -> None:
     assert {scan.mode for scan in scans} == {"Standard"}
 
 
+@pytest.mark.long
 def test_in_a_loop_only_the_first_time_begins_there(live: Live) -> None:
     everything, _ = replayed(live.path, "rate=0")
     scans, _ = replayed(live.path, "rate=0&loop=1&from=1.5", 20)
@@ -75,6 +78,7 @@ def test_in_a_loop_only_the_first_time_begins_there(live: Live) -> None:
     assert any(scan.device_distances.tolist() == everything[0].device_distances.tolist() for scan in scans[1:])
 
 
+@pytest.mark.long
 def test_behind_the_end_and_without_times_it_is_refused(live: Live, tmp_path: Path) -> None:
     with pytest.raises(lidario.RecordingError, match=r"lasts .* s: from=99 is behind its end"):
         replayed(live.path, "from=99")
@@ -86,6 +90,7 @@ def test_behind_the_end_and_without_times_it_is_refused(live: Live, tmp_path: Pa
             replayed(live.path, wrong)
 
 
+@pytest.mark.long
 def test_from_the_beginning_nothing_changes(live: Live) -> None:
     plain, _ = replayed(live.path, "rate=0")
     scans, _ = replayed(live.path, "rate=0&from=0")

@@ -103,6 +103,7 @@ def test_responses_before_the_stream_are_skipped(case: Case) -> None:
     assert behind.stamps_ns.tolist() == plain.stamps_ns.tolist()
 
 
+@pytest.mark.long
 def test_the_second_family_needs_no_header() -> None:
     case = KINDS[-1]
     headless = lidario.decode_arrays(b"\x00\xaa" + case.raw)
@@ -211,6 +212,7 @@ def test_what_goes_in_and_comes_out_can_be_pickled() -> None:
     assert len(pickle.loads(pickle.dumps(scan))) == len(scan)
 
 
+@pytest.mark.long
 def test_no_event_loop_is_loaded_for_it() -> None:
     program = "import sys, lidario; lidario.decode; print('asyncio' in sys.modules or 'serial' in sys.modules)"
     done = ended(program)

@@ -104,6 +104,7 @@ def test_each_file_is_whole_by_itself(tmp_path: Path, model: str) -> None:
         assert scan.stamp_ns == pytest.approx(same.stamp_ns, abs=3e6)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("calibrated")
 def test_a_zero_offset_that_is_set_at_a_seam(tmp_path: Path) -> None:
     async def turn(lidar: Lidar, live: Live) -> None:
@@ -122,6 +123,7 @@ def test_a_zero_offset_that_is_set_at_a_seam(tmp_path: Path) -> None:
     assert all(scan.seam == seams[scan.stamp_ns] for scan in alone)
 
 
+@pytest.mark.long
 def test_by_size(tmp_path: Path) -> None:
     made = record(tmp_path, "sim://rplidar-s2", split_s=None, split_bytes=200_000)
     sizes = [path.stat().st_size for path in made.parts]
@@ -131,6 +133,7 @@ def test_by_size(tmp_path: Path) -> None:
     assert_same_scans(made.scans, list(FileDecoder(made.source)))
 
 
+@pytest.mark.long
 def test_the_oldest_go_and_nothing_else(tmp_path: Path) -> None:
     older, strange = tmp_path / "run-20200101T000000Z.mcap", tmp_path / "run-20200101T000000Z.mcap.bak"
     other = tmp_path / "running-20200101T000000Z.mcap"
@@ -153,6 +156,7 @@ def assert_same_rest(live: list[Scan], scans: list[Scan]) -> None:
         assert np.array_equal(scan.device_distances, by_stamp[scan.stamp_ns].device_distances)
 
 
+@pytest.mark.long
 def test_a_file_in_the_middle_is_missing(copied: Live) -> None:
     gone, behind = copied.parts[2:4]
     gone.unlink()
@@ -164,6 +168,7 @@ def test_a_file_in_the_middle_is_missing(copied: Live) -> None:
     assert len(scans) == pytest.approx(len(copied.scans) * (seconds - 1) / seconds, abs=4)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("number", [0, 2, -1])
 @pytest.mark.parametrize(("size", "why"), [(0, "it does not begin as an MCAP file"), (100, "the file was cut")])
 def test_a_file_of_which_nothing_is_left(copied: Live, number: int, size: int, why: str) -> None:
@@ -196,6 +201,7 @@ def test_a_file_that_is_there_twice_is_read_once(copied: Live) -> None:
     assert "holds what another file holds" in decoder.recording.damage
 
 
+@pytest.mark.long
 def test_recordings_of_one_lidar_follow_each_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each in its own program: their clocks have nothing in common but the time of day."""
     scans = list[Scan]()
@@ -212,6 +218,7 @@ def test_recordings_of_one_lidar_follow_each_other(tmp_path: Path, monkeypatch: 
     assert all(a.stamp_ns < b.stamp_ns for a, b in pairwise(found))
 
 
+@pytest.mark.long
 def test_recordings_of_the_same_time_are_not_one(tmp_path: Path) -> None:
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
@@ -237,6 +244,7 @@ async def test_figures_that_cannot_be(tmp_path: Path, arguments: dict[str, float
             lidar.record(tmp_path / "run.mcap", **arguments)  # type: ignore[arg-type]
 
 
+@pytest.mark.long
 def test_a_name_with_brackets_is_no_pattern(tmp_path: Path) -> None:
     """Some patterns have them for one of several letters."""
     folder = tmp_path / "site[3]"
@@ -260,6 +268,7 @@ def test_a_pattern_that_nothing_fits(tmp_path: Path) -> None:
         lidario.summarize(tmp_path / "run-*.mcap")
 
 
+@pytest.mark.long
 def test_recordings_of_two_lidars_are_not_one(tmp_path: Path) -> None:
     for model in ("rplidar-s2", "ldrobot-ld06"):
         (tmp_path / model).mkdir()
@@ -289,6 +298,7 @@ def merged(paths: Sequence[Path], into: Path) -> Path:
     return into
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("models", [("rplidar-s2", "ydlidar-4ros"), ("rplidar-s2", "rplidar-s2")], ids="+".join)
 def test_a_file_that_was_merged_of_several_recordings_says_so(tmp_path: Path, models: tuple[str, ...]) -> None:
     """The bytes of the second one were lost, or mixed with those of the first, without a word."""
@@ -299,5 +309,6 @@ def test_a_file_that_was_merged_of_several_recordings_says_so(tmp_path: Path, mo
         lidario.summarize(merged(files, tmp_path / "both.mcap"))
 
 
+@pytest.mark.long
 def test_a_file_that_was_merged_of_the_parts_of_one_recording_is_read(copied: Live, tmp_path: Path) -> None:
     assert_same_scans(copied.scans, list(FileDecoder(merged(copied.parts, tmp_path / "whole.mcap"))))

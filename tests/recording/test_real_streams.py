@@ -71,6 +71,7 @@ def test_its_samples_are_the_vendors(path: Path) -> None:
     assert np.abs(off).max() <= golden.GRID_Q6
 
 
+@pytest.mark.long
 @streams
 @pytest.mark.parametrize("size", [1, 64])
 def test_pieces_change_nothing(path: Path, size: int) -> None:

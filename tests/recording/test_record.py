@@ -108,6 +108,7 @@ def test_the_definition_of_the_scan_is_that_of_ros(store: Typestore) -> None:
         assert list(ours[name][1]) == list(store.fielddefs[name][1]), name
 
 
+@pytest.mark.long
 @driven
 async def test_a_slow_disk_ends_the_recording_and_not_the_scanning(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
@@ -221,6 +222,7 @@ async def test_closing_the_session_completes_the_file(tmp_path: Path) -> None:
     assert sent[-1].endswith(b"\xa5\x25")  # the STOP request
 
 
+@pytest.mark.long
 @driven
 async def test_who_is_cancelled_while_the_disk_writes_has_a_whole_file_when_the_session_is_closed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -53,6 +53,7 @@ def live(tmp_path_factory: pytest.TempPathFactory) -> Live:
     return record(tmp_path_factory.mktemp("replay") / "a.mcap", SOURCES["clean"], 10)
 
 
+@pytest.mark.long
 @every_source
 def test_scans_are_those_of_the_live_session(tmp_path: Path, source: str) -> None:
     live = record(tmp_path / "a.mcap", source)
@@ -101,6 +102,7 @@ async def ask_in_between(lidar: Lidar, live: Live) -> None:
     await take_scans(lidar, live, 3, modes[0].id)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("source", [SOURCES["clean"], SOURCES["other family, damaged"]])
 def test_interruptions_and_changes_of_the_mode_are_replayed(tmp_path: Path, source: str) -> None:
     live = record(tmp_path / "a.mcap", source, act=ask_in_between)
@@ -119,6 +121,7 @@ async def change_the_offset(lidar: Lidar, live: Live) -> None:
         live.scans += [await anext(stream) for _ in range(3)]
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("calibrated")
 @pytest.mark.parametrize("sectors", [False, True], ids=["", "divided"])
 @pytest.mark.exhaustive("source", sample=OTHERS[1:], full=OTHERS)
@@ -148,6 +151,7 @@ def test_another_zero_offset_in_mid_stream_is_replayed(tmp_path: Path, source: s
     assert_same_scans(live.scans, list(lidario.decode_file(copy)))
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("calibrated")
 def test_the_zero_offset_that_a_user_of_the_replay_chooses_stays(tmp_path: Path) -> None:
     live = record(tmp_path / "a.mcap", SOURCES["other family"], act=change_the_offset)
@@ -161,6 +165,7 @@ def test_the_zero_offset_that_a_user_of_the_replay_chooses_stays(tmp_path: Path)
     assert seam == 10.5 == max(scan.seam for scan in live.scans)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("calibrated")
 def test_a_recording_that_begins_behind_another_zero_offset(tmp_path: Path) -> None:
     async def main() -> tuple[list[Scan], list[Scan]]:
@@ -242,6 +247,7 @@ def test_a_speed_that_cannot_be_set_has_no_range_in_a_replay_either(tmp_path: Pa
     run_driven(check)
 
 
+@pytest.mark.long
 def test_pace(live: Live) -> None:
     async def took(options: str, slow: float = 0.0) -> tuple[float, list[Scan]]:
         loop = asyncio.get_running_loop()
@@ -286,6 +292,7 @@ async def test_who_reads_again_gets_it_from_its_beginning(live: Live) -> None:
             assert stamps[:10] == [scan.stamp_ns for scan in live.scans]
 
 
+@pytest.mark.long
 def test_a_replay_can_be_recorded(live: Live, tmp_path: Path) -> None:
     async def main() -> None:
         async with (

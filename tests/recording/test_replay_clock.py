@@ -3,6 +3,8 @@
 import asyncio
 from pathlib import Path
 
+import pytest
+
 from lidario import open_lidar
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
@@ -21,6 +23,7 @@ async def ask_in_between(lidar: Lidar, live: Live) -> None:
         live.scans += [await anext(stream) for _ in range(2)]
 
 
+@pytest.mark.long
 def test_a_computer_that_has_run_for_longer_made_it(tmp_path: Path) -> None:
     """Where a stream ends in it, a quiet line is waited for."""
     live = record(tmp_path / "a.mcap", "sim://rplidar-s2", act=ask_in_between)

@@ -22,6 +22,7 @@ from tests.support.streams import arrived, in_one_run, stream_of
 # ----------------------------------------------------------------------------------------------------- seams
 
 
+@pytest.mark.long
 @example(arc=960.0, first=0, run=1)  # turns that end with a packet
 @given(arc=st.floats(200, 6000), first=st.integers(0, TURN - 1), run=st.integers(1, 90))
 def test_every_sample_is_in_the_turn_it_belongs_to(arc: float, first: int, run: int) -> None:
@@ -128,6 +129,7 @@ def test_a_gap_behind_the_first_packet_of_a_stream_is_not_stretched_over(
         np.testing.assert_allclose(scan.device_angles, expected, atol=1e-4)
 
 
+@pytest.mark.long
 def test_a_turn_that_never_ends_is_given_up_and_does_not_grow() -> None:
     stats = AssemblerStats()
     lead, still = numbered(60, 960), packers.pack_dense([11520], [[1] * 40])

@@ -42,6 +42,7 @@ def fed(assembler: Assembler, lead: bytes, packet: bytes, total: int, wire: Any,
     return most
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("case", sample=CASES[::5], full=CASES)
 @pytest.mark.parametrize("sectors", [False, True], ids=["scans", "sectors"])
 def test_a_revolution_whose_times_stand_still_is_given_up_by_its_bytes(case: Case, sectors: bool) -> None:
@@ -61,6 +62,7 @@ def test_a_revolution_whose_times_stand_still_is_given_up_by_its_bytes(case: Cas
     assert stats.scans > before
 
 
+@pytest.mark.long
 def test_what_it_takes_is_bounded_too() -> None:
     """One packet at a time, whatever is claimed: an hour for a revolution, ten picoseconds for a sample."""
     case = next(case for case in CASES if case.make_format().longest == 5)

@@ -65,6 +65,7 @@ def hertz(name: str) -> float:
     return 7.0 if STEADY[name].family == "ydlidar" else 10.0
 
 
+@pytest.mark.long
 @every_kind
 @pytest.mark.exhaustive("revolutions", sample=[1.0, 5.5], full=[0.4, 0.97, 1.0, 1.3, 2.0, 2.6, 5.5, 8.1])
 @pytest.mark.exhaustive("place", sample=[2.05, 2.9], full=[2.05, 2.5, 2.9])
@@ -99,6 +100,7 @@ def test_a_clean_stream_misses_nothing(name: str) -> None:
     assert all(scan.rpm == pytest.approx(60 * hertz(name), rel=0.01) for scan in scans)
 
 
+@pytest.mark.long
 @every_kind
 @pytest.mark.exhaustive("late", sample=[0.6, 2.5], full=[0.2, 0.6, 1.4, 2.5])
 @pytest.mark.parametrize("back", [0.01, 1.0])
@@ -139,6 +141,7 @@ def test_a_late_first_arrival_bends_no_speed(name: str, share: float, together: 
     assert all(scan.rpm == pytest.approx(60 * hertz(name), rel=0.03) for scan in scans)
 
 
+@pytest.mark.long
 @every_kind
 def test_an_outage_that_is_read_late_leaves_no_scan_of_two_revolutions(name: str) -> None:
     """A blocked program finds what the buffer kept from before it and what came behind it, with one time."""
@@ -168,6 +171,7 @@ def test_what_comes_faster_than_any_rotor_turns_is_delivered(name: str, times: f
     assert stats.missed_scans == stats.broken_scans == 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("share", ["1%", "5%"])
 @driven
 async def test_a_speed_is_never_nonsense(share: str) -> None:

@@ -125,6 +125,7 @@ def test_where_packets_are_missing_the_stamps_do_not_follow_each_other(begin_ms:
         assert apart_ns == pytest.approx((gone + 1) * PACKET_NS, abs=MS)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fast", [0.99, 1.0001, 1.01])
 def test_a_clock_that_goes_otherwise_than_ours_is_followed(fast: float) -> None:
     data, times = made(30.0, fast=fast)
@@ -134,6 +135,7 @@ def test_a_clock_that_goes_otherwise_than_ours_is_followed(fast: float) -> None:
     assert min(found) > -12.0
 
 
+@pytest.mark.long
 def test_no_packet_comes_before_it_was_read_nor_before_the_one_before() -> None:
     data, times = made(20.0)
     reads = late_reads(times, 5, 30.0)
@@ -144,6 +146,7 @@ def test_no_packet_comes_before_it_was_read_nor_before_the_one_before() -> None:
         last = told_ns
 
 
+@pytest.mark.long
 def test_a_packet_that_passes_its_check_by_chance_says_nothing() -> None:
     data, times = made(20.0)
     rows = bytearray(data)
@@ -155,6 +158,7 @@ def test_a_packet_that_passes_its_check_by_chance_says_nothing() -> None:
     assert np.median(found[500:]) < 2.0
 
 
+@pytest.mark.long
 def test_a_device_that_was_restarted_has_another_clock() -> None:
     data, times = made(10.0)
     again, later = made(10.0, begin_ms=3.0)
@@ -164,6 +168,7 @@ def test_a_device_that_was_restarted_has_another_clock() -> None:
     assert min(found) > -1.0
 
 
+@pytest.mark.long
 def test_where_decoding_began_makes_no_difference() -> None:
     """Neither before a restart nor behind it, as soon as twenty seconds have passed."""
     data, times = made(30.0, fast=1.0001)
@@ -179,6 +184,7 @@ def test_where_decoding_began_makes_no_difference() -> None:
         assert found[behind:] == whole[begin + behind :]
 
 
+@pytest.mark.long
 def test_a_loop_that_was_blocked_does_not_date_what_came_meanwhile() -> None:
     """One read brings what was measured in a second and a half."""
     data, times = made(20.0)

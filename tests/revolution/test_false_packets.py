@@ -56,6 +56,7 @@ def test_there_are_such_formats() -> None:
     assert {case.name.split("_")[0] for case in JUDGED} >= {"rplidar", "ldrobot"}
 
 
+@pytest.mark.long
 @pytest.mark.repeats
 @pytest.mark.parametrize("case", JUDGED, ids=named)
 @given(data=st.data())
@@ -95,6 +96,7 @@ def test_several_in_one_read_cost_nothing_else_wherever_they_are(case: Case) -> 
         assert [len(scan) for scan in found] == [len(scan) for scan in expected]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", KINDS, ids=named)
 def test_on_a_clean_line_none_waits(case: Case) -> None:
     wire, assembler = case.make_format(), Assembler(stream_of(case))

@@ -44,6 +44,7 @@ def test_no_more_is_told_than_there_was(name: str, share: float, seed: int) -> N
     assert numbers == sorted(set(numbers))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "share"), [("0x83 HQ", 0.002), ("4ROS points", 0.03)])
 @pytest.mark.exhaustive("seed", sample=[0], full=range(6))
 def test_never_more_than_were_lost(name: str, share: float, seed: int) -> None:
@@ -53,6 +54,7 @@ def test_never_more_than_were_lost(name: str, share: float, seed: int) -> None:
     assert 0.95 * (sent - packets) < stats.lost_packets <= sent - packets
 
 
+@pytest.mark.long
 def test_a_false_mark_just_behind_the_beginning_makes_no_scan_of_what_lies_before_it() -> None:
     """It moves the seam by less than a twelfth of a revolution, and nothing checks that it is one."""
     kind = KINDS["0x81 nodes"]
@@ -75,6 +77,7 @@ ENOUGH_PACKETS = 50
 """Of fewer, in six seconds, nothing tells the speed for long enough."""
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("name", sample=["0x84 ultra", "4ROS points"], full=list(KINDS))
 @pytest.mark.exhaustive("share", sample=[0.05], full=[0.02, 0.05, 0.1])
 @pytest.mark.exhaustive("seed", sample=[1], full=[1])
@@ -89,6 +92,7 @@ def test_revolutions_are_told_although_no_speed_was_ever_seen(name: str, share: 
         assert told >= (0.6 if name == "0x81 nodes" else 0.8) * len(clean)
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive(
     ("name", "share"),
     sample=[("0x81 nodes", 0.05), ("0x85 dense", 0.002), ("0x85 dense", 0.05)],

@@ -43,6 +43,7 @@ def test_what_comes_is_delivered_and_what_does_not_is_told(name: str, case: str,
         assert found.told == pytest.approx(found.missing, rel=0.01, abs=4)
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive(
     "name",
     sample=[name for name in ONE_A_PARSER if name != "0x83 HQ"],
@@ -150,6 +151,7 @@ def test_on_an_undamaged_line_nothing_is_told_as_lost(name: str, case: str) -> N
     assert found.missing_revolutions <= found.told_revolutions <= found.missing_revolutions + spare
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "case"),
     [

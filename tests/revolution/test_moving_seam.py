@@ -134,6 +134,7 @@ def assert_the_same_in_any_pieces(sent: Sequence[Sent], parts: int = 0) -> None:
         assert_same_samples(found.sectors, single.sectors)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("parts", [0, 4])
 @given(marks=marks)
 @example(marks=LOST_AND_MOVED)
@@ -147,6 +148,7 @@ def test_how_packets_come_changes_no_scan(marks: list[tuple[int, bool]], parts: 
     assert_same_samples(block.sectors, single.sectors)
 
 
+@pytest.mark.long
 @given(marks=marks, first=st.integers(0, 100), count=st.integers(1, 50))
 @example(marks=FAR_AND_LOST, first=55, count=12)
 def test_it_changes_none_where_packets_are_lost(marks: list[tuple[int, bool]], first: int, count: int) -> None:

@@ -156,6 +156,7 @@ def test_outages_choose_no_other_rate() -> None:
 PAUSES_S = [(0.05, 1.2), (0.4, 1.2), (2.0, 1.2), (0.05, 6.25), (0.4, 6.25)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["0x84 ultra", "0x85 dense"])
 @pytest.mark.exhaustive(("pause_s", "at_s"), sample=PAUSES_S[::2], full=PAUSES_S)
 def test_a_pause_changes_no_sample_time_of_a_device_that_tells_none(name: str, pause_s: float, at_s: float) -> None:

@@ -186,6 +186,7 @@ def test_a_new_beginning_breaks_the_turn_wherever_it_stands() -> None:
     ]
 
 
+@pytest.mark.long
 @given(
     step=st.integers(20, 3_000),
     tremble=st.integers(0, 300),

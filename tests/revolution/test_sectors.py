@@ -118,6 +118,7 @@ def test_sectors_are_the_scan(case: Case, chunks: Chunks) -> None:
         assert sector.lost_packets == 0
 
 
+@pytest.mark.long
 @one_a_parser(KINDS)
 @pytest.mark.exhaustive("parts", sample=[(3, 8)], full=[(1,), (3, 8), (2, 36, 72)])
 def test_sizes_do_not_disturb_each_other(case: Case, parts: tuple[int, ...]) -> None:
@@ -142,6 +143,7 @@ def test_a_sector_is_where_it_says(case: Case) -> None:
         assert ((away >= -slack) & (away < 60 + slack)).all()
 
 
+@pytest.mark.long
 @one_a_parser(KINDS)
 def test_a_sector_comes_before_its_revolution_is_whole(case: Case) -> None:
     """After the packet behind its end, and not later."""
@@ -164,6 +166,7 @@ def losses(draw: st.DrawFn, case: Case) -> list[int]:
     return [number for number in range(count) if number not in gone]
 
 
+@pytest.mark.long
 @one_a_parser(KINDS, CASES)
 @settings(max_examples=EXAMPLES)
 @given(st.data())
@@ -176,6 +179,7 @@ def test_sectors_are_the_scan_where_packets_are_lost(case: Case, data: st.DataOb
         assert_sum(found, 8, stamps_ns=5e9)
 
 
+@pytest.mark.long
 @most_or_all(CASES)
 def test_samples_around_lost_packets_have_the_times_of_the_scan(case: Case) -> None:
     """From the first of the sector on, within a sample, whatever corrections have moved their angles by."""
@@ -206,6 +210,7 @@ def test_where_the_packet_at_the_seam_is_late_no_sector_is() -> None:
     assert_sum(divided(DENSE, DENSE.raw, (8,), 84, clock), 8, stamps_ns=500_000)
 
 
+@pytest.mark.long
 @one_a_parser(KINDS)
 @pytest.mark.exhaustive("seed", sample=[0], full=range(3))
 def test_what_is_counted_is_the_same(case: Case, seed: int) -> None:
@@ -231,6 +236,7 @@ def test_what_is_counted_is_the_same(case: Case, seed: int) -> None:
             assert abs(sum(sector.lost_packets for sector in sectors) - scan.lost_packets) <= slack
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("parts", [8, 72])
 @pytest.mark.parametrize("name", ["ydlidar_4ros_room10", "ydlidar_x4_11hz"])
 def test_what_is_missing_right_behind_a_start_packet_is_told_with_a_sector(name: str, parts: int) -> None:
@@ -246,6 +252,7 @@ def test_what_is_missing_right_behind_a_start_packet_is_told_with_a_sector(name:
         assert sum(told) == scan.lost_packets > 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["rplidar_9k_82", "rplidar_a1_84", "ydlidar_4ros_room10"])
 def test_a_lost_packet_is_told_with_the_sector_in_which_it_began(name: str) -> None:
     case, parts = next(each for each in CASES if each.name == name), 36
@@ -261,6 +268,7 @@ def test_a_lost_packet_is_told_with_the_sector_in_which_it_began(name: str) -> N
         assert told in [[int(began[lost] * parts + slack)] for slack in (-0.1, 0.1)]
 
 
+@pytest.mark.long
 def test_what_passes_unseen_behind_the_first_revolution_is_counted_once() -> None:
     case = next(each for each in CASES if each.name == "ydlidar_4ros_room10")
     left = [*range(26), *range(148, len(case.packets))]
@@ -278,6 +286,7 @@ def test_flipped_bits(case: Case) -> None:
     assert found.stats == assembled(case, spoiled.raw).stats
 
 
+@pytest.mark.long
 @one_a_parser(KINDS, CASES)
 @settings(max_examples=EXAMPLES)
 @given(st.data())

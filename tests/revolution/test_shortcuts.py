@@ -106,6 +106,7 @@ def test_counting_revolutions(
     assert sum(told) == (missing if at < len(beginnings) and (gap or read) else 0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", KINDS, ids=named)
 @given(data=st.data())
 def test_what_is_missing_where_a_revolution_is_interrupted(case: Case, data: st.DataObject) -> None:
@@ -129,6 +130,7 @@ def test_what_is_missing_where_a_revolution_is_interrupted(case: Case, data: st.
     assert found[0] == found[1]
 
 
+@pytest.mark.long
 def test_nothing_can_be_missing_behind_an_undisturbed_revolution() -> None:
     even = set[str]()
     for case in KINDS:

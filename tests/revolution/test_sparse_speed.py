@@ -56,6 +56,7 @@ def test_angles_may_be_off_by_a_sixth_of_a_revolution(seed: int, off: float, is_
     assert any(found(turns + off * random.integers(0, 2, 60), turns * 140 * MS)) is is_told
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("hertz", [1, 3, 10])
 def test_packets_of_any_angle_tell_nothing(hertz: int) -> None:
     random = np.random.default_rng(hertz)

@@ -77,6 +77,7 @@ async def test_what_is_no_address(address: str) -> None:
         await Router.open(address)
 
 
+@pytest.mark.long
 async def test_a_configuration_says_where(tmp_path: Path) -> None:
     address = free()
     file = tmp_path / "router.json5"
@@ -91,6 +92,7 @@ async def test_a_configuration_says_where(tmp_path: Path) -> None:
         assert ".rs" not in str(caught.value)
 
 
+@pytest.mark.long
 def test_the_command_serves_until_ctrl_c() -> None:
     address = free()
     with started("router", "--listen", address) as process:
@@ -103,6 +105,7 @@ def test_the_command_serves_until_ctrl_c() -> None:
     assert "may publish and read" not in told
 
 
+@pytest.mark.long
 def test_the_command_says_who_may_reach_it() -> None:
     port = free().rpartition(":")[2]
     with started("router", "--listen", f"tcp/0.0.0.0:{port}") as process:

@@ -78,6 +78,7 @@ def test_every_command(
         assert "0/scan/*/*" in done.stdout
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("robot")
 @pytest.mark.parametrize("page", PAGES)
 def test_every_program(page: str, tape: str, router: Router, tmp_path: Path) -> None:

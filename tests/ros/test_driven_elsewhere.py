@@ -13,6 +13,7 @@ from tests.support.network import BOUND_S, Rig, until
 from tests.support.router import Router
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", ["rplidar-s2", "rplidar-a1", "ydlidar-x4"])
 async def test_who_reads_raw_bytes_is_told_what_the_publisher_is(router: Router, model: str) -> None:
     async def told(lidar: lidario.Lidar) -> list[object]:

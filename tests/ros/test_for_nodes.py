@@ -24,6 +24,7 @@ from tests.support.router import Router, client
 SIM = "sim://rplidar-s2?via=memory"
 
 
+@pytest.mark.long
 async def test_a_node_that_comes_later_learns_where_the_lidar_is(router: Router) -> None:
     node, came = Node(domain=21), list[Any]()
     key = node.data_key("/tf_static", TF_MESSAGE)
@@ -66,6 +67,7 @@ async def test_what_is_no_mount(options: dict[str, Any], told: str) -> None:
             Publisher(lidar, **options)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stamps", ["now", "measured"])
 async def test_stamps_of_a_recording(router: Router, stamps: Any) -> None:
     """Scans of a year ago are of now, or of then, and then /clock tells what time it was."""
@@ -124,6 +126,7 @@ async def test_a_lidar_that_nobody_reads_rests_until_somebody_does(router: Route
         assert not running.done()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("raw", [False, True])
 async def test_a_lidar_that_rests_can_be_opened_and_starts(router: Router, raw: bool) -> None:
     device = lidario.simulate("rplidar-s2", spin_up=0)

@@ -113,6 +113,7 @@ async def test_a_topic_of_ros(router: Router) -> None:
     assert found.health == lidar.health
 
 
+@pytest.mark.long
 async def test_a_laserscan_of_somebody_elses_node_is_a_source(router: Router) -> None:
     key = f"3/urg/scan/{LASERSCAN.dds}/RIHS01_{'0' * 64}"
     laser = LaserScan(

@@ -122,6 +122,7 @@ async def test_slam_toolbox_takes_every_message_and_returns_lie_on_the_walls(rou
     assert model in MUST_BE_NAMED or is_all_around(np.concatenate(seen))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("preset", "mounted"), [(PRESETS[0], False), (PRESETS[0], True), (PRESETS[1], False)])
 @pytest.mark.parametrize("order", ORDERS)
 async def test_the_walls_are_where_they_are(

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import pytest
+
 from tests.cli.processes import invoke
 from tests.support.recorded import record
 from tests.support.router import Router
@@ -12,6 +14,7 @@ from tests.support.router import Router
 SCANS = 30
 
 
+@pytest.mark.long
 def test_all_parts_are_published(tmp_path: Path, router: Router) -> None:
     made = record(tmp_path / "run.mcap", "sim://rplidar-s2", SCANS, split_s=1.0)
     assert made.files > 1

@@ -55,6 +55,7 @@ async def test_a_recording_goes_on_when_the_robot_is_back(router: Router, tmp_pa
     assert_same_scans(taken, list(lidario.decode_file(recording.source)))
 
 
+@pytest.mark.long
 async def test_what_passes_while_a_publisher_is_away_is_counted_as_missed(
     router: Router, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -77,6 +78,7 @@ async def test_what_passes_while_a_publisher_is_away_is_counted_as_missed(
         assert 0 < missed <= remote.stats.missed_scans
 
 
+@pytest.mark.long
 async def test_a_publisher_that_was_sought_in_vain_is_found_when_it_is_back(
     router: Router, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -110,6 +112,7 @@ async def test_a_recording_holds_the_descriptor_that_was_made_for_the_stream(rou
     assert shown[0].startswith(DESCRIPTOR)
 
 
+@pytest.mark.long
 async def test_a_publisher_that_comes_while_it_is_waited_for_is_known(
     router: Router, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -129,6 +132,7 @@ async def test_a_publisher_that_comes_while_it_is_waited_for_is_known(
         assert await remote.get_health() == lidar.health
 
 
+@pytest.mark.long
 async def test_a_reader_may_come_before_the_first_scan(router: Router) -> None:
     """The publisher's lidar does not scan yet, so its mode is not known."""
     async with Rig(router) as rig:
@@ -154,6 +158,7 @@ async def test_what_was_read_at_once_is_dated_as_one_read(router: Router) -> Non
     assert {scan.wall_stamp_ns for scan in found} <= {scan.wall_stamp_ns for scan in rig.sent}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("form", ["scan", "ros"])
 async def test_scans_that_were_lost_are_a_jump_in_the_numbers(router: Router, form: str) -> None:
     """They were dropped by zenoh, as it does where a line is busy."""
@@ -231,6 +236,7 @@ async def test_a_reader_is_told_that_the_lidar_is_away(
         assert remote.is_connected
 
 
+@pytest.mark.long
 async def test_a_publisher_that_sends_nothing_is_told(
     router: Router, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -280,6 +286,7 @@ async def test_noise_under_a_key_keeps_nobody_from_reading(router: Router, raw: 
         assert remote.info == share.lidar.info
 
 
+@pytest.mark.long
 async def test_whole_scans_have_no_raw_bytes_to_pass_on(router: Router) -> None:
     """A relay that sends nothing would look like a lidar that stands still."""
     async with Rig(router) as rig:

@@ -87,6 +87,7 @@ async def test_nobody_listens_to_the_news(absent: Router, caplog: pytest.LogCapt
         await share.close()
 
 
+@pytest.mark.long
 async def test_what_cannot_be_declared_leaves_no_connection(
     absent: Router, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -117,6 +118,7 @@ async def test_what_cannot_be_declared_leaves_no_connection(
         assert len(closed) == 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("address", ["tcp/localhost", UNKNOWN])
 async def test_a_wrong_address_is_not_waited_for(address: str) -> None:
     async with lidario.open_lidar(SIM) as lidar:

@@ -59,6 +59,7 @@ async def test_a_question_leaves_a_resting_device_at_rest(rig: Rig) -> None:
                 await asyncio.sleep(0.1)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("before", ["opened", "stopped", "scanned"])
 @pytest.mark.parametrize("rig", DARK, indirect=True)
 async def test_a_question_is_heard_although_another_task_stops_the_device_meanwhile(rig: Rig, before: str) -> None:

@@ -51,6 +51,7 @@ ONE_OF_EACH: dict[str, tuple[float, int]] = {  # seconds, bytes written
 model of a family with others that obey, after it went on in spite of two STOPs; the LD14P is left with one."""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", ONE_OF_EACH)
 async def test_auto_finds_each_in_turn(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
     device = make_rig(model).device
@@ -81,6 +82,7 @@ async def test_a_name_that_two_families_have_is_that_of_the_one_that_is_heard(
         await lidar.scan()
 
 
+@pytest.mark.long
 async def test_one_that_was_stopped_is_woken(monkeypatch: pytest.MonkeyPatch) -> None:
     device = make_rig("ldrobot-ld14p").device
     device.spin_up_s = 1.0
@@ -139,6 +141,7 @@ TALKING = (
 )
 
 
+@pytest.mark.long
 async def test_all_of_them_together(monkeypatch: pytest.MonkeyPatch) -> None:
     plugged_in(monkeypatch, **{model: make_rig(model).device for model in ONE_OF_EACH})
     began = now()

@@ -193,6 +193,7 @@ def test_cancelled_anywhere_the_device_is_left_still(what: tuple[Scenario, str, 
         cancelled_at(scenario, family, turn, how)
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive(
     "what",
     sample=[(SEARCHES[at % 2], "twice", kind) for at, kind in enumerate(SEARCHED)],

@@ -58,6 +58,7 @@ async def test_sectors_follow(rplidar: Rig, clock: _Clock) -> None:
     assert ahead(after[-1]) - ahead(before[-1]) == pytest.approx(HOUR_NS, rel=1e-5)
 
 
+@pytest.mark.long
 async def test_small_differences_are_no_setting(rplidar: Rig, clock: _Clock) -> None:
     async with rplidar.read() as (_, stream):
         first = await anext(stream)

@@ -42,6 +42,7 @@ def run(main: Callable[[], Coroutine[Any, Any, None]], patch: pytest.MonkeyPatch
         gc.collect()
 
 
+@pytest.mark.long
 @both_families
 @pytest.mark.exhaustive("stride", sample=[11], full=[1])
 def test_ctrl_c_at_every_line_of_close(family: str, stride: int, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -62,6 +63,7 @@ def test_ctrl_c_at_every_line_of_close(family: str, stride: int, monkeypatch: py
     assert line > 30
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("family", [*FAMILIES, *SWITCHED])
 @pytest.mark.exhaustive("ending", sample=[("orderly", 37), ("at once", 37)], full=[("orderly", 5), ("at once", 3)])
 def test_ctrl_c_at_every_line_of_opening(

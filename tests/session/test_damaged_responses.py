@@ -32,6 +32,7 @@ def told(model: str, fault: str) -> tuple[tuple[ScanMode, ...], Health, float | 
     return run_driven(main)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", MODELS)
 def test_nothing_wrong_is_believed(model: str, caplog: pytest.LogCaptureFixture) -> None:
     clean = told(model, "")

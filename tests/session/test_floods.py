@@ -89,6 +89,7 @@ async def test_each_turn_of_the_loop_does_a_bounded_part(kind: str, monkeypatch:
     assert MOST_STEPS - 1 <= max(steps.each_turn) <= MOST_STEPS
 
 
+@pytest.mark.long
 async def test_what_is_too_much_is_dropped_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     loop = driven_loop()
     steps, rig = Steps(monkeypatch, loop), make_rig("rplidar")

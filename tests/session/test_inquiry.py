@@ -68,6 +68,7 @@ async def test_a_program_that_asks_first_is_told_and_the_stream_goes_on(rig: Rig
         assert lidar.stats.protection_stops == 1
 
 
+@pytest.mark.long
 async def test_a_second_protection_stop_within_a_minute_is_raised(rig: Rig) -> None:
     async with rig.open() as lidar:
         async with lidar.scans() as stream:
@@ -85,6 +86,7 @@ async def test_a_second_protection_stop_within_a_minute_is_raised(rig: Rig) -> N
         assert lidar.stats.protection_stops == 3
 
 
+@pytest.mark.long
 async def test_after_a_while_a_protection_stop_is_cured_again(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.session.streaming.inquiry.PERIOD_S", 5.0)
     async with rig.open() as lidar, lidar.scans() as stream:
@@ -153,6 +155,7 @@ async def test_a_protection_stop_at_open_is_cured_counted_and_told(
     assert [record.message for record in caplog.records if "0x8001" in record.message]
 
 
+@pytest.mark.long
 async def test_a_well_device_that_falls_silent_is_restarted(rig: Rig, caplog: pytest.LogCaptureFixture) -> None:
     async with rig.open() as lidar:
         async with lidar.scans() as stream:

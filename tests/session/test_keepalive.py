@@ -40,6 +40,7 @@ async def scan_for(lidar: Lidar, seconds: float) -> int:
     return count
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("minutes", sample=[2], full=[10])
 async def test_many_minutes_with_protection_on(ydlidar: Rig, minutes: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.port.simulated.TICK_S", 0.1)
@@ -52,6 +53,7 @@ async def test_many_minutes_with_protection_on(ydlidar: Rig, minutes: int, monke
         assert lidar.stats.interruptions == lidar.stats.skipped_bytes == lidar.stats.lost_packets == 0
 
 
+@pytest.mark.long
 async def test_a_program_that_blocks_the_loop_does_not_stop_the_device_in_any_phase(ydlidar: Rig) -> None:
     """For 2.5 s, beginning 0 to 0.95 s after a keepalive; without a thread."""
     loop = driven_loop()
@@ -69,6 +71,7 @@ async def test_a_program_that_blocks_the_loop_does_not_stop_the_device_in_any_ph
         assert ydlidar.device.lapses == lidar.stats.restarts == lidar.stats.interruptions == 0
 
 
+@pytest.mark.long
 async def test_after_a_lapse_the_next_keepalive_starts_the_device_again(ydlidar: Rig) -> None:
     loop = driven_loop()
     async with ydlidar.open() as lidar:
@@ -80,6 +83,7 @@ async def test_after_a_lapse_the_next_keepalive_starts_the_device_again(ydlidar:
         assert (ydlidar.device.lapses, lidar.stats.restarts) == (1, 0)
 
 
+@pytest.mark.long
 async def test_protection_that_an_earlier_program_left_on_is_learned(ydlidar: Rig) -> None:
     ydlidar.device.protected = True
     async with ydlidar.open() as lidar:
@@ -90,6 +94,7 @@ async def test_protection_that_an_earlier_program_left_on_is_learned(ydlidar: Ri
     assert ydlidar.device.protected
 
 
+@pytest.mark.long
 async def test_protection_is_not_toggled_unless_a_stream_ends_as_if_it_were_on(ydlidar: Rig) -> None:
     async with ydlidar.open() as lidar:
         async with lidar.scans() as stream:
@@ -111,6 +116,7 @@ async def test_protection_is_not_toggled_unless_a_stream_ends_as_if_it_were_on(y
     assert lidar.stats.keepalives == 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("wanted", [True, False])
 async def test_a_reset_keeps_what_the_program_has_set(ydlidar: Rig, wanted: bool) -> None:
     async with ydlidar.open() as lidar:
@@ -127,6 +133,7 @@ async def test_a_reset_keeps_what_the_program_has_set(ydlidar: Rig, wanted: bool
         assert names(ydlidar).count("toggle_protection") == toggled
 
 
+@pytest.mark.long
 async def test_it_ends_with_the_stream_and_with_the_protection(ydlidar: Rig) -> None:
     async with ydlidar.open() as lidar:
         await lidar.set_power_down_protection(True)
@@ -188,6 +195,7 @@ async def test_a_toggle_that_was_not_confirmed_is_looked_at_before_the_next_stre
         assert ydlidar.device.lapses == 0
 
 
+@pytest.mark.long
 async def test_a_toggle_whose_response_was_lost_is_looked_at(ydlidar: Rig) -> None:
     async with ydlidar.open() as lidar:
         await lidar.set_power_down_protection(True)

@@ -116,6 +116,7 @@ async def test_a_reader_that_never_reads_holds_a_bounded_number() -> None:
     assert len(await all_of(changes)) == MOST
 
 
+@pytest.mark.long
 def test_without_await() -> None:
     with lidario.open_sync("sim://rplidar-s2?via=memory&fault=unplug:0.5s") as lidar:
         told: list[str] = []

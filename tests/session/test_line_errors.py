@@ -49,6 +49,7 @@ async def test_they_are_in_stats_from_the_beginning_of_the_session(rig: Rig, cou
         assert (await lidar.scan()).seq == 0
 
 
+@pytest.mark.long
 async def test_they_are_summed_over_all_lines(counted: Counted) -> None:
     async with on_a_cable("rplidar") as (cable, lidar), lidar.scans() as stream:
         await anext(stream)
@@ -93,6 +94,7 @@ async def test_noise_is_told_with_them_and_leaves_the_device_still_at_once(
         assert await lidar.scan()
 
 
+@pytest.mark.long
 def test_the_doctor_and_the_measuring_tell_them(monkeypatch: pytest.MonkeyPatch) -> None:
     Counted(monkeypatch, each_time=1)
     told = json.loads(invoke_driven("doctor", "sim://rplidar-s2?via=memory", "--json").stdout)

@@ -109,6 +109,7 @@ def test_no_question_reads_as_a_request_at_another_speed() -> None:
                 assert all(0xA5 not in misread(data, at, read_at) for data in said), (at, read_at)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("model", "mode"), STREAMING)
 def test_a_stream_is_recognised_at_its_own_speed_alone(model: str, mode: int) -> None:
     device = make_rig(model).device
@@ -159,6 +160,7 @@ async def test_where_nothing_listens_it_ends(monkeypatch: pytest.MonkeyPatch) ->
     assert at_each == [QUESTION[name] if name else bytes.fromhex("54A004000000005E") for name in order]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("ended_after_s", [0.5, 2.0, 4.0, None])
 @pytest.mark.parametrize("model", ["ldrobot-ld14p", "hlds-lds01"])
 async def test_what_the_search_may_have_started_is_left_still(
@@ -179,6 +181,7 @@ async def test_what_the_search_may_have_started_is_left_still(
     assert not device.motor_on
 
 
+@pytest.mark.long
 async def test_where_only_noise_comes_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     device = make_rig("rplidar-s2").device
     babble(device)
@@ -232,6 +235,7 @@ DAMAGED = ("ydlidar-4ros", "ydlidar-g2", "hokuyo-urg04lx", "ldrobot-ld14p", "hld
 WHEN_S = (0.01, 0.1, 0.7, 1.2, 1.7)
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive(
     ("model", "at_s"),
     sample=[(DAMAGED[(row + row * turn) % 5], at_s) for turn in (1, 2) for row, at_s in enumerate(WHEN_S)],
@@ -282,6 +286,7 @@ async def test_whose_packets_are_whole_scans_is_recognised_by_one_where_its_sear
     assert not device.scanning
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", ["rplidar-a1", "ydlidar-x2", "ydlidar-s2-pro"])
 @pytest.mark.parametrize("source", ["serial://unknown", "serial://unknown?baud=115200"])
 async def test_dtr_is_left_as_the_model_needs_it(model: str, source: str, monkeypatch: pytest.MonkeyPatch) -> None:

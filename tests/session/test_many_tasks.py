@@ -213,6 +213,7 @@ async def test_a_stream_that_was_to_go_on_tells_that_all_tasks_were_cancelled() 
                     await anext(stream)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("quick_collection")
 @pytest.mark.parametrize("family", EVERY_FAMILY)
 @pytest.mark.parametrize("reconnect", [False, True])

@@ -148,6 +148,7 @@ def test_trouble_is_told_at_most_once_a_second(
     ]
 
 
+@pytest.mark.long
 def test_a_second_thread_that_reads_a_stream_does_not_end_the_first() -> None:
     with lidario.open_sync("sim://rplidar-s2?via=memory") as session, session.scans() as stream:
         read, enough = Queue[int](), Event()

@@ -110,6 +110,7 @@ async def test_hq_scan_by_name() -> None:
     assert "hq_scan" in names(rig)
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive(
     "fault",
     sample=["drop:0.1%", "reboot:2s", "protect:2s"],

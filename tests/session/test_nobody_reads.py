@@ -106,6 +106,7 @@ async def test_a_question_at_the_moment_at_which_a_stream_is_given_up_is_answere
         assert left_still(rig), names(rig)[-6:]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rig", TURN_UNASKED, indirect=True)
 async def test_a_question_behind_a_stream_that_was_left_at_once_leaves_the_motor_off(rig: Rig) -> None:
     """It comes while the stop requests are about to be heard, and may wake the device."""

@@ -226,6 +226,7 @@ async def test_an_unknown_mode_is_told(model: str, mode: str, says: str) -> None
             await lidar.scan(mode)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("model", "rate"), AS_REAL.items())
 async def test_nothing_is_told_as_lost_of_devices_that_are_odd_as_real_ones(model: str, rate: float) -> None:
     rig = make_rig(model)
@@ -240,6 +241,7 @@ async def test_nothing_is_told_as_lost_of_devices_that_are_odd_as_real_ones(mode
         assert len(scan) == pytest.approx(rate * 60 / rpm, abs=2)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("mode", "factor"), [("Standard", 0.8), ("Standard", 2.0), ("DenseBoost", 1.25), ("DenseBoost", 4.0)]
 )

@@ -124,6 +124,7 @@ async def test_it_goes_on_after(rig: Rig, trouble: Callable[[Any], None], respon
         assert lidar.health.ok
 
 
+@pytest.mark.long
 async def test_a_setting_is_made_again() -> None:
     async with on_a_cable("ydlidar") as (cable, lidar):
         cable.rig.device.zero_offset = 40
@@ -225,6 +226,7 @@ async def test_a_program_that_blocks_its_loop_meanwhile(rig: Rig) -> None:
         assert lidar.stats.reconnects >= 1
 
 
+@pytest.mark.long
 @both_families
 @pytest.mark.exhaustive("points", sample=[4], full=[12])
 def test_the_cable_is_pulled_out_again_at_every_step_of_coming_back(family: str, points: int) -> None:
@@ -258,6 +260,7 @@ def test_the_cable_is_pulled_out_again_at_every_step_of_coming_back(family: str,
         run_driven(lambda step=step: main(step))  # type: ignore[misc]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("moment_s", [3.0, 3.3, 3.6, 3.9])
 async def test_one_that_only_talks_comes_back_although_its_line_is_silent_at_times(moment_s: float) -> None:
     """What is silent for 0.3 s of each second is not still, though nothing responds. The replug takes 3 s."""

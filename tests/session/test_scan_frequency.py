@@ -33,6 +33,7 @@ async def test_a_speed_that_is_set_beside_a_question_for_it_stays_set(rplidar: R
         assert rplidar.device.motor.target_rpm == 540
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mode", ["Standard", "DenseBoost"])
 async def test_a_speed_that_is_set_in_mid_scan_is_one_request_and_interrupts_nothing(
     rplidar: Rig, mode: str

@@ -22,6 +22,7 @@ from tests.support.streams import in_one_run, stream_of
 LATENCY_S, TIMER_S = 0.005, 0.001
 
 
+@pytest.mark.long
 @one_a_parser(KINDS)
 def test_a_sector_is_handed_over_in_time(case: Case) -> None:
     chance = random.Random(case.name)

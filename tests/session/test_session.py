@@ -140,6 +140,7 @@ async def test_keep_spinning_stops_the_laser_alone(model: str) -> None:
     assert rig.device.motor_on
 
 
+@pytest.mark.long
 async def test_two_lidars_share_nothing() -> None:
     one, two = make_rig("rplidar", seed=1, world=make_world("circle")), make_rig("ydlidar", seed=2)
     async with one.open() as first, two.open() as second:

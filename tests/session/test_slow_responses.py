@@ -72,6 +72,7 @@ async def both(rig: Rig, delay_s: float, a: Work, b: Work, moment_s: float) -> N
     assert not rig.device.motor_on
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("phases", sample=[1], full=[4])
 @pytest.mark.exhaustive("delay_s", sample=[0.13, 0.2, SLOWEST_S], full=DELAYS_S)
 @pytest.mark.parametrize("b", B, ids=lambda work: work.__name__)

@@ -43,6 +43,7 @@ async def test_stop_while_a_stream_is_started(family: str, known: bool) -> None:
             assert not lidar.is_scanning
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("stride", sample=[4], full=[1])
 @both_families
 async def test_every_stop_is_followed_by_the_pause_it_demands(family: str, stride: int) -> None:

@@ -53,6 +53,7 @@ async def test_a_fault_that_stays_is_raised_with_its_code(rig: Rig) -> None:
     assert caught.value.health.code == 0x21
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("connects", sample=[200], full=[1000])
 async def test_many_connects_to_a_device_that_still_streams(connects: int) -> None:
     random = np.random.default_rng(7)
@@ -68,6 +69,7 @@ async def test_many_connects_to_a_device_that_still_streams(connects: int) -> No
         assert left_still(rig)
 
 
+@pytest.mark.long
 async def test_a_line_that_is_never_quiet_is_not_called_a_device_that_goes_on_sending(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -78,6 +80,7 @@ async def test_a_line_that_is_never_quiet_is_not_called_a_device_that_goes_on_se
         monkeypatch.undo()
 
 
+@pytest.mark.long
 async def test_a_lost_line_ends_every_stream_and_is_told_once(caplog: pytest.LogCaptureFixture) -> None:
     """Also where it comes back: nobody has asked the session to go on."""
     async with open_lidar("sim://rplidar-s2?via=memory&fault=replug:3s") as lidar:

@@ -284,6 +284,7 @@ def two_tasks(family: str, a: Work, b: Work, stride: int, *, silent: bool = Fals
             raise AssertionError(f"{a.__name__} x {b.__name__} at step {step} of {steps}: {error}") from error
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("stride", sample=[0], full=[12])
 @pytest.mark.parametrize("family", FAMILIES)
 @pytest.mark.parametrize("b", [b_stops, b_closes, b_cancels], ids=lambda work: work.__name__)

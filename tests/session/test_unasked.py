@@ -182,6 +182,7 @@ async def test_one_that_falls_silent_is_told_of_and_may_come_back(rig: Rig) -> N
         assert len(await take(lidar, 2)) == 2
 
 
+@pytest.mark.long
 @talkers
 async def test_a_session_comes_back_to_it(rig: Rig) -> None:
     async with opened(rig, reconnect=True) as lidar, lidar.scans() as stream:
@@ -217,6 +218,7 @@ def test_an_unknown_model_is_answered_with_the_known_ones() -> None:
         assert caught.value.reason == "source"
 
 
+@pytest.mark.long
 async def test_one_whose_motor_nobody_powers_says_so_and_makes_no_scans_of_what_comes() -> None:
     rig = make_rig("neato-xv11")
     async with opened(rig) as lidar:
@@ -238,6 +240,7 @@ async def test_one_whose_motor_nobody_powers_says_so_and_makes_no_scans_of_what_
 # ----------------------------------------------------------------------------------------------- the one that hears
 
 
+@pytest.mark.long
 async def test_the_ld14p_is_started_and_stopped_by_requests() -> None:
     rig = make_rig("ldrobot-ld14p")
     async with rig.open() as lidar:

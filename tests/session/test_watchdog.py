@@ -100,6 +100,7 @@ async def read_through_damage(rig: Rig, stream: ScanStream) -> None:
     await some(stream, 8)
 
 
+@pytest.mark.long
 async def test_damage_before_the_last_scan_is_not_named_as_the_cause(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:

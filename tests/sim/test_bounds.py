@@ -13,6 +13,7 @@ AT_ONCE = 20_000
 """Requests."""
 
 
+@pytest.mark.long
 @pytest.mark.discards("a device that is asked without end responds to some of it")
 @pytest.mark.parametrize(
     ("model", "request_", "most"),

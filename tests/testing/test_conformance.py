@@ -45,6 +45,7 @@ def wrong() -> Iterator[tuple[SimulatedLidar, Runner]]:
     lidar.close()
 
 
+@pytest.mark.long
 def test_a_rule_that_is_not_held_is_told_in_words(wrong: tuple[SimulatedLidar, Runner]) -> None:
     lidar, runner = wrong
     with pytest.raises(pytest.fail.Exception) as failed:

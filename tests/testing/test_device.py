@@ -90,6 +90,7 @@ async def test_a_loop_has_one_clock_however_many_lidars() -> None:
     assert clock.pace == 1.0
 
 
+@pytest.mark.long
 async def test_real_time_where_that_is_wanted() -> None:
     lidar = SimulatedLidar(pace=1)
     began = time.monotonic()
@@ -99,6 +100,7 @@ async def test_real_time_where_that_is_wanted() -> None:
     assert clock_of(asyncio.get_running_loop()) is not None
 
 
+@pytest.mark.long
 def test_without_await_it_keeps_real_time() -> None:
     """Else the scans of minutes would pass while the test computes."""
     lidar = SimulatedLidar()
@@ -109,6 +111,7 @@ def test_without_await_it_keeps_real_time() -> None:
     assert lidar.is_still
 
 
+@pytest.mark.long
 async def test_a_body_is_where_its_path_says() -> None:
     body = Body([(0, 1.8, 0.0), (1, 1.8, 0.0), (3, 0.8, 0.0)], radius=0.2)
     lidar = SimulatedLidar(bodies=[body])
@@ -158,6 +161,7 @@ def test_a_body_covers_the_angle_that_it_should(bearing: float) -> None:
     assert seen[seen > 0].min() == pytest.approx(distance - radius, abs=1e-3)
 
 
+@pytest.mark.long
 async def test_what_goes_wrong_in_the_middle_of_a_stream() -> None:
     lidar = SimulatedLidar()
     async with lidario.open_lidar(lidar) as session:

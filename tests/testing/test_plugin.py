@@ -65,6 +65,7 @@ def write(folder: Path, name: str, text: str) -> None:
     (folder / name).write_text(dedent(text), encoding="utf-8")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("plugin", ["asyncio", "anyio"])
 def test_the_tests_of_a_robot_developer(folder: Path, plugin: str) -> None:
     write(folder, "pytest.ini", ASYNCIO_INI if plugin == "asyncio" else STRICT_INI)
@@ -74,6 +75,7 @@ def test_the_tests_of_a_robot_developer(folder: Path, plugin: str) -> None:
     assert result.outcomes == {"passed": 2}, result.text
 
 
+@pytest.mark.long
 def test_no_other_plugin_is_needed(folder: Path) -> None:
     write(
         folder,
@@ -112,6 +114,7 @@ def test_the_same_tests_with_another_lidar(folder: Path) -> None:
     assert run_pytest(folder, "-p", "no:asyncio").outcomes == {"failed": 1}
 
 
+@pytest.mark.long
 def test_a_recording_beside_the_tests(folder: Path) -> None:
     write(folder, "pytest.ini", ASYNCIO_INI)
     tests = folder / "tests"
@@ -144,6 +147,7 @@ def test_a_recording_beside_the_tests(folder: Path) -> None:
     assert '@pytest.mark.lidar_recording("run.mcap")' in result.text
 
 
+@pytest.mark.long
 def test_what_is_written_wrong_in_the_marker_is_named(folder: Path) -> None:
     write(
         folder,
@@ -166,6 +170,7 @@ def test_what_is_written_wrong_in_the_marker_is_named(folder: Path) -> None:
     assert re.search(r"InvalidValue.*rain", result.text)
 
 
+@pytest.mark.long
 def test_a_run_that_does_not_use_it_imports_nothing_of_it() -> None:
     program = (
         "import sys, pytest\nimport lidario.testing.plugin, lidario.testing\n"

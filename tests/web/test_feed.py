@@ -24,6 +24,7 @@ async def ended(task: asyncio.Task[None]) -> None:
         await task
 
 
+@pytest.mark.long
 @driven
 async def test_it_reads_and_measures_the_line() -> None:
     feed = Feed(S2 + "&fault=drop:0.1%")
@@ -40,6 +41,7 @@ async def test_it_reads_and_measures_the_line() -> None:
     await ended(task)
 
 
+@pytest.mark.long
 @driven
 async def test_what_the_settings_leave_out_is_left_out_until_a_viewer_takes_it_away(tmp_path: Path) -> None:
     path, half = tmp_path / "a.toml", AngularBoundsFilter([(0.0, 3.0)], invert=True)
@@ -69,6 +71,7 @@ async def test_the_settings_say_where_it_is_unless_the_caller_does(
     await ended(task)
 
 
+@pytest.mark.long
 @driven
 async def test_a_lidar_that_was_lost_is_opened_again() -> None:
     feed = Feed(S2 + "&fault=replug:5s")
@@ -114,6 +117,7 @@ class Away:
         raise lidario.ConnectFailed("no such port", reason="missing")
 
 
+@pytest.mark.long
 @driven
 async def test_a_port_that_may_have_another_name_is_looked_for_by_its_serial_number() -> None:
     away = Away()

@@ -43,6 +43,7 @@ async def test_a_recording_without_a_revolution_is_an_error(tmp_path: Path) -> N
         await asyncio.wait_for(Feed(f"{short}?rate=0").run(), BOUND)
 
 
+@pytest.mark.long
 async def test_a_recording_at_full_speed_closes_no_viewer(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A viewer that draws at once confirms more scans than it may say anything else."""
     monkeypatch.setattr(module, "STATE_S", 3600.0)

@@ -102,6 +102,7 @@ async def test_the_latest_scan_wins_and_none_is_queued() -> None:
         assert sorted(got[AHEAD:]) == [(0, 49), (1, 149)]
 
 
+@pytest.mark.long
 async def test_a_viewer_that_stops_reading_costs_the_others_nothing() -> None:
     async with serving() as (server, feeds), viewer(server) as reading, viewer(server):
         await until_viewers(server, 2)

@@ -123,6 +123,7 @@ async def still_open(strangers: list[socket.socket]) -> int:
     return count
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("addresses", "most"), [(1, door.MOST_WAITING_EACH), (40, door.MOST_WAITING)])
 @pytest.mark.parametrize("said", [b"", b"GET / HTTP/1.1\r\nHost: localhost\r\nA: "])
 async def test_who_says_nothing_takes_only_so_many_places(

@@ -28,6 +28,7 @@ async def ours(address: tuple[str, int]) -> list[lidario.Scan]:
         return [await lidar.scan(mode) for mode in ("Standard", "Intensity")]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", ["hokuyo-ust10lx", "hokuyo-utm30lx"])
 def test_hokuyolx_reads_what_the_device_measures(model: str) -> None:
     device = lidario.simulate(model, world=BOX)

@@ -39,6 +39,7 @@ class Dialogue:
         return {name: value[:-2] for name, _, value in (line.partition(":") for line in lines)}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", PROFILES)
 def test_it_tells_what_it_is_and_measures_what_it_told(model: str) -> None:
     host, of = Dialogue(model), PROFILES[model]

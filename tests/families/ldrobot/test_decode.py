@@ -84,6 +84,7 @@ def test_the_clock_of_an_ld08_may_begin_anew_at_either_number(wrap_ms: int) -> N
     assert np.diff([scan.stamp_ns for scan in scans]) == pytest.approx(200_000_000, rel=0.01)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("lost", [0.1, 0.2, 0.5])
 @pytest.mark.parametrize("model", ["ldrobot-ld06", "ldrobot-ld19"])
 def test_a_device_of_which_packets_are_lost_is_no_other_model(model: str, lost: float) -> None:

@@ -22,6 +22,7 @@ GREETING = b"Piccolo Laser Distance Scanner\r\nLoader\tV2.4.13386\r\n#"
 streams = pytest.mark.parametrize("path", STREAMS, ids=lambda path: path.stem)
 
 
+@pytest.mark.long
 @streams
 @pytest.mark.parametrize("chunk", [None, 1, 100])
 def test_each_sample_is_that_of_the_other_parser(path: Path, chunk: int | None) -> None:
@@ -37,6 +38,7 @@ def test_each_sample_is_that_of_the_other_parser(path: Path, chunk: int | None) 
     assert received.stats.packets == len(truth["angle_deg"]) // 4
 
 
+@pytest.mark.long
 @streams
 def test_the_speed_that_packets_tell_dates_the_samples(path: Path) -> None:
     with np.load(path) as arrays:

@@ -27,6 +27,7 @@ def test_it_tells_what_it_is_when_it_has_booted() -> None:
     assert device.transmit(BEGIN + 3 * S).startswith(b"Piccolo")
 
 
+@pytest.mark.long
 def test_below_200_rpm_two_packets_a_revolution_tell_that() -> None:
     device = make_simulated("neato-xv11")
     device.transmit(BEGIN)

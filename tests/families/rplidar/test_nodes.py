@@ -167,6 +167,7 @@ TWICE: dict[str, tuple[bytes, int]] = {
 """What stands there in two revolutions before a mark does, and how many nodes that costs."""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("what", TWICE)
 def test_only_a_node_with_a_mark_tells_where_marks_stand(what: str) -> None:
     """Far from the others, one is believed where the last one was that was not."""

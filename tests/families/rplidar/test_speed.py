@@ -23,6 +23,7 @@ def test_the_documented_confirmation() -> None:
     assert confirm(115_200).data == bytes.fromhex("a59008 5f5f 00c20100 0000 fe")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scanning", [False, True])
 @driven
 async def test_device_and_port_change_together(scanning: bool) -> None:
@@ -120,6 +121,7 @@ async def test_cancelled_at_any_time_the_device_is_reached_and_left_still(after_
     assert left_still(rig)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("closed", [True, False])
 @pytest.mark.parametrize("rig", ["rplidar-s2", "rplidar-a2"])
 def test_cancelled_at_any_step_it_is_left_still_although_it_may_have_taken_the_new_speed(

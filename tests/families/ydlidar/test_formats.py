@@ -66,6 +66,7 @@ def test_magic_bytes_inside_a_damaged_packet_cost_nothing_more(seed: int) -> Non
         assert received.stats.skipped_bytes == len(broken)
 
 
+@pytest.mark.long
 def test_stray_bytes_before_a_packet_cost_themselves() -> None:
     for stray in (b"\xaa", b"\xaa\xaa", b"\xa5", b"\xa5\x5a", b"\x00", b"\x55"):
         received = in_any_pieces(b"".join([*CLEAN[:5], stray, *CLEAN[5:]]))
@@ -109,6 +110,7 @@ def test_headings_and_offsets() -> None:
     assert list(packet_offsets(parsed.blocks)) == [0, 88, 100, 190, 202, len(raw)]
 
 
+@pytest.mark.long
 @pytest.mark.repeats
 @given(
     harm=st.sampled_from([damage.flip, damage.drop_bytes, damage.insert_bytes]),

@@ -34,6 +34,7 @@ def device() -> Simulated4Ros:
     return make_simulated("ydlidar-4ros", world=make_world("circle"), serial="0123456789012345")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("hundredths", "samples"), [(500, 4000), (700, 2857), (1000, 2000), (1200, 1667)])
 def test_turns(device: Simulated4Ros, hundredths: int, samples: int) -> None:
     device.set_speed = hundredths
@@ -54,6 +55,7 @@ def test_turns(device: Simulated4Ros, hundredths: int, samples: int) -> None:
         assert {sample.distance_mm for sample in ydlidar.decode(turn)} == {2000.0}
 
 
+@pytest.mark.long
 def test_the_line_is_used_as_documented(device: Simulated4Ros) -> None:
     data = stream_of(device, 10.0)
     assert len(data) / 10 == pytest.approx(45_100, rel=0.005)
