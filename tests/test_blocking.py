@@ -152,7 +152,6 @@ def test_several_threads_share_it() -> None:
     assert left_still(rig)
 
 
-@pytest.mark.long
 def test_closing_ends_what_other_threads_wait_for() -> None:
     rig = make_rig("rplidar")
     ended: list[BaseException] = []
@@ -201,7 +200,6 @@ def test_a_tap_cannot_wait_for_its_own_thread() -> None:
     assert "cannot wait for itself" in refused[0]
 
 
-@pytest.mark.long
 def test_one_that_nobody_holds_is_closed() -> None:
     rig = make_rig("rplidar")
     lidar = open_sync(rig.device)

@@ -1,4 +1,4 @@
-"""What tests of sessions share. The async ones run in driven time, unless they are marked ``long``."""
+"""What tests of sessions share. The async ones run in driven time, unless they are marked ``real_time``."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ T = TypeVar("T")
 
 @pytest.hookimpl(wrapper=True, trylast=True)
 def pytest_pycollect_makeitem() -> Generator[None, T, T]:
-    """Have async tests run on a driven loop. What is long has real devices: threads, terminals, sockets."""
+    """Have async tests run on a driven loop, but for those with real devices: threads, terminals, sockets."""
     made = yield
     for item in made if isinstance(made, list) else ():
         is_async = isinstance(item, pytest.Function) and inspect.iscoroutinefunction(item.obj)
-        if is_async and not item.get_closest_marker("long"):
+        if is_async and not item.get_closest_marker("real_time"):
             item.obj = driven(item.obj)
     return made
 

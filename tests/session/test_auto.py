@@ -155,7 +155,6 @@ async def test_all_of_them_together(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.3])
-@driven
 async def test_none_is_taken_for_another_where_packets_are_lost(
     share: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:

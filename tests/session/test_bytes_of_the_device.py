@@ -52,6 +52,7 @@ async def test_in_memory(rig: Rig) -> None:
 
 
 @pytest.mark.long
+@pytest.mark.real_time
 async def test_on_a_terminal_whose_reader_is_blocked(rig: Rig) -> None:
     """Also what the thread has read while the loop stood still, and what came behind the STOP."""
     sent = Sent(rig)

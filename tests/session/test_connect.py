@@ -24,6 +24,7 @@ PATIENCE_S = 60.0
 
 
 @pytest.mark.long
+@pytest.mark.real_time
 async def test_both_families_are_found_and_stream_side_by_side(soak: float) -> None:
     first, second = make_rig("rplidar"), make_rig("ydlidar")
     with WaitingPtyServer(first.device, chunk=64) as one, WaitingPtyServer(second.device, chunk=64) as two:
@@ -53,6 +54,7 @@ async def test_both_families_are_found_and_stream_side_by_side(soak: float) -> N
 
 
 @pytest.mark.long
+@pytest.mark.real_time
 @pytest.mark.parametrize("model", ["ldrobot-ld14", "ldrobot-ld08"])
 async def test_the_speed_of_a_pseudo_terminal_tells_no_model(model: str) -> None:
     """That of a real line tells a slow LD14P from these two, which hear nothing."""

@@ -21,7 +21,7 @@ from lidario.scan import Scan
 from lidario.session.talking.intake import IDLE_SLICE
 from lidario.wire.link import Link
 from tests.support.devices import Rig, make_rig
-from tests.support.loop import DrivenLoop, driven, driven_loop
+from tests.support.loop import DrivenLoop, driven_loop
 
 STEP_S = 0.001
 MOST_STEPS = round(TURN_NS * 1e-9 / STEP_S) + 1
@@ -78,7 +78,6 @@ def flood(rig: Rig, kind: str, size: int) -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("kind", FLOODS)
-@driven
 async def test_each_turn_of_the_loop_does_a_bounded_part(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     loop = driven_loop()
     steps, rig = Steps(monkeypatch, loop), make_rig("rplidar")

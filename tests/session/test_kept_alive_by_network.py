@@ -16,6 +16,7 @@ LONGEST_BLOCK_S = 20.0
 
 
 @pytest.mark.long
+@pytest.mark.real_time
 @on_both_loops
 async def test_the_thread_writes_what_the_loop_does_not(ydlidar: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     """The loop is blocked until the device has heard what keeps it going three times.

@@ -33,6 +33,7 @@ GAP_S = 0.2
 
 
 @pytest.mark.long
+@pytest.mark.real_time
 @pytest.mark.parametrize("family", ["rplidar", "ydlidar"])
 async def test_within_two_seconds_through_a_link(family: str, tmp_path: Path) -> None:
     device = make_rig(family).device
@@ -56,6 +57,7 @@ async def test_within_two_seconds_through_a_link(family: str, tmp_path: Path) ->
 
 
 @pytest.mark.long
+@pytest.mark.real_time
 @pytest.mark.parametrize("by", ["id", "path"])
 async def test_under_another_name_held_for_a_while_beside_other_ports(
     by: str, monkeypatch: pytest.MonkeyPatch
@@ -108,6 +110,7 @@ async def test_a_port_that_nobody_has_named_is_asked_15_times_in_vain(monkeypatc
 
 
 @pytest.mark.long
+@pytest.mark.real_time
 async def test_two_that_change_their_names_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     rigs = [make_rig("rplidar", seed=seed) for seed in (1, 2)]
     for rig in rigs:
@@ -133,6 +136,7 @@ async def test_two_that_change_their_names_at_once(monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.long
+@pytest.mark.real_time
 async def test_a_network_connection_that_was_closed() -> None:
     device = make_rig("ydlidar").device
     device.boot_s = BOOT_S
@@ -147,6 +151,7 @@ async def test_a_network_connection_that_was_closed() -> None:
 
 
 @pytest.mark.long
+@pytest.mark.real_time
 @pytest.mark.parametrize("via", ["pty", "tcp"])
 async def test_a_simulated_source_ends_with_the_session(via: str) -> None:
     source = f"sim://rplidar-s2?via={via}&fault=unplug:1s"
@@ -157,6 +162,7 @@ async def test_a_simulated_source_ends_with_the_session(via: str) -> None:
 
 
 @pytest.mark.long
+@pytest.mark.real_time
 async def test_a_session_that_is_closed_while_it_is_away_leaves_nothing() -> None:
     async with open_lidar("sim://rplidar-s2?fault=replug:1s", reconnect=True) as lidar:
         async with asyncio.timeout(BOUND_S):
@@ -165,6 +171,7 @@ async def test_a_session_that_is_closed_while_it_is_away_leaves_nothing() -> Non
 
 
 @pytest.mark.long
+@pytest.mark.real_time
 async def test_a_recording_goes_on_when_the_line_is_back(tmp_path: Path) -> None:
     device = make_rig("rplidar").device
     device.boot_s = BOOT_S
