@@ -22,7 +22,9 @@ from lidario.recording.export import write_whole
 with write_whole(Path(sys.argv[1]), overwrite=True) as part:
     part.write_bytes(b"half of")
     print(flush=True)
-    time.sleep(600)
+    # One long nap would not be ended by a signal that the system gives to another thread, such as one of numpy's.
+    while True:
+        time.sleep(0.01)
 """
 
 
