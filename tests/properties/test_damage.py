@@ -13,7 +13,7 @@ from tests.support.samples import one_a_parser
 
 PACKET_CASES = [case for case in CASES if len(case.packets[0]) > 5]
 """All but the plain node, which has no check value: see test_nodes."""
-SEEDS = range(6)
+SEEDS = range(12)
 """No seed of these damages a start angle so that the check value does not see it."""
 
 
