@@ -266,7 +266,7 @@ class _Spinning:
         )
         # The terminal may go away meanwhile. The next write to it raises the same error.
         with suppress(OSError, ReaderGone), display:
-            # Nobody would show the cursor again where a signal ends the process outright.
+            # A signal that ends the process at once would leave the cursor hidden.
             display.console.show_cursor(True)
             while not self.over.wait(1 / SPINS_A_SECOND):
                 shown.update(text=self._text)

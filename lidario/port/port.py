@@ -59,7 +59,7 @@ class Port(Guarded, asyncio.Protocol):
         length_s: As `Lidar.length_s`.
         on_close: Called once after the port was closed, e.g. to end a simulated device.
         explain_loss: Asked why the line died; a simulated device knows more about it than the system.
-        likely_loss: What is to be looked for where nobody knows.
+        likely_loss: What an error asks its reader to check, when the cause of the loss is not known.
     """
 
     likely_loss: str = "Was it unplugged?"

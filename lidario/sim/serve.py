@@ -238,7 +238,7 @@ class TcpServer(_AddressServer):
 
 
 class UdpServer(_AddressServer):
-    """A simulated Ethernet device: it responds to whoever wrote last, by UDP."""
+    """A simulated Ethernet device over UDP. It responds to the program that wrote to it last."""
 
     _most = 1024
     """Of a datagram: the vendor's driver reads so many of each."""
