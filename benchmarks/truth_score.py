@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.truth_cases import Line
+from benchmarks.truth_cases import Line, Mask
 from benchmarks.truth_code import UNTOLD, Floats, Ints
 from benchmarks.truth_streams import TrueStream
 from benchmarks.truth_ways import Received
@@ -25,8 +25,8 @@ class Score:
     Attributes:
         samples: Samples of whole revolutions.
         kept: Of these, delivered within a degree, each counted once.
-        wrong: Points delivered more than a degree off, or with a distance that no sample has.
-        strange: Of these, those with such a distance.
+        wrong: Points delivered more than a degree off, or with a distance that is not theirs.
+        strange: Of these, those with such a distance: damaged bytes passed for good ones.
         farthest_deg: The farthest off.
         mixed: Points of another revolution than most of their scan.
         twice: Points delivered that had been delivered before.
@@ -133,10 +133,26 @@ def _points(stream: TrueStream, scan: Scan) -> _Points:
     sizes = np.diff(stream.firsts)
     fits = (packet >= 0) & (place >= 0)
     fits[fits] = place[fits] < sizes[packet[fits]]
-    sample = stream.firsts[packet[fits]] + place[fits]
-    off = np.abs((scan.device_angles[there[fits]] - stream.degrees[sample] + 180.0) % 360.0 - 180.0)
-    strange = int((~fits & (packet != UNTOLD)).sum())
-    return _Points(sample, off, scan.times_ns[there[fits]].astype(np.float64), strange)
+    sample, at = stream.firsts[packet[fits]] + place[fits], there[fits]
+    off = np.abs((scan.device_angles[at] - stream.degrees[sample] + 180.0) % 360.0 - 180.0)
+    own = ~_takes_the_place_of_another(sample, at, off)
+    strange = int((~fits & (packet != UNTOLD)).sum() + (~own).sum())
+    return _Points(sample[own], off[own], scan.times_ns[at[own]].astype(np.float64), strange)
+
+
+def _takes_the_place_of_another(sample: Ints, at: Ints, off_deg: Floats) -> Mask:
+    """Which points stand where another sample belongs: its distance was damaged, and became that of one elsewhere.
+
+    Between two points at their right angles, as many samples apart as places in the scan, nothing else can stand.
+    """
+    # The same for neighbours, where nothing is missing between them.
+    number, right = sample - at, np.flatnonzero(off_deg <= _OFF_DEG)
+    found = np.zeros(len(sample), np.bool_)
+    apart = np.flatnonzero(np.diff(right) > 1)
+    for begin, end in zip(right[apart].tolist(), right[apart + 1].tolist(), strict=True):
+        if number[begin] == number[end]:
+            found[begin:end] = number[begin:end] != number[begin]
+    return found
 
 
 def is_right(stream: TrueStream, scan: Scan) -> bool:

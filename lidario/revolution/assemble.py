@@ -4,8 +4,9 @@ The assembler keeps the packets of the revolution in the making as bytes, and re
 it joins them, has them decoded in one go, divides the samples exactly where the rotor passed the seam (the rest of
 the packet that crosses it begins the next revolution), and builds one `Scan`.
 
-What it will not deliver: the first, partial revolution; a revolution around a restart of the stream; a revolution
-of which so much is missing that parts of two may have met. The last two are counted as broken.
+What it will not deliver: the first, partial revolution; a revolution around a restart of the stream; one of which
+so much is missing that parts of two may have met; one whose angles are not certain. All but the first are counted
+as broken.
 """
 
 from __future__ import annotations
@@ -317,7 +318,7 @@ class Assembler:
         ended.spanned_ns += ended.missing_samples(gap_behind=self.partial.carried is None) * ended.sample_ns
         ordinary_ns = self._clock.usual_ns or ended.spanned_ns
         # What a program reads late it reads together: of an outage meanwhile only a gap in it tells where it was.
-        broken = ended.is_broken(ordinary_ns) or (ended.lost > 0 and self._clock.is_late)
+        broken = ended.is_broken(wire, ordinary_ns) or (ended.lost > 0 and self._clock.is_late)
         told = samples.lost + partial.lost_behind_carried + ended.revoked
         if self._told_seq is None and self._ended_at is not None:
             least_ns = ended.least_ns(wire, self._clock.usual_ns)

@@ -16,9 +16,9 @@ from lidario.wire.formats import HEADING_MASK, StreamFormat
 BROKEN_SHARE: Final = 0.9
 """Share of a revolution that may be missing in time, not seen as a jump of the angle, before it is broken."""
 UNEVEN: Final = 1.5
-_FEWEST_PACKETS: Final = 3
-"""A revolution of which the angles are not certain is delivered when it has so many packets, and took at most so
-many times the time of what it holds and misses."""
+"""Times the samples of a revolution from which parts of two have met in it."""
+_FEWEST_SAMPLES: Final = 3
+"""Of fewer nobody knows that they are a revolution, where each tells its own angle."""
 
 _FALSE_PART: Final = 0.5
 """Part of a revolution below which what lies between two splits is none: one of the two was false. So there are
@@ -90,30 +90,24 @@ class EndedRevolution:
         behind = samples.skipped_behind if gap_behind and samples.certain else 0
         return _samples_of(samples, self.lost, sum([each for _, each in self.gaps or ()]) + behind)
 
-    def is_broken(self, ordinary_ns: float) -> bool:
-        """Whether parts of two revolutions may have met in it; it must be dated.
+    def is_broken(self, wire: StreamFormat, ordinary_ns: float) -> bool:
+        """Whether its angles are not certain, or parts of two revolutions may have met in it; it must be dated.
 
         Args:
+            wire: The format.
             ordinary_ns: What the revolution before took.
         """
-        packets, samples = self.packets, self.samples
+        samples = self.samples
         if self.elapsed_ns > self.spanned_ns + BROKEN_SHARE * ordinary_ns:
             return True
+        if not samples.certain:
+            return not wire.single or self.packets.count < _FEWEST_SAMPLES
         # What is missing behind its last packet has not passed when that one comes.
         lost = samples.lost - samples.lost_behind
-        if samples.certain:
-            # More than one revolution by its angles: they went back by so little that it looked like jitter.
-            skipped = sum([each for _, each in samples.gaps]) - samples.skipped_behind
-            missing = _samples_of(samples, lost, skipped)
-            return self.count + missing > UNEVEN * samples.revolution_samples
-        if packets.count < _FEWEST_PACKETS:
-            return True
-        # Nothing must speak against the angles where their step is not certain. A read that brings the end of a
-        # packet with what comes behind a gap is late by that gap: so the packet behind it must be late, too.
-        packet_ns = samples.ends[-1] / packets.count * self.sample_ns
-        late = self.elapsed_ns > UNEVEN * (packets.count + lost) * packet_ns
-        behind_ns = self.partial.ended_ns - self.start_ns
-        return late and not 0 < behind_ns <= UNEVEN * (packets.count + samples.lost + 1) * packet_ns
+        # More than one revolution by its angles: they went back by so little that it looked like jitter.
+        skipped = sum([each for _, each in samples.gaps]) - samples.skipped_behind
+        missing = _samples_of(samples, lost, skipped)
+        return self.count + missing > UNEVEN * samples.revolution_samples
 
     @property
     def is_false_part(self) -> bool:

@@ -121,6 +121,11 @@ class StreamFormat(ABC):
         return None
 
     @property
+    def single(self) -> bool:
+        """Whether each packet is one sample, whose angle it states: no other packet is needed to know that."""
+        return self.shortest == self.longest and self.samples == 1
+
+    @property
     def pitch(self) -> int:
         """Samples from the beginning of a packet to that of the next, also those that the device does not take."""
         return self.samples

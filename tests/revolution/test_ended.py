@@ -9,6 +9,7 @@ import pytest
 
 from lidario.families.base import Samples
 from lidario.families.rplidar.formats import DenseFormat
+from lidario.families.rplidar.nodes import NodeFormat
 from lidario.families.rplidar.simulated.packers import pack_dense
 from lidario.families.ydlidar.formats import PointCloud
 from lidario.revolution.ended import EndedRevolution, packet_time, share_before
@@ -57,18 +58,20 @@ def ended(revolution: PartialRevolution, samples: Samples, start_ns: int) -> End
     return here
 
 
-@pytest.mark.parametrize(("packets", "broken"), [(2, True), (3, False), (80, False)])
-def test_of_few_packets_whose_angles_are_not_certain_nothing_is_believed(packets: int, broken: bool) -> None:
+@pytest.mark.parametrize("packets", [2, 3, 80])
+def test_of_packets_whose_angles_are_not_certain_nothing_is_delivered(packets: int) -> None:
     samples = decoded(packets, 80.0, certain=False)
     here = ended(partial(packets, END_NS), samples, round(END_NS - packets * EACH * SAMPLE_NS))
-    assert here.is_broken(USUAL_NS) is broken
+    assert here.is_broken(DenseFormat(), USUAL_NS)
+    # Where each is one sample that tells its own angle, no step is needed.
+    assert here.is_broken(NodeFormat(), USUAL_NS) is (packets < 3)
 
 
 def test_more_than_one_revolution_by_its_angles_is_broken() -> None:
     for lost, behind, broken in ((0, 0, False), (39, 0, False), (41, 0, True), (41, 10, False)):
         samples = decoded(80, 80.0, lost=lost, lost_behind=behind)
         here = ended(partial(80, END_NS), samples, round(END_NS - USUAL_NS))
-        assert here.is_broken(USUAL_NS) is broken, lost
+        assert here.is_broken(DenseFormat(), USUAL_NS) is broken, lost
 
 
 def test_how_much_of_a_revolution_must_have_come() -> None:
@@ -89,7 +92,7 @@ def test_one_that_took_much_longer_than_what_is_known_of_it_is_broken() -> None:
     samples = decoded(80, 80.0)
     for late, broken in ((0.89, False), (0.91, True)):
         here = ended(partial(80, END_NS), samples, round(END_NS - (1 + late) * USUAL_NS))
-        assert here.is_broken(USUAL_NS) is broken
+        assert here.is_broken(DenseFormat(), USUAL_NS) is broken
 
 
 @pytest.mark.parametrize(("packets", "false"), [(39, True), (40, False), (80, False)])
@@ -178,26 +181,4 @@ def test_of_short_packets_nobody_knows_what_an_ordinary_one_takes(
 def test_so_is_one_that_misses_too_many_samples_inside(there: int, behind: int, broken: bool) -> None:
     gaps = [(400, there), *([(80 * EACH, behind)] if behind else [])]
     here = ended(partial(80, END_NS), decoded(80, 80.0, gaps=gaps), round(END_NS - USUAL_NS))
-    assert here.is_broken(USUAL_NS) is broken
-
-
-@pytest.mark.parametrize(("lost", "behind"), [(0, 0), (5, 0), (7, 2), (24, 24)])
-def test_where_its_step_is_not_certain_its_time_must_be_that_of_what_it_holds_and_misses(
-    lost: int, behind: int
-) -> None:
-    """Up to its last packet: what is missing behind that one has not passed when it comes."""
-    expected_ns = (10 + lost - behind) * EACH * SAMPLE_NS
-    for times, broken in ((1.49, False), (1.51, True)):
-        samples = decoded(10, 80.0, certain=False, lost=lost, lost_behind=behind)
-        here = ended(partial(10, END_NS), samples, round(END_NS - times * expected_ns))
-        assert here.is_broken(10 * USUAL_NS) is broken
-
-
-@pytest.mark.parametrize(("later", "broken"), [(0, False), (9, False), (10, True)])
-def test_a_read_that_brings_its_last_packet_may_be_late_by_the_gap_behind_it(later: int, broken: bool) -> None:
-    """The packet behind the gap, which comes so many packets later, is the 17th: it may take the time of 25.5."""
-    packet_ns = EACH * SAMPLE_NS
-    samples = decoded(10, 80.0, certain=False, lost=6, lost_behind=6)
-    revolution = partial(10, END_NS, ended_ns=END_NS + round(later * packet_ns))
-    here = ended(revolution, samples, round(END_NS - 16 * packet_ns))
-    assert here.is_broken(10 * USUAL_NS) is broken
+    assert here.is_broken(DenseFormat(), USUAL_NS) is broken

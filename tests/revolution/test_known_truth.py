@@ -178,3 +178,14 @@ def test_noise_that_passes_for_an_end_makes_no_revolution_more(name: str, case: 
     assert found.seq_off == 0
     assert found.delivered <= found.revolutions
     assert found.told_revolutions <= found.missing_revolutions + 1
+
+
+@pytest.mark.parametrize(
+    ("name", "case", "way"),
+    [("0x82 A1", "60 % of the packets gone", "file"), ("0x82 A1", "1 % of the bytes flipped", "read")],
+)
+def test_a_revolution_whose_angles_are_not_certain_is_not_delivered(name: str, case: str, way: str) -> None:
+    """As the first one, where it has lost more packets than it has left."""
+    found = _scored(name, case, way)
+    assert found.wrong == found.strange
+    assert found.told_revolutions == found.missing_revolutions > 0

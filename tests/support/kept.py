@@ -45,12 +45,13 @@ class Kept(NamedTuple):
 
 
 def spoil_inside(case: Case, probability: float, seed: int) -> bytes:
-    """The golden stream with flipped bits, but for the packets at the first turn's begin and the last one's end.
+    """The golden stream with flipped bits, but for its first turn and the packets at the end of the last one.
 
-    A stream that is joined or left in the middle of a turn loses that turn by right; so the flips stay inside.
+    A stream that is joined or left in the middle of a turn loses that turn by right. So it is with a turn whose
+    angles are not certain, as where a stream begins with damage.
     """
     starts = [0, *accumulate(map(len, case.packets))]
-    begin, end = starts[case.turns[0][0].packet + 2], starts[case.turns[-1][-1].packet - 1]
+    begin, end = starts[case.turns[1][0].packet], starts[case.turns[-1][-1].packet - 1]
     spoiled = damage.flip(case.raw[begin:end], probability, seed)
     assert spoiled.touched
     return case.raw[:begin] + spoiled.raw + case.raw[end:]
