@@ -12,6 +12,7 @@ from benchmarks.truth_code import UNTOLD, Floats, Ints
 from benchmarks.truth_streams import TrueStream
 from benchmarks.truth_ways import Received
 from lidario.scan import Scan
+from lidario.sector import Sector
 
 _OFF_DEG = 1.0
 _SEAM_DEG = 2.0
@@ -127,7 +128,7 @@ def score(stream: TrueStream, line: Line, received: Received, *, timed: bool) ->
     )
 
 
-def _points(stream: TrueStream, scan: Scan) -> _Points:
+def _points(stream: TrueStream, scan: Scan | Sector) -> _Points:
     there = np.flatnonzero(scan.device_distances)
     packet, place = stream.code.decode(scan.device_distances[there])
     sizes = np.diff(stream.firsts)
@@ -155,8 +156,8 @@ def _takes_the_place_of_another(sample: Ints, at: Ints, off_deg: Floats) -> Mask
     return found
 
 
-def is_right(stream: TrueStream, scan: Scan) -> bool:
-    """Whether no point of a scan is more than a degree off, or of no sample."""
+def is_right(stream: TrueStream, scan: Scan | Sector) -> bool:
+    """Whether no point of it is more than a degree off, or of no sample."""
     points = _points(stream, scan)
     return not points.strange and float(points.off_deg.max(initial=0.0)) <= _OFF_DEG
 

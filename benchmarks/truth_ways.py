@@ -5,7 +5,7 @@ All go through what a program uses: `Link` and `Assembler`, and the offline deco
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,7 @@ from lidario.recording.offline import OfflineDecoder
 from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.pipeline import Pipeline
 from lidario.scan import Scan
+from lidario.sector import Sector
 
 WAYS = ("read", "held", "file")
 """Each read parsed by itself; what was read kept until a revolution should be complete; a file of bytes."""
@@ -38,12 +39,17 @@ class Received:
     packets: int
 
 
-def receive(stream: TrueStream, line: Line, way: str, seed: int = 1) -> Received:
-    """Everything that comes of a line, in one of `WAYS`."""
+def receive(
+    stream: TrueStream, line: Line, way: str, seed: int = 1, publish: Callable[[Sector], None] | None = None
+) -> Received:
+    """Everything that comes of a line, in one of `WAYS`; live, `publish` takes each eighth of a revolution, too."""
     if way == "file":
         return _from_file(stream, line)
     reads = list(_reads(line, np.random.default_rng(seed)))
-    return _live(stream, line, reads, _handed_over(stream, reads, way))
+    pipeline = Pipeline(stream.form.stream(), stream.form.baudrate)
+    if publish is not None:
+        pipeline.assembler.divide((8,), lambda _, sector: publish(sector))
+    return _live(pipeline, line, reads, _handed_over(stream, reads, way))
 
 
 def _reads(line: Line, random: np.random.Generator) -> Iterator[tuple[int, int]]:
@@ -71,8 +77,8 @@ def _handed_over(stream: TrueStream, reads: list[tuple[int, int]], way: str) -> 
     return np.unique(np.append(np.minimum(due, len(reads)), len(reads)))
 
 
-def _live(stream: TrueStream, line: Line, reads: list[tuple[int, int]], ends: NDArray[np.int64]) -> Received:
-    pipeline, scans = Pipeline(stream.form.stream(), stream.form.baudrate), list[Scan]()
+def _live(pipeline: Pipeline, line: Line, reads: list[tuple[int, int]], ends: NDArray[np.int64]) -> Received:
+    scans = list[Scan]()
     first = begin = 0
     for end in ends.tolist():
         piece = reads[first:end]

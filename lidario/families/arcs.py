@@ -70,6 +70,8 @@ class ArcDecoder(ABC):
     def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
         heads = self._heads(packets, following)
         arcs = self._turning.follow(heads, packets.arrivals)
+        if packets.cut:
+            self._turning.doubt_time()
         ends = self._ends(heads)
         gaps, lost = self._gaps(heads, arcs)
         angle, distance, intensity, last = self._decoded(heads, arcs, ends, room)
@@ -116,6 +118,8 @@ class ArcDecoder(ABC):
 
         def settle() -> None:
             self._turning.settle(arcs, packets.arrivals)
+            if packets.cut:
+                self._turning.doubt_time()
             self._remember(heads, last)
 
         return SteadySamples(

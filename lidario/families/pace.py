@@ -47,11 +47,13 @@ class Pace:
         self._full_turn = full_turn
         self._points: list[_Point] = []
         self._turned = self._came = 0
+        self._is_doubted = False
 
     def copy(self) -> Pace:
         """Another one, which goes on from here."""
         twin = Pace(self._full_turn)
         twin._points, twin._turned, twin._came = [*self._points], self._turned, self._came
+        twin._is_doubted = self._is_doubted
         return twin
 
     def back_from_now(self) -> list[tuple[int, int, int]]:
@@ -62,9 +64,16 @@ class Pace:
         """What comes does not follow what came."""
         self._points = []
 
+    def doubt_last(self) -> None:
+        """The latest time was reckoned, as if nothing were missing: the next one takes its place."""
+        self._is_doubted = True
+
     def add(self, spans: Sequence[int], arrivals: Sequence[Arrival]) -> None:
         """Take the next packets: how far ahead of each the next one is, and when they came."""
         begin, turned = 0, self._turned
+        if self._is_doubted and self._points:
+            self._points.pop()
+        self._is_doubted = False
         for count, at_ns in arrivals:
             # Only the last packet of a read came just then.
             if self._points and self._points[-1].at_ns == at_ns:
@@ -90,6 +99,7 @@ class Pace:
         self._turned += turned
         self._came += count
         self._points[-1] = _Point(arrivals[0][1], self._turned - last, self._came)
+        self._is_doubted = False
         return True
 
     def measured(self, packet_ns: float, arc: float = 0.0) -> tuple[float, float] | None:
@@ -165,6 +175,9 @@ class PacedTurning(Turning):
 
     def tell_time(self, sample_ns: float, *, passes: bool = True) -> None:
         self._packet_ns, self._time_passes = self._samples * sample_ns, passes
+
+    def doubt_time(self) -> None:
+        self._pace.doubt_last()
 
     def _note_close(self, packets: int) -> None:
         """So many more packets are told to follow each other."""

@@ -77,6 +77,9 @@ class Turning(ABC):
     def tell_time(self, sample_ns: float, *, passes: bool = True) -> None:  # noqa: B027
         """As `Decoder.tell_time`."""
 
+    def doubt_time(self) -> None:  # noqa: B027
+        """The time that was told last was reckoned (`Packets.cut`): the next one takes its place."""
+
     def copy(self) -> Self:
         """Another one, which goes on from here without changing what this one remembers."""
         return self

@@ -82,6 +82,7 @@ class DividedRevolution:
         packets: How many they are.
         first_ns: Earliest estimate of when the first sample arrived; infinite when there is none.
         gap: Whether a gap is known, so that the number of samples tells no time any more.
+        certain: Whether the angles of all that was decoded are.
         seq: Its number, once told.
         unseen: Revolutions before it that were counted as missing when that was told.
     """
@@ -116,6 +117,7 @@ class DividedRevolution:
         self.most_samples: int = 0
         self.first_ns: float = math.inf
         self.gap: bool = partial.carried is not None and partial.lost_behind_carried > 0
+        self.certain: bool = True
         self.seq: int | None = None
         self.unseen = 0
 
@@ -144,13 +146,13 @@ class DividedRevolution:
         self.bytes += len(packets.data)
         self.packets += packets.count
 
-    def take(self, samples: Samples, next_at: int, full_turn: int) -> None:
+    def take(self, samples: Samples, next_at: int, wire: StreamFormat) -> None:
         """What waited was decoded to that, behind the samples that were left over before.
 
         Args:
             samples: The samples.
             next_at: How far behind the seam the packet behind it begins.
-            full_turn: 360 degrees.
+            wire: The format.
         """
         arrays = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
         if samples.gaps:
@@ -164,11 +166,12 @@ class DividedRevolution:
         self.lost += self.lost_behind + samples.lost - samples.lost_behind
         self.lost_behind = samples.lost_behind
         self.gap |= samples.lost > 0
+        self.certain &= samples.certain or wire.own_angles
         ends = samples.ends
         self.last, self.last_samples = self.waiting_at, ends[-1] - (ends[-2] if len(ends) > 1 else 0)
-        self.last_arc = (next_at - self.last) % full_turn
+        self.last_arc = (next_at - self.last) % wire.full_turn
         if samples.certain and samples.revolution_samples and samples.lost_behind:
-            self.last_arc = self.last_samples * full_turn / samples.revolution_samples
+            self.last_arc = self.last_samples * wire.full_turn / samples.revolution_samples
 
     def give(self, upto: int) -> None:
         """Divide the rest: so many samples of it belong to every sector in the making."""

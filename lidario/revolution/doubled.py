@@ -6,8 +6,8 @@ between them that the rotor may have turned once. If it stayed, the angle would 
 would begin a second revolution. Where very many are alike, the rotor stands still: these stay, as they tell that
 nothing is missing meanwhile.
 
-A packet of one sample without a check value (`StreamFormat.single`) is never dropped: of a slow rotor, two samples
-may be alike.
+A packet of one sample without a check value (`StreamFormat.samples` is 1, and all have one size) is never dropped:
+of a slow rotor, two samples may be alike.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class DoubledPackets:
 
     def __init__(self, wire: StreamFormat, sample_ns: float, stats: AssemblerStats) -> None:
         self._wire, self._sample_ns, self._stats = wire, sample_ns, stats
-        self._can_tell = not wire.single
+        self._can_tell = wire.shortest != wire.longest or wire.samples > 1
         self.before: Packets | None = None
         self.alike: int = 1
 

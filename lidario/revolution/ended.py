@@ -17,8 +17,8 @@ BROKEN_SHARE: Final = 0.9
 """Share of a revolution that may be missing in time, not seen as a jump of the angle, before it is broken."""
 UNEVEN: Final = 1.5
 """Times the samples of a revolution from which parts of two have met in it."""
-_FEWEST_SAMPLES: Final = 3
-"""Of fewer nobody knows that they are a revolution, where each tells its own angle."""
+_FEWEST_PACKETS: Final = 3
+"""Of fewer nobody knows that they are a revolution, where no speed is sure."""
 
 _FALSE_PART: Final = 0.5
 """Part of a revolution below which what lies between two splits is none: one of the two was false. So there are
@@ -91,7 +91,7 @@ class EndedRevolution:
         return _samples_of(samples, self.lost, sum([each for _, each in self.gaps or ()]) + behind)
 
     def is_broken(self, wire: StreamFormat, ordinary_ns: float) -> bool:
-        """Whether its angles are not certain, or parts of two revolutions may have met in it; it must be dated.
+        """Whether its angles may be wrong, or parts of two revolutions may have met in it; it must be dated.
 
         Args:
             wire: The format.
@@ -101,7 +101,7 @@ class EndedRevolution:
         if self.elapsed_ns > self.spanned_ns + BROKEN_SHARE * ordinary_ns:
             return True
         if not samples.certain:
-            return not wire.single or self.packets.count < _FEWEST_SAMPLES
+            return not wire.own_angles or self.packets.count < _FEWEST_PACKETS
         # What is missing behind its last packet has not passed when that one comes.
         lost = samples.lost - samples.lost_behind
         # More than one revolution by its angles: they went back by so little that it looked like jitter.

@@ -161,11 +161,11 @@ def joined(runs: Sequence[Packets]) -> Packets:
         alike = alike and run.blocks[0][0] == size and len(run.blocks) == 1
     data = b"".join([run.data for run in runs])
     if alike:
-        return Packets(data, (Block(size, before),), tuple(arrivals))
+        return Packets(data, (Block(size, before),), tuple(arrivals), cut=runs[-1].cut)
     blocks: list[Block] = []
     for run in runs:
         join_blocks(blocks, run.blocks)
-    return Packets(data, tuple(blocks), tuple(arrivals))
+    return Packets(data, tuple(blocks), tuple(arrivals), cut=runs[-1].cut)
 
 
 def part_of(
@@ -198,7 +198,7 @@ def part_of(
             behind = wire.samples_in(some_blocks(packets.blocks, end, complete))
         at_ns -= round(behind * sample_ns)
     arrivals.append((end - begin, at_ns))
-    return Packets(packets.data[offsets[begin] : offsets[end]], blocks, tuple(arrivals))
+    return Packets(packets.data[offsets[begin] : offsets[end]], blocks, tuple(arrivals), cut=complete > end)
 
 
 def parts_of(packets: Packets, wire: StreamFormat, sample_ns: float) -> Iterator[Packets]:

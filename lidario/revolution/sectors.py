@@ -177,7 +177,7 @@ class SectorAssembler(Assembler):
         """Decode what waits: `following` is the packet behind it, and begins so far behind the seam."""
         room = 0 if here.rest is None else len(here.rest.angle)
         samples = here.decoder.decode(joined(here.waiting), following, room, seam)
-        here.take(samples, next_at, self._stream.format.full_turn)
+        here.take(samples, next_at, self._stream.format)
         if samples.certain and samples.revolution_samples:
             self._usual_samples, self._by_speed_ns = samples.revolution_samples, samples.sample_ns
         return samples
@@ -194,10 +194,10 @@ class SectorAssembler(Assembler):
             self._finish(here, count)
 
     def _finish(self, here: DividedRevolution, count: int) -> None:
-        """A sector is complete: publish it, unless no sample of it came."""
+        """A sector is complete: publish it, unless no sample of it came, or its angles may be wrong."""
         done = here.open[count]
         pieces = here.pieces[done.first :]
-        if not pieces:
+        if not pieces or not here.certain:
             # What is missing is told with the next one, whose index says that this one did not come.
             here.open[count] = OpenSector(done.index + 1, done.begin, done.lost, done.first)
             return
@@ -333,6 +333,8 @@ class SectorAssembler(Assembler):
         """What the whole revolution was decoded to: the samples of its pieces, and what they tell together."""
         pieces, arrays = here.decoded, here.rest
         assert arrays is not None
+        if not here.certain:
+            return self._decoder.decode(packets, following, room, seam)
         if here.pieces:
             arrays = join_pieces([*here.pieces, arrays])
         before_seam = sum([piece.ends[-1] for piece in pieces[:-1]]) + pieces[-1].before_seam

@@ -62,6 +62,8 @@ class Packets:
         skipped: Bytes that belong to no packet, between the packet before and the first of these.
         apart: True when the first one was complete with one read, and told only with a later one: by the bytes
             behind it, since damage stands before it. What was read with it was dated without it.
+        cut: True when others came with the last of them. When those here were complete is then reckoned, as if
+            nothing were missing between.
     """
 
     data: bytes
@@ -69,6 +71,7 @@ class Packets:
     arrivals: tuple[Arrival, ...]
     skipped: int = 0
     apart: bool = False
+    cut: bool = False
 
     @property
     def count(self) -> int:

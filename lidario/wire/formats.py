@@ -88,6 +88,8 @@ class StreamFormat(ABC):
         first_seam: Heading at which revolutions begin; None when only marked packets (`BEGINS`) tell.
         self_evident: True when the check value is strong enough to need no second proof.
         ticks: How the clock counts that its packets carry (`stamps`); None where they carry none.
+        own_angles: Whether each packet tells the angles of all its samples. If not, only the packets behind it tell
+            how far the rotor turned during it.
         whole: Whether each packet is a whole scan: what the device sees of one revolution, which may be less than
             360 degrees.
         begin_deg: Where such a scan begins, degrees clockwise.
@@ -104,6 +106,7 @@ class StreamFormat(ABC):
     first_seam: int | None = 0
     self_evident: bool = False
     ticks: Ticks | None = None
+    own_angles: bool = True
     whole: bool = False
     begin_deg: float = 0.0
     field_deg: float = 360.0
@@ -119,11 +122,6 @@ class StreamFormat(ABC):
     def told_sample_ns(self, packets: Packets) -> NDArray[np.float64] | None:  # noqa: ARG002
         """What a sample of each packet took, nanoseconds, where packets tell a speed that decides it; else None."""
         return None
-
-    @property
-    def single(self) -> bool:
-        """Whether each packet is one sample, whose angle it states: no other packet is needed to know that."""
-        return self.shortest == self.longest and self.samples == 1
 
     @property
     def pitch(self) -> int:

@@ -63,7 +63,7 @@ def test_of_packets_whose_angles_are_not_certain_nothing_is_delivered(packets: i
     samples = decoded(packets, 80.0, certain=False)
     here = ended(partial(packets, END_NS), samples, round(END_NS - packets * EACH * SAMPLE_NS))
     assert here.is_broken(DenseFormat(), USUAL_NS)
-    # Where each is one sample that tells its own angle, no step is needed.
+    # Where each tells the angles of all its samples, no speed is needed.
     assert here.is_broken(NodeFormat(), USUAL_NS) is (packets < 3)
 
 

@@ -53,6 +53,7 @@ class CapsuleFormat(RowFormat):
 
     header: re.Pattern[bytes] = re.compile(rb"[\xa0-\xaf][\x50-\x5f]")
     full_turn = FULL_TURN_Q6
+    own_angles = False
     start_at = 2
 
     def measure(self, data: bytearray, at: int) -> int:
