@@ -85,7 +85,7 @@ class SectorAssembler(Assembler):
     def next_ns(self) -> float:
         """When the packet that completes the next sector arrives if it is not late; NaN where unknown."""
         here = self._divided
-        if here is None or not self._usual_samples or not here.packets:
+        if here is None or not self._usual_samples:
             return math.nan
         wire, sample_ns, each = self._stream.format, self._sample_time_ns, here.most_samples
         end = here.ends[here.at][0] if here.at < len(here.ends) else wire.full_turn

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from lidario.errors import ConnectFailed
+from lidario.families.adapters import ADAPTERS
 from lidario.families.base import Device, Family, Known
 from lidario.families.registry import FAMILIES, family_named, family_of_simulated
 from lidario.model import ScanMode
@@ -101,3 +102,16 @@ def test_a_misspelt_simulated_model_is_told_the_nearest_ones_and_not_all() -> No
         family_of_simulated("rplidar-s9")
     assert len(str(caught.value)) < 200
     assert "\n" not in str(caught.value)
+
+
+def test_adapters_have_the_numbers_of_the_linux_drivers() -> None:
+    """cp210x.c, ch341.c, pl2303.h and ftdi_sio_ids.h; those of CH9102 and STM32, of cdc-acm, are their makers'."""
+    assert {name: f"{each.vendor:04x}:{each.product:04x}" for name, each in ADAPTERS.items()} == {
+        "CP2102": "10c4:ea60",
+        "CH340": "1a86:7523",
+        "CH9102": "1a86:55d4",
+        "STM32 virtual port": "0483:5740",
+        "PL2303": "067b:2303",
+        "FT232": "0403:6001",
+        "FT231X": "0403:6015",
+    }

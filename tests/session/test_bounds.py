@@ -176,6 +176,17 @@ def slow_intake() -> Taken:
     return intake
 
 
+async def test_reads_that_found_the_buffer_of_the_system_full_are_counted() -> None:
+    """By the port, which may have counted some before."""
+    late = SimpleNamespace(overflow_bytes=0, full_reads=2)
+    intake = Taken(cast("Port", SimpleNamespace(now=lambda: 0, errors=LineErrors(), late=late)))
+    told = list[int]()
+    for late.full_reads in (2, 3, 3, 5):
+        intake.data_received(b"", 0)
+        told.append(intake.stats.late_reads)
+    assert told == [0, 1, 1, 3]
+
+
 async def test_much_that_comes_together_is_parsed_in_steps() -> None:
     intake, packets = slow_intake(), b"".join(PACKETS[:10])
     intake.data_received(packets * 100, 0)

@@ -167,3 +167,12 @@ def test_a_second_thread_that_reads_a_stream_does_not_end_the_first() -> None:
         enough.set()
         thread.join(PATIENCE_S)
     assert seen == sorted(set(seen))
+
+
+async def test_a_stream_of_a_session_that_is_closed_is_not_entered() -> None:
+    async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
+        streams = lidar.scans(), lidar.sectors(45)
+    for stream in streams:
+        with pytest.raises(SessionClosed):
+            async with stream:
+                raise AssertionError("never here")

@@ -205,6 +205,18 @@ def test_a_device_is_asked_again_where_that_helps(responses: list[bytes], asked:
     assert heard == asked.split()
 
 
+def test_a_device_whose_responses_come_damaged_is_asked_three_times() -> None:
+    heard: list[str] = []
+
+    def respond(request: Request) -> bytes:
+        heard.append(request.name)
+        return DAMAGED
+
+    with pytest.raises(RemoteProtocolError):
+        played(ask("VV"), respond)
+    assert heard == ["VV"] * 3
+
+
 @pytest.mark.parametrize(
     ("response", "why"),
     [

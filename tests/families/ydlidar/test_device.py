@@ -14,6 +14,7 @@ from lidario.families.ydlidar.simulated.device import PROFILES, Simulated4Ros, m
 from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.sim.world import World
 from lidario.wire.envelope import Request
+from lidario.wire.events import Descriptor
 from lidario.wire.states import LinkState
 from tests.families.ydlidar.test_models import silent
 from tests.support.bench_4ros import Bench, played
@@ -203,3 +204,12 @@ def test_samples_show_the_world() -> None:
     # 1/64 degree in the packet, 1/91 in the world's table, 1/100 in a millimetre.
     error = (samples.angle_deg - (samples.distance_mm - 1000) / 50 + 180) % 360 - 180
     assert np.abs(error).max() < 0.05
+
+
+@pytest.mark.parametrize("name", ["4ros", "x4", "tmini"])
+def test_a_recording_that_is_played_announces_its_stream_as_every_model_does(name: str) -> None:
+    """The length in it is 5, whatever the packets are (ydlidar_4ros.md)."""
+    device = YdlidarDevice(MODELS[name])
+    assert device.respond(b"\xa5\x60", Descriptor(0x81, 90, continuous=True)) == bytes.fromhex("A55A0500004081")
+    told = device.respond(b"\xa5\x91", Descriptor(0x06, 3, continuous=False), b"\0\0\0")
+    assert told == bytes.fromhex("A55A0300000006000000")
