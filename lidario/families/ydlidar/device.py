@@ -136,10 +136,9 @@ class YdlidarDevice(Device):
         return super().respond(request, commands.ANNOUNCED if head.continuous else head, payload)
 
     def identify(self) -> Script[DeviceInfo]:
-        if self._model.dtr:
-            yield commands.DTR_TURNS
-        if self._model.one_way:
-            return (yield from self._hear())
+        return self._awake(self._hear() if self._model.one_way else self._ask_info())
+
+    def _ask_info(self) -> Script[DeviceInfo]:
         model, minor, major, hardware, serial = struct.unpack("<BBBB16s", (yield from agreed(commands.GET_INFO)))
         self._code, self._firmware = model, (major, minor)
         if self.is_guess and self._named is not None and model not in self._named.codes:
@@ -157,7 +156,7 @@ class YdlidarDevice(Device):
         )
 
     def _awake(self, script: Script[T]) -> Script[T]:
-        """Run a script where the device hears it: some do not while DTR is cleared, as it is at rest."""
+        """Run a script with DTR as it must be; it is cleared at rest. No model that needs that has settings."""
         if self._model.dtr:
             yield commands.DTR_TURNS
         return (yield from script)
@@ -188,12 +187,11 @@ class YdlidarDevice(Device):
         return commands.COMPLETE_INFO
 
     def health(self) -> Script[Health]:
-        if self._model.one_way:
-            if self._model.dtr:
-                yield commands.DTR_TURNS
-            yield hear(self._model.kind.wire(), timeout=BY_DTR_S if self._model.dtr else HEAR_S)
-            return Health(HealthStatus.OK, 0, UNNAMED if self._named is None else "")
-        return health_of((yield from self._awake(self._ask_health())))
+        return self._awake(self._hear_health() if self._model.one_way else self._ask_health())
+
+    def _hear_health(self) -> Script[Health]:
+        yield hear(self._model.kind.wire(), timeout=BY_DTR_S if self._model.dtr else HEAR_S)
+        return Health(HealthStatus.OK, 0, UNNAMED if self._named is None else "")
 
     def modes(self) -> Script[tuple[ScanMode, ...]]:
         return told((self._mode,))
@@ -214,7 +212,7 @@ class YdlidarDevice(Device):
             yield from self._restore()
         if self._protected is None:
             yield from learn_protection(self._say_protected)
-        stream = yield from self._begin()
+        stream = yield from self._awake(self._begin())
         return Stream(
             format=stream,
             decoder=self._model.kind.decoder(),
@@ -230,8 +228,6 @@ class YdlidarDevice(Device):
     def _begin(self) -> Script[PointCloud]:
         """Have it send packets."""
         stream = self._model.kind.wire()
-        if self._model.dtr:
-            yield commands.DTR_TURNS
         if self._model.one_way:
             yield begin(stream)
             return stream
@@ -248,7 +244,7 @@ class YdlidarDevice(Device):
         """As `Device.scan_frequency`: the frequency that is set, not the one the motor reaches."""
         if self._model.speeds is None:
             return (yield from super().scan_frequency())
-        return (yield from self._awake(ask_speed())) / 100
+        return (yield from ask_speed()) / 100
 
     def set_scan_frequency(self, hertz: float) -> Script[float]:
         """As `Device.set_scan_frequency`: in steps of 1 and 0.1 Hz, then read back."""
@@ -256,13 +252,13 @@ class YdlidarDevice(Device):
             # Its motor follows the supply, or a pin that is not in the cable.
             return super().set_scan_frequency(hertz)
         wanted = frequency_within(hertz, self._model.speeds, self._model.title)
-        return self._awake(self._set_speed(round(wanted * 100)))
+        return self._set_speed(round(wanted * 100))
 
     def zero_offset(self) -> Script[float]:
         # Clockwise degrees, if it counts the way the SDK takes it.
         if not self._model.offset:
             return super().zero_offset()
-        return self._awake(ask_zero_offset(self._model.offset_parts(self._firmware)))
+        return ask_zero_offset(self._model.offset_parts(self._firmware))
 
     def apply_zero_offset(self, on: bool) -> Script[float]:
         """As `Device.apply_zero_offset`: asks for it now, to be added to clockwise angles. Off at first."""
@@ -299,7 +295,7 @@ class YdlidarDevice(Device):
         self._wanted_speed = hundredths
         return reached
 
-    def _ask_health(self) -> Script[bytes]:
+    def _ask_health(self) -> Script[Health]:
         known = self._health_request
         both = (commands.GET_HEALTH, commands.GET_HEALTH_92)
         *questions, last = ((known,) if known else both[::-1] if self._model.health_by_92 else both) * 2
@@ -315,7 +311,7 @@ class YdlidarDevice(Device):
             payload = yield last
         self._health_request = request
         # For an error, the device is reset.
-        return (yield from agreed(request, payload)) if any(payload) else payload
+        return health_of((yield from agreed(request, payload)) if any(payload) else payload)
 
 
 _SHORT_INFO: Final = replace(commands.GET_INFO, timeout=0.25, attempts=1)
