@@ -209,7 +209,7 @@ class PacedByAngle(Talker[ProfileT]):
         stream.ready = self._times(origin, np.array([(stream.packets + 1.0) / self.profile.slots]))[0]
 
     def _times(self, begin: int, turns: Floats) -> list[int]:
-        """When the rotor will have turned so far; never, where it takes too long."""
+        """When the rotor will have turned so far, or has; never, where it takes too long."""
         times = np.full(len(turns), float(begin))
         for _ in range(_STEPS):
             rates = np.array([max(self._motor.rpm(round(at)), _SLOWEST_RPM) for at in times.tolist()]) / 60e9
@@ -222,9 +222,11 @@ class PacedByAngle(Talker[ProfileT]):
         samples = self._samples(rpm)
         numbers = stream.packets + np.arange(_TOGETHER)
         turned = (numbers[:, None] + np.arange(samples) / samples) / self.profile.slots
-        made = self._times(stream.ready, (numbers + 2.0) / self.profile.slots)
-        ready = [stream.ready, *made[:-1]]
-        seconds = np.repeat(np.array(ready, np.float64) * 1e-9, samples)
+        # From where the first of these packets begins to where the one behind them ends.
+        ends = (stream.packets + np.arange(_TOGETHER + 2.0)) / self.profile.slots
+        _, *ready, following = times = self._times(stream.ready, ends)
+        # Within a packet the rotor turns evenly.
+        seconds = np.interp(turned.ravel(), ends, np.array(times, np.float64)) * 1e-9
         beams = turned.ravel() * (-360.0 if self.profile.back else 360.0) % 360.0
         millimetres = self._world.ranges_mm(beams, np.minimum(seconds, seconds[0] + 1.0)).reshape(-1, samples)
         for number, at, row in zip(numbers.tolist(), ready, millimetres, strict=True):
@@ -234,7 +236,7 @@ class PacedByAngle(Talker[ProfileT]):
             data = self._pack(number % self.profile.slots, row, self._motor.rpm(at))
             self._queue.push(data, at, size=len(data), period=1)
         stream.packets += _TOGETHER
-        stream.ready = made[-1]
+        stream.ready = following
 
 
 class PacedByTime(Talker[ProfileT]):

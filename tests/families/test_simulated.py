@@ -94,6 +94,31 @@ def test_it_streams_from_the_first_moment_on_what_the_world_holds(model: str, ca
     assert np.median(np.abs(seen - distances)[distances > 0]) < 40
 
 
+@pytest.mark.parametrize("model", ["neato-xv11", "neato-lds02rr", "hlds-lds01", "irobotix-delta2a"])
+def test_samples_of_a_packet_are_measured_one_after_the_other(model: str) -> None:
+    class Watched:
+        """A wall all around, and when which beam met it."""
+
+        def __init__(self) -> None:
+            self.beams = list[float]()
+            self.seconds = list[float]()
+
+        def ranges_mm(self, angles_deg: Any, seconds: Any) -> Any:
+            self.beams += angles_deg.tolist()
+            self.seconds += seconds.tolist()
+            return np.full(len(angles_deg), 1000.0)
+
+    device = made(model)
+    device.world = world = Watched()
+    assert device.transmit(BEGIN + S)
+    turned = np.diff(world.beams) % 360.0
+    if device.profile.back:
+        turned = 360.0 - turned
+    # From sample to sample it turns by a degree or so, also from one packet to the next.
+    assert turned.max() < 2.0
+    assert np.diff(world.seconds) == pytest.approx(turned / (360.0 * device.profile.hertz), abs=2e-9)
+
+
 @pytest.mark.parametrize("model", TALKERS)
 def test_one_without_a_line_for_requests_sees_none(model: str) -> None:
     deaf, asked = made(model), made(model)
