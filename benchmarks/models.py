@@ -13,16 +13,13 @@ from functools import partial
 from typing import Final
 
 from benchmarks.streams import RATES, Kind, rplidar_kind, simulated
-from lidario.families.camsense import device as camsense
-from lidario.families.hlds import device as hlds
+from lidario.families import camsense, hlds, irobotix, neato
 from lidario.families.hokuyo.commands import measure
 from lidario.families.hokuyo.decode import BlockDecoder
 from lidario.families.hokuyo.formats import DistanceFormat
 from lidario.families.hokuyo.geometry import Geometry
-from lidario.families.irobotix import device as irobotix
 from lidario.families.ldrobot.decode import PacketDecoder, TriangleDecoder
 from lidario.families.ldrobot.formats import PacketFormat, TriangleFormat
-from lidario.families.neato import device as neato
 from lidario.families.rplidar.simulated.device import PROFILES
 from lidario.families.talking import Talkers
 from lidario.families.unasked import begin

@@ -19,7 +19,7 @@ from lidario.families.registry import FAMILIES
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "lidario"
 FILES = sorted(PACKAGE.rglob("*.py"))
-VENDORS = sorted(path.name for path in (PACKAGE / "families").iterdir() if (path / "device.py").is_file())
+VENDORS = sorted(path.name for path in (PACKAGE / "families").iterdir() if (path / "formats.py").is_file())
 
 DRAWN = re.search(r"```\n(cli, .*?)```", (ROOT / "docs" / "architecture.md").read_text("utf-8"), re.DOTALL)
 assert DRAWN is not None

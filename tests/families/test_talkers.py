@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from lidario.families.camsense.device import TALKERS as CAMSENSE
-from lidario.families.hlds.device import TALKERS as HLDS
+from lidario.families.camsense import TALKERS as CAMSENSE
+from lidario.families.hlds import TALKERS as HLDS
 from lidario.families.hlds.simulated.packers import pack_packet as hlds
-from lidario.families.irobotix.device import TALKERS as IROBOTIX
+from lidario.families.irobotix import TALKERS as IROBOTIX
 from lidario.families.irobotix.simulated.packers import pack_measurement as irobotix
-from lidario.families.ldrobot.device import TALKERS as LDROBOT
-from lidario.families.neato.device import TALKERS as NEATO
+from lidario.families.ldrobot import TALKERS as LDROBOT
+from lidario.families.neato import TALKERS as NEATO
 from lidario.families.neato.simulated.packers import pack_packet as neato
 from lidario.families.talking import TalkingModel
 from lidario.families.ydlidar.models import MODELS as YDLIDAR

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from lidario.families.base import Stream
-from lidario.families.ldrobot.device import BEAM
+from lidario.families.ldrobot import BEAM
 from lidario.families.ldrobot.simulated.packers import pack_points
 from lidario.model import ScanMode
 from lidario.recording.stored_times import StoredTimes

@@ -1,17 +1,35 @@
 """Camsense X1, and the LDS08RR of the same kind: turrets of robot vacuums, sold bare.
 
 They turn and stream for as long as they have power, and hear nothing. Sources: Camsense's ``T2SDK``, 47 packets
-of a real X1 (github.com/thijses/camsense-X1), community ports.
+of a real X1 (github.com/thijses/camsense-X1), community ports. The models are told apart by how
+their samples lie.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
-from lidario.families.camsense.device import TALKERS
+from lidario.families.camsense.decode import LongDecoder, PacketDecoder, sample_us
+from lidario.families.camsense.formats import LongFormat, PacketFormat
+from lidario.families.talking import Talkers, TalkingModel
 from lidario.families.talking_device import family_of
 
-__all__ = ["FAMILY"]
+__all__ = ["FAMILY", "TALKERS"]
+
+_X1: Final = TalkingModel("x1", "Camsense X1", 115_200, 1e6 / 2080, 8.0, PacketFormat, PacketDecoder)
+_LDS08RR: Final = replace(_X1, name="lds08rr", title="LDS08RR of Camsense", wire=LongFormat, decoder=LongDecoder)
+
+TALKERS: Final = Talkers(
+    family="camsense",
+    all=(_X1, _LDS08RR),
+    unnamed=lambda packets, _: _X1 if packets[2] == 3 else _LDS08RR,
+    sample_us=sample_us,
+    # By so many the rate is known to half a percent.
+    heard=24,
+    wires=(PacketFormat, LongFormat),
+)
+"""The family's models."""
 
 FAMILY: Final = family_of(TALKERS, "Camsense")
 """The family's row of the registry."""

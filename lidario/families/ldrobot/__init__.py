@@ -1,18 +1,91 @@
 """LDROBOT LD06, LD19, STL-06P, STL-19P, STL-26, STL-27L, LD08, LD14 and LD14P.
 
 Sources throughout: the LD06 development manual v1.0, the vendor's SDKs, and a recording of a real LD06, from which
-sample rate and unsteadiness are known. All but one model only talk; no request was tried on a real device.
+sample rate and unsteadiness are known. No request was tried on a real device.
+
+The rate of the samples tells the models apart, for no packet tells model, firmware or serial number. Models of one
+rate are not told apart, but they measure alike, except LD14 and LD08. Some LD14P have that rate too
+(more_families.md B1): the speed of their line tells them. Sample rates: LD06 as measured on a real device, the
+others by data sheet. The LD14P alone has requests (`commands`), and may have been stopped.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
-from lidario.families.ldrobot.device import TALKERS
+from lidario.families.ldrobot import commands
+from lidario.families.ldrobot.decode import AxisDecoder, PacketDecoder, TriangleDecoder
+from lidario.families.ldrobot.formats import AxisFormat, PacketFormat, TriangleFormat
+from lidario.families.talking import Speeds, Talkers, TalkingModel
 from lidario.families.talking_device import TIMING, family_of
 
-__all__ = ["FAMILY"]
+__all__ = ["FAMILY", "TALKERS"]
+
+
+def _model(name: str, title: str, baudrate: int, rate: float) -> TalkingModel:
+    """One that turns five times a second at least."""
+    model = TalkingModel(name, f"LDROBOT {title}", baudrate, 1e6 / rate, 12.0, PacketFormat, PacketDecoder)
+    return replace(model, slowest_turn_s=0.3)
+
+
+_axis = partial(replace, reach=8.0, slowest_turn_s=0.75, wire=AxisFormat, decoder=AxisDecoder)
+_triangle = partial(replace, reach=8.0, slowest_turn_s=0.75, wire=TriangleFormat, decoder=TriangleDecoder)
+"""Both triangulate; they turn twice a second at least."""
+
+BEAM: Final = _model("ld06", "LD06", 230_400, 4546)
+"""Time of flight."""
+AXIS: Final = _axis(_model("ld08", "LD08", 115_200, 2300))
+TRIANGLE: Final = _triangle(_model("ld14", "LD14", 115_200, 2300))
+_LD14P: Final = replace(
+    _triangle(_model("ld14p", "LD14P", 230_400, 4000)),
+    start=commands.START,
+    stop=commands.STOP,
+    # The vendor's SDK: 720 to 2880 degrees a second.
+    speeds=Speeds(2.0, 8.0, 1 / 360, commands.speed),
+)
+_STL27L: Final = replace(_model("stl-27l", "STL-27L", 921_600, 21_600), reach=25.0)
+_LENS_UNKNOWN: Final = (
+    "an LD14 and an LD08 send the same packets at the same rate. It is read as an LD14; the distances of an LD08 "
+    "would be up to 60 mm short: name the model, as in ?model=ld08, or ?model=ld14"
+)
+_BY_RATE: Final = (
+    (10_000, _STL27L),
+    (4250, replace(BEAM, name="", title="LDROBOT LD06, LD19 or alike")),
+    (3150, _LD14P),
+    (0, replace(TRIANGLE, name="", title="LDROBOT LD14 or LD08", note=_LENS_UNKNOWN)),
+)
+"""The slowest rate of each kind."""
+
+
+def _model_of(packets: bytes, baudrate: int | None) -> TalkingModel:
+    rate = PacketFormat.samples_a_second(packets)
+    model = next(model for slowest, model in _BY_RATE if rate >= slowest)
+    return _LD14P if model.note and baudrate == _LD14P.baudrate else model
+
+
+TALKERS: Final = Talkers(
+    family="ldrobot",
+    all=(
+        BEAM,
+        _model("ld19", "LD19", 230_400, 4500),
+        _model("stl-06p", "STL-06P", 230_400, 5000),
+        _model("stl-19p", "STL-19P", 230_400, 4500),
+        _model("stl-26", "STL-26", 230_400, 5000),
+        AXIS,
+        TRIANGLE,
+        _LD14P,
+        _STL27L,
+    ),
+    unnamed=_model_of,
+    sample_us=PacketFormat.sample_us,
+    # By so many the rate is known to 0.5 % (by a recording of a real LD06). Of an LD14 they take 0.13 s.
+    heard=24,
+    # Models that triangulate send the same packets.
+    wires=(PacketFormat,),
+)
+"""The family's models."""
 
 FAMILY: Final = family_of(
     TALKERS,

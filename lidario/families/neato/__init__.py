@@ -5,16 +5,55 @@ decides about the speed, which no request can do: what is measured is told. Sour
 the XV-11 hacking wiki and community ports; a recording of a real XV-11 (github.com/Xevel/NXV11); the specification
 of the LDS01RR. The pre-production firmware 2.1, which has no check value, is not supported, nor are the frames
 ``E7 7E`` of the board that the LDS01RR is sold with.
+
+Nothing tells the models apart. 300 revolutions a minute is what vacuums and adapters regulate to. From 349 on the
+line is full; below 200 nothing is measured, which is told as the state of the rotor and not as a fault of the line.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
-from lidario.families.neato.device import TALKERS
+from lidario.families.neato.decode import BackDecoder, PacketDecoder
+from lidario.families.neato.formats import SLOWEST, AnySpeed, BackFormat, PacketFormat
+from lidario.families.slots import FULL_TURN
+from lidario.families.talking import Rotor, Talkers, TalkingModel
 from lidario.families.talking_device import family_of
 
-__all__ = ["FAMILY"]
+__all__ = ["FAMILY", "TALKERS"]
+
+_USUAL_US: Final = 60e6 / (300 * FULL_TURN)
+_SENSE_UNKNOWN: Final = (
+    "an XV-11 and an LDS01RR or LDS02RR send the same packets. It is read as an XV-11, which turns "
+    "counter-clockwise; the scans of the others would be mirrored: name the model, as in ?model=lds02rr, "
+    "or ?model=xv11"
+)
+_XV11: Final = TalkingModel("xv11", "Neato XV-11", 115_200, _USUAL_US, 0.0, BackFormat, BackDecoder)
+_UNNAMED: Final = replace(_XV11, name="", title="XV-11 or alike", note=_SENSE_UNKNOWN)
+_LDS02RR: Final = TalkingModel("lds02rr", "LDS02RR", 115_200, _USUAL_US, 0.0, PacketFormat, PacketDecoder)
+
+
+def _too_slow(packets: bytes) -> str:
+    rpm = PacketFormat.rpm_of(packets)
+    if rpm * 64 >= SLOWEST:
+        return ""
+    return (
+        f"the motor does not turn as it should: {rpm:.0f} revolutions a minute, and below {SLOWEST / 64:.0f} "
+        "nothing is measured. The host powers it: about 3 V, regulated to 300 revolutions a minute"
+    )
+
+
+TALKERS: Final = Talkers(
+    family="neato",
+    all=(_XV11, _LDS02RR, replace(_LDS02RR, name="lds01rr", title="LDS01RR", reach=9.0)),
+    unnamed=lambda packets, baudrate: _UNNAMED,  # noqa: ARG005 - they tell nothing
+    sample_us=PacketFormat.sample_us,
+    heard=4,
+    # Two packets a revolution at 50 revolutions a minute, as the recording has it.
+    rotor=Rotor(AnySpeed, 0.8, _too_slow),
+)
+"""The family's models."""
 
 FAMILY: Final = family_of(TALKERS, "Neato")
 """The family's row of the registry."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from lidario.families.hlds.device import TALKERS
+from lidario.families.hlds import TALKERS
 from lidario.families.hlds.formats import SIZE, CheckedFormat, PacketFormat
 from lidario.families.hlds.simulated.packers import pack_packet
 from lidario.wire.rows import Fold15

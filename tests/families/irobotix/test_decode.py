@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from lidario.families.irobotix import TALKERS
 from lidario.families.irobotix.decode import FrameDecoder, frames_a_turn, sample_us
-from lidario.families.irobotix.device import TALKERS
 from lidario.families.irobotix.formats import FifteenFormat, FrameFormat
 from lidario.families.irobotix.simulated.packers import pack_measurement
 from lidario.families.stream import Known

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.ldrobot.device import AXIS, BEAM, TRIANGLE
+from lidario.families.ldrobot import AXIS, BEAM, TRIANGLE
 from lidario.families.ldrobot.simulated.device import make_simulated
 from lidario.families.ldrobot.simulated.packers import pack_points
 from tests.reference import golden, ldrobot

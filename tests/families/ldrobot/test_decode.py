@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import lidario
+from lidario.families.ldrobot import TALKERS
 from lidario.families.ldrobot.decode import PacketDecoder
-from lidario.families.ldrobot.device import TALKERS
 from lidario.families.ldrobot.formats import CRC, SIZE
 from lidario.families.ldrobot.simulated.device import PROFILES, SimulatedLdrobot
 from lidario.families.registry import family_of_simulated

@@ -8,8 +8,8 @@ from random import Random
 import numpy as np
 import pytest
 
+from lidario.families.ldrobot import TALKERS
 from lidario.families.ldrobot.decode import PacketDecoder, TriangleDecoder
-from lidario.families.ldrobot.device import TALKERS
 from lidario.families.ldrobot.formats import CRC, PacketFormat, TriangleFormat
 from lidario.families.ldrobot.simulated.packers import pack_points, pack_response
 from lidario.families.stream import Known
