@@ -40,7 +40,7 @@ class TalkingModel:
     Attributes:
         name: As in ``model=`` of a source; empty of one that no user names.
         title: For people.
-        baudrate: Speed of its line.
+        baudrates: Speeds that its line may have, the likeliest first.
         sample_us: What a sample takes by its data sheet, microseconds.
         reach: Farthest distance in metres.
         wire: Makes the format of its packets.
@@ -51,12 +51,11 @@ class TalkingModel:
         speeds: How the motor is regulated; None where it cannot be.
         slowest_turn_s: Longest time that one revolution may take: at the lowest speed, and half as long
             again. Default: at 200 revolutions a minute.
-        older_baudrate: Speed of the line of older ones; 0 where it is the same.
     """
 
     name: str
     title: str
-    baudrate: int
+    baudrates: tuple[int, ...]
     sample_us: float
     reach: float
     wire: Callable[[], StreamFormat]
@@ -66,12 +65,6 @@ class TalkingModel:
     stop: bytes = b""
     speeds: Speeds | None = None
     slowest_turn_s: float = 0.45
-    older_baudrate: int = 0
-
-    @property
-    def baudrates(self) -> tuple[int, ...]:
-        """Speeds that its line may have, the likeliest first."""
-        return (self.baudrate, self.older_baudrate) if self.older_baudrate else (self.baudrate,)
 
 
 class Rotor(NamedTuple):

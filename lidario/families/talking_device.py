@@ -16,7 +16,6 @@ from lidario.families.unasked import LINKED, NOT_STOPPED, begin, hear, hear_runs
 from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.wire.envelope import Request
 from lidario.wire.events import Descriptor
-from lidario.wire.formats import StreamFormat
 
 TIMING: Final = Timing(
     # A packet takes 17 ms at most, and a USB adapter may hold bytes back for 16 ms.
@@ -45,19 +44,13 @@ class TalkingDevice(Device):
     Args:
         talkers: Its family.
         model: The model, where the user has named it.
-
-    Attributes:
-        patience_s: Longest time until two packets have come.
-        wake: The request that starts it, where there is one.
     """
 
     can_be_stopped: bool = False
-    wake: bytes = b""
 
     def __init__(self, talkers: Talkers, model: TalkingModel | None = None) -> None:
         self._talkers = talkers
         self._named = model
-        self.patience_s: float = HEAR_S
         if talkers.rotor is not None:
             self.rests_s: float = talkers.rotor.rests_s
         self._model = talkers.all[0]
@@ -70,15 +63,8 @@ class TalkingDevice(Device):
     def _be(self, model: TalkingModel) -> None:
         """Be of this model. Before that it is not stopped."""
         self._model = model
-        self.wake: bytes = model.start
         self.can_be_stopped: bool = bool(model.stop)
-        if model.stop:
-            self.can_keep_spinning: bool = False
-        self.patience_s = SPIN_UP_S if model.start else HEAR_S
-
-    def wire(self) -> StreamFormat:
-        """A fresh object for its packets."""
-        return self._model.wire()
+        self.can_keep_spinning: bool = not model.stop
 
     def stop(self) -> Request:
         if not self.can_be_stopped:
@@ -143,7 +129,10 @@ class TalkingDevice(Device):
         trouble = yield from self._trouble()
         if trouble:
             return Health(HealthStatus.WARNING, 0, trouble)
-        yield hear(self.wire(), LINKED, self.patience_s, self.wake, START_ATTEMPTS if self.wake else 1)
+        model, patience_s, attempts = self._model, HEAR_S, 1
+        if model.start:
+            patience_s, attempts = SPIN_UP_S, START_ATTEMPTS
+        yield hear(model.wire(), LINKED, patience_s, model.start, attempts)
         return Health(HealthStatus.OK, 0, self._model.note)
 
     def explain_silence(self, lasted_s: float) -> Script[bool]:
@@ -162,14 +151,14 @@ class TalkingDevice(Device):
         return "" if rotor is None else rotor.trouble((yield hear(rotor.wire(), 1, rotor.rests_s)))
 
     def modes(self) -> Script[tuple[ScanMode, ...]]:
-        kind = self.wire().response_type
+        kind = self._model.wire().response_type
         return told((ScanMode(0, "Standard", self._sample_us, self._model.reach, kind, typical=True),))
 
     def start(self, mode: ScanMode, *, force: bool = False) -> Script[Stream]:
-        wire = self.wire()
+        wire = self._model.wire()
         if force or (mode.id, mode.response_type) != (0, wire.response_type):
             raise Unsupported("this device has one scan mode, 'Standard', and cannot be forced")
-        yield begin(wire, self.wake)
+        yield begin(wire, self._model.start)
         if self._model.speeds is not None and self._units is not None:
             yield self._model.speeds.request(self._units)
         return Stream(
@@ -214,12 +203,12 @@ def family_of(talkers: Talkers, title: str, timing: Timing = TIMING) -> Family:
     return Family(
         name=talkers.family,
         title=title,
-        baudrates=tuple(dict.fromkeys(model.baudrate for model in talkers.all)),
+        baudrates=tuple(dict.fromkeys(model.baudrates[0] for model in talkers.all)),
         timing=timing,
         device=partial(TalkingDevice, talkers),
         stream_in=talkers.stream_in,
         formats=talkers.wires or tuple(dict.fromkeys(model.wire for model in talkers.all)),
         find_stream=talkers.find_stream,
         models=named,
-        asked_at=tuple(dict.fromkeys(model.baudrate for model in talkers.all if model.start)),
+        asked_at=tuple(dict.fromkeys(model.baudrates[0] for model in talkers.all if model.start)),
     )

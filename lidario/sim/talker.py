@@ -199,8 +199,8 @@ class PacedByAngle(Talker[ProfileT]):
         return self.profile.samples
 
     @abstractmethod
-    def _pack(self, slot: int, millimetres: Floats, rpm: float) -> bytes:
-        """The packet of a slot, by what was measured in it; empty where it is not sent."""
+    def _pack(self, slot: int, seen: Floats, rpm: float) -> bytes:
+        """The packet of a slot, by the millimetres that were seen in it; empty where it is not sent."""
 
     def _begin(self, origin: int) -> None:
         stream = self._stream = Running(origin)
@@ -228,8 +228,8 @@ class PacedByAngle(Talker[ProfileT]):
         # Within a packet the rotor turns evenly.
         seconds = np.interp(turned.ravel(), ends, np.array(times, np.float64)) * 1e-9
         beams = turned.ravel() * (-360.0 if self.profile.back else 360.0) % 360.0
-        millimetres = self._world.ranges_mm(beams, np.minimum(seconds, seconds[0] + 1.0)).reshape(-1, samples)
-        for number, at, row in zip(numbers.tolist(), ready, millimetres, strict=True):
+        seen = within(self._world.ranges_mm(beams, np.minimum(seconds, seconds[0] + 1.0)), self.profile.reach_mm)
+        for number, at, row in zip(numbers.tolist(), ready, seen.reshape(-1, samples), strict=True):
             if at >= _BLOCKED:
                 break
             # With a period it can be taken back.

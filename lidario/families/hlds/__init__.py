@@ -24,7 +24,7 @@ __all__ = ["FAMILY", "TALKERS"]
 _UNCHECKED: Final = TalkingModel(
     "",
     "HLDS LDS-01",
-    230_400,
+    (230_400,),
     60e6 / (300 * FULL_TURN),
     3.5,
     PacketFormat,

@@ -23,10 +23,10 @@ _SLOWEST_S: Final = 0.4
 """One revolution at four a second, and half as long again."""
 
 _SIXTEEN: Final = TalkingModel(
-    "", "Delta-2A, 2B or 2D", 230_400, 200.0, 8.0, FrameFormat, FrameDecoder, slowest_turn_s=_SLOWEST_S
+    "", "Delta-2A, 2B or 2D", (230_400,), 200.0, 8.0, FrameFormat, FrameDecoder, slowest_turn_s=_SLOWEST_S
 )
 _FIFTEEN: Final = TalkingModel(
-    "", "Delta-2G or LDS08RR", 115_200, 1e6 / 1890, 8.0, FifteenFormat, FifteenDecoder, slowest_turn_s=_SLOWEST_S
+    "", "Delta-2G or LDS08RR", (115_200,), 1e6 / 1890, 8.0, FifteenFormat, FifteenDecoder, slowest_turn_s=_SLOWEST_S
 )
 
 
@@ -43,9 +43,9 @@ TALKERS: Final = Talkers(
     family="irobotix",
     all=(
         # more_families_2.md 5.1
-        replace(_SIXTEEN, name="delta2a", title="Delta-2A", older_baudrate=115_200),
+        replace(_SIXTEEN, name="delta2a", title="Delta-2A", baudrates=(230_400, 115_200)),
         replace(_SIXTEEN, name="delta2b", title="Delta-2B"),
-        replace(_SIXTEEN, name="delta2d", title="Delta-2D", baudrate=115_200, sample_us=500.0),
+        replace(_SIXTEEN, name="delta2d", title="Delta-2D", baudrates=(115_200,), sample_us=500.0),
         replace(_FIFTEEN, name="delta2g", title="Delta-2G"),
         replace(_FIFTEEN, name="lds08rr", title="LDS08RR of 3irobotix"),
         _SIXTEEN,

@@ -26,7 +26,7 @@ __all__ = ["FAMILY", "TALKERS"]
 
 def _model(name: str, title: str, baudrate: int, rate: float) -> TalkingModel:
     """One that turns five times a second at least."""
-    model = TalkingModel(name, f"LDROBOT {title}", baudrate, 1e6 / rate, 12.0, PacketFormat, PacketDecoder)
+    model = TalkingModel(name, f"LDROBOT {title}", (baudrate,), 1e6 / rate, 12.0, PacketFormat, PacketDecoder)
     return replace(model, slowest_turn_s=0.3)
 
 
@@ -62,7 +62,7 @@ _BY_RATE: Final = (
 def _model_of(packets: bytes, baudrate: int | None) -> TalkingModel:
     rate = PacketFormat.samples_a_second(packets)
     model = next(model for slowest, model in _BY_RATE if rate >= slowest)
-    return _LD14P if model.note and baudrate == _LD14P.baudrate else model
+    return _LD14P if model.note and baudrate in _LD14P.baudrates else model
 
 
 TALKERS: Final = Talkers(

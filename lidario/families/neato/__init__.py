@@ -29,9 +29,9 @@ _SENSE_UNKNOWN: Final = (
     "counter-clockwise; the scans of the others would be mirrored: name the model, as in ?model=lds02rr, "
     "or ?model=xv11"
 )
-_XV11: Final = TalkingModel("xv11", "Neato XV-11", 115_200, _USUAL_US, 0.0, BackFormat, BackDecoder)
+_XV11: Final = TalkingModel("xv11", "Neato XV-11", (115_200,), _USUAL_US, 0.0, BackFormat, BackDecoder)
 _UNNAMED: Final = replace(_XV11, name="", title="XV-11 or alike", note=_SENSE_UNKNOWN)
-_LDS02RR: Final = TalkingModel("lds02rr", "LDS02RR", 115_200, _USUAL_US, 0.0, PacketFormat, PacketDecoder)
+_LDS02RR: Final = TalkingModel("lds02rr", "LDS02RR", (115_200,), _USUAL_US, 0.0, PacketFormat, PacketDecoder)
 
 
 def _too_slow(packets: bytes) -> str:

@@ -7,13 +7,10 @@ boots or what it does when its rotor is blocked: half a second, and it falls sil
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from lidario.families.camsense.simulated.packers import pack_packet
 from lidario.sim.chassis import Maker, by_name, maker
-from lidario.sim.talker import PacedByTime, TalkerProfile, within
-
-Floats = npt.NDArray[np.float64]
+from lidario.sim.talker import Floats, PacedByTime, TalkerProfile, within
 
 _ZERO = 0xA000
 _TURN = 360 * 64

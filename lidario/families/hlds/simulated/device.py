@@ -9,13 +9,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from lidario.families.hlds.simulated.packers import pack_packet
 from lidario.sim.chassis import Maker, by_name, maker
-from lidario.sim.talker import PacedByAngle, TalkerProfile, within
-
-Floats = npt.NDArray[np.float64]
+from lidario.sim.talker import Floats, PacedByAngle, TalkerProfile
 
 _NAMES = {ord("b"): "start", ord("e"): "stop"}
 
@@ -55,8 +52,7 @@ class SimulatedHlds(PacedByAngle[TalkerProfile]):
                 self._start(now)
             self._log.add(now, name, bytes((byte,)), why)
 
-    def _pack(self, slot: int, millimetres: Floats, rpm: float) -> bytes:
-        seen = within(millimetres, self.profile.reach_mm)
+    def _pack(self, slot: int, seen: Floats, rpm: float) -> bytes:
         strength = np.where(seen > 0, np.clip(4000 - seen, 200, 4000), 0).astype(int)
         return pack_packet(slot, seen.tolist(), strength.tolist(), rpm=rpm, check=self.check)
 

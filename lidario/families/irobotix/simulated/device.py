@@ -10,13 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from lidario.families.irobotix.simulated.packers import pack_failure, pack_measurement
 from lidario.sim.chassis import Maker, by_name, maker
-from lidario.sim.talker import PacedByAngle, TalkerProfile, within
-
-Floats = npt.NDArray[np.float64]
+from lidario.sim.talker import Floats, PacedByAngle, TalkerProfile
 
 _SPEEDS = (240.0, 600.0)
 _MOST = 80
@@ -52,10 +49,9 @@ class SimulatedIrobotix(PacedByAngle[Profile]):
     def _samples(self, rpm: float) -> int:
         return int(np.clip(round(self.profile.rate * 60 / (max(rpm, 60.0) * self.profile.slots)), 1, _MOST))
 
-    def _pack(self, slot: int, millimetres: Floats, rpm: float) -> bytes:
+    def _pack(self, slot: int, seen: Floats, rpm: float) -> bytes:
         if not _SPEEDS[0] <= rpm <= _SPEEDS[1]:
             return pack_failure(rpm / 60)
-        seen = within(millimetres, self.profile.reach_mm)
         signals = np.where(seen > 0, np.clip(130 - seen / 100, 20, 130), 0).astype(int)
         start = 36_000 * slot // self.profile.slots
         last = start + 36_000 * (len(seen) - 1) // (self.profile.slots * len(seen))

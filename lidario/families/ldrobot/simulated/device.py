@@ -19,17 +19,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from lidario.families.ldrobot.simulated.packers import check_of, pack_points, pack_response
 from lidario.sim.chassis import Maker, by_name, maker
-from lidario.sim.talker import PacedByTime, TalkerProfile, within
+from lidario.sim.talker import Floats, PacedByTime, TalkerProfile, within
 
 _MARK, _REQUEST_BYTES = 0x54, 8
 _NAMES = {0xA0: "start", 0xA1: "stop", 0xA2: "set_speed", 0xA8: "get_version"}
 _SPEEDS = (720, 2880)  # degrees a second: the vendor's SDK
 
-Floats = npt.NDArray[np.float64]
 _Lens = Callable[[Floats], tuple[Floats, Floats]]
 
 

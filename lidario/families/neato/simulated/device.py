@@ -11,13 +11,10 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from lidario.families.neato.simulated.packers import pack_packet
 from lidario.sim.chassis import Maker, by_name, maker
-from lidario.sim.talker import PacedByAngle, TalkerProfile, within
-
-Floats = npt.NDArray[np.float64]
+from lidario.sim.talker import Floats, PacedByAngle, TalkerProfile
 
 _GREETING: Final = (
     b"Piccolo Laser Distance Scanner\r\nCopyright (c) 2009-2011 Neato Robotics, Inc.\r\n"
@@ -50,10 +47,9 @@ class SimulatedNeato(PacedByAngle[TalkerProfile]):
     def _greeting(self) -> bytes:
         return _GREETING
 
-    def _pack(self, slot: int, millimetres: Floats, rpm: float) -> bytes:
+    def _pack(self, slot: int, seen: Floats, rpm: float) -> bytes:
         if rpm < _SLOWEST_RPM:
             return pack_packet(slot, [0.0] * 4, [20] * 4, rpm=rpm, code=_TOO_SLOW) if slot % 45 == 0 else b""
-        seen = within(millimetres, self.profile.reach_mm)
         # It falls with the square of the distance: 90 at a metre.
         strengths = np.where(seen > 0, np.clip(90e6 / np.maximum(seen, 250.0) ** 2, 4, 1202), 0).astype(int)
         return pack_packet(slot, seen.tolist(), strengths.tolist(), rpm=rpm)
