@@ -43,7 +43,7 @@ class TalkingModel:
         baudrates: Speeds that its line may have, the likeliest first.
         sample_us: What a sample takes by its data sheet, microseconds.
         reach: Farthest distance in metres.
-        wire: Makes the format of its packets.
+        wire: The format of its packets.
         decoder: Makes their decoder.
         note: What else it may be, where its packets do not tell.
         start: What starts its motor and its stream; empty where it talks for as long as it has power.
@@ -58,7 +58,7 @@ class TalkingModel:
     baudrates: tuple[int, ...]
     sample_us: float
     reach: float
-    wire: Callable[[], StreamFormat]
+    wire: type[StreamFormat]
     decoder: Callable[[], Decoder]
     note: str = ""
     start: bytes = b""
@@ -90,9 +90,8 @@ class Talkers:
         all: All that is to be read in some way; those with a name are those that a user may name.
         unnamed: Which model it is, where no user has named one: by packets, of which most are in a row, and by the
             speed of the line, as `Device.baudrate` has it.
-        sample_us: What a sample takes, by packets in a row; 0 where they do not tell.
-        heard: Packets in a row from which both are known.
-        wires: What makes the formats in which a device may talk, the likeliest first; none for that of any model.
+        heard: Packets in a row from which that is known, and what a sample takes, if they tell it.
+        wires: The formats in which to look for packets, the likeliest first; none for that of any model.
         rotor: Where the host powers the motor.
         linked: Packets in a row that prove a device which is heard. Recorded bytes need `LINKED`: one tells no
             model.
@@ -101,9 +100,8 @@ class Talkers:
     family: str
     all: tuple[TalkingModel, ...]
     unnamed: Callable[[bytes, int | None], TalkingModel]
-    sample_us: Callable[[bytes], float]
     heard: int
-    wires: tuple[Callable[[], StreamFormat], ...] = ()
+    wires: tuple[type[StreamFormat], ...] = ()
     rotor: Rotor | None = None
     linked: int = LINKED
 
@@ -123,7 +121,7 @@ class Talkers:
         said = f"its packets are such as a {seen.title} sends, and are read as those of a {named.title}"
         return replace(named, note=f"{said}: leave out ?model={named.name}")
 
-    def wires_of(self, named: TalkingModel | None) -> tuple[Callable[[], StreamFormat], ...]:
+    def wires_of(self, named: TalkingModel | None) -> tuple[type[StreamFormat], ...]:
         """The formats in which to look for packets, where the user has named a model or not."""
         return (named.wire,) if named else self.wires or (self.all[0].wire,)
 
@@ -143,7 +141,7 @@ class Talkers:
                 if sum(block.packets for block in run.packets) >= LINKED:
                     heard = bytes(rows[: run.end])
                     model = self.model_of(named, heard)
-                    sample_us = known.sample_us or self.sample_us(heard) or model.sample_us
+                    sample_us = known.sample_us or model.wire.sample_us(heard) or model.sample_us
                     return raw_stream(at, model.wire(), model.decoder(), sample_us, model.title, model.note)
         return None
 

@@ -100,10 +100,10 @@ class TalkingDevice(Device):
     def identify(self) -> Script[DeviceInfo]:
         """As `Device.identify`: by its packets. One that may have been stopped is started for that."""
         runs = yield from self._hear()
-        heard, of, self._was_heard = b"".join(runs), self._talkers, True
-        self._be(of.model_of(self._named, heard, self.baudrate))
+        self._was_heard = True
+        self._be(self._talkers.model_of(self._named, b"".join(runs), self.baudrate))
         # The median, for a run with damage that a check value does not find may tell anything.
-        told_us = [each for each in map(self._talkers.sample_us, runs) if each]
+        told_us = [each for each in map(self._model.wire.sample_us, runs) if each]
         self._sample_us = median(told_us) if told_us else self._model.sample_us
         return DeviceInfo(self._talkers.family, self._model.title, 0, "", 0, "")
 
@@ -207,7 +207,7 @@ def family_of(talkers: Talkers, title: str, timing: Timing = TIMING) -> Family:
         timing=timing,
         device=partial(TalkingDevice, talkers),
         stream_in=talkers.stream_in,
-        formats=talkers.wires or tuple(dict.fromkeys(model.wire for model in talkers.all)),
+        formats=talkers.wires_of(None),
         find_stream=talkers.find_stream,
         models=named,
         asked_at=tuple(dict.fromkeys(model.baudrates[0] for model in talkers.all if model.start)),

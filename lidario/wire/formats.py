@@ -115,6 +115,11 @@ class StreamFormat(ABC):
         self._in_step = True
         self._due = 0
 
+    @classmethod
+    def sample_us(cls, packets: bytes) -> float:  # noqa: ARG003
+        """What a sample takes, microseconds, by packets in a row; 0 where they do not tell."""
+        return 0.0
+
     def stamps(self, packets: Packets) -> NDArray[np.int64]:  # noqa: ARG002
         """What the device's clock said at each packet; empty where packets carry no clock (`ticks`)."""
         return np.empty(0, np.int64)

@@ -88,8 +88,8 @@ def test_what_a_sample_takes_follows_from_the_speed_that_packets_tell(family: st
     (samples, packet), talkers = TURNING[family], FAMILIES[family]
     packets = b"".join(packet(at, hertz) for at in range(12))
     expected_us = 1e6 / (samples * hertz) if hertz else 0.0
-    assert talkers.sample_us(packets) == pytest.approx(expected_us, rel=1e-9)
     model = talkers.model_of(None, packets)
+    assert model.wire.sample_us(packets) == pytest.approx(expected_us, rel=1e-9)
     run = in_one_run(model.wire(), packets)
     assert model.decoder().decode(run, None).sample_ns == pytest.approx(1e3 * expected_us, rel=1e-9)
     if hertz:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final
 
-from lidario.families.camsense.decode import LongDecoder, PacketDecoder, sample_us
+from lidario.families.camsense.decode import LongDecoder, PacketDecoder
 from lidario.families.camsense.formats import LongFormat, PacketFormat
 from lidario.families.talking import Talkers, TalkingModel
 from lidario.families.talking_device import family_of
@@ -24,7 +24,6 @@ TALKERS: Final = Talkers(
     family="camsense",
     all=(_X1, _LDS08RR),
     unnamed=lambda packets, _: _X1 if packets[2] == 3 else _LDS08RR,
-    sample_us=sample_us,
     # By so many the rate is known to half a percent.
     heard=24,
     wires=(PacketFormat, LongFormat),

@@ -46,8 +46,3 @@ class LongDecoder(PacketDecoder):
     """Decodes the packets of one stream of an LDS08RR."""
 
     wire: ClassVar[type[TwoAngleFormat]] = LongFormat
-
-
-def sample_us(packets: bytes) -> float:
-    """What a sample takes, by packets of either kind; 0 where they do not tell."""
-    return (PacketFormat if packets[2] == 3 else LongFormat).sample_us(packets)

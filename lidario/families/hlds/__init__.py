@@ -46,7 +46,6 @@ TALKERS: Final = Talkers(
     family="hlds",
     all=(_UNCHECKED, _CHECKED),
     unnamed=_model_of,
-    sample_us=PacketFormat.sample_us,
     # A revolution: what holds for so many is a rule.
     heard=60,
 )

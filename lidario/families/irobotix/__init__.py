@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final
 
-from lidario.families.irobotix.decode import FifteenDecoder, FrameDecoder, frames_a_turn, sample_us
+from lidario.families.irobotix.decode import FifteenDecoder, FrameDecoder, frames_a_turn
 from lidario.families.irobotix.formats import DATA, RECORD, AnyFrame, FifteenFormat, FrameFormat
 from lidario.families.talking import Rotor, Talkers, TalkingModel
 from lidario.families.talking_device import family_of
@@ -52,7 +52,6 @@ TALKERS: Final = Talkers(
         _FIFTEEN,
     ),
     unnamed=lambda packets, _: _SIXTEEN if frames_a_turn(packets) == FrameFormat.frames else _FIFTEEN,
-    sample_us=sample_us,
     heard=6,
     # Frames are long, and each is self-evident.
     linked=1,

@@ -10,7 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.arcs import Output, in_turn
-from lidario.families.irobotix.formats import FULL_TURN, FifteenFormat, FrameFormat, frames_of, samples_of
+from lidario.families.irobotix.formats import (
+    FULL_TURN,
+    FifteenFormat,
+    FrameFormat,
+    frames_in,
+    frames_of,
+    samples_of,
+)
 from lidario.families.slots import SlotDecoder
 from lidario.families.spans import Arcs, Heads
 from lidario.wire.blocks import packet_offsets
@@ -73,26 +80,11 @@ class FifteenDecoder(FrameDecoder):
 
 def frames_a_turn(packets: bytes) -> int:
     """How many frames a revolution has, by some of them, the first of which begins at 0: how far they are apart."""
-    apart = np.diff(_told(packets)[0], prepend=0) % FULL_TURN
+    apart = np.diff(frames_in(packets)[0], prepend=0) % FULL_TURN
     return min((FrameFormat.frames, FifteenFormat.frames), key=lambda frames: _unlike(apart, FULL_TURN // frames))
-
-
-def sample_us(packets: bytes) -> float:
-    """What a sample takes, by frames in a row; 0 where they do not tell."""
-    _, counts, speeds = _told(packets)
-    a_second = float(np.median(counts)) * float(np.median(speeds)) / 20 * frames_a_turn(packets)
-    return 1e6 / a_second if a_second else 0.0
 
 
 def _unlike(apart: NDArray[np.int32], slot: int) -> int:
     """How far these ways are from being whole slots."""
     beyond = apart % slot
     return int(np.minimum(beyond, slot - beyond).sum())
-
-
-def _told(packets: bytes) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.uint8]]:
-    """As `frames_of`, of frames in a row, each of which tells its own length."""
-    offsets = [0]
-    while offsets[-1] < len(packets):
-        offsets.append(offsets[-1] + packets[offsets[-1] + 2] + 2)
-    return frames_of(packets, offsets)

@@ -66,6 +66,14 @@ def frames_of(
     return starts, samples_of(np.diff(offsets)).astype(np.int32), rows[at]
 
 
+def frames_in(packets: bytes) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.uint8]]:
+    """As `frames_of`, of frames in a row, each of which tells its own length."""
+    offsets = [0]
+    while offsets[-1] < len(packets):
+        offsets.append(offsets[-1] + packets[offsets[-1] + 2] + SUM)
+    return frames_of(packets, offsets)
+
+
 class FrameFormat(StreamFormat):
     """Frames of which a revolution has sixteen: Delta-2A, 2B, 2D. The types are our own numbers.
 
@@ -96,6 +104,13 @@ class FrameFormat(StreamFormat):
     def headings(self, packets: Packets) -> Headings:
         starts = frames_of(packets.data, packet_offsets(packets.blocks))[0]
         return starts if len(starts) >= HEADINGS_WORTH_AN_ARRAY else starts.tolist()
+
+    @classmethod
+    def sample_us(cls, packets: bytes) -> float:
+        """As `StreamFormat.sample_us`; 0 where the rotor stands."""
+        _, counts, speeds = frames_in(packets)
+        a_second = float(np.median(counts)) * float(np.median(speeds)) / 20 * cls.frames
+        return 1e6 / a_second if a_second else 0.0
 
     def samples_in(self, blocks: Iterable[Block]) -> int:
         return sum([samples_of(size) * count for size, count in blocks])

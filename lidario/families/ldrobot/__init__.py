@@ -79,11 +79,8 @@ TALKERS: Final = Talkers(
         _STL27L,
     ),
     unnamed=_model_of,
-    sample_us=PacketFormat.sample_us,
     # By so many the rate is known to 0.5 % (by a recording of a real LD06). Of an LD14 they take 0.13 s.
     heard=24,
-    # Models that triangulate send the same packets.
-    wires=(PacketFormat,),
 )
 """The family's models."""
 

@@ -48,7 +48,6 @@ TALKERS: Final = Talkers(
     family="neato",
     all=(_XV11, _LDS02RR, replace(_LDS02RR, name="lds01rr", title="LDS01RR", reach=9.0)),
     unnamed=lambda packets, baudrate: _UNNAMED,  # noqa: ARG005 - they tell nothing
-    sample_us=PacketFormat.sample_us,
     heard=4,
     # Two packets a revolution at 50 revolutions a minute, as the recording has it.
     rotor=Rotor(AnySpeed, 0.8, _too_slow),

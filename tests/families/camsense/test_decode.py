@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import lidario
-from lidario.families.camsense.decode import LongDecoder, PacketDecoder, sample_us
+from lidario.families.camsense.decode import LongDecoder, PacketDecoder
 from lidario.families.camsense.formats import LongFormat, PacketFormat
 from lidario.families.camsense.simulated.packers import pack_packet
 from tests.families.camsense.about import CASES
@@ -16,7 +16,9 @@ from tests.support.streams import in_one_run
 
 def test_the_rate_is_told_to_half_a_percent() -> None:
     for at in range(0, 900, 24):
-        assert sample_us(b"".join(CASES[0].packets[at : at + 24])) == pytest.approx(1e6 / 2080, rel=0.006)
+        assert PacketFormat.sample_us(b"".join(CASES[0].packets[at : at + 24])) == pytest.approx(
+            1e6 / 2080, rel=0.006
+        )
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lidario.families.irobotix import TALKERS
-from lidario.families.irobotix.decode import FrameDecoder, frames_a_turn, sample_us
+from lidario.families.irobotix.decode import FrameDecoder, frames_a_turn
 from lidario.families.irobotix.formats import FifteenFormat, FrameFormat
 from lidario.families.irobotix.simulated.packers import pack_measurement
 from lidario.families.stream import Known
@@ -26,7 +26,7 @@ def test_frames_of_a_turn_are_counted_by_where_they_begin(case: Case) -> None:
         for count in (2, 6):
             heard = b"".join(case.packets[at : at + count])
             assert frames_a_turn(heard) == frames
-            assert sample_us(heard) == pytest.approx(case.sample_us, rel=0.05)
+            assert TALKERS.model_of(None, heard).wire.sample_us(heard) == pytest.approx(case.sample_us, rel=0.05)
 
 
 @every_case
