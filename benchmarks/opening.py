@@ -15,7 +15,7 @@ import pytest
 
 from benchmarks.report import Table
 from lidario import open_lidar
-from tests.support.devices import MAKERS
+from tests.support.devices import MAKERS, leave_streaming
 from tests.support.loop import run_driven
 from tests.support.speeds import serial_in_memory
 
@@ -54,8 +54,7 @@ def first_scan_s(case: Case) -> float:
     async def main() -> float:
         loop = asyncio.get_running_loop()
         if case.streams:
-            now = round(loop.time() * 1e9)
-            device.begin_streaming(*((0, now) if case.family == "rplidar" else (now,)))
+            leave_streaming(device, round(loop.time() * 1e9), 0)
         began = loop.time()
         async with open_lidar(_PORT, **named) as lidar:
             await lidar.scan()

@@ -127,14 +127,6 @@ class Talker(Chassis[ProfileT, Running], Generic[ProfileT]):
     def _due(self, stream: Running) -> int:
         return stream.ready
 
-    def begin_streaming(self, now: int) -> None:
-        """Be in the middle of a scan, and of a packet; so it is at any time anyway."""
-        self._power(now)
-        self._motor.spin_at_once(self._rpm, now - 20_000_000)
-        self._begin(now - 20_000_000)
-        self._advance(now)
-        self._queue.take(now)
-
     def power_motor(self, rpm: float, now: int) -> None:
         """Turn the rotor at another speed, as who powers its motor may; 0 stops it."""
         self._advance(now)

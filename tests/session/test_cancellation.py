@@ -19,7 +19,17 @@ import anyio
 import pytest
 
 from lidario import LidarError, Unsupported, open_lidar
-from tests.support.devices import EVERY_KIND, FAMILIES, OTHERS, SWITCHED, Rig, left_still, make_rig, some
+from tests.support.devices import (
+    EVERY_KIND,
+    FAMILIES,
+    OTHERS,
+    SWITCHED,
+    Rig,
+    leave_streaming,
+    left_still,
+    make_rig,
+    some,
+)
 from tests.support.discards import all_obeyed
 from tests.support.loop import driven_loop, now_ns, run_driven
 from tests.support.speeds import serial_in_memory
@@ -47,7 +57,7 @@ async def open_a_mute_device(rig: Rig) -> None:
 
 def stream(rig: Rig) -> None:
     """Have it scan, as after a program that was killed."""
-    rig.device.begin_streaming(*((1, now_ns()) if rig.family == "rplidar" else (now_ns(),)))
+    leave_streaming(rig.device, now_ns())
 
 
 async def open_a_streaming_device(rig: Rig) -> None:

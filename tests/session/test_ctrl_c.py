@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from tests.support.devices import FAMILIES, SWITCHED, both_families, left_still, make_rig, names
+from tests.support.devices import FAMILIES, SWITCHED, both_families, leave_streaming, left_still, make_rig, names
 from tests.support.interrupt import CtrlC, no_collection
 from tests.support.loop import DrivenLoop, now_ns
 
@@ -72,7 +72,7 @@ def test_ctrl_c_at_every_line_of_opening(
     """A device that still streams. A loop that `asyncio.run` ends has more time to stop it."""
 
     async def main() -> None:
-        rig.device.begin_streaming(*([1, now_ns()] if rig.family == "rplidar" else [now_ns()]))
+        leave_streaming(rig.device, now_ns())
         with no_collection(), ctrl_c:
             lidar = await rig.open()
         await lidar.close()

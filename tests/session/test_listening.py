@@ -16,7 +16,7 @@ from lidario.port.port import Port
 from lidario.session.finding.discovery import PortInfo
 from lidario.session.finding.listening import LISTEN_S, family_of_stream, listen
 from tests.support.cases import CASES
-from tests.support.devices import babble, make_rig
+from tests.support.devices import babble, leave_streaming, make_rig
 from tests.support.loop import now, now_ns
 from tests.support.speeds import misread, serial_in_memory
 
@@ -36,19 +36,13 @@ STREAMING = (
 QUESTION = {family.name: next(family.device().identify()).data for family in FAMILIES}
 
 
-def stream(device: Any, mode: int) -> None:
-    """Have it scan, as after a program that was killed."""
-    arguments = (mode, now_ns()) if device.profile.name.startswith("rplidar") else (now_ns(),)
-    device.begin_streaming(*arguments)
-
-
 @pytest.mark.parametrize(("model", "mode"), STREAMING)
 async def test_a_device_that_streams_is_recognised_before_a_byte_is_written(
     model: str, mode: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     device = make_rig(model).device
     written = serial_in_memory(monkeypatch, left=device)
-    stream(device, mode)
+    leave_streaming(device, now_ns(), mode)
     began = now()
     async with open_lidar("left") as lidar:
         assert now() - began < 0.9
@@ -113,8 +107,7 @@ def test_no_question_reads_as_a_request_at_another_speed() -> None:
 @pytest.mark.parametrize(("model", "mode"), STREAMING)
 def test_a_stream_is_recognised_at_its_own_speed_alone(model: str, mode: int) -> None:
     device = make_rig(model).device
-    arguments = (mode, 10**9) if model.startswith("rplidar") else (10**9,)
-    device.begin_streaming(*arguments)
+    leave_streaming(device, 10**9, mode)
     data = b"".join(device.transmit(10**9 + step * 10**7) for step in range(1, 13))
     family = family_of_stream(bytearray(data[:16384]))
     assert family is not None
@@ -204,7 +197,7 @@ async def test_a_speed_the_adapter_cannot_do_is_left_out(monkeypatch: pytest.Mon
         change(self, baudrate)
 
     monkeypatch.setattr(Port, "set_baudrate", refuse)
-    stream(device, 1)
+    leave_streaming(device, now_ns(), 1)
     for _ in range(2):
         async with open_lidar("poor") as lidar:
             assert lidar.info.family == "rplidar"
@@ -247,7 +240,7 @@ async def test_one_whose_packets_are_not_recognised_is_stopped_where_its_search_
     """Each of them is damaged. Nobody says that it goes on sending: who was asked just then is another family."""
     device = make_rig(model).device
     serial_in_memory(monkeypatch, unknown=device)
-    stream(device, 1)
+    leave_streaming(device, now_ns(), 1)
     send = device.transmit
 
     def damaged(now: int) -> bytes:
@@ -276,7 +269,7 @@ async def test_whose_packets_are_whole_scans_is_recognised_by_one_where_its_sear
     """Of a URG-04LX hardly more than one comes while it is listened to; a UST-10LX sends 3.3 KB in each."""
     device = make_rig(model).device
     written = serial_in_memory(monkeypatch, unknown=device)
-    stream(device, 0)
+    leave_streaming(device, now_ns(), 0)
     await asyncio.sleep(after_s)
     with pytest.raises(TimeoutError):
         async with asyncio.timeout(0.01):

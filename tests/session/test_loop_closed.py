@@ -14,7 +14,7 @@ from functools import partial
 import pytest
 
 from lidario import ConnectFailed, Lidar, open_lidar
-from tests.support.devices import SWITCHED, Rig, both_families, left_still, make_rig, names
+from tests.support.devices import SWITCHED, Rig, both_families, leave_streaming, left_still, make_rig, names
 from tests.support.discards import all_obeyed
 from tests.support.loop import START, DrivenLoop, unless_unfinished
 
@@ -136,8 +136,7 @@ def test_ended_while_one_that_streams_is_opened(kind: str, monkeypatch: pytest.M
 
     def streaming() -> Rig:
         rig = make_rig(kind)
-        begun_ns = round(START * 1e9)
-        rig.device.begin_streaming(*([1, begun_ns] if rig.family == "rplidar" else [begun_ns]))
+        leave_streaming(rig.device, round(START * 1e9))
         return rig
 
     turns = run_and_close(streaming(), nothing, 1, never, monkeypatch, plain=True)

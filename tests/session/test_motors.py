@@ -15,7 +15,16 @@ import pytest
 from lidario import InvalidValue, Unsupported, open_lidar
 from lidario.sim.faults import parse_faults
 from lidario.sim.rooms import make_world
-from tests.support.devices import SWITCHED, Rig, left_still, left_still_at_the_end, make_rig, names, take
+from tests.support.devices import (
+    SWITCHED,
+    Rig,
+    leave_streaming,
+    left_still,
+    left_still_at_the_end,
+    make_rig,
+    names,
+    take,
+)
 from tests.support.loop import now, now_ns
 
 TURNS_S = {"rplidar-a1": 60 / 428, "rplidar-a2": 0.1, "rplidar-a3": 0.1, "rplidar-c1": 0.1}
@@ -32,7 +41,7 @@ def rig(request: pytest.FixtureRequest) -> Iterator[Rig]:
 
 
 async def test_one_that_was_left_scanning_is_stopped_shows_the_world_and_is_left_still(rig: Rig) -> None:
-    rig.device.begin_streaming(1, now_ns())
+    leave_streaming(rig.device, now_ns())
     async with rig.open() as lidar:
         assert not rig.device.scanning
         scans = await take(lidar, 4)

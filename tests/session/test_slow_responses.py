@@ -25,7 +25,7 @@ from tests.session.test_two_tasks import (
     set_speed,
     start,
 )
-from tests.support.devices import Rig, both_families, left_still, make_rig, names, take
+from tests.support.devices import Rig, both_families, leave_streaming, left_still, make_rig, names, take
 from tests.support.loop import now, now_ns, run_driven
 
 pytestmark = pytest.mark.discards("stop requests are tried while a response is outstanding")
@@ -176,7 +176,7 @@ async def test_a_reset_that_is_given_up_does_not_leave_the_motor_on(timeout_s: f
 @pytest.mark.parametrize("family", ["rplidar", None])
 async def test_a_device_that_nobody_understands_is_left_still(rig: Rig, ways: str, family: str | None) -> None:
     """Its motor is driven by DTR, by an accessory board, by its own request; it was on before."""
-    rig.device.begin_streaming(1, now_ns())
+    leave_streaming(rig.device, now_ns())
     garble(rig.device, ways)
     with pytest.raises(LidarError):
         await open_lidar(rig.device, family=family)
@@ -253,7 +253,7 @@ async def test_one_that_has_not_responded_yet_but_streamed_is_waited_for(delay_s
     """It owes a response when its opening is cancelled, and discards what stops its motor until that has come."""
     rig = make_rig("rplidar-a2")
     rig.device.response_delay_s = delay_s
-    rig.device.begin_streaming(1, now_ns())
+    leave_streaming(rig.device, now_ns())
     with pytest.raises(TimeoutError):
         async with asyncio.timeout(moment_s):
             await rig.open()

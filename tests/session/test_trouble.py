@@ -19,7 +19,7 @@ from lidario import (
 from lidario.revolution.ended import EndedRevolution
 from lidario.revolution.seam import Seam
 from tests.support.cable import cable_to
-from tests.support.devices import Rig, end_of, left_still, make_rig, take
+from tests.support.devices import Rig, end_of, leave_streaming, left_still, make_rig, take
 from tests.support.loop import driven_loop, now_ns
 
 
@@ -61,7 +61,7 @@ async def test_many_connects_to_a_device_that_still_streams(connects: int) -> No
         rig = make_rig("rplidar", seed=int(random.integers(1 << 30)))
         loop = driven_loop()
         leftover = int(random.integers(0, 4097))
-        rig.device.begin_streaming(1, now_ns())
+        leave_streaming(rig.device, now_ns())
         # What the kernel still holds of a killed program's stream: up to 4 KiB, then the device goes on.
         loop.block(leftover / (rig.device.baudrate / 10))
         async with rig.open() as lidar:

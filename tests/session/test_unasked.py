@@ -23,7 +23,7 @@ from lidario.families.registry import FAMILIES, family_named
 from lidario.families.ydlidar.simulated.device import PROFILES as YDLIDAR
 from lidario.session.lidar import Lidar
 from lidario.sim.chassis import maker
-from tests.support.devices import Rig, end_of, left_still, make_rig, names, some, take
+from tests.support.devices import Rig, end_of, leave_streaming, left_still, make_rig, names, some, take
 from tests.support.loop import now, now_ns
 from tests.support.speeds import serial_in_memory
 
@@ -273,7 +273,7 @@ async def test_a_slow_ld14p_is_told_from_an_ld14_by_the_speed_of_its_line(monkey
 async def test_one_that_streams_is_stopped_where_its_opening_is_cancelled(model: str, moment_s: float) -> None:
     """Also before enough was heard of it to know what it is."""
     rig = make_rig(model)
-    rig.device.begin_streaming(now_ns())
+    leave_streaming(rig.device, now_ns())
     with suppress(TimeoutError):
         async with asyncio.timeout(moment_s), rig.open():
             pass

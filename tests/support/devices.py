@@ -17,6 +17,7 @@ from lidario.session.lidar import Lidar
 from lidario.session.opening import OpenLidar, open_lidar
 from tests.support.discards import PROTECTED
 from tests.support.families import ABOUT
+from tests.support.simulated_rplidar import DUTY_660, begin
 
 T = TypeVar("T")
 
@@ -45,6 +46,29 @@ class Rig:
         async with self.open(**options) as lidar, lidar.scans(mode) as stream:
             await anext(stream)
             yield lidar, stream
+
+
+def leave_streaming(device: Any, now: int, mode_id: int = 1) -> None:
+    """Have it scan for some time already, and be in the midst of a packet, as after a program that was killed."""
+    profile, start, past = device.profile, b"", 123_456_789
+    match profile.name.partition("-")[0]:
+        case "rplidar":
+            mode = profile.mode(mode_id)
+            start = (DUTY_660 if profile.motor == "pwm" else b"") + begin(mode)
+            past = 10 * mode.period_ns + mode.packet[0] * 4 * 10**9 // device.baudrate
+        case "ydlidar":
+            start, past = b"\xa5\x60", 400 * profile.sample_ns + 36 * 10**10 // device.baudrate
+        case "hokuyo":
+            start = b"MD%04d%04d01000\n" % profile.span
+        case "hlds":
+            start = b"b"
+    usual = device.spin_up_s, device.response_delay_s
+    device.spin_up_s = device.response_delay_s = 0.0
+    device.transmit(now - past)
+    device.receive(start, now - past)
+    device.transmit(now)
+    device.spin_up_s, device.response_delay_s = usual
+    device.log.clear()
 
 
 MAKERS = {name: about.MAKER for name, about in ABOUT.items()}

@@ -8,13 +8,11 @@ import pytest
 
 from lidario.families.rplidar import FAMILY
 from lidario.families.rplidar.simulated.device import PROFILES, SimulatedRplidar, make_simulated
-from tests.reference import rplidar
 from tests.support.simulated_rplidar import (
     EXPRESS_1,
     FORCE_SCAN,
     GET_HEALTH,
     GET_INFO,
-    MODES,
     MOTOR_600,
     MS,
     RESET,
@@ -25,7 +23,6 @@ from tests.support.simulated_rplidar import (
     conf,
     express,
     framed,
-    packets_of,
 )
 
 pytestmark = pytest.mark.discards("what the simulated device discards is tested here")
@@ -205,27 +202,6 @@ class TestProtectionStop:
         assert bench.why == "in protection stop"
         # So no pause follows it.
         assert bench.ask(GET_HEALTH)[7:] == b"\x02\x07\x00"
-
-
-class TestLeftOvers:
-    @pytest.mark.parametrize(("model", "mode_id"), MODES)
-    def test_it_is_found_streaming_in_the_middle_of_a_packet(self, model: str, mode_id: int) -> None:
-        bench = Bench(model)
-        mode = bench.mode(mode_id)
-        bench.device.begin_streaming(mode_id, bench.now)
-        assert bench.device.scanning
-        assert bench.device.motor_on
-        size = mode.packet[0]
-        stream = bench.run(20 * mode.period_ns + mode.period_ns // 2)
-        cut = size - size * 2 // 5
-        packets = packets_of(mode.format, stream[cut:])
-        assert len(packets) >= 19
-        if mode.format in rplidar.CAPSULE_TYPES:
-            assert not any(rplidar.is_reset(mode.format, packet) for packet in packets)
-
-    def test_a_mode_it_lacks(self, bench: Bench) -> None:
-        with pytest.raises(ValueError, match="no scan mode 9"):
-            bench.device.begin_streaming(9, 0)
 
 
 def test_every_profile_has_an_honest_name_and_a_line_that_can_carry_it() -> None:

@@ -59,7 +59,7 @@ def test_an_unconfirmed_speed_is_given_up_by_the_device() -> None:
 def test_what_is_no_measurement_leaves_the_speed(how: str) -> None:
     rig = rig_of()
     if how == "scanning":
-        rig.device.begin_streaming(0, 1)
+        rig.device.receive(b"\xa5\x20", 1)
     rig.device.set_host_baudrate(256_000, 2)
     for at in range(40):
         data = b"A" * (4 if how == "too slow" else 16)

@@ -126,16 +126,6 @@ def test_the_last_packet_with_a_stamp_leaves_whole() -> None:
     assert len(ydlidar.split(data[data.rindex(b"\xaa\x66") + 8 :])) == 1
 
 
-def test_left_streaming_by_somebody_else(device: Simulated4Ros) -> None:
-    device.begin_streaming(BEGIN)
-    assert device.scanning
-    assert device.motor_on
-    data = device.transmit(BEGIN + S)
-    assert not data.startswith((b"\xaa\x55", b"\xa5\x5a"))
-    assert len(data) == pytest.approx(45_100, rel=0.01)
-    assert len(whole(data[data.index(b"\xaa\x55") :])) > 500
-
-
 def test_packers_agree_with_the_reference() -> None:
     raw = pack_points([[1, 0, 70_000], [4, 5, 6]], [100, 23039], [140, 20], control=0)
     packets = ydlidar.split(raw)

@@ -83,17 +83,6 @@ class SimulatedHokuyo(Chassis[Profile, _Stream]):
             if line:
                 self._consider(line, now)
 
-    def begin_streaming(self, now: int) -> None:
-        """Be in the middle of a scan, as for a program that was killed."""
-        self._now = now
-        self._motor.spin_at_once(self.profile.rpm, now)
-        first, last = self.profile.span
-        self._obey("MD", f"MD{first:04}{last:04}01000", now)
-        assert self._stream is not None
-        self._stream.origin = now - self._period * 5 // 4
-        self._queue.take(now)
-        self._advance(now)
-
     # ----------------------------------------------------------------------------------------------- its requests
 
     def _consider(self, line: bytes, now: int) -> None:

@@ -23,8 +23,8 @@ changed in `speed`. STOP leaves the motor running. Section numbers are not given
 differently.
 
 `SimulatedRplidar.log` tells of every request, with the reason where it was discarded. To put the device
-into a state that occurs in practice, use its documented attributes, `begin_streaming` and `protection_stop`; a
-request that a killed program left unfinished is simply received: the bytes ``A5 82 05``, say.
+into a state that occurs in practice, use its documented attributes and `protection_stop`; a request that a killed
+program left unfinished is simply received: the bytes ``A5 82 05``, say.
 """
 
 from __future__ import annotations
@@ -137,22 +137,6 @@ class SimulatedRplidar(Chassis[Profile, MeasurementStream]):
 
     def _due(self, stream: MeasurementStream) -> int:
         return stream.ready + self._queue.airtime(stream.size)
-
-    def begin_streaming(self, mode_id: int, now: int) -> None:
-        """Be in the middle of a scan, and of a packet, as after a program that was killed.
-
-        Raises:
-            ValueError: The device has no such mode.
-        """
-        mode = self.profile.mode(mode_id)
-        if mode is None:
-            raise ValueError(f"{self.profile.name} has no scan mode {mode_id}")
-        past = 10 * mode.period_ns + self._queue.airtime(mode.packet[0] * 2 // 5)
-        if not self.motor_on:
-            self.drive.spin_at_once(now - past)
-        self._stream = MeasurementStream(mode, now - past, self._motor, self.world, first=False)
-        self._advance(now)
-        self._queue.take(now)
 
     def _stop_motor(self, now: int) -> None:
         self.drive.protect(now)

@@ -35,12 +35,9 @@ class MeasurementStream:
         origin: When the first sample's measuring begins, in nanoseconds.
         motor: Rotates the head; must not change its speed before `built_until`.
         world: What there is to see.
-        first: Whether the first packet begins a stream (S set) or one that has long been running.
     """
 
-    def __init__(
-        self, mode: Mode, origin: int, motor: Motor, world: World | CheckedWorld, *, first: bool = True
-    ) -> None:
+    def __init__(self, mode: Mode, origin: int, motor: Motor, world: World | CheckedWorld) -> None:
         self.mode = mode
         self.size: int
         self.size, self._per_packet = mode.packet
@@ -48,7 +45,6 @@ class MeasurementStream:
         self._origin = origin
         self._motor = motor
         self._world = world
-        self._first = first
         self._built = 0
         self._sample_ns = self.period / self._per_packet  # so that samples and packets never drift apart
         self._max_mm = mode.max_distance_q8 * 1000.0 / 256.0
@@ -97,9 +93,6 @@ class MeasurementStream:
         turns, times = self._head(packet * self._per_packet, count * self._per_packet)
         return _q6(turns[:: self._per_packet]), turns * 360.0, times
 
-    def _new(self, packet: int) -> bool:
-        return self._first and packet == 0
-
     def _standard(self, packet: int, count: int) -> bytes:
         turns, times = self._head(packet - 1, count + 1)  # one before, to see where a revolution begins
         mm = self._measure(turns[1:] * 360.0, times[1:])
@@ -111,7 +104,7 @@ class MeasurementStream:
         start, degrees, times = self._capsules(packet, count)
         offsets = np.tile(_EXPRESS_OFFSETS_Q3, count)
         mm = _carried(self._measure(degrees - offsets / 8.0, times), 16383.0)
-        return packers.pack_express(start, mm, offsets, new_stream=self._new(packet))
+        return packers.pack_express(start, mm, offsets, new_stream=packet == 0)
 
     def _hq(self, packet: int, count: int) -> bytes:
         turns, times = self._head(packet * 96 - 1, count * 96 + 1)
@@ -134,19 +127,19 @@ class MeasurementStream:
             _q6(turns[:samples:96]),
             mm[:samples].reshape(count, 96),
             float(mm[samples]),
-            new_stream=self._new(packet),
+            new_stream=packet == 0,
         )
 
     def _dense(self, packet: int, count: int) -> bytes:
         start, degrees, times = self._capsules(packet, count)
-        return packers.pack_dense(start, self._measure(degrees, times), new_stream=self._new(packet))
+        return packers.pack_dense(start, self._measure(degrees, times), new_stream=packet == 0)
 
     def _ultra_dense(self, packet: int, count: int) -> bytes:
         start, degrees, times = self._capsules(packet, count)
         mm = self._measure(degrees, times)
         stamp = (times[::64] * 1e-3).astype(np.int64)
         return packers.pack_ultra_dense(
-            start, mm, _strength(mm), time_us=stamp, new_stream=self._new(packet)
+            start, mm, _strength(mm), time_us=stamp, new_stream=packet == 0
         )  # fmt: skip
 
 

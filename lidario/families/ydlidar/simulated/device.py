@@ -134,15 +134,6 @@ class Simulated4Ros(Chassis[Profile, PointStream]):
     def _due(self, stream: PointStream) -> int:
         return stream.ready
 
-    def begin_streaming(self, now: int) -> None:
-        """Be in the middle of a scan, and of a packet, as after a program that was killed."""
-        past = 10 * 40 * self.profile.sample_ns + self._queue.airtime(90) * 2 // 5
-        self._motor.spin_at_once(self.set_speed * 0.6, now - past)
-        self.alive_until = now + _ALIVE_FOR
-        self._measure_from(now - past)
-        self._advance(now)
-        self._queue.take(now)
-
     def _advance(self, now: int) -> None:
         """Do what is due by `now`: build packets, stop when the keepalive is missing."""
         self._now = now = max(self._now, now)
