@@ -234,6 +234,11 @@ class Chassis(ABC, Generic[NamedT, StreamT]):
     def _due(self, stream: StreamT) -> int:
         """When the next packet that is not made yet will be."""
 
+    def _reset(self, now: int) -> None:
+        """Restart, as the host has asked for."""
+        self._restart(now, now + round(self.boot_s * 1e9))
+        self._deaf_why = "still booting after reset"
+
     def _restart(self, now: int, up: int) -> None:
         """Restart at `now`, and obey nothing until `up`, when the device has booted."""
         self._forget(now)

@@ -6,6 +6,7 @@ import struct
 from functools import reduce
 from operator import xor
 
+from lidario.families.rplidar.simulated import profiles
 from lidario.families.rplidar.simulated.device import PROFILES, Mode, make_simulated
 from lidario.sim.rooms import make_world
 from lidario.sim.world import World
@@ -20,7 +21,7 @@ MOTOR_OFF = bytes.fromhex("a5 a8 02 00 00 0f")
 BOARD = bytes.fromhex("a5 ff 04 00 00 00 00 5e")
 DUTY_660, DUTY_0 = bytes.fromhex("a5 f0 02 94 02 c1"), bytes.fromhex("a5 f0 02 00 00 57")
 EXPRESS_1 = bytes.fromhex("a5 82 05 01 00 00 00 00 23")
-SOLD = [profile.name for profile in PROFILES.values() if profile.kind == "sold"]
+SOLD = [profile.name for profile in profiles.SOLD]
 MODES = [(profile.name, mode.id) for profile in PROFILES.values() for mode in profile.modes]
 ONE_A_FORMAT = list(
     {mode.format: (profile.name, mode.id) for profile in PROFILES.values() for mode in profile.modes}.values()

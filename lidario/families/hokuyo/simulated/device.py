@@ -14,7 +14,6 @@ responds with ``E`` to all but ``SCIP2.0`` (more_families_2.md 6.1), and begins 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Unpack
 
@@ -114,27 +113,29 @@ class SimulatedHokuyo(Chassis[Profile, _Stream]):
             lines = pack_lines(echo, tell, counts_semicolon=self.profile.counts_semicolon)
             self._respond(self._garbled(lines), now, text)
             return ""
+        if text == "RS":
+            self._reset(now)
+            return ""
         if word in ("MD", "ME", "GD", "GE"):
             return self._measure(text, now)
         told = {"%ST": sealed(self._state().encode()), "TM1": pack_clock(self._clock(now))}.get(text)
         if told is not None and (word != "TM" or self._adjusting):
             self._respond(echo + b"\n" + sealed(b"00") + told + b"\n", now, text)
             return ""
-        acts: dict[str, Callable[[], str]] = {
-            "QT": lambda: self._laser_off(now),
-            "RS": lambda: self._reset(now),
-            "BM": lambda: self._laser_on(now),
-            "TM0": lambda: self._adjust(begins=True),
-            "TM1": lambda: "04",
-            "TM2": lambda: self._adjust(begins=False),
-            "HS0": lambda: "00",
-            "HS1": lambda: "00",
-            "CR00": lambda: "00",
-        }
-        act = acts.get(text)
-        status = "0F" if word == "SS" else "0E" if act is None else act()
-        if word == "RS":
-            return ""
+        match text:
+            case "QT":
+                self.halt(now)
+                status = "00"
+            case "BM":
+                status = self._laser_on(now)
+            case "TM0" | "TM2":
+                status = self._adjust(begins=text == "TM0")
+            case "TM1":
+                status = "04"
+            case "HS0" | "HS1" | "CR00":
+                status = "00"
+            case _:
+                status = "0F" if word == "SS" else "0E"
         self._respond(pack_status(echo, status.encode()), now, text)
         return "" if status in ("00", "02", "03") else f"refused with status {status}"
 
@@ -186,22 +187,12 @@ class SimulatedHokuyo(Chassis[Profile, _Stream]):
         self._motor.set_rpm(self.profile.rpm, now)
         return "00"
 
-    def _laser_off(self, now: int) -> str:
-        self.halt(now)
-        return "00"
-
     def _adjust(self, *, begins: bool) -> str:
         if begins == self._adjusting:
             return "02" if begins else "03"
         if begins and self.motor_on:
             return "10"
         self._adjusting = begins
-        return "00"
-
-    def _reset(self, now: int) -> str:
-        self._end_stream(now)
-        self._restart(now, now + round(self.boot_s * 1e9))
-        self._deaf_why = "still booting after reset"
         return "00"
 
     def _respond(self, response: bytes, now: int, request: str) -> None:

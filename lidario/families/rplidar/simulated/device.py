@@ -194,15 +194,11 @@ class SimulatedRplidar(Chassis[Profile, MeasurementStream]):
         self._deaf_until, self._deaf_why = request.ended + SETTLE_AFTER_STOP, "within 10 ms of stop"
         return ""
 
-    def _reset(self, request: Request) -> str:
-        now = request.ended
-        up = now + int(self.boot_s * 1e9)
-        self._restart(now, up)
-        settled = now + _SETTLE_AFTER_RESET
-        if up <= settled:
+    def _obey_reset(self, request: Request) -> str:
+        self._reset(request.ended)
+        settled = request.ended + _SETTLE_AFTER_RESET
+        if self._deaf_until <= settled:
             self._deaf_until, self._deaf_why = settled, "within 500 ms of reset"
-        else:
-            self._deaf_why = "still booting after reset"
         return ""
 
     def _restart(self, now: int, up: int) -> None:
@@ -276,7 +272,7 @@ class SimulatedRplidar(Chassis[Profile, MeasurementStream]):
 
     HANDLERS: ClassVar[dict[str, Callable[[SimulatedRplidar, Request], str]]] = {
         "stop": _stop,
-        "reset": _reset,
+        "reset": _obey_reset,
         "scan": _scan,
         "force_scan": _force_scan,
         "express_scan": _express_scan,

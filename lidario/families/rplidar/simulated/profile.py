@@ -82,7 +82,6 @@ class Profile:
         firmware: Major and minor.
         hardware: Hardware revision.
         baudrate: Bits a second.
-        kind: Whether such a device is ``"sold"``, or stands for a ``"format"``, or is ``"awkward"``.
         modes: Scan modes; EXPRESS_SCAN knows these ids and no others.
         typical: Id of the mode conf 0x7C names.
         listed: Whether GET_LIDAR_CONF tells of the modes.
@@ -110,7 +109,6 @@ class Profile:
     baudrate: int
     modes: tuple[Mode, ...]
     typical: int
-    kind: Literal["sold", "format", "awkward"] = "awkward"
     firmware: tuple[int, int] = (1, 29)
     hardware: int = 18
     listed: bool = True

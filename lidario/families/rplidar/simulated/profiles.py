@@ -64,7 +64,7 @@ def _device(name: str, model: int, baudrate: int, *modes: Mode, **more: Any) -> 
 
 def _s_series(name: str, model: int, standard_m: float, dense_m: float) -> Profile:
     modes = (_mode(0, "Standard", 0x81, 16000, standard_m), _mode(1, "DenseBoost", 0x85, 32000, dense_m))
-    return _device(name, model, 1_000_000, *modes, kind="sold", firmware=(1, 2))
+    return _device(name, model, 1_000_000, *modes, firmware=(1, 2))
 
 
 _BANNER = b"RP LIDAR System.\r\nFirmware 1.29, hardware 7\r\nsimulated, ok\r\n"
@@ -88,7 +88,6 @@ def _a_series(name: str, model: int, metres: float) -> Profile:
         256_000,
         modes,
         typical=3,
-        kind="sold",
         firmware=(1, 32),
         hardware=6,
         speed_conf=(600,),
@@ -116,7 +115,6 @@ _A1 = Profile(
     115_200,
     _A1_MODES,
     typical=3,
-    kind="sold",
     hardware=7,
     speed_conf=(600,),
     pwm_ref=660,
@@ -131,13 +129,12 @@ _C1 = _device(
     460_800,
     _mode(0, "Standard", 0x81, 5000, 16),
     _mode(1, "DenseBoost", 0x85, 5000, 40),
-    kind="sold",
     firmware=(1, 2),
     speed_conf=(600, 480, 720),
 )
 _A2 = _a_series("rplidar-a2", 0x2C, 16)
 
-_SOLD = (
+SOLD = (
     _s_series("rplidar-s2", 0x71, 30, 30),
     _device(
         "rplidar-s1",
@@ -145,7 +142,6 @@ _SOLD = (
         256_000,
         _mode(0, "Standard", 0x81, 1e6 / 244, 40),
         _mode(1, "DenseBoost", 0x85, 1e6 / 108, 40),
-        kind="sold",
         firmware=(1, 28),
         boot_s=2.0,
     ),
@@ -166,7 +162,6 @@ _FORMATS = (
         256_000,
         _mode(0, "Standard", 0x81, 4000, 16),
         _mode(1, "Express", 0x82, 8000, 16),
-        kind="format",
     ),
     _device(
         "rplidar-hq",
@@ -174,7 +169,6 @@ _FORMATS = (
         1_000_000,
         _mode(0, "Standard", 0x81, 8000, 30),
         _mode(1, "HQ", 0x83, 10000, 30),
-        kind="format",
         hq_scan=True,
     ),
     _device(
@@ -184,7 +178,6 @@ _FORMATS = (
         _mode(0, "Standard", 0x81, 4000, 25),
         _mode(1, "Express", 0x82, 8000, 16),
         _mode(2, "Boost", 0x84, 16000, 25),
-        kind="format",
     ),
     _device(
         "rplidar-ultradense",
@@ -192,7 +185,6 @@ _FORMATS = (
         1_000_000,
         _mode(0, "Standard", 0x81, 16000, 40),
         _mode(1, "UltraDense", 0x86, 32000, 40),
-        kind="format",
     ),
 )
 
@@ -253,20 +245,18 @@ _AWKWARD = (
         baudrate=115_200,
         modes=(_mode(0, "Standard", 0x81, 2000, 8), _mode(1, "Express", 0x82, 4000, 8)),
         typical=1,
-        kind="awkward",
         firmware=(1, 27),
         hardware=5,
         listed=False,
         oddity="lists no modes",
     ),
-    replace(_A2, name="rplidar-a2-no-board", kind="awkward", motor="fixed", oddity="no accessory board"),
-    replace(_C1, name="rplidar-c1-fixed", kind="awkward", motor="fixed", speed_conf=(), oddity="takes no speed"),
+    replace(_A2, name="rplidar-a2-no-board", motor="fixed", oddity="no accessory board"),
+    replace(_C1, name="rplidar-c1-fixed", motor="fixed", speed_conf=(), oddity="takes no speed"),
     replace(
         _A1,
         name="rplidar-old-firmware",
         modes=(_mode(0, "Express", 0x82, 4000, 12), _mode(0xFF, "Standard", 0x81, 2000, 12)),
         typical=0,
-        kind="awkward",
         firmware=(1, 20),
         hardware=5,
         has_conf=False,
@@ -276,5 +266,5 @@ _AWKWARD = (
     ),
 )
 
-PROFILES: dict[str, Profile] = by_name(*_SOLD, *_FORMATS, *_AWKWARD)
+PROFILES: dict[str, Profile] = by_name(*SOLD, *_FORMATS, *_AWKWARD)
 """By name; the first one is what is simulated where no model is asked for."""

@@ -233,10 +233,6 @@ class Simulated4Ros(Chassis[Profile, PointStream]):
         turning = self._motor.reaches(60 * early) if early else self._motor.stable_at
         self._measure_from(max(announced, turning or 0))
 
-    def _reset(self, now: int) -> None:
-        self._restart(now, now + int(self.boot_s * 1e9))
-        self._deaf_why = "still booting after reset"
-
     def _restart(self, now: int, up: int) -> None:
         super()._restart(now, up)
         self._begun = False
