@@ -8,7 +8,6 @@ not at all or never alike. The next call for the list, or for a value, asks agai
 from __future__ import annotations
 
 import math
-import struct
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import replace
@@ -71,15 +70,15 @@ class Configuration:
         """The modes that it lists, by number, and what is to be said of those that it did not tell."""
         self._in_vain = 0
         found: dict[int, ScanMode] = {}
-        count = (yield from self._ask("<H", Conf.MODE_COUNT)) or 0
+        count = (yield from self._ask(2, Conf.MODE_COUNT)) or 0
         unsure = yield from self._list(range(MODE_LIMIT), count, found)
         # The line may have damaged what was not told.
         unsure = yield from self._list(unsure, count, found)
         if not found:
             return (), "the device did not tell its scan modes; those of older firmware are assumed"
-        typical = yield from self._ask("<H", Conf.TYPICAL_MODE)
+        typical = yield from self._ask(2, Conf.TYPICAL_MODE)
         if typical is None:
-            typical = yield from self._ask("<H", Conf.TYPICAL_MODE)
+            typical = yield from self._ask(2, Conf.TYPICAL_MODE)
         modes = [found[number] for number in sorted(found)]
         usable = [mode.id for mode in modes if mode.response_type in FORMATS]
         if typical not in usable:
@@ -104,12 +103,12 @@ class Configuration:
         return unsure
 
     def _mode(self, mode: int) -> Script[ScanMode]:
-        response_type = yield from self._ask("<B", Conf.RESPONSE_TYPE, mode)
+        response_type = yield from self._ask(1, Conf.RESPONSE_TYPE, mode)
         if not response_type:
             return ScanMode(mode, "", 0.0, 0.0, 0)
         name = (yield from self._of_list(Conf.MODE_NAME, mode)) or b""
-        sample_q8 = yield from self._ask("<I", Conf.SAMPLE_DURATION, mode)
-        distance_q8 = yield from self._ask("<I", Conf.MAX_DISTANCE, mode)
+        sample_q8 = yield from self._ask(4, Conf.SAMPLE_DURATION, mode)
+        distance_q8 = yield from self._ask(4, Conf.MAX_DISTANCE, mode)
         return ScanMode(
             id=mode,
             name=_text(name) or f"mode {mode}",
@@ -126,12 +125,10 @@ class Configuration:
         self._in_vain += value is None
         return value
 
-    def _ask(self, layout: str, kind: Conf, mode: int | None = None) -> Script[int | None]:
-        """One number, or None when the device does not have or tell it."""
+    def _ask(self, size: int, kind: Conf, mode: int | None = None) -> Script[int | None]:
+        """One number of so many bytes, or None when the device does not have or tell it."""
         value = yield from self._of_list(kind, mode)
-        if value is None or len(value) < struct.calcsize(layout):
-            return None
-        return int(struct.unpack_from(layout, value)[0])
+        return None if value is None or len(value) < size else int.from_bytes(value[:size], "little")
 
 
 def _text(raw: bytes) -> str:

@@ -22,7 +22,6 @@ start.
 from __future__ import annotations
 
 import math
-import struct
 from dataclasses import replace
 from enum import Enum
 from typing import Final
@@ -241,4 +240,4 @@ class MotorControl:
         value = yield from self._configuration.value(kind, most_in_vain)
         if value is None:
             return None
-        return int(struct.unpack_from("<H", value, at)[0]) if len(value) >= at + 2 else 0
+        return int.from_bytes(value[at : at + 2], "little") if len(value) >= at + 2 else 0

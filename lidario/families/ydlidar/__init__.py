@@ -9,9 +9,8 @@ from __future__ import annotations
 from typing import Final
 
 from lidario.families.base import Family, Timing
-from lidario.families.ydlidar.clouds import PointCloud3, PointCloud4
+from lidario.families.ydlidar.clouds import FORMATS
 from lidario.families.ydlidar.device import BY_DTR_S, NAMED, YdlidarDevice
-from lidario.families.ydlidar.formats import PointCloud
 from lidario.families.ydlidar.raw import find_stream, stream_in
 
 __all__ = ["FAMILY"]
@@ -34,7 +33,7 @@ FAMILY: Final = Family(
         probe_s=0.15,
     ),
     device=YdlidarDevice,
-    formats=(PointCloud, PointCloud3, PointCloud4),
+    formats=FORMATS,
     find_stream=find_stream,
     stream_in=stream_in,
     models=NAMED,

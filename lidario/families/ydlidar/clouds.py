@@ -61,6 +61,10 @@ class PointCloud4(PointCloud):
     longest = HEADER_SIZE + 4 * MOST_SAMPLES
 
 
+FORMATS: Final = (PointCloud, PointCloud3, PointCloud4)
+"""By the bytes of a sample."""
+
+
 @dataclass(frozen=True, slots=True)
 class Kind:
     """How the samples of some models are to be read.
@@ -68,7 +72,7 @@ class Kind:
     Attributes:
         response_type: Number of this kind in scan modes and recordings. On the wire it is always 0x81; all others
             are our own.
-        sample_size: Bytes of a sample.
+        wire: The format of the packets.
         unit: The distance word counts so many parts of a millimetre.
         flags: Whether its low two bits are none of the distance.
         bits: Of the intensity; 0 where there is none.
@@ -77,16 +81,12 @@ class Kind:
     """
 
     response_type: int
-    sample_size: int = 2
+    wire: type[PointCloud] = PointCloud
     unit: int = 4
     flags: bool = False
     bits: int = 0
     triangle: bool = True
     speed_base: int = 0
-
-    def wire(self) -> PointCloud:
-        """A fresh packet format."""
-        return {2: PointCloud, 3: PointCloud3, 4: PointCloud4}[self.sample_size]()
 
     def decoder(self) -> PointCloudDecoder:
         """A fresh decoder."""
@@ -98,10 +98,10 @@ KINDS: Final = {
     "x": Kind(0xA1),
     "x-flags": Kind(0xA2, flags=True),
     "octave": Kind(0xA3, unit=2),
-    "g2": Kind(0xA4, sample_size=3, flags=True, bits=10),
-    "s4b": Kind(0xA5, sample_size=3, flags=True, bits=8),
-    "tmini": Kind(PointCloud3.response_type, sample_size=3, flags=True, bits=8, triangle=False),
-    "sh": Kind(PointCloud4.response_type, sample_size=4, unit=1, bits=16, triangle=False),
+    "g2": Kind(0xA4, PointCloud3, flags=True, bits=10),
+    "s4b": Kind(0xA5, PointCloud3, flags=True, bits=8),
+    "tmini": Kind(PointCloud3.response_type, PointCloud3, flags=True, bits=8, triangle=False),
+    "sh": Kind(PointCloud4.response_type, PointCloud4, unit=1, bits=16, triangle=False),
 }
 """Every kind; the first is the 4ROS's."""
 
@@ -117,7 +117,7 @@ class CloudDecoder(PointCloudDecoder):
 
     def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:  # noqa: ARG002 - each packet tells its own
         kind = self._kind
-        raw = _sample_bytes(heads.read.packets, kind.sample_size, len(output.angle))
+        raw = _sample_bytes(heads.read.packets, kind.wire.sample_size, len(output.angle))
         word = raw[:, -2] | raw[:, -1].astype(np.uint16) << 8
         np.divide(word & 0xFFFC if kind.flags else word, kind.unit, out=output.distance, casting="unsafe")
         beam = _beams(heads)
@@ -130,7 +130,7 @@ class CloudDecoder(PointCloudDecoder):
             output.intensity[...] = (raw[:, 0] | (word & 3) << 8) >> 2
         elif kind.bits:
             # Of 16 bits the upper eight.
-            output.intensity[...] = raw[:, kind.sample_size - 3]
+            output.intensity[...] = raw[:, -3]
 
 
 def _sample_bytes(packets: Packets, sample_size: int, total: int) -> NDArray[np.uint8]:

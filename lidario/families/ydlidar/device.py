@@ -88,7 +88,6 @@ class YdlidarDevice(Device):
 
     def _be(self, model: Model) -> None:
         self._model = model
-        self._mode = model.mode
         self.can_be_stopped: bool = not model.one_way or bool(model.dtr)
         # The motor of one that hears requests stops with its laser.
         self.can_keep_spinning: bool = model.one_way
@@ -194,20 +193,21 @@ class YdlidarDevice(Device):
         return Health(HealthStatus.OK, 0, UNNAMED if self._named is None else "")
 
     def modes(self) -> Script[tuple[ScanMode, ...]]:
-        return told((self._mode,))
+        return told((self._model.mode,))
 
     def start(self, mode: ScanMode, *, force: bool = False) -> Script[Stream]:
         if force:
             raise Unsupported("a scan of this device cannot be forced")
         if self._named is None and self._code is not None and model_of(self._code) is None:
-            known = sorted({(model.code, model.title) for model in MODELS.values() if not model.one_way})
+            names = sorted({(model.code, model.title) for model in MODELS.values() if not model.one_way})
             raise Unsupported(
                 f"how model {self._code} measures is not known; lidario decodes models "
-                + ", ".join(f"{code} ({name})" for code, name in known)
+                + ", ".join(f"{code} ({name})" for code, name in names)
                 + ". If it is like one of them, name that: ?model="
             )
-        if mode.response_type != self._mode.response_type or mode.id != self._mode.id:
-            raise Unsupported(f"this device has one scan mode, {self._mode.name!r}, and not {mode.name!r}")
+        known = self._model.mode
+        if (mode.id, mode.response_type) != (known.id, known.response_type):
+            raise Unsupported(f"this device has one scan mode, {known.name!r}, and not {mode.name!r}")
         if self._was_restarted:
             yield from self._restore()
         if self._protected is None:
@@ -217,7 +217,7 @@ class YdlidarDevice(Device):
             format=stream,
             decoder=self._model.kind.decoder(),
             mode=mode,
-            sample_ns=self._mode.sample_us * 1e3,
+            sample_ns=known.sample_us * 1e3,
             spin_up_s=SPIN_UP_S,
             slowest_turn_s=SLOWEST_TURN_S,
             keepalive=Keepalive(commands.KEEPALIVE, KEEPALIVE_S) if self._protected else None,

@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from lidario.families.base import Decoder, Known, RawStream, raw_stream
-from lidario.families.ydlidar.clouds import KINDS
+from lidario.families.ydlidar.clouds import FORMATS, KINDS
 from lidario.families.ydlidar.formats import FULL_TURN_Q6, INFO_HEADER, START_BIT, PointCloud, packet_heads
 from lidario.families.ydlidar.models import MODELS, Model, model_of
 from lidario.model import ScanMode
@@ -79,22 +79,22 @@ class Turn(NamedTuple):
 def find_stream(data: memoryview, known: Known) -> RawStream | None:
     """As `Family.find_stream`: behind the header, or at the first intact packet."""
     named = MODELS[known.model] if known.model else None
-    best: tuple[int, int] | None = None
-    for size in (2, 3, 4) if named is None else (named.kind.sample_size,):
-        wire = _wire(size)
+    best: tuple[int, type[PointCloud]] | None = None
+    for made in FORMATS if named is None else (named.kind.wire,):
+        wire = made()
         # No later packet counts: without this bound a long file would be searched to its end.
         place = _first_packet(data if best is None else data[: best[0] + wire.longest], wire)
         # The longest reading is right: a start packet that saw nothing ends in zeros, and shorter ones pass, too.
         if place is not None and (best is None or place <= best[0]):
-            best = place, size
+            best = place, made
     if best is None:
         return None
-    begin, size = best
-    turn = turn_in(data[begin : begin + _MEASURED], _wire(size))
+    begin, made = best
+    turn = turn_in(data[begin : begin + _MEASURED], made())
     guess = ""
     model = named or _told(data[:begin])
-    if model is None or model.kind.sample_size != size:
-        model, guess = _guessed(turn, size)
+    if model is None or model.kind.wire is not made:
+        model, guess = _guessed(turn, made)
     header = _HEADER.search(data[:begin])
     return raw_stream(
         begin if header is None else header.end(),
@@ -105,10 +105,6 @@ def find_stream(data: memoryview, known: Known) -> RawStream | None:
         guess,
         model.kind.response_type,
     )
-
-
-def _wire(sample_size: int) -> PointCloud:
-    return next(kind.wire() for kind in KINDS.values() if kind.sample_size == sample_size)
 
 
 def _told(before: memoryview) -> Model | None:
@@ -144,10 +140,10 @@ def turn_in(data: memoryview, wire: PointCloud) -> Turn:
     return Turn(FULL_TURN_Q6 / step if step else 0.0, float(np.median(codes[1:] or codes)))
 
 
-def _guessed(turn: Turn, size: int) -> tuple[Model, str]:
-    """The likeliest model with samples of that size, and the words that tell what it was taken for."""
+def _guessed(turn: Turn, wire: type[PointCloud]) -> tuple[Model, str]:
+    """The likeliest model with packets of that format, and the words that tell what it was taken for."""
     models = [*_LIKELY, *(model for model in MODELS.values() if model not in _LIKELY)]
-    models = [model for model in models if model.kind.sample_size == size]
+    models = [model for model in models if model.kind.wire is wire]
     fitting = [model for model in models if turn.unlike(model) <= _UNLIKE]
     # Those that differ alike stay in their order.
     fitting.sort(key=lambda model: turn.unlike(model) // _ALIKE)

@@ -170,7 +170,7 @@ def test_no_claimed_size_is_beyond_the_longest(kind: str) -> None:
     }
     sizes = {size for size in claimed.values() if size != NO_PACKET}
     assert (min(sizes), max(sizes)) == (wire.shortest, wire.longest)
-    each = KINDS[kind].sample_size
+    each = KINDS[kind].wire.sample_size
     assert all(
         size == (10 + each * count if count and (bits or count <= 80) else NO_PACKET)
         for (count, bits), size in claimed.items()

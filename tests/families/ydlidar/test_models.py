@@ -85,14 +85,14 @@ def test_the_model_is_told_by_a_response_that_the_bytes_begin_with() -> None:
 @pytest.mark.parametrize("name", ["x4", "g2", "s4b", "tmini", "tmini-plus-sh"])
 def test_how_long_samples_are_is_told_also_by_a_start_packet_that_saw_nothing(name: str, seen_mm: int) -> None:
     kind = MODELS[name].kind
-    layout = Layout(kind.sample_size, kind.unit, flags=kind.flags, bits=kind.bits)
+    layout = Layout(kind.wire.sample_size, kind.unit, flags=kind.flags, bits=kind.bits)
     start = pack_points([seen_mm], 0, 0, control=1, layout=layout, intensities=70)
     parts = [pack_points([900] * 40, at, at + 2245, layout=layout, intensities=70) for at in range(0, 23040, 2304)]
     found = find_stream(memoryview(start + b"".join(parts)), Known())
     assert found is not None
     assert found.begin == 0
     assert isinstance(found.stream.format, PointCloud)
-    assert found.stream.format.sample_size == kind.sample_size
+    assert found.stream.format.sample_size == kind.wire.sample_size
 
 
 @pytest.mark.parametrize(

@@ -54,7 +54,6 @@ class PointStream:
         self._world = world
         self._profile = profile
         self._sample_ns = profile.sample_ns
-        self._stamps = profile.stamps
         self._next = 0
         self._at_seam = False
 
@@ -130,7 +129,7 @@ class PointStream:
         )
         ready = self._origin + (first + samples) * self._sample_ns
         size, period = 10 + layout.size * samples, samples * self._sample_ns
-        if self._stamps:
+        if self._profile.stamps:
             data = self._with_stamps(data, size, ready - period, period)
             size += TIME_STAMP_BYTES
         return Burst(data, ready, size, period)
