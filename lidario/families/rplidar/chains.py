@@ -143,7 +143,8 @@ def next_chain(data: bytearray, at: int, last: int | None, mark: int | None) -> 
         place += 1
     for begin in range(place, len(data), _WINDOW):
         # A place needs the bytes of the longest chain behind it.
-        places = _likely(np.frombuffer(data, np.uint8)[begin : begin + _WINDOW + _REACH], last, mark).nonzero()[0]
+        likely = _likely(np.frombuffer(data, np.uint8)[begin : begin + _WINDOW + _REACH], last, mark)
+        places = likely[:_WINDOW].nonzero()[0]
         if len(places):
             return begin + int(places[0])
     return None

@@ -214,6 +214,17 @@ def test_so_is_a_short_one_that_continues_the_last_node(base: int) -> None:
         assert found == len(noise), filled
 
 
+def test_of_two_that_overlap_the_first_one_counts_wherever_it_begins() -> None:
+    """A chain that begins elsewhere, and by its sixth node continues the last one."""
+    base = 8000
+    leaping = b"".join(node((base + k) % TURN) for k in (5000, 10000, 15000, 20000))
+    chain = b"".join(node(base - 40 * 64 + 8 * 64 * k) for k in range(20))
+    for filled in [20, *range(985, 1065, 2)]:
+        noise = leaping * 3 + bytes(filled)
+        found = noise_before(bytearray(noise + chain + bytes(400)), in_step(base - 10))
+        assert found == len(noise), filled
+
+
 @pytest.mark.parametrize("filled", [20, 1000])
 def test_a_chain_is_not_passed_over_wherever_the_bytes_end(filled: int) -> None:
     noise = LEAPING * 3 + bytes(filled)
