@@ -56,7 +56,7 @@ class Making(TypedDict, total=False):
     """
 
     world: WorldLike | None
-    serial: Any
+    serial: bytes | None
     seed: int
 
 

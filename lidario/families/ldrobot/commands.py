@@ -9,10 +9,8 @@ from __future__ import annotations
 from typing import Final
 
 from lidario.families.ldrobot.formats import CRC, HEAD
+from lidario.families.talking_device import SETTLE_S
 from lidario.wire.envelope import Request
-
-SETTLE_S: Final = 0.02
-"""No document demands a pause; one packet takes 3 ms."""
 
 
 def encode(command: int, parameter: int = 0) -> bytes:

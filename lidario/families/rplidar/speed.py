@@ -27,8 +27,6 @@ PIECE_S: Final = 0.05
 PIECES: Final = 30
 """So many pieces take 1.5 s. They are 320 bytes a second; more than 100 are demanded."""
 CONFIRMED: Final = 0x5F5F
-SETTLE_S: Final = 0.01
-"""As after a motor request; no document demands a pause."""
 TOLERANCE: Final = 0.05
 """What is measured is not exact. A serial line bears an error of 5 % at most."""
 
@@ -78,7 +76,8 @@ def measure(baudrate: int) -> Request:
 def confirm(baudrate: int) -> Request:
     """NEW_BAUDRATE_CONFIRM: the device keeps the speed. It has no response."""
     payload = struct.pack("<HIH", CONFIRMED, baudrate, 0)
-    return Request("NEW_BAUDRATE_CONFIRM", encode_request(0x90, payload), settle=SETTLE_S)
+    # No document demands a pause.
+    return Request("NEW_BAUDRATE_CONFIRM", encode_request(0x90, payload), settle=commands.MOTOR_SETTLE_S)
 
 
 def change_speed(baudrate: int, present: int) -> Script[None]:

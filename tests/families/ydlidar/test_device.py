@@ -25,7 +25,7 @@ from tests.support.streams import in_one_run
 
 @pytest.fixture
 def bench() -> Bench:
-    return Bench(make_simulated("ydlidar-4ros", serial="2023061500001234"))
+    return Bench(make_simulated("ydlidar-4ros", serial=bytes.fromhex("2023061500001234")))
 
 
 def test_identify(bench: Bench) -> None:

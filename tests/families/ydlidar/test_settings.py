@@ -15,7 +15,7 @@ from tests.support.bench_4ros import Bench, played
 
 @pytest.fixture
 def bench() -> Bench:
-    return Bench(make_simulated("ydlidar-4ros", serial="2023061500001234"))
+    return Bench(make_simulated("ydlidar-4ros", serial=bytes.fromhex("2023061500001234")))
 
 
 @pytest.mark.parametrize("hertz", [5.0, 5.1, 6.96, 7.0, 7.9, 8.04, 9.5, 10.0, 11.95, 12.0])

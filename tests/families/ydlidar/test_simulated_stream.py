@@ -31,7 +31,7 @@ TMINI = ydlidar.Kind(sample_bytes=3, unit=4, flags=True, intensity_bits=8)
 
 @pytest.fixture
 def device() -> Simulated4Ros:
-    return make_simulated("ydlidar-4ros", world=make_world("circle"), serial="0123456789012345")
+    return make_simulated("ydlidar-4ros", world=make_world("circle"), serial=bytes.fromhex("0123456789012345"))
 
 
 @pytest.mark.long

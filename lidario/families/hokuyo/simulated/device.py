@@ -60,7 +60,7 @@ class SimulatedHokuyo(Chassis[Profile, _Stream]):
         self._queue = TransmitQueue(profile.line)
         serial = making.get("serial")
         number = f"H{self._random.integers(10**7):07}"
-        self._serial = number if serial is None else serial if isinstance(serial, str) else serial.decode("ascii")
+        self._serial = number if serial is None else serial.decode("ascii")
         if not re.fullmatch(r"[A-Za-z0-9-]{1,20}", self._serial, re.ASCII):
             raise ValueError("a serial number is 1 to 20 letters and digits")
         self._clock_ns = int(self._random.integers(1 << 24)) * 1_000_000

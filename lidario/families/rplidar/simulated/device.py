@@ -183,7 +183,7 @@ class SimulatedRplidar(Chassis[Profile, MeasurementStream]):
             return "in protection stop"
         if request.name == "get_lidar_conf" and not self.profile.has_conf:
             return "unknown to this firmware"
-        given, wanted = len(request.payload), PAYLOADS.get(request.name, 0)
+        given, wanted = len(request.payload), PAYLOADS[request.name]
         if given < wanted or (given > wanted and request.name != "get_lidar_conf"):
             return f"payload of {given} bytes"
         if request.name == "get_lidar_conf" and self.identity.conf(self.profile, request.payload) is None:

@@ -32,11 +32,7 @@ class Drive:
         self._profile = profile
         self._motor = motor
         if profile.motor in ("dtr", "fixed"):
-            self.spin_at_once(0)
-
-    def spin_at_once(self, since: int) -> None:
-        """Let the motor have had its own speed since that time, without spinning up."""
-        self._motor.spin_at_once(self._profile.own_rpm, since)
+            motor.spin_at_once(profile.own_rpm, 0)
 
     def scan_begins(self, now: int) -> None:
         """Start a motor that is off, where a scan does that."""

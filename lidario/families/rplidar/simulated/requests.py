@@ -15,37 +15,26 @@ from operator import xor
 _SYNC = 0xA5
 _COMPLETE_WITHIN_NS = 5_000_000_000  # S-series interface manual, request packets
 
-# Command -> the documents' name. Those from HQ_SCAN down are the SDK's; some models know some of them.
+# Command -> the documents' name, and bytes of payload, at least these of GET_LIDAR_CONF (S-series interface manual,
+# request formats). Those from HQ_SCAN down are the vendor's SDK 2.1.0's; some models know some of them.
 COMMANDS = {
-    0x25: "stop",
-    0x40: "reset",
-    0x20: "scan",
-    0x21: "force_scan",
-    0x82: "express_scan",
-    0x50: "get_info",
-    0x52: "get_health",
-    0x59: "get_samplerate",
-    0x84: "get_lidar_conf",
-    0xA8: "motor_speed_ctrl",
-    0x83: "hq_scan",
-    0x85: "set_lidar_conf",
-    0x90: "new_baudrate_confirm",
-    0xF0: "set_motor_pwm",
-    0xFF: "get_acc_board_flag",
+    0x25: ("stop", 0),
+    0x40: ("reset", 0),
+    0x20: ("scan", 0),
+    0x21: ("force_scan", 0),
+    0x82: ("express_scan", 5),
+    0x50: ("get_info", 0),
+    0x52: ("get_health", 0),
+    0x59: ("get_samplerate", 0),
+    0x84: ("get_lidar_conf", 4),
+    0xA8: ("motor_speed_ctrl", 2),
+    0x83: ("hq_scan", 33),
+    0x85: ("set_lidar_conf", 16),
+    0x90: ("new_baudrate_confirm", 8),
+    0xF0: ("set_motor_pwm", 2),
+    0xFF: ("get_acc_board_flag", 4),
 }
-
-# Bytes of payload; GET_LIDAR_CONF has at least these (S-series interface manual, request formats; from HQ_SCAN on
-# the structures of vendor SDK 2.1.0).
-PAYLOADS = {
-    "express_scan": 5,
-    "get_lidar_conf": 4,
-    "motor_speed_ctrl": 2,
-    "hq_scan": 33,
-    "set_motor_pwm": 2,
-    "get_acc_board_flag": 4,
-    "set_lidar_conf": 16,
-    "new_baudrate_confirm": 8,
-}
+PAYLOADS = dict(COMMANDS.values())
 # S-series interface manual, states of the device; it names STOP and SCAN, and the other scans have the same states.
 IGNORED_IN_PROTECTION_STOP = {"stop", "scan", "force_scan", "express_scan", "hq_scan"}
 
@@ -120,4 +109,4 @@ class RequestReader:
 
 
 def _name(data: bytes) -> str:
-    return COMMANDS.get(data[1], "unknown") if len(data) > 1 else "unknown"
+    return COMMANDS[data[1]][0] if len(data) > 1 and data[1] in COMMANDS else "unknown"

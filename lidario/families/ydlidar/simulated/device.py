@@ -72,8 +72,7 @@ class Simulated4Ros(Chassis[Profile, PointStream]):
 
     Args:
         profile: What it is.
-        making: As for `Chassis`; a serial number is 16 digits as text, 16 bytes of 0 to 9, or 8 bytes of two digits
-            each.
+        making: As for `Chassis`; a serial number is 16 bytes of 0 to 9, or 8 bytes of two digits each.
 
     Attributes:
         serial: Its serial number, bytes of 0 to 9.
@@ -92,7 +91,7 @@ class Simulated4Ros(Chassis[Profile, PointStream]):
 
     def __init__(self, profile: Profile, **making: Unpack[Making]) -> None:
         super().__init__(profile, **making)
-        serial, drawn = making.get("serial"), self._random.integers(0, 10, 16).tolist()
+        serial, drawn = making.get("serial"), bytes(self._random.integers(0, 10, 16).tolist())
         self.serial: bytes = _digits(drawn if serial is None else serial)
         self.zero_offset: int = 0
         self.set_speed: int = profile.factory_speed
@@ -244,14 +243,9 @@ class Simulated4Ros(Chassis[Profile, PointStream]):
 make_simulated: Maker[Simulated4Ros] = maker(Simulated4Ros, PROFILES)
 
 
-def _digits(serial: bytes | str | list[int]) -> bytes:
+def _digits(serial: bytes) -> bytes:
     """Sixteen bytes of 0 to 9."""
-    if isinstance(serial, bytes) and len(serial) == 8:
-        serial = serial.hex()
-    try:
-        digits = bytes(int(digit) for digit in serial)
-    except ValueError:
-        digits = b""
+    digits = bytes(int(digit, 16) for digit in serial.hex()) if len(serial) == 8 else serial
     if len(digits) != 16 or max(digits) > 9:
-        raise ValueError(f"a serial number of a 4ROS has 16 digits, which {serial!r} has not")
+        raise ValueError(f"a serial number of a 4ROS has 16 digits, which {serial.hex()} has not")
     return digits
