@@ -58,7 +58,8 @@ class SimulatedRplidar(Chassis[Profile, MeasurementStream]):
         serial: Its serial number, 16 bytes.
         health: Status (0 good, 1 warning, 2 Protection Stop) and error code; this and more as in `Chassis`.
         identity: What it responds when it is asked what it is; a test may put another one in its place.
-        drive, line_speed, HANDLERS: What switches its motor, sets its speed, and obeys each request; likewise.
+        drive, line_speed, HANDLERS: What switches its motor, sets its speed, and obeys each request that is no
+            question; likewise.
 
     Raises:
         ValueError: The serial number has not 16 bytes.
@@ -163,7 +164,7 @@ class SimulatedRplidar(Chassis[Profile, MeasurementStream]):
         elif not why:
             if request.name != "motor_speed_ctrl" or not any(request.payload):
                 self._end_stream(request.ended)
-            why = self.HANDLERS[request.name](self, request)
+            why = self.HANDLERS.get(request.name, SimulatedRplidar._tell)(self, request)
         self._log.add(request.ended, request.name, request.data, why, remark=remark)
 
     def _refusal(self, request: Request) -> str:
@@ -175,7 +176,7 @@ class SimulatedRplidar(Chassis[Profile, MeasurementStream]):
             return outstanding
         if request.fault:
             return request.fault
-        if request.name not in self.HANDLERS or request.name in self.profile.unknown:
+        if request.name == "unknown" or request.name in self.profile.unknown:
             return "unknown to this device"
         if request.name == "new_baudrate_confirm" and not request.payload:
             return "unknown to this device"  # the question of another family, completed
@@ -276,15 +277,9 @@ class SimulatedRplidar(Chassis[Profile, MeasurementStream]):
         "scan": _scan,
         "force_scan": _force_scan,
         "express_scan": _express_scan,
-        "get_info": _tell,
-        "get_health": _tell,
-        "get_samplerate": _tell,
-        "get_lidar_conf": _tell,
         "motor_speed_ctrl": _motor_speed_ctrl,
         "hq_scan": _hq_scan,
         "set_motor_pwm": _set_motor_pwm,
-        "get_acc_board_flag": _tell,
-        "set_lidar_conf": _tell,
         "new_baudrate_confirm": lambda device, request: device.line_speed.confirm(request.payload),
     }
 
