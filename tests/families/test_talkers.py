@@ -10,12 +10,12 @@ import pytest
 
 from lidario.families.camsense import TALKERS as CAMSENSE
 from lidario.families.hlds import TALKERS as HLDS
-from lidario.families.hlds.simulated.packers import pack_packet as hlds
+from lidario.families.hlds.simulated.device import pack_packet as hlds
 from lidario.families.irobotix import TALKERS as IROBOTIX
-from lidario.families.irobotix.simulated.packers import pack_measurement as irobotix
+from lidario.families.irobotix.simulated.device import pack_measurement as irobotix
 from lidario.families.ldrobot import TALKERS as LDROBOT
 from lidario.families.neato import TALKERS as NEATO
-from lidario.families.neato.simulated.packers import pack_packet as neato
+from lidario.families.neato.simulated.device import pack_packet as neato
 from lidario.families.talking import TalkingModel
 from lidario.families.ydlidar.models import MODELS as YDLIDAR
 from tests.support.streams import in_one_run

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from lidario.families.camsense.decode import LongDecoder, PacketDecoder
 from lidario.families.camsense.formats import LongFormat, PacketFormat
-from lidario.families.camsense.simulated.device import make_simulated
-from lidario.families.camsense.simulated.packers import pack_packet
+from lidario.families.camsense.simulated.device import make_simulated, pack_packet
 from tests.reference import camsense, golden
 from tests.support.case import Case, of_a_talker
 from tests.support.rig import Maker

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lidario.families.camsense.formats import LongFormat, PacketFormat
-from lidario.families.camsense.simulated.packers import pack_packet
+from lidario.families.camsense.simulated.device import pack_packet
 from tests.families.camsense.about import CASES
 from tests.reference import camsense
 from tests.support.streams import checked_one_by_one, feed

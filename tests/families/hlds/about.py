@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from lidario.families.hlds.decode import PacketDecoder
 from lidario.families.hlds.formats import CheckedFormat, PacketFormat
-from lidario.families.hlds.simulated.device import make_simulated
-from lidario.families.hlds.simulated.packers import pack_packet
+from lidario.families.hlds.simulated.device import make_simulated, pack_packet
 from tests.reference import hlds
 from tests.support.case import Case, of_a_talker
 from tests.support.rig import Maker

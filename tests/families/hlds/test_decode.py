@@ -8,7 +8,7 @@ import pytest
 import lidario
 from lidario.families.hlds.decode import PacketDecoder
 from lidario.families.hlds.formats import PacketFormat
-from lidario.families.hlds.simulated.packers import pack_packet
+from lidario.families.hlds.simulated.device import pack_packet
 from tests.families.hlds.about import CASES
 from tests.reference import golden, hlds
 from tests.support.streams import in_one_run

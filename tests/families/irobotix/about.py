@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from lidario.families.irobotix.decode import FifteenDecoder, FrameDecoder
 from lidario.families.irobotix.formats import FifteenFormat, FrameFormat
-from lidario.families.irobotix.simulated.device import make_simulated
-from lidario.families.irobotix.simulated.packers import pack_measurement
+from lidario.families.irobotix.simulated.device import make_simulated, pack_measurement
 from tests.reference import golden, irobotix
 from tests.support.case import Case, of_a_talker
 from tests.support.rig import Maker

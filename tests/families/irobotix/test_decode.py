@@ -8,7 +8,7 @@ import pytest
 from lidario.families.irobotix import TALKERS
 from lidario.families.irobotix.decode import FrameDecoder, frames_a_turn
 from lidario.families.irobotix.formats import FifteenFormat, FrameFormat
-from lidario.families.irobotix.simulated.packers import pack_measurement
+from lidario.families.irobotix.simulated.device import pack_measurement
 from lidario.families.stream import Known
 from tests.families.irobotix.about import CASES
 from tests.reference import irobotix

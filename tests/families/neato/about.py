@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from lidario.families.neato.decode import BackDecoder, PacketDecoder
 from lidario.families.neato.formats import BackFormat, PacketFormat
-from lidario.families.neato.simulated.device import make_simulated
-from lidario.families.neato.simulated.packers import pack_packet
+from lidario.families.neato.simulated.device import make_simulated, pack_packet
 from tests.reference import golden, neato
 from tests.support.case import Case, of_a_talker
 from tests.support.rig import Maker

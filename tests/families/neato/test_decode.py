@@ -10,7 +10,7 @@ import pytest
 import lidario
 from lidario.families.neato.decode import BackDecoder, PacketDecoder
 from lidario.families.neato.formats import BackFormat, PacketFormat
-from lidario.families.neato.simulated.packers import pack_packet
+from lidario.families.neato.simulated.device import pack_packet
 from tests.families.neato.about import CASES
 from tests.reference import golden, neato
 from tests.support.streams import feed, in_one_run

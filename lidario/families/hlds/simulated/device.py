@@ -2,15 +2,17 @@
 
 It measures at whole degrees, clockwise. Firmware since 2017.10 starts by itself when it gets power; before that it
 waits for ``b``. No document says how long it boots or what it does with other bytes: half a second, and nothing.
+
+Packets: as ROBOTIS' driver reads them; of the check value only that it stands twice is known.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from lidario.families.hlds.simulated.packers import pack_packet
 from lidario.sim.chassis import Maker, by_name, maker
 from lidario.sim.talker import Floats, PacedByAngle, TalkerProfile
 
@@ -58,3 +60,31 @@ class SimulatedHlds(PacedByAngle[TalkerProfile]):
 
 
 make_simulated: Maker[SimulatedHlds] = maker(SimulatedHlds, PROFILES)
+
+
+def pack_packet(
+    index: int,
+    millimetres: Sequence[float],
+    intensities: Sequence[int],
+    *,
+    rpm: float = 300.0,
+    reserved: int = 0,
+    check: bytes | None = None,
+) -> bytes:
+    """Pack one measurement packet.
+
+    Args:
+        index: 0 to 59.
+        millimetres: Six of them; 0 = no return.
+        intensities: Six of them.
+        rpm: Speed of the rotor.
+        reserved: What stands behind each distance.
+        check: The last two bytes; by default 255 less the sum of all others, twice.
+    """
+    body = bytes((0xFA, 0xA0 + index)) + round(rpm * 10).to_bytes(2, "little")
+    for distance, intensity in zip(millimetres, intensities, strict=True):
+        for word in (int(intensity), round(float(distance)), reserved):
+            body += word.to_bytes(2, "little")
+    if check is None:
+        check = bytes((255 - sum(body) % 256,)) * 2
+    return body + check
