@@ -93,8 +93,6 @@ class Talkers:
         heard: Packets in a row from which that is known, and what a sample takes, if they tell it.
         wires: The formats in which to look for packets, the likeliest first; none for that of any model.
         rotor: Where the host powers the motor.
-        linked: Packets in a row that prove a device which is heard. Recorded bytes need `LINKED`: one tells no
-            model.
     """
 
     family: str
@@ -103,7 +101,6 @@ class Talkers:
     heard: int
     wires: tuple[type[StreamFormat], ...] = ()
     rotor: Rotor | None = None
-    linked: int = LINKED
 
     @property
     def models(self) -> dict[str, TalkingModel]:
@@ -138,6 +135,7 @@ class Talkers:
                 at = found.start()
                 rows = bytearray(data[at : at + (self.heard + 1) * wire.longest])
                 run = wire.run(rows, 0)
+                # Also where one packet is proof enough: it tells no model.
                 if sum(block.packets for block in run.packets) >= LINKED:
                     heard = bytes(rows[: run.end])
                     model = self.model_of(named, heard)

@@ -110,11 +110,12 @@ class TalkingDevice(Device):
     def _hear(self) -> Script[tuple[bytes, ...]]:
         of = self._talkers
         wires = of.wires_of(self._named)
+        linked = 1 if wires[0].self_evident else LINKED
         # One that was heard before is what it was.
         woken = self._model if self._was_heard else of.to_be_woken(self._named)
         for number, wire in enumerate(wires):
             try:
-                return (yield from hear_runs(wire, of.heard, HEAR_S, linked=of.linked))
+                return (yield from hear_runs(wire, of.heard, HEAR_S, linked=linked))
             except ResponseTimeout:
                 if number == len(wires) - 1 and not woken.start:
                     raise
@@ -122,7 +123,7 @@ class TalkingDevice(Device):
         self._be(woken)
         # While it is opened it is asked in rounds.
         attempts = START_ATTEMPTS if self._was_heard else 1
-        return (yield from hear_runs(wires[0], of.heard, SPIN_UP_S, woken.start, of.linked, attempts))
+        return (yield from hear_runs(wires[0], of.heard, SPIN_UP_S, woken.start, linked, attempts))
 
     def health(self) -> Script[Health]:
         """As `Device.health`: a warning where the rotor does not turn, a note where it may be another model."""

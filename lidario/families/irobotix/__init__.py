@@ -53,8 +53,6 @@ TALKERS: Final = Talkers(
     ),
     unnamed=lambda packets, _: _SIXTEEN if frames_a_turn(packets) == FrameFormat.frames else _FIFTEEN,
     heard=6,
-    # Frames are long, and each is self-evident.
-    linked=1,
     # A frame, at one revolution a second.
     rotor=Rotor(AnyFrame, 0.2, _trouble),
 )
