@@ -22,6 +22,7 @@ from benchmarks.processes import Failed
 from benchmarks.report import Result, Setting, Table
 from lidario import LidarError, open_lidar
 from lidario.families.rplidar.simulated.device import PROFILES, Mode, Profile, SimulatedRplidar
+from lidario.families.rplidar.simulated.profiles import SOLD
 from lidario.sim.device import Received
 from lidario.sim.rooms import make_world
 from lidario.sim.serve import PtyServer, UdpServer
@@ -102,13 +103,13 @@ def run(setting: Setting) -> Result:
     """Every profile; with ``--quick`` those that are sold."""
     table = Table(
         "vendor: the vendor's C++ driver on simulated devices",
-        ["profile", "kind", "mode it chose", "first scan, s", "scans", "samples", "discarded", "wrong", "lidario"],
+        ["profile", "odd", "mode it chose", "first scan, s", "scans", "samples", "discarded", "wrong", "lidario"],
     )
     absent = "left out" if setting.peers is None else setting.peers.why_absent(_PEER)
     if absent:
         table.notes.append(f"{_PEER}: {absent}")
         return Result("vendor", [table], {"absent": absent})
-    names = [name for name, profile in PROFILES.items() if profile.kind == "sold" or not setting.quick]
+    names = [profile.name for profile in SOLD] if setting.quick else [*PROFILES]
     runs = {}
     for name in names:
         setting.say(f"vendor: {name}")
@@ -190,7 +191,7 @@ def _row(name: str, of: Run) -> list[str]:
     first = of.told.get("first_scan_s")
     return [
         name,
-        of.device.profile.kind,
+        of.device.profile.oddity or "–",
         of.mode,
         "–" if first is None else f"{first:.2f}",
         str(len(scans)),
