@@ -149,7 +149,7 @@ class Bench:
         return not self.lidar.is_connected
 
     def _can(self, need: Need) -> bool:
-        device = self.connection.device
+        device = self.connection.dialogue.device
         try:
             if need is Need.HEALTH:
                 return self.lidar.health.status is not HealthStatus.ERROR
@@ -178,7 +178,7 @@ class Bench:
 
     def question(self) -> Request | None:
         """What the device is asked first, to say what it is; None of one that only talks."""
-        script = self.connection.device.identify()
+        script = self.connection.dialogue.device.identify()
         request = next(script, None)
         # A control line may have to be set first.
         while request is not None and request.expects is None and request.stream is None:
@@ -188,8 +188,8 @@ class Bench:
 
     def stop_requests(self) -> tuple[Request, ...]:
         """What ends a stream: STOP; or DTR, of a device that hears no STOP."""
-        stop = self.connection.device.stop()
-        return (stop,) if stop.data else (stop, *self.connection.device.halt())
+        stop = self.connection.dialogue.device.stop()
+        return (stop,) if stop.data else (stop, *self.connection.dialogue.device.halt())
 
     async def ask_once(self, request: Request) -> float:
         """Ask, once, as soon as the device must listen; returns the seconds until its response."""
@@ -220,7 +220,7 @@ class Bench:
         """
         dialogue, began = self.connection.dialogue, self.now()
         dialogue.begin()
-        stream = await dialogue.run(self.connection.device.start(mode))
+        stream = await dialogue.run(self.connection.dialogue.device.start(mode))
         flow = Flow(mode, stream, dialogue.stats, began, self.now() - began)
         dialogue.deliver_to(flow.take)
         limit = stream.spin_up_s

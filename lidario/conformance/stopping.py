@@ -36,7 +36,7 @@ async def stop_ends_stream(bench: Bench) -> str:
 @known(Origin.MANUAL, "STOP", Need.STOPS, Need.ANSWERS)
 async def request_after_stop(bench: Bench) -> str:
     """A request is answered right behind the pause that the manual demands behind STOP."""
-    stop, question = bench.connection.device.stop(), bench.question()
+    stop, question = bench.connection.dialogue.device.stop(), bench.question()
     assert question is not None
     await bench.flow(await bench.typical())
     await asyncio.sleep(FLOW_S)
@@ -56,8 +56,8 @@ async def request_after_stop(bench: Bench) -> str:
 async def stop_at_rest(bench: Bench) -> str:
     """STOP to a device at rest does no harm: the next request is answered."""
     await bench.rest()
-    bench.connection.dialogue.write((bench.connection.device.stop(),))
-    _info, times = await bench.ask(bench.connection.device.identify())
+    bench.connection.dialogue.write((bench.connection.dialogue.device.stop(),))
+    _info, times = await bench.ask(bench.connection.dialogue.device.identify())
     return f"answered in {max(times.values()) * 1e3:.0f} ms"
 
 

@@ -65,7 +65,7 @@ class Lidar(Streams, AsyncOnly):
         *,
         rests: bool = True,
     ) -> None:
-        at = At(connection.dialogue, connection.device, connection.info)
+        at = At(connection.dialogue, connection.info)
         super().__init__(at, Scanner(at, latency), reconnector)
         self.source = source
         self.config = config
@@ -77,12 +77,12 @@ class Lidar(Streams, AsyncOnly):
             reconnector.adopt = _if_alive(self._adopt)
             reconnector.gave_up, reconnector.unused = self._scanner.failures.end, self._scanner.unused
             self._scanner.failures.come_back = reconnector.begin
-        connection.port.follow(self._scanner)
+        at.dialogue.port.follow(self._scanner)
         self._recorded = RecordedSession(at, self._scanner, source, config.filters)
         self._closed = False
         self._loop = asyncio.get_running_loop()
         self._abandoned = weakref.finalize(self, _abandon, at, self._scanner, reconnector)
-        connection.half_open.release()
+        connection.release()
         # Not on a bench, which drives the device below the session. It may turn from power-up on, or since its port
         # was opened: the first reader need not wait for that.
         self._scanner.rests = rests
@@ -107,7 +107,7 @@ class Lidar(Streams, AsyncOnly):
     @property
     def can_be_stopped(self) -> bool:
         """Whether laser and motor can be switched off from here; False of a device that only talks."""
-        return self._at.device.can_be_stopped
+        return self._at.dialogue.device.can_be_stopped
 
     @property
     def mode(self) -> ScanMode | None:
@@ -273,9 +273,9 @@ class Lidar(Streams, AsyncOnly):
         self._counters.line_lost(old)
         at = self._at
         # From here on the finalizer of the session leaves this device still.
-        at.dialogue, at.device, at.info = new, connection.device, connection.info
+        at.dialogue, at.info = new, connection.info
         new.port.follow(self._scanner)
-        connection.half_open.release()
+        connection.release()
         self._scanner.inquiry.take_note(health)
         self._recorded.adopt()
         self._scanner.adopt()

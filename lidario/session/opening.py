@@ -132,11 +132,11 @@ class OpenLidar(AsyncOnly):
         try:
             # A recording and another machine's lidar tell it themselves, and only when they are open.
             check_family(source, asked.family, connection.info.family)
-            if asked.keep_spinning and not connection.device.can_keep_spinning:
+            if asked.keep_spinning and not connection.dialogue.device.can_keep_spinning:
                 raise Unsupported(
                     f"keep_spinning: the motor of a {connection.info.model} stops with its laser. Open it without"
                 )
-            if not connection.device.can_be_stopped:
+            if not connection.dialogue.device.can_be_stopped:
                 _log.warning(
                     "this %s cannot be stopped from here: its motor turns while it has power", connection.info.model
                 )
@@ -144,7 +144,7 @@ class OpenLidar(AsyncOnly):
             # A recording is what it was, and another machine's lidar is set there.
             own = config_of(asked.config, connection.info.serial, is_driven=source.kind not in ("file", "zenoh"))
             lidar = Lidar(connection, health, source.text, asked.latency, asked.keep_spinning, reconnector, own)
-            connection.port.tell_guard()
+            connection.dialogue.port.tell_guard()
         except BaseException:
             await connection.dialogue.close()
             raise

@@ -260,7 +260,7 @@ class Questions(ABC):
         self._check_open()
         if self._reconnector is not None and self._scanner.control.is_away:
             raise self._reconnector.away_error()
-        return self._at.device
+        return self._at.dialogue.device
 
     @abstractmethod
     def _check_open(self) -> None:

@@ -31,7 +31,7 @@ class RecordedSession:
     """
 
     def __init__(self, at: At, scanner: Scanner, source: str, filters: tuple[Filter, ...] = ()) -> None:
-        self.sends_bytes: bool = at.device.sends_bytes
+        self.sends_bytes: bool = at.dialogue.device.sends_bytes
         self._at = at
         self._scanner = scanner
         self._source = source

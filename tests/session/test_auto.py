@@ -220,7 +220,7 @@ async def test_one_that_responds_while_others_are_looked_for_by_dtr_is_what_it_s
     connection = await find_by_dtr(port, [Attempt(family_named("ydlidar"), 0)], Woken(port))
     assert connection is not None
     assert connection.info.model == "YDLIDAR 4ROS"
-    (mode,) = await connection.dialogue.run(connection.device.modes())
+    (mode,) = await connection.dialogue.run(connection.dialogue.device.modes())
     assert mode.response_type == 0x81
     await connection.dialogue.close()
 

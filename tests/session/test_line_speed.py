@@ -87,7 +87,7 @@ MODELS = [(family.name, model) for family in FAMILIES for model in family.simula
 async def test_each_mode_of_each_model_fits_its_own_line(which: tuple[str, str]) -> None:
     family, model = which
     found = await connect(parse_source(f"sim://{model}?via=memory"), family)
-    modes = await found.dialogue.run(found.device.modes())
+    modes = await found.dialogue.run(found.dialogue.device.modes())
     for mode in modes:
-        assert does_not_fit(found.device, modes, mode, found.port.baudrate) == ""
+        assert does_not_fit(found.dialogue.device, modes, mode, found.dialogue.port.baudrate) == ""
     await found.dialogue.close()

@@ -22,7 +22,7 @@ from lidario.errors import ConnectFailed, ResponseTimeout
 from lidario.families.base import Device, Family
 from lidario.port.diagnose import is_pseudo_terminal
 from lidario.port.port import Port
-from lidario.session.finding.connection import Connection, HalfOpen
+from lidario.session.finding.connection import Connection
 from lidario.session.finding.silence import ReceivedInSilence
 from lidario.session.talking.dialogue import Dialogue
 from lidario.session.talking.handshake import RESPONSE_BYTES, introduce
@@ -85,6 +85,11 @@ class Woken:
         if baudrate:
             with suppress(ConnectFailed):
                 self._port.set_baudrate(baudrate)
+
+
+def begun(port: Port, attempt: Attempt) -> Connection:
+    """The connection to what is asked; nothing was written."""
+    return Connection(attempt.family, Dialogue(port, made(port, attempt), attempt.family.timing))
 
 
 def made(port: Port, attempt: Attempt) -> Device:
@@ -172,25 +177,24 @@ async def ask_once(
     long the response may take; None for as long as is usual in the family. Where it is ended while nothing has
     responded, the port stays open: what the device is must still be found out, to leave it still.
     """
-    family, loop = attempt.family, asyncio.get_running_loop()
+    loop = asyncio.get_running_loop()
     if attempt.baudrate:
         try:
             port.set_baudrate(attempt.baudrate)
         except ConnectFailed:
             return None  # the adapter cannot do it; its device runs at another speed
-    device = made(port, attempt)
-    dialogue = Dialogue(port, device, family.timing)
-    half_open = HalfOpen(dialogue)
+    connection = begun(port, attempt)
+    dialogue = connection.dialogue
     try:
-        usual_s = QUICK_S if quick else family.timing.probe_s
+        usual_s = QUICK_S if quick else attempt.family.timing.probe_s
         dialogue.hurry(usual_s if patience_s is None else patience_s)
-        info = await introduce(dialogue, patience=0, quiet=quick)
+        connection.info = await introduce(dialogue, patience=0, quiet=quick)
         dialogue.hurry()
     except ResponseTimeout:
-        half_open.release()
+        connection.release()
         port.attach(None)
-        port.write(device.complete_probe())
-        woken.add(attempt.baudrate, device.end_search())
+        port.write(dialogue.device.complete_probe())
+        woken.add(attempt.baudrate, dialogue.device.end_search())
         return None
     except BaseException:
         if loop.is_closed():
@@ -198,16 +202,17 @@ async def ask_once(
         if dialogue.stats.response_bytes or loop.is_closed():
             await dialogue.close()
         else:
-            await leave(dialogue, half_open)
+            await leave(connection)
         raise
-    return Connection(port, family, device, dialogue, info, half_open)
+    return connection
 
 
-async def leave(dialogue: Dialogue, half_open: HalfOpen) -> None:
+async def leave(connection: Connection) -> None:
     """Stop what does not respond, as far as its family knows how, and leave the port open."""
+    dialogue = connection.dialogue
     dialogue.stop_device()
     try:
         await dialogue.settled_down()
     finally:
-        half_open.release()
+        connection.release()
         dialogue.port.attach(None)

@@ -25,8 +25,8 @@ from lidario.port.port import Port
 from lidario.port.serial import open_serial
 from lidario.port.tcp import open_tcp
 from lidario.port.udp import open_udp
-from lidario.session.finding.asking import Attempt, Woken, ask_in_turns, find_by_dtr, leave, made
-from lidario.session.finding.connection import Connection, HalfOpen, connect_recording, connect_remote
+from lidario.session.finding.asking import Attempt, Woken, ask_in_turns, begun, find_by_dtr, leave
+from lidario.session.finding.connection import Connection, connect_recording, connect_remote
 from lidario.session.finding.leaving import leave_still
 from lidario.session.finding.listening import adapter_of, last_at, listen, remember
 from lidario.session.finding.silence import ReceivedInSilence
@@ -87,7 +87,7 @@ async def connect(
         if connection is not None:
             if adapter is not None:
                 remember(adapter, connection.family.name, port.baudrate)
-            if not connection.device.can_be_stopped:
+            if not connection.dialogue.device.can_be_stopped:
                 port.unguard()
             return connection
         await search.leave(found_nothing=True)
@@ -236,22 +236,20 @@ class _Search:
 
     async def _try_known(self, known: Attempt, *, patient: bool = True) -> Connection | None:
         """Ask the one family at the one speed that it can be, with patience; None when there is no response."""
-        port, family = self._port, known.family
         if known.baudrate:
-            port.set_baudrate(known.baudrate)
-        device = made(port, known)
-        dialogue = Dialogue(port, device, family.timing)
-        half_open = HalfOpen(dialogue)
+            self._port.set_baudrate(known.baudrate)
+        connection = begun(self._port, known)
+        dialogue = connection.dialogue
         try:
             self._known = dialogue
             if self._on_dialogue is not None:
                 self._on_dialogue(dialogue)
-            info = await introduce(dialogue, family.timing.forget_s if patient else 0.0)
+            connection.info = await introduce(dialogue, known.family.timing.forget_s if patient else 0.0)
         except ResponseTimeout:
             # It may hear us although its responses do not reach us.
-            await leave(dialogue, half_open)
+            await leave(connection)
             return None
         except BaseException:
             await dialogue.close()
             raise
-        return Connection(port, family, device, dialogue, info, half_open)
+        return connection

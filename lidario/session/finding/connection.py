@@ -20,15 +20,24 @@ from lidario.source import Source
 _NO_TIME_S = 0.001
 
 
-class HalfOpen:
-    """Leaves a device still that is being opened, when the program ends before anybody holds its session.
+class Connection:
+    """A line to a device that is being opened, and then responds.
 
     Ctrl-C is raised wherever the interpreter is, also between two statements that belong together. So this is made
     before anything is written, and lives in the frames that open the device; when they are gone, its finalizer
     writes the stop requests. The session lets go of it as soon as it has a finalizer of its own.
+
+    Attributes:
+        family: Whose dialect the device speaks.
+        dialogue: The conversation with it.
+        info: What it says it is; there once it has responded.
     """
 
-    def __init__(self, dialogue: Dialogue) -> None:
+    info: DeviceInfo
+
+    def __init__(self, family: Family, dialogue: Dialogue) -> None:
+        self.family: Family = family
+        self.dialogue: Dialogue = dialogue
         self._finalizer = weakref.finalize(self, dialogue.abandon)
 
     def release(self) -> None:
@@ -36,36 +45,14 @@ class HalfOpen:
         self._finalizer.detach()
 
 
-@dataclass(frozen=True, slots=True)
-class Connection:
-    """A device that responds.
-
-    Attributes:
-        port: The line.
-        family: Whose dialect it speaks.
-        device: The device as that family sees it.
-        dialogue: The conversation with it.
-        info: What it says it is.
-        half_open: Leaves it still, until a session takes care of it.
-    """
-
-    port: Port
-    family: Family
-    device: Device
-    dialogue: Dialogue
-    info: DeviceInfo
-    half_open: HalfOpen
-
-
 @dataclass(slots=True)
 class At:
     """Where the device of one session is reached now: shared by all its objects, and changed by `Lidar` alone.
 
-    The first three are as in `Connection`. `trouble` tells of what is wrong with it, in the log.
+    `dialogue` and `info` are as in `Connection`. `trouble` tells of what is wrong with it, in the log.
     """
 
     dialogue: Dialogue
-    device: Device
     info: DeviceInfo
     trouble: Trouble = field(default_factory=Trouble)
 
@@ -100,6 +87,7 @@ async def connect_remote(source: Source) -> Connection:
 
 async def _fed(port: Port, family: Family, device: Device) -> Connection:
     # Nothing is under way on this line, so nothing has to be waited for.
-    dialogue = Dialogue(port, device, replace(family.timing, quiet_s=_NO_TIME_S, boot_poll_s=_NO_TIME_S))
-    info = await dialogue.run(device.identify())
-    return Connection(port, family, device, dialogue, info, HalfOpen(dialogue))
+    timing = replace(family.timing, quiet_s=_NO_TIME_S, boot_poll_s=_NO_TIME_S)
+    connection = Connection(family, Dialogue(port, device, timing))
+    connection.info = await connection.dialogue.run(device.identify())
+    return connection

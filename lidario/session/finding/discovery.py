@@ -175,7 +175,7 @@ async def _ask(port: PortInfo, *, patient: bool) -> Found:
         reason: ConnectReason = error.reason if isinstance(error, ConnectFailed) else "silent"
         return Found(port, None, 0, str(error), reason)
     await connection.dialogue.close()
-    return Found(port, connection.info, connection.port.baudrate, "")
+    return Found(port, connection.info, connection.dialogue.port.baudrate, "")
 
 
 def _none(source: Source, family: str | None, found: list[Found], others: list[str]) -> ConnectFailed:

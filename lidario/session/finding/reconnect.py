@@ -116,7 +116,7 @@ class Reconnector:
         await self._places.begin()
         self._connect = partial(connect, simulation=self._simulation, guard=guard)
         self._known = await self._connect(source, family, baudrate)
-        self._first_speed = self._known.port.baudrate
+        self._first_speed = self._known.dialogue.port.baudrate
         return self._known
 
     def begin(self, error: LidarError, scans: int) -> None:
@@ -245,7 +245,7 @@ class Reconnector:
     def _speeds(self) -> list[int]:
         """At which it may be: the one that it had last, and, where that was set, the one at which it was found."""
         assert self._known is not None
-        return list(dict.fromkeys((self._known.port.baudrate, self._first_speed)))
+        return list(dict.fromkeys((self._known.dialogue.port.baudrate, self._first_speed)))
 
     async def _reach(self, place: Source, speed: int) -> tuple[Connection, Health]:
         """Connect to the device at `place`, and make it as it was; `speed` is 0 where the line has none."""
@@ -262,7 +262,7 @@ class Reconnector:
                 )
             health = await healthy(dialogue)
             for setting in list(self.settings.values()):
-                await dialogue.run(setting(connection.device))
+                await dialogue.run(setting(dialogue.device))
             if dialogue.fatal is not None:
                 raise twin_of(dialogue.fatal)
         except BaseException:
@@ -285,10 +285,8 @@ class Reconnector:
         self._is_ready = True
         self.count += 1
         self._known, self.proven = connection, False
-        away = self._loop.time() - self._since
-        _log.info(
-            "the lidar is back on %s, after %.1f s and %d attempts", connection.port.name, away, self._attempts
-        )
+        place, away = connection.dialogue.port.name, self._loop.time() - self._since
+        _log.info("the lidar is back on %s, after %.1f s and %d attempts", place, away, self._attempts)
         if self.adopt is None or not self.adopt(connection, health):
             connection.dialogue.hang_up()
 

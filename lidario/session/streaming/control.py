@@ -95,8 +95,8 @@ class StreamControl:
     def keep_modes(self, modes: tuple[ScanMode, ...]) -> None:
         """Take note of the scan modes that the device has told, and tell which it has not."""
         self.modes = modes
-        if self._at.device.modes_note:
-            _log.warning("%s", self._at.device.modes_note)
+        if self._at.dialogue.device.modes_note:
+            _log.warning("%s", self._at.dialogue.device.modes_note)
 
     def divide(self, parts: frozenset[int]) -> None:
         """Have the stream that runs, and each later one, publish so many sectors of each revolution."""
@@ -119,7 +119,7 @@ class StreamControl:
             Unsupported: It sends more than the line carries.
         """
         try:
-            stream = await self._at.dialogue.run(self._at.device.start(wanted.mode, force=wanted.force))
+            stream = await self._at.dialogue.run(self._at.dialogue.device.start(wanted.mode, force=wanted.force))
         except ResponseTimeout as error:
             # A device that has stopped to protect itself starts no stream, and does not say so by itself. Nor does
             # one that does not know the mode. A damaged line loses the request, or the response before the packets.
@@ -131,7 +131,7 @@ class StreamControl:
             # Nobody wants it any more, and the stop requests are written already.
             return
         # Not before: the descriptor decides which format is sent, not what the list of modes foretold.
-        misfit = does_not_fit(self._at.device, self.modes, stream.mode, self._at.dialogue.port.baudrate)
+        misfit = does_not_fit(self._at.dialogue.device, self.modes, stream.mode, self._at.dialogue.port.baudrate)
         # A pseudo-terminal carries everything, whatever speed it was opened at.
         if misfit and not is_pseudo_terminal(self._at.dialogue.port.name):
             raise Unsupported(misfit)

@@ -93,7 +93,8 @@ class Inquiry:
             self._reset_at = now
             await self._cure(health, failure.what)
         elif not (
-            await self._at.dialogue.run(self._at.device.explain_silence(failure.lasted_s)) or failure.restart
+            await self._at.dialogue.run(self._at.dialogue.device.explain_silence(failure.lasted_s))
+            or failure.restart
         ):
             raise StreamFailed(
                 f"{failure.what}, though it responds and its health is {_named(health)}: {failure.cause}"
@@ -128,13 +129,13 @@ class Inquiry:
 
     async def _health(self) -> Health | None:
         """Its health, or a warning if it says at least what it is; None if it does not respond at all."""
-        ask_s = max(ASK_S if self._at.dialogue.port.baudrate else NETWORK_ASK_S, self._at.device.rests_s)
+        ask_s = max(ASK_S if self._at.dialogue.port.baudrate else NETWORK_ASK_S, self._at.dialogue.device.rests_s)
         self._at.dialogue.hurry(until=self._loop.time() + ask_s)
         try:
-            self.take_note(await self._at.dialogue.run(self._at.device.health()))
+            self.take_note(await self._at.dialogue.run(self._at.dialogue.device.health()))
         except ResponseTimeout:
             try:
-                await self._at.dialogue.run(self._at.device.identify())
+                await self._at.dialogue.run(self._at.dialogue.device.identify())
             except ResponseTimeout:
                 return None
             self.health = Health(HealthStatus.WARNING, 0, "it does not tell its health")

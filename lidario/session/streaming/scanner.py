@@ -150,7 +150,7 @@ class Scanner:
     async def modes(self) -> tuple[ScanMode, ...]:
         """The scan modes of the device, asked for once."""
         if not self.control.modes:
-            self.control.keep_modes(await self.ask(self._at.device.modes))
+            self.control.keep_modes(await self.ask(self._at.dialogue.device.modes))
         return self.control.modes
 
     def ask(self, script: Callable[[], Script[T]]) -> Awaitable[T]:
@@ -204,7 +204,7 @@ class Scanner:
     async def retune(self) -> None:
         """Have the stream that runs follow the scan frequency that was set; it is not interrupted."""
         async with self._lock:
-            request, dialogue = self._at.device.retune(), self._at.dialogue
+            request, dialogue = self._at.dialogue.device.retune(), self._at.dialogue
             # Nothing is written behind a STOP: it would set a resting rotor in motion.
             while request is not None and self.control.state is State.RUNNING and not dialogue.keep_alive(request):
                 await dialogue.wait(WRITE_AGAIN_S)

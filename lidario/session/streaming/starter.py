@@ -108,11 +108,11 @@ class Starter:
         while self._hub.joining:
             if not control.modes:
                 await control.interrupt()
-                control.keep_modes(await self._at.dialogue.run(self._at.device.modes()))
+                control.keep_modes(await self._at.dialogue.run(self._at.dialogue.device.modes()))
                 continue
             mailbox, mode, force = self._hub.joining.pop(0)
             try:
-                modes = (*control.modes, *self._at.device.unlisted_modes())
+                modes = (*control.modes, *self._at.dialogue.device.unlisted_modes())
                 wanted = agree(modes, mode, control.usual_mode, force, control.wanted, alone=not hub.is_read)
             except (LocalProtocolError, Unsupported) as error:
                 mailbox.end(error)
