@@ -37,14 +37,10 @@ class Response:
     """The single response to the pending request.
 
     Attributes:
-        type: Response type, e.g. 0x04.
         payload: The bytes after the descriptor.
-        received_ns: Arrival of the read that completed it, in the caller's nanoseconds.
     """
 
-    type: int
     payload: bytes
-    received_ns: int
 
 
 # Not frozen: creating a frozen one takes three times as long, and one is created for every read.

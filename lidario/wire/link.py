@@ -83,7 +83,7 @@ class Link:
             now: Arrival of the last byte, in nanoseconds.
             arrivals: When `data` was collected from several reads: pairs ``(bytes, at_ns)``, the first `bytes`
                 bytes of `data` had arrived by `at_ns`; ascending, without the last read, which is `now`. A packet
-                or response has arrived with the read that completed it.
+                has arrived with the read that completed it.
         """
         self.stats.bytes_received += len(data)
         if arrivals:
@@ -177,9 +177,9 @@ class Link:
             self._buffer += data
             if self.state is _AWAIT_RESPONSE:
                 if self._format is None:
-                    self._await_response(now)
+                    self._await_response()
                 else:
-                    self._await_packets(self._format, now)
+                    self._await_packets(self._format)
             if self.state is _STREAMING:
                 self._stream(now)
             if self.state is _AWAIT_RESPONSE or self.state is _STREAMING:
@@ -191,13 +191,13 @@ class Link:
         else:
             self.stats.stray_bytes += unexpected
 
-    def _await_response(self, now: int) -> None:
+    def _await_response(self) -> None:
         """Search for the one descriptor that belongs to the pending request."""
         request, buffer = self._pending, self._buffer
         if request is None or request.expects is None:
             return
         if request.expects.lines:
-            self._await_lines(request, request.expects, now)
+            self._await_lines(request, request.expects)
             return
         admits = request.admits if request.others else request.expects.admits
         while True:
@@ -213,22 +213,22 @@ class Link:
                 return
             payload = bytes(buffer[DESCRIPTOR_SIZE : DESCRIPTOR_SIZE + descriptor.size])
             if payload.startswith(request.expects.prefix):
-                self._take_response(descriptor.type, payload, DESCRIPTOR_SIZE + descriptor.size, now)
+                self._take_response(payload, DESCRIPTOR_SIZE + descriptor.size)
                 return
             # It belongs to an earlier request.
             self.stats.late_responses += 1
             self._stray(1)
 
-    def _await_lines(self, request: Request, expected: Expected, now: int) -> None:
+    def _await_lines(self, request: Request, expected: Expected) -> None:
         stray, size, payload = find_lines(self._buffer, expected)
         if stray:
             self._stray(stray)
         if expected.continuous and payload == expected.accepted:
             self._enter_stream(request, Descriptor(expected.type, 0, continuous=True), size)
         elif payload is not None:
-            self._take_response(expected.type, payload, size, now)
+            self._take_response(payload, size)
 
-    def _await_packets(self, wire: StreamFormat, now: int) -> None:
+    def _await_packets(self, wire: StreamFormat) -> None:
         """Wait until so many packets have followed each other without a byte of noise between them."""
         request, data, at = self._pending, self._buffer, 0
         while request is not None and len(data) - at >= wire.shortest:
@@ -245,7 +245,7 @@ class Link:
                 if self._abandoned:
                     self.stats.late_responses += 1
                 else:
-                    self._events.append(Response(wire.response_type, self._heard, now))
+                    self._events.append(Response(self._heard))
                 self._end_waiting()
                 return
             if end > middle and wire.other_record(data, middle) != end - middle:
@@ -255,14 +255,12 @@ class Link:
         if at:
             del self._buffer[:at]
 
-    def _take_response(self, response_type: int, payload: bytes, size: int, now: int) -> None:
+    def _take_response(self, payload: bytes, size: int) -> None:
         """The first `size` bytes of the buffer are the response."""
         if self._abandoned:
             self.stats.late_responses += 1
         else:
-            if self._arrivals:
-                now = self._arrivals.of((0, size), self.fed - len(self._buffer), now)[-1][1]
-            self._events.append(Response(response_type, payload, now))
+            self._events.append(Response(payload))
         del self._buffer[:size]
         self.stats.response_bytes += size
         self._end_waiting()

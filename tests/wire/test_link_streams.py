@@ -107,7 +107,7 @@ def test_stop_is_legal_in_every_state() -> None:
         assert link.state in (LinkState.DRAINING, LinkState.IDLE)
     link.drained()
     link.send_request(commands.GET_INFO)
-    assert receive(link, INFO_ANSWER) == [Response(0x04, INFO, 0)]
+    assert receive(link, INFO_ANSWER) == [Response(INFO)]
 
 
 def test_a_question_may_follow_stop_at_once() -> None:
@@ -116,7 +116,7 @@ def test_a_question_may_follow_stop_at_once() -> None:
     link.send_request(commands.STOP)
     link.send_request(commands.GET_INFO)
     assert link.state is LinkState.AWAIT_RESPONSE
-    assert receive(link, PACKETS[0][:60] + INFO_ANSWER) == [Response(0x04, INFO, 0)]
+    assert receive(link, PACKETS[0][:60] + INFO_ANSWER) == [Response(INFO)]
 
 
 def test_a_large_chunk_is_taken_in_slices() -> None:
