@@ -58,7 +58,7 @@ def test_something_is_found_to_test() -> None:
     assert len(PATHS) > 12
     assert len(NAMES) > 80
     assert {"Stopper.hang_up", "LinkStats.packets", "StreamControl.go"} <= set(NAMES)
-    assert {"LINGER_S", "Port.is_forked", "ReaderStream.dropped", "Link.is_awaiting"} <= defined()
+    assert {"LINGER_S", "Port.is_forked", "ReaderStream.dropped", "Link.buffered"} <= defined()
     assert not {"Port.no_such_thing", "link"} & defined()
 
 

@@ -68,11 +68,6 @@ class Link:
         """Bytes received and not yet understood."""
         return len(self._buffer)
 
-    @property
-    def is_awaiting(self) -> bool:
-        """Whether a response is pending, abandoned or not."""
-        return self.state is _AWAIT_RESPONSE
-
     def receive_data(
         self, data: bytes | bytearray | memoryview, now: int, arrivals: Sequence[Arrival] = ()
     ) -> None:
@@ -199,9 +194,8 @@ class Link:
         if request.expects.lines:
             self._await_lines(request, request.expects)
             return
-        admits = request.admits if request.others else request.expects.admits
         while True:
-            stray, descriptor = find_descriptor(buffer, admits)
+            stray, descriptor = find_descriptor(buffer, request.admits)
             if stray:
                 self._stray(stray)
             if descriptor is None:

@@ -94,7 +94,7 @@ def link(data: bytes) -> None:
         for event in parser.events_received():
             if isinstance(event, Packets):
                 assert len(event.data) >= event.count > 0
-    owed = parser.is_awaiting
+    owed = parser.state is LinkState.AWAIT_RESPONSE
     parser.send_request(rplidar.STOP)
     assert parser.state is (LinkState.AWAIT_RESPONSE if owed else LinkState.DRAINING)
     parser.forget()

@@ -125,18 +125,6 @@ def test_giving_up_is_nothing_in_other_states() -> None:
     assert idle.state is LinkState.IDLE
 
 
-def test_whether_a_response_is_pending() -> None:
-    link, seen = Link(), list[bool]()
-    for action in ("nothing", "request", "abandon", "forget"):
-        if action == "request":
-            link.send_request(commands.GET_INFO)
-        elif action != "nothing":
-            getattr(link, action)()
-        seen.append(link.is_awaiting)
-    assert seen == [False, True, True, False]
-    assert not streaming().is_awaiting
-
-
 @pytest.mark.parametrize("size", [None, 1, 5])
 def test_the_response_to_an_abandoned_request_is_dropped_and_counted(size: int | None) -> None:
     link = waiting()
@@ -171,9 +159,9 @@ def test_behind_a_stop_a_response_is_still_outstanding() -> None:
     """The device is busy with it, and may not have heard the stop."""
     link = waiting()
     link.send_request(commands.STOP)
-    assert link.is_awaiting
+    assert link.state is LinkState.AWAIT_RESPONSE
     link.drained()
-    assert link.is_awaiting
+    assert link.state is LinkState.AWAIT_RESPONSE
     assert receive(link, INFO_ANSWER) == []
     assert (link.state, link.stats.late_responses) == (LinkState.IDLE, 1)
     link.send_request(commands.GET_INFO)

@@ -166,7 +166,7 @@ def test_packets_that_nobody_waits_for_any_more_are_no_response() -> None:
     link.abandon()
     link.receive_data(CLEAN[1], 0)
     assert link.events_received() == []
-    assert (link.is_awaiting, link.stats.late_responses, link.stats.response_bytes) == (False, 1, 94)
+    assert (link.state, link.stats.late_responses, link.stats.response_bytes) == (LinkState.IDLE, 1, 94)
     # Only that one request was abandoned.
     link.send_request(hear(PacketFormat(), 2))
     link.receive_data(b"".join(CLEAN[2:4]), 7)
