@@ -149,12 +149,12 @@ class Port(Guarded, asyncio.Protocol):
     def set_baudrate(self, baudrate: int) -> None:
         """Change the speed of the line; bytes received at the old speed and not read yet are discarded.
 
-        Ignored where it is that speed already.
+        Ignored where it is that speed already, and for 0, the speed of what has none.
 
         Raises:
             ConnectFailed: The adapter cannot do that speed.
         """
-        if baudrate != self.baudrate:
+        if baudrate not in (0, self.baudrate):
             if (line := self._open_line()) is not None:
                 line.set_baudrate(baudrate)
             self.baudrate = baudrate

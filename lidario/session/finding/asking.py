@@ -82,9 +82,8 @@ class Woken:
                 self._at(then)
 
     def _at(self, baudrate: int) -> None:
-        if baudrate:
-            with suppress(ConnectFailed):
-                self._port.set_baudrate(baudrate)
+        with suppress(ConnectFailed):
+            self._port.set_baudrate(baudrate)
 
 
 def begun(port: Port, attempt: Attempt) -> Connection:
@@ -178,11 +177,10 @@ async def ask_once(
     responded, the port stays open: what the device is must still be found out, to leave it still.
     """
     loop = asyncio.get_running_loop()
-    if attempt.baudrate:
-        try:
-            port.set_baudrate(attempt.baudrate)
-        except ConnectFailed:
-            return None  # the adapter cannot do it; its device runs at another speed
+    try:
+        port.set_baudrate(attempt.baudrate)
+    except ConnectFailed:
+        return None  # the adapter cannot do it; its device runs at another speed
     connection = begun(port, attempt)
     dialogue = connection.dialogue
     try:

@@ -236,8 +236,7 @@ class _Search:
 
     async def _try_known(self, known: Attempt, *, patient: bool = True) -> Connection | None:
         """Ask the one family at the one speed that it can be, with patience; None when there is no response."""
-        if known.baudrate:
-            self._port.set_baudrate(known.baudrate)
+        self._port.set_baudrate(known.baudrate)
         connection = begun(self._port, known)
         dialogue = connection.dialogue
         try:

@@ -63,8 +63,7 @@ async def _stop(port: Port, tries: list[Attempt], woken: Woken) -> None:
             if found is None and await _asked(port, tries, woken):
                 return
     if found is not None:
-        if found.baudrate:
-            port.set_baudrate(found.baudrate)
+        port.set_baudrate(found.baudrate)
         await Dialogue(port, made(port, found), found.family.timing).close()
 
 

@@ -65,11 +65,10 @@ async def listen(port: Port, speeds: Sequence[int], families: Sequence[Family]) 
     leaves the port open.
     """
     for speed in speeds:
-        if speed:
-            try:
-                port.set_baudrate(speed)
-            except ConnectFailed:
-                continue  # the adapter cannot do it
+        try:
+            port.set_baudrate(speed)
+        except ConnectFailed:
+            continue  # the adapter cannot do it
         heard = bytearray()
 
         def keep(direction: str, data: bytes, now: int, heard: bytearray = heard) -> None:  # noqa: ARG001
