@@ -97,8 +97,6 @@ class Reconnector:
         # Whether it may come back: not while it does, nor when it has given up or was cancelled.
         self._is_ready = True
         self._task: asyncio.Task[None] | None = None
-        self._known: Connection | None = None
-        self._first_speed = 0
         self._dialogue: Dialogue | None = None
         self._wait_s = policy.first_wait_s
         self._since = 0.0
@@ -125,7 +123,7 @@ class Reconnector:
         Where none of the session's `scans` came since it was back the last time, that was not a success: the time
         goes on counting, and the waits go on growing.
         """
-        if not self._is_ready or self._known is None:
+        if not self._is_ready:
             return
         if scans > self._scans:
             self.proven, self._scans = True, scans
@@ -207,7 +205,6 @@ class Reconnector:
             self._end_with(LocalProtocolError("the program has cancelled the task that brings the session back"))
 
     async def _leave(self) -> None:
-        assert self._known is not None
         await self._known.dialogue.close(patient=False)  # it is stopped when it was found again
         assert self.unused is not None
         await self.unused()
@@ -244,13 +241,11 @@ class Reconnector:
 
     def _speeds(self) -> list[int]:
         """At which it may be: the one that it had last, and, where that was set, the one at which it was found."""
-        assert self._known is not None
         return list(dict.fromkeys((self._known.dialogue.port.baudrate, self._first_speed)))
 
     async def _reach(self, place: Source, speed: int) -> tuple[Connection, Health]:
         """Connect to the device at `place`, and make it as it was; `speed` is 0 where the line has none."""
         known, at = self._known, speed or None
-        assert known is not None
         connection = await self._connect(place, known.family.name, at, patient=False, on_dialogue=self._began)
         dialogue = connection.dialogue
         try:
@@ -272,13 +267,11 @@ class Reconnector:
         return connection, health
 
     def _began(self, dialogue: Dialogue) -> None:
-        assert self._known is not None
         dialogue.stopper.keep_spinning = self._known.dialogue.stopper.keep_spinning
         self._dialogue = dialogue
 
     def _nameless(self, place: Source) -> bool:
         """Whether the serial number tells nothing, and the place is one that only the number could confirm."""
-        assert self._known is not None
         return not set(self._known.info.serial) - _NO_SERIAL and not self._places.is_own(place)
 
     def _take_over(self, connection: Connection, health: Health) -> None:
