@@ -7,6 +7,7 @@ import inspect
 import os
 import re
 import signal
+from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from itertools import count, product
@@ -20,11 +21,10 @@ from lidario import Lidar, LidarError, NetworkAddress, run
 from lidario.families.rplidar.formats import DenseFormat
 from lidario.model import LineErrors
 from lidario.port.port import Port
-from lidario.port.turns import TURN_NS, Turns
-from lidario.session.talking.intake import Delivery, Intake
+from lidario.port.turns import TURN_NS
+from lidario.session.talking.intake import Intake
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
-from lidario.wire.stats import LinkStats
 from tests.support.devices import FAMILIES, Rig, babble, make_rig
 from tests.support.links import PACKETS
 from tests.support.loop import DrivenLoop, now, run_driven
@@ -134,21 +134,20 @@ def test_run_ends_as_soon_as_its_sessions_are_closed(rplidar: Rig, monkeypatch: 
 
 
 def test_early_packets_are_bounded() -> None:
-    stats = LinkStats()
-    delivery = Delivery(stats, Turns(lambda: 0, lambda error: pytest.fail(str(error))))
+    intake = intake_on(lambda: 0)
     run = Packets(b"\0", (Block(1, 1),), ((1, 0),))
     # As docs/bounds.md says; each run counts as what it takes beside its bytes, too.
     most = 256 * 1024 // 512
     for _ in range(2 * most):
-        assert list(delivery.deliver(run, streaming=True)) == []
+        assert list(intake.deliver(run)) == []
     got: list[Packets] = []
 
     def take(packets: Packets) -> list[None]:
         got.append(packets)
         return []
 
-    delivery.deliver_to(take)
-    assert len(got) + stats.unread_packets == 2 * most
+    intake.deliver_to(take)
+    assert len(got) + intake.stats.unread_packets == 2 * most
     assert len(got) == -(-256 * 1024 // (512 + 1))
 
 
@@ -165,13 +164,18 @@ class Taken(Intake):
         raise error
 
 
+def intake_on(clock: Callable[[], int]) -> Taken:
+    """A stream runs."""
+    late = SimpleNamespace(overflow_bytes=0, full_reads=0)
+    intake = Taken(cast("Port", SimpleNamespace(now=clock, errors=LineErrors(), late=late)))
+    intake.link.enter_stream(DenseFormat())
+    return intake
+
+
 def slow_intake() -> Taken:
     """Each step of its work takes all the time of a turn of the loop."""
     times = count(0, TURN_NS)
-    late = SimpleNamespace(overflow_bytes=0, full_reads=0)
-    port = SimpleNamespace(now=lambda: next(times), errors=LineErrors(), late=late)
-    intake = Taken(cast("Port", port))
-    intake.link.enter_stream(DenseFormat())
+    intake = intake_on(lambda: next(times))
     intake.deliver_to(lambda packets: iter([None] * packets.count))
     return intake
 

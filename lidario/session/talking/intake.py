@@ -4,7 +4,7 @@ Whatever comes at once, and however much work its bytes are meant to make, the r
 (`lidario.port.turns`). What waits is bounded in bytes; what is beyond that is dropped and counted.
 
 Between the descriptor of a stream and the moment at which its reader is named lies a step of the event loop.
-Packets that come meanwhile are kept (`Delivery`), so that a stream does not lose its first revolution.
+Packets that come meanwhile are kept, so that a stream does not lose its first revolution.
 """
 
 from __future__ import annotations
@@ -36,63 +36,26 @@ TakePackets: TypeAlias = Callable[[Packets], Iterable[None]]
 """Takes packets, in steps."""
 
 
-class Delivery:
-    """Hands packets on.
-
-    Attributes:
-        stats: Counters of everything that was received, also of packets that nobody has read.
-    """
-
-    def __init__(self, stats: LinkStats, turns: Turns) -> None:
-        self.stats: LinkStats = stats
-        self._turns = turns
-        self._early: deque[Packets] = deque()
-        self.deliver_to(None)
-
-    def deliver_to(self, callback: TakePackets | None) -> None:
-        """Have `callback` take all packets, those that came since the descriptor first; None for nobody."""
-        self._on_packets = callback
-        if callback is None:
-            self._early.clear()
-            # Of all that were kept since nobody reads.
-            self._early_bytes = 0
-        elif self._early:
-            self._turns.add(self._take_early())
-
-    def deliver(self, packets: Packets, *, streaming: bool) -> Iterable[None]:
-        """Hand packets on behind those that were kept, or keep them while nobody reads a stream that runs."""
-        take = self._on_packets
-        if take is None:
-            self.stats.unread_packets += packets.count
-            if streaming and self._early_bytes < EARLY_BYTES:
-                self._early.append(packets)
-                self._early_bytes += len(packets.data) + _RUN_BYTES
-            return ()
-        return chain(self._take_early(), take(packets)) if self._early else take(packets)
-
-    def _take_early(self) -> Iterator[None]:
-        while self._early and self._on_packets is not None:
-            packets = self._early.popleft()
-            self.stats.unread_packets -= packets.count
-            yield from self._on_packets(packets)
-
-
-class Intake(Delivery, ABC):
+class Intake(ABC):
     """A line to a device, with what becomes of its bytes; the base of `Dialogue`.
 
     Attributes:
         port: The open port.
         link: The parser of what it receives.
+        stats: Its counters, also of packets that nobody has read.
         chronicle: What happened so far, for recordings.
     """
 
     def __init__(self, port: Port) -> None:
         self.port: Port = port
         self.link: Link = Link()
-        super().__init__(self.link.stats, Turns(port.now, self.mistaken))
+        self.stats: LinkStats = self.link.stats
         self.chronicle: Chronicle = Chronicle()
+        self._turns = Turns(port.now, self.mistaken)
+        self._early: deque[Packets] = deque()
         self._errors_before = port.errors
         self._overflow, self._full_reads = port.late.overflow_bytes, port.late.full_reads
+        self.deliver_to(None)
 
     @property
     def errors(self) -> LineErrors:
@@ -118,8 +81,7 @@ class Intake(Delivery, ABC):
                 # Live it is mostly so: a revolution, or less, and nothing before it.
                 runs = self._parse(data, now, arrivals)
                 if len(runs) == 1:
-                    streaming = self.link.state is _STREAMING
-                    self._turns.add(self.deliver(runs[0], streaming=streaming))
+                    self._turns.add(self.deliver(runs[0]))
                 elif runs:
                     self._turns.add(self._hand_on(runs))
                 self.taken()
@@ -151,7 +113,34 @@ class Intake(Delivery, ABC):
 
     def _hand_on(self, runs: list[Packets]) -> Iterator[None]:
         for packets in join_runs(runs) if len(runs) > 1 else runs:
-            yield from self.deliver(packets, streaming=self.link.state is _STREAMING)
+            yield from self.deliver(packets)
+
+    def deliver_to(self, callback: TakePackets | None) -> None:
+        """Have `callback` take all packets, those that came since the descriptor first; None for nobody."""
+        self._on_packets = callback
+        if callback is None:
+            self._early.clear()
+            # Of all that were kept since nobody reads.
+            self._early_bytes = 0
+        elif self._early:
+            self._turns.add(self._take_early())
+
+    def deliver(self, packets: Packets) -> Iterable[None]:
+        """Hand packets on behind those that were kept, or keep them while nobody reads a stream that runs."""
+        take = self._on_packets
+        if take is None:
+            self.stats.unread_packets += packets.count
+            if self.link.state is _STREAMING and self._early_bytes < EARLY_BYTES:
+                self._early.append(packets)
+                self._early_bytes += len(packets.data) + _RUN_BYTES
+            return ()
+        return chain(self._take_early(), take(packets)) if self._early else take(packets)
+
+    def _take_early(self) -> Iterator[None]:
+        while self._early and self._on_packets is not None:
+            packets = self._early.popleft()
+            self.stats.unread_packets -= packets.count
+            yield from self._on_packets(packets)
 
     @abstractmethod
     def responded(self, payload: bytes) -> None:
