@@ -91,7 +91,6 @@ class Guard:
         self._port = port
         self._loop: asyncio.AbstractEventLoop | None = None
         self._told: Order | None = None
-        self._listens_at = 0.0
         self._ended = False
         self._dismissed: Callable[[], None] | None = None
         self._timer: asyncio.TimerHandle | None = None
@@ -133,12 +132,12 @@ class Guard:
         settle = max(request.settle for request in requests) + MARGIN_S
         order = _plain(requests), _plain(last), settle, listens_at
         if order != self._told and self.send(order):
-            self._told, self._listens_at = order, listens_at
+            self._told = order
 
     @property
     def awaits_change(self) -> bool:
         """Whether it was told that the device may not listen, which may have changed since."""
-        return self._listens_at > 0.0
+        return self._told is not None and self._told[-1] > 0.0
 
     def dismiss(self, then: Callable[[], None]) -> None:
         """Say farewell: nothing is to be stopped any more. Calls `then` when it has let go of the line."""

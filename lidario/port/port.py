@@ -53,7 +53,7 @@ class Port(Guarded, asyncio.Protocol):
         name: What was opened, for messages.
         baudrate: Speed in bits a second; 0 where there is none.
         late: What was lost because the event loop was blocked, or this computer busy.
-        is_closing: Whether it is closed, or will be.
+        is_closing: Whether it is closed, or will be: from then on the end of the line is no loss.
         is_real_time: Whether the event loop's clock is that of the system.
         is_live: Whether a device is at the other end, which can fall silent; a recording cannot.
         length_s: As `Lidar.length_s`.
@@ -212,10 +212,6 @@ class Port(Guarded, asyncio.Protocol):
         line = self._open_line()
         if line is not None and not self._loop.is_closed():
             line.poll()
-
-    def announce_close(self) -> None:
-        """Say that `close_soon` will be called: from now on the end of the line is no loss."""
-        self.is_closing = True
 
     def close_soon(self) -> None:
         """Begin to write out what is pending and to close the port, without waiting for it."""

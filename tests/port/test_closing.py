@@ -213,7 +213,7 @@ async def test_closing_twice_and_after_the_end(
 ) -> None:
     caplog.set_level(logging.DEBUG, "lidario")
     async with opened(ends[2]) as (port, sink):
-        port.announce_close()
+        port.is_closing = True
         assert port.is_open
         assert port.is_closing
         await asyncio.gather(port.close(), port.close())

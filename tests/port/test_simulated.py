@@ -90,7 +90,7 @@ async def test_a_mistake_in_a_device_in_memory_ends_the_port(where: str, calls: 
 async def test_a_device_that_fails_at_stop_is_told_although_the_port_is_being_closed() -> None:
     port, sink = connect_in_memory(Broken("receive")), Sink()
     port.attach(sink)
-    port.announce_close()
+    port.is_closing = True
     port.write(b"stop")
     port.close_soon()
     await port.wait_closed()

@@ -196,9 +196,9 @@ class Dialogue(Intake, Waiting):
                 raise
         raise ResponseTimeout(request.name, timeout, self.stats.stray_bytes - noise)
 
-    def run(self, script: Script[T], first: Request | None = None) -> Coroutine[Any, Any, T]:
+    def run(self, script: Script[T]) -> Coroutine[Any, Any, T]:
         """Run a script of the family and return its result, to be awaited; as `play`, with `ask`."""
-        return play(script, self.ask, first)
+        return play(script, self.ask)
 
     async def quieten(self, *, stop: bool = True) -> bool:
         """Wait until the line is quiet; False if it did not fall quiet in time.
@@ -259,7 +259,7 @@ class Dialogue(Intake, Waiting):
         if self._loop.is_closed():
             self.abandon()
             return
-        self.port.announce_close()
+        self.port.is_closing = True
         self.deliver_to(None)
         self.stopper.hang_up(patient=patient)
 
@@ -272,8 +272,8 @@ class Dialogue(Intake, Waiting):
         self.hang_up(patient=patient)
         if self._loop.is_closed():
             return
-        await self.settled_down()
         with anyio.CancelScope(shield=True):
+            await self.stopper.surely_settled()
             await self.port.wait_closed()
 
     def abandon(self) -> None:
