@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from lidario.errors import LidarError
-from lidario.families.base import Stream
+from lidario.families.base import Keepalive, Stream
 from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.pipeline import Pipeline
 from lidario.scan import Scan
@@ -107,11 +107,9 @@ class Running:
         self._discarded = totals.assembled.broken_scans
         self._outlets = outlets
         self._loop = asyncio.get_running_loop()
-        self._wall_offset_ns = dialogue.port.wall_offset_ns
         self._baudrate = stream.speed_on(dialogue.port.baudrate)
-        self._pipeline = Pipeline(
-            stream, self._baudrate, self._wall_offset_ns, totals.assembled, link=dialogue.link
-        )
+        wall_offset_ns = dialogue.port.wall_offset_ns
+        self._pipeline = Pipeline(stream, self._baudrate, wall_offset_ns, totals.assembled, link=dialogue.link)
         self._pace = Pace(stream, self._baudrate, latency, dialogue.stats.bytes_received)
         self._is_divided = False
         self._watchdog: asyncio.TimerHandle | None = None
@@ -133,16 +131,15 @@ class Running:
             stream,
             self._dialogue.link.stream_at,
             self._baudrate,
-            self._wall_offset_ns,
+            self._pipeline.assembler.wall_offset_ns,
             continues=self._totals.assembled.left_off is not None,
         )
         self._dialogue.deliver_to(self._take)
         self._dialogue.port.set_polling(self._latency, self._pace)
         if self._dialogue.port.is_live:
             self._watch()
-        keepalive = stream.keepalive
-        if keepalive is not None:
-            self._keepalive = self._loop.call_later(keepalive.interval_s, self._keep_alive)
+        if (keepalive := stream.keepalive) is not None:
+            self._keepalive = self._loop.call_later(keepalive.interval_s, self._keep_alive, keepalive)
             self._dialogue.port.set_repeat(keepalive.request.data, LATE_KEEPALIVES * keepalive.interval_s)
 
     def end(self) -> None:
@@ -177,7 +174,7 @@ class Running:
     def _take(self, packets: Packets) -> Iterator[None]:
         self._last_packet = self._loop.time()
         port = self._dialogue.port
-        if port.is_live and (offset_ns := port.wall_offset_ns) != self._wall_offset_ns:
+        if port.is_live and (offset_ns := port.wall_offset_ns) != self._pipeline.assembler.wall_offset_ns:
             self._follow_clock(offset_ns)
         for scans in self._pipeline.take(packets):
             self._show(scans)
@@ -186,9 +183,9 @@ class Running:
             self._pace.expect(self._pipeline.assembler.next_ns)
 
     def _follow_clock(self, wall_offset_ns: int) -> None:
-        step_s = (wall_offset_ns - self._wall_offset_ns) * 1e-9
+        step_s = (wall_offset_ns - self._pipeline.assembler.wall_offset_ns) * 1e-9
         _log.warning("the clock of this computer was set by %.3f s, and so are the stamps of scans", step_s)
-        self._wall_offset_ns = self._pipeline.assembler.wall_offset_ns = wall_offset_ns
+        self._pipeline.assembler.wall_offset_ns = wall_offset_ns
         self._dialogue.chronicle.clock_set(wall_offset_ns)
 
     def _show(self, scans: Sequence[Scan]) -> None:
@@ -228,6 +225,7 @@ class Running:
             self._dialogue.port.poll()
             now = self._loop.time()
         idle, turning = now - self._last_packet, now - self._last_scan
+        lasted_s = self._last_packet - self._began
         # Records are understood, though nothing is measured: of a rotor that is too fast, for one.
         strange, records, stats = self._strange, self._records, self._dialogue.stats
         self._strange, self._records = stats.bytes_received - stats.record_bytes, stats.records
@@ -240,10 +238,11 @@ class Running:
             self._watch_in(NOISE_S)
         elif idle >= patience and not may_come:
             what = f"no scan data for {idle:.1f} s{', though other packets arrive' * sends}"
-            self._outlets.failed(self._failure(what, "does the rotor turn?", noise=noise, sends=sends))
+            cause, restart = "does the rotor turn?", self._has_turned
+            self._outlets.failed(Failure(what, cause, noise=noise, sends=sends, restart=restart, lasted_s=lasted_s))
         elif turning >= turns:
             what = f"scan data arrives, but no full revolution for {turning:.1f} s"
-            self._outlets.failed(self._failure(what, self._why_no_revolution(), silent=False))
+            self._outlets.failed(Failure(what, self._why_no_revolution(), lasted_s=lasted_s))
         else:
             if self._last_scan > self._noted_at:
                 self._note_damage()
@@ -267,15 +266,7 @@ class Running:
         self._watch_due = self._loop.time() + seconds
         self._watchdog = self._loop.call_at(self._watch_due, self._watch)
 
-    def _failure(
-        self, what: str, cause: str, *, noise: bool = False, sends: bool = False, silent: bool = True
-    ) -> Failure:
-        lasted_s, restart = self._last_packet - self._began, silent and self._has_turned
-        return Failure(what, cause, noise=noise, sends=sends, restart=restart, lasted_s=lasted_s)
-
-    def _keep_alive(self) -> None:
-        keepalive = self._stream.keepalive
-        if keepalive is not None:
-            self._dialogue.keep_alive(keepalive.request)
-            self._totals.keepalives += 1
-            self._keepalive = self._loop.call_later(keepalive.interval_s, self._keep_alive)
+    def _keep_alive(self, keepalive: Keepalive) -> None:
+        self._dialogue.keep_alive(keepalive.request)
+        self._totals.keepalives += 1
+        self._keepalive = self._loop.call_later(keepalive.interval_s, self._keep_alive, keepalive)
