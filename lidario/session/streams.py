@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from lidario.arguments import callable_of, shown
 from lidario.config.read import LidarConfig
-from lidario.errors import LocalProtocolError
+from lidario.errors import InvalidValue, LocalProtocolError
 from lidario.scan import Scan
 from lidario.sector import Sector
 from lidario.session.questions import Questions
 from lidario.session.streaming.sectors import DEFAULT_DEGREES, SectorStream, parts_of
-from lidario.session.streaming.stream import ScanStream, filters_of
+from lidario.session.streaming.stream import ScanStream
 
 
 class Streams(Questions):
@@ -41,8 +42,7 @@ class Streams(Questions):
         Raises:
             InvalidValue: `depth` is no number of scans, or `filters` are no list of functions.
         """
-        passed: tuple[Callable[[Any], Any], ...] = (*self.config.filters, *filters_of(filters))
-        return ScanStream(self._scanner, mode, depth, force, self._check_open, 0, passed)
+        return ScanStream(self._scanner, mode, depth, force, self._check_open, 0, self._with_own(filters))
 
     def sectors(
         self,
@@ -69,10 +69,9 @@ class Streams(Questions):
         Raises:
             InvalidValue: `degrees` is no such size, `depth` is no number of sectors, or `filters` are none.
         """
-        passed: tuple[Callable[[Any], Any], ...] = (*self.config.filters, *filters_of(filters))
         parts = parts_of(degrees)
         kept = parts if depth is None else depth
-        return SectorStream(self._scanner, mode, kept, force, self._check_open, parts, passed)
+        return SectorStream(self._scanner, mode, kept, force, self._check_open, parts, self._with_own(filters))
 
     async def scan(self, mode: str | int | None = None) -> Scan:
         """One full revolution. Laser and motor stop a second later, unless another stream was begun by then.
@@ -94,3 +93,12 @@ class Streams(Questions):
             raise LocalProtocolError("another task stopped the lidar before the scan was complete") from None
         finally:
             stream.release()
+
+    def _with_own(self, filters: object) -> tuple[Callable[[Any], Any], ...]:
+        """The filters of the settings, then those that a user gave, in their order."""
+        try:
+            found: tuple[object, ...] = tuple(filters)  # type: ignore[arg-type]
+        except TypeError:
+            text = f"filters are a list, as in filters=[ShadowsFilter()], not {shown(filters)}"
+            raise InvalidValue(text) from None
+        return (*self.config.filters, *(callable_of(each, "a filter") for each in found))

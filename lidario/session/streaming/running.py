@@ -267,6 +267,5 @@ class Running:
         self._watchdog = self._loop.call_at(self._watch_due, self._watch)
 
     def _keep_alive(self, keepalive: Keepalive) -> None:
-        self._dialogue.keep_alive(keepalive.request)
-        self._totals.keepalives += 1
+        self._totals.keepalives += self._dialogue.keep_alive(keepalive.request)
         self._keepalive = self._loop.call_later(keepalive.interval_s, self._keep_alive, keepalive)

@@ -78,22 +78,26 @@ class Scanner:
     # ------------------------------------------------------------------------------------------------ readers
 
     def join(self, mailbox: Mailbox[Any], mode: str | int | None, force: bool) -> None:
+        """Hand scans to `mailbox` from now on; start the device in that mode unless it runs in it already."""
         self.hub.add(mailbox, mode, force)
         self.control.want()
         self._starter.work_soon()
 
     def leave(self, mailbox: Mailbox[Any]) -> None:
+        """Hand `mailbox` no more; the last one to leave stops the device, at once."""
         self.hub.discard(mailbox)
         if not len(self.hub) and self.control.is_scanning:
             self.hub.cancel_linger()
             self.control.unwant()
 
     def linger(self, mailbox: Mailbox[Any]) -> None:
+        """Hand `mailbox` no more; when it was the last one, the device stops a little later."""
         self.hub.discard(mailbox)
         if not len(self.hub) and self.control.is_scanning:
             self.hub.linger()
 
     async def left(self) -> None:
+        """Return when what `leave` wrote has reached the device."""
         if self._loop.is_closed():
             return  # the coroutine is being collected, and nothing can be waited for
         with anyio.CancelScope(shield=True), anyio.move_on_after(LEAVE_TIMEOUT_S):

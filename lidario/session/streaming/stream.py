@@ -13,16 +13,19 @@ from __future__ import annotations
 import asyncio
 import weakref
 from collections import deque
-from collections.abc import Callable, Coroutine, Iterable
+from collections.abc import Callable, Coroutine
 from contextlib import suppress
-from typing import Any, Generic, Protocol, Self, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar, cast
 
-from lidario.arguments import callable_of, shown, whole, yes_or_no
+from lidario.arguments import shown, whole, yes_or_no
 from lidario.entered import AsyncOnly
 from lidario.errors import Busy, InvalidValue, LidarError, LocalProtocolError
 from lidario.measured import changed
 from lidario.scan import Scan
 from lidario.session.talking.trouble import twin_of
+
+if TYPE_CHECKING:
+    from lidario.session.streaming.scanner import Scanner
 
 T = TypeVar("T")
 
@@ -132,44 +135,24 @@ class Mailbox(Generic[T]):
             waiter.set_result(None)
 
 
-class ScanSource(Protocol):
-    """What a `ScanStream` needs of the session."""
-
-    def join(self, mailbox: Mailbox[Any], mode: str | int | None, force: bool) -> None:
-        """Hand scans to `mailbox` from now on; start the device in that mode unless it runs in it already."""
-        ...
-
-    def leave(self, mailbox: Mailbox[Any]) -> None:
-        """Hand `mailbox` no more; the last one to leave stops the device, at once."""
-        ...
-
-    def linger(self, mailbox: Mailbox[Any]) -> None:
-        """Hand `mailbox` no more; when it was the last one, the device stops a little later."""
-        ...
-
-    async def left(self) -> None:
-        """Return when what `leave` wrote has reached the device."""
-        ...
-
-
 class ReaderStream(AsyncOnly, Generic[T]):
     """What `ScanStream` and `SectorStream` are: one reader, and the mailbox that is handed what it reads."""
 
     def __init__(
         self,
-        source: ScanSource,
+        source: Scanner,
         mode: str | int | None,
         depth: int,
         force: bool,
         opened: Callable[[], None],
         parts: int = 0,
-        filters: Iterable[Callable[[T], T]] = (),
+        filters: tuple[Callable[[Any], Any], ...] = (),
     ) -> None:
         self._source = source
         self._mode = mode
         self._force = yes_or_no(force, "force")
         self._mailbox: Mailbox[Any] = Mailbox(depth, parts)
-        self._filters = filters_of(filters)
+        self._filters = filters
         self._let_go: weakref.finalize[..., ReaderStream[T]] | None = None
         self._left = False
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -271,19 +254,6 @@ def until_there(stream: ReaderStream[Any]) -> Coroutine[Any, Any, None]:
     return stream._mailbox.wait()  # noqa: SLF001 - of this module
 
 
-def filters_of(filters: object) -> tuple[Callable[[Any], Any], ...]:
-    """Filters that a user gave, in their order.
-
-    Raises:
-        InvalidValue: They are no list of functions.
-    """
-    try:
-        found: tuple[object, ...] = tuple(filters)  # type: ignore[arg-type]
-    except TypeError:
-        raise InvalidValue(f"filters are a list, as in filters=[ShadowsFilter()], not {shown(filters)}") from None
-    return tuple(callable_of(each, "a filter") for each in found)
-
-
-def _let_go(loop: asyncio.AbstractEventLoop, source: ScanSource, mailbox: Mailbox[Any]) -> None:
+def _let_go(loop: asyncio.AbstractEventLoop, source: Scanner, mailbox: Mailbox[Any]) -> None:
     with suppress(RuntimeError):  # the loop is closed: so is the session, or its own finalizer stops the device
         loop.call_soon_threadsafe(source.linger, mailbox)
