@@ -25,7 +25,6 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TypeAlias
 
 from lidario.errors import Unsupported
 from lidario.port.background import run_in_thread
@@ -46,12 +45,9 @@ MARGIN_S = 0.005
 _SCRIPT = str(Path(__file__).with_name("guard_process.py"))
 _FAREWELL = b"farewell\n"
 _HURRIED = b"hurried\n"
+_NOTHING_YET = b"0.0 0.0 0\n"
 _STATES = {None: "-", False: "0", True: "1"}
 _SIZE_OF_PID = 16
-
-_Plain: TypeAlias = list[tuple[bytes, bool | None]]
-Order: TypeAlias = tuple[_Plain, _Plain, float, float]
-"""As `lidario.port.guard_process.Order`."""
 
 
 def check_guard() -> None:
@@ -83,6 +79,9 @@ async def start_guard(port: str) -> Guard:
 class Guard:
     """The guard of one line. Made in a thread, since it waits until the process runs.
 
+    Attributes:
+        awaits_change: Whether it was told that the device may not listen, which may have changed since.
+
     Raises:
         Unsupported: The process could not be started.
     """
@@ -90,7 +89,8 @@ class Guard:
     def __init__(self, port: str) -> None:
         self._port = port
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._told: Order | None = None
+        self._told = b""
+        self.awaits_change: bool = False
         self._ended = False
         self._dismissed: Callable[[], None] | None = None
         self._timer: asyncio.TimerHandle | None = None
@@ -116,9 +116,8 @@ class Guard:
             handle: The descriptor.
             hurried: Whether low latency was set, which it is to give back.
         """
-        message = (_HURRIED if hurried else b"") + _message(([], [], 0.0, 0.0))
         with suppress(OSError):
-            socket.send_fds(self._channel, [message], [handle])
+            socket.send_fds(self._channel, [_HURRIED * hurried + _NOTHING_YET], [handle])
 
     def tell(self, requests: Sequence[Request], last: Sequence[Request], listens_at: float) -> None:
         """Say what stops the device from now on. To be called before anything is written that changes it.
@@ -130,14 +129,12 @@ class Guard:
         """
         listens_at = listens_at if listens_at > time.monotonic() else 0.0
         settle = max(request.settle for request in requests) + MARGIN_S
-        order = _plain(requests), _plain(last), settle, listens_at
-        if order != self._told and self.send(order):
-            self._told = order
-
-    @property
-    def awaits_change(self) -> bool:
-        """Whether it was told that the device may not listen, which may have changed since."""
-        return self._told is not None and self._told[-1] > 0.0
+        # As `lidario.port.guard_process.order_in` reads it.
+        words = [repr(settle), repr(listens_at), str(len(last))]
+        words += [_STATES[request.dtr] + request.data.hex() for request in (*last, *requests)]
+        message = " ".join(words).encode() + b"\n"
+        if message != self._told and self.send(message):
+            self._told, self.awaits_change = message, listens_at > 0.0
 
     def dismiss(self, then: Callable[[], None]) -> None:
         """Say farewell: nothing is to be stopped any more. Calls `then` when it has let go of the line."""
@@ -147,14 +144,14 @@ class Guard:
             then()
             return
         self._dismissed = then
-        self.send(None)
+        self.send(_FAREWELL)
         self._timer = self._loop.call_later(RELEASE_S, self._give_up)
 
     def dismiss_at_once(self) -> None:
         """As `dismiss`, without a loop; blocks for a millisecond, `RELEASE_S` at most."""
         if self._ended:
             return
-        self.send(None)
+        self.send(_FAREWELL)
         with suppress(OSError):
             self._channel.settimeout(RELEASE_S)
             self._channel.recv(1)
@@ -166,9 +163,8 @@ class Guard:
         self._ended = True
         self._channel.close()
 
-    def send(self, order: Order | None) -> bool:
-        """Send an order; None where the program is done. False where the guard is stopped, or gone."""
-        message = _message(order)
+    def send(self, message: bytes) -> bool:
+        """Send it a line; False where the guard is stopped, or gone."""
         try:
             return self._channel.send(message) == len(message)
         except OSError:
@@ -273,18 +269,3 @@ def _at_its_end(channel: socket.socket) -> bool:
         return not channel.recv(1)
     except BlockingIOError:
         return False
-
-
-def _message(order: Order | None) -> bytes:
-    """One line, which `lidario.port.guard_process.order_in` reads; None for the farewell."""
-    if order is None:
-        return _FAREWELL
-    requests, last, settle, listens_at = order
-    words = [repr(settle), repr(listens_at), str(len(last))]
-    words += [_STATES[dtr] + data.hex() for data, dtr in last + requests]
-    return " ".join(words).encode() + b"\n"
-
-
-def _plain(requests: Sequence[Request]) -> _Plain:
-    """What the guard needs of requests: it knows nothing of lidario."""
-    return [(request.data, request.dtr) for request in requests]

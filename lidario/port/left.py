@@ -10,7 +10,6 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from lidario.port.diagnose import holders
 from lidario.port.guard import NAME
 
 WAIT_S = 4.0
@@ -19,34 +18,33 @@ WAIT_S = 4.0
 POLL_S = 0.01
 
 
-def guard_is_left(path: str) -> bool:
-    """Whether a guard holds the serial port `path`, and its program does not any more."""
-    found = dict(holders(path))
-    return any(pid in found and program not in found and program != os.getpid() for pid, program, _ in _guards())
-
-
 def wait_for_guard(line: str) -> None:
-    """Block while the guard of a dead program holds this line of a network, as it was named when it was opened.
+    """Block while the guard of a dead program holds this line, a serial port or one of a network.
 
     A bridge may take one connection only, and a device would hear both.
     """
     deadline = time.monotonic() + WAIT_S
     while time.monotonic() < deadline:
-        if not any(held == line and _is_dead(program) for _, program, held in _guards()):
+        if not any(_is_same(held, line) and _is_dead(program) for program, held in _guards()):
             return
         time.sleep(POLL_S)
 
 
-def _guards() -> Iterator[tuple[int, int, str]]:
-    """All guards: the number of the process, that of its program, and its line."""
+def _guards() -> Iterator[tuple[int, str]]:
+    """All guards: the number of the program of each, and its line as that has named it."""
     for process in Path("/proc").glob("[0-9]*"):
         try:
             # NAME, PID and PORT; a zero byte ends each.
             *_, name, program, line, _ = os.fsdecode((process / "cmdline").read_bytes()).split("\0")
             if name == NAME:
-                yield int(process.name), int(program), line
+                yield int(program), line
         except (OSError, ValueError):
             continue  # it has just ended, or has fewer arguments
+
+
+def _is_same(held: str, line: str) -> bool:
+    """Whether two names are of one line: a serial port has several."""
+    return os.path.realpath(held) == os.path.realpath(line)
 
 
 def _is_dead(pid: int) -> bool:

@@ -20,7 +20,6 @@ import contextlib
 import logging
 import os
 import threading
-import time
 from functools import partial
 
 import serial_asyncio
@@ -30,7 +29,7 @@ from lidario.model import LineErrors
 from lidario.port.adapter import FOREIGN, Adapter, count_errors
 from lidario.port.background import run_in_thread
 from lidario.port.diagnose import busy, held, is_pseudo_terminal, why_not_opened
-from lidario.port.left import POLL_S, WAIT_S, guard_is_left
+from lidario.port.left import wait_for_guard
 from lidario.port.polled import NO_HANDLE, Polled
 from lidario.port.port import Port
 from lidario.port.reading import PolledLine
@@ -61,18 +60,14 @@ async def open_serial(path: str, baudrate: int) -> Port:
 
 def _open_when_free(path: str, baudrate: int) -> Adapter:
     """As `_open`; first the guard of a program that was killed stops the device, and lets go of the port."""
-    deadline = time.monotonic() + WAIT_S
-    last = False
-    while True:
-        try:
-            return _open(path, baudrate)
-        except ConnectFailed as error:
-            if error.reason != "busy" or last or time.monotonic() > deadline:
-                raise
-        # Where there is none, it may have ended just now: once more.
-        last = not guard_is_left(path)
-        if not last:
-            time.sleep(POLL_S)
+    try:
+        return _open(path, baudrate)
+    except ConnectFailed as error:
+        if error.reason != "busy":
+            raise
+    wait_for_guard(path)
+    # Also where there was none: it may have ended just now.
+    return _open(path, baudrate)
 
 
 def _open(path: str, baudrate: int) -> Adapter:

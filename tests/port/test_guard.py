@@ -20,7 +20,7 @@ from lidario.port import guard_process
 from lidario.port.background import run_in_thread
 from lidario.port.diagnose import busy, holders
 from lidario.port.guard import NAME, Guard, start_guard
-from lidario.port.left import guard_is_left, wait_for_guard
+from lidario.port.left import wait_for_guard
 from lidario.port.serial import open_serial
 from lidario.wire.envelope import Request
 from tests.cli.processes import served
@@ -166,8 +166,8 @@ async def test_it_is_told_what_stops_the_device_and_again_when_that_changes(
     guard = await start_guard("x")
     told: list[Any] = []
 
-    def send(order: object) -> bool:
-        told.append(order)
+    def send(message: bytes) -> bool:
+        told.append(guard_process.order_in(message))
         return len(told) > 1
 
     with monkeypatch.context() as patch:
@@ -227,24 +227,34 @@ async def test_its_end_without_a_farewell_is_told(caplog: pytest.LogCaptureFixtu
 
 
 @pytest.mark.long
-def test_a_port_that_a_guard_has_is_held_by_its_program() -> None:
+def test_a_port_that_a_guard_has_is_held_by_its_program(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is said to the next program: the guard of a program that lives is not waited for, and not named."""
     with served("rplidar-s2") as server:
-        assert not guard_is_left(server.path)
 
         async def main() -> None:
             async with open_lidar(server.path, guard=True):
-                assert not guard_is_left(server.path)
+                with monkeypatch.context() as patch:
+                    patch.setattr("lidario.port.left.time.sleep", lambda _: pytest.fail("waited"))
+                    wait_for_guard(server.path)
                 assert "lidario-guard" in str(busy(server.path))
 
         asyncio.run(main())
         assert guards_of(os.getpid()) == []
 
 
-def test_the_guard_of_a_dead_program_is_waited_for_and_no_longer(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("name", ["tcp://x:1", "/dev/lidar"])
+def test_the_guard_of_a_dead_program_is_waited_for_and_no_longer(
+    name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    if name.startswith("/"):
+        # Another name of the same port.
+        held, name = name, str(tmp_path / "lidar")
+        os.symlink(held, name)
+    else:
+        held = name
     program = subprocess.Popen(["true"])
     program.wait()
-    command = [sys.executable, "-I", "-S", "-c", "print(flush=True); input()", NAME, str(program.pid), "tcp://x:1"]
+    command = [sys.executable, "-I", "-S", "-c", "print(flush=True); input()", NAME, str(program.pid), held]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as guard:
         assert guard.stdout is not None
         guard.stdout.readline()
@@ -258,7 +268,7 @@ def test_the_guard_of_a_dead_program_is_waited_for_and_no_longer(monkeypatch: py
         monkeypatch.setattr("lidario.port.left.time.sleep", sleep)
         wait_for_guard("tcp://y:1")
         assert slept == []
-        wait_for_guard("tcp://x:1")
+        wait_for_guard(name)
         # It is noticed within a twentieth of a second.
         assert len(slept) == 1
         assert slept[0] <= 0.05
