@@ -50,14 +50,10 @@ def _begin() -> Callable[[], None] | None:
     try:
         name = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     except OSError:  # a sandbox without such sockets: others are not known
-        return _nothing
+        return lambda: None
     try:
         name.bind(NAME)
     except OSError as error:
         name.close()
-        return None if error.errno == errno.EADDRINUSE else _nothing
+        return None if error.errno == errno.EADDRINUSE else lambda: None
     return name.close
-
-
-def _nothing() -> None:
-    """End a search that could keep no other from beginning."""
