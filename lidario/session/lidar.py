@@ -15,7 +15,6 @@ from __future__ import annotations
 import asyncio
 import os
 import weakref
-from collections.abc import Callable
 from typing import NoReturn, Self
 
 from lidario.arguments import callable_of, path_of, yes_or_no
@@ -74,7 +73,7 @@ class Lidar(Streams, AsyncOnly):
         self._scanner.inquiry.take_note(health)
         self._counters = Counters()
         if reconnector is not None:
-            reconnector.adopt = _if_alive(self._adopt)
+            reconnector.adopt = weakref.WeakMethod(self._adopt)
             reconnector.gave_up, reconnector.unused = self._scanner.failures.end, self._scanner.unused
             self._scanner.failures.come_back = reconnector.begin
         at.dialogue.port.follow(self._scanner)
@@ -303,19 +302,6 @@ class Lidar(Streams, AsyncOnly):
                 f"the session on {self.source} belongs to another event loop: "
                 "use asyncio.run_coroutine_threadsafe() from other threads"
             )
-
-
-def _if_alive(adopt: Callable[[Connection, Health], None]) -> Callable[[Connection, Health], bool]:
-    """As `adopt`, a method, but without keeping its object alive; False when that is gone."""
-    method = weakref.WeakMethod(adopt)
-
-    def call(connection: Connection, health: Health) -> bool:
-        alive = method()
-        if alive is not None:
-            alive(connection, health)
-        return alive is not None
-
-    return call
 
 
 def _abandon(at: At, scanner: Scanner, reconnector: Reconnector | None) -> None:

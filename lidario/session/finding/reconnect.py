@@ -25,7 +25,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from lidario.arguments import finite, number, shown
-from lidario.errors import ConnectFailed, DeviceLost, InternalError, InvalidValue, LidarError, LocalProtocolError
+from lidario.errors import ConnectFailed, DeviceLost, InvalidValue, LidarError, LocalProtocolError
 from lidario.families.base import Device, Script
 from lidario.model import Health
 from lidario.session.finding.connect import connect
@@ -33,7 +33,7 @@ from lidario.session.finding.connection import Connection
 from lidario.session.finding.places import Places
 from lidario.session.talking.dialogue import Dialogue
 from lidario.session.talking.handshake import healthy
-from lidario.session.talking.trouble import twin_of
+from lidario.session.talking.trouble import mistake_of_ours, twin_of
 from lidario.source import Source
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ class Reconnector:
         count: How often the session has come back.
         settings: What the user has set, in the order of setting: each makes the script that sets it again.
         proven: Whether the session works: then the next loss is a new one.
-        adopt: Takes a new line over; False when nobody is there any more who could.
+        adopt: Gives what takes a new line over; None when nobody is there any more who could.
         gave_up: Called with the error that ends the session, unless `cancel` or `abandon` came before.
         unused: Returns when nobody uses the line that was lost.
     """
@@ -105,7 +105,7 @@ class Reconnector:
         self._told = ""
         self.proven: bool = True
         self._scans = 0
-        self.adopt: Callable[[Connection, Health], bool] | None = None
+        self.adopt: Callable[[], Callable[[Connection, Health], None] | None] = lambda: None
         self.gave_up: Callable[[LidarError], None] | None = None
         self.unused: Callable[[], Awaitable[None]] | None = None
 
@@ -190,10 +190,7 @@ class Reconnector:
         except TimeoutError:
             self._give_up()
         except Exception as error:
-            _log.exception("lidario failed when it looked for the lidar")
-            failure = InternalError(f"lidario failed when it looked for the lidar ({error!r}); please report this")
-            failure.__cause__ = error
-            self._end_with(failure)
+            self._end_with(mistake_of_ours("lidario failed when it looked for the lidar", error))
         else:
             # Nothing is awaited from here on: `cancel` comes either before, and then there is no connection, or
             # after, and then the session has taken it over.
@@ -280,8 +277,11 @@ class Reconnector:
         self._known, self.proven = connection, False
         place, away = connection.dialogue.port.name, self._loop.time() - self._since
         _log.info("the lidar is back on %s, after %.1f s and %d attempts", place, away, self._attempts)
-        if self.adopt is None or not self.adopt(connection, health):
+        adopt = self.adopt()
+        if adopt is None:
             connection.dialogue.hang_up()
+        else:
+            adopt(connection, health)
 
     def _give_up(self) -> None:
         error = DeviceLost(

@@ -7,7 +7,7 @@ from numbers import Integral
 from typing import NamedTuple
 
 from lidario.arguments import shown
-from lidario.errors import LocalProtocolError, Unsupported
+from lidario.errors import Unsupported
 from lidario.families.base import Device
 from lidario.model import ScanMode
 from lidario.session.streaming.pace import BITS_A_BYTE
@@ -23,42 +23,6 @@ class Wanted(NamedTuple):
 
     mode: ScanMode
     force: bool
-
-
-def agree(
-    modes: tuple[ScanMode, ...],
-    asked: str | int | None,
-    usual: str | int | None,
-    force: bool,
-    running: Wanted | None,
-    *,
-    alone: bool,
-) -> Wanted:
-    """The stream that a new reader and those that read already can share.
-
-    Args:
-        modes: The scan modes of the device; those that it does not list last.
-        asked: Name or id of the mode the new reader asks for; None for the one that runs, or else the usual one.
-        usual: The same of the usual one; None for the typical one.
-        force: Whether it asks for a forced scan.
-        running: What runs, or is about to.
-        alone: Whether the new reader is the only one.
-
-    Raises:
-        Unsupported: The device has no such mode.
-        LocalProtocolError: Another reader needs another mode.
-    """
-    if running is not None and asked is None:
-        return running
-    wanted = Wanted(choose_mode(modes, usual if asked is None else asked), force)
-    if running is None or alone:
-        return wanted
-    if wanted.mode != running.mode:
-        raise LocalProtocolError(
-            f"scan mode {running.mode.name!r} is running for another stream: "
-            f"leave that one before asking for {wanted.mode.name!r}"
-        )
-    return running
 
 
 def does_not_fit(device: Device, modes: tuple[ScanMode, ...], mode: ScanMode, baudrate: int) -> str:

@@ -6,19 +6,17 @@ It runs while there is something to do: readers wait to be let in, a stream is t
 from __future__ import annotations
 
 import asyncio
-import logging
 
-from lidario.errors import InternalError, LidarError, LocalProtocolError, Unsupported
+from lidario.errors import LidarError, LocalProtocolError, Unsupported
 from lidario.session.finding.connection import At
 from lidario.session.streaming.control import NotWanted, StreamControl
 from lidario.session.streaming.failures import Failures
 from lidario.session.streaming.inquiry import Inquiry
-from lidario.session.streaming.modes import Wanted, agree
+from lidario.session.streaming.modes import Wanted, choose_mode
 from lidario.session.streaming.readers import Hub
 from lidario.session.streaming.states import State
 from lidario.session.talking.handshake import come_back
-
-_log = logging.getLogger("lidario")
+from lidario.session.talking.trouble import mistake_of_ours
 
 
 class Starter:
@@ -94,10 +92,7 @@ class Starter:
                     finally:
                         control.starting = False
         except Exception as error:
-            _log.exception("lidario failed when it started a stream")
-            failure = InternalError(f"lidario failed when it started a stream ({error!r}); please report this")
-            failure.__cause__ = error
-            self._at.dialogue.fail(failure)
+            self._at.dialogue.fail(mistake_of_ours("lidario failed when it started a stream", error))
             self._at.dialogue.stop_device()
         finally:
             self._task = None
@@ -112,8 +107,7 @@ class Starter:
                 continue
             mailbox, mode, force = self._hub.joining.pop(0)
             try:
-                modes = (*control.modes, *self._at.dialogue.device.unlisted_modes())
-                wanted = agree(modes, mode, control.usual_mode, force, control.wanted, alone=not hub.is_read)
+                wanted = self._agreed(mode, force)
             except (LocalProtocolError, Unsupported) as error:
                 mailbox.end(error)
                 continue
@@ -125,6 +119,27 @@ class Starter:
             control.unwant()
         else:
             control.resume()
+
+    def _agreed(self, mode: str | int | None, force: bool) -> Wanted:
+        """The stream that a reader who asks for this and those who read already can share.
+
+        Raises:
+            Unsupported: The device has no such mode.
+            LocalProtocolError: Another reader needs another mode.
+        """
+        control, running = self._control, self._control.wanted
+        if running is not None and mode is None:
+            return running
+        modes = (*control.modes, *self._at.dialogue.device.unlisted_modes())
+        wanted = Wanted(choose_mode(modes, control.usual_mode if mode is None else mode), force)
+        if running is None or not self._hub.is_read:
+            return wanted
+        if wanted.mode != running.mode:
+            raise LocalProtocolError(
+                f"scan mode {running.mode.name!r} is running for another stream: "
+                f"leave that one before asking for {wanted.mode.name!r}"
+            )
+        return running
 
     async def _start(self, wanted: Wanted) -> None:
         await self._control.silence()

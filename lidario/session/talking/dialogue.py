@@ -10,26 +10,24 @@ bytes in `Intake`.
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Awaitable, Callable, Coroutine, Sequence
 from typing import Any, TypeVar
 
 import anyio
 
-from lidario.errors import InternalError, LidarError, ResponseTimeout, SessionClosed
+from lidario.errors import LidarError, ResponseTimeout, SessionClosed
 from lidario.families.base import Device, Script, Timing
 from lidario.port.port import Port
 from lidario.session.talking.intake import Intake
 from lidario.session.talking.readiness import CLOCK_S, UNCONFIRMED_S, Readiness
 from lidario.session.talking.stopper import PATIENCE_S, Stopper
-from lidario.session.talking.trouble import twin_of
+from lidario.session.talking.trouble import mistake_of_ours, twin_of
 from lidario.session.talking.waiting import Awaited, Waiting
 from lidario.wire.envelope import Request
 from lidario.wire.states import LinkState
 
 T = TypeVar("T")
-_log = logging.getLogger("lidario")
 
 RESPONSE_S = 0.02
 """Time in which a healthy device has responded."""
@@ -117,10 +115,7 @@ class Dialogue(Intake, Waiting):
     def mistaken(self, error: Exception) -> None:
         """As `Intake.mistaken`. It ends the dialogue: it must not leave readers waiting."""
         if self.fatal is None:
-            _log.error("lidario failed at what the device sent", exc_info=error)
-        failure = InternalError(f"lidario failed at what the device sent ({error!r}); please report this")
-        failure.__cause__ = error
-        self.fail(failure)
+            self.fail(mistake_of_ours("lidario failed at what the device sent", error))
         self.stop_device()
 
     def connection_lost(self, error: LidarError | None) -> None:

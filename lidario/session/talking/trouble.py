@@ -44,6 +44,14 @@ def to_be_kept(error: LidarError) -> None:
         each = each.__cause__ or each.__context__
 
 
+def mistake_of_ours(what: str, error: Exception) -> InternalError:
+    """Log that lidario itself has failed, and return the error that says so."""
+    _log.error("%s", what, exc_info=error)
+    failure = InternalError(f"{what} ({error!r}); please report this")
+    failure.__cause__ = error
+    return failure
+
+
 class Trouble:
     """Warnings of one session."""
 
