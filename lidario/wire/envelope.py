@@ -54,14 +54,6 @@ class Expected:
     lines: bool = False
     accepted: bytes = b""
 
-    def admits(self, descriptor: Descriptor) -> bool:
-        """Whether `descriptor` announces this response."""
-        return (
-            descriptor.type == self.type
-            and self.size <= descriptor.size <= max(self.size, self.largest)
-            and descriptor.continuous == self.continuous
-        )
-
 
 @dataclass(frozen=True, slots=True)
 class Request:
@@ -106,7 +98,13 @@ class Request:
 
     def admits(self, descriptor: Descriptor) -> bool:
         """Whether `descriptor` announces the response to this request."""
-        expected = self.expects is not None and self.expects.admits(descriptor)
+        expects = self.expects
+        expected = (
+            expects is not None
+            and descriptor.type == expects.type
+            and expects.size <= descriptor.size <= max(expects.size, expects.largest)
+            and descriptor.continuous == expects.continuous
+        )
         return expected or (
             descriptor.continuous and self.announced_by(descriptor.type, descriptor.size) is not None
         )

@@ -195,7 +195,7 @@ class Link:
             self._await_lines(request, request.expects)
             return
         while True:
-            stray, descriptor = find_descriptor(buffer, request.admits)
+            stray, descriptor = find_descriptor(buffer, request)
             if stray:
                 self._stray(stray)
             if descriptor is None:

@@ -7,10 +7,9 @@ alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
-from lidario.wire.envelope import DESCRIPTOR_MAGIC, DESCRIPTOR_SIZE, Expected, parse_descriptor
+from lidario.wire.envelope import DESCRIPTOR_MAGIC, DESCRIPTOR_SIZE, Expected, Request, parse_descriptor
 from lidario.wire.events import Descriptor
 
 _LINE_END = 0x0A
@@ -49,7 +48,7 @@ def find_lines(data: bytearray, expected: Expected) -> Lines:
             return Lines(place)
 
 
-def find_descriptor(data: bytearray, admits: Callable[[Descriptor], bool]) -> tuple[int, Descriptor | None]:
+def find_descriptor(data: bytearray, request: Request) -> tuple[int, Descriptor | None]:
     """How many bytes belong to no response, and the descriptor behind them; None where it has not come whole."""
     at = 0
     while True:
@@ -60,6 +59,6 @@ def find_descriptor(data: bytearray, admits: Callable[[Descriptor], bool]) -> tu
         if len(data) - place < DESCRIPTOR_SIZE:
             return place, None
         descriptor = parse_descriptor(bytes(data[place : place + DESCRIPTOR_SIZE]))
-        if descriptor is not None and admits(descriptor):
+        if descriptor is not None and request.admits(descriptor):
             return place, descriptor
         at = place + 1

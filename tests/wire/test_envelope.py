@@ -95,6 +95,10 @@ def test_what_is_no_descriptor(text: str) -> None:
     assert parse_descriptor(bytes.fromhex(text)) is None
 
 
+def question(expected: Expected) -> Request:
+    return Request("QUESTION", b"?", expected)
+
+
 @pytest.mark.parametrize(
     ("size", "largest", "claimed", "admitted"),
     [
@@ -109,15 +113,15 @@ def test_what_is_no_descriptor(text: str) -> None:
     ],
 )
 def test_a_size_is_admitted_between_its_bounds(size: int, largest: int, claimed: int, admitted: bool) -> None:
-    assert Expected(4, size, largest).admits(Descriptor(4, claimed, continuous=False)) is admitted
+    assert question(Expected(4, size, largest)).admits(Descriptor(4, claimed, continuous=False)) is admitted
 
 
 def test_type_and_mode_must_be_those_expected() -> None:
-    assert not Expected(4, 20).admits(Descriptor(6, 20, continuous=False))
-    assert not Expected(4, 20).admits(Descriptor(4, 20, continuous=True))
-    assert not Expected(4, 0).admits(Descriptor(4, 1, continuous=False))
-    assert Expected(0x81, 5, continuous=True).admits(Descriptor(0x81, 5, continuous=True))
-    assert not Expected(0x81, 5, continuous=True).admits(Descriptor(0x81, 5, continuous=False))
+    assert not question(Expected(4, 20)).admits(Descriptor(6, 20, continuous=False))
+    assert not question(Expected(4, 20)).admits(Descriptor(4, 20, continuous=True))
+    assert not question(Expected(4, 0)).admits(Descriptor(4, 1, continuous=False))
+    assert question(Expected(0x81, 5, continuous=True)).admits(Descriptor(0x81, 5, continuous=True))
+    assert not question(Expected(0x81, 5, continuous=True)).admits(Descriptor(0x81, 5, continuous=False))
 
 
 @pytest.mark.parametrize("kind", sorted(FORMATS))
