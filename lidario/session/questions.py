@@ -194,8 +194,8 @@ class Questions(ABC):
         baudrate = whole(baudrate, "a baud rate")
         if not SLOWEST_LINE <= baudrate <= FASTEST_LINE:
             raise InvalidValue(f"{shown(baudrate)} is no speed from {SLOWEST_LINE} to {FASTEST_LINE} baud")
-        device, dialogue = self._open_device(), self._at.dialogue
-        before = dialogue.port.baudrate
+        device = self._open_device()
+        before = self._at.dialogue.port.baudrate
         if not before:
             raise Unsupported("the line to this device has no speed that can be changed")
         # A device that cannot do it at all says so first.
@@ -204,12 +204,7 @@ class Questions(ABC):
         misfit = does_not_fit(device, modes, self._scanner.control.mode or choose_mode(modes, None), baudrate)
         if misfit:
             raise InvalidValue(f"{baudrate} baud are too slow: {misfit}")
-        try:
-            await self._scanner.ask(lambda: device.set_baudrate(baudrate, before))
-        except BaseException:
-            # At once: the next request must be written at the speed that the device still has, or goes back to.
-            dialogue.go_back_to(before)
-            raise
+        await self._scanner.between(lambda: self._change_speed(baudrate))
         await self.get_info()
 
     async def reset(self) -> Health:
@@ -231,6 +226,17 @@ class Questions(ABC):
     async def _reset(self) -> Health:
         await restart(self._at.dialogue)
         return await healthy(self._at.dialogue)
+
+    async def _change_speed(self, baudrate: int) -> None:
+        dialogue = self._at.dialogue
+        # Not earlier: another task may have changed it meanwhile.
+        before = dialogue.port.baudrate
+        try:
+            await dialogue.run(dialogue.device.set_baudrate(baudrate, before))
+        except BaseException:
+            # At once: the next request must be written at the speed that the device still has, or goes back to.
+            dialogue.go_back_to(before)
+            raise
 
     async def _turns_at(self, hertz: float) -> None:
         measured, stream = float("nan"), ScanStream(self._scanner, None, 1, False, self._check_open)

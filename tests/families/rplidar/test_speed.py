@@ -121,6 +121,43 @@ async def test_cancelled_at_any_time_the_device_is_reached_and_left_still(after_
     assert left_still(rig)
 
 
+@pytest.mark.parametrize("after_s", [0.0, 0.34, 0.4, 0.5])
+@driven
+async def test_who_only_waits_for_another_change_and_is_cancelled_leaves_the_speed_alone(after_s: float) -> None:
+    rig = rig_of()
+    async with rig.open() as lidar:
+        await take(lidar, 1)
+        changing = asyncio.ensure_future(lidar.set_baudrate(921_600))
+        waiting = asyncio.ensure_future(lidar.set_baudrate(1_500_000))
+        await asyncio.sleep(after_s)
+        waiting.cancel()
+        await changing
+        assert (await lidar.get_health()).ok
+        assert lidar.baudrate == rig.device.baudrate == 921_600
+    assert left_still(rig)
+
+
+@driven
+async def test_a_change_in_vain_behind_another_goes_back_to_that_ones_speed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rig = rig_of()
+    hear = rig.device.line_speed.hear
+    monkeypatch.setattr(
+        rig.device.line_speed,
+        "hear",
+        lambda data, now: hear(data, now) if rig.device.baudrate == 1_000_000 else b"",
+    )
+    async with rig.open() as lidar:
+        first, second = (asyncio.ensure_future(lidar.set_baudrate(each)) for each in (921_600, 1_500_000))
+        with pytest.raises(Unsupported, match="stays 921600"):
+            await second
+        await first
+        assert (await lidar.get_health()).ok
+        assert lidar.baudrate == rig.device.baudrate == 921_600
+    assert left_still(rig)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("closed", [True, False])
 @pytest.mark.parametrize("rig", ["rplidar-s2", "rplidar-a2"])
