@@ -291,6 +291,7 @@ class Dialogue(Intake, Waiting):
         self.port.abandon(data, self._readiness.free_at(patient_until), dtr)
 
     def settled(self, still: bool) -> None:
+        """The stop requests are done with; the device is `still`, or goes on sending."""
         self.link.forget()
         if still:
             self.link.drained()

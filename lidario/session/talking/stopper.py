@@ -23,14 +23,15 @@ import logging
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from lidario.errors import Unsupported
 from lidario.families.base import Device
-from lidario.port.port import Port
 from lidario.session.talking.readiness import CLOCK_S, Readiness
 from lidario.wire.envelope import Request
-from lidario.wire.stats import LinkStats
+
+if TYPE_CHECKING:
+    from lidario.session.talking.dialogue import Dialogue
 
 _log = logging.getLogger("lidario")
 
@@ -39,21 +40,6 @@ PATIENCE_S = 0.1
 milliseconds; one that does not may be unable to, and its motor must not go on turning for that."""
 ATTEMPTS = 3
 """How often the stop requests are written when bytes go on coming after them."""
-
-
-class Writer(Protocol):
-    """What a `Stopper` needs of the dialogue."""
-
-    port: Port
-    stats: LinkStats
-
-    def write(self, requests: Sequence[Request]) -> None:
-        """Write requests now."""
-        ...
-
-    def settled(self, still: bool) -> None:
-        """The stop requests are done with; the device is `still`, or goes on sending."""
-        ...
 
 
 class Stopper:
@@ -65,14 +51,14 @@ class Stopper:
         wanted: Whether they are still to be written, or it is not seen yet that they were heard.
     """
 
-    def __init__(self, writer: Writer, hearing: Readiness, device: Device, quiet_s: float) -> None:
+    def __init__(self, dialogue: Dialogue, hearing: Readiness, device: Device, quiet_s: float) -> None:
         self.keep_spinning: bool = False
         self.still: bool = False
         # Since the stop requests were written last.
         self._moved = False
         self.wanted: bool = False
-        self._writer = writer
-        self._port = writer.port
+        self._dialogue = dialogue
+        self._port = dialogue.port
         self._hearing = hearing
         self._device = device
         self._quiet_s = quiet_s
@@ -224,14 +210,14 @@ class Stopper:
 
     def _write_all(self, requests: Sequence[Request]) -> None:
         # Each of them ends the stream for the parser, also the one that is for the motor alone.
-        self._writer.write([replace(request, ends_stream=True) for request in requests])
+        self._dialogue.write([replace(request, ends_stream=True) for request in requests])
 
     def _listen(self) -> None:
         self._come_back(self._loop.time() + self._quiet_s, self._after_listening)
-        self._seen = self._writer.stats.bytes_received
+        self._seen = self._dialogue.stats.bytes_received
 
     def _after_listening(self) -> None:
-        came = self._writer.stats.bytes_received - self._seen
+        came = self._dialogue.stats.bytes_received - self._seen
         if came and (self._doubtful or came > self._acknowledged):
             # Whatever the device owed is among that.
             self._hearing.forget()
@@ -254,4 +240,4 @@ class Stopper:
         if self._hanging_up:
             self._write_all(self.last_requests())
             self._port.close_soon()
-        self._writer.settled(still)
+        self._dialogue.settled(still)
