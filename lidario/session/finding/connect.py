@@ -6,7 +6,7 @@ streams is recognised by that. What remains unknown is found by asking (`lidario
 
 At one speed the families are asked in the order of the registry. Speeds are ordered by rank, each family's
 likeliest first, so that a family with one speed does not wait for all speeds of another. Where a device was found
-before on the same adapter, its family and speed come first (`remember`).
+before on the same adapter, its family and speed come first (`LAST_AT`).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from lidario.port.udp import open_udp
 from lidario.session.finding.asking import Attempt, Woken, ask_in_turns, begun, find_by_dtr, leave
 from lidario.session.finding.connection import Connection, connect_recording, connect_remote
 from lidario.session.finding.leaving import leave_still
-from lidario.session.finding.listening import adapter_of, last_at, listen, remember
+from lidario.session.finding.listening import LAST_AT, adapter_of, listen
 from lidario.session.finding.silence import ReceivedInSilence
 from lidario.session.talking.dialogue import Dialogue
 from lidario.session.talking.handshake import introduce
@@ -86,7 +86,7 @@ async def connect(
         connection = await search.find(patient=patient, by_dtr=source.model is None)
         if connection is not None:
             if adapter is not None:
-                remember(adapter, connection.family.name, port.baudrate)
+                LAST_AT[adapter] = connection.family.name, port.baudrate
             if not connection.dialogue.device.can_be_stopped:
                 port.unguard()
             return connection
@@ -145,7 +145,7 @@ async def _opened(
             tries = [Attempt(each, speed) for each in families]
         else:
             adapter = adapter_of(source.address)
-            known = None if adapter is None else last_at(adapter)
+            known = None if adapter is None else LAST_AT.get(adapter)
             # Sorting keeps the order of all others.
             tries = sorted(_by_likelihood(families), key=lambda each: (each.family.name, each.baudrate) != known)
         port = await open_serial(source.address, tries[0].baudrate)

@@ -30,8 +30,8 @@ from lidario.wire.formats import StreamFormat
 
 BY_ID: Final = Path("/dev/serial/by-id")
 """Where adapters have names that last."""
-_found: dict[str, tuple[str, int]] = {}
-"""Adapter -> family and speed."""
+LAST_AT: Final[dict[str, tuple[str, int]]] = {}
+"""Adapter -> name of the family and speed of the lidar that was found last behind it."""
 LISTEN_S = 0.12
 """At each speed. The slowest packets are 19 ms apart (0x84 of a model for 2000 samples a second)."""
 STEP_S = 0.03
@@ -137,13 +137,3 @@ def adapter_of(path: str) -> str | None:
         return next((link.name for link in BY_ID.iterdir() if os.path.realpath(link) == real), None)
     except OSError:
         return None
-
-
-def last_at(adapter: str) -> tuple[str, int] | None:
-    """Name of the family and speed of the lidar that was found last behind an adapter."""
-    return _found.get(adapter)
-
-
-def remember(adapter: str, family: str, baudrate: int) -> None:
-    """A lidar of that family was found behind an adapter at that speed."""
-    _found[adapter] = (family, baudrate)
