@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
 from lidario.arguments import finite, shown, whole, yes_or_no
-from lidario.config.read import Config, LidarConfig, as_config
+from lidario.config.read import Config, as_config
 from lidario.entered import AsyncOnly
 from lidario.errors import ConnectFailed, InvalidValue, LocalProtocolError, Unsupported
 from lidario.families.registry import check_family, check_source
@@ -141,8 +141,10 @@ class OpenLidar(AsyncOnly):
                     "this %s cannot be stopped from here: its motor turns while it has power", connection.info.model
                 )
             health = await healthy(connection.dialogue)
-            # A recording is what it was, and another machine's lidar is set there.
-            own = config_of(asked.config, connection.info.serial, is_driven=source.kind not in ("file", "zenoh"))
+            own = asked.config.of(connection.info.serial)
+            if source.kind in ("file", "zenoh"):
+                # A recording is what it was, and another machine's lidar is set there.
+                own = replace(own, mode=None, speed_rpm=None)
             lidar = Lidar(connection, health, source.text, asked.latency, asked.keep_spinning, reconnector, own)
             connection.dialogue.port.tell_guard()
         except BaseException:
@@ -157,12 +159,6 @@ class OpenLidar(AsyncOnly):
                     raise type(error)(f"{asked.config.path}: speed_rpm = {own.speed_rpm:g}: {error}") from None
                 raise
         return lidar
-
-
-def config_of(config: Config, serial: str, *, is_driven: bool) -> LidarConfig:
-    """The settings of a lidar; without those that say what it shall do, where it is not driven from here."""
-    own = config.of(serial)
-    return own if is_driven else replace(own, mode=None, speed_rpm=None)
 
 
 def open_lidar(

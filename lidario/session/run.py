@@ -155,8 +155,6 @@ class _Signals:
 
 def _ending_signals() -> list[int]:
     """SIGTERM and SIGHUP, unless the program has chosen what they do."""
-    wanted: list[int] = [signal.SIGTERM]
-    hang_up = getattr(signal, "SIGHUP", None)
-    if hang_up is not None:
-        wanted.append(hang_up)
-    return [number for number in wanted if signal.getsignal(number) is signal.SIG_DFL]
+    # Windows knows no SIGHUP.
+    known: list[int] = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    return [number for number in known if signal.getsignal(number) is signal.SIG_DFL]
