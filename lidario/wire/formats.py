@@ -188,7 +188,7 @@ class StreamFormat(ABC):
             if record:
                 return Stretch((), at, at + record)
             size = self.measure(data, at) if at < len(data) else 0
-            if not self._decidable(data, at, size):
+            if not size or size > len(data) - at:
                 return Stretch((), at, at)
             if size == NO_PACKET and self.other_record(data, at) == 0:
                 return Stretch((), at, at)
@@ -201,9 +201,6 @@ class StreamFormat(ABC):
             run = self.run(data, at)
             return run if run.packets else Stretch((), at, at + self._whole_record(data, at))
         return Stretch((), at, noise)
-
-    def _decidable(self, data: bytearray, at: int, size: int) -> bool:
-        return bool(size) and size <= len(data) - at
 
     def _whole_record(self, data: bytearray, at: int) -> int:
         size = self.other_record(data, at) if at < len(data) else 0
