@@ -62,14 +62,6 @@ class Inquiry:
         self.doubtful |= not health.ok
         self._well_at = self._loop.time()
 
-    def is_doubtful(self, ran_until: float) -> bool:
-        """Whether the device is to be asked before a stream is started, as the vendors' manuals have it.
-
-        It need not where it has said how it is, or has sent a stream that did not fail, a moment ago.
-        `ran_until` is when the last stream was left off.
-        """
-        return self.doubtful or self._loop.time() - max(self._well_at, ran_until) > WELL_S
-
     async def about(self, failure: Failure) -> None:
         """Ask the device, which must not stream any more; return if the stream shall be started again.
 
@@ -110,8 +102,17 @@ class Inquiry:
         self._at.trouble.tell("the stream is started again: %s", failure.what)
         self.doubtful = False
 
-    async def beforehand(self) -> None:
-        """Ask the device before a stream is started; DeviceFault where a RESET does not help."""
+    async def beforehand(self, ran_until: float) -> None:
+        """Ask the device before a stream is started, as the vendors' manuals have it.
+
+        It need not be asked where it has said how it is, or has sent a stream that did not fail, a moment ago.
+        `ran_until` is when the last stream was left off.
+
+        Raises:
+            DeviceFault: It has stopped to protect itself, and a RESET did not help.
+        """
+        if not self.doubtful and self._loop.time() - max(self._well_at, ran_until) <= WELL_S:
+            return
         health = await self._health()
         if health is not None and not health.ok:
             self._reset_at = self._loop.time()

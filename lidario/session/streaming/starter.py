@@ -83,8 +83,10 @@ class Starter:
                             await come_back(self._at.dialogue)
                         await self._failures.judge()
                         await self._let_in()
-                        if control.state is State.STARTING and control.wanted is not None:
-                            await self._start(control.wanted)
+                        if (wanted := control.wanted) is not None and control.state is State.STARTING:
+                            await control.silence()
+                            await self._inquiry.beforehand(control.ran_until)
+                            await control.start(wanted)
                     except NotWanted:
                         continue
                     except LidarError as error:
@@ -140,9 +142,3 @@ class Starter:
                 f"leave that one before asking for {wanted.mode.name!r}"
             )
         return running
-
-    async def _start(self, wanted: Wanted) -> None:
-        await self._control.silence()
-        if self._inquiry.is_doubtful(self._control.ran_until):
-            await self._inquiry.beforehand()
-        await self._control.start(wanted)

@@ -219,7 +219,8 @@ class Dialogue(Intake, Waiting):
 
     def keep_alive(self, request: Request) -> bool:
         """Send a request in the midst of a stream, if the device listens; its response is part of the stream."""
-        listens = self.fatal is None and not self.stopper.wanted and not self._readiness.is_pausing
+        is_pausing = self._loop.time() < self._readiness.listens_at
+        listens = self.fatal is None and not self.stopper.wanted and not is_pausing
         if listens:
             self.write((request,))
         return listens

@@ -46,11 +46,6 @@ class Readiness:
         self.measures_speed: bool = False
 
     @property
-    def is_pausing(self) -> bool:
-        """Whether the pause that the last request demands is not over."""
-        return self._loop.time() < self.listens_at
-
-    @property
     def owes_until(self) -> float:
         """Until when the device may be busy with a response that has not come, on the loop's clock; 0 for none."""
         if self._link.state is not _AWAITING:

@@ -81,11 +81,6 @@ class Stopper:
         """Whether timers write the stop requests, and the port is closed after them."""
         return self._hanging_up and (self.still or self._timer is not None)
 
-    @property
-    def to_be_written(self) -> bool:
-        """Whether the stop requests wait until the device listens."""
-        return self.wanted and not self._attempts
-
     def requests(self) -> tuple[Request, ...]:
         """What leaves the device still: laser off, and the motor too unless it shall go on. Chosen here alone."""
         return (self._device.stop(),) if self.keep_spinning else self._device.halt()
@@ -149,7 +144,7 @@ class Stopper:
     async def written(self) -> None:
         """Return when the stop requests are written, or the port is dead; after 0.6 s at most."""
         # A timer that is late or put off makes another round; nothing can wake this too early or never.
-        while self.to_be_written and self._timer is not None and self._port.is_open:  # noqa: ASYNC110
+        while self.wanted and not self._attempts and self._timer is not None and self._port.is_open:  # noqa: ASYNC110
             await asyncio.sleep(max(0.0, self._due - self._loop.time()))
 
     async def surely_settled(self) -> None:
