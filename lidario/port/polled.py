@@ -10,25 +10,18 @@ lock comes back up to 5 ms later each time, so there each read takes 10 to 20 ms
 from __future__ import annotations
 
 import threading
-from typing import Protocol
+
+from lidario.port.adapter import Adapter
 
 NO_HANDLE = -1
 """Stands for the file descriptor that the port does not have."""
 _READ_SIZE = 4096
 
 
-class _Device(Protocol):
-    """What is used of pyserial's port."""
-
-    def read(self, size: int) -> bytes: ...
-
-    def write(self, data: bytes, /) -> int | None: ...
-
-
 class Polled:
     """Reads and writes a port of pyserial that never blocks: both its timeouts are 0."""
 
-    def __init__(self, device: _Device) -> None:
+    def __init__(self, device: Adapter) -> None:
         self._device = device
         # pyserial has one place for a write in progress, and the thread writes too (`lidario.port.repeat`). Reads
         # have a place of their own; the lock of the inbox divides them.
@@ -50,4 +43,4 @@ class Polled:
     def write(self, data: bytes) -> int:
         """Return how many bytes the system took; OSError where the port is dead."""
         with self._lock:
-            return self._device.write(data) or 0
+            return int(self._device.write(data) or 0)
