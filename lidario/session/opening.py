@@ -111,18 +111,12 @@ class OpenLidar(AsyncOnly):
             raise InvalidValue("keep_spinning: a recording has no motor")
         if asked.guard and not source.is_driven_from_here:
             _log.info("guard: nothing at %s goes on when this program dies, so there is none", source.text)
-        if asked.reconnect is None:
-            return await self._open_on(source, None)
-        simulation = None
-        if source.kind == "sim":
-            from lidario.port.simulated import Simulation
-
-            simulation = Simulation(source, lasting=True)
-        reconnector = Reconnector(asked.reconnect, source, simulation)
+        reconnector = None if asked.reconnect is None else Reconnector(asked.reconnect, source)
         try:
             return await self._open_on(source, reconnector)
         except BaseException:
-            reconnector.release()
+            if reconnector is not None:
+                reconnector.release()
             raise
 
     async def _open_on(self, source: Source, reconnector: Reconnector | None) -> Lidar:

@@ -87,12 +87,12 @@ class Reconnector:
         unused: Returns when nobody uses the line that was lost.
     """
 
-    def __init__(self, policy: Reconnect, source: Source, simulation: Simulation | None = None) -> None:
+    def __init__(self, policy: Reconnect, source: Source) -> None:
         self.count: int = 0
         self.settings: dict[str, Callable[[Device], Script[object]]] = {}
         self._policy = policy
         self._places = Places(source)
-        self._simulation = simulation
+        self._simulation: Simulation | None = None
         self._loop = asyncio.get_running_loop()
         # Whether it may come back: not while it does, nor when it has given up or was cancelled.
         self._is_ready = True
@@ -111,6 +111,10 @@ class Reconnector:
 
     async def connect(self, source: Source, family: str | None, baudrate: int | None, *, guard: bool) -> Connection:
         """Connect for the first time, and note which device it is, as `lidario.session.finding.connect.connect`."""
+        if source.kind == "sim":
+            from lidario.port.simulated import Simulation  # a fifth of the import time, for those who need it
+
+            self._simulation = Simulation(source, lasting=True)
         await self._places.begin()
         self._connect = partial(connect, simulation=self._simulation, guard=guard)
         self._known = await self._connect(source, family, baudrate)
