@@ -21,7 +21,7 @@ from lidario.port.background import run_in_thread
 from lidario.session.finding import discovery
 from lidario.source import Source
 
-MOST_SILENCES = 15
+MOST_IN_VAIN = 15
 """How often a port that nobody has named is asked in vain. That takes longer than a lidar boots (8 s)."""
 
 
@@ -41,8 +41,7 @@ class Places:
         self._named = source
         self.last: Source = source
         self._always: set[_Port] = set()
-        self._refused: set[_Port] = set()
-        self._silences: dict[_Port, int] = {}
+        self._in_vain: dict[_Port, int] = {}
 
     async def begin(self) -> None:
         """Note which ports there are. Cancelling ends only the waiting."""
@@ -61,9 +60,8 @@ class Places:
             at.setdefault(_port(each.address), each)
         for port in sorted(there - self._always - set(at)):
             at[port] = Source(port[0], "serial", port[0])
-        self._refused &= set(at)
-        self._silences = {port: count for port, count in self._silences.items() if port in at}
-        return [place for port, place in at.items() if port not in self._refused]
+        self._in_vain = {port: count for port, count in self._in_vain.items() if port in at}
+        return [place for port, place in at.items() if self._in_vain.get(port, 0) < MOST_IN_VAIN]
 
     def is_own(self, place: Source) -> bool:
         """Whether it is where the user said that the device is, or where it was last."""
@@ -72,15 +70,13 @@ class Places:
     def refuse(self, place: Source) -> None:
         """Another device is there. A network address is asked again: what is behind it cannot be seen."""
         if place.kind == "serial":
-            self._refused.add(_port(place.address))
+            self._in_vain[_port(place.address)] = MOST_IN_VAIN
 
     def silent(self, place: Source) -> None:
         """Nothing responds there: a port that nobody has named is not asked for ever."""
         if place.kind == "serial" and not self.is_own(place):
             port = _port(place.address)
-            self._silences[port] = self._silences.get(port, 0) + 1
-            if self._silences[port] >= MOST_SILENCES:
-                self._refused.add(port)
+            self._in_vain[port] = self._in_vain.get(port, 0) + 1
 
 
 def _ports() -> set[_Port]:

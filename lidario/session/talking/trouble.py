@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import copy
 import logging
+import math
 import time
 from typing import TypeVar
 
@@ -56,18 +57,17 @@ class Trouble:
     """Warnings of one session."""
 
     def __init__(self) -> None:
-        self._last: dict[str, float] = {}
-        self._withheld: dict[str, int] = {}
+        # When each message was logged last, and how often it was withheld since.
+        self._told: dict[str, tuple[float, int]] = {}
 
     def tell(self, message: str, *values: object) -> None:
         """Log a warning, unless the same message was logged within the last second; those are counted."""
         now = time.monotonic()
-        last = self._last.get(message)
-        if last is not None and now - last < INTERVAL_S:
-            self._withheld[message] = self._withheld.get(message, 0) + 1
+        last, withheld = self._told.get(message, (-math.inf, 0))
+        if now - last < INTERVAL_S:
+            self._told[message] = last, withheld + 1
             return
-        self._last[message] = now
-        withheld = self._withheld.pop(message, 0)
+        self._told[message] = now, 0
         if withheld:
             _log.warning(message + " (and %d times more since the last such line)", *values, withheld)
         else:
