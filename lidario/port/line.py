@@ -80,9 +80,9 @@ class Line(ABC):
     def close(self) -> None:
         """Write what is pending, then close."""
 
-    @abstractmethod
     def abort(self) -> None:
-        """Close without writing what is pending."""
+        """Close without writing what is pending. Default: nothing ever is."""
+        self.close()
 
     @abstractmethod
     def write_without_loop(self, data: bytes) -> None:

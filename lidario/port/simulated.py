@@ -214,9 +214,6 @@ class MemoryTransport(Line):
     def close(self) -> None:
         self.end(None)
 
-    def abort(self) -> None:
-        self.end(None)
-
     def write_without_loop(self, data: bytes) -> None:
         self.write(data)
 

@@ -136,9 +136,6 @@ class _FedLine(Line):
     def close(self) -> None:
         self._port.end()
 
-    def abort(self) -> None:
-        self._port.end()
-
     def write_without_loop(self, data: bytes) -> None:
         """Nobody takes it."""
 
