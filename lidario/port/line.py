@@ -30,11 +30,7 @@ class Schedule(Protocol):
         ...
 
     def rest(self, now: float) -> float:
-        """For how many seconds the bytes are not needed; 0 to poll as usual."""
-        ...
-
-    def hold(self, now: float) -> float:
-        """Until when bytes that were read need not be handed over; at most `now` to hand them over at once."""
+        """For how many seconds the bytes are not needed; 0 to poll as usual, and to hand over what was read."""
         ...
 
 

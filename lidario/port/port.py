@@ -173,7 +173,7 @@ class Port(Guarded, asyncio.Protocol):
         """Poll the line instead of being woken for each delivery. Only serial lines are polled; others ignore it.
 
         The line is polled after `schedule.rest` seconds, or every `latency` seconds where that is 0. What was read
-        is held until the first poll at or after the time that `schedule.hold` names, then handed over by one call
+        is held until the first poll at which `schedule.rest` is over, then handed over by one call
         of `Receiver.data_received`; on a loop that is free at most half a second and 32 KiB are held.
 
         While there is a schedule, a thread reads the line too (`lidario.port.thread`). What it cannot keep while

@@ -31,6 +31,9 @@ HOLD_S = 0.5
 (`lidario.session.streaming.running.SILENCE_S`)."""
 HOLD_BYTES = 32 * 1024
 """Most bytes that are held: what `Link` takes in one piece."""
+_JUST_BEFORE_S = 1e-5
+"""A poll that comes that little early is in time: much less than a packet takes, and more than the resolution of a
+clock."""
 _TIMER_S = 0.001
 """How late timers may be: the loop waits in whole milliseconds, rounded up."""
 _POLL_S = 0.002
@@ -168,7 +171,7 @@ class PolledLine(Line):
         now = self._port.now() * 1e-9
         # A timer may come that little early.
         held_long = now >= self._inbox.first_ns * 1e-9 + HOLD_S - _TIMER_S
-        return held_long or self._inbox.size >= HOLD_BYTES or now >= schedule.hold(now)
+        return held_long or self._inbox.size >= HOLD_BYTES or schedule.rest(now) <= _JUST_BEFORE_S
 
     def _wait(self) -> None:
         """Wait for the next poll, or be woken by the next delivery where none of them may wait."""

@@ -98,7 +98,7 @@ async def test_both_event_loops_read_poll_write_and_close() -> None:
 
 @pytest.mark.parametrize("latency", LATENCIES)
 async def test_bytes_gather_in_the_kernel_between_two_polls(latency: float) -> None:
-    plan = Plan(0.05, 0.05)
+    plan = Plan(0.05, 0.0, 0.05)
     async with opened_terminal(1_000_000) as (port, sink, master):
         port.set_polling(latency, plan)
         await asyncio.sleep(0)  # reading starts in the loop's next iteration

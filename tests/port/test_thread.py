@@ -30,9 +30,6 @@ class Steady:
     def rest(self, now: float) -> float:
         return 60.0
 
-    def hold(self, now: float) -> float:
-        return now + 60.0
-
 
 def threads() -> list[threading.Thread]:
     return [each for each in threading.enumerate() if each.name == NAME]

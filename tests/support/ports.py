@@ -118,10 +118,8 @@ class Plan:
         self.until = hold
 
     def rest(self, now: float) -> float:
-        return self.rests.pop(0) if self.rests else 0.0
-
-    def hold(self, now: float) -> float:
-        return self.until
+        """For one call each what the test says; then, until `hold`, two milliseconds."""
+        return self.rests.pop(0) if self.rests else 0.002 * (now < self.until)
 
 
 class Seen:

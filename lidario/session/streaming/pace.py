@@ -33,8 +33,6 @@ GUARD_S = 0.002
 """How much earlier than predicted a revolution may be complete: timers are late by up to a millisecond."""
 _FOLLOW = 0.25
 """Share of a deviation by which the predicted period follows; more would copy the noise of a single stamp."""
-_JUST_BEFORE_S = 1e-5
-"""Much less than a packet takes, and more than the resolution of a clock."""
 _SECTOR_MARGIN_S = 0.001
 """How much later than predicted the port is polled for a sector: a full-speed USB adapter delivers once a
 millisecond. With 0.3 ms one poll in five came too early, and the next one 4 ms later."""
@@ -109,7 +107,3 @@ class Pace:
     def rest(self, now: float) -> float:
         """Seconds for which nobody needs the bytes; 0 when the revolution, or a sector of it, may be complete."""
         return max(0.0, min((self.sector_due or self.due) - now, LONGEST_HOLD_S))
-
-    def hold(self, now: float) -> float:
-        """Until when bytes need not be parsed: slightly before the next poll, so that this poll parses them."""
-        return min(self.sector_due or self.due, now + LONGEST_HOLD_S) - _JUST_BEFORE_S
