@@ -231,6 +231,8 @@ class Questions(ABC):
         dialogue = self._at.dialogue
         # Not earlier: another task may have changed it meanwhile.
         before = dialogue.port.baudrate
+        if before == baudrate:
+            return
         try:
             await dialogue.run(dialogue.device.set_baudrate(baudrate, before))
         except BaseException:

@@ -80,6 +80,19 @@ async def test_old_firmware_is_not_asked(model: str) -> None:
 
 
 @driven
+async def test_the_speed_that_the_line_has_already_is_not_measured() -> None:
+    """Also where another task has changed it to that speed meanwhile."""
+    rig = rig_of()
+    async with rig.open() as lidar:
+        await lidar.set_baudrate(1_000_000)
+        assert "new_baudrate_confirm" not in names(rig)
+        await asyncio.gather(*(lidar.set_baudrate(921_600) for _ in range(3)))
+        assert names(rig, obeyed=True).count("new_baudrate_confirm") == 1
+        assert lidar.baudrate == rig.device.baudrate == 921_600
+    assert left_still(rig)
+
+
+@driven
 async def test_firmware_that_knows_it_is_asked() -> None:
     """1.32, as A2 and A3 have it."""
     rig = rig_of("rplidar-a3")
