@@ -7,6 +7,7 @@ really asked. What a user has set is remembered where the session comes back by 
 from __future__ import annotations
 
 import asyncio
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import TypeVar
@@ -40,6 +41,8 @@ class Questions(ABC):
         self._at = at
         self._scanner = scanner
         self._reconnector = reconnector
+        # The scan frequency that was set last.
+        self._hertz = math.nan
 
     @property
     def info(self) -> DeviceInfo:
@@ -90,10 +93,10 @@ class Questions(ABC):
     async def set_scan_frequency(self, hertz: float, *, verify: bool = True) -> float:
         """Set the scan frequency in revolutions a second; returns what the device made of it.
 
-        While a stream runs and `verify` is set, it returns when the measured frequency is within 5 % of that. The
-        stream goes on meanwhile where the device changes its speed in mid-scan; else it is started again.
-        While none runs, the rotor stays at rest and takes that speed when one is started. Cancelling ends the
-        waiting; the frequency may be set or not.
+        While a stream runs and `verify` is set, it returns when the measured frequency is within 5 % of that, or
+        another task has set another one. The stream goes on meanwhile where the device changes its speed in
+        mid-scan; else it is started again. While none runs, the rotor stays at rest and takes that speed when one
+        is started. Cancelling ends the waiting; the frequency may be set or not.
 
         Raises:
             InvalidValue: No number, or outside what the device can do; the stream is not interrupted.
@@ -101,7 +104,7 @@ class Questions(ABC):
             RemoteProtocolError: The device turns at another speed even after ten seconds.
         """
         verify = yes_or_no(verify, "verify")
-        value = await self._set("scan frequency", lambda device: device.set_scan_frequency(hertz))
+        value = self._hertz = await self._set("scan frequency", lambda device: device.set_scan_frequency(hertz))
         await self._scanner.retune()
         if verify and self._scanner.control.is_scanning:
             await self._turns_at(value)
@@ -246,7 +249,7 @@ class Questions(ABC):
             async with asyncio.timeout(SPEED_TIMEOUT_S):
                 async for scan in stream:
                     measured = scan.rpm / 60
-                    if abs(measured - hertz) <= SPEED_TOLERANCE * hertz:
+                    if hertz != self._hertz or abs(measured - hertz) <= SPEED_TOLERANCE * hertz:
                         return
         except TimeoutError:
             raise RemoteProtocolError(

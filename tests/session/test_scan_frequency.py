@@ -25,6 +25,15 @@ async def test_the_set_speed_is_checked_against_the_measured_one(rig: Rig) -> No
         assert (await anext(stream)).rpm == pytest.approx(600, rel=0.05)
 
 
+async def test_a_speed_behind_which_another_task_sets_one_is_not_waited_for(rig: Rig) -> None:
+    async with rig.read() as (lidar, _):
+        began = now()
+        told = await asyncio.gather(*(lidar.set_scan_frequency(each) for each in (8.0, 9.0, 11.0)))
+        assert told == [pytest.approx(each, abs=0.05) for each in (8.0, 9.0, 11.0)]
+        assert now() - began < 8.0
+        assert lidar.measured_scan_frequency == pytest.approx(11.0, rel=0.05)
+
+
 async def test_a_speed_that_is_set_beside_a_question_for_it_stays_set(rplidar: Rig) -> None:
     async with rplidar.open() as lidar:
         await asyncio.gather(lidar.set_scan_frequency(9.0, verify=False), lidar.get_scan_frequency())
