@@ -191,7 +191,9 @@ class MemoryTransport(Line):
         self._line = line
         self._closing = False
         self._timer: asyncio.TimerHandle | None = None
-        # As `open_serial` does.
+        # As `open_serial` does. The device remembers the speed of the line before.
+        if port.baudrate:
+            self.set_baudrate(port.baudrate)
         self.set_dtr(False)
 
     @property

@@ -12,7 +12,7 @@ from lidario.families.rplidar.speed import confirm
 from lidario.port.port import Port
 from tests.support.cable import cable_to
 from tests.support.devices import Rig, left_still, make_rig, names, take
-from tests.support.loop import driven, driven_loop, run_driven
+from tests.support.loop import driven, driven_loop, now_ns, run_driven
 
 
 def rig_of(model: str = "rplidar-s2") -> Rig:
@@ -355,3 +355,15 @@ async def test_a_loss_of_power_undoes_it_and_at_another_speed_nothing_is_underst
         await asyncio.sleep(1.0)
         with pytest.raises(ResponseTimeout):
             await lidar.get_info()
+
+
+@driven
+async def test_after_a_loss_of_power_it_is_opened_again() -> None:
+    rig = rig_of()
+    async with open_lidar(rig.device) as lidar:
+        await lidar.set_baudrate(921_600)
+    rig.device.reboot(now_ns())
+    await asyncio.sleep(3.0)
+    async with open_lidar(rig.device) as lidar:
+        assert lidar.baudrate == rig.device.baudrate == 1_000_000
+        assert await lidar.scan()
