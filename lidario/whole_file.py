@@ -3,13 +3,32 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from secrets import token_hex
 
 _BY_HANDLE = "/proc/self/fd/{}"
+_KINDS = {
+    stat.S_IFDIR: "a directory", stat.S_IFIFO: "a pipe (FIFO)", stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device", stat.S_IFBLK: "a device",
+}  # fmt: skip
+
+
+def kind_of(mode: int) -> str:
+    """What a path leads to, in words, by its mode; empty for a regular file."""
+    return "" if stat.S_ISREG(mode) else _KINDS.get(stat.S_IFMT(mode), "no regular file")
+
+
+def not_a_file(path: Path) -> str:
+    """What stands where a file shall be written, in words; empty where that is a regular file, or nothing."""
+    try:
+        return kind_of(os.stat(path).st_mode)
+    except OSError:
+        return ""
 
 
 @contextmanager
@@ -20,9 +39,12 @@ def whole_file(path: Path) -> Iterator[Path]:
     symbolic link stays, and leads to the new file.
 
     Raises:
-        OSError: It cannot be written.
+        OSError: It cannot be written; or what is there is no file, such as ``/dev/null``, and stays.
     """
     path = Path(os.path.realpath(path))
+    kind = not_a_file(path)
+    if kind:
+        raise OSError(errno.EINVAL, f"it is {kind}, which is not replaced by a file")
     part = path.with_name(f".lidario-{token_hex(8)}")
     nameless: int | None = None
     try:

@@ -11,7 +11,7 @@ import shutil
 import tempfile
 import zipfile
 from collections.abc import Generator, Iterable, Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager, suppress
 from copy import deepcopy
 from dataclasses import asdict
 from functools import partial
@@ -27,7 +27,6 @@ from lidario.laserscan import LaserScan
 from lidario.laserscans import LaserScans
 from lidario.recording.decode_file import FileDecoder
 from lidario.recording.divided import divided
-from lidario.recording.opened import not_a_file
 from lidario.recording.read import Copy, McapRecording, StoredStreams
 from lidario.recording.write import FileWriter
 from lidario.scan import Scan
@@ -47,13 +46,24 @@ def write_whole(path: Path, *, overwrite: bool) -> Iterator[Path]:
     try:
         if path.exists() and not overwrite:
             raise CannotRecord(f"{path} exists already: overwrite=True, or --force, replaces it")
-        kind = not_a_file(path)
-        if kind:
-            raise CannotRecord(f"{path} cannot be written: it is {kind}, which is not replaced by a file")
         with whole_file(path) as part:
             yield part
     except OSError as error:
         raise CannotRecord(f"{path} cannot be written: {error.strerror or error}") from error
+
+
+def must_be_writable(path: Path, *, overwrite: bool) -> None:
+    """Begin to write a file, and give it up: before it takes long to make what shall be in it.
+
+    Raises:
+        CannotRecord: As `write_whole`.
+    """
+    with suppress(_GivenUp), write_whole(path, overwrite=overwrite):
+        raise _GivenUp
+
+
+class _GivenUp(Exception):
+    """Ends a block whose file shall not appear."""
 
 
 def export_npz(decoder: FileDecoder, path: Path, *, overwrite: bool = False, jobs: int = 1) -> int:

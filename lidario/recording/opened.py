@@ -9,29 +9,11 @@ missing behind a map kills the program (SIGBUS).
 from __future__ import annotations
 
 import os
-import stat
 from pathlib import Path
 from typing import Self
 
 from lidario.errors import RecordingError
-
-_KINDS = {
-    stat.S_IFDIR: "a directory", stat.S_IFIFO: "a pipe (FIFO)", stat.S_IFSOCK: "a socket",
-    stat.S_IFCHR: "a device", stat.S_IFBLK: "a device",
-}  # fmt: skip
-
-
-def kind_of(mode: int) -> str:
-    """What a path leads to, in words, by its mode; empty for a regular file."""
-    return "" if stat.S_ISREG(mode) else _KINDS.get(stat.S_IFMT(mode), "no regular file")
-
-
-def not_a_file(path: Path) -> str:
-    """What stands where a file shall be written, in words; empty where that is a regular file, or nothing."""
-    try:
-        return kind_of(os.stat(path).st_mode)
-    except OSError:
-        return ""
+from lidario.whole_file import kind_of
 
 
 class StoredFile:

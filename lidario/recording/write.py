@@ -23,7 +23,6 @@ from lidario.errors import CannotRecord
 from lidario.laserscan import LaserScan
 from lidario.recording.about import NAME, About
 from lidario.recording.chronicle import EventState, Placed, event_of, text_of
-from lidario.recording.opened import not_a_file
 from lidario.recording.ros_messages import (
     LASERSCAN_DEFINITION,
     LASERSCAN_TYPE,
@@ -35,6 +34,7 @@ from lidario.recording.ros_messages import (
     encode_text,
 )
 from lidario.scan import Scan
+from lidario.whole_file import not_a_file
 
 RAW_TOPIC = "/lidar/raw"
 EVENTS_TOPIC = "/lidar/events"
