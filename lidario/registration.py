@@ -84,21 +84,16 @@ def register(
     fine = _Cloud(small_gicp, fixed, FINE_M), _Cloud(small_gicp, moving, FINE_M)
     turns = [Mount(0.0, 0.0, math.tau * each / HEADINGS) for each in range(HEADINGS)]
     begins = [guess] if guess is not None else turns
+    seen, (few, stand_for) = _Seen(small_gicp, fixed), _thinned(moving)
     found = []
     for begin in begins:
         rough = _aligned(small_gicp, coarse, begin, FAR_M if guess is None else 0.5)
         rough = _aligned(small_gicp, coarse, rough, 0.3)
-        found.append((_distances(small_gicp, fixed, moving, rough), rough))
-    shares = [float((apart < NEAR_M).mean()) for apart, _ in found]
-    best = int(np.argmax(shares))
-    mount = _aligned(small_gicp, fine, found[best][1], NEAR_M)
-    apart = _distances(small_gicp, fixed, moving, mount)
+        found.append((seen.share(few, stand_for, rough, NEAR_M), rough))
+    mount = _aligned(small_gicp, fine, max(found, key=lambda each: each[0])[1], NEAR_M)
+    apart = seen.distances(moving, mount)
     shared = apart[apart < NEAR_M]
-    others = [
-        share
-        for share, (_, each) in zip(shares, found, strict=True)
-        if abs(math.remainder(each.yaw - mount.yaw, math.tau)) > RIVAL_TURN
-    ]
+    others = [share for share, each in found if abs(math.remainder(each.yaw - mount.yaw, math.tau)) > RIVAL_TURN]
     return Registration(
         mount,
         float(np.median(shared)) if len(shared) else math.inf,
@@ -136,14 +131,14 @@ def looseness(first: NDArray[np.floating], second: NDArray[np.floating], found: 
         beside.append(0.0 if is_back or not found.share else other.share / found.share)
     import small_gicp
 
-    fixed, moving = _checked(first, "first"), _checked(second, "second")
+    seen, (few, stand_for) = _Seen(small_gicp, _checked(first, "first")), _thinned(_checked(second, "second"))
     near = max(FINE_M, 3 * found.residual)
-    here = float((_distances(small_gicp, fixed, moving, mount) < near).mean())
+    here = seen.share(few, stand_for, mount, near)
     for direction in np.arange(BESIDE_DIRECTIONS) * (math.tau / BESIDE_DIRECTIONS):
         shifted = Mount(
             mount.x + BESIDE_M * math.cos(direction), mount.y + BESIDE_M * math.sin(direction), mount.yaw
         )
-        there = float((_distances(small_gicp, fixed, moving, shifted) < near).mean())
+        there = seen.share(few, stand_for, shifted, near)
         beside.append(there / here if here else 1.0)
     return max(beside)
 
@@ -170,14 +165,33 @@ def _aligned(library: Any, clouds: tuple[_Cloud, _Cloud], begin: Mount, far_m: f
     return Mount(float(found[0, 3]), float(found[1, 3]), math.atan2(found[1, 0], found[0, 0]))
 
 
-def _distances(library: Any, fixed: _Floats, moving: _Floats, mount: Mount) -> _Floats:
-    """From each point of the second cloud to the nearest one of the first, metres."""
-    cos, sin = math.cos(mount.yaw), math.sin(mount.yaw)
-    placed = moving @ np.array([[cos, sin], [-sin, cos]]) + np.array([mount.x, mount.y])
-    tree = library.KdTree(np.column_stack((fixed, np.zeros(len(fixed)))))
-    _, squares = tree.batch_nearest_neighbor_search(np.column_stack((placed, np.zeros(len(placed)))))
-    distances: _Floats = np.sqrt(np.asarray(squares, np.float64))
-    return distances
+def _thinned(xy: _Floats) -> tuple[_Floats, _Floats]:
+    """One point for each square of `FINE_M`, and how many it stands for.
+
+    Scans of a lidar that stands still show the same walls again and again: 20 scans have 20 times as many points as
+    one of them, and hardly more squares.
+    """
+    _, first, counts = np.unique(np.floor(xy / FINE_M), axis=0, return_index=True, return_counts=True)
+    return xy[first], counts.astype(np.float64)
+
+
+class _Seen:
+    """A cloud that another one is laid on."""
+
+    def __init__(self, library: Any, xy: _Floats) -> None:
+        self._tree = library.KdTree(np.column_stack((xy, np.zeros(len(xy)))))
+
+    def distances(self, moving: _Floats, mount: Mount) -> _Floats:
+        """From each point of another cloud, whose frame is there, to the nearest one of this, metres."""
+        cos, sin = math.cos(mount.yaw), math.sin(mount.yaw)
+        placed = moving @ np.array([[cos, sin], [-sin, cos]]) + np.array([mount.x, mount.y])
+        _, squares = self._tree.batch_nearest_neighbor_search(np.column_stack((placed, np.zeros(len(placed)))))
+        distances: _Floats = np.sqrt(np.asarray(squares, np.float64))
+        return distances
+
+    def share(self, few: _Floats, stand_for: _Floats, mount: Mount, near: float) -> float:
+        """The part of a thinned cloud, whose frame is there, that is so near to this one, 0 to 1."""
+        return float(np.average(self.distances(few, mount) < near, weights=stand_for))
 
 
 def _checked(cloud: NDArray[np.floating], what: str) -> _Floats:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import random
+import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from itertools import pairwise
@@ -93,6 +94,22 @@ def test_a_room_that_does_not_hold_a_lidar(first: np.ndarray, second: np.ndarray
     assert looseness(plane(first), plane(second), found) > 0.9
 
 
+def test_many_scans_cost_hardly_more_than_a_few() -> None:
+    """They show the same walls. Twenty scans of a fast lidar took a minute, or several on a robot's computer."""
+    corners = [(3.0, 1.5), (-2.0, 1.5), (-2.0, -1.5), (2.0, -1.5), (3.0, 1.5)]
+    walls = np.concatenate([np.linspace(a, b, 300) for a, b in pairwise(corners)])
+    used, noise = [], np.random.default_rng(3)
+    for times in (1, 1, 40):
+        shown = (np.tile(each, (times, 1)) for each in (walls, walls - [0.1, 0.0]))
+        clouds = [each + noise.normal(0.0, 0.003, each.shape) for each in shown]
+        began = time.thread_time()
+        found = register(*clouds)
+        used.append(time.thread_time() - began)
+        assert found.mount.x == pytest.approx(0.1, abs=1e-3)
+        assert found.share == 1.0
+    assert used[2] < 5 * min(used[:2])
+
+
 def test_what_is_no_cloud() -> None:
     cloud = np.random.default_rng(1).uniform(-1, 1, (100, 2))
     with pytest.raises(InvalidValue, match="the second cloud has 29 points, and 30 are needed"):
@@ -162,3 +179,15 @@ def test_a_lidar_that_hangs_upside_down_is_told() -> None:
     assert "yaw = 114." in good.stdout
     assert (told.exit_code, told.stdout) == (1, "")
     assert "upside down" in told.stderr
+
+
+@pytest.mark.parametrize(
+    ("options", "named"), [((), "lidario.toml"), (("--dry-run", "--picture", "both.svg"), "both.svg")]
+)
+def test_that_nothing_can_be_written_is_told_before_a_lidar_is_asked(
+    options: tuple[str, ...], named: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir("/proc")  # where nobody may make a file, not even root
+    told = invoke("calibrate", "/dev/no-lidar-is-here", "/dev/nor-here", *options)
+    assert (told.exit_code, told.stdout) == (4, "")
+    assert told.stderr.startswith(f"error: {named} cannot be written: ")

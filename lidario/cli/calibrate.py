@@ -64,11 +64,17 @@ def calibrate(
     """
     from lidario import LidarError, Mount, looseness, register, save_config
     from lidario.cli.running import run
+    from lidario.recording.export import must_be_writable
 
     if picture is not None and picture.suffix != ".svg":
         raise click.BadParameter(f"{str(picture)!r} does not end in .svg", param_hint="--picture")
     need("small_gicp", "it")
-    config = settings_of_file()
+    config, file = settings_of_file(), Path(config_file() or FILE)
+    if picture is not None:
+        must_be_writable(picture, overwrite=True)
+    if not dry_run:
+        need("tomlkit", "writing settings")
+        must_be_writable(file, overwrite=True)
     with progress("reading both lidars …"):
         (one, fixed), (two, moving) = run(lambda: _clouds((first, second), count, config))
     with progress("laying one on the other …"):
@@ -93,7 +99,6 @@ def calibrate(
         f"residual {1000 * found.residual:.1f} mm, {100 * found.share:.0f} % of the points of B lie on those of A\n"
     )
     if not dry_run:
-        file = config_file() or FILE
         _must_be_told_apart(one, two)
         save_config(file, one.serial, mount=base)
         save_config(file, two.serial, mount=mount)
