@@ -47,7 +47,8 @@ class _Told:
 @click.option("-o", "--output", metavar="FILE", help="The file to make; named after the time where not given.")
 @click.option("-t", "--time", "seconds", type=as_duration, metavar="TIME",
               help="How long from the first scan on: 60s, 5m.")  # fmt: skip
-@click.option("-n", "count", type=WholeRange(min=1), metavar="N", help="How many scans.")
+@click.option("-n", "count", type=WholeRange(min=1), metavar="N",
+              help="How many scans; of a busy computer a few more.")  # fmt: skip
 @config_option
 @mode_option
 @click.option("--scans", is_flag=True, help="Write each scan too, as LaserScan on the topic /scan.")

@@ -33,6 +33,7 @@ seconds late, and a lidar may rest for months; what jumps farther is no time."""
 OVERLAP_NS = 2 * 10**8
 """Clocks of two recordings may differ by so much, where one begins as soon as the other has ended."""
 SAME_TIME = "recordings of the same time are not read one after the other: name one of them"
+TWICE = "a recording that was merged with a copy of itself holds each byte twice: name the file that it was made of"
 
 
 class StoredChunk(NamedTuple):
@@ -70,6 +71,8 @@ class Reached:
         self._state = EventState()
         self._last_ns: int | None = None
         self._shift_ns = 0
+        # Before the bytes of the latest time: what has one time may stand in another order.
+        self._place_before = 0
         # Of the recording that is read: its digits, what is added to its places, the least of them, and its clock
         # minus that of the first one; and whether no chunk of it was seen.
         self._recording = ""
@@ -126,6 +129,8 @@ class Reached:
         if self._is_new and message.at_ns < last_ns - OVERLAP_NS:
             raise RecordingError(SAME_TIME)
         self._is_new = False
+        if at_ns != self._last_ns:
+            self._place_before = self.place
         self._last_ns = at_ns
         sent, data = raw
         place = self.place
@@ -136,8 +141,15 @@ class Reached:
         return StoredChunk(at_ns, place, sent, data)
 
     def event(self, event: StreamEvent) -> Iterator[StreamEvent | Damage]:
-        """An event of the file; where one tells what stands there, the events that are missing before it."""
+        """An event of the file; where one tells what stands there, the events that are missing before it.
+
+        Raises:
+            RecordingError: The file tells again what came before.
+        """
         event = self._here(event)
+        is_back = isinstance(event, Placed) and event.at < self._place_before
+        if is_back or (isinstance(event, StreamBegan) and event == self._state.running):
+            raise RecordingError(TWICE)
         if not isinstance(event, Placed):
             self._state.follow(event)
             yield event

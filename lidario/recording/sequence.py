@@ -18,7 +18,7 @@ from lidario.recording.about import NAME, About
 from lidario.recording.chronicle import StreamEvent, event_of
 from lidario.recording.mcap_records import LEFT_OUT, Channel, Damage, Message, Metadata, read_records
 from lidario.recording.opened import StoredFile
-from lidario.recording.reached import Reached, StoredChunk
+from lidario.recording.reached import TWICE, Reached, StoredChunk
 from lidario.recording.ros_messages import parse_text
 from lidario.recording.write import EVENTS_TOPIC, RAW_TOPIC
 
@@ -82,7 +82,7 @@ class RecordedFiles:
             begin_ns: What comes before, on the clock of the file, is left out as far as that is easy.
 
         Raises:
-            RecordingError: A file was merged of several recordings, or cannot be read.
+            RecordingError: A file was merged of several recordings or copies of one, or cannot be read.
         """
         reached = Reached()
         for path in self.paths:
@@ -101,7 +101,7 @@ class RecordedFiles:
         self, path: Path, reached: Reached, begin_ns: int
     ) -> Iterator[About | StoredChunk | StreamEvent | Damage]:
         topics: dict[int, str] = {}
-        recording: str | None = None
+        begun: list[About] = []
         with StoredFile(path, self._sizes.get(path, 0)) as file:
             self._sizes[path] = file.size
             for record in read_records(file, begin_ns):
@@ -130,11 +130,13 @@ class RecordedFiles:
                         yield record
                 elif isinstance(record, Metadata) and record.name == NAME:
                     about = About.of(record.texts)
-                    if recording is not None:
-                        if about.recording != recording:
-                            raise RecordingError(MIXED.format(path))
+                    begun.append(about)
+                    if about.recording != begun[0].recording:
+                        raise RecordingError(MIXED.format(path))
+                    if about in begun[:-1]:
+                        raise RecordingError(TWICE)
+                    if len(begun) > 1:
                         continue
-                    recording = about.recording
                     if reached.about is None:
                         reached.begin(about)
                         yield about

@@ -277,16 +277,21 @@ def test_recordings_of_two_lidars_are_not_one(tmp_path: Path) -> None:
         lidario.summarize(tmp_path / "*" / "run-*.mcap")
 
 
-def merged(paths: Sequence[Path], into: Path) -> Path:
-    """The messages of files in the order of their times, as other programs merge files: with all metadata."""
+def merged(paths: Sequence[Path], into: Path, *, once: bool = False) -> Path:
+    """The messages of files in the order of their times, as other programs merge files: with all metadata.
+
+    Or with what is alike `once`: topics and metadata.
+    """
     with ExitStack() as files:
         readers = [make_reader(files.enter_context(open(path, "rb"))) for path in paths]
         writer = Writer(files.enter_context(open(into, "wb")), compression=CompressionType.NONE)
         writer.start("ros2")
-        for metadata in chain.from_iterable(reader.iter_metadata() for reader in readers):
+        for metadata in chain.from_iterable(reader.iter_metadata() for reader in readers[: 1 if once else None]):
             writer.add_metadata(metadata.name, metadata.metadata)
         channels: dict[tuple[int, int], int] = {}
-        numbered = ([(n, *each) for each in reader.iter_messages()] for n, reader in enumerate(readers))
+        numbered = (
+            [(0 if once else n, *each) for each in reader.iter_messages()] for n, reader in enumerate(readers)
+        )
         for number, schema, channel, message in merge(*numbered, key=lambda each: each[3].log_time):
             if (number, channel.id) not in channels:
                 assert schema is not None
@@ -307,6 +312,16 @@ def test_a_file_that_was_merged_of_several_recordings_says_so(tmp_path: Path, mo
     ]
     with pytest.raises(RecordingError, match=r"both.mcap was merged of several recordings"):
         lidario.summarize(merged(files, tmp_path / "both.mcap"))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("once", [False, True])
+def test_a_recording_that_was_merged_with_its_copy_says_so(copied: Live, once: bool, tmp_path: Path) -> None:
+    """Nearly all of it was told as damage."""
+    whole = merged(copied.parts, tmp_path / "whole.mcap")
+    for path in (whole, copied.parts[0]):
+        with pytest.raises(RecordingError, match="was merged with a copy of itself"):
+            lidario.summarize(merged([path, path], tmp_path / "twice.mcap", once=once))
 
 
 @pytest.mark.long
