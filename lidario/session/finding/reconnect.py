@@ -280,7 +280,7 @@ class Reconnector:
         self.count += 1
         self._known, self.proven = connection, False
         place, away = connection.dialogue.port.name, self._loop.time() - self._since
-        _log.info("the lidar is back on %s, after %.1f s and %d attempts", place, away, self._attempts)
+        _log.warning("the lidar is back on %s, after %.1f s and %d attempts", place, away, self._attempts)
         adopt = self.adopt()
         if adopt is None:
             connection.dialogue.hang_up()
