@@ -17,6 +17,7 @@ CANNOT_WRITE = 4
 NEEDED = ("click", "rich")
 """What the extra `cli` brings and every command needs."""
 MISSING_EXTRA = 2
+INTERRUPTED = 130
 
 
 def main() -> int:
@@ -24,7 +25,11 @@ def main() -> int:
     if not _standard_streams():
         message("error: there is nowhere to write to: stdout is closed")
         return NO_STDOUT
-    code = _version() if sys.argv[1:] == ["--version"] else _verb()
+    try:
+        code = _version() if sys.argv[1:] == ["--version"] else _verb()
+    except KeyboardInterrupt:
+        # Before there was anything to end, or behind its end.
+        code = INTERRUPTED
     finish()
     return code
 
@@ -52,8 +57,6 @@ def _verb() -> int:
             del os.environ[size]
     try:
         from lidario.cli.main import cli
-    except KeyboardInterrupt:
-        return 130
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in NEEDED:
             raise

@@ -120,7 +120,8 @@ def test_what_is_off_is_seen() -> None:
     another[200:210] = another[500:510]
     found = _changed(stream, line, {"device_distances": another})
     assert (found.wrong, found.strange, found.kept) == (10, 10, found.samples - 10)
-    assert (found.mixed, found.twice, found.farthest_deg) == (0, 0, pytest.approx(0, abs=0.05))
+    assert (found.mixed, found.twice) == (0, 0)
+    assert found.farthest_deg < 0.05
     found = _changed(stream, line, {"stamp_ns": third.stamp_ns + 40_000_000})
     assert found.times_off_ms is not None
     assert found.times_off_ms[1] == pytest.approx(40, abs=7)

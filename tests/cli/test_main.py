@@ -11,6 +11,7 @@ import pytest
 
 import lidario
 from lidario.__main__ import main
+from lidario.cli.main import Lidario
 from lidario.cli.output import dump
 from lidario.cli.streams import emit
 from tests.cli.processes import invoke, run
@@ -33,6 +34,17 @@ def test_numpy_starts_no_threads_unless_asked_to(asked: str, monkeypatch: pytest
     monkeypatch.setattr(sys, "argv", ["lidario", "sim", "--list"])
     assert main() == 0
     assert os.environ["OPENBLAS_NUM_THREADS"] == (asked or "1")
+
+
+def test_ctrl_c_before_a_verb_has_begun(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was shown where it had come, as a traceback."""
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Lidario, "run", interrupted)
+    monkeypatch.setattr(sys, "argv", ["lidario", "devices"])
+    assert main() == 130
 
 
 @pytest.mark.long

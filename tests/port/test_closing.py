@@ -170,6 +170,7 @@ async def test_a_driver_that_cannot_discard_is_closed_off_the_loop(
 @driven
 async def test_a_line_that_does_not_close_is_given_up_after_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
     """As docs/bounds.md says."""
+    monkeypatch.setattr(MemoryTransport, "abort", MemoryTransport.close)
     monkeypatch.setattr(MemoryTransport, "close", lambda _: None)
     loop, port = asyncio.get_running_loop(), connect_in_memory(make_rig("rplidar").device)
     before = loop.time()

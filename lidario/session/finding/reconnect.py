@@ -280,7 +280,8 @@ class Reconnector:
         self.count += 1
         self._known, self.proven = connection, False
         place, away = connection.dialogue.port.name, self._loop.time() - self._since
-        _log.warning("the lidar is back on %s, after %.1f s and %d attempts", place, away, self._attempts)
+        attempts = f"{self._attempts} attempt{'s' if self._attempts != 1 else ''}"
+        _log.warning("the lidar is back on %s, after %.1f s and %s", place, away, attempts)
         adopt = self.adopt()
         if adopt is None:
             connection.dialogue.hang_up()
