@@ -260,10 +260,9 @@ class _Spinning:
         from rich.live import Live
         from rich.spinner import Spinner
 
-        shown = Spinner("dots", self._text, style="status.spinner")
-        display = Live(
-            shown, console=terminal(self._stream), auto_refresh=False, transient=True, redirect_stdout=False
-        )
+        console = terminal(self._stream)
+        shown = Spinner("line" if console.options.ascii_only else "dots", self._text, style="status.spinner")
+        display = Live(shown, console=console, auto_refresh=False, transient=True, redirect_stdout=False)
         # The terminal may go away meanwhile. The next write to it raises the same error.
         with suppress(OSError, ReaderGone), display:
             # A signal that ends the process at once would leave the cursor hidden.

@@ -143,12 +143,12 @@ def _legend(grid: _Grid, *, plain: bool, coloured: bool) -> Text:
     """What a length on the picture is in metres, where forward is, and what the colours mean."""
     length = max((each for each in _LENGTHS_M if each <= _BAR_CELLS * grid.cell_m), default=_LENGTHS_M[0])
     cells = max(round(length / grid.cell_m), 2)
-    left, middle, right, device = "|-|^" if plain else "├─┤▲"
+    left, middle, right, device, full = "|-|^#" if plain else "├─┤▲█"
     legend = Text(f"{left}{middle * (cells - 2)}{right} {length:g} m   {device} lidar, forward is up")
     if coloured:
         legend.append("   0 ")
         for colour in _COLOURS:
-            legend.append("██", Style(color=colour))
+            legend.append(2 * full, Style(color=colour))
         legend.append(f" {grid.farthest_m:.1f} m")
     if grid.outside:
         legend.append(f"   {grid.outside} return{'s' if grid.outside > 1 else ''} outside")

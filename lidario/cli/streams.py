@@ -16,6 +16,8 @@ from contextlib import suppress
 from typing import Final, TextIO, cast
 
 _AS_GIVEN: Final = "lidario-as-given"
+_INSTEAD: Final = {"\u2026": "...", "\u2192": "->", "\u00b0": "deg", "\u00b5": "u"}
+"""For what the verbs write beside ASCII."""
 
 
 class CannotWrite(OSError):
@@ -98,11 +100,15 @@ def _as_given(error: UnicodeError) -> tuple[bytes, int]:
     """What is written for characters that an encoding lacks.
 
     The name of a file may hold bytes that are no characters (``os.fsdecode``). They are written as those bytes, so
-    that a script finds the file by the name that it reads; everything else becomes a question mark.
+    that a script finds the file by the name that it reads. An arrow, a degree sign and the like are written in
+    ASCII; everything else becomes a question mark.
     """
     assert isinstance(error, UnicodeEncodeError)
     lacking = error.object[error.start : error.end]
-    return b"".join(bytes([ord(c) & 0xFF]) if "\udc80" <= c <= "\udcff" else b"?" for c in lacking), error.end
+    written = (
+        bytes([ord(c) & 0xFF]) if "\udc80" <= c <= "\udcff" else _INSTEAD.get(c, "?").encode() for c in lacking
+    )
+    return b"".join(written), error.end
 
 
 codecs.register_error(_AS_GIVEN, _as_given)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 import sys
 
 import pytest
@@ -108,7 +109,14 @@ def test_a_pipe_on_windows_takes_what_its_code_page_has(monkeypatch: pytest.Monk
     written = io.BytesIO()
     monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(written, encoding="cp1252", write_through=True))
     emit("5 → 7 m, 90°")
-    assert written.getvalue() == b"5 ? 7 m, 90\xb0"
+    assert written.getvalue() == b"5 -> 7 m, 90\xb0"
+
+
+def test_what_ascii_lacks_is_written_in_ascii() -> None:
+    told = run("scan", "sim://rplidar-s2?via=memory", "-n", "1", environment={"PYTHONIOENCODING": "ascii"})
+    assert re.search(r" \d\.\d\d m [+-]\d+deg ", told.stdout)
+    modes = run("info", "sim://rplidar-s2?via=memory", environment={"PYTHONIOENCODING": "ascii"})
+    assert "us/sample" in modes.stdout
 
 
 def test_json_needs_no_encoding(monkeypatch: pytest.MonkeyPatch) -> None:

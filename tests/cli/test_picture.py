@@ -122,8 +122,10 @@ def test_colours_tell_near_from_far() -> None:
     assert len(codes) >= 2
 
 
-def test_ascii_where_the_terminal_has_no_braille() -> None:
-    lines = drawn(scan_of(FULL_TURN, np.full(3600, 2.0)), encoding="latin-1")
+@pytest.mark.parametrize("colours", [None, "truecolor"])
+def test_ascii_where_the_terminal_has_no_braille(colours: str | None) -> None:
+    """The scale of colours, too: it was a row of question marks."""
+    lines = drawn(scan_of(FULL_TURN, np.full(3600, 2.0)), encoding="latin-1", colours=colours)
     assert all(line.isascii() for line in lines)
     assert any("#" in line for line in lines)
     assert any("^" in line for line in lines)
