@@ -39,7 +39,7 @@ def plot(source: str, output: str, count: int, polar: bool, force: bool, mode: s
 
     The name of the file is printed.
     """
-    from lidario import RecordingError
+    from lidario import CannotRecord, RecordingError
     from lidario.cli.running import run
     from lidario.recording.export import must_be_writable, write_whole
 
@@ -50,7 +50,9 @@ def plot(source: str, output: str, count: int, polar: bool, force: bool, mode: s
     # Unlike those of Path, these raise nothing in a folder that this user may not enter.
     if os.path.isdir(path) or not os.path.isdir(path.parent):
         raise click.BadParameter(f"{output!r} is a folder, or its folder does not exist", param_hint="-o")
-    must_be_writable(path, overwrite=force)
+    if os.path.exists(path) and not force:
+        raise CannotRecord(f"{path} exists already: --force replaces it")
+    must_be_writable(path, overwrite=True)
     if kind == ".png":
         need("matplotlib", "a PNG", otherwise=", or write an .svg")
     settings = settings_of_file()

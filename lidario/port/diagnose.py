@@ -9,6 +9,7 @@ import errno
 import os
 import stat
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 from lidario.errors import ConnectFailed
@@ -46,31 +47,34 @@ def held(path: str) -> bool:
 
 def holders(path: str) -> Iterator[tuple[int, str]]:
     """Other processes that hold `path` open, as (pid, name); only where /proc tells."""
+    for process in Path("/proc").glob("[0-9]*"):
+        if process.name != str(os.getpid()) and _holds(process, path):
+            with suppress(OSError):
+                yield int(process.name), (process / "comm").read_text().strip()
+
+
+def _holds(process: Path, path: str) -> bool:
     try:
         wanted = os.stat(path)
+        for handle in (process / "fd").iterdir():
+            found = handle.stat()
+            if stat.S_ISCHR(found.st_mode) and found.st_rdev == wanted.st_rdev:
+                return True
     except OSError:
-        return
-    for process in Path("/proc").glob("[0-9]*"):
-        if process.name == str(os.getpid()):
-            continue
-        try:
-            for handle in (process / "fd").iterdir():
-                found = handle.stat()
-                if stat.S_ISCHR(found.st_mode) and found.st_rdev == wanted.st_rdev:
-                    yield int(process.name), (process / "comm").read_text().strip()
-                    break
-        except OSError:
-            continue
+        pass
+    return False
 
 
 def busy(path: str) -> ConnectFailed:
-    """The error for a port that another program holds, with the name of that program where it can be found."""
+    """The error for a port that is held already, with the name of the program where it can be found."""
     who = min(holders(path), key=lambda holder: holder[1] == GUARD, default=None)
-    if who is None:
-        return ConnectFailed(f"{path} is busy: another program holds it. Stop that program first.", reason="busy")
-    return ConnectFailed(
-        f"{path} is busy: held by PID {who[0]} ({who[1]}). Stop that program first.", reason="busy"
-    )
+    if who is not None:
+        why = f"is busy: held by PID {who[0]} ({who[1]}). Stop that program first."
+    elif _holds(Path("/proc/self"), path):
+        why = "is busy: this program has it open already. A lidar is opened once, and may have several readers."
+    else:
+        why = "is busy: another program holds it. Stop that program first."
+    return ConnectFailed(f"{path} {why}", reason="busy")
 
 
 def why_not_opened(path: str, error: Exception) -> ConnectFailed:

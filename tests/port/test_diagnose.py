@@ -94,6 +94,14 @@ def test_who_holds_a_port_is_named() -> None:
     assert "another program" in str(busy("/no/such/port"))
 
 
+def test_a_port_that_this_program_holds_itself() -> None:
+    """It was told to stop another program."""
+    with terminal_pair() as (_, slave, path):
+        assert "this program has it open already" in str(busy(path))
+        os.close(slave)
+        assert "another program" in str(busy(path))
+
+
 @pytest.mark.parametrize("others", [[(7, "lidario-guard"), (8, "rviz2")], [(8, "rviz2"), (9, "lidario-guard")]])
 def test_the_program_is_named_and_not_its_guard(
     others: list[tuple[int, str]], monkeypatch: pytest.MonkeyPatch
