@@ -15,7 +15,7 @@ import pytest
 
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
-from lidario.port.thread import Watched, reading_thread
+from lidario.port.thread import ReadingThread, Watched, reading_thread
 from tests.support.ports import PATIENCE_S, OnlyRead, Seen, Sink, opened_terminal, terminal_pair
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -70,6 +70,30 @@ async def test_all_ports_share_one_thread_that_ends_with_the_last() -> None:
         for port in ports:
             await port.close()
         assert threads() == []
+
+
+class Due:
+    """A port that is due in an hour, and knows that it was asked."""
+
+    def __init__(self) -> None:
+        self.asked = threading.Event()
+
+    def serve(self, now: float, late: float) -> float:
+        self.asked.set()
+        return now + 3600.0
+
+
+def test_a_port_more_is_served_at_once_however_long_the_thread_would_sleep() -> None:
+    thread, first, second = ReadingThread(), Due(), Due()
+    thread.add(first)
+    try:
+        assert first.asked.wait(PATIENCE_S)
+        thread.add(second)
+        assert second.asked.wait(PATIENCE_S)
+    finally:
+        thread.remove(first)
+        thread.remove(second)
+    assert not thread.is_running
 
 
 async def test_each_read_has_its_own_time_while_the_loop_is_blocked() -> None:
@@ -177,7 +201,7 @@ WITH_AN_OPEN_PORT = """
 import asyncio, os, pty, sys, tty
 sys.path.insert(0, os.getcwd())
 from lidario.port.serial import open_serial
-from lidario.port.thread import Watched, reading_thread
+from lidario.port.thread import ReadingThread, Watched, reading_thread
 from tests.port.test_thread import Steady, threads
 
 async def main():

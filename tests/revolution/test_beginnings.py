@@ -157,3 +157,13 @@ def test_what_is_over_of_a_revolution_counts() -> None:
     """Its beginning was lost: it begins later, but is the next one all the same."""
     found = told([beginning(0), beginning(1.8, over=0.8), beginning(2.02), beginning(3.02)])
     assert found == [(0, 0)] * 4
+
+
+def test_a_speed_is_confirmed_by_where_both_revolutions_begin() -> None:
+    """The rotor is 30 % slower, and of the first slow revolution 40 % were lost: its beginning was in time."""
+    clock = RevolutionClock()
+    for each in (numbered(0, 0), numbered(1, 1)):
+        clock.follow(each)
+    here = numbered(2 + 0.4 * 1.3, 2, over=0.4, revolution_ns=130.0 * MS)
+    assert clock.follow(here) == (0, 0)
+    assert (here.borrowed, clock.usual_ns) == (False, 130.0 * MS)
