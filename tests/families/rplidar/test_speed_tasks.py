@@ -1,0 +1,120 @@
+"""Another speed of the line, while other tasks cancel, stop, or want yet another one."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from lidario import Unsupported
+from tests.support.devices import left_still, make_rig, names, take
+from tests.support.loop import driven, driven_loop, run_driven
+
+
+@pytest.mark.parametrize("after_s", [0.0, 0.02, 0.2, 0.34, 0.4])
+@driven
+async def test_cancelled_at_any_time_the_device_is_reached_and_left_still(after_s: float) -> None:
+    rig = make_rig("rplidar")
+    async with rig.open() as lidar:
+        await take(lidar, 1)
+        changing = asyncio.ensure_future(lidar.set_baudrate(921_600))
+        await asyncio.sleep(after_s)
+        changing.cancel()
+        await asyncio.wait([changing])
+        # A device that was measured and got no confirmation goes back within a second.
+        await asyncio.sleep(1.1)
+        assert lidar.baudrate == rig.device.baudrate
+        assert (await lidar.get_health()).ok
+    assert left_still(rig)
+
+
+@pytest.mark.parametrize("after_s", [0.0, 0.34, 0.4, 0.5])
+@driven
+async def test_who_only_waits_for_another_change_and_is_cancelled_leaves_the_speed_alone(after_s: float) -> None:
+    rig = make_rig("rplidar")
+    async with rig.open() as lidar:
+        await take(lidar, 1)
+        changing = asyncio.ensure_future(lidar.set_baudrate(921_600))
+        waiting = asyncio.ensure_future(lidar.set_baudrate(1_500_000))
+        await asyncio.sleep(after_s)
+        waiting.cancel()
+        await changing
+        assert (await lidar.get_health()).ok
+        assert lidar.baudrate == rig.device.baudrate == 921_600
+    assert left_still(rig)
+
+
+@driven
+async def test_a_change_in_vain_behind_another_goes_back_to_that_ones_speed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rig = make_rig("rplidar")
+    hear = rig.device.line_speed.hear
+    monkeypatch.setattr(
+        rig.device.line_speed,
+        "hear",
+        lambda data, now: hear(data, now) if rig.device.baudrate == 1_000_000 else b"",
+    )
+    async with rig.open() as lidar:
+        first, second = (asyncio.ensure_future(lidar.set_baudrate(each)) for each in (921_600, 1_500_000))
+        with pytest.raises(Unsupported, match="stays 921600"):
+            await second
+        await first
+        assert (await lidar.get_health()).ok
+        assert lidar.baudrate == rig.device.baudrate == 921_600
+    assert left_still(rig)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("closed", [True, False])
+@pytest.mark.parametrize("rig", ["rplidar-s2", "rplidar-a2"])
+def test_cancelled_at_any_step_it_is_left_still_although_it_may_have_taken_the_new_speed(
+    rig: str, closed: bool
+) -> None:
+    """Measured and not confirmed, it hears nothing at the speed before until it has gone back, within a second."""
+
+    async def cancelled_at(turn: int) -> int:
+        made, loop = make_rig(rig), driven_loop()
+        async with made.open() as lidar:
+            await lidar.scan()
+            changing, first = asyncio.ensure_future(lidar.set_baudrate(921_600)), loop.turns
+
+            def act(now: int) -> None:
+                if now == first + turn:
+                    changing.cancel()
+
+            loop.at_turn = act
+            await asyncio.wait([changing])
+            took, loop.at_turn = loop.turns - first, None
+            if not closed:
+                await asyncio.sleep(4.0)
+                assert not made.device.motor_on, f"cancelled at {turn}"
+        assert left_still(made), f"cancelled at {turn}"
+        return took
+
+    for turn in range(1 + closed, run_driven(lambda: cancelled_at(0)) + 1, 2):
+        run_driven(lambda turn=turn: cancelled_at(turn))  # type: ignore[misc]
+
+
+@pytest.mark.parametrize("model", ["rplidar-s2", "rplidar-a2"])
+@pytest.mark.parametrize("step", range(1, 20, 2))
+@driven
+async def test_stopped_by_another_task_meanwhile_it_is_stopped_as_soon_as_the_speed_is_decided(
+    model: str, step: int
+) -> None:
+    rig, loop, due = make_rig(model), driven_loop(), asyncio.Event()
+    async with rig.open() as lidar:
+        await lidar.scan()
+        changing, first = asyncio.ensure_future(lidar.set_baudrate(921_600)), loop.turns
+
+        def act(now: int) -> None:
+            if now == first + step:
+                due.set()
+
+        loop.at_turn = act
+        await due.wait()
+        await lidar.stop()
+        await changing
+        assert lidar.baudrate == rig.device.baudrate == 921_600
+        await asyncio.sleep(2.0)
+        assert left_still(rig), names(rig)[-5:]
