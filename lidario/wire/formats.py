@@ -8,7 +8,8 @@ holds (`intact`). `next_stretch` builds on those three and is the same for every
 * a packet that fails its check is searched *inside*: the next one may begin in its middle, when bytes were
   lost or added;
 * a packet found that way must be followed by the beginning of another, because an 8-bit check value lets one
-  false packet in 256 pass. One that stands exactly where the damaged packet says it ends needs no such proof.
+  false packet in 256 pass. One that stands exactly where the damaged packet says it ends needs no such proof, and
+  none that overlaps it is one.
 
 Every decision waits until the bytes it rests on are there, so results do not depend on how the stream was
 divided. A format object belongs to one stream: it remembers whether it is in step.
@@ -245,6 +246,13 @@ class StreamFormat(ABC):
         behind = place + size
         if behind >= len(data):
             return None
+        if place < due < behind:
+            # Start angles that look like headers come again in the packet that is due: that one must not be real.
+            expected = self.measure(data, due)
+            if expected == 0 or expected > len(data) - due:
+                return None
+            if expected > 0 and self.intact(data, due, expected):
+                return False
         follower = self.measure(data, behind)
         if follower == NO_PACKET:
             follower = self.other_record(data, behind)

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidario.families.ydlidar.simulated.packers import pack_response
-from tests.support.cases import KINDS, Case
+from tests.support.cases import CASES, KINDS, Case
 from tests.support.harm import LURES, noises
 from tests.support.samples import one_a_parser
 from tests.support.streams import cut_up, feed, open_stream
@@ -110,3 +110,14 @@ def test_a_megabyte_of_noise_leaves_no_trace(case: Case) -> None:
         assert received.stats.skipped_bytes + received.buffered + len(received.data) == len(noise)
         lost = lost_behind(case, b"", noise[:5000], clean_behind(case, 10))
         assert lost <= 2
+
+
+def test_what_passes_for_a_packet_and_overlaps_the_one_that_is_due_is_none() -> None:
+    """Two start angles in a row look like headers, and the check value of a place between holds by chance."""
+    case = next(case for case in CASES if case.name == "rplidar_a1_82")
+    harmed = bytearray(case.packets[220])
+    harmed[75] ^= 0x40
+    before, behind = b"".join(case.packets[210:220]), case.packets[221:225]
+    found = feed(case, before + harmed + b"".join(behind)).places(case, before + harmed + b"".join(behind))
+    assert len(before) + 2 not in found
+    assert lost_behind(case, before, bytes(harmed), behind) == 0

@@ -44,14 +44,22 @@ class Kept(NamedTuple):
     lost: int
 
 
-def spoil_inside(case: Case, probability: float, seed: int) -> bytes:
-    """The golden stream with flipped bits, but for its first turn and the packets at the end of the last one.
+def settled(case: Case, packets: int) -> int:
+    """The number of the first packet that may be lost, so many behind the beginning of the first turn.
 
-    A stream that is joined or left in the middle of a turn loses that turn by right. So it is with a turn whose
-    angles are not certain, as where a stream begins with damage.
+    Where a turn has but a few packets, only its first seven make its angles certain.
+    """
+    first, next_turn = case.turns[0][0].packet, case.turns[1][0].packet
+    return first + (7 if next_turn - first < 10 else packets)
+
+
+def spoil_inside(case: Case, probability: float, seed: int) -> bytes:
+    """The golden stream with flipped bits, but for the packets at the first turn's begin and the last one's end.
+
+    A stream that is joined or left in the middle of a turn loses that turn by right; so the flips stay inside.
     """
     starts = [0, *accumulate(map(len, case.packets))]
-    begin, end = starts[case.turns[1][0].packet], starts[case.turns[-1][-1].packet - 1]
+    begin, end = starts[settled(case, 2)], starts[case.turns[-1][-1].packet - 1]
     spoiled = damage.flip(case.raw[begin:end], probability, seed)
     assert spoiled.touched
     return case.raw[:begin] + spoiled.raw + case.raw[end:]
