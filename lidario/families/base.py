@@ -282,7 +282,7 @@ class Family:
         timing: How long its devices take.
         device: Makes the object for a newly opened port.
         stream_in: The format and the decoder of a stream in a mode that was stored; None where they are not known.
-        formats: Every packet format that is listened for, where nobody knows what sends.
+        formats: Every packet format that is listened for, where it is not known what sends.
         models: Its models that may be named, as in ``model=`` of a source, where the device cannot tell its own.
         by_dtr: Those of `models` that are dark while the control line DTR is cleared, as it is when a port opens,
             and how many seconds each may take to respond behind the request that asserts it. They are looked for

@@ -18,7 +18,7 @@ BROKEN_SHARE: Final = 0.9
 UNEVEN: Final = 1.5
 """Times the samples of a revolution from which parts of two have met in it."""
 _FEWEST_PACKETS: Final = 3
-"""Of fewer nobody knows that they are a revolution, where no speed is sure."""
+"""Fewer may be anything but a revolution, where no speed is sure."""
 
 _FALSE_PART: Final = 0.5
 """Part of a revolution below which what lies between two splits is none: one of the two was false. So there are
