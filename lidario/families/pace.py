@@ -62,16 +62,16 @@ class Pace:
 
     def clear(self) -> None:
         """What comes does not follow what came."""
-        self._points = []
+        self._points, self._is_doubted = [], False
 
     def doubt_last(self) -> None:
         """The latest time was reckoned, as if nothing were missing: the next one takes its place."""
-        self._is_doubted = True
+        self._is_doubted = bool(self._points)
 
     def add(self, spans: Sequence[int], arrivals: Sequence[Arrival]) -> None:
         """Take the next packets: how far ahead of each the next one is, and when they came."""
         begin, turned = 0, self._turned
-        if self._is_doubted and self._points:
+        if self._is_doubted:
             self._points.pop()
         self._is_doubted = False
         for count, at_ns in arrivals:

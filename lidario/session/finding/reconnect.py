@@ -82,7 +82,7 @@ class Reconnector:
         count: How often the session has come back.
         settings: What the user has set, in the order of setting: each makes the script that sets it again.
         proven: Whether the session works: then the next loss is a new one.
-        adopt: Gives what takes a new line over; None when nobody is there any more who could.
+        adopt: Returns the function that takes over a new line; None when the session is gone.
         gave_up: Called with the error that ends the session, unless `cancel` or `abandon` came before.
         unused: Returns when nobody uses the line that was lost.
     """

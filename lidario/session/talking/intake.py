@@ -116,11 +116,11 @@ class Intake(ABC):
             yield from self.deliver(packets)
 
     def deliver_to(self, callback: TakePackets | None) -> None:
-        """Have `callback` take all packets, those that came since the descriptor first; None for nobody."""
+        """Have `callback` take all packets, first those since the descriptor. With None, none are taken."""
         self._on_packets = callback
         if callback is None:
             self._early.clear()
-            # Of all that were kept since nobody reads.
+            # Of all packets that were kept since then.
             self._early_bytes = 0
         elif self._early:
             self._turns.add(self._take_early())
