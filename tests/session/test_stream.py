@@ -40,18 +40,38 @@ async def test_an_ended_mailbox_gives_what_it_holds_first() -> None:
             await mailbox.get()
 
 
-async def test_a_reader_that_only_the_loop_holds_is_not_collected() -> None:
+@pytest.mark.parametrize("waited_s", [0.0, 600.0])
+async def test_a_reader_that_only_the_loop_holds_is_not_collected(waited_s: float) -> None:
+    """Neither the first time nor later, and however long it waits."""
     mailbox, got = Mailbox[Scan](1), list[int]()
 
     async def read() -> None:
-        got.append((await mailbox.get()).seq)
+        for _ in range(3):
+            got.append((await mailbox.get()).seq)
 
     asyncio.ensure_future(read())  # noqa: RUF006 - that is the point
-    await asyncio.sleep(0)
-    gc.collect()
-    mailbox.put(numbered(3))
-    await asyncio.sleep(0.001)
-    assert got == [3]
+    for seq in range(3):
+        await asyncio.sleep(waited_s)
+        gc.collect()
+        mailbox.put(numbered(seq))
+        await asyncio.sleep(0.001)
+    assert got == [0, 1, 2]
+
+
+async def test_waiting_for_many_scans_makes_no_timer_for_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Cancelled ones stay in the loop's heap for a while, and every other timer is compared with them."""
+    loop, mailbox, made = asyncio.get_running_loop(), Mailbox[Scan](1), list[float]()
+    call_at = loop.call_at
+
+    def counted(when: float, *rest: Any, **named: Any) -> asyncio.TimerHandle:
+        made.append(when)
+        return call_at(when, *rest, **named)
+
+    monkeypatch.setattr(loop, "call_at", counted)
+    for seq in range(20):
+        loop.call_soon(mailbox.put, numbered(seq))
+        assert (await mailbox.get()).seq == seq
+    assert len(made) == 1
 
 
 async def test_who_wants_what_runs_joins_at_once_unless_others_wait() -> None:

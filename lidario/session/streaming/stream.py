@@ -29,8 +29,29 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-_HOLD_S = 30 * 86400.0
-"""For how long the event loop keeps a waiting reader alive, where the program itself holds no reference to it."""
+_HOLD_S = 60.0
+"""For how long a timer holds a reader that waits. Then another timer does, if it still waits."""
+
+
+class _Hold:
+    """Keeps a reader alive that waits, where the program itself holds no reference to its task.
+
+    Only a timer of the event loop holds this object. A finalizer reaches the mailbox, and must not reach the frames
+    of a task: else, where Ctrl-C ends the loop of a plain program, the session is no garbage, and the device goes
+    on. One timer a minute, and not one for each scan: cancelled ones would slow down every other timer.
+
+    Attributes:
+        waiter: What the reader waits for.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self.waiter: asyncio.Future[None] | None = None
+        self._loop = loop
+        loop.call_later(_HOLD_S, self._stay)
+
+    def _stay(self) -> None:
+        if self.waiter is not None:
+            self._loop.call_later(_HOLD_S, self._stay)
 
 
 class Mailbox(Generic[T]):
@@ -58,9 +79,7 @@ class Mailbox(Generic[T]):
         self.total_dropped: int = 0
         self._depth = depth
         self._scans: deque[T] = deque()
-        # Held by its task and its timer. A finalizer reaches this object, and must not reach the frames of a task:
-        # else, where Ctrl-C ends the loop of a plain program, the session is no garbage, and the device goes on.
-        self._waiter: weakref.ref[asyncio.Future[None]] | None = None
+        self._hold: weakref.ref[_Hold] | None = None
         self.ended: bool = False
         self._error: LidarError | None = None
         self.on_taken: Callable[[], None] | None = None
@@ -115,22 +134,23 @@ class Mailbox(Generic[T]):
         Raises:
             Busy: Another task is waiting already.
         """
-        if self._waiter is not None:
+        hold = None if self._hold is None else self._hold()
+        if hold is not None and hold.waiter is not None:
             raise Busy("two tasks read one stream: give each its own, as each call of lidar.scans() does")
         while not self._scans and not self.ended:
             loop = asyncio.get_running_loop()
-            waiter: asyncio.Future[None] = loop.create_future()
-            self._waiter = weakref.ref(waiter)
-            # The timer only holds the reader: a task that the program does not hold must not be collected.
-            holding = loop.call_later(_HOLD_S, waiter.done)
+            if hold is None:
+                hold = _Hold(loop)
+                self._hold = weakref.ref(hold)
+            hold.waiter = loop.create_future()
             try:
-                await waiter
+                await hold.waiter
             finally:
-                holding.cancel()
-                self._waiter = None
+                hold.waiter = None
 
     def _wake(self) -> None:
-        waiter = None if self._waiter is None else self._waiter()
+        hold = None if self._hold is None else self._hold()
+        waiter = None if hold is None else hold.waiter
         if waiter is not None and not waiter.done() and not waiter.get_loop().is_closed():
             waiter.set_result(None)
 
