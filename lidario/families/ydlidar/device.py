@@ -296,19 +296,18 @@ class YdlidarDevice(Device):
         return reached
 
     def _ask_health(self) -> Script[Health]:
-        known = self._health_request
-        both = (commands.GET_HEALTH, commands.GET_HEALTH_92)
-        *questions, last = ((known,) if known else both[::-1] if self._model.health_by_92 else both) * 2
-        self._health_request = None
-        for request in questions:
+        known, both = self._health_request, (commands.GET_HEALTH, commands.GET_HEALTH_92)
+        questions = ((known,) if known else both[::-1] if self._model.health_by_92 else both) * 2
+        for left, request in enumerate(questions, 1 - len(questions)):
             try:
                 payload = yield request
             except ResponseTimeout:
-                continue
+                if left:
+                    continue
+                self._health_request = None
+                raise
             break
-        else:
-            request = last
-            payload = yield last
+        # Not forgotten before: who waits for its turn may be cancelled, or another task may ask meanwhile.
         self._health_request = request
         # For an error, the device is reset.
         return health_of((yield from agreed(request, payload)) if any(payload) else payload)

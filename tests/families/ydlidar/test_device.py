@@ -81,6 +81,16 @@ def test_health_falls_back_to_the_other_request_and_remembers_it() -> None:
     assert [received.data[1] for received in bench.simulated.log] == [0x91, 0x92, 0x92]
 
 
+def test_a_question_for_health_that_is_cancelled_or_still_waits_forgets_nothing() -> None:
+    bench = Bench(make_simulated("ydlidar-4ros-92"))
+    assert bench.run(bench.device.health()).ok
+    cancelled, waits = bench.device.health(), bench.device.health()
+    assert [next(cancelled).data[1], next(waits).data[1]] == [0x92, 0x92]
+    cancelled.close()
+    assert bench.run(bench.device.health()).ok
+    assert [received.data[1] for received in bench.simulated.log] == [0x91, 0x92, 0x92]
+
+
 def test_health_gives_up_after_each_way_was_tried_twice(bench: Bench) -> None:
     bench.simulated.mute = True
     with pytest.raises(ResponseTimeout):
