@@ -18,10 +18,11 @@ from lidario.families.hokuyo.commands import measure
 from lidario.families.hokuyo.decode import BlockDecoder
 from lidario.families.hokuyo.formats import DistanceFormat
 from lidario.families.hokuyo.geometry import Geometry
-from lidario.families.ldrobot.decode import PacketDecoder, TriangleDecoder
+from lidario.families.ldrobot.decode import TriangleDecoder
 from lidario.families.ldrobot.formats import PacketFormat, TriangleFormat
 from lidario.families.rplidar.simulated.device import PROFILES
 from lidario.families.talking import Talkers
+from lidario.families.two_angles import TwoAngleDecoder
 from lidario.families.unasked import begin
 from lidario.families.ydlidar import commands as ydlidar_commands
 from lidario.families.ydlidar.models import MODELS as YDLIDARS
@@ -60,7 +61,7 @@ def _ydlidar(model: str) -> Kind:
 def _ldrobot(model: str, title: str, rate: float, *, triangle: bool = False) -> Kind:
     wire = TriangleFormat if triangle else PacketFormat
     mode = ScanMode(0, "Standard", 1e6 / rate, 12.0, wire.response_type, typical=True)
-    decoder = TriangleDecoder if triangle else PacketDecoder
+    decoder = partial(TriangleDecoder if triangle else TwoAngleDecoder, wire)
     return Kind(f"{title} packets", "ldrobot", mode, partial(simulated, model), wire, decoder, begin)
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,16 +121,11 @@ class DegreeFormat(LayoutFormat):
 
 
 class DegreeDecoder(SlotDecoder):
-    """Decodes such packets.
+    """Decodes such packets; `wire` is their format, which tells which way the rotor turns."""
 
-    Attributes:
-        wire: Their format; it tells which way the rotor turns.
-    """
-
-    wire: ClassVar[type[DegreeFormat]]
-
-    def __init__(self) -> None:
-        self._each = int(self.wire.layout["samples"].shape[0])
+    def __init__(self, wire: type[DegreeFormat]) -> None:
+        self._wire = wire
+        self._each = int(wire.layout["samples"].shape[0])
         super().__init__(FULL_TURN, FULL_TURN // self._each)
 
     @abstractmethod
@@ -138,14 +133,14 @@ class DegreeDecoder(SlotDecoder):
         """Millimetres, 0 where nothing came back, and the strength of returns, to 255; shape (packets, samples)."""
 
     def _rpm(self, heads: Heads) -> NDArray[np.float64]:
-        return self.wire.speeds_of(heads.read)
+        return self._wire.speeds_of(heads.read)
 
     def _heads(self, packets: Packets, following: bytes | None) -> Heads:
-        rows = np.frombuffer(packets.data, self.wire.layout)
+        rows = np.frombuffer(packets.data, self._wire.layout)
         after = None if following is None else (following[1] - FIRST) * self._each
-        return Heads(self.wire.angles_of(rows), after, self._each, None, rows)
+        return Heads(self._wire.angles_of(rows), after, self._each, None, rows)
 
     def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:  # noqa: ARG002
         output.distance[...], output.intensity[...] = self._returns(heads.read)
         turned = heads.first[:, None] + np.arange(self._each)
-        output.angle[...] = turned if self.wire.field_deg > 0 else -turned % FULL_TURN
+        output.angle[...] = turned if self._wire.field_deg > 0 else -turned % FULL_TURN

@@ -7,7 +7,7 @@ divided by the beam, and corrected after that.
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,27 +66,22 @@ class TwoAngleFormat(LayoutFormat):
 
 
 class TwoAngleDecoder(ArcDecoder):
-    """Decodes the packets of one stream.
+    """Decodes the packets of one stream; `wire` is their format, whose samples have the field ``distance``."""
 
-    Attributes:
-        wire: Their format; its samples have the field ``distance``.
-    """
-
-    wire: ClassVar[type[TwoAngleFormat]]
-
-    def __init__(self) -> None:
-        self._each = int(self.wire.layout["samples"].shape[0])
-        super().__init__(self.wire.full_turn, ToldWheel(self.wire.full_turn, self._each / 2))
+    def __init__(self, wire: type[TwoAngleFormat]) -> None:
+        self._wire = wire
+        self._each = int(wire.layout["samples"].shape[0])
+        super().__init__(wire.full_turn, ToldWheel(wire.full_turn, self._each / 2))
 
     def _heads(self, packets: Packets, following: bytes | None) -> Heads:
-        wire, after = self.wire, None
+        wire, after = self._wire, None
         rows = np.frombuffer(packets.data, wire.layout)
         if following is not None:
             after = int(wire.angles_of(np.frombuffer(following, wire.layout, 1))[0])
         return Heads(wire.angles_of(rows), after, self._each, wire.way_of(rows), rows)
 
     def _reported_rpm(self, heads: Heads, begin: int, end: int) -> float:
-        return float(heads.read["speed"][begin:end].mean()) / self.wire.an_rpm
+        return float(heads.read["speed"][begin:end].mean()) / self._wire.an_rpm
 
     def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:
         self._read(heads.read["samples"], output)

@@ -8,17 +8,21 @@ their samples lie.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
-from lidario.families.camsense.decode import LongDecoder, PacketDecoder
+from lidario.families.camsense.decode import PacketDecoder
 from lidario.families.camsense.formats import LongFormat, PacketFormat
 from lidario.families.talking import Talkers, TalkingModel
 from lidario.families.talking_device import family_of
 
 __all__ = ["FAMILY", "TALKERS"]
 
-_X1: Final = TalkingModel("x1", "Camsense X1", (115_200,), 1e6 / 2080, 8.0, PacketFormat, PacketDecoder)
-_LDS08RR: Final = replace(_X1, name="lds08rr", title="LDS08RR of Camsense", wire=LongFormat, decoder=LongDecoder)
+_X1: Final = TalkingModel(
+    "x1", "Camsense X1", (115_200,), 1e6 / 2080, 8.0, PacketFormat, partial(PacketDecoder, PacketFormat)
+)
+_LONG: Final = partial(PacketDecoder, LongFormat)
+_LDS08RR: Final = replace(_X1, name="lds08rr", title="LDS08RR of Camsense", wire=LongFormat, decoder=_LONG)
 
 TALKERS: Final = Talkers(
     family="camsense",

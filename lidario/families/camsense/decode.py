@@ -8,14 +8,13 @@ the zero differs by some degrees, and half of them count from the other side: a 
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.arcs import Output
-from lidario.families.camsense.formats import LongFormat, PacketFormat
-from lidario.families.two_angles import TwoAngleDecoder, TwoAngleFormat
+from lidario.families.two_angles import TwoAngleDecoder
 
 _NONE: Final = 0x8000
 _MILLIMETRES: Final = 0x3FFF
@@ -25,9 +24,7 @@ _BASELINE_MM: Final = 20.0
 
 
 class PacketDecoder(TwoAngleDecoder):
-    """Decodes the packets of one stream of an X1."""
-
-    wire: ClassVar[type[TwoAngleFormat]] = PacketFormat
+    """Decodes the packets of one stream."""
 
     def _read(self, measured: NDArray[Any], output: Output) -> None:
         words = measured["distance"]
@@ -40,9 +37,3 @@ class PacketDecoder(TwoAngleDecoder):
         back = np.where(d > 0, np.degrees(np.arctan(d / _BASELINE_MM)), 90.0)
         self._turn_back(output.angle, back - (_OFFSET_DEG + 90.0 - _THETA_DEG))
         np.copyto(output.distance, np.hypot(d, _BASELINE_MM), where=d > 0, casting="same_kind")
-
-
-class LongDecoder(PacketDecoder):
-    """Decodes the packets of one stream of an LDS08RR."""
-
-    wire: ClassVar[type[TwoAngleFormat]] = LongFormat

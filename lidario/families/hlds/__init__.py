@@ -9,6 +9,7 @@ was tried with a device.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -28,7 +29,7 @@ _UNCHECKED: Final = TalkingModel(
     60e6 / (300 * FULL_TURN),
     3.5,
     PacketFormat,
-    PacketDecoder,
+    partial(PacketDecoder, PacketFormat),
     note="its packets have no check value that is known: damage in them cannot be told from measurements",
     start=b"b",
     stop=b"e",

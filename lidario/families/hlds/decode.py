@@ -7,19 +7,16 @@ divided by 32, so that 8160 is the largest one that is told.
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.hlds.formats import PacketFormat
-from lidario.families.slots import DegreeDecoder, DegreeFormat
+from lidario.families.slots import DegreeDecoder
 
 
 class PacketDecoder(DegreeDecoder):
     """Decodes the packets of one stream."""
-
-    wire: ClassVar[type[DegreeFormat]] = PacketFormat
 
     def _returns(self, rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         samples = rows["samples"]

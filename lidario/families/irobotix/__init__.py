@@ -10,9 +10,10 @@ How many frames a revolution has tells two kinds of models apart, and each kind 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
-from lidario.families.irobotix.decode import FifteenDecoder, FrameDecoder, frames_a_turn
+from lidario.families.irobotix.decode import FrameDecoder, frames_a_turn
 from lidario.families.irobotix.formats import DATA, RECORD, AnyFrame, FifteenFormat, FrameFormat
 from lidario.families.talking import Rotor, Talkers, TalkingModel
 from lidario.families.talking_device import family_of
@@ -23,11 +24,13 @@ _SLOWEST_S: Final = 0.4
 """One revolution at four a second, and half as long again."""
 
 _SIXTEEN: Final = TalkingModel(
-    "", "Delta-2A, 2B or 2D", (230_400,), 200.0, 8.0, FrameFormat, FrameDecoder, slowest_turn_s=_SLOWEST_S
-)
+    "", "Delta-2A, 2B or 2D", (230_400,), 200.0, 8.0, FrameFormat, partial(FrameDecoder, FrameFormat),
+    slowest_turn_s=_SLOWEST_S,
+)  # fmt: skip
 _FIFTEEN: Final = TalkingModel(
-    "", "Delta-2G or LDS08RR", (115_200,), 1e6 / 1890, 8.0, FifteenFormat, FifteenDecoder, slowest_turn_s=_SLOWEST_S
-)
+    "", "Delta-2G or LDS08RR", (115_200,), 1e6 / 1890, 8.0, FifteenFormat, partial(FrameDecoder, FifteenFormat),
+    slowest_turn_s=_SLOWEST_S,
+)  # fmt: skip
 
 
 def _trouble(packets: bytes) -> str:

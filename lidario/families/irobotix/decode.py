@@ -25,16 +25,10 @@ from lidario.wire.events import Packets
 
 
 class FrameDecoder(SlotDecoder):
-    """Decodes the frames of one stream.
+    """Decodes the frames of one stream; `wire` is their format."""
 
-    Attributes:
-        frames: Frames of a revolution.
-    """
-
-    frames: int = FrameFormat.frames
-
-    def __init__(self) -> None:
-        super().__init__(FULL_TURN, self.frames)
+    def __init__(self, wire: type[FrameFormat]) -> None:
+        super().__init__(FULL_TURN, wire.frames)
 
     def _heads(self, packets: Packets, following: bytes | None) -> Heads:
         first, counts, speeds = frames_of(packets.data, packet_offsets(packets.blocks))
@@ -53,7 +47,7 @@ class FrameDecoder(SlotDecoder):
             quarters = measured[:, :, 1].astype(np.uint16) << 8 | measured[:, :, 2]
             np.divide(quarters, 4, out=output.distance[at:until].reshape(count, each), casting="same_kind")
             # In parts of a sample, whole numbers below 2^24, so that the division alone rounds.
-            parts = self.frames * each
+            parts = self._slots * each
             first = heads.first[packet : packet + count, None] * np.int64(parts)
             beam = (first + np.arange(each) * FULL_TURN) % (FULL_TURN * parts)
             output.angle[at:until].reshape(count, each)[...] = beam / (100.0 * parts)
@@ -65,17 +59,11 @@ class FrameDecoder(SlotDecoder):
         return round(skipped / int(heads.counts[at]))
 
     def _revolution_packets(self, heads: Heads, samples: float, begin: int, end: int) -> float:  # noqa: ARG002
-        return float(self.frames)
+        return float(self._slots)
 
     def _rpm(self, heads: Heads) -> NDArray[np.float64]:
         speeds: NDArray[np.uint8] = heads.read[1]
         return speeds * np.float64(3.0)
-
-
-class FifteenDecoder(FrameDecoder):
-    """Decodes the frames of one stream of a Delta-2G or LDS08RR."""
-
-    frames: int = FifteenFormat.frames
 
 
 def frames_a_turn(packets: bytes) -> int:

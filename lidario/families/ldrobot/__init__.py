@@ -16,22 +16,25 @@ from functools import partial
 from typing import Final
 
 from lidario.families.ldrobot import commands
-from lidario.families.ldrobot.decode import AxisDecoder, PacketDecoder, TriangleDecoder
+from lidario.families.ldrobot.decode import AxisDecoder, TriangleDecoder
 from lidario.families.ldrobot.formats import AxisFormat, PacketFormat, TriangleFormat
 from lidario.families.talking import Speeds, Talkers, TalkingModel
 from lidario.families.talking_device import TIMING, family_of
+from lidario.families.two_angles import TwoAngleDecoder
 
 __all__ = ["FAMILY", "TALKERS"]
 
 
 def _model(name: str, title: str, baudrate: int, rate: float) -> TalkingModel:
     """One that turns five times a second at least."""
-    model = TalkingModel(name, f"LDROBOT {title}", (baudrate,), 1e6 / rate, 12.0, PacketFormat, PacketDecoder)
+    decoder = partial(TwoAngleDecoder, PacketFormat)
+    model = TalkingModel(name, f"LDROBOT {title}", (baudrate,), 1e6 / rate, 12.0, PacketFormat, decoder)
     return replace(model, slowest_turn_s=0.3)
 
 
-_axis = partial(replace, reach=8.0, slowest_turn_s=0.75, wire=AxisFormat, decoder=AxisDecoder)
-_triangle = partial(replace, reach=8.0, slowest_turn_s=0.75, wire=TriangleFormat, decoder=TriangleDecoder)
+_lensed = partial(replace, reach=8.0, slowest_turn_s=0.75)
+_axis = partial(_lensed, wire=AxisFormat, decoder=partial(AxisDecoder, AxisFormat))
+_triangle = partial(_lensed, wire=TriangleFormat, decoder=partial(TriangleDecoder, TriangleFormat))
 """Both triangulate; they turn twice a second at least."""
 
 BEAM: Final = _model("ld06", "LD06", 230_400, 4546)

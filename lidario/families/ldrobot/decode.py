@@ -14,27 +14,18 @@ uncorrected angle.
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 
 from lidario.families.arcs import Output
-from lidario.families.ldrobot.formats import PacketFormat
 from lidario.families.spans import Heads
 from lidario.families.two_angles import TwoAngleDecoder, TwoAngleFormat
 
 
-class PacketDecoder(TwoAngleDecoder):
-    """Decodes the packets of one stream; angles are those of the beam."""
-
-    wire: ClassVar[type[TwoAngleFormat]] = PacketFormat
-
-
-class TriangleDecoder(PacketDecoder):
+class TriangleDecoder(TwoAngleDecoder):
     """Decodes the packets of one stream of an LD14 or LD14P."""
 
-    def __init__(self) -> None:
-        super().__init__()
+    def __init__(self, wire: type[TwoAngleFormat]) -> None:
+        super().__init__(wire)
         self._last = 0.0
 
     def _finish(self, output: Output) -> None:
@@ -50,7 +41,7 @@ class TriangleDecoder(PacketDecoder):
         self._last = last
 
 
-class AxisDecoder(PacketDecoder):
+class AxisDecoder(TwoAngleDecoder):
     """Decodes the packets of one stream of an LD08."""
 
     def _finish(self, output: Output) -> None:

@@ -13,9 +13,10 @@ line is full; below 200 nothing is measured, which is told as the state of the r
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
-from lidario.families.neato.decode import BackDecoder, PacketDecoder
+from lidario.families.neato.decode import PacketDecoder
 from lidario.families.neato.formats import SLOWEST, AnySpeed, BackFormat, PacketFormat
 from lidario.families.slots import FULL_TURN
 from lidario.families.talking import Rotor, Talkers, TalkingModel
@@ -29,9 +30,13 @@ _SENSE_UNKNOWN: Final = (
     "counter-clockwise; the scans of the others would be mirrored: name the model, as in ?model=lds02rr, "
     "or ?model=xv11"
 )
-_XV11: Final = TalkingModel("xv11", "Neato XV-11", (115_200,), _USUAL_US, 0.0, BackFormat, BackDecoder)
+_LDS02RR: Final = TalkingModel(
+    "lds02rr", "LDS02RR", (115_200,), _USUAL_US, 0.0, PacketFormat, partial(PacketDecoder, PacketFormat)
+)
+_XV11: Final = replace(
+    _LDS02RR, name="xv11", title="Neato XV-11", wire=BackFormat, decoder=partial(PacketDecoder, BackFormat)
+)
 _UNNAMED: Final = replace(_XV11, name="", title="XV-11 or alike", note=_SENSE_UNKNOWN)
-_LDS02RR: Final = TalkingModel("lds02rr", "LDS02RR", (115_200,), _USUAL_US, 0.0, PacketFormat, PacketDecoder)
 
 
 def _too_slow(packets: bytes) -> str:

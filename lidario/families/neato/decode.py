@@ -8,30 +8,21 @@ is the largest one that is told; 1202 is the largest one in the recording.
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.neato.formats import BackFormat, PacketFormat
-from lidario.families.slots import DegreeDecoder, DegreeFormat
+from lidario.families.slots import DegreeDecoder
 
 _NONE: Final = 0x8000
 _MILLIMETRES: Final = 0x3FFF
 
 
 class PacketDecoder(DegreeDecoder):
-    """Decodes the packets of one stream; of a rotor that turns clockwise."""
-
-    wire: ClassVar[type[DegreeFormat]] = PacketFormat
+    """Decodes the packets of one stream."""
 
     def _returns(self, rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         words = rows["samples"]["distance"]
         strength = np.minimum(rows["samples"]["strength"] >> 3, 255)
         return np.where(words & _NONE, 0, words & _MILLIMETRES), strength
-
-
-class BackDecoder(PacketDecoder):
-    """Decodes the packets of one stream of an XV-11, which turns counter-clockwise."""
-
-    wire: ClassVar[type[DegreeFormat]] = BackFormat

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.camsense.decode import LongDecoder, PacketDecoder
+from lidario.families.camsense.decode import PacketDecoder
 from lidario.families.camsense.formats import LongFormat, PacketFormat
 from lidario.families.camsense.simulated.device import make_simulated, pack_packet
 from tests.reference import camsense, golden
@@ -39,7 +40,7 @@ def _case(name: str) -> Case:
     return of_a_talker(
         name,
         PacketFormat,
-        PacketDecoder,
+        partial(PacketDecoder, PacketFormat),
         split=camsense.split,
         decode=camsense.decode,
         contents=_contents,
@@ -50,7 +51,10 @@ def _case(name: str) -> Case:
 CASES = tuple(map(_case, golden.names_of("camsense")))
 LAYOUTS = tuple(
     dataclasses.replace(
-        case, response_type=LongFormat.response_type, make_format=LongFormat, make_decoder=LongDecoder
+        case,
+        response_type=LongFormat.response_type,
+        make_format=LongFormat,
+        make_decoder=partial(PacketDecoder, LongFormat),
     )
     for case in CASES
 )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import lidario
-from lidario.families.camsense.decode import LongDecoder, PacketDecoder
+from lidario.families.camsense.decode import PacketDecoder
 from lidario.families.camsense.formats import LongFormat, PacketFormat
 from lidario.families.camsense.simulated.device import pack_packet
 from tests.families.camsense.about import CASES
@@ -27,7 +27,7 @@ def test_the_rate_is_told_to_half_a_percent() -> None:
 )
 def test_returns_lie_where_the_vendors_sdk_has_them(stated: int, angle: float, distance: float) -> None:
     packet = pack_packet(0xA000, 0xA000 + 448, [stated] * 8, [50] * 8)
-    samples = PacketDecoder().decode(in_one_run(PacketFormat(), packet), None)
+    samples = PacketDecoder(PacketFormat).decode(in_one_run(PacketFormat(), packet), None)
     assert samples.angle_deg[0] == pytest.approx(angle, abs=2e-4)
     assert samples.angle_deg[7] == pytest.approx(angle + 7, abs=2e-4)
     assert samples.distance_mm[0] == pytest.approx(distance, abs=1e-3)
@@ -40,7 +40,7 @@ def test_packets_of_twelve_samples() -> None:
         begin, end = at % 23_040, (at + 11 * step) % 23_040
         raw += pack_packet(0xA000 + begin, 0xA000 + end, [1500.0] * 11 + [0.0], [300] * 12)
         at += 12 * step
-    samples = LongDecoder().decode(in_one_run(LongFormat(), raw), None)
+    samples = PacketDecoder(LongFormat).decode(in_one_run(LongFormat(), raw), None)
     assert samples.intensity is not None
     assert samples.intensity.reshape(-1, 12)[5].tolist() == [255] * 11 + [0]
     np.testing.assert_allclose(samples.distance_mm.reshape(-1, 12)[:, :11], np.hypot(1500, 20))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,7 +39,7 @@ def _case(wire: type[CheckedFormat]) -> Case:
     return of_a_talker(
         "hlds_lds01_5hz",
         wire,
-        PacketDecoder,
+        partial(PacketDecoder, wire),
         split=hlds.split,
         decode=hlds.decode,
         contents=_contents,

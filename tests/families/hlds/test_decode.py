@@ -43,7 +43,7 @@ def test_a_lost_byte_costs_one_packet() -> None:
 
 def test_what_is_reserved_changes_nothing() -> None:
     packets = [pack_packet(at, [500.0] * 6, [8190] * 6, reserved=0xFFFF) for at in range(60)]
-    samples = PacketDecoder().decode(in_one_run(PacketFormat(), b"".join([*packets, packets[0]])), None)
+    samples = PacketDecoder(PacketFormat).decode(in_one_run(PacketFormat(), b"".join([*packets, packets[0]])), None)
     assert set(samples.distance_mm.tolist()) == {500.0}
     assert samples.intensity is not None
     assert set(samples.intensity.tolist()) == {255}

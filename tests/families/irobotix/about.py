@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.irobotix.decode import FifteenDecoder, FrameDecoder
+from lidario.families.irobotix.decode import FrameDecoder
 from lidario.families.irobotix.formats import FifteenFormat, FrameFormat
 from lidario.families.irobotix.simulated.device import make_simulated, pack_measurement
 from tests.reference import golden, irobotix
@@ -37,7 +37,8 @@ def _sealed(case: Case, contents: bytes) -> bytes:
 
 def _case(name: str) -> Case:
     fifteen = "2g" in name
-    wire, decoder = (FifteenFormat, FifteenDecoder) if fifteen else (FrameFormat, FrameDecoder)
+    wire = FifteenFormat if fifteen else FrameFormat
+    decoder = partial(FrameDecoder, wire)
     decode = partial(irobotix.decode, frames=15 if fifteen else 16)
     return of_a_talker(
         name, wire, decoder, split=irobotix.split, decode=decode, contents=_contents, seal=_sealed, even=False

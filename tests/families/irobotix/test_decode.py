@@ -48,7 +48,7 @@ def test_a_frame_that_tells_its_last_angle() -> None:
         for at in range(16)
     ]
     assert len(frames[0]) == 107
-    samples = FrameDecoder().decode(in_one_run(FrameFormat(), b"".join(frames)), None)
+    samples = FrameDecoder(FrameFormat).decode(in_one_run(FrameFormat(), b"".join(frames)), None)
     assert set(samples.distance_mm.tolist()) == {1234.25}
     np.testing.assert_allclose(samples.angle_deg, np.arange(480) * 0.75, atol=1e-4)
     assert [each.angle_deg for each in irobotix.decode(frames)] == pytest.approx(
@@ -58,5 +58,7 @@ def test_a_frame_that_tells_its_last_angle() -> None:
 
 @pytest.mark.parametrize("start", [35_999, 36_000, 65_535])
 def test_angles_stay_within_a_turn(start: int) -> None:
-    samples = FrameDecoder().decode(in_one_run(FrameFormat(), pack_measurement(start, [1.0] * 80, [0] * 80)), None)
+    samples = FrameDecoder(FrameFormat).decode(
+        in_one_run(FrameFormat(), pack_measurement(start, [1.0] * 80, [0] * 80)), None
+    )
     assert ((samples.angle_deg >= 0) & (samples.angle_deg < 360)).all()

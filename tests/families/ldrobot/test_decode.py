@@ -9,12 +9,12 @@ import pytest
 
 import lidario
 from lidario.families.ldrobot import TALKERS
-from lidario.families.ldrobot.decode import PacketDecoder
-from lidario.families.ldrobot.formats import CRC, SIZE
+from lidario.families.ldrobot.formats import CRC, SIZE, PacketFormat
 from lidario.families.ldrobot.simulated.device import PROFILES, SimulatedLdrobot
 from lidario.families.registry import family_of_simulated
 from lidario.families.samples import Samples
 from lidario.families.talking_device import TalkingDevice
+from lidario.families.two_angles import TwoAngleDecoder
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
 
@@ -39,7 +39,7 @@ def decoded(packets: list[bytes]) -> Samples:
     """All but the last, which is the one that follows."""
     data = b"".join(packets[:-1])
     blocks = (Block(SIZE, len(packets) - 1),)
-    return PacketDecoder().decode(Packets(data, blocks, ()), packets[-1])
+    return TwoAngleDecoder(PacketFormat).decode(Packets(data, blocks, ()), packets[-1])
 
 
 def with_end(packet: bytes, end: int) -> bytes:

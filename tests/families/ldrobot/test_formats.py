@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from lidario.families.ldrobot import TALKERS
-from lidario.families.ldrobot.decode import PacketDecoder, TriangleDecoder
+from lidario.families.ldrobot.decode import TriangleDecoder
 from lidario.families.ldrobot.formats import CRC, PacketFormat, TriangleFormat
 from lidario.families.ldrobot.simulated.packers import pack_points, pack_response
 from lidario.families.stream import Known
+from lidario.families.two_angles import TwoAngleDecoder
 from lidario.families.unasked import hear
 from lidario.wire.events import Response
 from lidario.wire.link import Link
@@ -42,7 +43,7 @@ ALSO_REAL = [REAL] if REAL.exists() else []
 def test_the_manuals_example_and_its_check_value() -> None:
     assert CRC.of(MANUAL) == CRC.of(b"") == 0
     assert ldrobot.crc8(MANUAL[:-1]) == MANUAL[-1] == 0x50
-    samples = PacketDecoder().decode(in_one_run(PacketFormat(), MANUAL), None)
+    samples = TwoAngleDecoder(PacketFormat).decode(in_one_run(PacketFormat(), MANUAL), None)
     assert samples.distance_mm.tolist()[:3] == [224.0, 220.0, 217.0]
     assert samples.intensity is not None
     assert samples.intensity.tolist()[:3] == [228, 226, 229]
@@ -106,7 +107,7 @@ def test_the_correction_before_holds_where_nothing_came_back_also_across_packets
     far = pack_points([3000] * 12, 100, 1000, 1880)
     nothing = pack_points([0] * 12, 0, 1960, 2840)
     shift = ldrobot.shift_deg(3000)
-    decoder = TriangleDecoder()
+    decoder = TriangleDecoder(TriangleFormat)
     # Before anything came back there is no correction.
     first = decoder.decode(in_one_run(TriangleFormat(), nothing), None)
     assert first.angle_deg[0] == np.float32(19.6)
@@ -202,7 +203,7 @@ def test_a_recording_is_decoded_as_the_vendor_does(path: Path) -> None:
     raw = truth["raw"].tobytes()
     received = feed(LD19, raw)
     assert feed(LD19, raw, 1) == feed(LD19, raw, 100) == received
-    samples = PacketDecoder().decode(in_one_run(PacketFormat(), received.data), None)
+    samples = TwoAngleDecoder(PacketFormat).decode(in_one_run(PacketFormat(), received.data), None)
     np.testing.assert_array_equal(samples.distance_mm, truth["distance_mm"])
     np.testing.assert_array_equal(samples.intensity, truth["intensity"])
     off = (samples.angle_deg.astype(float) - truth["angle_deg"] + 180) % 360 - 180

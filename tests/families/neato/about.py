@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.neato.decode import BackDecoder, PacketDecoder
+from lidario.families.neato.decode import PacketDecoder
 from lidario.families.neato.formats import BackFormat, PacketFormat
 from lidario.families.neato.simulated.device import make_simulated, pack_packet
 from tests.reference import golden, neato
@@ -38,12 +38,12 @@ def _sealed(case: Case, contents: bytes) -> bytes:
 
 
 def _case(name: str, *, back: bool) -> Case:
-    wire, decoder = (BackFormat, BackDecoder) if back else (PacketFormat, PacketDecoder)
+    wire = BackFormat if back else PacketFormat
     decode = partial(neato.decode, back=back)
     return of_a_talker(
         name,
         wire,
-        decoder,
+        partial(PacketDecoder, wire),
         split=neato.split,
         decode=decode,
         contents=_contents,
