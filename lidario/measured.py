@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Self, TypeVar, cast
 
 import numpy as np
@@ -45,26 +45,28 @@ class Return:
     index: int
 
 
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class MeasuredSamples:
-    """Base of the records that hold samples. The fields are those of the records themselves."""
-
-    __slots__ = ()
+    """Base of the records that hold samples. They tell what these fields mean."""
 
     device_angles: FloatArray
     device_distances: FloatArray
     intensities: NDArray[np.uint8] | None
     stamp_ns: int
+    wall_stamp_ns: int
     time_increment_ns: int
-    lost_packets: int
-    _angles: FloatArray | None
-    _ranges: FloatArray | None
-    _times_ns: NDArray[np.int64] | None
-    # Where samples are missing; None where that is not known.
-    _gaps: Gaps | None
+    duration_ns: int
+    rpm: float
+    seq: int
+    _angles: FloatArray | None = field(default=None, init=False)
+    _ranges: FloatArray | None = field(default=None, init=False)
     # Which samples filters took out; None for none.
-    _left_out: NDArray[np.bool_] | None
+    _left_out: NDArray[np.bool_] | None = field(default=None, init=False)
     # Cosine and sine of the angles.
-    _directions: tuple[FloatArray, FloatArray] | None
+    _directions: tuple[FloatArray, FloatArray] | None = field(default=None, init=False)
+    _times_ns: NDArray[np.int64] | None = field(default=None, init=False)
+    # Where samples are missing; None where that is not known.
+    _gaps: Gaps | None = field(default=None, init=False)
 
     def __len__(self) -> int:
         return len(self.device_distances)
@@ -109,7 +111,7 @@ class MeasuredSamples:
         that are missing are counted too, as far as the angles tell how many they are.
         """
         if self._times_ns is None:
-            rotor = self._follow_rotor() if self.lost_packets else None
+            rotor = self._follow_rotor() if cast("Any", self).lost_packets else None
             if rotor is None:
                 offsets = np.arange(len(self), dtype=np.int64) * self.time_increment_ns
             else:

@@ -20,7 +20,7 @@ from lidario.laserscan import LaserScan
 from lidario.measured import MeasuredSamples, Return
 from lidario.plain import plain_of
 from lidario.points import Motion, Mount, Points, place
-from lidario.rotor import Gaps, Rotor, rotor_of
+from lidario.rotor import Rotor, rotor_of
 from lidario.samples import mask_of, nearest_to, read_only
 
 __all__ = ["Return", "Scan", "read_only"]
@@ -67,15 +67,6 @@ class Scan(MeasuredSamples):
             where the rotor turns counter-clockwise. Of the rest nothing is known.
     """
 
-    device_angles: FloatArray
-    device_distances: FloatArray
-    intensities: NDArray[np.uint8] | None
-    stamp_ns: int
-    wall_stamp_ns: int
-    time_increment_ns: int
-    duration_ns: int
-    rpm: float
-    seq: int
     dropped_before: int
     lost_packets: int
     mode: str
@@ -83,14 +74,8 @@ class Scan(MeasuredSamples):
     seam: float = 0.0
     reported_rpm: float = math.nan
     field_of_view: float = 360.0
-    _angles: FloatArray | None = field(default=None, init=False)
-    _ranges: FloatArray | None = field(default=None, init=False)
-    _left_out: NDArray[np.bool_] | None = field(default=None, init=False)
-    _directions: tuple[FloatArray, FloatArray] | None = field(default=None, init=False)
     # What a sorted scan was made from: only samples in the order of measuring tell their times.
     _measured: Scan | None = field(default=None, init=False)
-    _times_ns: NDArray[np.int64] | None = field(default=None, init=False)
-    _gaps: Gaps | None = field(default=None, init=False)
     # Of a selection: the rotor of the scan that it was taken from, which shows more of it.
     _rotor: Rotor | None = field(default=None, init=False)
 

@@ -6,7 +6,7 @@ The convention of angles, and everything that the arrays mean, is that of `lidar
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lidario.measured import MeasuredSamples
 from lidario.plain import plain_of
-from lidario.rotor import Gaps, Rotor
+from lidario.rotor import Rotor
 
 FloatArray = NDArray[np.float32]
 _PLAIN: Final = (
@@ -58,15 +58,6 @@ class Sector(MeasuredSamples):
         field_of_view: As `Scan.field_of_view`.
     """
 
-    device_angles: FloatArray
-    device_distances: FloatArray
-    intensities: NDArray[np.uint8] | None
-    stamp_ns: int
-    wall_stamp_ns: int
-    time_increment_ns: int
-    duration_ns: int
-    rpm: float
-    seq: int
     index: int
     degrees: float
     dropped_before: int
@@ -74,12 +65,6 @@ class Sector(MeasuredSamples):
     mode: str
     max_range: float = 0.0
     field_of_view: float = 360.0
-    _angles: FloatArray | None = field(default=None, init=False)
-    _ranges: FloatArray | None = field(default=None, init=False)
-    _left_out: NDArray[np.bool_] | None = field(default=None, init=False)
-    _directions: tuple[FloatArray, FloatArray] | None = field(default=None, init=False)
-    _times_ns: NDArray[np.int64] | None = field(default=None, init=False)
-    _gaps: Gaps | None = field(default=None, init=False)
 
     def __repr__(self) -> str:
         hits = int(np.count_nonzero(self.device_distances))
