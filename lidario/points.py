@@ -115,8 +115,7 @@ def place(
     """
     if not isinstance(mount, Mount):
         raise InvalidValue(f"mount is a Mount, not {shown(mount)}")
-    placed: NDArray[np.float64] = _turned(xy.astype(np.float64), np.float64(mount.yaw))
-    placed += np.array([mount.x, mount.y])
+    placed = in_frame(xy, mount)
     if motion is None:
         return placed.astype(np.float32)
     if isinstance(motion, Velocity):
@@ -132,6 +131,13 @@ def place(
     poses = _poses(motion, np.append(times_ns, np.int64(at_ns)))
     fixed = _turned(placed, poses[:-1, 2]) + poses[:-1, :2]
     return _turned(fixed - poses[-1, :2], -poses[-1, 2]).astype(np.float32)
+
+
+def in_frame(xy: NDArray[np.floating], mount: Mount) -> NDArray[np.float64]:
+    """Points of the frame that is at `mount`, in the frame in which it is there; metres, shape (n, 2)."""
+    placed: NDArray[np.float64] = _turned(xy.astype(np.float64), np.float64(mount.yaw))
+    placed += np.array([mount.x, mount.y])
+    return placed
 
 
 def merge(*clouds: Points) -> Points:

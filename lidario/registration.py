@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from lidario.arguments import shown
 from lidario.errors import InvalidValue, Unsupported
-from lidario.points import Mount
+from lidario.points import Mount, in_frame
 
 _Floats = NDArray[np.float64]
 
@@ -183,8 +183,7 @@ class _Seen:
 
     def distances(self, moving: _Floats, mount: Mount) -> _Floats:
         """From each point of another cloud, whose frame is there, to the nearest one of this, metres."""
-        cos, sin = math.cos(mount.yaw), math.sin(mount.yaw)
-        placed = moving @ np.array([[cos, sin], [-sin, cos]]) + np.array([mount.x, mount.y])
+        placed = in_frame(moving, mount)
         _, squares = self._tree.batch_nearest_neighbor_search(np.column_stack((placed, np.zeros(len(placed)))))
         distances: _Floats = np.sqrt(np.asarray(squares, np.float64))
         return distances

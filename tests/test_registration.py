@@ -162,6 +162,17 @@ def test_the_verb_writes_the_mount(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert "cannot tell them apart" in same.stderr
 
 
+def test_that_two_lidars_cannot_be_told_apart_is_said_before_anything_is_measured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Both stand on tables of their own, where nothing is seen: what is measured would not do either."""
+    monkeypatch.chdir(tmp_path)
+    sources = [f"sim://rplidar-c1?via=memory&world=empty&seed={seed}&serial={'AB' * 16}" for seed in (1, 2)]
+    told = invoke_driven("calibrate", *sources, "-n", "2")
+    assert (told.exit_code, told.stdout) == (2, "")
+    assert "cannot tell them apart" in told.stderr
+
+
 def in_metres(walls: Sequence[Sequence[complex]]) -> list[tuple[tuple[float, float], tuple[float, float]]]:
     return [((begin.real, begin.imag), (end.real, end.imag)) for begin, end in walls]
 

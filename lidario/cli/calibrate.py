@@ -11,7 +11,7 @@ import click
 from lidario.cli.errors import ExitCode, need
 from lidario.cli.output import progress
 from lidario.cli.parameters import WholeRange, as_place, complete_source
-from lidario.cli.plot import read
+from lidario.cli.plot import scans_of
 from lidario.cli.settings import FILE, config_file, config_option, settings_of_file
 from lidario.cli.streams import emit, message
 
@@ -76,7 +76,7 @@ def calibrate(
         need("tomlkit", "writing settings")
         must_be_writable(file, overwrite=True)
     with progress("reading both lidars …"):
-        (one, fixed), (two, moving) = run(lambda: _clouds((first, second), count, config))
+        (one, fixed), (two, moving) = run(lambda: _clouds(first, second, count, config, told_apart=not dry_run))
     with progress("laying one on the other …"):
         found = register(fixed, moving, guess=guess)
     if picture is not None:
@@ -99,7 +99,6 @@ def calibrate(
         f"residual {1000 * found.residual:.1f} mm, {100 * found.share:.0f} % of the points of B lie on those of A\n"
     )
     if not dry_run:
-        _must_be_told_apart(one, two)
         save_config(file, one.serial, mount=base)
         save_config(file, two.serial, mount=mount)
         message(f"written into {file}")
@@ -117,17 +116,21 @@ def _must_be_told_apart(one: DeviceInfo, two: DeviceInfo) -> None:
 
 
 async def _clouds(
-    sources: tuple[str, str], count: int, config: Config
+    first: str, second: str, count: int, config: Config, *, told_apart: bool
 ) -> list[tuple[DeviceInfo, NDArray[np.float32]]]:
     """What each lidar is and sees, one behind the other: their motors may share one supply."""
     import numpy as np
 
-    found = []
-    for source in sources:
-        info, scans = await read(source, count, None, config)
-        empty = np.zeros((0, 2), np.float32)
-        found.append((info, np.concatenate([empty, *(scan.points().xy for scan in scans)])))
-    return found
+    from lidario import open_lidar
+
+    async with open_lidar(first, config=config) as one, open_lidar(second, config=config) as two:
+        if told_apart:
+            _must_be_told_apart(one.info, two.info)
+        found = []
+        for lidar in (one, two):
+            clouds = [scan.points().xy for scan in await scans_of(lidar, count)]
+            found.append((lidar.info, np.concatenate([np.zeros((0, 2), np.float32), *clouds])))
+        return found
 
 
 def _doubt(found: Registration) -> str:
@@ -148,23 +151,23 @@ def _doubt(found: Registration) -> str:
 
 def _behind(base: Mount, step: Mount) -> Mount:
     """The mount of B, where A is at `base` and B at `step` as seen from A."""
-    from lidario import Mount
+    import numpy as np
 
-    cos, sin = math.cos(base.yaw), math.sin(base.yaw)
-    x, y = base.x + step.x * cos - step.y * sin, base.y + step.x * sin + step.y * cos
+    from lidario import Mount
+    from lidario.points import in_frame
+
+    ((x, y),) = in_frame(np.array([[step.x, step.y]]), base).tolist()
     return Mount(x, y, math.remainder(base.yaw + step.yaw, math.tau))
 
 
 def _draw(
     path: Path, fixed: NDArray[np.float32], moving: NDArray[np.float32], found: Registration, title: str
 ) -> None:
-    import numpy as np
-
     from lidario.cli.chart import COLOUR, clouds_svg
+    from lidario.points import in_frame
     from lidario.recording.export import write_whole
 
-    cos, sin = math.cos(found.mount.yaw), math.sin(found.mount.yaw)
-    placed = moving @ np.array([[cos, sin], [-sin, cos]]) + np.array([found.mount.x, found.mount.y])
     legend = f"grey: A. Blue: B, {1000 * found.residual:.1f} mm beside it"
+    drawn = clouds_svg([(fixed, "#999999"), (in_frame(moving, found.mount), COLOUR)], title, legend)
     with write_whole(path, overwrite=True) as part:
-        part.write_text(clouds_svg([(fixed, "#999999"), (placed, COLOUR)], title, legend), encoding="utf-8")
+        part.write_text(drawn, encoding="utf-8")

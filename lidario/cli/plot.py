@@ -21,7 +21,7 @@ from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
-    from lidario import Config, DeviceInfo, Scan
+    from lidario import Config, DeviceInfo, Lidar, Scan
 
 
 @click.command()
@@ -57,7 +57,7 @@ def plot(source: str, output: str, count: int, polar: bool, force: bool, mode: s
         need("matplotlib", "a PNG", otherwise=", or write an .svg")
     settings = settings_of_file()
     with progress(f"waiting for {source} …"):
-        info, scans = run(lambda: read(source, count, mode, settings))
+        info, scans = run(lambda: _read(source, count, mode, settings))
     if not scans:
         raise RecordingError(f"{source} holds no full revolution")
     title = _title(info, scans)
@@ -75,17 +75,22 @@ def plot(source: str, output: str, count: int, polar: bool, force: bool, mode: s
     return ExitCode.OK
 
 
-async def read(source: str, count: int, mode: str | int | None, config: Config) -> tuple[DeviceInfo, list[Scan]]:
-    """What the lidar is, and so many scans; of a recording at most so many."""
+async def _read(source: str, count: int, mode: str | int | None, config: Config) -> tuple[DeviceInfo, list[Scan]]:
     from lidario import open_lidar
 
-    async with open_lidar(source, config=config) as lidar, lidar.scans(mode, depth=count) as scans:
-        found: list[Scan] = []
+    async with open_lidar(source, config=config) as lidar:
+        return lidar.info, await scans_of(lidar, count, mode)
+
+
+async def scans_of(lidar: Lidar, count: int, mode: str | int | None = None) -> list[Scan]:
+    """So many scans of a lidar; of a recording at most so many."""
+    found: list[Scan] = []
+    async with lidar.scans(mode, depth=count) as scans:
         async for scan in scans:
             found.append(scan)
             if len(found) == count:
                 break
-        return lidar.info, found
+    return found
 
 
 def _title(info: DeviceInfo, scans: list[Scan]) -> str:
