@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 
 PIPE_WIDTH = 160
 """Columns of a table where there is no terminal; wide enough that no cell is folded."""
+NARROW = 80
+"""Columns below which a table would be folded within its words, to single letters in the end."""
 GRACE_S = 1.0
 PROGRESS_GRACE_S = 0.25
 """Shorter: the event loop waits meanwhile, and nothing but the look of the terminal depends on it."""
@@ -157,10 +159,13 @@ def facts(rows: Iterable[tuple[str, str]], *, gap: int = 2) -> Table:
 
 
 def table(titles: Sequence[str], rows: Iterable[Sequence[str]], *, right: Sequence[str] = ()) -> Table:
-    """A table with these titles; the columns in `right` are flush right."""
+    """A table with these titles; the columns in `right` are flush right. A list of each row where it is narrow."""
     from rich import box
     from rich.table import Table
 
+    if console().width < NARROW:
+        lists = ((*zip(titles, row, strict=True), ("", "")) for row in rows)
+        return facts(pair for each in lists for pair in each if pair[1] or not pair[0])
     made = Table(box=box.SIMPLE_HEAD, pad_edge=False, header_style="bold")
     for title in titles:
         # A source is never folded: it is to be copied.

@@ -6,6 +6,7 @@ import json
 
 import pytest
 
+from lidario.cli.output import console, rendered, table
 from tests.cli.processes import in_memory, invoke, invoke_driven, served
 from tests.support.samples import every_model
 
@@ -31,6 +32,14 @@ def test_for_people() -> None:
     row = next(line for line in ended.stdout.splitlines() if "DenseBoost" in line)
     assert row.split() == ["1", "DenseBoost", "31.25", "32000", "30", "m", "0x85", "yes"]
     assert max(map(len, ended.stdout.splitlines())) <= 80
+
+
+@pytest.mark.parametrize("columns", [20, 40, 79])
+def test_on_a_narrow_terminal_no_word_of_a_table_is_folded(columns: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    made = table(("id", "scan mode", "typical"), [("0", "Standard", ""), ("1", "Boost", "yes")])
+    told = " ".join(rendered(console(), made).split())
+    assert told == "id 0 scan mode Standard id 1 scan mode Boost typical yes"
 
 
 def test_what_a_device_does_not_tell_has_no_line() -> None:
