@@ -57,9 +57,7 @@ FAULTS = {
         Fault("silent:5s", "a duration", "from then on nothing arrives, though the port stays open"),
         Fault("unplug:5s", "a duration", "from then on the port is dead"),
         Fault(
-            "replug:5s",
-            "a duration",
-            "the port dies; 1 s later it is back with another name, and the device boots",
+            "replug:5s", "a duration", "the port dies; 1 s later it is back with another name, and the device boots"
         ),
         Fault("reboot:5s", "a duration", "the device restarts by itself, once", inside=True),
         Fault(

@@ -43,6 +43,7 @@ than 1.24, which has no GET_LIDAR_CONF.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from lidario.families.rplidar.simulated.profile import Mode, Profile
@@ -57,14 +58,18 @@ def _mode(mode_id: int, name: str, response_type: int, samples_per_s: float, met
     return Mode(mode_id, name, response_type, _q8(1e6 / samples_per_s), _q8(metres), **more)
 
 
+_standard = partial(_mode, 0, "Standard", 0x81)
+_express = partial(_mode, 1, "Express", 0x82)
+_dense = partial(_mode, 1, "DenseBoost", 0x85)
+
+
 def _device(name: str, model: int, baudrate: int, *modes: Mode, **more: Any) -> Profile:
-    """A device whose last mode is the typical one."""
-    return Profile(name, model, baudrate, modes, typical=modes[-1].id, **more)
+    """A device whose last mode is the typical one, unless said otherwise."""
+    return Profile(name, model, baudrate, modes, **{"typical": modes[-1].id, **more})
 
 
 def _s_series(name: str, model: int, standard_m: float, dense_m: float) -> Profile:
-    modes = (_mode(0, "Standard", 0x81, 16000, standard_m), _mode(1, "DenseBoost", 0x85, 32000, dense_m))
-    return _device(name, model, 1_000_000, *modes, firmware=(1, 2))
+    return _device(name, model, 1_000_000, _standard(16000, standard_m), _dense(32000, dense_m), firmware=(1, 2))
 
 
 _BANNER = b"RP LIDAR System.\r\nFirmware 1.29, hardware 7\r\nsimulated, ok\r\n"
@@ -74,77 +79,38 @@ _ETHERNET = 100_000_000
 """Bits a second: bytes leave at once."""
 
 
+def _five_modes(metres: float, *rates: float) -> tuple[Mode, ...]:
+    standard, express, boost, sensitivity, stability = rates
+    return (
+        _standard(standard, metres), _express(express, metres), _mode(2, "Boost", 0x84, boost, metres),
+        _mode(3, "Sensitivity", 0x84, sensitivity, metres), _mode(4, "Stability", 0x84, stability, metres),
+    )  # fmt: skip
+
+
 def _a_series(name: str, model: int, metres: float) -> Profile:
-    modes = (
-        _mode(0, "Standard", 0x81, 4000, metres),
-        _mode(1, "Express", 0x82, 8000, metres),
-        _mode(2, "Boost", 0x84, 16000, metres),
-        _mode(3, "Sensitivity", 0x84, 16000, metres),
-        _mode(4, "Stability", 0x84, 10000, metres),
-    )
-    return Profile(
-        name,
-        model,
-        256_000,
-        modes,
-        typical=3,
-        firmware=(1, 32),
-        hardware=6,
-        speed_conf=(600,),
-        motor="pwm",
-        pwm_ref=660,
-        banner=_A2_BANNER,
-    )
+    return _device(
+        name, model, 256_000, *_five_modes(metres, 4000, 8000, 16000, 16000, 10000), typical=3, firmware=(1, 32),
+        hardware=6, speed_conf=(600,), motor="pwm", pwm_ref=660, banner=_A2_BANNER,
+    )  # fmt: skip
 
 
 def _ethernet(name: str, model: int, mac: str) -> Profile:
-    like = _s_series(name, model, 30, 30)
-    return replace(like, baudrate=_ETHERNET, mac=bytes.fromhex(mac))
+    return replace(_s_series(name, model, 30, 30), baudrate=_ETHERNET, mac=bytes.fromhex(mac))
 
 
-_A1_MODES = (
-    _mode(0, "Standard", 0x81, 1e6 / 508, 12),
-    _mode(1, "Express", 0x82, 1e6 / 254, 12),
-    _mode(2, "Boost", 0x84, 1e6 / 127, 12),
-    _mode(3, "Sensitivity", 0x84, 1e6 / 127, 12),
-    _mode(4, "Stability", 0x84, 1e6 / 201, 12),
-)
-_A1 = Profile(
-    "rplidar-a1",
-    0x18,
-    115_200,
-    _A1_MODES,
-    typical=3,
-    hardware=7,
-    speed_conf=(600,),
-    pwm_ref=660,
-    motor="dtr",
-    own_rpm=_A1_RPM,
-    banner=_BANNER,
-    follows="an A1M8",
-)
+_A1 = _device(
+    "rplidar-a1", 0x18, 115_200, *_five_modes(12, 1e6 / 508, 1e6 / 254, 1e6 / 127, 1e6 / 127, 1e6 / 201), typical=3,
+    hardware=7, speed_conf=(600,), pwm_ref=660, motor="dtr", own_rpm=_A1_RPM, banner=_BANNER, follows="an A1M8",
+)  # fmt: skip
 _C1 = _device(
-    "rplidar-c1",
-    0x41,
-    460_800,
-    _mode(0, "Standard", 0x81, 5000, 16),
-    _mode(1, "DenseBoost", 0x85, 5000, 40),
-    firmware=(1, 2),
-    speed_conf=(600, 480, 720),
+    "rplidar-c1", 0x41, 460_800, _standard(5000, 16), _dense(5000, 40), firmware=(1, 2), speed_conf=(600, 480, 720)
 )
 _A2 = _a_series("rplidar-a2", 0x2C, 16)
 
 SOLD = (
     _s_series("rplidar-s2", 0x71, 30, 30),
-    _device(
-        "rplidar-s1",
-        0x61,
-        256_000,
-        _mode(0, "Standard", 0x81, 1e6 / 244, 40),
-        _mode(1, "DenseBoost", 0x85, 1e6 / 108, 40),
-        firmware=(1, 28),
-        boot_s=2.0,
-    ),
+    _device("rplidar-s1", 0x61, 256_000, _standard(1e6 / 244, 40), _dense(1e6 / 108, 40), firmware=(1, 28),
+            boot_s=2.0),
     _s_series("rplidar-s3", 0x81, 16, 40),
     _A1,
     _A2,
@@ -153,118 +119,37 @@ SOLD = (
     _s_series("rplidar-s2l", 0x71, 30, 30),
     _ethernet("rplidar-s2e", 0x71, "02 00 00 00 52 E0"),
     _ethernet("rplidar-t1", 0x91, "02 00 00 00 71 00"),
-)
+)  # fmt: skip
 
 _FORMATS = (
-    _device(
-        "rplidar-express",
-        0x62,
-        256_000,
-        _mode(0, "Standard", 0x81, 4000, 16),
-        _mode(1, "Express", 0x82, 8000, 16),
-    ),
-    _device(
-        "rplidar-hq",
-        0x72,
-        1_000_000,
-        _mode(0, "Standard", 0x81, 8000, 30),
-        _mode(1, "HQ", 0x83, 10000, 30),
-        hq_scan=True,
-    ),
-    _device(
-        "rplidar-ultra",
-        0x63,
-        256_000,
-        _mode(0, "Standard", 0x81, 4000, 25),
-        _mode(1, "Express", 0x82, 8000, 16),
-        _mode(2, "Boost", 0x84, 16000, 25),
-    ),
-    _device(
-        "rplidar-ultradense",
-        0x82,
-        1_000_000,
-        _mode(0, "Standard", 0x81, 16000, 40),
-        _mode(1, "UltraDense", 0x86, 32000, 40),
-    ),
-)
+    _device("rplidar-express", 0x62, 256_000, _standard(4000, 16), _express(8000, 16)),
+    _device("rplidar-hq", 0x72, 1_000_000, _standard(8000, 30), _mode(1, "HQ", 0x83, 10000, 30), hq_scan=True),
+    _device("rplidar-ultra", 0x63, 256_000, _standard(4000, 25), _express(8000, 16),
+            _mode(2, "Boost", 0x84, 16000, 25)),
+    _device("rplidar-ultradense", 0x82, 1_000_000, _standard(16000, 40), _mode(1, "UltraDense", 0x86, 32000, 40)),
+)  # fmt: skip
 
 _AWKWARD = (
-    _device(
-        "rplidar-holes",
-        0x72,
-        1_000_000,
-        _mode(0, f"Standard {'with a long name ' * 5}", 0x81, 8000, 30),
-        _mode(40, "HQ", 0x83, 10000, 30),
-        speed_conf=(),
-        oddity="mode numbers with holes, and a long name",
-    ),
-    _device(
-        "rplidar-zero-us",
-        0x81,
-        1_000_000,
-        _mode(0, "Standard", 0x81, 16000, 40, reported_us_q8=0),
-        _mode(1, "DenseBoost", 0x85, 32000, 40, reported_us_q8=0),
-        oddity="says 0 µs a sample",
-    ),
-    _device(
-        "rplidar-wrong-us",
-        0x71,
-        1_000_000,
-        _mode(0, "Standard", 0x81, 16000, 30, reported_us_q8=_q8(125)),
-        _mode(1, "DenseBoost", 0x85, 32000, 30, reported_us_q8=_q8(62.5)),
-        oddity="tells twice its µs a sample",
-    ),
-    _device(
-        "rplidar-other-format",
-        0x71,
-        1_000_000,
-        _mode(0, "Standard", 0x81, 16000, 30),
-        _mode(1, "DenseBoost", 0x85, 32000, 30, reported_type=0x84, reported_us_q8=_q8(62.5)),
-        oddity="foretells another format",
-    ),
-    _device(
-        "rplidar-unknown-response",
-        0x83,
-        1_000_000,
-        _mode(0, "Standard", 0x81, 16000, 40),
-        _mode(6, "Mystery", 0x8E, 32000, 40, layout=0x85),
-        oddity="a format unknown to hosts",
-    ),
-    _device(
-        "rplidar-no-modes",
-        0x71,
-        1_000_000,
-        _mode(0, "Standard", 0x81, 16000, 30),
-        listed=False,
-        oddity="lists no modes",
-    ),
-    replace(
-        _A2,
-        name="rplidar-a2-empty-list",
-        model=0x26,
-        baudrate=115_200,
-        modes=(_mode(0, "Standard", 0x81, 2000, 8), _mode(1, "Express", 0x82, 4000, 8)),
-        typical=1,
-        firmware=(1, 27),
-        hardware=5,
-        listed=False,
-        oddity="lists no modes",
-    ),
+    _device("rplidar-holes", 0x72, 1_000_000, _mode(0, f"Standard {'with a long name ' * 5}", 0x81, 8000, 30),
+            _mode(40, "HQ", 0x83, 10000, 30), speed_conf=(), oddity="mode numbers with holes, and a long name"),
+    _device("rplidar-zero-us", 0x81, 1_000_000, _standard(16000, 40, reported_us_q8=0),
+            _dense(32000, 40, reported_us_q8=0), oddity="says 0 µs a sample"),
+    _device("rplidar-wrong-us", 0x71, 1_000_000, _standard(16000, 30, reported_us_q8=_q8(125)),
+            _dense(32000, 30, reported_us_q8=_q8(62.5)), oddity="tells twice its µs a sample"),
+    _device("rplidar-other-format", 0x71, 1_000_000, _standard(16000, 30),
+            _dense(32000, 30, reported_type=0x84, reported_us_q8=_q8(62.5)), oddity="foretells another format"),
+    _device("rplidar-unknown-response", 0x83, 1_000_000, _standard(16000, 40),
+            _mode(6, "Mystery", 0x8E, 32000, 40, layout=0x85), oddity="a format unknown to hosts"),
+    _device("rplidar-no-modes", 0x71, 1_000_000, _standard(16000, 30), listed=False, oddity="lists no modes"),
+    replace(_A2, name="rplidar-a2-empty-list", model=0x26, baudrate=115_200,
+            modes=(_standard(2000, 8), _express(4000, 8)), typical=1, firmware=(1, 27), hardware=5, listed=False,
+            oddity="lists no modes"),
     replace(_A2, name="rplidar-a2-no-board", motor="fixed", oddity="no accessory board"),
     replace(_C1, name="rplidar-c1-fixed", motor="fixed", speed_conf=(), oddity="takes no speed"),
-    replace(
-        _A1,
-        name="rplidar-old-firmware",
-        modes=(_mode(0, "Express", 0x82, 4000, 12), _mode(0xFF, "Standard", 0x81, 2000, 12)),
-        typical=0,
-        firmware=(1, 20),
-        hardware=5,
-        has_conf=False,
-        speed_conf=(),
-        oddity="lists no modes",
-        follows="",
-    ),
-)
+    replace(_A1, name="rplidar-old-firmware",
+            modes=(_mode(0, "Express", 0x82, 4000, 12), _mode(0xFF, "Standard", 0x81, 2000, 12)), typical=0,
+            firmware=(1, 20), hardware=5, has_conf=False, speed_conf=(), oddity="lists no modes", follows=""),
+)  # fmt: skip
 
 PROFILES: dict[str, Profile] = by_name(*SOLD, *_FORMATS, *_AWKWARD)
 """By name; the first one is what is simulated where no model is asked for."""
