@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from lidario import Config, DeviceInfo, Mount, Registration
+    from lidario import Config, DeviceInfo, Mount, Registration, Scan
 
 LEAST_SHARE: Final = 0.5
 """Of two lidars on one robot, each sees at least half of what the other sees."""
@@ -76,13 +77,13 @@ def calibrate(
         need("tomlkit", "writing settings")
         must_be_writable(file, overwrite=True)
     with progress("reading both lidars …"):
-        (one, fixed), (two, moving) = run(lambda: _clouds(first, second, count, config, told_apart=not dry_run))
+        (one, ahead), (two, behind) = run(lambda: _scans(first, second, count, config, told_apart=not dry_run))
+    fixed, moving = _cloud(ahead), _cloud(behind)
     with progress("laying one on the other …"):
         found = register(fixed, moving, guess=guess)
     if picture is not None:
-        _draw(
-            picture, fixed, moving, found, f"{two.model} {two.serial[:8]} as {one.model} {one.serial[:8]} sees it"
-        )
+        title = f"{two.model} {two.serial[:8]} as {one.model} {one.serial[:8]} sees it"
+        _draw(picture, fixed, _cloud(behind, found.mount), found, title)
         message(f"picture: {picture}")
     # Seen from below, left is right: then a wrong place may be found that explains many points.
     upside_down = register(fixed, moving * (1.0, -1.0), guess=guess)
@@ -110,27 +111,27 @@ def _must_be_told_apart(one: DeviceInfo, two: DeviceInfo) -> None:
 
     if not one.serial or not two.serial or one.serial.casefold() == two.serial.casefold():
         raise InvalidValue(
-            "the two lidars tell no serial numbers that differ, so the settings cannot tell them apart: give these "
-            "figures to --mount, or to Mount() in your program"
+            "the two lidars tell no serial numbers that differ, so the settings cannot tell them apart: --dry-run "
+            "prints the figures, for --mount or for Mount() in your program"
         )
 
 
-async def _clouds(
+async def _scans(
     first: str, second: str, count: int, config: Config, *, told_apart: bool
-) -> list[tuple[DeviceInfo, NDArray[np.float32]]]:
+) -> list[tuple[DeviceInfo, list[Scan]]]:
     """What each lidar is and sees, one behind the other: their motors may share one supply."""
-    import numpy as np
-
     from lidario import open_lidar
 
     async with open_lidar(first, config=config) as one, open_lidar(second, config=config) as two:
         if told_apart:
             _must_be_told_apart(one.info, two.info)
-        found = []
-        for lidar in (one, two):
-            clouds = [scan.points().xy for scan in await scans_of(lidar, count)]
-            found.append((lidar.info, np.concatenate([np.zeros((0, 2), np.float32), *clouds])))
-        return found
+        return [(lidar.info, await scans_of(lidar, count)) for lidar in (one, two)]
+
+
+def _cloud(scans: list[Scan], mount: Mount | None = None) -> NDArray[np.float32]:
+    import numpy as np
+
+    return np.concatenate([np.zeros((0, 2), np.float32), *(scan.points(mount).xy for scan in scans)])
 
 
 def _doubt(found: Registration) -> str:
@@ -151,23 +152,18 @@ def _doubt(found: Registration) -> str:
 
 def _behind(base: Mount, step: Mount) -> Mount:
     """The mount of B, where A is at `base` and B at `step` as seen from A."""
-    import numpy as np
-
     from lidario import Mount
-    from lidario.points import in_frame
 
-    ((x, y),) = in_frame(np.array([[step.x, step.y]]), base).tolist()
-    return Mount(x, y, math.remainder(base.yaw + step.yaw, math.tau))
+    place = complex(base.x, base.y) + complex(step.x, step.y) * cmath.rect(1.0, base.yaw)
+    return Mount(place.real, place.imag, math.remainder(base.yaw + step.yaw, math.tau))
 
 
 def _draw(
-    path: Path, fixed: NDArray[np.float32], moving: NDArray[np.float32], found: Registration, title: str
+    path: Path, fixed: NDArray[np.float32], placed: NDArray[np.float32], found: Registration, title: str
 ) -> None:
     from lidario.cli.chart import COLOUR, clouds_svg
-    from lidario.points import in_frame
     from lidario.recording.export import write_whole
 
     legend = f"grey: A. Blue: B, {1000 * found.residual:.1f} mm beside it"
-    drawn = clouds_svg([(fixed, "#999999"), (in_frame(moving, found.mount), COLOUR)], title, legend)
     with write_whole(path, overwrite=True) as part:
-        part.write_text(drawn, encoding="utf-8")
+        part.write_text(clouds_svg([(fixed, "#999999"), (placed, COLOUR)], title, legend), encoding="utf-8")

@@ -72,21 +72,13 @@ async def list_remote_lidars(router: str = DEFAULT_ROUTER) -> list[RemoteLidar]:
         if token is None:
             continue
         source = f"zenoh:{_short(token.key)}"
-        status = told.get(token.key)
-        if status is None:
-            found[source] = RemoteLidar(source, token.form, token.robot, token.model, token.serial)
-        else:
-            info = status.about.info
+        found[source] = RemoteLidar(source, *token[1:])
+        if (status := told.get(token.key)) is not None:
+            about = status.about
             found[source] = RemoteLidar(
-                source,
-                status.form,
-                status.robot,
-                info.model,
-                info.serial,
-                status.about.health,
-                status.rate,
+                source, status.form, status.robot, about.info.model, about.info.serial, about.health, status.rate,
                 status.lost,
-            )
+            )  # fmt: skip
     for match in map(_ROS_TOKEN.fullmatch, others):
         if match is not None:
             domain, namespace, node, topic = match.groups()

@@ -6,7 +6,7 @@ anybody, so `About.of` takes whatever is there and replaces what cannot be right
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 
 from lidario.arguments import printable
 from lidario.model import DeviceInfo, Health, HealthStatus
@@ -18,6 +18,7 @@ MOST_DIGITS = 20
 LONGEST_TEXT = 200
 MOST_EVENTS = MOST_RESPONSES + 1
 """All responses, and the stream that runs."""
+_AS_IT_IS = ("source", "baudrate", "clock_offset_ns", "received_before", "recording", "began_ns")
 NOT_TOLD = Health(HealthStatus.WARNING, 0, "the recording does not tell")
 
 
@@ -57,27 +58,17 @@ class About:
     def as_texts(self) -> dict[str, str]:
         """The metadata record."""
         info, health = self.info, self.health
-        texts = {
+        told = {
             "format": FORMAT,
             "lidario": self.lidario,
-            "family": info.family,
-            "model": info.model,
-            "model_id": str(info.model_id),
-            "firmware": info.firmware,
-            "hardware": str(info.hardware),
-            "serial": info.serial,
+            **asdict(info),
             "health": health.status.value,
-            "health_code": str(health.code),
-            "source": self.source,
-            "baudrate": str(self.baudrate),
-            "clock_offset_ns": str(self.clock_offset_ns),
-            "received_before": str(self.received_before),
-            "recording": self.recording,
-            "began_ns": str(self.began_ns),
+            "health_code": health.code,
+            **{name: getattr(self, name) for name in _AS_IT_IS},
             "events": "\n".join(text_of(event) for event in self.events),
         }
         # The name of a port or a file may hold bytes that are no text.
-        return {name: text.encode("utf-8", "replace").decode() for name, text in texts.items()}
+        return {name: str(value).encode("utf-8", "replace").decode() for name, value in told.items()}
 
     @classmethod
     def of(cls, texts: dict[str, str]) -> About:
@@ -86,32 +77,27 @@ class About:
         def text(name: str) -> str:
             return printable(texts.get(name, "")[:LONGEST_TEXT])
 
-        def number(name: str) -> int:
+        def number(name: str, least: int = 0) -> int:
             digits = texts.get(name, "")
             sign, digits = (-1, digits[1:]) if digits.startswith("-") else (1, digits)
             value = int(digits) if digits.isascii() and digits.isdigit() and len(digits) < MOST_DIGITS else 0
-            return sign * min(value, MOST_NS)
+            return max(sign * min(value, MOST_NS), least)
 
-        statuses = {status.value: status for status in HealthStatus}
-        status = statuses.get(text("health"))
+        status = next((each for each in HealthStatus if each.value == text("health")), None)
         lines = texts.get("events", "").split("\n", MOST_EVENTS)[:MOST_EVENTS]
         events = (event_of(line) for line in lines)
         return cls(
-            info=DeviceInfo(
-                family=text("family"),
-                model=text("model"),
-                model_id=max(0, number("model_id")),
-                firmware=text("firmware"),
-                hardware=max(0, number("hardware")),
-                serial=text("serial"),
+            DeviceInfo(
+                text("family"), text("model"), number("model_id"), text("firmware"), number("hardware"),
+                text("serial"),
             ),
-            health=NOT_TOLD if status is None else Health(status, max(0, number("health_code"))),
+            NOT_TOLD if status is None else Health(status, number("health_code")),
             source=text("source"),
-            baudrate=max(0, number("baudrate")),
-            clock_offset_ns=number("clock_offset_ns"),
-            received_before=max(0, number("received_before")),
+            baudrate=number("baudrate"),
+            clock_offset_ns=number("clock_offset_ns", -MOST_NS),
+            received_before=number("received_before"),
             lidario=text("lidario"),
             recording=text("recording"),
-            began_ns=max(0, number("began_ns")),
+            began_ns=number("began_ns"),
             events=tuple(event for event in events if event is not None),
-        )
+        )  # fmt: skip
