@@ -58,6 +58,7 @@ def report_lidar(source: str, output: str | None, force: bool, check: bool, as_j
     each speed.
     """
     from lidario.cli.running import run
+    from lidario.recording.export import must_be_writable
 
     if check:
         return _check(Path(source), as_json)
@@ -67,6 +68,7 @@ def report_lidar(source: str, output: str | None, force: bool, check: bool, as_j
     if path.exists() and not force:
         # Not only at the end, behind two minutes.
         raise click.BadParameter(f"{path} exists already; --force replaces it", param_hint="-o")
+    must_be_writable(path, overwrite=True)
     message(HOLDS)
     begun = _Begun()
     adapters = _Adapters(source)

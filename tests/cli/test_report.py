@@ -245,3 +245,11 @@ def test_a_file_that_is_there_is_refused_before_the_device_is_touched(path: Path
     assert "--force" in result.stderr
     assert path.read_bytes() == b"mine"
     assert not device.log
+
+
+def test_a_file_that_cannot_be_written_is_refused_before_the_device_is_touched(tmp_path: Path) -> None:
+    """To listen to a port at each speed takes half a minute."""
+    path = tmp_path / "no-such-folder" / "report.mcap"
+    result = invoke("report", "/dev/no-lidar-is-here", "-o", str(path))
+    assert (result.exit_code, result.stdout) == (4, "")
+    assert result.stderr.startswith(f"error: {path} cannot be written: ")
