@@ -21,7 +21,17 @@ from lidario.errors import InvalidValue
 
 
 @dataclass(frozen=True, slots=True)
-class Mount:
+class _Planar:
+    x: float = 0.0
+    y: float = 0.0
+    yaw: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, value in (("x", self.x), ("y", self.y), ("yaw", self.yaw)):
+            finite(value, f"{name} of a {type(self).__name__}")
+
+
+class Mount(_Planar):
     """Where a lidar is on a robot.
 
     Attributes:
@@ -33,16 +43,10 @@ class Mount:
         InvalidValue: One of them is no finite number.
     """
 
-    x: float = 0.0
-    y: float = 0.0
-    yaw: float = 0.0
-
-    def __post_init__(self) -> None:
-        _check(self)
+    __slots__ = ()
 
 
-@dataclass(frozen=True, slots=True)
-class Velocity:
+class Velocity(_Planar):
     """How a robot moves, in its own frame: steadily during the revolution.
 
     Attributes:
@@ -54,17 +58,7 @@ class Velocity:
         InvalidValue: One of them is no finite number.
     """
 
-    x: float = 0.0
-    y: float = 0.0
-    yaw: float = 0.0
-
-    def __post_init__(self) -> None:
-        _check(self)
-
-
-def _check(of: Mount | Velocity) -> None:
-    for name, value in (("x", of.x), ("y", of.y), ("yaw", of.yaw)):
-        finite(value, f"{name} of a {type(of).__name__}")
+    __slots__ = ()
 
 
 PoseFunction = Callable[[NDArray[np.int64]], NDArray[np.floating]]

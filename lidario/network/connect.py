@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypeAlias
 
 import anyio
 
@@ -39,13 +38,8 @@ ASK_AGAIN_S: Final = 0.5
 _UNKNOWN: Final = Health(HealthStatus.WARNING, 0, "the publisher does not tell")
 
 
-@dataclass(frozen=True, slots=True)
-class Remote:
-    """A lidar of another machine: where it is received, what it has told, and whose code understands it."""
-
-    port: RemotePort
-    device: RemoteDevice
-    family: Family
+Remote: TypeAlias = tuple[RemotePort, Family, RemoteDevice]
+"""A lidar of another machine: where it is received, whose code understands it, and what it has told."""
 
 
 async def open_remote(source: Source) -> Remote:
@@ -192,7 +186,7 @@ def _remote(bus: Bus, key: str, status: Status, began: StreamBegan) -> Remote:
     bus.subscribe(status_key(key), port.learn)
     bus.watch_tokens(tokens_of(key), port.token_changed)
     bus.subscribe(key, port.receive)
-    return Remote(port, RemoteDevice(streams, raw=raw), family)
+    return port, family, RemoteDevice(streams, raw=raw)
 
 
 def _gid_of(status: Status) -> bytes:

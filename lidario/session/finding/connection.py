@@ -81,8 +81,7 @@ async def connect_remote(source: Source) -> Connection:
     """Another machine's lidar: its publisher says what it is, and drives it."""
     from lidario.network.connect import open_remote  # for those who need it
 
-    remote = await open_remote(source)
-    return await _fed(remote.port, remote.family, remote.device)
+    return await _fed(*await open_remote(source))
 
 
 async def _fed(port: Port, family: Family, device: Device) -> Connection:
