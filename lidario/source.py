@@ -222,6 +222,7 @@ _VALUES: Final[dict[str, tuple[Callable[[str], bool], str]]] = {
     "sample_us": (_is_decimal, "a number from 0 on"),
     "loop": (lambda value: value in ("0", "1"), "1, to play it again and again, or 0, to play it once"),
     "pose": (lambda value: bool(_POSE.fullmatch(value)), "x,y,degrees, as in pose=0.3,0,90"),
+    "via": (lambda value: value in ("pty", "tcp", "udp", "memory"), "pty, tcp, udp or memory"),
     "seed": (lambda value: 0 <= _number(value) <= _MAX_SEED, "a whole number from 0 on"),
 }
 """Which values an option may have, and how they are called."""

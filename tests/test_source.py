@@ -230,7 +230,7 @@ def test_another_machines_lidar(text: str, address: str, router: str | None) -> 
     [
         ("sim://rplidar-s2?world=moon", "room"),
         ("sim://rplidar-s2?fault=gremlins", "gremlins"),
-        ("sim://rplidar-s2?via=pigeon", "use pty, tcp"),
+        ("sim://rplidar-s2?via=pigeon", "is not pty, tcp"),
         ("sim://rplidar-s2?serial=xyz", "is written in hexadecimal digits, not 'xyz'"),
         *((text, "is not|has a part") for text in ("zenoh:a b", "zenoh:@x", "zenoh:a?router=x")),
         *((f"zenoh:a?router=tcp/{where}", "is not|has a part") for where in ("[::1]", "b:99999")),

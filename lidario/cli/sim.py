@@ -118,12 +118,12 @@ def server_of(
 ) -> PtyServer | TcpServer | UdpServer:
     """Serve a device in the way that was asked for, else in the usual one."""
     from lidario import ConnectFailed
-    from lidario.sim.device import is_network
     from lidario.sim.serve import PtyServer, TcpServer, UdpServer, usual_way
 
-    if udp is not None or (is_network(device) and tcp is None and not pty):
+    said = "udp" if udp is not None else "tcp" if tcp is not None else "pty" if pty else usual_way(device)
+    if said == "udp":
         return _listening(UdpServer, "udp", udp or ":0", device, faults)
-    if tcp is not None or not (pty or usual_way() == "pty"):
+    if said == "tcp":
         return _listening(TcpServer, "tcp", tcp or ":0", device, faults)
     try:
         return PtyServer(device, faults=faults)

@@ -24,7 +24,7 @@ from lidario.port.port import Port
 from lidario.port.serial import open_serial
 from lidario.port.tcp import open_tcp
 from lidario.port.udp import open_udp
-from lidario.sim.device import SimulatedDevice, is_network
+from lidario.sim.device import SimulatedDevice
 from lidario.sim.faults import Faults, parse_faults
 from lidario.sim.rooms import make_world
 from lidario.sim.serve import MemoryLine, PtyServer, TcpServer, UdpServer, usual_way
@@ -77,9 +77,7 @@ class Simulation:
         self._device, self._faults = make_device(source)
         self.server: PtyServer | TcpServer | UdpServer | None = None
         self._ports = 0
-        way = _way(source)
-        if "via" not in source.options and way != "memory" and is_network(self._device):
-            way = "udp"
+        way = source.options.get("via") or usual_way(self._device)
         if way != "memory":
             self.server = _SERVERS[way](self._device, faults=self._faults)
 
@@ -147,14 +145,6 @@ class Simulation:
 async def open_simulated(source: Source) -> Port:
     """Start a simulated device and open the line to it; closing the port ends it."""
     return await Simulation(source, lasting=False).open()
-
-
-def _way(source: Source) -> str:
-    way = source.options.get("via", usual_way())
-    if way not in (*_SERVERS, "memory"):
-        known = ", ".join((*_SERVERS, "memory"))
-        raise ConnectFailed(f"{quoted(source.text)}: via={quoted(way)} is not known; use {known}", reason="source")
-    return way
 
 
 def connect_in_memory(device: SimulatedDevice, faults: Faults | None = None, *, name: str = "memory") -> Port:

@@ -47,27 +47,19 @@ _MOST_PENDING = 4 << 20
 `lidario.recording.record`), it stays below what is read of a chunk (`lidario.recording.mcap_records`)."""
 
 
-class _Sink:
+class _Sink(io.BytesIO):
     """Takes what the package writes, until it is handed on."""
 
-    def __init__(self) -> None:
-        self.pending = bytearray()
-        self._taken = 0
-
-    def write(self, data: bytes) -> int:
-        self.pending += data
-        return len(data)
+    _taken = 0
 
     def tell(self) -> int:
-        return self._taken + len(self.pending)
-
-    def flush(self) -> None:
-        """Nothing is written through here."""
+        return self._taken + super().tell()
 
     def take(self) -> bytes:
-        data = bytes(self.pending)
+        data = self.getvalue()
         self._taken += len(data)
-        self.pending.clear()
+        self.seek(0)
+        self.truncate(0)
         return data
 
 
@@ -106,7 +98,7 @@ class FileWriter:
         self._sync = sync
         self._sink = _Sink()
         self._writer: Any = Writer(
-            self._sink,  # type: ignore[arg-type]  # it calls these three methods and no other
+            self._sink,
             chunk_size=_CHUNK_LIMIT,
             compression=CompressionType.NONE,
             enable_data_crcs=True,

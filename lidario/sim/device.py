@@ -39,7 +39,8 @@ class SimulatedDevice(Protocol):
     """The device side of a serial line, sans-IO; all times are monotonic nanoseconds and never go back.
 
     A device for which the control line DTR means something also has ``set_dtr(asserted, now)``; one that notices at
-    which speed the host's port runs has ``set_host_baudrate(baudrate, now)``.
+    which speed the host's port runs has ``set_host_baudrate(baudrate, now)``. One that has no serial line but is
+    reached by UDP says so by an attribute ``is_network``.
     """
 
     @property
@@ -73,8 +74,3 @@ class SimulatedDevice(Protocol):
     def wakeup(self, now: int) -> int | None:
         """When `transmit` will next have something to hand out; None while the device is idle."""
         ...
-
-
-def is_network(device: SimulatedDevice) -> bool:
-    """Whether the device has no serial line but is reached by UDP: it says so by an attribute `is_network`."""
-    return bool(getattr(device, "is_network", False))

@@ -29,12 +29,14 @@ _TICK_S = 0.002
 """Time between two polls of a device that is sending."""
 
 
-def usual_way() -> str:
-    """How a device is served where nobody says it: ``"pty"`` on Linux, else ``"tcp"``.
+def usual_way(device: SimulatedDevice) -> str:
+    """How a device is served where nobody says it: ``"udp"``, if it is reached so; ``"pty"`` on Linux; ``"tcp"``.
 
     Windows has no pseudo-terminals. On macOS they take the speeds of POSIX alone; pyserial sets another one, such
     as 256000 or 1000000, by an ioctl of serial adapters, which a pseudo-terminal refuses (ENOTTY).
     """
+    if getattr(device, "is_network", False):
+        return "udp"
     return "pty" if sys.platform == "linux" else "tcp"
 
 

@@ -16,7 +16,7 @@ from lidario import DeviceLost
 from lidario.errors import ConnectFailed
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
-from lidario.port.simulated import Simulation, connect_in_memory, open_simulated
+from lidario.port.simulated import Simulation, connect_in_memory, make_device, open_simulated
 from lidario.sim.serve import usual_way
 from lidario.source import parse_source
 from tests.support.devices import both_families, make_rig
@@ -68,7 +68,7 @@ def check(error: DeviceLost | None) -> None:
 def test_a_way_that_the_system_has_is_the_default(monkeypatch: pytest.MonkeyPatch, platform: str, way: str) -> None:
     """On macOS a pseudo-terminal refuses the speed of most models."""
     monkeypatch.setattr(sys, "platform", platform)
-    assert usual_way() == way
+    assert usual_way(make_device(parse_source("sim://rplidar-s2"))[0]) == way
 
 
 @pytest.mark.parametrize("calls", [0, 3])

@@ -111,7 +111,7 @@ def _fast_machine() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(simulated, "make_device", make_ready)
-        patch.setattr(simulated, "usual_way", lambda: "memory")
+        patch.setattr(simulated, "usual_way", lambda _: "memory")
         patch.setattr(opening, "as_source", plugged_in)
         patch.setattr("asyncio.events.new_event_loop", fast_loop)
         patch.setattr(Writer, "write", write_at_once)
