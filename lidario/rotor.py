@@ -204,11 +204,6 @@ def _travelled(device_angles: NDArray[np.floating]) -> NDArray[np.float64]:
     return np.cumsum((steps + _MOST_BACKWARD_DEG) % 360.0 - _MOST_BACKWARD_DEG)
 
 
-def _agree(travelled: NDArray[np.float64], numbers: NDArray[np.int64], step: float) -> bool:
-    """Whether corrections may explain how angles differ from numbers; if not, more or less is missing than that."""
-    return len(numbers) > 0 and bool(np.ptp(travelled - step * numbers) <= _FARTHEST_DEG)
-
-
 def _step(travelled: NDArray[np.float64], known: NDArray[np.int64] | None) -> tuple[float, NDArray[np.int64]]:
     """Degrees between neighbouring samples, and the number of each sample, the missing ones counted."""
     count = len(travelled)
@@ -225,7 +220,9 @@ def _step(travelled: NDArray[np.float64], known: NDArray[np.int64] | None) -> tu
     if step <= 0:
         return step, numbers
     if known is not None:
-        return (step, numbers) if _agree(travelled, numbers, step) else _step(travelled, None)
+        # Where corrections cannot explain how angles differ from numbers, more or less is missing than that.
+        agree = np.ptp(travelled - step * numbers) <= _FARTHEST_DEG
+        return (step, numbers) if agree else _step(travelled, None)
     # Each step is a whole number of sample times. Corrected angles also jump back; both directions cancel.
     numbers[1:] = np.cumsum(np.rint(steps / step)).astype(np.int64)
     return (float(travelled[-1] / numbers[-1]) if numbers[-1] > 0 else 0.0), numbers

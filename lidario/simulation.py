@@ -69,8 +69,9 @@ def simulate(
     if number < 0:
         raise InvalidValue(f"a seed is a whole number from 0 on, not {shown(seed)}")
     sight = _world(world, number)
-    until_stable = None if spin_up is None else _seconds(spin_up)
-    own = serial_of(serial)
+    if spin_up is not None and finite(spin_up, "spin_up") < 0:
+        raise InvalidValue(f"spin_up is a number of seconds from 0 on, not {spin_up:g}")
+    until_stable, own = None if spin_up is None else float(spin_up), serial_of(serial)
     try:
         return family.simulate(name, world=sight, serial=own, seed=number, spin_up=until_stable)
     except ValueError as error:
@@ -106,10 +107,3 @@ def serial_of(serial: object) -> bytes | None:
     except ValueError:
         pass
     raise InvalidValue(f"a serial number is written in hexadecimal digits, not {shown(serial)}")
-
-
-def _seconds(value: float) -> float:
-    seconds = finite(value, "spin_up")
-    if seconds < 0:
-        raise InvalidValue(f"spin_up is a number of seconds from 0 on, not {seconds:g}")
-    return seconds

@@ -171,7 +171,11 @@ def parse_source(source: str | os.PathLike[str]) -> Source:
         raise _refused(text, f"is not a source: {parts.scheme}:// is not known. {_KNOWN}")
     options = _options(text, kind, parts.query)
     if kind == "serial":
-        address = _serial_path(text, parts.netloc, parts.path)
+        # ``serial:///dev/x`` names /dev/x, ``serial://COM3`` names COM3.
+        address = parts.netloc or parts.path
+        if parts.netloc and parts.path:
+            meant = _printable(parts.netloc + parts.path)
+            raise _refused(text, f"cannot be read: write the path with three slashes, as in serial:///{meant}")
     else:
         address = parts.netloc
         if parts.path.strip("/"):
@@ -204,15 +208,6 @@ def _number(digits: str) -> int:
 def _is_decimal(digits: str) -> bool:
     """Whether it is a number in ASCII digits, with or without a point, that is not too large."""
     return bool(_DECIMAL.fullmatch(digits)) and float(digits) <= _MOST_RATE
-
-
-def _serial_path(text: str, host: str, path: str) -> str:
-    """``serial:///dev/x`` names /dev/x, ``serial://COM3`` names COM3."""
-    if host and path:
-        raise _refused(
-            text, f"cannot be read: write the path with three slashes, as in serial:///{_printable(host + path)}"
-        )
-    return host or path
 
 
 _VALUES: Final[dict[str, tuple[Callable[[str], bool], str]]] = {

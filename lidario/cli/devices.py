@@ -77,16 +77,12 @@ def _print(found: list[Found], others: list[PortInfo]) -> None:
         message("no lidar found: no port has an adapter that lidars are sold with. Is it plugged in?")
     for each in found:
         if each.info is None:
-            emit(_why_none(each))
+            # Most errors name the port already.
+            error = each.error if each.port.path in each.error else f"{each.port.path}: {each.error}"
+            emit(error.replace("\n", "\n    ") + "\n")
     if others:
         emit(f"not asked, because lidars are not sold with such an adapter: {', '.join(p.path for p in others)}\n")
         message(f"`lidario devices {others[0].path}` asks it anyway")
-
-
-def _why_none(found: Found) -> str:
-    """The error; most errors name the port already. Further lines are indented."""
-    error = found.error if found.port.path in found.error else f"{found.port.path}: {found.error}"
-    return error.replace("\n", "\n    ") + "\n"
 
 
 def _tell_next(responding: list[str]) -> None:

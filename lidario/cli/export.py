@@ -137,7 +137,7 @@ def _export_csv(decoder: FileDecoder, path: Path, *, overwrite: bool, jobs: int)
     with (
         write_whole(path, overwrite=overwrite) as part,
         open(part, "w", encoding="ascii", newline="") as file,
-        divided(decoder, jobs, _csv_of, path.parent, _renumbered) as parts,
+        divided(decoder, jobs, _csv_of, path.parent, lambda rows, shift: (rows[0] + shift, rows[1])) as parts,
     ):
         file.write(CSV_HEADER)
         for seq, rows in parts:
@@ -152,7 +152,3 @@ def _csv_of(scans: Iterable[Scan]) -> Iterator[tuple[int, str]]:
 
     for scan in scans:
         yield scan.seq, as_csv(scan, _SEQ)
-
-
-def _renumbered(rows: tuple[int, str], shift: int) -> tuple[int, str]:
-    return rows[0] + shift, rows[1]

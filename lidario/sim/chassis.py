@@ -221,11 +221,6 @@ class Chassis(ABC, Generic[NamedT, StreamT]):
             else ""
         )
 
-    def _recover(self) -> None:
-        """What RESET does to an error: it goes, unless the fault lasts."""
-        if self.faults_cleared_by_reset:
-            self.health = (0, 0)
-
     @abstractmethod
     def _advance(self, now: int) -> None:
         """Do what is due by `now`."""
@@ -242,7 +237,8 @@ class Chassis(ABC, Generic[NamedT, StreamT]):
     def _restart(self, now: int, up: int) -> None:
         """Restart at `now`, and obey nothing until `up`, when the device has booted."""
         self._forget(now)
-        self._recover()
+        if self.faults_cleared_by_reset:
+            self.health = (0, 0)
         self._stop_motor(now)
         self._deaf_until, self._deaf_why = up, "still booting"
 

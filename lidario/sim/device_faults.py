@@ -89,12 +89,7 @@ class DeviceFaults:
 
     def begin(self, now: int) -> None:
         """Begin to count the time; called once, at the first byte on the line."""
-        wanted = {
-            "protect": self.protect_s,
-            "reboot": self.reboot_s,
-            "replug": self.replug_s,
-            "freeze": self.freeze_s,
-        }
+        wanted = {name: getattr(self, f"{name}_s") for name in ("protect", "reboot", "replug", "freeze")}
         found = [(now + round(each * _SECOND), name) for name, each in wanted.items() if each is not None]
         self._ahead = sorted(found, key=lambda event: event[0])
 
