@@ -106,25 +106,19 @@ def calibrate(
     return ExitCode.OK
 
 
-def _must_be_told_apart(one: DeviceInfo, two: DeviceInfo) -> None:
-    from lidario import InvalidValue
-
-    if not one.serial or not two.serial or one.serial.casefold() == two.serial.casefold():
-        raise InvalidValue(
-            "the two lidars tell no serial numbers that differ, so the settings cannot tell them apart: --dry-run "
-            "prints the figures, for --mount or for Mount() in your program"
-        )
-
-
 async def _scans(
     first: str, second: str, count: int, config: Config, *, told_apart: bool
 ) -> list[tuple[DeviceInfo, list[Scan]]]:
     """What each lidar is and sees, one behind the other: their motors may share one supply."""
-    from lidario import open_lidar
+    from lidario import InvalidValue, open_lidar
 
     async with open_lidar(first, config=config) as one, open_lidar(second, config=config) as two:
-        if told_apart:
-            _must_be_told_apart(one.info, two.info)
+        serials = {lidar.info.serial.casefold() for lidar in (one, two)}
+        if told_apart and ("" in serials or len(serials) < 2):
+            raise InvalidValue(
+                "the two lidars tell no serial numbers that differ, so the settings cannot tell them apart: "
+                "--dry-run prints the figures, for --mount or for Mount() in your program"
+            )
         return [(lidar.info, await scans_of(lidar, count)) for lidar in (one, two)]
 
 

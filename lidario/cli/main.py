@@ -59,22 +59,16 @@ def _set_traceback(context: click.Context, _: click.Parameter, wanted: bool) -> 
     context.ensure_object(Settings).traceback |= wanted
 
 
-def _show_help(context: click.Context, _: click.Parameter, wanted: bool) -> None:
+def _show(context: click.Context, option: click.Parameter, wanted: bool) -> None:
     if wanted and not context.resilient_parsing:
-        emit(context.get_help() + "\n")
-        context.exit()
-
-
-def _show_version(context: click.Context, _: click.Parameter, wanted: bool) -> None:
-    if wanted and not context.resilient_parsing:
-        emit(f"lidario {__version__}\n")
+        emit((context.get_help() if option.name == "help" else f"lidario {__version__}") + "\n")
         context.exit()
 
 
 _COMMON_OPTIONS = (
     click.option("--traceback", is_flag=True, expose_value=False, is_eager=True, callback=_set_traceback,
                  help="Show where an error comes from."),
-    click.option("-h", "--help", is_flag=True, expose_value=False, is_eager=True, callback=_show_help,
+    click.option("-h", "--help", is_flag=True, expose_value=False, is_eager=True, callback=_show,
                  help="Show this message and exit."),
 )  # fmt: skip
 
@@ -91,7 +85,7 @@ def _with_common_options(command: CommandT) -> CommandT:
 
 @_with_common_options
 @click.group(cls=Lidario, invoke_without_command=True)
-@click.option("--version", is_flag=True, expose_value=False, is_eager=True, callback=_show_version,
+@click.option("--version", is_flag=True, expose_value=False, is_eager=True, callback=_show,
               help="Show the version and exit.")  # fmt: skip
 @click.pass_context
 def cli(context: click.Context) -> int | None:

@@ -144,7 +144,8 @@ def export_mcap(
         writer = FileWriter(part, recording.about, overwrite=True, target=path)
         try:
             # Each scan before the first chunk that is later.
-            for at_ns, write in merge(map(_scan, made), stored, key=itemgetter(0)):
+            scans: Iterator[Copy] = ((m.stamp_ns, partial(FileWriter.add_message, message=m)) for m in made)
+            for at_ns, write in merge(scans, stored, key=itemgetter(0)):
                 write(writer)
                 begun_ns = at_ns if begun_ns is None else begun_ns
                 if at_ns - begun_ns >= CHUNK_NS:
@@ -156,10 +157,6 @@ def export_mcap(
             raise
         writer.close()
     return writer.count_of_scans
-
-
-def _scan(message: LaserScan) -> Copy:
-    return message.stamp_ns, lambda writer: writer.add_message(message)
 
 
 def _stored(recording: StoredStreams) -> Generator[Copy, None, None]:
