@@ -108,13 +108,9 @@ def _circle(seed: int, pose: Pose) -> World:
     return World(_table(tuple(_column(0.0, 0.0, 2.0, _ROUND_SIDES)), pose), seed=seed)
 
 
-def _empty(seed: int, _: Pose) -> World:
-    return World(np.zeros(DIRECTIONS), seed=seed)
-
-
 _WORLDS: dict[str, Callable[[int, Pose], World]] = {
     "room": _room,
     "corridor": _corridor,
     "circle": _circle,
-    "empty": _empty,
+    "empty": lambda seed, _: World(np.zeros(DIRECTIONS), seed=seed),
 }
