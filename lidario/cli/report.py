@@ -7,6 +7,7 @@ be opened, or nothing comes.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
@@ -79,7 +80,10 @@ def report_lidar(source: str, output: str | None, force: bool, check: bool, as_j
         if begun.reporter is not None:
             _show(begun.reporter.report(), [], as_json)
         if begun.reporter is not None or begun.unknown:
-            message(f"wrote {path} ({path.stat().st_size / 1e6:.1f} MB); attach it zipped to an issue of lidario")
+            with suppress(OSError):  # somebody has taken it away
+                message(
+                    f"wrote {path} ({path.stat().st_size / 1e6:.1f} MB); attach it zipped to an issue of lidario"
+                )
     return ExitCode.OK
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,7 @@ from mcap.reader import make_reader
 
 import lidario
 from lidario.cli.machine import Machine
-from lidario.conformance import RULES, Outcome, read_report
+from lidario.conformance import RULES, Outcome, Reporter, read_report
 from lidario.sim.serve import PtyServer
 from tests.cli.processes import BOUND, end, invoke, invoke_driven, run, served, started
 from tests.support.children import requests, until, was_stopped
@@ -253,3 +254,16 @@ def test_a_file_that_cannot_be_written_is_refused_before_the_device_is_touched(t
     result = invoke("report", "/dev/no-lidar-is-here", "-o", str(path))
     assert (result.exit_code, result.stdout) == (4, "")
     assert result.stderr.startswith(f"error: {path} cannot be written: ")
+
+
+def test_a_file_that_is_taken_away_meanwhile_hides_nothing(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was an unexpected FileNotFoundError in place of the page, and of a Ctrl-C."""
+
+    async def taken_away(*_: object, **__: object) -> None:
+        os.unlink(path)
+
+    monkeypatch.setattr(Reporter, "run", taken_away)
+    result = invoke_driven("report", LD19, "-o", str(path))
+    assert result.exit_code == 0, result.stderr
+    assert "wrote" not in result.stderr
+    assert result.stdout.startswith("lidar")
