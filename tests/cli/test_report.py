@@ -12,6 +12,7 @@ from mcap.reader import make_reader
 import lidario
 from lidario.cli.machine import Machine
 from lidario.conformance import RULES, Outcome, Reporter, read_report
+from lidario.port.port import Port
 from lidario.sim.serve import PtyServer
 from tests.cli.processes import BOUND, end, invoke, invoke_driven, run, served, started
 from tests.support.children import requests, until, was_stopped
@@ -145,8 +146,17 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.long
 @pytest.mark.usefixtures("quick")
-def test_a_device_that_nobody_knows(path: Path) -> None:
-    with PtyServer(Stranger()) as server:  # type: ignore[arg-type]
+def test_a_device_that_nobody_knows(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    device, change = Stranger(), Port.set_baudrate
+
+    def set_baudrate(port: Port, speed: int) -> None:
+        change(port, speed)
+        # On a busy machine it might say nothing in the moment for which it is listened to.
+        begin = device.count
+        until(lambda: device.count > begin + 2)
+
+    monkeypatch.setattr(Port, "set_baudrate", set_baudrate)
+    with PtyServer(device) as server:  # type: ignore[arg-type]
         result = invoke("report", f"serial://{server.path}{ONE_TRY}", "-o", str(path))
     assert result.exit_code == 5, result.stderr
     assert "nothing responds" in result.stderr
