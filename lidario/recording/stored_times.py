@@ -59,7 +59,7 @@ class StoredTimes:
             for number, (sample_ns, count) in enumerate(zip(told_ns.tolist(), held, strict=True), 1):
                 self._samples += count * sample_ns / self._sample_ns
                 arrivals.append((number, self._came()))
-            return Packets(packets.data, packets.blocks, tuple(arrivals), packets.skipped)
+            return Packets(packets.data, packets.blocks, tuple(arrivals), packets.skips)
         for at, missing in self._corrections(packets):
             self._samples += (at - done) * self._wire.pitch
             samples -= (at - done) * self._wire.pitch
@@ -69,7 +69,7 @@ class StoredTimes:
             done = at
         self._samples += samples
         arrivals.append((packets.count, self._came()))
-        return Packets(packets.data, packets.blocks, tuple(arrivals), packets.skipped)
+        return Packets(packets.data, packets.blocks, tuple(arrivals), packets.skips)
 
     def _came(self) -> int:
         came_ns = round((self._samples - 1 + DEVICE_DELAY_SAMPLES) * self._sample_ns)

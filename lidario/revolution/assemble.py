@@ -194,9 +194,9 @@ class Assembler:
     def end(self) -> None:
         """The stream has ended: discard the revolution in the making. Harmless when done before."""
         self.ended += 1
+        if (left := self.incoming.left()) is not None:
+            Assembler._keep(self, left, ())
         self._discard()
-        self.stats.discarded_packets += self.stats.waiting_packets
-        self.stats.waiting_packets = 0
 
     def _discard(self) -> None:
         """What is missing in the revolution in the making is counted all the same."""

@@ -150,7 +150,7 @@ class DeviceClock:
             came_ns = self._came(reader, at_ns, is_last=True)
             self._last_ns = max(self._last_ns, at_ns) if came_ns is None else came_ns
             arrivals.append((count, self._last_ns))
-        return Packets(packets.data, packets.blocks, tuple(arrivals), packets.skipped)
+        return Packets(packets.data, packets.blocks, tuple(arrivals), packets.skips)
 
     def _came(self, reader: StampReader, at_ns: int, *, is_last: bool = False) -> int | None:
         """When the last packet of a read at `at_ns` should have come, and not before the one before."""

@@ -115,4 +115,5 @@ def without(packets: Packets, dropped: Sequence[int]) -> Packets:
         if left and (not arrivals or left > arrivals[-1][0]):
             arrivals.append((left, at_ns))
     data = b"".join([packets.data[offsets[at] : offsets[at + 1]] for at in kept])
-    return Packets(data, tuple(blocks), tuple(arrivals), packets.skipped)
+    skips = tuple((at - sum(1 for each in dropped if each < at), size) for at, size in packets.skips)
+    return Packets(data, tuple(blocks), tuple(arrivals), skips)

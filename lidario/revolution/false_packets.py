@@ -1,14 +1,15 @@
 """Noise that passes for a packet: it is dropped, because the rotor was not where it says.
 
-A check value of eight bits lets one of 256 damaged packets pass, and its angle is anything. Taken for true, it
-costs its revolution: the angle leaps there and, with the packet behind it, back, which looks like a gap of almost a
-turn, or like the end of a revolution.
+A check value of eight bits lets one of 256 damaged packets pass, or even one of eight of two flipped bits, and its
+angle is anything. Taken for true, its samples stand where nothing was measured, or the angle leaps there and, with
+the packet behind it, back, which looks like a gap of almost a turn, or like the end of a revolution.
 
-The packets beside it tell. A rotor turns on by a little from packet to packet, and by a few times that where some
-are lost. So of three packets, the one in the middle is false if the third is less than half a turn ahead of the
-first, and the one in the middle does not lie between them: else almost a turn would be missing on one side of it.
-Until the third has come, the second waits, with what was read with it: only behind a leap, so in an undisturbed
-stream nothing does. Where so much is lost that two gaps may well make a whole turn together, nothing is judged.
+The packets beside it tell. A rotor turns on from packet to packet by at least an arc, and what was skipped as noise
+between them took its time on the line, too: an arc for as many bytes as a packet has. Packets that are gone only
+add to that. So of three packets, the one in the middle is false if there is room for both before the third, and it
+does not lie there. Until the third has come, the second waits: only where it is not as
+far ahead as its bytes tell, so in an undisturbed stream nothing does. Where so much is gone that two gaps may well
+make a whole turn together, nothing is judged.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from typing import Final
 import numpy as np
 
 from lidario.families.base import Stream
+from lidario.families.spans import LIKENESS
 from lidario.revolution.partial import part_of
 from lidario.revolution.stats import AssemblerStats
 from lidario.wire.blocks import packet_offsets
@@ -27,9 +29,7 @@ from lidario.wire.events import Packets
 from lidario.wire.formats import HEADING_MASK, Headings
 
 MEASURED: Final = 16
-"""The latest advances, of which the mean tells how far the rotor usually turns from one packet to the next."""
-CLOSELY: Final = 3
-"""Times that mean from which on a packet may be false."""
+"""The latest advances, which tell how far the rotor turns from one packet to the next."""
 FARTHEST_TURNS: Final = 1 / 4
 """Part of a turn which the farthest of them may be: beyond, two gaps may make a whole turn together."""
 RETREAT_TURNS: Final = 1 / 36
@@ -55,10 +55,11 @@ class FalsePackets:
         self._farthest = wire.full_turn * FARTHEST_TURNS
         self._forwards = wire.full_turn * (1 - RETREAT_TURNS)
         self._last = -1
-        # The latest advances, and from how far ahead of the one before on a packet may be false: 0 where that is
-        # not known.
-        self._advances: list[int] = []
-        self._closely = 0.0
+        # As many packets as the bytes since that one make, and how far the rotor turned for each of the latest: at
+        # least, and on average; 0 where that is not known.
+        self._behind = 0.0
+        self._advances: list[float] = []
+        self._arc = self._mean = 0.0
         self._waiting: Packets | None = None
         # Bytes since the last packet that was true.
         self._skipped = 0
@@ -72,9 +73,10 @@ class FalsePackets:
 
         So it is also while the speed changes. None where it is not so, or not known.
         """
-        if not self._closely or self._skipped or self._waiting is not None:
+        if not self._mean or self._behind or self._waiting is not None:
             return None
-        closely, full_turn, last = self._closely / 2, self._full_turn, self._last
+        least, most = (1 - LIKENESS) * self._arc, (1 + LIKENESS) * self._mean
+        full_turn, last = self._full_turn, self._last
         if isinstance(headings, np.ndarray):
             plain = headings & HEADING_MASK
             steps = np.empty_like(plain)
@@ -82,7 +84,7 @@ class FalsePackets:
             np.subtract(plain[1:], plain[:-1], out=steps[1:])
             back = (steps < 0).nonzero()[0]
             steps[back] += full_turn
-            if not (np.minimum.reduce(steps) > 0 and np.maximum.reduce(steps) < closely):
+            if not (np.minimum.reduce(steps) > least and np.maximum.reduce(steps) <= most):
                 return None
             passing, advances, last = back.tolist(), steps[-MEASURED:].tolist(), int(plain[-1])
         else:
@@ -93,7 +95,7 @@ class FalsePackets:
                 if advance < 0:
                     advance += full_turn
                     passing.append(at)
-                if not 0 < advance < closely:
+                if not least < advance <= most:
                     return None
                 advances.append(advance)
                 last = here
@@ -104,85 +106,102 @@ class FalsePackets:
 
     def drop(self, packets: Packets, headings: Headings) -> list[tuple[Packets, Headings]]:
         """The next packets, in pieces between those that are false; without those that wait."""
-        if not self._can_tell or self.passing(headings) is not None or self._begins(headings):
+        if not self._can_tell or self.passing(headings) is not None or self._begins(packets, headings):
             return [(packets, headings)]
-        runs = [packets] if self._waiting is None else [self._waiting, packets]
-        self._waiting, self._stats.waiting_packets = None, 0
+        runs = [packets] if (waiting := self.left()) is None else [waiting, packets]
         angles = [int(each) & HEADING_MASK for run in runs for each in self._wire.headings(run)]
-        before, end = (self._last, self._advances.copy(), self._closely), len(angles)
-        false, waits = self._judge(angles, end)
+        apart = [each for run in runs for each in self._apart(run)]
+        false, waits = self._judge(angles, apart)
         if waits:
-            # What was read before it goes on; no read is divided, since its time is that of its last packet.
-            read = packets.count - (packets.arrivals[-2][0] if len(packets.arrivals) > 1 else 0)
-            end -= read
-            self._last, self._advances, self._closely = before
-            false, _ = self._judge(angles, end)
-            self._waiting = self._part(packets, packets.count - read, packets.count)
-            self._stats.waiting_packets = read
+            self._waiting, self._stats.waiting_packets = self._part(packets, packets.count - 1, packets.count), 1
         self._stats.false_packets += len(false)
-        return [(piece, self._wire.headings(piece)) for piece in self._pieces(runs, false, end)]
+        return [(piece, self._wire.headings(piece)) for piece in self._pieces(runs, false, len(angles) - waits)]
 
-    def _begins(self, headings: Headings) -> bool:
+    def left(self) -> Packets | None:
+        """The packet that waits, which does so no longer; None where none does."""
+        waiting, self._waiting, self._stats.waiting_packets = self._waiting, None, 0
+        return waiting
+
+    def _begins(self, packets: Packets, headings: Headings) -> bool:
         """Whether a stream begins with so many packets that the first ones measure all that follow.
 
         Measured: to judge each of the first 64 KiB makes decoding of a short file take up to 1.4 times as long.
         """
-        if self._closely or self._waiting is not None or len(headings) <= MEASURED + 1:
+        if self._mean or self._waiting is not None or len(headings) <= MEASURED + 1 or packets.skips:
             return False
         before = self._last, self._advances.copy()
         for heading in headings[: MEASURED + 1]:
-            self._accept(int(heading) & HEADING_MASK)
+            self._accept(int(heading) & HEADING_MASK, 1.0)
         if self.passing(headings[MEASURED + 1 :]) is not None:
             return True
-        (self._last, self._advances), self._closely = before, 0.0
+        (self._last, self._advances), self._mean = before, 0.0
         return False
+
+    def _apart(self, run: Packets) -> list[float]:
+        """As many packets as the bytes make from each one before to each of these."""
+        apart = [1.0] * run.count
+        for at, size in run.skips:
+            apart[at] += size / self._wire.shortest
+        return apart
 
     def _pieces(self, runs: Sequence[Packets], false: Sequence[int], end: int) -> Iterator[Packets]:
         """What lies between the false ones, up to number `end`."""
         begin = 0
         for run in runs:
             first, last = 0, min(run.count, end - begin)
-            if last <= 0:
-                break
-            self._skipped += run.skipped
+            skips = dict(run.skips)
             for at in [*(at - begin for at in false if begin <= at < begin + run.count), last]:
                 if at > first:
                     piece = self._part(run, first, at)
-                    # In a file, noise has taken its time, too.
-                    yield piece if piece.skipped == self._skipped else replace(piece, skipped=self._skipped)
-                    self._skipped = 0
+                    if self._skipped:
+                        # In a file, noise has taken its time, too.
+                        skips_in = piece.skips[1:] if piece.skipped else piece.skips
+                        piece = replace(piece, skips=((0, piece.skipped + self._skipped), *skips_in))
+                        self._skipped = 0
+                    yield piece
                 first = at + 1
-                self._skipped += run.blocks[0].size if at < last else 0
+                self._skipped += self._wire.shortest + skips.get(at, 0) if at < last else 0
             begin += run.count
 
-    def _accept(self, heading: int) -> None:
-        """It is true."""
-        if self._last >= 0:
+    def _accept(self, heading: int, behind: float) -> None:
+        """It is true, and so many packets by its bytes behind the one before."""
+        # Of more packets, each of which may be as far, a whole turn may hide in it.
+        if self._last >= 0 and behind * self._farthest <= self._full_turn:
             advance = (heading - self._last) % self._full_turn
             if advance < self._forwards:
-                self._advances.append(advance)
+                self._advances.append(advance / behind)
                 self._measure()
-        self._last = heading
+        self._last, self._behind = heading, 0.0
 
     def _measure(self) -> None:
-        """Where enough have come, find how far the rotor usually turns."""
+        """Where enough have come, find how far the rotor turns."""
         latest = self._advances = self._advances[-MEASURED:]
         known = len(latest) == MEASURED and max(latest) <= self._farthest
-        self._closely = CLOSELY * sum(latest) / MEASURED if known else 0.0
+        self._arc, self._mean = (min(latest), sum(latest) / MEASURED) if known else (0.0, 0.0)
 
-    def _judge(self, headings: Sequence[int], end: int) -> tuple[list[int], bool]:
-        """Which of those before number `end` are false, and whether the last of all has to wait."""
+    def _judge(self, headings: Sequence[int], apart: Sequence[float]) -> tuple[list[int], bool]:
+        """Which of them are false, and whether the last one has to wait."""
         false = list[int]()
-        for at, heading in enumerate(headings[:end]):
-            ahead = (heading - self._last) % self._full_turn
-            if self._closely and self._closely <= ahead < self._forwards:
+        for at, heading in enumerate(headings):
+            self._behind += apart[at]
+            beyond = self._beyond(heading, self._behind)
+            if self._mean and beyond > self._behind * (self._mean - self._arc) + LIKENESS * self._arc:
                 if at + 1 == len(headings):
+                    self._behind -= apart[at]
                     return false, True
-                if (headings[at + 1] - self._last) % self._full_turn < min(ahead, self._full_turn // 2):
+                # Without it, at most half as much is missing; or it falls back behind where it should be.
+                third = self._behind + apart[at + 1]
+                missing = self._beyond(headings[at + 1], third)
+                if third * self._arc < self._full_turn and 2 * missing < min(beyond, self._full_turn - beyond):
                     false.append(at)
                     continue
-            self._accept(heading)
+            self._accept(heading, self._behind)
         return false, False
+
+    def _beyond(self, heading: int, behind: float) -> float:
+        """How much farther than so many arcs the rotor turned since the last true packet; hardly below 0."""
+        slack = LIKENESS * self._arc
+        return (heading - self._last - behind * self._arc + slack) % self._full_turn - slack
 
     def _part(self, packets: Packets, begin: int, end: int) -> Packets:
         if end - begin == packets.count:

@@ -63,6 +63,10 @@ class Incoming:
         found = self._false.drop(event, headings) if event.data else ()
         return [(self._clock.dated(packets), angles) for packets, angles in found]
 
+    def left(self) -> Packets | None:
+        """The packet that still waits, where the stream has ended: it is taken for true."""
+        return self._false.left()
+
     def read_at(self, event: Packets, number: int) -> int:
         """When the read came that completed packet `number`; 0 where times were made from the samples."""
         return event.read_at(number) if self._is_timed else 0

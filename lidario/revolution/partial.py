@@ -198,7 +198,8 @@ def part_of(
             behind = wire.samples_in(some_blocks(packets.blocks, end, complete))
         at_ns -= round(behind * sample_ns)
     arrivals.append((end - begin, at_ns))
-    return Packets(packets.data[offsets[begin] : offsets[end]], blocks, tuple(arrivals), cut=complete > end)
+    skips = packets.skips and tuple([(at - begin, size) for at, size in packets.skips if begin <= at < end])
+    return Packets(packets.data[offsets[begin] : offsets[end]], blocks, tuple(arrivals), skips, cut=complete > end)
 
 
 def parts_of(packets: Packets, wire: StreamFormat, sample_ns: float) -> Iterator[Packets]:

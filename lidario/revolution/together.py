@@ -59,8 +59,10 @@ def join_runs(runs: Sequence[Packets]) -> list[Packets]:
     blocks: list[Block] = []
     join_blocks(blocks, [block for run in runs for block in run.blocks])
     arrivals: list[Arrival] = []
+    skips: list[tuple[int, int]] = []
     before = 0
     for run in runs:
+        skips += [(before + at, size) for at, size in run.skips]
         apart = run.apart
         for count, at_ns in run.arrivals:
             if arrivals and arrivals[-1][1] == at_ns and not apart:
@@ -68,7 +70,7 @@ def join_runs(runs: Sequence[Packets]) -> list[Packets]:
             arrivals.append((before + count, at_ns))
             apart = False
         before = arrivals[-1][0]
-    return [Packets(b"".join([run.data for run in runs]), tuple(blocks), tuple(arrivals))]
+    return [Packets(b"".join([run.data for run in runs]), tuple(blocks), tuple(arrivals), tuple(skips))]
 
 
 def _bytes_of(arrival: Arrival) -> int:

@@ -55,7 +55,8 @@ class Packets:
         blocks: Their sizes: neighbours of one size together.
         arrivals: When they came: pairs ``(packets, at_ns)``, so many of them were complete at that time; ascending,
             the last pair is for all of them. More than one pair only when they were collected from several reads.
-        skipped: Bytes that belong to no packet, between the packet before and the first of these.
+        skips: Where bytes stand that belong to no packet: pairs ``(number, bytes)``, so many right before packet
+            `number`; ascending. Behind the first packet only where several runs were joined.
         apart: True when the first one was complete with one read, and told only with a later one: by the bytes
             behind it, since damage stands before it. What was read with it was dated without it.
         cut: True when others came with the last of them. When those here were complete is then reckoned, as if
@@ -65,7 +66,7 @@ class Packets:
     data: bytes
     blocks: tuple[Block, ...]
     arrivals: tuple[Arrival, ...]
-    skipped: int = 0
+    skips: tuple[tuple[int, int], ...] = ()
     apart: bool = False
     cut: bool = False
 
@@ -73,6 +74,11 @@ class Packets:
     def count(self) -> int:
         """How many packets there are."""
         return self.arrivals[-1][0]
+
+    @property
+    def skipped(self) -> int:
+        """Bytes that belong to no packet, between the packet before and the first of these."""
+        return self.skips[0][1] if self.skips and not self.skips[0][0] else 0
 
     @property
     def received_ns(self) -> int:

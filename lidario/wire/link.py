@@ -318,8 +318,9 @@ class Link:
                         apart = not finds_packets(wire, before, shown)
                 stats.packets += count
                 stats.packet_bytes += middle - at
+                skips = ((0, skipped),) if skipped else ()
                 with memoryview(data) as view:
-                    self._events.append(Packets(bytes(view[at:middle]), blocks, came, skipped, apart))
+                    self._events.append(Packets(bytes(view[at:middle]), blocks, came, skips, apart))
                 before = {}
             if end > middle:
                 self._skip(wire, data, middle, end)

@@ -122,9 +122,14 @@ def test_two_alike_that_may_both_be_true_stay() -> None:
 
 
 def test_the_times_of_the_others_stay() -> None:
-    found = Packets(b"aabbccccdd", (Block(2, 2), Block(4, 1), Block(2, 1)), ((1, 10), (2, 20), (3, 30), (4, 40)), 7)
+    found = Packets(
+        b"aabbccccdd",
+        (Block(2, 2), Block(4, 1), Block(2, 1)),
+        ((1, 10), (2, 20), (3, 30), (4, 40)),
+        ((0, 7), (2, 3)),
+    )
     left = without(found, [1, 2])
-    assert left == Packets(b"aadd", (Block(2, 2),), ((1, 10), (2, 40)), 7)
+    assert left == Packets(b"aadd", (Block(2, 2),), ((1, 10), (2, 40)), ((0, 7), (1, 3)))
 
 
 @pytest.mark.parametrize("case", WITH_A_CHECK, ids=named)
@@ -135,5 +140,5 @@ def test_one_that_comes_again_a_revolution_later_is_another_one(case: Case) -> N
     assert assembler.stats.doubled_packets == 0
     # A piece of the line that came twice is rarely one packet: there is a rest of another one between the two.
     assembler.add(in_one_run(wire, case.packets[1], 31_000_000))
-    assembler.add(replace(in_one_run(wire, case.packets[1], 31_000_000), skipped=17))
+    assembler.add(replace(in_one_run(wire, case.packets[1], 31_000_000), skips=((0, 17),)))
     assert assembler.stats.doubled_packets == 1

@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.revolution.false_packets import FalsePackets
+from lidario.revolution.pipeline import Pipeline
 from lidario.scan import Scan
 from lidario.wire.formats import HEADING_MASK
 from tests.support.cases import KINDS, Case, named
-from tests.support.numbered import DENSE, TURN, assemble, numbered, on_time
+from tests.support.numbered import BAUD, DENSE, TURN, assemble, numbered, numbers, on_time
 from tests.support.streams import in_one_run, stream_of
 
 LEARNED = 20
@@ -130,6 +131,62 @@ def test_behind_an_outage_all_is_true(run: int) -> None:
     assert stats.false_packets == 0
     assert stats.lost_packets == len(gone)
     assert [len(scan) for scan in scans] == [960 - 40 * len(gone), 960, 960, 960]
+
+
+@pytest.mark.parametrize("off", [-2, 1, 4, 16, 64])
+@pytest.mark.parametrize("size", [84, 100, 84 * 24])
+def test_amid_damage_the_bytes_that_were_skipped_tell_where_it_belongs(off: int, size: int) -> None:
+    """Half of the packets are damaged, and of one that passes the angle is off by some times 4 degrees."""
+    packets = numbered(24 * 6, 960)
+    spoilt = {at: bytes(84) for at in range(LEARNED, 24 * 5) if at % 4 in (1, 2)}
+    false = {24 * 3 + 7: numbered(1, 960, 960 * 7 + 256 * off)[0]}
+    data = b"".join([(false | spoilt).get(at, packet) for at, packet in enumerate(packets)])
+    pipeline, scans = Pipeline(stream_of(DENSE), BAUD), list[Scan]()
+    for begin in range(0, len(data), size):
+        last = min(begin + size, len(data)) // 84 - 1
+        scans += pipeline.receive(data[begin : begin + size], round(on_time(max(0, last))))
+    pipeline.end()
+    assert pipeline.stats.false_packets == 1
+    assert len(scans) == 4
+    for number in numbers(scans):
+        packet = (number - 1) // 40
+        assert packet not in spoilt.keys() | false.keys()
+    assert pipeline.stats.lost_packets == len(spoilt) + 1
+
+
+@pytest.mark.parametrize("slower", [1.2, 2.0])
+def test_behind_an_outage_the_rotor_may_be_slower(slower: float) -> None:
+    before, behind = numbered(24 * 2, 960), numbered(48, 960 / slower, 5000)
+    stats = AssemblerStats()
+    assemble([*before, *behind], stats=stats)
+    assert stats.false_packets == 0
+
+
+def test_where_a_rotor_stands_amid_damage_none_is_false() -> None:
+    """The bytes that were skipped make more than a turn."""
+    stats, moving, still = AssemblerStats(), b"".join(numbered(30, 960)), numbered(1, 0, 960 * 30)[0]
+    spoilt = still[:-1] + bytes([still[-1] ^ 1])
+    pipeline = Pipeline(stream_of(DENSE), BAUD, stats=stats)
+    for at, part in enumerate([moving + 7 * spoilt, still + 16 * spoilt, still + spoilt, still, still]):
+        pipeline.receive(part, (at + 1) * 20_000_000)
+    pipeline.end()
+    assert (stats.false_packets, pipeline.link.stats.packets) == (0, 34)
+
+
+def test_only_the_last_packet_waits() -> None:
+    """A file comes in one read."""
+    packets = numbered(24 * 4, 960)
+    assert len(assemble([*packets[:-9], packets[-1]], run=1000)) == 2
+
+
+def test_one_that_waits_at_the_end_tells_what_is_missing_before_it() -> None:
+    packets, stats = numbered(24 * 2, 960), AssemblerStats()
+    assembler = Assembler(stream_of(DENSE), stats=stats)
+    for packet in [*packets[:-4], packets[-1]]:
+        assembler.add(in_one_run(DENSE.make_format(), packet))
+    assert stats.waiting_packets == 1
+    assembler.end()
+    assert (stats.lost_packets, stats.waiting_packets, stats.unfinished_packets) == (3, 0, 0)
 
 
 def test_where_gaps_are_long_nothing_is_judged() -> None:

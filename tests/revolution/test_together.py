@@ -8,6 +8,7 @@ from lidario.revolution.together import join_runs, slices
 from lidario.wire.events import Packets
 from lidario.wire.link import Link
 from tests.support.cases import KINDS, Case, named
+from tests.support.numbered import DENSE
 from tests.support.streams import cut_up, open_stream
 
 
@@ -57,3 +58,14 @@ def test_slices_are_the_same_bytes_with_the_same_times(case: Case, most: int) ->
         cut.receive_data(piece, now, came)
     assert join_runs(packets_of(cut)) == join_runs(packets_of(whole))
     assert cut.stats == whole.stats
+
+
+def test_where_bytes_were_skipped_stays_known() -> None:
+    case = DENSE
+    link, size = open_stream(case), 3 * len(case.packets[0])
+    packets = b"".join(case.packets)
+    for begin in range(0, 4 * size, size):
+        link.receive_data(packets[begin : begin + size] + bytes(7), 1)
+    (whole,) = join_runs(packets_of(link))
+    assert whole.skips == ((3, 7), (6, 7), (9, 7))
+    assert whole.skipped == 0
