@@ -68,12 +68,12 @@ class FalsePackets:
         """A sample takes so many nanoseconds from now on."""
         self._sample_ns = sample_ns
 
-    def passing(self, headings: Headings) -> list[int] | None:
+    def passing(self, headings: Headings, skips: Sequence[tuple[int, int]] = ()) -> list[int] | None:
         """Which of them have passed 0 since the one before, where each is a little ahead of that: all are true.
 
-        So it is also while the speed changes. None where it is not so, or not known.
+        So it is also while the speed changes. None where it is not so, or not known, or bytes were skipped.
         """
-        if not self._mean or self._behind or self._waiting is not None:
+        if not self._mean or skips or self._behind or self._waiting is not None:
             return None
         least, most = (1 - LIKENESS) * self._arc, (1 + LIKENESS) * self._mean
         full_turn, last = self._full_turn, self._last
@@ -106,7 +106,11 @@ class FalsePackets:
 
     def drop(self, packets: Packets, headings: Headings) -> list[tuple[Packets, Headings]]:
         """The next packets, in pieces between those that are false; without those that wait."""
-        if not self._can_tell or self.passing(headings) is not None or self._begins(packets, headings):
+        if (
+            not self._can_tell
+            or self.passing(headings, packets.skips) is not None
+            or self._begins(packets, headings)
+        ):
             return [(packets, headings)]
         runs = [packets] if (waiting := self.left()) is None else [waiting, packets]
         angles = [int(each) & HEADING_MASK for run in runs for each in self._wire.headings(run)]

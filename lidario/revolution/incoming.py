@@ -54,7 +54,7 @@ class Incoming:
     def take(self, event: Packets) -> list[tuple[Packets, Headings]]:
         """The next packets, in pieces where one was false, and their headings; none twice, and dated."""
         headings = self._format.headings(event)
-        self.passing = self._false.passing(headings)
+        self.passing = self._false.passing(headings, event.skips)
         if self.passing is not None:
             # None came twice either.
             self._doubled.before, self._doubled.alike = event, 1
