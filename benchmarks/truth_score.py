@@ -21,12 +21,13 @@ _SEAM_DEG = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """What became of one stream.
+    """What became of one stream. Where sectors are handed out, `kept` to `twice` and the times tell of them.
 
     Attributes:
         samples: Samples of whole revolutions.
         kept: Of these, delivered within a degree, each counted once.
-        wrong: Points delivered more than a degree off, or with a distance that is not theirs.
+        wrong: Points delivered more than a degree off, or with a distance that is not theirs; with sectors, those
+            of scans and of sectors.
         strange: Of these, those with such a distance: damaged bytes passed for good ones.
         farthest_deg: The farthest off.
         mixed: Points of another revolution than most of their scan.
@@ -94,9 +95,13 @@ def score(stream: TrueStream, line: Line, received: Received, *, timed: bool) ->
     scans, stats = received.scans, received.stats
     found = [_points(stream, scan) for scan in scans]
     numbers = [_number(stream, each) for each in found]
-    sample = np.concatenate([np.empty(0, np.int64), *(each.sample for each in found)])
-    off = np.concatenate([np.empty(0), *(each.off_deg for each in found)])
-    strange = sum(each.strange for each in found)
+    parts, again = found, list[_Points]()
+    if received.sectors:
+        parts, again = [_points(stream, sector) for sector in received.sectors], found
+    sample = np.concatenate([np.empty(0, np.int64), *(each.sample for each in parts)])
+    off = np.concatenate([np.empty(0), *(each.off_deg for each in parts)])
+    every = np.concatenate([off, *(each.off_deg for each in again)])
+    strange = sum(each.strange for each in parts + again)
     revolution = np.floor(stream.turns).astype(np.int64)
     wanted = (revolution >= stream.whole.start) & (revolution < stream.whole.stop)
     got = np.zeros(len(stream.turns), np.bool_)
@@ -106,10 +111,10 @@ def score(stream: TrueStream, line: Line, received: Received, *, timed: bool) ->
     return Score(
         samples=int(wanted.sum()),
         kept=int((got & wanted).sum()),
-        wrong=int((off > _OFF_DEG).sum()) + strange,
+        wrong=int((every > _OFF_DEG).sum()) + strange,
         strange=strange,
-        farthest_deg=float(off.max(initial=0.0)),
-        mixed=sum(_mixed(stream, each, number) for each, number in zip(found, numbers, strict=True)),
+        farthest_deg=float(every.max(initial=0.0)),
+        mixed=sum(_mixed(stream, each, _number(stream, each)) for each in parts),
         twice=len(sample) - len(np.unique(sample)),
         revolutions=len(stream.whole),
         delivered=len(scans),
@@ -123,7 +128,7 @@ def score(stream: TrueStream, line: Line, received: Received, *, timed: bool) ->
         broken=stats.broken_scans,
         rpm_off=_two(_rpm_off(stream, scans, numbers)),
         no_rpm=sum(bool(np.isnan(scan.rpm)) for scan in scans),
-        times_off_ms=_two(_times_off(stream, found, timed=timed)),
+        times_off_ms=_two(_times_off(stream, parts, timed=timed)),
         overlap_ms=_overlap(scans) * 1e-6,
     )
 

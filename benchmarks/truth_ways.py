@@ -1,12 +1,12 @@
-"""The ways that bytes take to scans: live as they are read, live a revolution at a time, and from a file.
+"""The ways that bytes take to scans: live as they are read, a revolution at a time, or in sectors; and from a file.
 
 All go through what a program uses: `Link` and `Assembler`, and the offline decoder.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,9 @@ from lidario.revolution.pipeline import Pipeline
 from lidario.scan import Scan
 from lidario.sector import Sector
 
-WAYS = ("read", "held", "file")
-"""Each read parsed by itself; what was read kept until a revolution should be complete; a file of bytes."""
+WAYS = ("read", "held", "sectors", "file")
+"""Each read parsed by itself; what was read kept until a revolution should be complete; each read by itself while
+eighths of revolutions are handed out, too; a file of bytes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,24 +33,25 @@ class Received:
         scans: The scans.
         stats: The counters of the assembler.
         packets: How many were found intact.
+        sectors: The sectors, where those are handed out.
     """
 
     scans: list[Scan]
     stats: AssemblerStats
     packets: int
+    sectors: list[Sector] = field(default_factory=list)
 
 
-def receive(
-    stream: TrueStream, line: Line, way: str, seed: int = 1, publish: Callable[[Sector], None] | None = None
-) -> Received:
-    """Everything that comes of a line, in one of `WAYS`; live, `publish` takes each eighth of a revolution, too."""
+def receive(stream: TrueStream, line: Line, way: str, seed: int = 1) -> Received:
+    """Everything that comes of a line, in one of `WAYS`."""
     if way == "file":
         return _from_file(stream, line)
     reads = list(_reads(line, np.random.default_rng(seed)))
     pipeline = Pipeline(stream.form.stream(), stream.form.baudrate)
-    if publish is not None:
-        pipeline.assembler.divide((8,), lambda _, sector: publish(sector))
-    return _live(pipeline, line, reads, _handed_over(stream, reads, way))
+    sectors = list[Sector]()
+    if way == "sectors":
+        pipeline.assembler.divide((8,), lambda _, sector: sectors.append(sector))
+    return replace(_live(pipeline, line, reads, _handed_over(stream, reads, way)), sectors=sectors)
 
 
 def _reads(line: Line, random: np.random.Generator) -> Iterator[tuple[int, int]]:
@@ -68,7 +70,7 @@ def _reads(line: Line, random: np.random.Generator) -> Iterator[tuple[int, int]]
 def _handed_over(stream: TrueStream, reads: list[tuple[int, int]], way: str) -> NDArray[np.int64]:
     """How many reads there were at the end of each piece that is parsed at once."""
     count = np.arange(1, len(reads) + 1)
-    if way == "read":
+    if way != "held":
         return count
     # A revolution is complete with the packet behind its last one.
     late_ns = 2 * stream.form.samples * stream.form.sample_ns

@@ -10,7 +10,6 @@ from benchmarks.truth_cases import CASES, happen
 from benchmarks.truth_forms import FORMATS
 from benchmarks.truth_score import Score, is_right, score
 from benchmarks.truth_ways import receive
-from lidario.sector import Sector
 
 ONE_A_PARSER = ["0x81 S1", "0x82 A1", "0x83 HQ", "0x84 A3", "0x85 C1", "4ROS", "G4", "LD19"]
 """Formats that are cut or decoded by different code, or whose packets hold far fewer samples."""
@@ -192,9 +191,8 @@ def test_a_revolution_whose_angles_are_not_certain_is_not_delivered() -> None:
 def test_sectors_change_nothing_of_the_scans_where_each_second_packet_is_lost(name: str) -> None:
     """Time tells that half is missing, also where a read is decoded in parts. Before that, some may be wrong."""
     stream, line = happen(CASES["each second packet gone"], FORMATS[name])
-    sectors = list[Sector]()
-    divided, whole = receive(stream, line, "read", publish=sectors.append), receive(stream, line, "read")
+    divided, whole = receive(stream, line, "sectors"), receive(stream, line, "read")
     assert [scan.seq for scan in divided.scans] == [scan.seq for scan in whole.scans]
-    assert len(sectors) > 7 * len(whole.scans)
+    assert len(divided.sectors) > 7 * len(whole.scans)
     assert all(is_right(stream, scan) for scan in divided.scans[1:])
-    assert all(is_right(stream, sector) for sector in sectors if sector.seq > 1)
+    assert all(is_right(stream, sector) for sector in divided.sectors if sector.seq > 1)
