@@ -12,7 +12,9 @@ from typing import Final
 
 from lidario.families.base import Stream
 from lidario.revolution.device_clock import StampReader
+from lidario.revolution.partial import part_of
 from lidario.revolution.timing import DEVICE_DELAY_SAMPLES
+from lidario.revolution.together import join_runs
 from lidario.wire.blocks import Block
 from lidario.wire.events import Arrival, Packets
 from lidario.wire.formats import Ticks
@@ -44,6 +46,14 @@ class StoredTimes:
 
     def dated(self, packets: Packets) -> Packets:
         """The next packets, with the times at which they came."""
+        wire = self._wire
+        places = [0, *[at for at, _ in packets.skips if at], packets.count]
+        parts = [part_of(packets, *each, None, wire, self._sample_ns) for each in pairwise(places)]
+        (found,) = join_runs([self._dated(part) for part in (parts if len(parts) > 1 else [packets])])
+        return found
+
+    def _dated(self, packets: Packets) -> Packets:
+        """As `dated`, where nothing was skipped but before the first of them."""
         wire, arrivals, done = self._wire, list[Arrival](), 0
         samples = packets.count * wire.pitch if wire.whole else wire.samples_in(packets.blocks)
         if packets.skipped:

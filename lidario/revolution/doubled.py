@@ -103,8 +103,8 @@ class DoubledPackets:
         return came_ns - part_of(packets, number - 1, number, offsets, self._wire, self._sample_ns).received_ns
 
 
-def without(packets: Packets, dropped: Sequence[int]) -> Packets:
-    """The same without some packets, of which the numbers ascend."""
+def without(packets: Packets, dropped: Sequence[int], *, as_noise: bool = False) -> Packets:
+    """The same without some packets, of which the numbers ascend; `as_noise`: their bytes are skipped."""
     offsets, gone = packet_offsets(packets.blocks), set(dropped)
     kept = [at for at in range(packets.count) if at not in gone]
     blocks: list[Block] = []
@@ -115,5 +115,9 @@ def without(packets: Packets, dropped: Sequence[int]) -> Packets:
         if left and (not arrivals or left > arrivals[-1][0]):
             arrivals.append((left, at_ns))
     data = b"".join([packets.data[offsets[at] : offsets[at + 1]] for at in kept])
-    skips = tuple((at - sum(1 for each in dropped if each < at), size) for at, size in packets.skips)
-    return Packets(data, tuple(blocks), tuple(arrivals), skips)
+    skips = dict[int, int]()
+    noise = [(at, offsets[at + 1] - offsets[at]) for at in dropped] if as_noise else []
+    for at, size in sorted([*packets.skips, *noise]):
+        place = at - sum(1 for each in dropped if each < at)
+        skips[place] = skips.get(place, 0) + size
+    return Packets(data, tuple(blocks), tuple(arrivals), tuple(skips.items()))

@@ -14,16 +14,17 @@ make a whole turn together, nothing is judged.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
 from lidario.families.base import Stream
 from lidario.families.spans import LIKENESS
+from lidario.revolution.doubled import without
 from lidario.revolution.partial import part_of
 from lidario.revolution.stats import AssemblerStats
+from lidario.revolution.together import join_runs
 from lidario.wire.blocks import packet_offsets
 from lidario.wire.events import Packets
 from lidario.wire.formats import HEADING_MASK, Headings
@@ -55,14 +56,11 @@ class FalsePackets:
         self._farthest = wire.full_turn * FARTHEST_TURNS
         self._forwards = wire.full_turn * (1 - RETREAT_TURNS)
         self._last = -1
-        # As many packets as the bytes since that one make, and how far the rotor turned for each of the latest: at
+        # How far the rotor turned from each of the latest to the next one, for as many bytes as a packet has: at
         # least, and on average; 0 where that is not known.
-        self._behind = 0.0
         self._advances: list[float] = []
         self._arc = self._mean = 0.0
         self._waiting: Packets | None = None
-        # Bytes since the last packet that was true.
-        self._skipped = 0
 
     def tell_time(self, sample_ns: float) -> None:
         """A sample takes so many nanoseconds from now on."""
@@ -73,7 +71,7 @@ class FalsePackets:
 
         So it is also while the speed changes. None where it is not so, or not known, or bytes were skipped.
         """
-        if not self._mean or skips or self._behind or self._waiting is not None:
+        if not self._mean or skips or self._waiting is not None:
             return None
         least, most = (1 - LIKENESS) * self._arc, (1 + LIKENESS) * self._mean
         full_turn, last = self._full_turn, self._last
@@ -104,22 +102,21 @@ class FalsePackets:
         self._measure()
         return passing
 
-    def drop(self, packets: Packets, headings: Headings) -> list[tuple[Packets, Headings]]:
-        """The next packets, in pieces between those that are false; without those that wait."""
-        if (
-            not self._can_tell
-            or self.passing(headings, packets.skips) is not None
-            or self._begins(packets, headings)
-        ):
-            return [(packets, headings)]
-        runs = [packets] if (waiting := self.left()) is None else [waiting, packets]
-        angles = [int(each) & HEADING_MASK for run in runs for each in self._wire.headings(run)]
-        apart = [each for run in runs for each in self._apart(run)]
-        false, waits = self._judge(angles, apart)
-        if waits:
-            self._waiting, self._stats.waiting_packets = self._part(packets, packets.count - 1, packets.count), 1
+    def drop(self, packets: Packets, headings: Headings) -> tuple[Packets, Headings]:
+        """The next packets, perhaps none, and their headings; without those that are false or wait."""
+        judged = self._can_tell and self.passing(headings, packets.skips) is None
+        if not judged or self._begins(packets, headings):
+            return packets, headings
+        (run,) = join_runs([packets] if (waiting := self.left()) is None else [waiting, packets])
+        false, waits = self._judge([int(each) & HEADING_MASK for each in self._wire.headings(run)], run.skips)
         self._stats.false_packets += len(false)
-        return [(piece, self._wire.headings(piece)) for piece in self._pieces(runs, false, len(angles) - waits)]
+        # The time that they took has passed all the same.
+        run = without(run, false, as_noise=True) if false else run
+        if waits:
+            last = run.count - 1
+            self._waiting, self._stats.waiting_packets = self._part(run, last, run.count), 1
+            run = self._part(run, 0, last)
+        return run, self._wire.headings(run) if run.data else ()
 
     def left(self) -> Packets | None:
         """The packet that waits, which does so no longer; None where none does."""
@@ -141,32 +138,6 @@ class FalsePackets:
         (self._last, self._advances), self._mean = before, 0.0
         return False
 
-    def _apart(self, run: Packets) -> list[float]:
-        """As many packets as the bytes make from each one before to each of these."""
-        apart = [1.0] * run.count
-        for at, size in run.skips:
-            apart[at] += size / self._wire.shortest
-        return apart
-
-    def _pieces(self, runs: Sequence[Packets], false: Sequence[int], end: int) -> Iterator[Packets]:
-        """What lies between the false ones, up to number `end`."""
-        begin = 0
-        for run in runs:
-            first, last = 0, min(run.count, end - begin)
-            skips = dict(run.skips)
-            for at in [*(at - begin for at in false if begin <= at < begin + run.count), last]:
-                if at > first:
-                    piece = self._part(run, first, at)
-                    if self._skipped:
-                        # In a file, noise has taken its time, too.
-                        skips_in = piece.skips[1:] if piece.skipped else piece.skips
-                        piece = replace(piece, skips=((0, piece.skipped + self._skipped), *skips_in))
-                        self._skipped = 0
-                    yield piece
-                first = at + 1
-                self._skipped += self._wire.shortest + skips.get(at, 0) if at < last else 0
-            begin += run.count
-
     def _accept(self, heading: int, behind: float) -> None:
         """It is true, and so many packets by its bytes behind the one before."""
         # Of more packets, each of which may be as far, a whole turn may hide in it.
@@ -175,7 +146,7 @@ class FalsePackets:
             if advance < self._forwards:
                 self._advances.append(advance / behind)
                 self._measure()
-        self._last, self._behind = heading, 0.0
+        self._last = heading
 
     def _measure(self) -> None:
         """Where enough have come, find how far the rotor turns."""
@@ -183,23 +154,25 @@ class FalsePackets:
         known = len(latest) == MEASURED and max(latest) <= self._farthest
         self._arc, self._mean = (min(latest), sum(latest) / MEASURED) if known else (0.0, 0.0)
 
-    def _judge(self, headings: Sequence[int], apart: Sequence[float]) -> tuple[list[int], bool]:
-        """Which of them are false, and whether the last one has to wait."""
+    def _judge(self, headings: Sequence[int], skips: Sequence[tuple[int, int]]) -> tuple[list[int], bool]:
+        """Which of them are false, and whether the last one has to wait; the skips are those of `Packets`."""
         false = list[int]()
+        # As many packets as the bytes make from the last true one to this one, and to the one behind it.
+        noise, behind, packet = dict(skips), 0.0, self._wire.shortest
         for at, heading in enumerate(headings):
-            self._behind += apart[at]
-            beyond = self._beyond(heading, self._behind)
-            if self._mean and beyond > self._behind * (self._mean - self._arc) + LIKENESS * self._arc:
+            behind += 1 + noise.get(at, 0) / packet
+            beyond = self._beyond(heading, behind)
+            if self._mean and beyond > behind * (self._mean - self._arc) + LIKENESS * self._arc:
                 if at + 1 == len(headings):
-                    self._behind -= apart[at]
                     return false, True
                 # Without it, at most half as much is missing; or it falls back behind where it should be.
-                third = self._behind + apart[at + 1]
+                third = behind + 1 + noise.get(at + 1, 0) / packet
                 missing = self._beyond(headings[at + 1], third)
                 if third * self._arc < self._full_turn and 2 * missing < min(beyond, self._full_turn - beyond):
                     false.append(at)
                     continue
-            self._accept(heading, self._behind)
+            self._accept(heading, behind)
+            behind = 0.0
         return false, False
 
     def _beyond(self, heading: int, behind: float) -> float:
@@ -208,6 +181,4 @@ class FalsePackets:
         return (heading - self._last - behind * self._arc + slack) % self._full_turn - slack
 
     def _part(self, packets: Packets, begin: int, end: int) -> Packets:
-        if end - begin == packets.count:
-            return packets
         return part_of(packets, begin, end, packet_offsets(packets.blocks), self._wire, self._sample_ns)

@@ -52,7 +52,7 @@ class Incoming:
         self._tell_time(stream)
 
     def take(self, event: Packets) -> list[tuple[Packets, Headings]]:
-        """The next packets, in pieces where one was false, and their headings; none twice, and dated."""
+        """The next packets, perhaps none, and their headings: none that is false, none twice, and dated."""
         headings = self._format.headings(event)
         self.passing = self._false.passing(headings, event.skips)
         if self.passing is not None:
@@ -60,8 +60,8 @@ class Incoming:
             self._doubled.before, self._doubled.alike = event, 1
             return [(self._clock.dated(event), headings)]
         event, headings = self._doubled.drop(event, headings)
-        found = self._false.drop(event, headings) if event.data else ()
-        return [(self._clock.dated(packets), angles) for packets, angles in found]
+        event, headings = self._false.drop(event, headings) if event.data else (event, headings)
+        return [(self._clock.dated(event), headings)] if event.data else []
 
     def left(self) -> Packets | None:
         """The packet that still waits, where the stream has ended: it is taken for true."""

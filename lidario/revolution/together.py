@@ -70,7 +70,11 @@ def join_runs(runs: Sequence[Packets]) -> list[Packets]:
             arrivals.append((before + count, at_ns))
             apart = False
         before = arrivals[-1][0]
-    return [Packets(b"".join([run.data for run in runs]), tuple(blocks), tuple(arrivals), tuple(skips))]
+    return [
+        Packets(
+            b"".join([run.data for run in runs]), tuple(blocks), tuple(arrivals), tuple(skips), cut=runs[-1].cut
+        )
+    ]
 
 
 def _bytes_of(arrival: Arrival) -> int:

@@ -130,6 +130,7 @@ def test_the_times_of_the_others_stay() -> None:
     )
     left = without(found, [1, 2])
     assert left == Packets(b"aadd", (Block(2, 2),), ((1, 10), (2, 40)), ((0, 7), (1, 3)))
+    assert without(found, [1, 2], as_noise=True).skips == ((0, 7), (1, 3 + 2 + 4))
 
 
 @pytest.mark.parametrize("case", WITH_A_CHECK, ids=named)

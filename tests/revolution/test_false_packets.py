@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from lidario.recording.stored_times import StoredTimes
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.revolution.false_packets import FalsePackets
 from lidario.revolution.pipeline import Pipeline
@@ -160,6 +161,22 @@ def test_behind_an_outage_the_rotor_may_be_slower(slower: float) -> None:
     stats = AssemblerStats()
     assemble([*before, *behind], stats=stats)
     assert stats.false_packets == 0
+
+
+@pytest.mark.parametrize("spoilt", [0, 2])
+def test_in_a_file_it_has_taken_its_time(spoilt: int) -> None:
+    clean = numbered(24 * 5, 960)
+    stamps = list[list[int]]()
+    for false in ({}, {40: clean[52]}, {40: clean[52], 70: clean[60]}):
+        packets = [false.get(at, packet) for at, packet in enumerate(clean)]
+        for at in range(71, 71 + spoilt):
+            packets[at] = packets[at][:-1] + bytes([packets[at][-1] ^ 1])
+        stream = stream_of(DENSE)
+        pipeline = Pipeline(stream, clock=StoredTimes(stream))
+        stamps.append([scan.stamp_ns for scan in pipeline.receive(b"".join(packets))])
+        assert pipeline.stats.false_packets == len(false)
+    assert stamps[0] == stamps[1] == stamps[2]
+    assert len(stamps[0]) == 3
 
 
 def test_where_a_rotor_stands_amid_damage_none_is_false() -> None:
