@@ -22,6 +22,13 @@ def _scored(name: str, case: str, way: str) -> Score:
     return score(stream, line, receive(stream, line, way), timed=way != "file")
 
 
+def test_in_a_file_no_time_speaks_against_missing_nodes() -> None:
+    """None passes there where they are missing."""
+    found = _scored("0x81 S1", "60 % of the packets gone", "file")
+    assert found.told == pytest.approx(found.missing, rel=0.01)
+    assert (found.wrong, found.told_revolutions) == (0, 0)
+
+
 @every_format
 @pytest.mark.parametrize(
     ("case", "way", "comes"),

@@ -126,7 +126,9 @@ class NodeSteps(PacedTurning):
         if by_time is None:
             return 1.0
         low, high = min(by_time) / each, max(by_time) / each
-        for times in (max(1, round(low)), 1 / max(1, round(1 / high))):
+        # In a file no time passes where nodes are missing: it cannot tell of fewer.
+        fewer = 1 / max(1, round(1 / high)) if self._time_passes else 1.0
+        for times in (max(1, round(low)), fewer):
             if high <= (1 + OFF) * times and low >= (1 - OFF) * times:
                 if times != 1:
                     self._typical /= times
