@@ -21,7 +21,7 @@ from typing import Any, Final
 
 from lidario.arguments import finite, shown, text_of
 from lidario.entered import Entered
-from lidario.errors import ConnectFailed, InvalidValue, LidarError, LocalProtocolError
+from lidario.errors import ConnectFailed, InvalidValue, LidarError, LocalProtocolError, SessionClosed
 from lidario.model import ScanMode
 from lidario.network.bus import DEFAULT_ROUTER, Bus
 from lidario.network.heard import what_is_heard
@@ -78,7 +78,7 @@ class Broadcast(Entered):
         self.news: str = ""
         self.scans: int = 0
         self.unsent: int = 0
-        self._started = False
+        self._started = self._closed = False
         self._bus: Bus | None = None
         self._connecting: asyncio.Task[None] | None = None
         self._modes: tuple[ScanMode, ...] = ()
@@ -160,6 +160,7 @@ class Broadcast(Entered):
         Raises:
             ConnectFailed: The host of the router is unknown (reason ``missing``).
             InvalidValue: `router` is not an address.
+            SessionClosed: Another task has closed it meanwhile, or started it.
             Unsupported: The package that is needed is not installed.
         """
         if self._started:
@@ -171,6 +172,7 @@ class Broadcast(Entered):
         except ConnectFailed as error:
             if error.reason != "refused":
                 raise
+            self._check_alone()
             self._tell(False, f"{error}\nScans are not sent until it is there.")
             self._connecting = asyncio.create_task(self._connect_later(), name="lidario: wait for the router")
         self._started = True
@@ -180,6 +182,7 @@ class Broadcast(Entered):
 
         Harmless when done before. Cancelling ends only the waiting.
         """
+        self._closed = True
         connecting, bus = self._connecting, self._bus
         if connecting is not None:
             connecting.cancel()
@@ -262,6 +265,11 @@ class Broadcast(Entered):
     async def _connect(self) -> None:
         """Connect to the router and declare what is published."""
         bus = await Bus.open(self.router)
+        try:
+            self._check_alone()
+        except SessionClosed:
+            bus.close_soon()
+            raise
         # No await from here to the end, so that cancelling comes before all of it or after.
         try:
             gid = self._declare(bus)
@@ -278,6 +286,10 @@ class Broadcast(Entered):
         self._bus = bus
         bus.on_change = self._router_changed
         self._ticking = asyncio.create_task(self._tick(), name="lidario: publish the status")
+
+    def _check_alone(self) -> None:
+        if self._closed or self._bus is not None or self._connecting not in (None, asyncio.current_task()):
+            raise SessionClosed("another task has closed the publisher meanwhile, or started it")
 
     async def _connect_later(self) -> None:
         """Try until the router is there."""

@@ -93,6 +93,7 @@ class Fleet(Entered):
 
         Raises:
             ConnectFailed: There is no router. Unlike a publisher, a reader does not wait for it.
+            SessionClosed: Another task has closed it meanwhile, or started it.
             Unsupported: The package that is needed is not installed.
         """
         if self._bus is not None:
@@ -102,6 +103,8 @@ class Fleet(Entered):
         self._decoders = Decoders(self._clock)
         bus = await Bus.open(self._router)
         try:
+            if self._closed or self._bus is not None:
+                raise SessionClosed("another task has closed the fleet meanwhile, or started it")
             bus.subscribe(status_key(self._keys), self._learn)
             bus.subscribe(self._keys, self._take)
         except BaseException:

@@ -10,9 +10,10 @@ from typing import Any
 import pytest
 
 import lidario
-from lidario.errors import ConnectFailed, InvalidValue, Unsupported
+from lidario.errors import ConnectFailed, InvalidValue, SessionClosed, Unsupported
 from lidario.network.bus import Bus
 from lidario.network.keys import Token, token_key
+from lidario.ros import Fleet, Share
 from tests.support.network import BOUND_S
 from tests.support.router import Router, client
 
@@ -94,6 +95,46 @@ async def test_cancelling_an_opening_leaves_nothing(router: Router) -> None:
     opening.cancel()
     with pytest.raises(asyncio.CancelledError):
         await opening
+
+
+@pytest.mark.parametrize("makes", ["fleet", "share"])
+@pytest.mark.parametrize("second", ["start", "close"])
+async def test_two_tasks_that_start_and_close_one_leave_nothing_open(
+    makes: str, second: str, router: Router, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened, open_bus = list[Bus](), Bus.open
+
+    async def kept(address: str) -> Bus:
+        opened.append(await open_bus(address))
+        return opened[-1]
+
+    monkeypatch.setattr(Bus, "open", kept)
+    async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
+        made = (
+            Fleet("a/*", router=router.address) if makes == "fleet" else Share(lidar, "a/b", router=router.address)
+        )
+        starting = asyncio.create_task(made.start())
+        await asyncio.sleep(0)
+        found = await asyncio.gather(
+            starting, made.start() if second == "start" else made.close(), return_exceptions=True
+        )
+        assert [*map(type, found)].count(SessionClosed) == found.count(None) == 1
+        await made.close()
+    assert len(opened) == (2 if second == "start" else 1)
+    for bus in opened:
+        with pytest.raises(ConnectFailed, match=r"the zenoh session with .* failed"):
+            await bus.tokens("a", 1.0)
+
+
+async def test_a_publisher_that_is_closed_while_no_router_responds_waits_for_none() -> None:
+    async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
+        share = Share(lidar, "a/b", router="tcp/127.0.0.1:1")
+        starting = asyncio.create_task(share.start())
+        await asyncio.sleep(0)
+        await share.close()
+        with pytest.raises(SessionClosed, match="another task has closed the publisher"):
+            await starting
+    assert asyncio.all_tasks() == {asyncio.current_task()}
 
 
 async def test_a_publisher_that_hangs_is_not_nobody(router: Router, monkeypatch: pytest.MonkeyPatch) -> None:
