@@ -105,7 +105,7 @@ class FalsePackets:
     def drop(self, packets: Packets, headings: Headings) -> tuple[Packets, Headings]:
         """The next packets, perhaps none, and their headings; without those that are false or wait."""
         judged = self._can_tell and self.passing(headings, packets.skips) is None
-        if not judged or self._begins(packets, headings):
+        if not judged or self._begins(packets, headings) or self._goes_on(packets, headings):
             return packets, headings
         (run,) = join_runs([packets] if (waiting := self.left()) is None else [waiting, packets])
         false, waits = self._judge([int(each) & HEADING_MASK for each in self._wire.headings(run)], run.skips)
@@ -138,6 +138,19 @@ class FalsePackets:
         (self._last, self._advances), self._mean = before, 0.0
         return False
 
+    def _goes_on(self, packets: Packets, headings: Headings) -> bool:
+        """Whether only the first packet stands behind skipped bytes, where they tell, and all others follow it."""
+        if not self._mean or self._waiting is not None or len(packets.skips) != (packets.skipped > 0):
+            return False
+        before = self._last, self._advances.copy(), self._arc, self._mean
+        heading, behind = int(headings[0]) & HEADING_MASK, 1 + packets.skipped / self._wire.shortest
+        if not self._is_odd(self._beyond(heading, behind), behind):
+            self._accept(heading, behind)
+            if len(headings) == 1 or self.passing(headings[1:]) is not None:
+                return True
+        self._last, self._advances, self._arc, self._mean = before
+        return False
+
     def _accept(self, heading: int, behind: float) -> None:
         """It is true, and so many packets by its bytes behind the one before."""
         # Of more packets, each of which may be as far, a whole turn may hide in it.
@@ -162,7 +175,7 @@ class FalsePackets:
         for at, heading in enumerate(headings):
             behind += 1 + noise.get(at, 0) / packet
             beyond = self._beyond(heading, behind)
-            if self._mean and beyond > behind * (self._mean - self._arc) + LIKENESS * self._arc:
+            if self._is_odd(beyond, behind):
                 if at + 1 == len(headings):
                     return false, True
                 # Without it, at most half as much is missing; or it falls back behind where it should be.
@@ -174,6 +187,10 @@ class FalsePackets:
             self._accept(heading, behind)
             behind = 0.0
         return false, False
+
+    def _is_odd(self, beyond: float, behind: float) -> bool:
+        """Whether one that is so far beyond so many arcs may be false."""
+        return self._mean > 0 and beyond > behind * (self._mean - self._arc) + LIKENESS * self._arc
 
     def _beyond(self, heading: int, behind: float) -> float:
         """How much farther than so many arcs the rotor turned since the last true packet; hardly below 0."""
