@@ -76,7 +76,6 @@ class RawRecording(StoredStreams):
             while data := file.read(_PIECE):
                 link.receive_data(data, 0)
                 for event in link.events_received():
-                    if isinstance(event, Packets):
-                        for packets, _ in incoming.take(event):
-                            at_ns = packets.received_ns
+                    if isinstance(event, Packets) and (taken := incoming.take(event)) is not None:
+                        at_ns = taken[0].received_ns
                 yield Piece(0, at_ns, data, 0.0)

@@ -97,45 +97,44 @@ class Assembler:
 
         What is left when it is closed, or when the stream is ended meanwhile, counts as discarded.
         """
-        pieces, ended = iter(self.incoming.take(event)), self.ended
-        count = kept = 0
+        taken = self.incoming.take(event)
+        if taken is None:
+            return
+        (packets, headings), ended = taken, self.ended
+        count, kept = packets.count, 0
         try:
-            for packets, headings in pieces:
-                count, kept = packets.count, 0
-                splits = self._seam.splits(headings, self.incoming.passing)
-                offsets = packet_offsets(packets.blocks) if splits else ()
-                done, alone = 0, 1
-                while done < len(splits):
-                    several = 1
-                    # Those behind a beginning or a gap teach what others are measured by. A block has one offset.
-                    together = self._by_blocks and self._next_offset_deg is None
-                    if together and is_ready(self._stream, self.partial, self._clock):
-                        block = self.add_block(packets, offsets, splits[done:], kept)
-                        if block:
-                            kept = splits[-1].packet
-                            self.partial.begun_ns = self.incoming.read_at(packets, kept)
-                            yield block
-                            if self.ended != ended:
-                                return
-                            break
-                        # Something is not as it should be, somewhere. Behind it all may be well again.
-                        several, alone = alone, 2 * alone
-                    for split in splits[done : done + several]:
-                        if split.packet > kept:
-                            part = self._part(packets, kept, split.packet, offsets)
-                            self._keep(part, headings[kept : split.packet])
-                        scan = self._end_at(packets, split, offsets)
-                        kept = split.packet
-                        yield [] if scan is None else [scan]
+            splits = self._seam.splits(headings, self.incoming.passing)
+            offsets = packet_offsets(packets.blocks) if splits else ()
+            done, alone = 0, 1
+            while done < len(splits):
+                several = 1
+                # Those behind a beginning or a gap teach what others are measured by. A block has one offset.
+                together = self._by_blocks and self._next_offset_deg is None
+                if together and is_ready(self._stream, self.partial, self._clock):
+                    block = self.add_block(packets, offsets, splits[done:], kept)
+                    if block:
+                        kept = splits[-1].packet
+                        self.partial.begun_ns = self.incoming.read_at(packets, kept)
+                        yield block
                         if self.ended != ended:
                             return
-                    done += several
-                rest = self._part(packets, kept, count, offsets) if kept else packets
-                headings, kept = headings[kept:], count
-                self._keep(rest, headings)
+                        break
+                    # Something is not as it should be, somewhere. Behind it all may be well again.
+                    several, alone = alone, 2 * alone
+                for split in splits[done : done + several]:
+                    if split.packet > kept:
+                        part = self._part(packets, kept, split.packet, offsets)
+                        self._keep(part, headings[kept : split.packet])
+                    scan = self._end_at(packets, split, offsets)
+                    kept = split.packet
+                    yield [] if scan is None else [scan]
+                    if self.ended != ended:
+                        return
+                done += several
+            rest = self._part(packets, kept, count, offsets) if kept else packets
+            headings, kept = headings[kept:], count
+            self._keep(rest, headings)
         finally:
-            for left, _ in pieces:
-                count += left.count
             self.stats.discarded_packets += count - kept
 
     def _end_at(self, event: Packets, split: Split, offsets: Sequence[int]) -> Scan | None:

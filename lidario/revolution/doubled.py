@@ -12,6 +12,7 @@ of a slow rotor, two samples may be alike.
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Sequence
 from operator import eq
 from typing import Final
@@ -118,6 +119,6 @@ def without(packets: Packets, dropped: Sequence[int], *, as_noise: bool = False)
     skips = dict[int, int]()
     noise = [(at, offsets[at + 1] - offsets[at]) for at in dropped] if as_noise else []
     for at, size in sorted([*packets.skips, *noise]):
-        place = at - sum(1 for each in dropped if each < at)
+        place = at - bisect_left(dropped, at)
         skips[place] = skips.get(place, 0) + size
     return Packets(data, tuple(blocks), tuple(arrivals), tuple(skips.items()))

@@ -7,9 +7,9 @@ the packet behind it, back, which looks like a gap of almost a turn, or like the
 The packets beside it tell. A rotor turns on from packet to packet by at least an arc, and what was skipped as noise
 between them took its time on the line, too: an arc for as many bytes as a packet has. Packets that are gone only
 add to that. So of three packets, the one in the middle is false if there is room for both before the third, and it
-does not lie there. Until the third has come, the second waits: only where it is not as
-far ahead as its bytes tell, so in an undisturbed stream nothing does. Where so much is gone that two gaps may well
-make a whole turn together, nothing is judged.
+does not lie there. Until the third has come, the second waits: only where it is not as far ahead as its bytes tell,
+so in an undisturbed stream nothing does. Where so much is gone that two gaps may well make a whole turn together,
+nothing is judged.
 """
 
 from __future__ import annotations

@@ -51,17 +51,17 @@ class Incoming:
         self._clock: Clock = clock or DeviceClock(stream)
         self._tell_time(stream)
 
-    def take(self, event: Packets) -> list[tuple[Packets, Headings]]:
-        """The next packets, perhaps none, and their headings: none that is false, none twice, and dated."""
+    def take(self, event: Packets) -> tuple[Packets, Headings] | None:
+        """The next packets and their headings: none false, none twice, and dated. None where none is left."""
         headings = self._format.headings(event)
         self.passing = self._false.passing(headings, event.skips)
         if self.passing is not None:
             # None came twice either.
             self._doubled.before, self._doubled.alike = event, 1
-            return [(self._clock.dated(event), headings)]
+            return self._clock.dated(event), headings
         event, headings = self._doubled.drop(event, headings)
         event, headings = self._false.drop(event, headings) if event.data else (event, headings)
-        return [(self._clock.dated(event), headings)] if event.data else []
+        return (self._clock.dated(event), headings) if event.data else None
 
     def left(self) -> Packets | None:
         """The packet that still waits, where the stream has ended: it is taken for true."""

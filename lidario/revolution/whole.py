@@ -38,25 +38,25 @@ class WholeAssembler(SectorAssembler):
 
     def ends(self, event: Packets) -> Iterator[list[Scan]]:
         # None is false: all begin at the same angle.
-        ended = self.ended
-        for packets, _ in self.incoming.take(event):
-            offsets, done = packet_offsets(packets.blocks), 0
-            try:
-                for number, came_ns in enumerate(self._came(packets)):
-                    part = part_of(
-                        packets, number, number + 1, offsets, self._stream.format, self._stream.sample_ns
-                    )
-                    done += 1
-                    scan = self._scan_of(part, came_ns)
-                    self.stats.scan_packets += 1
-                    for count in self._parts:
-                        for sector in sectors_of(scan, count):
-                            self._publish_sector(count, sector)
-                    yield [scan]
-                    if self.ended != ended:
-                        return
-            finally:
-                self.stats.discarded_packets += packets.count - done
+        taken = self.incoming.take(event)
+        if taken is None:
+            return
+        (packets, _), ended = taken, self.ended
+        offsets, done = packet_offsets(packets.blocks), 0
+        try:
+            for number, came_ns in enumerate(self._came(packets)):
+                part = part_of(packets, number, number + 1, offsets, self._stream.format, self._stream.sample_ns)
+                done += 1
+                scan = self._scan_of(part, came_ns)
+                self.stats.scan_packets += 1
+                for count in self._parts:
+                    for sector in sectors_of(scan, count):
+                        self._publish_sector(count, sector)
+                yield [scan]
+                if self.ended != ended:
+                    return
+        finally:
+            self.stats.discarded_packets += packets.count - done
 
     def _came(self, event: Packets) -> list[float]:
         """When each packet would have come if it were not delayed: by the device's clock, where it has one."""
