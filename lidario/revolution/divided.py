@@ -14,7 +14,9 @@ from typing import Final
 import numpy as np
 
 from lidario.families.base import Decoder, Samples
+from lidario.revolution.ended import BROKEN_SHARE
 from lidario.revolution.partial import PartialRevolution, SampleArrays
+from lidario.revolution.timing import begins_of
 from lidario.wire.blocks import Block, some_blocks
 from lidario.wire.events import Packets
 from lidario.wire.formats import HEADING_MASK, Headings, StreamFormat
@@ -82,7 +84,7 @@ class DividedRevolution:
         packets: How many they are.
         first_ns: Earliest estimate of when the first sample arrived; infinite when there is none.
         gap: Whether a gap is known, so that the number of samples tells no time any more.
-        certain: Whether the angles of all that was decoded are.
+        certain: Whether the angles of all that was decoded are, and no turn passed unseen among it.
         seq: Its number, once told.
         unseen: Revolutions before it that were counted as missing when that was told.
     """
@@ -146,17 +148,35 @@ class DividedRevolution:
         self.bytes += len(packets.data)
         self.packets += packets.count
 
-    def take(self, samples: Samples, next_at: int, wire: StreamFormat) -> None:
+    def take(
+        self,
+        packets: Packets,
+        samples: Samples,
+        next_at: int,
+        wire: StreamFormat,
+        sample_ns: float,
+        usual_ns: float,
+    ) -> None:
         """What waited was decoded to that, behind the samples that were left over before.
 
         Args:
+            packets: What waited.
             samples: The samples.
             next_at: How far behind the seam the packet behind it begins.
             wire: The format.
+            sample_ns: Nanoseconds a sample.
+            usual_ns: What a revolution takes; 0 where that is not known.
         """
         arrays = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
+        earlier = self.given + (0 if self.rest is None else len(self.rest))
+        if samples.certain:
+            before = earlier + sum([skipped for _, skipped in self.gaps])
+            found = begins_of(packets, samples, before, sample_ns)
+            self.first_ns = min(self.first_ns, *found)
+            # Behind whole turns that passed unseen all belongs to another revolution, as in `EndedRevolution`.
+            unseen_ns, turn_ns = found[-1] - self.first_ns, usual_ns or samples.revolution_samples * sample_ns
+            self.certain &= not turn_ns or unseen_ns <= BROKEN_SHARE * turn_ns
         if samples.gaps:
-            earlier = self.given + (0 if self.rest is None else len(self.rest))
             self.gaps += [(earlier + before, skipped) for before, skipped in samples.gaps]
         if self.rest is not None:
             arrays.begin_with(self.rest)

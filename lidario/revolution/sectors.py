@@ -176,8 +176,9 @@ class SectorAssembler(Assembler):
     ) -> Samples:
         """Decode what waits: `following` is the packet behind it, and begins so far behind the seam."""
         room = 0 if here.rest is None else len(here.rest.angle)
-        samples = here.decoder.decode(joined(here.waiting), following, room, seam)
-        here.take(samples, next_at, self._stream.format)
+        packets = joined(here.waiting)
+        samples = here.decoder.decode(packets, following, room, seam)
+        here.take(packets, samples, next_at, self._stream.format, self._sample_time_ns, self._clock.usual_ns)
         if samples.certain and samples.revolution_samples:
             self._usual_samples, self._by_speed_ns = samples.revolution_samples, samples.sample_ns
         return samples
@@ -248,9 +249,7 @@ class SectorAssembler(Assembler):
         stats.resume(start_ns)
         if self._clock.last is not None and here.decoded:
             samples = here.decoded[0]
-            over = 0.0
-            if partial.runs:
-                over = share_before(self._stream.format, partial, samples)
+            over = share_before(self._stream.format, partial, samples) if partial.runs else 0.0
             turn_ns = samples.revolution_samples * self._sample_time_ns
             from_end_ns = round(partial.last_ns - (here.passed / self._stream.format.full_turn - over) * turn_ns)
             # A read that was completed only behind a gap dates what came before it too late, as in `beginning_of`.

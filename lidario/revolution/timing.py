@@ -8,9 +8,9 @@ when the revolution began, each too late by what delayed that packet, and the ea
 
 from __future__ import annotations
 
-import math
-
+from lidario.families.base import Samples
 from lidario.revolution.ended import EndedRevolution
+from lidario.wire.events import Packets
 
 BITS_A_BYTE = 10
 """On a serial line with one start and one stop bit."""
@@ -26,32 +26,39 @@ def first_sample_ns(ended: EndedRevolution, *, packet_bytes: float, byte_ns: flo
         byte_ns: Nanoseconds that a byte takes on the line.
     """
     revolution, packets, samples, sample_ns = ended.partial, ended.packets, ended.samples, ended.sample_ns
-    carried = 0 if revolution.carried is None else len(revolution.carried)
-    earliest = revolution.carried_ns - (carried - 1) * sample_ns if carried else math.inf
-    ends, before = samples.ends, carried - 1
-    if samples.certain and not samples.gaps and not revolution.lost_behind_carried:
-        # Mostly. What follows would find the same.
+    before, skipped, found = 0, 0, list[float]()
+    if revolution.carried is not None:
+        before, skipped = len(revolution.carried), revolution.skipped_behind_carried
+        found.append(revolution.carried_ns - (before - 1) * sample_ns)
+    if samples.certain:
+        found += begins_of(packets, samples, before + skipped, sample_ns)
+    else:
+        unbroken = -1 if before and revolution.lost_behind_carried else samples.unbroken
         for count, at_ns in packets.arrivals:
-            estimate = at_ns - (before + ends[count - 1]) * sample_ns
-            if estimate < earliest:
-                earliest = estimate
-        return earliest_ns(earliest, sample_ns, packet_bytes * byte_ns)
-    gaps = list(samples.gaps)
-    if carried and revolution.lost_behind_carried:
-        gaps.insert(0, (0, revolution.skipped_behind_carried))
-    unbroken = -1 if gaps and not gaps[0][0] else samples.unbroken
-    passed = 0
+            if count > unbroken and found:
+                # Behind a gap the number of samples since the beginning is not known.
+                break
+            found.append(at_ns - (before + samples.ends[count - 1] - 1) * sample_ns)
+    return earliest_ns(min(found), sample_ns, packet_bytes * byte_ns)
+
+
+def begins_of(packets: Packets, samples: Samples, before: int, sample_ns: float) -> list[float]:
+    """When the first sample of a revolution arrived, by each read of packets: as if that one was not delayed.
+
+    Args:
+        packets: These packets.
+        samples: What they were decoded to; where packets are missing among them is certain.
+        before: How many samples of the revolution were measured before them.
+        sample_ns: Nanoseconds a sample.
+    """
+    ends, gaps, passed, found = samples.ends, samples.gaps, 0, list[float]()
     for count, at_ns in packets.arrivals:
         end = ends[count - 1]
-        if samples.certain:
-            while passed < len(gaps) and gaps[passed][0] < end:
-                before += gaps[passed][1]
-                passed += 1
-        elif count > unbroken and earliest < math.inf:
-            # Behind a gap the number of samples since the beginning is not known.
-            break
-        earliest = min(at_ns - (before + end) * sample_ns, earliest)
-    return earliest_ns(earliest, sample_ns, packet_bytes * byte_ns)
+        while passed < len(gaps) and gaps[passed][0] < end:
+            before += gaps[passed][1]
+            passed += 1
+        found.append(at_ns - (before + end - 1) * sample_ns)
+    return found
 
 
 def earliest_ns(estimate: float, sample_ns: float, wire_ns: float) -> int:

@@ -203,3 +203,15 @@ def test_sectors_change_nothing_of_the_scans_where_each_second_packet_is_lost(na
     assert len(divided.sectors) > 7 * len(whole.scans)
     assert all(is_right(stream, scan) for scan in divided.scans[1:])
     assert all(is_right(stream, sector) for sector in divided.sectors if sector.seq > 1)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ONE_A_PARSER)
+@pytest.mark.parametrize("case", ["an outage of 0.3 s", "20 % of the packets gone"])
+def test_sectors_behind_gaps_are_dated_nearly_as_well_as_scans(name: str, case: str) -> None:
+    """Packets behind a gap tell the time, too; where whole turns passed unseen, no sector comes behind it."""
+    (of_sectors, most), (of_scans, _) = (
+        _scored(name, case, way).times_off_ms or (9, 0) for way in ("sectors", "read")
+    )
+    assert of_sectors < 2.5 * of_scans + 0.1
+    assert most < 40
