@@ -60,6 +60,9 @@ class FalsePackets:
         # least, and on average; 0 where that is not known.
         self._advances: list[float] = []
         self._arc = self._mean = 0.0
+        # What of it may be the speed that changes: a part of the fastest turning, as the slower a rotor turns, the
+        # more any change is for it. Angles are rounded.
+        self._slack = 1.0
         self._waiting: Packets | None = None
 
     def tell_time(self, sample_ns: float) -> None:
@@ -73,7 +76,7 @@ class FalsePackets:
         """
         if not self._mean or skips or self._waiting is not None:
             return None
-        least, most = (1 - LIKENESS) * self._arc, (1 + LIKENESS) * self._mean
+        least, most = max(0.0, self._arc - self._slack), self._mean + self._slack
         full_turn, last = self._full_turn, self._last
         if isinstance(headings, np.ndarray):
             plain = headings & HEADING_MASK
@@ -166,6 +169,7 @@ class FalsePackets:
         latest = self._advances = self._advances[-MEASURED:]
         known = len(latest) == MEASURED and max(latest) <= self._farthest
         self._arc, self._mean = (min(latest), sum(latest) / MEASURED) if known else (0.0, 0.0)
+        self._slack = max(self._slack, LIKENESS * self._arc + 1)
 
     def _judge(self, headings: Sequence[int], skips: Sequence[tuple[int, int]]) -> tuple[list[int], bool]:
         """Which of them are false, and whether the last one has to wait; the skips are those of `Packets`."""
@@ -190,12 +194,11 @@ class FalsePackets:
 
     def _is_odd(self, beyond: float, behind: float) -> bool:
         """Whether one that is so far beyond so many arcs may be false."""
-        return self._mean > 0 and beyond > behind * (self._mean - self._arc) + LIKENESS * self._arc
+        return self._mean > 0 and beyond > behind * (self._mean - self._arc) + self._slack
 
     def _beyond(self, heading: int, behind: float) -> float:
         """How much farther than so many arcs the rotor turned since the last true packet; hardly below 0."""
-        slack = LIKENESS * self._arc
-        return (heading - self._last - behind * self._arc + slack) % self._full_turn - slack
+        return (heading - self._last - behind * self._arc + self._slack) % self._full_turn - self._slack
 
     def _part(self, packets: Packets, begin: int, end: int) -> Packets:
         return part_of(packets, begin, end, packet_offsets(packets.blocks), self._wire, self._sample_ns)

@@ -29,7 +29,7 @@ class Motor:
         self.spin_up_s: float = spin_up_s
         self._since = 0
         self._turns = turns
-        self._rate = 0.0  # revolutions per second at `_since`
+        self._rate = self._earlier = 0.0  # revolutions per second at `_since`, and right before
         self._target = 0.0
         self._tau = 0.0
 
@@ -62,7 +62,7 @@ class Motor:
     def set_rpm(self, rpm: float, now: int) -> None:
         """Command a speed in revolutions per minute; 0 lets the head run down."""
         self._turns, self._rate = float(self.turns(np.array([float(now)]))[0]), self.rpm(now) / 60.0
-        self._since = now
+        self._since, self._earlier = now, self._rate
         self._target = rpm / 60.0
         self._tau = self.spin_up_s / -math.log(_STABLE)
         if self._tau <= 0.0:
@@ -85,7 +85,7 @@ class Motor:
         """Where the head stands at each time.
 
         Args:
-            times: float64 (n,), nanoseconds, ascending, none before the last `set_rpm`.
+            times: float64 (n,), nanoseconds, ascending; of a packet that the last `set_rpm` came upon, also before.
 
         Returns:
             float64 (n,), revolutions since the beginning; the fraction is the angle.
@@ -98,4 +98,7 @@ class Motor:
                 angle += lag * -np.expm1(-seconds / self._tau)
             else:
                 angle += lag
+        if seconds.size and seconds[0] < 0:
+            # Else the head would leap, by what it turns more or less from now on.
+            np.copyto(angle, seconds * self._earlier + self._turns, where=seconds < 0)
         return angle

@@ -74,3 +74,11 @@ def test_the_head_does_not_jump_when_the_speed_is_changed() -> None:
     motor.set_rpm(0, 700_000_000)
     assert motor.turns(np.array([7e8]))[0] == pytest.approx(before)
     assert motor.rpm(20 * SECOND) == pytest.approx(0, abs=1e-6)
+
+
+def test_what_was_measured_right_before_a_change_was_measured_at_the_speed_before() -> None:
+    """A packet in the making begins before the request that came meanwhile."""
+    motor = Motor(spin_up_s=0.0)
+    motor.set_rpm(600, 0)
+    motor.set_rpm(900, SECOND)
+    np.testing.assert_allclose(motor.turns(np.array([0.9e9, 0.999e9, 1e9, 1.1e9])), [9.0, 9.99, 10.0, 11.5])

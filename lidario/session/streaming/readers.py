@@ -85,6 +85,7 @@ class Hub:
 
     def discard(self, mailbox: Mailbox[Any]) -> None:
         """This one reads no more, nor does it wait."""
+        mailbox.end()
         self._mailboxes.pop(mailbox, None)
         self.joining = [each for each in self.joining if each.mailbox is not mailbox]
         self._see_parts()

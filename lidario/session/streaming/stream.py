@@ -47,11 +47,15 @@ class _Hold:
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self.waiter: asyncio.Future[None] | None = None
         self._loop = loop
-        loop.call_later(_HOLD_S, self._stay)
+        self._timer = loop.call_later(_HOLD_S, self._stay)
 
     def _stay(self) -> None:
         if self.waiter is not None:
-            self._loop.call_later(_HOLD_S, self._stay)
+            self._timer = self._loop.call_later(_HOLD_S, self._stay)
+
+    def end(self) -> None:
+        """Nobody will wait any more."""
+        self._timer.cancel()
 
 
 class Mailbox(Generic[T]):
@@ -109,6 +113,8 @@ class Mailbox(Generic[T]):
             self.ended = True
             self._error = error
             self._wake()
+            if self._hold is not None and (hold := self._hold()) is not None:
+                hold.end()
 
     async def get(self) -> T:
         """The oldest scan held, or the next one to come. Cancelling loses nothing.
@@ -241,10 +247,7 @@ class ReaderStream(AsyncOnly, Generic[T]):
 
     def _leave(self) -> bool:
         left, self._left = self._left, True
-        if self._let_go is None or left:
-            return False
-        self._mailbox.end()
-        return True
+        return self._let_go is not None and not left
 
 
 class ScanStream(ReaderStream[Scan]):
