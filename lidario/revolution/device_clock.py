@@ -147,23 +147,29 @@ class DeviceClock:
                 begin = gap
             reader.add(stamps[begin:count])
             begin = count
-            came_ns = self._came(reader, at_ns, is_last=True)
+            came_ns = self._came(reader, at_ns, is_last=True, is_cut=packets.cut and count == packets.count)
             self._last_ns = max(self._last_ns, at_ns) if came_ns is None else came_ns
             arrivals.append((count, self._last_ns))
         return Packets(packets.data, packets.blocks, tuple(arrivals), packets.skips)
 
-    def _came(self, reader: StampReader, at_ns: int, *, is_last: bool = False) -> int | None:
-        """When the last packet of a read at `at_ns` should have come, and not before the one before."""
+    def _came(
+        self, reader: StampReader, at_ns: int, *, is_last: bool = False, is_cut: bool = False
+    ) -> int | None:
+        """When the last packet of a read at `at_ns` should have come, and not before the one before.
+
+        Where the read was cut behind it, that time was reckoned, and tells nothing.
+        """
         measured_ns = reader.measured(at_ns - self._ahead_ns)
         if measured_ns is None:
             return None
-        if is_last:
+        if is_last and not is_cut:
             if self._earliest and not -_EARLY_NS < at_ns - measured_ns - self._ahead_ns < _LATE_NS:
                 self._earliest.clear()
                 self._ahead_ns = 0
                 return self._came(reader, at_ns, is_last=True)
             self._learn(measured_ns, at_ns - measured_ns)
-        self._last_ns = max(self._last_ns, min(measured_ns + self._ahead_ns, at_ns))
+        came_ns = measured_ns + self._ahead_ns
+        self._last_ns = max(self._last_ns, came_ns if is_cut else min(came_ns, at_ns))
         return self._last_ns
 
     def _learn(self, measured_ns: int, ahead_ns: int) -> None:
