@@ -152,9 +152,7 @@ class DeviceClock:
             arrivals.append((count, self._last_ns))
         return Packets(packets.data, packets.blocks, tuple(arrivals), packets.skips)
 
-    def _came(
-        self, reader: StampReader, at_ns: int, *, is_last: bool = False, is_cut: bool = False
-    ) -> int | None:
+    def _came(self, reader: StampReader, at_ns: int, *, is_last: bool = False, is_cut: bool = False) -> int | None:
         """When the last packet of a read at `at_ns` should have come, and not before the one before.
 
         Where the read was cut behind it, that time was reckoned, and tells nothing.
