@@ -297,16 +297,20 @@ class YdlidarDevice(Device):
 
     def _ask_health(self) -> Script[Health]:
         known, both = self._health_request, (commands.GET_HEALTH, commands.GET_HEALTH_92)
-        questions = ((known,) if known else both[::-1] if self._model.health_by_92 else both) * 2
-        for left, request in enumerate(questions, 1 - len(questions)):
+        *questions, last = ((known,) if known else both[::-1] if self._model.health_by_92 else both) * 2
+        for request in questions:
             try:
                 payload = yield request
             except ResponseTimeout:
-                if left:
-                    continue
+                continue
+            break
+        else:
+            request = last
+            try:
+                payload = yield last
+            except ResponseTimeout:
                 self._health_request = None
                 raise
-            break
         # Not forgotten before: who waits for its turn may be cancelled, or another task may ask meanwhile.
         self._health_request = request
         # For an error, the device is reset.
