@@ -30,10 +30,11 @@ _TICK_S = 0.002
 
 
 def usual_way(device: SimulatedDevice) -> str:
-    """How a device is served where nobody says it: ``"udp"``, if it is reached so; ``"pty"`` on Linux; ``"tcp"``.
+    """How a device is served unless the user says it: ``"udp"`` for a network device; else ``"pty"`` or ``"tcp"``.
 
-    Windows has no pseudo-terminals. On macOS they take the speeds of POSIX alone; pyserial sets another one, such
-    as 256000 or 1000000, by an ioctl of serial adapters, which a pseudo-terminal refuses (ENOTTY).
+    ``"pty"`` on Linux, ``"tcp"`` elsewhere: Windows has no pseudo-terminals. On macOS they take the speeds of POSIX
+    alone; pyserial sets another one, such as 256000 or 1000000, by an ioctl of serial adapters, which a
+    pseudo-terminal refuses (ENOTTY).
     """
     if getattr(device, "is_network", False):
         return "udp"

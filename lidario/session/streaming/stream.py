@@ -54,7 +54,7 @@ class _Hold:
             self._timer = self._loop.call_later(_HOLD_S, self._stay)
 
     def end(self) -> None:
-        """Nobody will wait any more."""
+        """No reader will wait any more."""
         self._timer.cancel()
 
 
