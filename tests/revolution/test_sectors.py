@@ -71,8 +71,8 @@ def divided(
     return Divided(scans, sectors, pipeline.stats, order)
 
 
-def assert_sum(found: Divided, count: int, *, stamps_ns: float) -> None:
-    """The sectors of each revolution that became a scan are that scan."""
+def assert_sum(found: Divided, count: int, *, stamps_ns: float, may_end: bool = False) -> None:
+    """The sectors of each revolution that became a scan are that scan; or its beginning, where they `may_end`."""
     by_seq: dict[int, list[Sector]] = defaultdict(list)
     names = [(sector.seq, sector.index) for sector in found.sectors[count]]
     assert names == sorted(set(names))
@@ -85,16 +85,18 @@ def assert_sum(found: Divided, count: int, *, stamps_ns: float) -> None:
         if not sectors:  # nothing is certain yet
             continue
         seen += 1
+        came = sum(map(len, sectors))
+        assert came == len(scan) or may_end
         for name in ("device_angles", "device_distances", "intensities", "angles", "ranges"):
             if getattr(scan, name) is None:
                 assert all(getattr(sector, name) is None for sector in sectors)
                 continue
             parts = [getattr(sector, name) for sector in sectors]
-            np.testing.assert_array_equal(np.concatenate(parts), getattr(scan, name))
+            np.testing.assert_array_equal(np.concatenate(parts), getattr(scan, name)[:came])
             assert not any(part.flags.writeable for part in parts)
             assert {part.dtype for part in parts} == {getattr(scan, name).dtype}
         times = np.concatenate([sector.times_ns for sector in sectors])
-        late = times - scan.times_ns
+        late = times - scan.times_ns[:came]
         assert np.abs(late).max() <= stamps_ns
         assert {sector.mode for sector in sectors} == {scan.mode}
     assert seen >= len(found.scans) - 1
@@ -176,7 +178,8 @@ def test_sectors_are_the_scan_where_packets_are_lost(case: Case, data: st.DataOb
     times = arrivals(case, left)
     found = divided(case, raw, (8,), data.draw(st.sampled_from([64, 500, 4000]), "chunk"), times)
     if found.sectors[8]:
-        assert_sum(found, 8, stamps_ns=5e9)
+        # Of a read that comes late, amid losses, nobody knows yet whether a turn passed unseen.
+        assert_sum(found, 8, stamps_ns=5e9, may_end=True)
 
 
 @pytest.mark.long
