@@ -173,7 +173,7 @@ class DividedRevolution:
             before = earlier + sum([skipped for _, skipped in self.gaps])
             found = begins_of(packets, samples, before, sample_ns)
             self.first_ns = min(self.first_ns, *found)
-            # Behind whole turns that passed unseen all belongs to another revolution, as in `EndedRevolution`.
+            # Where whole turns passed unseen, these packets belong to another revolution, as in `EndedRevolution`.
             unseen_ns, turn_ns = found[-1] - self.first_ns, usual_ns or samples.revolution_samples * sample_ns
             self.certain &= not turn_ns or unseen_ns <= BROKEN_SHARE * turn_ns
         if samples.gaps:
