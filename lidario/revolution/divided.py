@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from lidario.families.base import Decoder, Samples
-from lidario.revolution.ended import BROKEN_SHARE
+from lidario.revolution.ended import hides_a_turn
 from lidario.revolution.partial import PartialRevolution, SampleArrays
 from lidario.revolution.timing import begins_of
 from lidario.wire.blocks import Block, some_blocks
@@ -175,7 +175,8 @@ class DividedRevolution:
             self.first_ns = min(self.first_ns, *found)
             # Where whole turns passed unseen, these packets belong to another revolution, as in `EndedRevolution`.
             unseen_ns, turn_ns = found[-1] - self.first_ns, usual_ns or samples.revolution_samples * sample_ns
-            self.certain &= not turn_ns or unseen_ns <= BROKEN_SHARE * turn_ns
+            gap = self.gap or samples.lost > samples.lost_behind
+            self.certain &= not (turn_ns and hides_a_turn(unseen_ns, turn_ns, gap=gap))
         if samples.gaps:
             self.gaps += [(earlier + before, skipped) for before, skipped in samples.gaps]
         if self.rest is not None:

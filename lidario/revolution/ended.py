@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from lidario.families.base import Samples
-from lidario.revolution.clock import Beginning
+from lidario.revolution.clock import NOISE, Beginning
 from lidario.revolution.partial import PartialRevolution, SampleArrays
 from lidario.wire.blocks import Block, some_blocks
 from lidario.wire.events import Packets
 from lidario.wire.formats import HEADING_MASK, StreamFormat
 
-BROKEN_SHARE: Final = 0.9
-"""Share of a revolution that may be missing in time, not seen as a jump of the angle, before it is broken."""
+_WHOLE: Final = 0.9
+"""Revolutions by which a packet comes late if one has passed unseen where the angles show no gap: hardly less."""
 UNEVEN: Final = 1.5
 """Times the samples of a revolution from which parts of two have met in it."""
 _FEWEST_PACKETS: Final = 3
@@ -98,16 +98,19 @@ class EndedRevolution:
             ordinary_ns: What the revolution before took.
         """
         samples = self.samples
-        if self.elapsed_ns > self.spanned_ns + BROKEN_SHARE * ordinary_ns:
+        # What is missing behind its last packet has not passed when that one comes.
+        lost = self.partial.lost_behind_carried + self.revoked + samples.lost - samples.lost_behind
+        passed = self.count + _samples_of(samples, lost, sum([each for _, each in self.gaps or ()]))
+        # What is missing behind its last packet passed before that one was read, or behind that.
+        partial, read_ns = self.partial, self.partial.last_ns
+        waited_ns = samples.skipped_behind * self.sample_ns - (max(partial.ended_ns, read_ns) - read_ns)
+        late_ns = self.elapsed_ns - passed * self.sample_ns - max(0.0, waited_ns)
+        if hides_a_turn(late_ns, ordinary_ns, gap=lost > 0):
             return True
         if not samples.certain:
             return not wire.own_angles or self.packets.count < _FEWEST_PACKETS
-        # What is missing behind its last packet has not passed when that one comes.
-        lost = samples.lost - samples.lost_behind
         # More than one revolution by its angles: they went back by so little that it looked like jitter.
-        skipped = sum([each for _, each in samples.gaps]) - samples.skipped_behind
-        missing = _samples_of(samples, lost, skipped)
-        return self.count + missing > UNEVEN * samples.revolution_samples
+        return passed > UNEVEN * samples.revolution_samples
 
     @property
     def is_false_part(self) -> bool:
@@ -152,6 +155,14 @@ class EndedRevolution:
             spanned_ns=self.spanned_ns if samples.certain and self.told else 0.0,
             reads_ns=self.partial.reads_ns(packets),
         )
+
+
+def hides_a_turn(late_ns: float, turn_ns: float, *, gap: bool) -> bool:
+    """Whether a turn has passed unseen among packets, as the last one came so much later than the angles tell.
+
+    A read alone may be late by much of a turn. Where a `gap` is known, a turn is likelier to hide in it.
+    """
+    return late_ns > (1 - NOISE if gap else _WHOLE) * turn_ns
 
 
 def _samples_of(samples: Samples, lost: int, skipped: int) -> float:

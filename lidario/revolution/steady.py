@@ -19,7 +19,7 @@ from typing import NamedTuple
 from lidario.families.base import Decoder, SteadySamples, Stream
 from lidario.revolution.build import DatedRevolution, turned_by
 from lidario.revolution.clock import NOISE, Beginning, RevolutionClock
-from lidario.revolution.ended import BROKEN_SHARE, UNEVEN
+from lidario.revolution.ended import UNEVEN, hides_a_turn
 from lidario.revolution.partial import PartialRevolution, SampleArrays, joined, part_of
 from lidario.revolution.seam import Split
 from lidario.revolution.timing import earliest_ns
@@ -175,7 +175,7 @@ def _dated(
         start_ns = earliest_ns(earliest, sample_ns, wire_ns)
         spanned_ns, turn_ns = (seam_at - begin) * sample_ns, samples.revolution_samples[number] * sample_ns
         if (
-            at_ns - start_ns > spanned_ns + BROKEN_SHARE * usual_ns
+            hides_a_turn(at_ns - start_ns - spanned_ns, usual_ns, gap=False)
             or spanned_ns > UNEVEN * turn_ns
             or start_ns - round(at_ns - spanned_ns) > NOISE * turn_ns
         ):

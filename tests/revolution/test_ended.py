@@ -52,7 +52,8 @@ def partial(packets: int, last_ns: int, *, over: float = 0.0, **changes: Any) ->
 def ended(revolution: PartialRevolution, samples: Samples, start_ns: int) -> EndedRevolution:
     count = samples.ends[-1]
     arrays = SampleArrays(np.empty(count, np.float32), np.empty(count, np.float32), None)
-    here = EndedRevolution(revolution, revolution.runs[0], samples, arrays, samples.lost, [], revoked=0)
+    gaps = [each for each in samples.gaps if each[0] < count]
+    here = EndedRevolution(revolution, revolution.runs[0], samples, arrays, samples.lost, gaps, revoked=0)
     here.start_ns, here.elapsed_ns = start_ns, revolution.last_ns - start_ns
     here.sample_ns, here.spanned_ns, here.told = SAMPLE_NS, count * SAMPLE_NS, True
     return here
@@ -89,10 +90,24 @@ def test_how_much_of_a_revolution_must_have_come() -> None:
 
 
 def test_one_that_took_much_longer_than_what_is_known_of_it_is_broken() -> None:
-    samples = decoded(80, 80.0)
-    for late, broken in ((0.89, False), (0.91, True)):
+    whole, half = decoded(80, 80.0), decoded(40, 80.0, lost=40, gaps=[(20 * EACH, 40 * EACH)])
+    for samples, late, broken in (
+        (whole, 0.89, False), (whole, 0.91, True),
+        # A turn is likelier to hide in a gap.
+        (half, 0.64, False), (half, 0.66, True),
+    ):  # fmt: skip
         here = ended(partial(80, END_NS), samples, round(END_NS - (1 + late) * USUAL_NS))
         assert here.is_broken(DenseFormat(), USUAL_NS) is broken
+
+
+@pytest.mark.parametrize(("next_after", "broken"), [(0.0, False), (0.2, False), (0.4, True), (1.0, True)])
+def test_its_last_packet_may_have_waited_while_nothing_came(next_after: float, broken: bool) -> None:
+    """Half a turn is missing behind it, and passed before it was read unless it passed before the next one was."""
+    behind = 80 * EACH // 2
+    samples = decoded(79, 80.0, lost=41, lost_behind=40, gaps=[(EACH, EACH), (79 * EACH, behind)])
+    revolution = partial(80, END_NS, ended_ns=round(END_NS + next_after * USUAL_NS))
+    here = ended(revolution, samples, round(END_NS - 1.85 * USUAL_NS))
+    assert here.is_broken(DenseFormat(), USUAL_NS) is broken
 
 
 @pytest.mark.parametrize(("packets", "false"), [(39, True), (40, False), (80, False)])

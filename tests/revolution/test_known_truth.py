@@ -91,6 +91,15 @@ def test_turns_that_hide_in_outages_are_not_taken_for_a_speed(name: str) -> None
     assert found.told <= 1.04 * found.missing
 
 
+@pytest.mark.parametrize("case", ["an outage of 0.15 s each 0.35 s", "2 % of the bytes lost"])
+@every_format
+def test_parts_of_two_revolutions_do_not_meet_where_a_turn_passes_unseen(name: str, case: str) -> None:
+    """The angles beside such a gap are those of one turn; time tells that it was longer."""
+    found = _scored(name, case, "read")
+    assert found.mixed <= 0.02 * found.kept
+    assert found.times_off_ms is None or found.times_off_ms[1] < 50
+
+
 @pytest.mark.parametrize("case", ["an outage of 0.4 s each 0.6 s", "an outage of 0.7 s each second"])
 @every_format
 def test_a_revolution_that_came_whole_tells_its_speed_between_outages(name: str, case: str) -> None:
