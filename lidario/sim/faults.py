@@ -3,10 +3,8 @@
 A list of faults is written like ``drop:1%,flip:0.1%,unplug:5s``. Shares are written in per cent or as a fraction,
 durations as ``5s``, ``200ms``, ``2min`` or plain seconds. `FAULTS` is the table of all of them.
 
-There are two kinds. Line faults change bytes on their way from the device to the host (`lidario.sim.line_faults`);
-a share is per byte. Device faults are events inside of the device (`lidario.sim.device_faults`). The durations of
-``silent``, ``unplug`` and ``replug`` and of all device faults count from the first byte on the line, in either
-direction.
+`lidario.sim.trouble` lets them happen. A share is per byte, or per response. The durations of ``silent``,
+``unplug`` and ``replug`` and of all faults of the device count from the first byte on the line, either way.
 """
 
 from __future__ import annotations
@@ -14,8 +12,7 @@ from __future__ import annotations
 import re
 from typing import Literal, NamedTuple
 
-from lidario.sim.device_faults import DeviceFaults
-from lidario.sim.line_faults import Faults
+from lidario.sim.trouble import Faults
 
 __all__ = ["FAULTS", "Fault", "Faults", "parse_faults"]
 
@@ -27,13 +24,11 @@ class Fault(NamedTuple):
         example: How it is written.
         takes: What its value is.
         what: What it does.
-        inside: Whether it is a fault of the device, not of the line.
     """
 
     example: str
     takes: Literal["nothing", "a share", "a duration", "a number of bytes"]
     what: str
-    inside: bool = False
 
 
 FAULTS = {
@@ -59,24 +54,13 @@ FAULTS = {
         Fault(
             "replug:5s", "a duration", "the port dies; 1 s later it is back with another name, and the device boots"
         ),
-        Fault("reboot:5s", "a duration", "the device restarts by itself, once", inside=True),
-        Fault(
-            "freeze:5s",
-            "a duration",
-            "the device sends nothing and obeys nothing until it loses its power",
-            inside=True,
-        ),
-        Fault(
-            "protect:5s",
-            "a duration",
-            "the device stops to protect itself, and health reports an error",
-            inside=True,
-        ),
+        Fault("reboot:5s", "a duration", "the device restarts by itself, once"),
+        Fault("freeze:5s", "a duration", "the device sends nothing and obeys nothing until it loses its power"),
+        Fault("protect:5s", "a duration", "the device stops to protect itself, and health reports an error"),
         Fault(
             "wrong-response:20%",
             "a share",
             "instead of this share of the responses the device repeats the one before",
-            inside=True,
         ),
     )
 }
@@ -99,19 +83,17 @@ def parse_faults(text: str, *, seed: int = 0) -> Faults:
     Raises:
         ValueError: The text makes no sense; says why, and which faults there are.
     """
-    line: dict[str, float | bool] = {}
-    device: dict[str, float | bool] = {}
+    found: dict[str, float | bool] = {}
     for word in filter(None, (part.strip() for part in text.split(","))):
         name, _, value = word.partition(":")
         if name not in FAULTS:
             raise ValueError(f"no fault is called {_begin(name)}; there are {', '.join(FAULTS)}")
-        found = device if FAULTS[name].inside else line
         field = name.replace("-", "_") + ("_s" if FAULTS[name].takes == "a duration" else "")
         if field in found:
             raise ValueError(f"the fault {_begin(name)} is given twice")
         found[field] = _value(word, name, value)
     try:
-        return Faults(seed=seed, device=DeviceFaults(**device), **line)  # type: ignore[arg-type]
+        return Faults(seed=seed, **found)  # type: ignore[arg-type]
     except ValueError as error:
         raise ValueError(f"{_begin(text)}: {error}") from None
 

@@ -23,17 +23,13 @@ class MemoryLine:
 
     def __init__(self, device: SimulatedDevice, faults: Faults | None = None) -> None:
         self.device = device
-        self._faults = faults
+        self._faults = Faults() if faults is None else faults
         self._left = bytearray()  # left the device before a device fault and was not read yet
         self._cable: int | None = None
-        if faults is not None:
-            faults.device.check(device)
+        self._faults.check(device)
 
     def write(self, data: bytes, now: int) -> None:
         """The host's bytes arrive at the device at `now`; they are lost while the cable is out."""
-        if self._faults is None:
-            self.device.receive(data, now)
-            return
         self._faults.begin(now)
         self._let_faults_happen(now)
         if not self._faults.unplugged(now):
@@ -49,8 +45,6 @@ class MemoryLine:
 
     def read(self, now: int) -> bytes:
         """What has arrived at the host since the last call."""
-        if self._faults is None:
-            return self.device.transmit(now)
         self._let_faults_happen(now)
         data = bytes(self._left) + self.device.transmit(now)
         self._left.clear()
@@ -58,23 +52,21 @@ class MemoryLine:
 
     def wakeup(self, now: int) -> int | None:
         """When `read` or `unplugged` will next have something to tell; None while nothing is under way."""
-        if self._faults is None:
-            return self.device.wakeup(now)
         if self._left:
             return now
-        times = (self.device.wakeup(now), self._faults.wakeup(now), self._faults.device.next_at)
+        times = (self.device.wakeup(now), self._faults.wakeup(now), self._faults.next_at)
         return max(now, min(known)) if (known := [each for each in times if each is not None]) else None
 
     def unplugged(self, now: int) -> bool:
         """Whether this line is dead by `now`; after a replug it stays so, and a new line works."""
-        if self._faults is None:
-            # A device that brings its own faults tells it itself.
-            tells = getattr(self.device, "unplugged", None)
-            return bool(tells(now)) if tells is not None else False
         cable = self._faults.cable(now)
         if self._cable is None:
             self._cable = cable
-        return cable != self._cable or self._faults.unplugged(now)
+        if cable != self._cable or self._faults.unplugged(now):
+            return True
+        # A device that brings its own faults tells it itself.
+        tells = getattr(self.device, "unplugged", None)
+        return tells is not None and bool(tells(now))
 
     def _tell(self, method: str, state: int, now: int) -> None:
         """Tell the device what the host has set, where it has a method for that, or passes on what it is asked."""
@@ -83,10 +75,8 @@ class MemoryLine:
             told(state, now)
 
     def _let_faults_happen(self, now: int) -> None:
-        assert self._faults is not None
-        faults = self._faults.device
-        while (at := faults.next_at) is not None and at <= now:
+        while (at := self._faults.next_at) is not None and at <= now:
             self._left += self.device.transmit(at)
-            faults.strike(self.device)
+            self._faults.strike(self.device)
             if self._faults.unplugged(at):
                 self._left.clear()

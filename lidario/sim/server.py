@@ -15,9 +15,9 @@ from abc import ABC, abstractmethod
 from typing import Self
 
 from lidario.sim.device import SimulatedDevice
-from lidario.sim.device_faults import REPLUG_GAP_S, can_fail
 from lidario.sim.faults import Faults
 from lidario.sim.memory import MemoryLine
+from lidario.sim.trouble import REPLUG_GAP_S, can_fail
 
 _IDLE_S = 0.05  # how long the thread sleeps at most, so that an unplug that is due is noticed
 READ = 4096
@@ -81,7 +81,7 @@ class Server(ABC):
         """Pull the cable out, and put it in again after `gap_s` seconds.
 
         Returns when the client's port is dead; wait for `plugged` to open the new one. The device is without
-        power meanwhile, and boots afterwards, if it offers that (`CanFail`).
+        power meanwhile, and boots afterwards, if it can.
 
         Raises:
             ValueError: The line is dead and stays so.

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 
 from lidario import InvalidValue, Received, SimulatedDevice, Wall, WorldLike, simulate
 from lidario.arguments import number, shown, text_of
-from lidario.sim.faults import Faults, parse_faults
+from lidario.sim.faults import parse_faults
 from lidario.sim.memory import MemoryLine
 from lidario.testing.clock import FAST, clock_of
 from lidario.testing.surroundings import Body, Surroundings, room
@@ -76,8 +76,6 @@ class SimulatedLidar:
         self._seed = seed
         self._clocks: set[asyncio.AbstractEventLoop] = set()
         self._now = 0
-        self._faults: Faults | None = None
-        self._line = MemoryLine(self._device)
         self.fail(fault)
 
     def __repr__(self) -> str:
@@ -122,13 +120,12 @@ class SimulatedLidar:
         """
         text_of(fault, "a fault")
         try:
-            faults = parse_faults(fault, seed=self._seed) if fault else None
-            line = MemoryLine(self._device, faults)
+            self._faults = parse_faults(fault, seed=self._seed)
         except ValueError as error:
             raise InvalidValue(str(error)) from None
-        self._faults, self._line = faults, line
-        if faults is not None and self._now:
-            faults.begin(self._now)
+        self._line = MemoryLine(self._device, self._faults)
+        if self._now:
+            self._faults.begin(self._now)
 
     @property
     def is_still(self) -> bool:
@@ -197,7 +194,7 @@ class SimulatedLidar:
 
     def unplugged(self, now: int) -> bool:
         """Whether its cable is out at `now`, nanoseconds."""
-        return self._faults is not None and self._faults.unplugged(now)
+        return self._faults.unplugged(now)
 
     def _begin(self, now: int) -> None:
         """The first time that it is spoken to: its time begins, and the loop's clock becomes fast."""

@@ -10,9 +10,9 @@ import pytest
 
 from lidario.families.rplidar.simulated.device import make_simulated as make_first
 from lidario.families.ydlidar.simulated.device import make_simulated as make_second
-from lidario.sim.device_faults import ERROR_CODE, can_fail
 from lidario.sim.faults import parse_faults
 from lidario.sim.memory import MemoryLine
+from lidario.sim.trouble import ERROR_CODE, can_fail
 
 pytestmark = pytest.mark.discards("a device that boots or is frozen discards requests, which is tested here")
 

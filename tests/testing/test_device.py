@@ -180,6 +180,17 @@ async def test_what_goes_wrong_in_the_middle_of_a_stream() -> None:
     lidar.close()
 
 
+async def test_responses_that_were_wrong_are_right_again() -> None:
+    lidar = SimulatedLidar()
+    async with lidario.open_lidar(lidar) as session:
+        lidar.fail("wrong-response:100%")
+        lidar.fail()
+        asked = len(lidar.requests)
+        assert await session.get_info() == session.info
+        assert lidar.requests[asked:] == ["get_info"] * 2
+    lidar.close()
+
+
 async def test_it_comes_back() -> None:
     lidar = SimulatedLidar()
     async with lidario.open_lidar(lidar, reconnect=True) as session, session.scans() as scans:

@@ -1,36 +1,45 @@
-"""What can go wrong on the way of a simulated device's bytes to the host.
+"""What goes wrong with a simulated device and with its bytes on their way to the host, and when.
 
-The device knows nothing of these faults; its own are in `lidario.sim.device_faults`, the words for both in
-`lidario.sim.faults`.
+The words for it are in `lidario.sim.faults`. A *line fault* changes bytes; the device knows nothing of it. A
+*device fault* is an event in the device's own life: it restarts, freezes, stops to protect itself. `MemoryLine`
+first lets the device send what has left it by the time of the event, and then calls `Faults.strike`, so the bytes
+do not depend on how often the device is asked for bytes.
 
-One fault at most begins at a byte. What happens to each byte is drawn in the order of the bytes from a seeded
+One line fault at most begins at a byte. What happens to each byte is drawn in the order of the bytes from a seeded
 generator, so the outcome does not depend on how the bytes were divided into chunks.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 
-from lidario.sim.device_faults import REPLUG_GAP_S, DeviceFaults
+if TYPE_CHECKING:
+    from lidario.sim.chassis import Chassis
 
+ERROR_CODE = 0x8001
+"""What health tells after the fault ``protect``; no document gives a meaning to any code."""
+REPLUG_GAP_S = 1.0
+"""Seconds without a cable, and so without power, in the fault ``replug``."""
 _SECOND = 1_000_000_000
 _BLOCK = 64  # bytes of a burst or a repetition: the packet of a full-speed USB adapter
 _BYTE_FAULTS = ("drop", "flip", "insert", "burst", "duplicate")
 
 
-@dataclass(slots=True)
+def can_fail(device: object) -> TypeGuard[Chassis[Any, Any]]:
+    """Whether device faults can happen in it; also in one behind an object that passes on what it is asked for."""
+    return hasattr(device, "protection_stop")
+
+
+@dataclass
 class Faults:
     """Faults of one line and of the device behind it, and how far they have got; a line needs one of its own.
 
     `lidario.sim.faults.FAULTS` says what each of them does. Shares are from 0 to 1, and what ends with ``_s`` is in
-    seconds; 0 and None are never.
-
-    Attributes:
-        device: Faults of the device; its `replug_s` is set here.
-        seed: Seed of everything random.
+    seconds from the first byte on the line; 0 and None are never. `seed` is that of everything random.
 
     Raises:
         ValueError: A number is out of range.
@@ -48,39 +57,73 @@ class Faults:
     silent_s: float | None = None
     unplug_s: float | None = None
     replug_s: float | None = None
-    device: DeviceFaults = field(default_factory=DeviceFaults)
+    reboot_s: float | None = None
+    freeze_s: float | None = None
+    protect_s: float | None = None
+    wrong_response: float = 0.0
     seed: int = 0
-    _choices: np.random.Generator = field(init=False, compare=False, repr=False)
-    _detail: np.random.Generator = field(init=False, compare=False, repr=False)
-    _noise: np.random.Generator = field(init=False, compare=False, repr=False)
-    _first: int | None = field(init=False, compare=False, default=None)
-    _burst_left: int = field(init=False, compare=False, default=0, repr=False)
-    _past: bytes = field(init=False, compare=False, default=b"", repr=False)
-    _babble_from: int | None = field(init=False, compare=False, default=None, repr=False)
-    _babbled: int = field(init=False, compare=False, default=0, repr=False)
-    _held: bytearray = field(init=False, compare=False, default_factory=bytearray, repr=False)
-    _under_way: deque[tuple[int, bytes]] = field(init=False, compare=False, default_factory=deque, repr=False)
 
     def __post_init__(self) -> None:
-        shares = (self.drop, self.flip, self.insert, self.burst, self.duplicate)
+        shares = [getattr(self, each) for each in _BYTE_FAULTS]
         if min(shares) < 0.0 or sum(shares) > 1.0:
             raise ValueError(
                 "drop, flip, insert, burst and duplicate are shares from 0 to 100 %, together no more than 100 %"
             )
+        if not 0.0 <= self.wrong_response <= 1.0:
+            raise ValueError("wrong-response is a share from 0 to 100 %")
         if not 0.0 <= self.stall_s < 1.0:
             raise ValueError("a stall lasts less than the second after which it comes again")
         if self.babble and not self.babble >= 1.0:
             raise ValueError("babble is at least one byte a second")
-        self._choices = np.random.default_rng([self.seed, 1])
-        self._detail = np.random.default_rng([self.seed, 2])
-        self._noise = np.random.default_rng([self.seed, 3])
-        self.device.replug_s = self.replug_s
+        self._edges = np.cumsum(shares)
+        self._choices, self._detail, self._noise = (np.random.default_rng([self.seed, each]) for each in (1, 2, 3))
+        self._first: int | None = None
+        self._events: list[tuple[int, str]] = []
+        self._burst_left = 0
+        self._past = b""
+        self._babble_from: int | None = None
+        self._babbled = 0
+        self._held = bytearray()
+        self._under_way: deque[tuple[int, bytes]] = deque()
 
     def begin(self, now: int) -> None:
         """Begin to count the time, at the first byte on the line; later calls change nothing."""
         if self._first is None:
             self._first = now
-            self.device.begin(now)
+            wanted = {name: getattr(self, f"{name}_s") for name in ("protect", "reboot", "replug", "freeze")}
+            found = [(now + round(each * _SECOND), name) for name, each in wanted.items() if each is not None]
+            self._events = sorted(found, key=lambda event: event[0])
+
+    def check(self, device: object) -> None:
+        """Prepare a device.
+
+        Raises:
+            ValueError: A device fault is wanted, and the device offers none.
+        """
+        wanted = (self.reboot_s, self.freeze_s, self.protect_s, self.wrong_response or None)
+        if can_fail(device):
+            device.wrong_responses = self.wrong_response
+        elif any(each is not None for each in wanted):
+            raise ValueError(f"a {type(device).__name__} offers no faults of its own, only faults of the line")
+
+    @property
+    def next_at(self) -> int | None:
+        """When the next event of the device is due; None with none ahead."""
+        return self._events[0][0] if self._events else None
+
+    def strike(self, device: object) -> None:
+        """Let the next event happen; the device must have sent what left it before `next_at`."""
+        at, name = self._events.pop(0)
+        if not can_fail(device):
+            return  # `check` has let pass a replug, which such a device survives as it is
+        if name == "reboot":
+            device.reboot(at)
+        elif name == "replug":
+            device.reboot(at, off_s=REPLUG_GAP_S)
+        elif name == "freeze":
+            device.freeze(at)
+        else:
+            device.protection_stop(ERROR_CODE)
 
     def apply(self, data: bytes, now: int) -> bytes:
         """What arrives at the host by `now` when the device has just sent `data`.
@@ -178,14 +221,13 @@ class Faults:
             return data
         if self.garbage:
             return _random(self._choices, len(data))
-        edges = np.cumsum([self.drop, self.flip, self.insert, self.burst, self.duplicate])
-        if not edges[-1]:
+        if not self._edges[-1]:
             return data
-        choices = np.searchsorted(edges, self._choices.random(len(data)), side="right")
+        choices = np.searchsorted(self._edges, self._choices.random(len(data)), side="right")
         past = self._past + data  # a byte of `data` stands at its own place plus the length of the past
         parts = [self._in_burst(data, 0)]
         done = len(parts[0])
-        for at in np.flatnonzero(choices < edges.size).tolist():
+        for at in np.flatnonzero(choices < self._edges.size).tolist():
             if at < done:
                 continue  # inside of a burst nothing else happens
             parts.append(data[done:at])
