@@ -35,26 +35,6 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 if TYPE_CHECKING:
     from lidario.model import Health
 
-__all__ = [
-    "Busy",
-    "CannotRecord",
-    "ConnectFailed",
-    "ConnectReason",
-    "DeviceFault",
-    "DeviceLost",
-    "InternalError",
-    "InvalidValue",
-    "LidarError",
-    "LocalProtocolError",
-    "ProtocolError",
-    "RecordingError",
-    "RemoteProtocolError",
-    "ResponseTimeout",
-    "SessionClosed",
-    "StreamFailed",
-    "Unsupported",
-]
-
 ConnectReason: TypeAlias = Literal["missing", "permission", "busy", "silent", "refused", "ambiguous", "source"]
 """Why a connection failed, in one word for programs; `ConnectFailed` explains each."""
 

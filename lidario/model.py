@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from enum import Enum
+from operator import add, sub
 
 
 class HealthStatus(Enum):
@@ -123,21 +124,11 @@ class LineErrors:
 
     def __add__(self, other: LineErrors) -> LineErrors:
         """The sums, such as of two lines."""
-        return LineErrors(
-            self.framing + other.framing,
-            self.parity + other.parity,
-            self.overruns + other.overruns,
-            self.breaks + other.breaks,
-        )
+        return LineErrors(*map(add, astuple(self), astuple(other)))
 
     def __sub__(self, before: LineErrors) -> LineErrors:
         """What was counted since `before`."""
-        return LineErrors(
-            self.framing - before.framing,
-            self.parity - before.parity,
-            self.overruns - before.overruns,
-            self.breaks - before.breaks,
-        )
+        return LineErrors(*map(sub, astuple(self), astuple(before)))
 
     def meaning(self) -> str:
         """What was counted, and what it is mostly a sign of; empty where nothing was counted."""

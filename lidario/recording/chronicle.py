@@ -12,8 +12,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass, replace
-from typing import Any, Self, TypeVar
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any, Final, Self, TypeVar
 
 from lidario.arguments import printable
 from lidario.families.stream import Stream
@@ -244,8 +244,7 @@ _KINDS = {
     StreamBegan: "began", StreamEnded: "ended", ZeroOffsetSet: "zero offset", Responded: "responded",
     Placed: "placed", LineChanged: "line changed",
 }  # fmt: skip
-
-
+_NAMED = {name: kind for kind, name in _KINDS.items()}
 _Event = TypeVar("_Event", bound=StreamEvent)
 
 
@@ -271,41 +270,10 @@ def event_of(text: str) -> StreamEvent | None:
     if len(text) > LONGEST_EVENT or not text.startswith("{"):
         return None
     try:
-        return _event_of(json.loads(text))
+        record = json.loads(text)
+        return _event_of(record, _NAMED[record["event"]])
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
         return None
-
-
-def _event_of(record: dict[str, Any]) -> StreamEvent | None:
-    kind = record["event"]
-    if kind == "ended":
-        return StreamEnded(_whole(record["at"]))
-    if kind == "placed":
-        running = None if record["running"] is None else _event_of(record["running"])
-        return Placed(_whole(record["at"]), running if isinstance(running, StreamBegan) else None)
-    if kind == "line changed":
-        return LineChanged(_whole(record["at"]), _whole(record["away_ns"]))
-    if kind == "zero offset":
-        return ZeroOffsetSet(_whole(record["at"]), _offset(record), record.get("behind") is True)
-    if kind == "responded":
-        return Responded(
-            bytes.fromhex(record["request"]), _whole(record["kind"]) & 0xFF, bytes.fromhex(record["payload"])
-        )
-    if kind == "began":
-        return StreamBegan(
-            at=_whole(record["at"]),
-            request=bytes.fromhex(record["request"]),
-            mode=mode_of(record["mode"]),
-            packet_size=_whole(record["packet_size"]) & 0x3FFF_FFFF,
-            sample_ns=_sample(record["sample_ns"], 1e3),
-            slowest_turn_s=_number(record["slowest_turn_s"], 1e-3, MOST_TURN_S),
-            baudrate=_whole(record["baudrate"], most=MOST_BAUD),
-            wall_offset_ns=_whole(record["wall_offset_ns"], least=-MOST_NS),
-            zero_offset_deg=_offset(record),
-            may_take_ns=tuple(_sample(each, 1e3) for each in record.get("may_take_ns", ())[:MOST_RATES]),
-            continues=record.get("continues") is True,
-        )
-    return None
 
 
 def mode_of(record: dict[str, object]) -> ScanMode:
@@ -337,10 +305,32 @@ def _number(value: object, least: float, most: float) -> float:
     return float(value)
 
 
-def _offset(record: dict[str, object]) -> float:
-    return _number(record["zero_offset_deg"], -360.0, 360.0)
-
-
 def _sample(value: object, microsecond: float) -> float:
     """The time of a sample; 0 where it is not known."""
     return 0.0 if value == 0 else _number(value, SHORTEST_SAMPLE_US * microsecond, LONGEST_SAMPLE_US * microsecond)
+
+
+_READ: Final[dict[str, Callable[[Any], Any]]] = {
+    "at": _whole,
+    "away_ns": _whole,
+    "baudrate": lambda value: _whole(value, most=MOST_BAUD),
+    "behind": lambda value: value is True,
+    "continues": lambda value: value is True,
+    "kind": lambda value: _whole(value) & 0xFF,
+    "may_take_ns": lambda values: tuple(_sample(each, 1e3) for each in values[:MOST_RATES]),
+    "mode": mode_of,
+    "packet_size": lambda value: _whole(value) & 0x3FFF_FFFF,
+    "payload": bytes.fromhex,
+    "request": bytes.fromhex,
+    "running": lambda value: None if value is None else _event_of(value, StreamBegan),
+    "sample_ns": lambda value: _sample(value, 1e3),
+    "slowest_turn_s": lambda value: _number(value, 1e-3, MOST_TURN_S),
+    "wall_offset_ns": lambda value: _whole(value, least=-MOST_NS),
+    "zero_offset_deg": lambda value: _number(value, -360.0, 360.0),
+}
+"""What each field of an event may be. One name means the same in all of them."""
+
+
+def _event_of(record: dict[str, Any], kind: type[_Event]) -> _Event:
+    told = {each.name: _READ[each.name](record[each.name]) for each in fields(kind) if each.name in record}
+    return kind(**told)
