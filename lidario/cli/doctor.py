@@ -37,14 +37,9 @@ _RULES = "lidario udev | sudo tee /etc/udev/rules.d/99-lidar.rules"
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One line.
+    """One line: what was examined, and what was found.
 
-    Attributes:
-        what: What was examined.
-        state: ``ok``; ``hint``: it may cause trouble; ``bad``: it does.
-        text: What was found.
-        cure: What to do; empty where nothing need be done.
-        port: Port or source that it is about; empty for the machine.
+    `state` is ``hint`` for what may cause trouble, ``bad`` for what does; `port` is empty for the machine itself.
     """
 
     what: str

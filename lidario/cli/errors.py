@@ -46,11 +46,7 @@ class ExitCode(IntEnum):
 
 
 class Stopped(Exception):
-    """A signal ended the verb; laser and motor were stopped first.
-
-    Attributes:
-        signal: Number of the signal.
-    """
+    """The signal of that number ended the verb; laser and motor were stopped first."""
 
     def __init__(self, number: int) -> None:
         super().__init__(f"stopped by signal {number}")
@@ -85,13 +81,9 @@ _KINDS: tuple[tuple[type[BaseException], ExitCode], ...] = (
 
 
 def need(module: str, what: str, package: str = "", otherwise: str = "") -> None:
-    """Say it before a lidar is opened where a package is missing: the motor need not start for nothing.
+    """Say it before a lidar is opened where a module is missing: the motor need not start for nothing.
 
-    Args:
-        module: What is imported of it.
-        what: What needs it.
-        package: Its name for pip, where that is another one.
-        otherwise: What else can be done.
+    `package` is its name for pip, where that is another one; `otherwise` is what else can be done.
 
     Raises:
         Unsupported: It is not installed.

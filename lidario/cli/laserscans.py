@@ -50,11 +50,7 @@ def arguments_of(options: dict[str, Any], frame: str | None) -> dict[str, Any]:
 
 
 def laserscans_of(options: dict[str, Any], frame: str | None = None) -> LaserScans:
-    """How the messages are made by these options and the `frame` of the settings.
-
-    Raises:
-        InvalidValue: One cannot be right.
-    """
+    """How the messages are made by these options and the `frame` of the settings."""
     from lidario import LaserScans
 
     return LaserScans(**arguments_of(options, frame))
@@ -66,11 +62,7 @@ def is_given(name: str) -> bool:
 
 
 def only_with(what: str, names: Iterable[str], is_so: bool) -> None:
-    """Refuse options that mean nothing here, where they were given.
-
-    Raises:
-        click.UsageError: One was given, and `what` was not.
-    """
+    """Refuse options of these names where they were given and mean nothing, because `what` was not."""
     given = [name for name in names if is_given(name)]
     if given and not is_so:
         context = click.get_current_context()

@@ -42,11 +42,7 @@ class Usb:
 
 @dataclass(frozen=True, slots=True)
 class Machine:
-    """This machine; or a description of one, in a folder.
-
-    Attributes:
-        root: The folder in which ``etc``, ``proc``, ``run``, ``sys`` and ``usr`` stand.
-    """
+    """This machine; or a description of one: `root` is the folder in which ``etc``, ``proc`` and the like stand."""
 
     root: Path = Path("/")
 

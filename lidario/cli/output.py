@@ -44,9 +44,7 @@ SPINS_A_SECOND: Final = 12.5
 class Worker:
     """A thread that calls what it is handed, one after the other; nothing is told of errors.
 
-    Args:
-        name: Of the thread.
-        grace_s: How long `close` waits for it: a terminal may take no output.
+    `close` waits for it no longer than `grace_s`: a terminal may take no output.
     """
 
     def __init__(self, name: str, grace_s: float) -> None:
@@ -78,23 +76,16 @@ class Writer(Worker):
         super().__init__("lidario: stdout", GRACE_S)
 
     async def write(self, text: str) -> None:
-        """Write `text`, and return when the reader has taken it or there is room for it.
+        """Write `text` as `emit` does, and return when the reader has taken it or there is room for it.
 
         Cancelling ends the waiting only; the text may still be written.
-
-        Raises:
-            ReaderGone: The reader has closed stdout.
-            CannotWrite: It cannot be written.
         """
         await self.call(lambda: emit(text))
 
     async def call(self, work: Callable[[], object]) -> None:
-        """Have the thread call `work`, which writes to stdout, and return when it has returned.
+        """Have the thread call `work`, which writes to stdout, and return, or raise, as it does.
 
         Cancelling ends the waiting only; `work` may still be called.
-
-        Raises:
-            Exception: What `work` raises.
         """
         done = Future[None]()
 
@@ -131,11 +122,7 @@ def console() -> Console:
 
 
 def rendered(target: Console, *parts: RenderableType) -> str:
-    """What `target` would print, as text for `emit`.
-
-    Raises:
-        CannotWrite: Stdout, which `target` is on, takes no output.
-    """
+    """What `target` would print, as text for `emit`, and with its errors: at the end rich flushes stdout."""
     try:
         with target.capture() as capture:
             for part in parts:
@@ -206,8 +193,7 @@ def terminal(stream: TextIO) -> Console:
 class _Direct:
     """The part of a text file that rich uses; a flush writes to the file descriptor of a stream.
 
-    Attributes:
-        encoding: As the stream's: from it rich learns whether the terminal can show more than ASCII.
+    From its encoding rich learns whether the terminal can show more than ASCII.
     """
 
     def __init__(self, stream: TextIO) -> None:
@@ -227,13 +213,10 @@ class _Direct:
 
 @contextmanager
 def progress(text: str) -> Iterator[Callable[[str], None]]:
-    """Show on stderr that work goes on; only on a terminal.
+    """Show on stderr that work goes on; only on a terminal. What is yielded takes another text to show.
 
     A thread draws it, and the end waits for that thread no longer than `PROGRESS_GRACE_S`: a terminal that takes no
     output (Ctrl-S, a dead line) holds up neither the event loop nor a signal.
-
-    Yields:
-        Takes another text to show.
     """
     if not sys.stderr.isatty():
         yield lambda _: None

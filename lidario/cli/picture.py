@@ -59,14 +59,10 @@ class _Grid:
 
 
 def picture(scan: Scan, target: Console, *, size: tuple[int, int] | None = None) -> Text:
-    """Draw `scan` to fit `target`.
+    """Draw `scan` to fit `target`, whose colours and characters are used.
 
-    Args:
-        scan: What to draw.
-        target: Where it will be printed; its colours and characters are used.
-        size: Columns and rows of the drawing, for one that is drawn again and again: then it has all its rows, and
-            a scale that changes in steps, so that it does not move with each scan. None: to fit `target`, as high
-            as need be.
+    With `size` in columns and rows it has all its rows, and a scale that changes in steps: drawn again and again,
+    it does not move with each scan.
     """
     if not scan.valid.any():
         return Text("no returns in any direction: there is nothing to draw")

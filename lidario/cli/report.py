@@ -125,13 +125,8 @@ async def _try(
 class _Adapters:
     """What is behind the ports of this computer, but for what tells one of them from others of its kind.
 
-    It is made before a port is opened, since what the system says of some changes then.
-
-    Args:
-        source: What is to be opened.
-
-    Attributes:
-        only: The port with an adapter that lidars come with, where there is one of them.
+    It is made before a port is opened, since what the system says of some changes then. `only` is the port with an
+    adapter that lidars come with, where there is one of them.
     """
 
     def __init__(self, source: str) -> None:

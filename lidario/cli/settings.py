@@ -23,13 +23,7 @@ VARIABLE: Final = "LIDARIO_CONFIG"
 
 @dataclass
 class Settings:
-    """Options of every verb.
-
-    Attributes:
-        traceback: Show where an error comes from.
-        config: The file of settings that was named; None for none.
-        is_told: Whether it was said that a file was found.
-    """
+    """Options of every verb, and whether it was said that a file of settings was found."""
 
     traceback: bool = False
     config: str | None = None
@@ -65,11 +59,7 @@ def config_file() -> str | None:
 
 
 def settings_of_file() -> Config:
-    """What is in it; empty settings where there is none.
-
-    Raises:
-        InvalidValue: As `lidario.read_config`.
-    """
+    """What is in it; empty settings where there is none. Raises as `lidario.read_config`."""
     from lidario import Config, read_config
 
     name = config_file()

@@ -42,19 +42,9 @@ _COUNTERS = (
 
 @dataclass
 class Measured:
-    """What was read.
+    """What was read: the number of each scan with the second at which it began, its samples, those with a return.
 
-    Attributes:
-        stamps: Seconds at which the scans began, with the numbers of the scans.
-        samples: Samples of each scan.
-        returns: Samples with a return of each scan.
-        line: What the line carried.
-        seconds: How long it was measured.
-        cpu: Share of one core that this process used; of a simulated lidar too, which is in the same process.
-        model: Name of the model.
-        serial: Its serial number.
-        mode: Scan mode.
-        simulated: Whether the lidar is a simulated one, which has no cable.
+    `cpu` is the share of one core that this process used; of a simulated lidar too, which is in the same process.
     """
 
     stamps: list[tuple[int, float]] = field(default_factory=list)
@@ -144,11 +134,7 @@ async def measure(
     guard: bool = False,
     config: Config | None = None,
 ) -> None:
-    """Read scans for so long; what was read until then is in `into` also when it is cancelled.
-
-    Raises:
-        LidarError: As `open_lidar` and the stream; RecordingError: a recording without a full revolution.
-    """
+    """Read scans for so long; what was read until then is in `into` also when it is cancelled."""
     from lidario import RecordingError, open_lidar
 
     async with open_lidar(source, guard=guard, config=config) as lidar, lidar.scans(mode) as scans:

@@ -42,20 +42,10 @@ read, and a function that tells what the decoder holds, as a check value."""
 class FileDecoder:
     """Decodes a file as `decode_file` does, and counts what became of it. It is iterated over once.
 
-    Args:
-        path: The file.
-        known: What the user says of bare bytes, as for `decode_file`.
-        recording: The file, where it was opened before.
+    `recording` is the file, where it was opened before. Each scan passes the `filters`, in this order.
 
     Raises:
         RecordingError: Nothing can be read of it; or, while it is iterated over, it cannot be read any more.
-
-    Attributes:
-        recording: The file.
-        skipped_bytes: Bytes of the streams that belong to no packet, so far.
-        packets: Intact packets, so far.
-        stats: What became of them.
-        filters: What each scan passes, in this order.
     """
 
     def __init__(

@@ -26,15 +26,7 @@ PLAY = b"play"
 
 
 class RecordedDevice(Device):
-    """The device of a recording.
-
-    Args:
-        recording: The recording.
-        current: Tells which stream is played next.
-
-    Attributes:
-        told_by: Who tells what is known of it, for messages.
-    """
+    """The device of a recording; `current` tells which stream is played next, and `told_by` is for messages."""
 
     told_by: str = "the recording"
 
@@ -111,7 +103,6 @@ class RecordedDevice(Device):
         return self._recall(self._device.scan_frequency_range(), "its range of scan frequencies")
 
     def set_scan_frequency(self, hertz: float) -> Script[float]:  # noqa: ARG002
-        """Raises Unsupported."""
         raise Unsupported("the scan frequency of a recording cannot be set; ?rate=2 plays it faster")
 
     def zero_offset(self) -> Script[float]:
@@ -133,7 +124,6 @@ class RecordedDevice(Device):
         raise Unsupported("a recording has no network address to be set")
 
     def power_down_protection(self, on: bool) -> Script[bool]:  # noqa: ARG002
-        """Raises Unsupported."""
         raise Unsupported("power-down protection of a recording cannot be switched")
 
     def _recall(self, script: Script[T], what: str) -> Script[T]:
@@ -145,10 +135,8 @@ class RecordedDevice(Device):
 def recalled(script: Script[T], responses: Mapping[bytes, Responded], otherwise: str) -> T:
     """Run a script on the latest responses to requests, without a device.
 
-    `otherwise` says what it means where they do not suffice.
-
     Raises:
-        Unsupported: A response is missing, or cannot be read.
+        Unsupported: A response is missing, or cannot be read; the text begins with `otherwise`.
     """
     try:
         request = next(script)

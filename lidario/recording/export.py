@@ -53,11 +53,7 @@ def write_whole(path: Path, *, overwrite: bool) -> Iterator[Path]:
 
 
 def must_be_writable(path: Path, *, overwrite: bool) -> None:
-    """Begin to write a file, and give it up: before it takes long to make what shall be in it.
-
-    Raises:
-        CannotRecord: As `write_whole`.
-    """
+    """Begin to write a file, and give it up: before it takes long to make what shall be in it."""
     with suppress(_GivenUp), write_whole(path, overwrite=overwrite):
         raise _GivenUp
 
@@ -123,13 +119,7 @@ def export_mcap(
     overwrite: bool = False,
     jobs: int = 1,
 ) -> int:
-    """Write a recording that holds each scan on ``/scan`` too; returns how many scans.
-
-    On so many processes, if it is long enough (`lidario.recording.divided`).
-
-    Raises:
-        CannotRecord: It cannot be written, or is there already.
-    """
+    """Write a recording that holds each scan on ``/scan`` too; returns how many scans. As `export_npz` else."""
     recording = decoder.recording
     begun_ns = None
     messages = messages or LaserScans()

@@ -58,14 +58,8 @@ class Audience(Protocol):
 class FedPort(Port, ABC):
     """A port at whose other end no device is; needs a running event loop.
 
-    Args:
-        name: What was opened, for messages.
-        baudrate: Speed of the line in bits a second, as it was; 0 where there was none.
-
-    Attributes:
-        audience: The session; None as long as it is not known.
-        is_wanted: Whether the session takes packets.
-        is_over: Whether it is closed, or lost.
+    `baudrate` is the speed of the line as it was; 0 where there was none. The session is the `audience`, None as
+    long as it is not known, and takes packets while `is_wanted`. The port `is_over` when it is closed, or lost.
     """
 
     def __init__(self, name: str, baudrate: int) -> None:

@@ -20,13 +20,7 @@ _PLAYED = ("rate", "loop", "from")
 
 
 class FileSource(NamedTuple):
-    """What a source of the kind ``file`` says.
-
-    Attributes:
-        path: The file.
-        known: What it says of bare bytes.
-        played: Names of the options that say how it is played, those that were given.
-    """
+    """What a source of the kind ``file`` says; `played` are its options that say how it is played."""
 
     path: Path
     known: Known = Known()
@@ -34,11 +28,7 @@ class FileSource(NamedTuple):
 
 
 def file_source(text: str) -> FileSource | None:
-    """The file that a source names; None where it names none.
-
-    Raises:
-        ConnectFailed: It is no source (reason ``source``).
-    """
+    """The file that a source names; None where it names none. Raises as `parse_source`."""
     source = parse_source(text)
     return _file_source(source) if source.kind == "file" else None
 
@@ -50,15 +40,10 @@ def _file_source(source: Source) -> FileSource:
 
 
 def open_stored(path: Path, known: Known = Known()) -> StoredStreams:  # noqa: B008 - it cannot be changed
-    """Read what a file holds, or all files that a pattern names, as one recording.
+    """Read what a file holds, or all files that a pattern names, as one recording. Raises as `lidario.decode_file`.
 
     `known` is for bare bytes, MCAP states it itself: it is logged that what was said is not used. A model that is
     guessed is logged, too.
-
-    Raises:
-        RecordingError: Nothing can be read of it.
-        InvalidValue: The time of a sample is no number that can be right.
-        ConnectFailed: There is no such family or model (reason ``source``).
     """
     paths = files_of(path)
     if any(is_mcap(each) for each in paths):

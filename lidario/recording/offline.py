@@ -94,19 +94,7 @@ def decode(
 def decode_arrays(
     data: RawBytes, *, family: str | None = None, model: str | None = None, sample_us: float | None = None
 ) -> ScanArrays:
-    """As `decode`, all scans at once as a few arrays.
-
-    Args:
-        data: As for `decode`.
-        family: As for `decode`.
-        model: As for `decode`.
-        sample_us: As for `decode`.
-
-    Raises:
-        RecordingError: There is no measurement stream in the bytes.
-        InvalidValue: `data` is not bytes, or `sample_us` is not a number above 0 and up to 1000000.
-        ConnectFailed: There is no such family or model (reason ``source``).
-    """
+    """As `decode`, all scans at once as a few arrays; the arguments and errors are the same."""
     return arrays_of(_decoder(data, Known(family, model, sample_us)))
 
 
@@ -136,24 +124,10 @@ def arrays_of(decoder: Iterable[Scan]) -> ScanArrays:
 
 
 class OfflineDecoder:
-    """Decodes recorded bytes as `decode` does, and counts what became of them. It is iterated over once.
+    """Decodes recorded bytes as `decode` does, and with its errors. It is iterated over once.
 
-    Args:
-        data: As for `decode`.
-        known: What the user says of them, as for `decode`.
-
-    Raises:
-        RecordingError: There is no measurement stream in the bytes.
-        InvalidValue: `data` is not bytes, or the time of a sample is not a number above 0 and up to 1000000.
-        ConnectFailed: There is no such family or model (reason ``source``).
-
-    Attributes:
-        family: The family whose stream it is.
-        stream: What it is: format, mode, time of a sample.
-        begin: Offset in `data` at which it begins.
-        title: As `RawStream.title`.
-        guess: As `RawStream.guess`.
-        pipeline: What decodes it; it counts what became of bytes and packets.
+    The stream begins at the offset `begin` in `data`; `title` and `guess` are those of `RawStream`. `pipeline`
+    decodes it, and counts what became of bytes and packets.
     """
 
     def __init__(self, data: RawBytes, known: Known = Known()) -> None:  # noqa: B008 - it cannot be changed

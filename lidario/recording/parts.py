@@ -76,21 +76,10 @@ class Split:
 
 
 class Parts:
-    """Writes a recording to its file or files.
+    """Writes a recording to its file or files. All of it raises CannotRecord where that cannot be.
 
-    Args:
-        path: Of the one file; or what the names of the parts are made of, as ``run-20260131T235959Z.mcap``.
-        about: What stands at the beginning.
-        split: When the next part begins.
-        overwrite: Whether a file that is there already may be replaced; names of parts are always new.
-        sync: As for `FileWriter`.
-
-    Attributes:
-        writer: The file that is written.
-        count: How many there were.
-
-    Raises:
-        CannotRecord: It cannot be written. So do the methods.
+    Where it is split, `path` is what the names of the parts are made of, as ``run-20260131T235959Z.mcap``; they are
+    always new. `overwrite` is for one that is not. There were `count` files, and `writer` writes the last one.
     """
 
     def __init__(self, path: Path, about: About, split: Split, *, overwrite: bool, sync: bool) -> None:

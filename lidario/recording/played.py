@@ -25,17 +25,9 @@ LONGEST_REQUEST = 262
 
 
 class PlayedDevice:
-    """Implements `SimulatedDevice`.
+    """Implements `SimulatedDevice`: plays a recording, so many times as fast, and again at its end with `loop`.
 
-    Args:
-        recording: What it plays.
-        rate: How many times as fast as it was recorded.
-        loop: Whether it begins anew at its end.
-
-    Attributes:
-        finished: Whether the recording is at its end.
-        error: Why it cannot be read to its end, or None.
-        scanning: Whether it is played at the moment.
+    It has `finished` at the end of the recording, or with an `error` where that cannot be read.
     """
 
     scanning: bool = False

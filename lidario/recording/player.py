@@ -8,13 +8,7 @@ from lidario.recording.read import LONGEST_PAUSE_NS, Piece, StoredStreams
 
 
 class Player:
-    """Goes through the pieces of a recording.
-
-    Args:
-        recording: The recording.
-        rate: How many times as fast as it was recorded.
-        pieces: What is played first, where that is not all of it.
-    """
+    """Goes through the pieces of a recording, so many times as fast; first `pieces`, if that is not all of it."""
 
     def __init__(self, recording: StoredStreams, rate: float, pieces: Iterator[Piece] | None = None) -> None:
         self._recording = recording

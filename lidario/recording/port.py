@@ -38,14 +38,8 @@ LOOP_GAP_NS = 1_000_000_000
 class ReplayPort(FedPort):
     """A port with a recording at its other end; needs a running event loop.
 
-    Args:
-        recording: The recording.
-        rate: How many times as fast as it was recorded; 0 for as fast as it is read.
-        loop: Whether it begins anew at its end.
-        pieces: What is played first, where that is not all of it.
-
-    Attributes:
-        offset_of: The zero-angle offset to add where the recording has another one.
+    It is played at `rate`, 0 for as fast as it is read, again and again with `loop`, and first the `pieces`, where
+    that is not all of it. `offset_of` tells the zero-angle offset to add where the recording has another one.
     """
 
     def __init__(
@@ -198,8 +192,7 @@ class ReplayPort(FedPort):
 def pieces_from(recording: StoredStreams, begin_s: float) -> Iterator[Piece]:
     """What was received from so many seconds behind the first byte on. A long file is read up to there.
 
-    Raises:
-        RecordingError: The recording is over by then, or tells no times.
+    Raises RecordingError where it is over by then, or tells no times.
     """
     if not begin_s:
         return recording.pieces()

@@ -31,20 +31,7 @@ SEARCHED = 1 << 20
 
 
 class RawRecording(StoredStreams):
-    """Bytes of one stream.
-
-    Args:
-        path: The file.
-        known: What the user says of its bytes.
-
-    Raises:
-        RecordingError: There is no stream in it.
-        InvalidValue: The time of a sample is no number that can be right.
-        ConnectFailed: There is no such family or model.
-
-    Attributes:
-        guess: As `RawStream.guess`; the others as in `StoredStreams`.
-    """
+    """Bytes of one stream; `guess` is that of `RawStream`. Raises as `lidario.decode_file`."""
 
     def __init__(self, path: Path, known: Known = Known()) -> None:  # noqa: B008 - it cannot be changed
         super().__init__(path, timed=False)

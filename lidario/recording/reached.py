@@ -37,13 +37,9 @@ TWICE = "a recording that was merged with a copy of itself holds each byte twice
 
 
 class StoredChunk(NamedTuple):
-    """Bytes of one read or write, as they stand in the file.
+    """Bytes of one read or write, with its time on the clock of the file.
 
-    Attributes:
-        at_ns: When that was, on the clock of the file.
-        place: Place of the first of them, where they were received.
-        sent: Whether they were sent.
-        data: The bytes.
+    `place` is that of the first of them, where they were received.
     """
 
     at_ns: int

@@ -154,25 +154,15 @@ class StoredStreams(ABC):
 
 
 def is_mcap(path: Path) -> bool:
-    """Whether a file says that it is MCAP.
-
-    Raises:
-        RecordingError: It cannot be read.
-    """
+    """Whether a file says that it is MCAP; raises as `StoredFile`."""
     with StoredFile(path) as file:
         return file.read(len(MAGIC)) == MAGIC
 
 
 class McapRecording(StoredStreams):
-    """A recording that `Lidar.record` made.
+    """A recording that `Lidar.record` made: a file, or the files that a pattern names, in the order of their times.
 
-    Args:
-        path: The file, or a pattern.
-        paths: The files that the pattern names.
-
-    Attributes:
-        paths: Them, in the order of their times.
-        began_ns: When the first byte of a stream was read.
+    `began_ns` is when the first byte of a stream was read.
 
     Raises:
         RecordingError: It is none, or no stream can be read of it; the text says why.
@@ -224,11 +214,7 @@ class McapRecording(StoredStreams):
             stream.open()
 
     def pieces(self, begin_ns: int | None = None) -> Iterator[Piece]:
-        """What was received in the streams, in order. Each call begins anew.
-
-        Args:
-            begin_ns: What was read before is left out as far as that is easy; None for nothing.
-        """
+        """As `StoredStreams.pieces`; what was read before `begin_ns` is left out as far as that is easy."""
         number = 0
         offset_ns = self.about.clock_offset_ns
         offsets, offset_deg = _offsets(self.streams[0])

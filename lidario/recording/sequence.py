@@ -29,11 +29,7 @@ MIXED = (
 
 
 def files_of(path: Path) -> tuple[Path, ...]:
-    """The files that a path names: itself, or, where no file has that name, those that fit it as a pattern.
-
-    Raises:
-        RecordingError: None fits it.
-    """
+    """The files that a path names: itself, or, where no file has that name, those that fit it as a pattern."""
     if not glob.has_magic(str(path)) or os.path.lexists(path):
         return (path,)
     found = tuple(Path(each) for each in sorted(glob.glob(str(path))))
@@ -43,15 +39,7 @@ def files_of(path: Path) -> tuple[Path, ...]:
 
 
 class RecordedFiles:
-    """Files that are read as one recording; all of them may be gone through several times.
-
-    Args:
-        path: What names them, for messages.
-        paths: The files, at least one.
-
-    Attributes:
-        paths: The files, in the order of their times.
-        size: Their bytes.
+    """Files that are read as one recording, in the order of their times; they may be gone through several times.
 
     Raises:
         RecordingError: Several files are of several lidars, or one of them cannot be read.

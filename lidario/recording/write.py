@@ -64,20 +64,10 @@ class _Sink(io.BytesIO):
 
 
 class FileWriter:
-    """One file that is being written.
+    """One file that is being written. It raises CannotRecord where that cannot be, or ``mcap`` is missing.
 
-    Args:
-        path: Where; the folder must exist.
-        about: What stands at its beginning.
-        overwrite: Whether a file that is there already may be replaced.
-        sync: Whether each chunk is on the disk when `flush` returns, so that it outlasts a power cut.
-        target: What the file will be named, for messages, where it has another name yet.
-
-    Attributes:
-        size: Bytes of the file so far.
-
-    Raises:
-        CannotRecord: It cannot be written, or the package ``mcap`` is missing.
+    With `sync` each chunk is on the disk when `flush` returns, so that it outlasts a power cut. `target` is what
+    the file will be named, for messages, where it has another name yet. `size` is that of the file so far.
     """
 
     def __init__(
@@ -169,19 +159,12 @@ class FileWriter:
         """Add a named set of texts, beside those of the recording, for who knows the name.
 
         They are handed to the operating system at once, in front of the chunk under way.
-
-        Raises:
-            CannotRecord: It does not take them.
         """
         self._writer.add_metadata(name, texts)
         self._write_out()
 
     def flush(self) -> None:
-        """End the chunk and hand it to the operating system.
-
-        Raises:
-            CannotRecord: It does not take it. The file ends behind the chunk before.
-        """
+        """End the chunk and hand it to the system. Where that fails, the file ends behind the one before."""
         self._pending = 0
         self._writer.flush()
         self._write_out()
@@ -189,11 +172,7 @@ class FileWriter:
             self._sync_now()
 
     def close(self) -> None:
-        """Write the index and close the file.
-
-        Raises:
-            CannotRecord: The last bytes do not fit. The file is readable without them.
-        """
+        """Write the index and close the file. Where the last bytes do not fit, it is readable without them."""
         try:
             self._writer.finish()
             self._write_out()
