@@ -23,11 +23,7 @@ def keep(package: str, name: str, home: str) -> object:
 
 
 def load(name: str) -> ModuleType:
-    """Import a module by its full name. A Ctrl-C meanwhile is raised here, and the import goes on.
-
-    Raises:
-        Exception: What the import raises.
-    """
+    """Import a module by its full name. A Ctrl-C meanwhile is raised here, and the import goes on."""
     if "numpy" in sys.modules:
         return import_module(name)
     # Only here: `import lidario` does without them.

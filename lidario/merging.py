@@ -118,13 +118,7 @@ class Merged:
 
 
 class MergedScans:
-    """Brings the scans of several lidars together.
-
-    Args:
-        mounts: Where each lidar is on the robot.
-        motion: How the robot moves, as for `Scan.points`; None for not at all.
-        oldest_s: Seconds after its end from which a scan is too old.
-    """
+    """Brings the scans of several lidars together, as for `lidario.merged`."""
 
     def __init__(self, mounts: Sequence[Mount], motion: Motion | None = None, oldest_s: float = OLDEST_S) -> None:
         if not 0 < len(mounts) <= 256 or not all(isinstance(each, Mount) for each in mounts):

@@ -123,9 +123,7 @@ class Source:
 def as_source(source: str | os.PathLike[str] | SimulatedDevice) -> Source:
     """Parse what a user may name as a source: a text, the path of a serial port, a simulated device.
 
-    Raises:
-        ConnectFailed: As `parse_source`.
-        InvalidValue: It is none of the three.
+    Raises as `parse_source`, and InvalidValue where it is none of the three.
     """
     if isinstance(source, str):
         return parse_source(source)

@@ -119,11 +119,7 @@ def config_of(tables: dict[str, Any], name: str) -> Config:
 
 
 def as_config(config: Config | str | os.PathLike[str] | None) -> Config:
-    """Settings as a user gives them: read already, or the name of the file, or none.
-
-    Raises:
-        InvalidValue: As `read_config`.
-    """
+    """Settings as a user gives them: read already, or the name of the file, or none. Raises as `read_config`."""
     if config is None:
         return Config()
     return config if isinstance(config, Config) else read_config(config)

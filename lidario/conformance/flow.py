@@ -106,16 +106,11 @@ class Flow:
 
 @dataclass(slots=True)
 class Watch:
-    """One scan mode, looked at.
+    """One scan mode, looked at: its packets, then scans of it in a row, with the counters before and behind these.
 
     Attributes:
-        mode: The mode.
         error: Why there is nothing to see, if so.
         unknown: Whether that is because its format is not known here.
-        flow: Its packets.
-        scans: Scans of it, in a row.
-        before: The counters before these scans.
-        after: The counters behind them.
     """
 
     mode: ScanMode

@@ -27,14 +27,7 @@ _NUMBERS: Final = re.compile(r"(?:[0-9]|\[[0-9a-f]{2}\])+")
 
 
 class Hidden(NamedTuple):
-    """A serial number and what stands in its place.
-
-    Attributes:
-        text: As it is shown.
-        hashed: What is shown instead.
-        sent: As a device sends it.
-        instead: What is kept instead; as long.
-    """
+    """A serial number as it is shown and as it is sent, each with what stands in its place, as long."""
 
     text: str
     hashed: str
@@ -74,12 +67,9 @@ class Numbers:
         return text
 
     def in_bytes(self, data: bytes, before: bytes = b"", behind: bytes = b"") -> bytes:
-        """The bytes with the hashes, also where reads have divided a number.
+        """The bytes of one read with the hashes, also where reads have divided a number.
 
-        Args:
-            data: The bytes of one read.
-            before: As they came in front of it: `REACH` bytes.
-            behind: As they came behind it: likewise.
+        `before` and `behind` are `REACH` bytes as they came in front of it and behind it.
         """
         whole = before + data + behind
         for each in self._all.values():
@@ -88,12 +78,10 @@ class Numbers:
 
 
 def hide(serial: str, responses: Iterable[bytes]) -> Hidden:
-    """What is to stand in the place of a serial number.
+    """What is to stand in the place of a serial number, which the device information has.
 
-    Args:
-        serial: The number as the device information has it.
-        responses: What the device has sent, by which it is known how it sends the number: as text, as a number for
-            each digit, or as the bytes whose hexadecimal digits are shown.
+    How the device sends it is told by its responses: as text, as a number for each digit, or as the bytes whose
+    hexadecimal digits are shown.
     """
     came = b"\0\0".join(responses)
     text = serial.encode()

@@ -30,17 +30,9 @@ HELD_NS: Final = 1_000_000_000
 class Kept:
     """What happens on a bench, as far as a recording of it may know; a `lidario.recording.record.Recorded`.
 
-    Args:
-        bench: The bench.
-        path: The file to make.
-        source: What is said of where the device is; no name that tells more of the computer than must be known.
-        overwrite: Whether a file that is there already may be replaced.
-
-    Attributes:
-        sends_bytes: As `Recorded`.
-        numbers: The serial numbers that it has told.
-        left_out: Bytes that were not kept.
-        recording: The recording, to be started and closed.
+    `source` is what is said of where the device is: no name that tells more of the computer than must be known.
+    `numbers` are the serial numbers that it has told, and so many bytes were `left_out`. The `recording` is to be
+    started and closed.
     """
 
     sends_bytes: bool = True

@@ -66,12 +66,7 @@ async def _of_simulated(model: str) -> Seen:
 
 
 def news_of(report: Report, known: Iterable[Seen]) -> list[str]:
-    """What a report says that is not among what is known, a line each.
-
-    Args:
-        report: The report.
-        known: What is known of its family.
-    """
+    """What a report says that is not among what is known of its family, a line each."""
     info, lines = report.about.info, list[str]()
     alike = [each for each in known if each.model == info.model]
     if not alike:

@@ -33,11 +33,7 @@ SHOWN: Final = 48
 
 
 class Unknown:
-    """What came from a line on which nothing responds.
-
-    Attributes:
-        received: Bytes received.
-    """
+    """What came from a line on which nothing responds."""
 
     def __init__(self) -> None:
         self.received: int = 0
@@ -58,12 +54,7 @@ class Unknown:
         self._entries.clear()
 
     async def kept(self, source: str, path: Path, facts: dict[str, str], *, overwrite: bool) -> bool:
-        """Listen to a serial port at each speed, and write what came; False where nothing at all did.
-
-        Raises:
-            ConnectFailed: The port is not there any more.
-            CannotRecord: The file cannot be written.
-        """
+        """Listen to a serial port at each speed, and write what came; False where nothing at all did."""
         where = as_source(source)
         if where.kind == "serial":
             await self._listen(where.address)

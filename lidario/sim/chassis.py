@@ -47,13 +47,7 @@ class Named(Protocol):
 
 
 class Making(TypedDict, total=False):
-    """What may be said of one device, beside what it is.
-
-    Attributes:
-        world: What it sees; the furnished room by default.
-        serial: Its serial number, as its family has them; by default it is drawn from the seed.
-        seed: Decides the noise of the default world, the serial number, the first angle, and all that is random.
-    """
+    """What may be said of one device, beside what it is; as for `lidario.simulate`."""
 
     world: WorldLike | None
     serial: bytes | None
@@ -61,11 +55,7 @@ class Making(TypedDict, total=False):
 
 
 class Chassis(ABC, Generic[NamedT, StreamT]):
-    """The parts of a simulated device that are the same in every family.
-
-    Args:
-        profile: What it is.
-        making: As in `Making`. The serial number is the business of a family.
+    """The parts of a simulated device that are the same in every family; it is what its `profile` says.
 
     Attributes:
         health: Status and error code, as it tells them.
@@ -139,7 +129,7 @@ class Chassis(ABC, Generic[NamedT, StreamT]):
 
     @abstractmethod
     def receive(self, data: bytes, now: int) -> None:
-        """Take bytes that the host has sent; `now` in nanoseconds."""
+        """As `SimulatedDevice.receive`."""
 
     def wakeup(self, now: int) -> int | None:
         """When the next response or packet will have left; None while the device is idle."""
@@ -179,7 +169,6 @@ class Chassis(ABC, Generic[NamedT, StreamT]):
         self._stop_motor(now)
 
     def _stop_motor(self, now: int) -> None:
-        """Switch the motor off, where the device does that."""
         self._motor.set_rpm(0.0, now)
 
     def _end_stream(self, now: int) -> None:
@@ -230,7 +219,6 @@ class Chassis(ABC, Generic[NamedT, StreamT]):
         """When the next packet that is not made yet will be."""
 
     def _reset(self, now: int) -> None:
-        """Restart, as the host has asked for."""
         self._restart(now, now + round(self.boot_s * 1e9))
         self._deaf_why = "still booting after reset"
 
@@ -247,11 +235,7 @@ class Maker(Protocol[DeviceT]):
     """Builds the simulated devices of a family by their names."""
 
     def __call__(self, model: str, **making: Unpack[Making]) -> DeviceT:
-        """Build one.
-
-        Raises:
-            ValueError: No model has that name, or the serial number is none of this family.
-        """
+        """Build one; ValueError where no model has that name, or the serial number is none of this family."""
         ...
 
 

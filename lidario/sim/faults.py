@@ -18,13 +18,7 @@ __all__ = ["FAULTS", "Fault", "Faults", "parse_faults"]
 
 
 class Fault(NamedTuple):
-    """One word of the list.
-
-    Attributes:
-        example: How it is written.
-        takes: What its value is.
-        what: What it does.
-    """
+    """One word of the list: how it is written, what its value is, and what it does."""
 
     example: str
     takes: Literal["nothing", "a share", "a duration", "a number of bytes"]
@@ -75,10 +69,6 @@ _UNITS: dict[str, dict[str, float]] = {
 
 def parse_faults(text: str, *, seed: int = 0) -> Faults:
     """Read a list of faults such as ``"drop:1%,unplug:5s"``; an empty one means none.
-
-    Args:
-        text: The list, separated by commas.
-        seed: Seed of everything random.
 
     Raises:
         ValueError: The text makes no sense; says why, and which faults there are.

@@ -39,10 +39,7 @@ class _Burst:
 
 
 class TransmitQueue:
-    """First in, first out, at the speed of the line.
-
-    Args:
-        baudrate: Bits a second; a byte takes ten of them.
+    """First in, first out, at the speed of the line: a byte takes ten bits.
 
     Attributes:
         free_at: When the last byte queued so far will have left, or has left.
@@ -61,11 +58,7 @@ class TransmitQueue:
     def push(self, data: bytes, ready: int, *, size: int = 0, period: int = 0) -> None:
         """Queue bytes that may begin to leave at `ready`, behind everything queued before.
 
-        Args:
-            data: One response, or several packets of equal size, back to back.
-            ready: When the response, or the first packet, is made.
-            size: Bytes of one packet; 0 when `data` is one piece.
-            period: Nanoseconds from one packet's being made to the next one's.
+        With a `size` they are packets, back to back, each made `period` nanoseconds behind the one before.
 
         Raises:
             ValueError: `data` is not a whole number of packets.
@@ -147,11 +140,7 @@ class TransmitQueue:
 
 
 class RequestLog:
-    """The requests a simulated device saw, oldest first; beyond `LOGGED` the oldest go.
-
-    Attributes:
-        entries: The list itself, as `SimulatedDevice.log` returns it.
-    """
+    """The requests a simulated device saw, oldest first; beyond `LOGGED` the oldest go."""
 
     def __init__(self) -> None:
         self.entries: list[Received] = []

@@ -13,10 +13,6 @@ from lidario.sim.faults import Faults
 class MemoryLine:
     """The line between a host and a simulated device; the caller passes the time.
 
-    Args:
-        device: The device at the other end.
-        faults: What goes wrong with it, and with its bytes on the way.
-
     Raises:
         ValueError: The faults are not possible with this device.
     """

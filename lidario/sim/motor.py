@@ -20,9 +20,8 @@ _TAUS_TO_REST = 25.0  # after so many time constants the approach is over: 1e-11
 class Motor:
     """A motor with a commanded speed; times are integer monotonic nanoseconds that never go back.
 
-    Args:
-        spin_up_s: Seconds from standstill to stable; 0 changes speed at once.
-        turns: Where the head stands at the beginning, in turns.
+    From standstill it is stable after `spin_up_s` seconds; 0 changes speed at once. At the beginning the head
+    stands at so many `turns`.
     """
 
     def __init__(self, *, spin_up_s: float = 1.0, turns: float = 0.0) -> None:
@@ -82,13 +81,10 @@ class Motor:
         return (self._target + (self._rate - self._target) * fade) * 60.0
 
     def turns(self, times: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Where the head stands at each time.
+        """Where the head stands at each time, in revolutions since the beginning; the fraction is the angle.
 
-        Args:
-            times: float64 (n,), nanoseconds, ascending; of a packet that the last `set_rpm` came upon, also before.
-
-        Returns:
-            float64 (n,), revolutions since the beginning; the fraction is the angle.
+        Times are float64 (n,), nanoseconds, ascending; of a packet that the last `set_rpm` came upon, also before
+        it.
         """
         seconds = (times - self._since) * 1e-9
         angle = seconds * self._target + self._turns

@@ -21,11 +21,9 @@ _ROUND_SIDES = 720
 def make_world(name: str = "room", *, seed: int = 0, pose: Pose = _ORIGIN) -> World:
     """Build a world by name.
 
-    Args:
-        name: ``room`` (furnished, an open door, a person who walks), ``corridor`` (long, open at one end),
-            ``circle`` (2 m all round, no noise) or ``empty`` (no returns).
-        seed: Seed of the range noise.
-        pose: Where in it the scanner stands: metres, metres, and radians counter-clockwise.
+    ``room`` (furnished, an open door, a person who walks), ``corridor`` (long, open at one end), ``circle`` (2 m
+    all round, no noise) or ``empty`` (no returns). The scanner stands in it at `pose`; `seed` is that of the range
+    noise.
 
     Raises:
         ValueError: No world has that name, or somebody walks where the scanner stands.

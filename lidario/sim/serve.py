@@ -44,14 +44,8 @@ def usual_way(device: SimulatedDevice) -> str:
 class PtyServer(Server):
     """A simulated device on a pseudo-terminal (not on Windows); clients may come and go.
 
-    Args:
-        device: The device.
-        tick: Seconds between two polls of a device that is sending.
-        faults: What happens to its bytes on the way.
-        chunk: Most bytes written at once, such as the 64 of a USB adapter; None = all there are.
-
-    Attributes:
-        path: What to open; another one after `replug`.
+    Clients open `path`, which is another one after `replug`. At most a `chunk` is written at once, such as the 64
+    bytes of a USB adapter.
 
     Raises:
         OSError: The system has no pseudo-terminals, or none left.
@@ -136,16 +130,7 @@ class PtyServer(Server):
 
 
 class _AddressServer(Server):
-    """One that is reached at an address of this machine.
-
-    Args:
-        device: The device.
-        host: Address to listen on.
-        port: Port to listen on; 0 = any free one.
-        faults: What happens to its bytes on the way.
-
-    Attributes:
-        address: Host and port that it listens on.
+    """One that is reached at an `address` of this machine, host and port; port 0 = any free one.
 
     Raises:
         OSError: The address cannot be listened on.

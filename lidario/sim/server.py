@@ -39,11 +39,8 @@ def _readable(sources: list[int | socket.socket], wait_s: float) -> list[int | s
 class Server(ABC):
     """The thread that runs the device; subclasses know the file descriptors.
 
-    Attributes:
-        device: The device; hold `lock` while touching it.
-        lock: Taken by the thread whenever it is inside of the device.
-        lost: Bytes that the client's buffer could not take.
-        plugged: Set while the port can be opened: cleared by `replug`, and set again when the new port is there.
+    Hold `lock` while touching the device. Bytes that the client's buffer could not take are counted in `lost`.
+    While the port can be opened, `plugged` is set: `replug` clears it until the new port is there.
     """
 
     def __init__(self, device: SimulatedDevice, tick: float, faults: Faults | None, chunk: int | None) -> None:
@@ -78,13 +75,10 @@ class Server(ABC):
             self._thread.join()
 
     def replug(self, gap_s: float = REPLUG_GAP_S) -> None:
-        """Pull the cable out, and put it in again after `gap_s` seconds.
+        """Pull the cable out, and put it in again after `gap_s` seconds; ValueError where the line stays dead.
 
-        Returns when the client's port is dead; wait for `plugged` to open the new one. The device is without
-        power meanwhile, and boots afterwards, if it can.
-
-        Raises:
-            ValueError: The line is dead and stays so.
+        Returns when the client's port is dead; wait for `plugged` to open the new one. The device is without power
+        meanwhile, and boots afterwards, if it can.
         """
         if self.unplugged:
             raise ValueError("an unplugged device cannot be plugged in")

@@ -77,12 +77,10 @@ ProfileT = TypeVar("ProfileT", bound=TalkerProfile)
 
 
 class Running:
-    """A stream: what was sent since `origin`.
+    """A stream: what was sent since `origin`, when the first sample was taken.
 
-    Attributes:
-        origin: When the first sample was taken.
-        packets: Packets that were made; of one that measures at angles, counted from where the rotor stood at 0.
-        ready: When the first packet that was not made yet will be.
+    Of one that measures at angles, `packets` counts from where the rotor stood at 0. The first packet that was not
+    made yet will be `ready` then.
     """
 
     def __init__(self, origin: int) -> None:
@@ -113,11 +111,9 @@ class Talker(Chassis[ProfileT, Running], Generic[ProfileT]):
         """Make and queue the next packets of a stream, and tell when those behind them will be ready."""
 
     def receive(self, data: bytes, now: int) -> None:  # noqa: ARG002
-        """Take bytes that the host sent; it sees none of them."""
         self._advance(now)
 
     def wakeup(self, now: int) -> int | None:
-        """When the next packet will have left."""
         self._power(now)
         at = super().wakeup(now)
         if at is None and self._up is not None and now < self._up:

@@ -126,12 +126,7 @@ class Faults:
             device.protection_stop(ERROR_CODE)
 
     def apply(self, data: bytes, now: int) -> bytes:
-        """What arrives at the host by `now` when the device has just sent `data`.
-
-        Args:
-            data: The device's bytes, in any chunks, possibly none.
-            now: Monotonic nanoseconds; never go back.
-        """
+        """What arrives at the host by `now` when the device has just sent `data`, in any chunks, possibly none."""
         if data:
             self.begin(now)
         if self.unplugged(now) or self._is_over(self.silent_s, now):
@@ -147,10 +142,7 @@ class Faults:
         return data
 
     def wakeup(self, now: int) -> int | None:
-        """When something comes, or the cable goes, without a new byte of the device; None = never.
-
-        Then `apply` must be called, with or without new bytes.
-        """
+        """When `apply` must be called though the device sends nothing: something comes, or the cable goes."""
         times = [due for due, _ in list(self._under_way)[:1]]
         if self._babble_from is None:
             self._babble_from = now
@@ -187,7 +179,6 @@ class Faults:
         return seconds is not None and self._since(now) >= seconds * _SECOND
 
     def _since(self, now: int) -> int:
-        """Nanoseconds since the first byte; negative before it."""
         return -1 if self._first is None else now - self._first
 
     def _babble_until(self, now: int) -> bytes:

@@ -41,13 +41,9 @@ _HASH = 2654435761  # 2**32 over the golden ratio (Knuth's multiplicative hash)
 
 
 def cast(segments: Iterable[Segment]) -> Floats:
-    """Cast a ray in every direction of the table against walls.
+    """Cast a ray in every direction of the table against walls around the scanner.
 
-    Args:
-        segments: Walls as (x1, y1, x2, y2) in metres, the scanner at the origin.
-
-    Returns:
-        float64 (32768,), millimetres to the nearest wall; 0 where there is none.
+    Returns millimetres to the nearest wall, float64 (32768,); 0 where there is none.
     """
     angles = np.radians((np.arange(DIRECTIONS) + 0.5) / _PER_DEGREE)
     dx, dy = np.cos(angles), -np.sin(angles)
@@ -87,14 +83,7 @@ def _within(points: Floats, pose: Pose) -> Floats:
 
 
 class Walker:
-    """A person of circular outline who walks round an ellipse, over and over.
-
-    Args:
-        centre: Middle of the ellipse, metres.
-        radii: Its half axes along x and y, metres; the scanner must stay outside of the person.
-        period_s: Seconds for one round.
-        pose: Where the scanner stands in the world of the ellipse.
-    """
+    """A person of circular outline who walks round an ellipse in `period_s`; the scanner must stay outside."""
 
     def __init__(
         self,
@@ -169,14 +158,7 @@ def measures(thing: object) -> TypeGuard[WorldLike]:
 
 
 class World:
-    """What a scanner at the origin sees.
-
-    Args:
-        static_mm: float64 (32768,), distance by direction as `cast` gives it; 0 = no return.
-        walker: A person who walks, or None.
-        noise_mm: Standard deviation of the range noise.
-        seed: Seed of the noise.
-    """
+    """What a scanner at the origin sees: distances by direction as `cast` gives them, a person, and noise."""
 
     def __init__(
         self, static_mm: Floats, *, walker: Walker | None = None, noise_mm: float = 0.0, seed: int = 0
@@ -188,15 +170,7 @@ class World:
             self._noise = np.random.default_rng(seed).normal(0.0, noise_mm, _NOISE)
 
     def ranges_mm(self, angles_deg_clockwise: npt.ArrayLike, t_seconds: npt.ArrayLike) -> Floats:
-        """Measure along each direction at each time.
-
-        Args:
-            angles_deg_clockwise: float (n,), degrees, any number of turns; 0 = forward (x), 90 = right (-y).
-            t_seconds: float (n,) or one time for all beams, not negative.
-
-        Returns:
-            float64 (n,), millimetres, never negative; 0 = no return.
-        """
+        """As `WorldLike.ranges_mm`; also at one time for all beams. A copy."""
         angles = np.atleast_1d(np.asarray(angles_deg_clockwise, dtype=np.float64))
         directions = np.floor(angles * _PER_DEGREE).astype(np.int64)
         directions &= DIRECTIONS - 1
@@ -221,11 +195,8 @@ class World:
 class CheckedWorld:
     """A world of the user's own, with its results checked: a wrong one would only show as a broken stream.
 
-    Args:
-        world: The world; its results are copied, so it may return the same array again and again.
-
-    Raises:
-        ValueError: The object has no method `ranges_mm`.
+    Its results are copied, so it may return the same array again and again. ValueError where it has no method
+    `ranges_mm`.
     """
 
     def __init__(self, world: WorldLike) -> None:
@@ -258,19 +229,12 @@ class CheckedWorld:
 
 
 def as_world(world: WorldLike) -> World | CheckedWorld:
-    """The world itself where it is ours, else with its results checked.
-
-    Raises:
-        ValueError: The object has no method `ranges_mm`.
-    """
+    """The world itself where it is ours, else with its results checked; raises as `CheckedWorld`."""
     return world if isinstance(world, World | CheckedWorld) else CheckedWorld(world)
 
 
 def segments_of(walls: Iterable[Wall]) -> list[Segment]:
-    """The walls that a user has given.
-
-    Args:
-        walls: Each from (x1, y1) to (x2, y2), metres, x forward and y to the left, the scanner at the origin.
+    """The walls that a user has given, as for `lidario.simulate`.
 
     Raises:
         ValueError: The walls are not numbers of that shape, or a number is not finite.

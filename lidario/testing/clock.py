@@ -24,14 +24,7 @@ _LEAST_S = 0.001
 
 
 class Clock:
-    """The clock of one event loop; made by `clock_of`.
-
-    Args:
-        loop: A loop of asyncio's own.
-
-    Attributes:
-        pace: How many times as fast as in reality waiting goes; 1 as usual.
-    """
+    """The clock of one event loop of asyncio's own; made by `clock_of`. Waiting goes `pace` times as fast."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self.pace: float = 1.0

@@ -181,11 +181,7 @@ def make_sector(
 def _samples(
     angles: ArrayLike, ranges: ArrayLike, intensities: ArrayLike | None, rpm: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8] | None]:
-    """Clockwise degrees, millimetres and intensities of samples, as the device tells them.
-
-    Raises:
-        InvalidValue: They cannot be so.
-    """
+    """Clockwise degrees, millimetres and intensities of samples, as the device tells them."""
     given = np.atleast_1d(_numbers(angles, "angles"))
     metres = _numbers(ranges, "ranges")
     strengths = None if intensities is None else _numbers(intensities, "intensities")

@@ -79,17 +79,7 @@ def room(width: float = 4.0, depth: float = 4.0) -> list[Wall]:
 
 
 class Surroundings(World):
-    """Walls and bodies, which may be replaced while a lidar looks at them.
-
-    Args:
-        walls: Each ``((x1, y1), (x2, y2))``, metres.
-        bodies: What moves.
-        noise: Standard deviation of the ranges, metres.
-        seed: Seed of the noise.
-
-    Raises:
-        InvalidValue: The walls are not numbers of that shape, or one of the others cannot be right.
-    """
+    """Walls and bodies, which may be replaced while a lidar looks at them; as for `SimulatedLidar`."""
 
     def __init__(self, walls: Iterable[Wall], bodies: Iterable[Body], noise: float, seed: int) -> None:
         noise_mm = finite(noise, "the noise of the ranges") * 1000.0
@@ -141,11 +131,7 @@ def segments(walls: Iterable[Wall]) -> list[Segment]:
 
 
 def table_of(path: object, columns: int, what: str) -> Floats:
-    """A path as an array, shape (n, columns), the times in the first one.
-
-    Raises:
-        InvalidValue: It is empty or of another shape, a number is not finite, or it goes back in time.
-    """
+    """A path as an array, shape (n, columns), the times in the first one; InvalidValue where it cannot be right."""
     table: Floats
     try:
         table = np.asarray(path, np.float64)
