@@ -40,17 +40,8 @@ class LaserScans:
     Args:
         beams: Beams of each message; then no scan waits. None for as many as a revolution has samples once the
             motor has its speed.
-        order: As for `Scan.to_laserscan`, and all that follow.
-        frame_id: As there.
-        range_min: As there.
-        range_max: As there.
-        no_return: As there.
-        filtered: As there.
-        mount_yaw: As there.
-        preset: As there.
 
-    Raises:
-        InvalidValue: As `Scan.to_laserscan`.
+    The other arguments, and the errors, are those of `Scan.to_laserscan`.
     """
 
     def __init__(

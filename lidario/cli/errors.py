@@ -6,6 +6,7 @@ the number of the signal, as a shell does.
 
 from __future__ import annotations
 
+import errno
 import traceback
 from enum import IntEnum
 from importlib.util import find_spec
@@ -91,6 +92,14 @@ def need(module: str, what: str, package: str = "", otherwise: str = "") -> None
     if find_spec(module) is None:
         name = package or module
         raise Unsupported(f"{what} needs {name}, which is not installed: pip install {name}{otherwise}")
+
+
+def cannot_listen(where: str, error: OSError, any_free: str) -> ConnectFailed:
+    """The error of a server that cannot listen there; `any_free` is the option that takes any free port."""
+    reasons: dict[int | None, ConnectReason] = {errno.EADDRINUSE: "busy", errno.EACCES: "permission"}
+    cure = f". {any_free} takes any free port" if error.errno == errno.EADDRINUSE else ""
+    what = (error.strerror or str(error)).partition(" (while")[0]
+    return ConnectFailed(f"cannot listen on {where}: {what}{cure}", reason=reasons.get(error.errno, "source"))
 
 
 def exit_code_of(reason: ConnectReason) -> int:

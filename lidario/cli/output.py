@@ -222,13 +222,13 @@ def progress(text: str) -> Iterator[Callable[[str], None]]:
         yield lambda _: None
         return
     spinning, before = _Spinning(text, sys.stderr), sys.stderr
-    thread = threading.Thread(target=spinning.run, name="lidario: progress", daemon=True)
-    thread.start()
+    worker = Worker("lidario: progress", PROGRESS_GRACE_S)
+    worker.put(spinning.run)
     try:
         yield spinning.show
     finally:
         spinning.over.set()
-        thread.join(PROGRESS_GRACE_S)
+        worker.close()
         # A thread that is still blocked has not put it back.
         sys.stderr = before
 

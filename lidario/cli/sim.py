@@ -8,19 +8,17 @@ received, and which of them a real device would have discarded, and why; this he
 from __future__ import annotations
 
 import asyncio
-import errno
 import time
 from collections import Counter
 from typing import TYPE_CHECKING, Final, TypeVar
 
 import click
 
-from lidario.cli.errors import ExitCode
+from lidario.cli.errors import ExitCode, cannot_listen
 from lidario.cli.parameters import WholeRange
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
-    from lidario import ConnectReason
     from lidario.sim.device import SimulatedDevice
     from lidario.sim.faults import Faults
     from lidario.sim.serve import PtyServer, TcpServer, UdpServer
@@ -137,8 +135,6 @@ def _listening(
     make: type[_Server], kind: str, address: str, device: SimulatedDevice, faults: Faults | None
 ) -> _Server:
     """Listen on the loopback interface, unless the address names another."""
-    from lidario import ConnectFailed
-
     host, _, port = address.rpartition(":")
     # An IPv6 address stands in brackets, as in a source.
     host = host.removeprefix("[").removesuffix("]")
@@ -147,14 +143,7 @@ def _listening(
     try:
         return make(device, host or "127.0.0.1", int(port), faults=faults)
     except OSError as error:
-        why: ConnectReason = "source"
-        if error.errno == errno.EADDRINUSE:
-            why = "busy"
-        elif error.errno == errno.EACCES:
-            why = "permission"
-        cure = f". --{kind} :0 takes any free port" if why == "busy" else ""
-        what = (error.strerror or str(error)).partition(" (while")[0]
-        raise ConnectFailed(f"cannot listen on {address}: {what}{cure}", reason=why) from error
+        raise cannot_listen(address, error, f"--{kind} :0") from error
 
 
 def _may_be_a_host(name: str) -> bool:

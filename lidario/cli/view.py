@@ -7,7 +7,6 @@ SSH the line is printed that brings the page to the machine one sits at.
 from __future__ import annotations
 
 import asyncio
-import errno
 import getpass
 import os
 import re
@@ -19,7 +18,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from lidario.cli.errors import ExitCode, need
+from lidario.cli.errors import ExitCode, cannot_listen, need
 from lidario.cli.output import progress
 from lidario.cli.parameters import WholeRange, as_place, complete_source, guard_option, mode_option
 from lidario.cli.settings import FILE, config_file, config_option
@@ -109,7 +108,7 @@ async def _serve(feeds: list[Feed], port: int, lan: bool, config: str | None) ->
     try:
         await server.__aenter__()
     except OSError as error:
-        raise _cannot_listen(port, error) from error
+        raise cannot_listen(f"port {port}", error, "--port 0") from error
     reading: list[asyncio.Task[None]] = []
     try:
         begun = asyncio.Event()
@@ -145,18 +144,6 @@ def _raise_of(reading: list[asyncio.Task[None]]) -> None:
     for task in reading:
         if task.done():
             task.result()
-
-
-def _cannot_listen(port: int, error: OSError) -> Exception:
-    from lidario import ConnectFailed
-
-    if error.errno == errno.EADDRINUSE:
-        return ConnectFailed(
-            f"port {port} of this machine is taken. --port 0 takes any that is free", reason="busy"
-        )
-    if error.errno == errno.EACCES:
-        return ConnectFailed(f"port {port} is not allowed to this user. --port 8080 is", reason="permission")
-    return ConnectFailed(f"cannot listen on port {port}: {error.strerror or error}", reason="missing")
 
 
 def _announce(server: LiveServer, lan: bool) -> None:

@@ -13,7 +13,6 @@ thread.
 
 from __future__ import annotations
 
-import contextlib
 import os
 import socket
 import sys
@@ -62,7 +61,6 @@ class PtyServer(Server):
         if sys.platform == "win32":
             raise OSError("this system has no pseudo-terminals; serve the device over TCP")
         super().__init__(device, tick, faults, chunk)
-        self._link: str | None = None
         self._held = -1
         self._plug_in()
         self._thread.start()
@@ -79,18 +77,6 @@ class PtyServer(Server):
         except BlockingIOError:
             return 0
 
-    def link(self, path: str | os.PathLike[str]) -> None:
-        """Keep a symbolic link to the port at `path`, as Linux does in ``/dev/serial/by-id``.
-
-        While the cable is out the link is gone; after `replug` it leads to the new port.
-
-        Raises:
-            OSError: The link cannot be made; `FileExistsError` when something is there already.
-        """
-        with self.lock:
-            os.symlink(self.path, path)
-            self._link = os.fspath(path)
-
     def _plug_in(self) -> None:
         import tty
 
@@ -99,14 +85,9 @@ class PtyServer(Server):
             tty.setraw(self._slave)
             os.set_blocking(self._master, False)
             self.path: str = os.ttyname(self._slave)
-            if self._link is not None:
-                os.symlink(self.path, self._link)
 
     def _shut(self) -> None:
         with self.lock:
-            if self._link is not None:
-                with contextlib.suppress(FileNotFoundError):
-                    os.unlink(self._link)
             if self._master < 0:
                 return  # the cable is out
             os.close(self._master)

@@ -10,7 +10,6 @@ import os
 import select
 import time
 from itertools import pairwise
-from pathlib import Path
 
 import pytest
 
@@ -120,25 +119,6 @@ class TestPty:
             for handle in (each for pair in pairs for each in pair):
                 os.close(handle)
             assert gone not in names
-
-    def test_a_link_leads_to_the_new_port(self, tmp_path: Path) -> None:
-        link = tmp_path / "by-id"
-        with PtyServer(Parrot()) as server:
-            server.link(link)
-            server.replug(0.3)
-            assert not link.is_symlink()
-            assert server.plugged.wait(BOUND)
-            assert os.readlink(link) == server.path
-            with opened(str(link)) as port:
-                os.write(port, b"a")
-                assert read_exactly(port, 1) == b"A"
-        assert not link.is_symlink()
-
-    def test_a_replug_of_a_link_that_is_taken(self, tmp_path: Path) -> None:
-        (tmp_path / "by-id").touch()
-        with PtyServer(Parrot()) as server, pytest.raises(FileExistsError):
-            server.link(tmp_path / "by-id")
-        assert (tmp_path / "by-id").exists()
 
     @pytest.mark.long
     def test_a_fault_replugs_it(self) -> None:

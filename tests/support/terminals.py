@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import select
 import time
+from pathlib import Path
 
 from lidario.sim.device import SimulatedDevice
 from tests.support.speeds import SpeedPtyServer
@@ -21,11 +22,31 @@ class WaitingPtyServer(SpeedPtyServer):
 
     It keeps every name that it has had until it is closed. A session looks for its lidar where it was opened first,
     also after the second replug, and another test process may get that name as soon as it is free.
+
+    With `link` a symbolic link leads to the port, as Linux makes one in ``/dev/serial/by-id``; it is gone while the
+    cable is out.
     """
+
+    _link: Path | None = None
 
     def __init__(self, device: SimulatedDevice, *, chunk: int | None = None) -> None:
         self._earlier: list[int] = []
         super().__init__(device, chunk=chunk)
+
+    def link(self, path: Path) -> None:
+        with self.lock:
+            self._link = path
+            path.symlink_to(self.path)
+
+    def _plug_in(self) -> None:
+        super()._plug_in()
+        if self._link is not None:
+            self._link.symlink_to(self.path)
+
+    def _shut(self) -> None:
+        if self._link is not None:
+            self._link.unlink(missing_ok=True)
+        super()._shut()
 
     def _let_go(self) -> None:
         if self._held >= 0:
