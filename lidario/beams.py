@@ -42,7 +42,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final, Literal, SupportsIndex
+from typing import TYPE_CHECKING, Final, Literal, SupportsIndex
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +51,9 @@ from lidario.arguments import finite, number, shown, text_of, whole
 from lidario.errors import InvalidValue
 from lidario.laserscan import LaserScan
 from lidario.rotor import Rotor, before, turned
+
+if TYPE_CHECKING:
+    from lidario.scan import Scan
 
 BeamOrder = Literal["counter-clockwise", "measured"]
 NoReturn = Literal["inf", "nan", "zero"]
@@ -116,55 +119,33 @@ class BeamOptions:
         return math.inf if self.range_max is None else number(self.range_max, "range_max")
 
 
-def resample(
-    device_angles: NDArray[np.floating],
-    ranges: NDArray[np.floating],
-    intensities: NDArray[np.generic] | None,
-    rotor: Rotor,
-    wall_stamp_ns: int,
-    options: BeamOptions,
-    *,
-    beams: SupportsIndex | None = None,
-    max_range: float = 0.0,
-    left_out: NDArray[np.bool_] | None = None,
-) -> LaserScan:
-    """Put samples on a grid of equal steps.
+def resample(scan: Scan, rotor: Rotor, options: BeamOptions, beams: SupportsIndex | None = None) -> LaserScan:
+    """Put the samples of a scan, in the order of measuring, on a grid of equal steps.
 
-    Args:
-        device_angles: Degrees clockwise, shape (n,), in the order of measuring.
-        ranges: Metres, shape (n,); NaN where there was no return.
-        intensities: Shape (n,), or None.
-        rotor: How the rotor turned during the scan.
-        wall_stamp_ns: Time of the first sample, in nanoseconds since the Unix epoch.
-        options: What the user has chosen.
-        beams: Number of beams; None for as many as there are samples.
-        max_range: Metres; what the message states as `range_max` when that is None; 0 or NaN when not known.
-        left_out: Which samples filters took out, shape (n,); None for none.
+    The rotor turned so during the scan. There are as many beams as samples where the user says nothing.
     """
-    count = beam_count(len(device_angles) if beams is None else beams)
+    count = beam_count(len(scan) if beams is None else beams)
     nearest, farthest = float(options.range_min), options.farthest
     if options.range_max is not None:
         stated = farthest
     else:
-        stated = float(max_range) if 0 < max_range < math.inf else FARTHEST_STATED_M
+        stated = float(scan.max_range) if 0 < scan.max_range < math.inf else FARTHEST_STATED_M
 
-    places = _places(device_angles, rotor, count)
+    ranges, left_out = scan.ranges, scan.left_out
+    places = _places(scan.device_angles, rotor, count)
     on_grid = places >= 0
     # Comparing with NaN gives False: a sample without a return is no hit.
     hit = on_grid & (ranges >= nearest) & (ranges <= farthest)
     filled = np.full(count, np.nan, np.float32)
-    missed = on_grid & ~hit
-    if left_out is not None:
-        # First, so that every other sample of the beam says more.
-        filled[places[left_out & on_grid]] = NO_RETURN[options.filtered]
-        missed &= ~left_out
-    filled[places[missed]] = NO_RETURN[options.no_return]
+    # First, so that every other sample of the beam says more.
+    filled[places[left_out & on_grid]] = NO_RETURN[options.filtered]
+    filled[places[on_grid & ~hit & ~left_out]] = NO_RETURN[options.no_return]
     # From far to near, so that the nearest return is written last.
     by_range = np.flatnonzero(hit)[np.argsort(ranges[hit], kind="stable")[::-1]]
     filled[places[by_range]] = ranges[by_range]
-    strengths = np.zeros(0 if intensities is None else count, np.float32)
-    if intensities is not None:
-        strengths[places[by_range]] = intensities[by_range]
+    strengths = np.zeros(0 if scan.intensities is None else count, np.float32)
+    if scan.intensities is not None:
+        strengths[places[by_range]] = scan.intensities[by_range]
 
     field, rises = abs(rotor.field_deg), rotor.field_deg < 0
     step = math.radians(field) / count
@@ -179,7 +160,7 @@ def resample(
     falls = measured and not rises
     first_beam_ns = beam_ns * (0.5 if measured else count - 0.5)
     return LaserScan(
-        stamp_ns=wall_stamp_ns + round(rotor.begin_ns + first_beam_ns),
+        stamp_ns=scan.wall_stamp_ns + round(rotor.begin_ns + first_beam_ns),
         frame_id=options.frame_id,
         angle_min=angles[1] if falls else angles[0],
         angle_max=angles[0] if falls else angles[1],

@@ -13,7 +13,6 @@ grid of the last one.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import TYPE_CHECKING, Final, SupportsIndex
 
 from lidario.beams import BeamOptions, BeamOrder, NoReturn, Preset, beam_count
@@ -94,10 +93,8 @@ class LaserScans:
             self._begin_deg = _rotor_of(waiting[-1]).begin_deg
             if self._beams is None:
                 self._beams = beam_count(_samples_of_turn(waiting[-1]))
-        # The command sets the frame that the settings tell, when they are known.
-        options = replace(self._options, frame_id=self.frame_id)
         for scan in waiting:
-            yield scan, scan._resampled(self._beams, self._begin_deg, options)  # noqa: SLF001 - checked here
+            yield scan, scan._resampled(self._beams, self._begin_deg, self._options)  # noqa: SLF001 - checked here
 
     def _is_settled(self) -> bool:
         if len(self._waiting) < 2:

@@ -286,17 +286,7 @@ class Scan(MeasuredSamples):
     def _resampled(self, beams: SupportsIndex | None, begin_deg: float | None, options: BeamOptions) -> LaserScan:
         scan = self._in_time_order()
         rotor = scan._follow_rotor()  # noqa: SLF001 - another scan
-        return resample(
-            scan.device_angles,
-            scan.ranges,
-            scan.intensities,
-            rotor if begin_deg is None else rotor.beginning_at(begin_deg),
-            scan.wall_stamp_ns,
-            options,
-            beams=beams,
-            max_range=scan.max_range,
-            left_out=scan._left_out,  # noqa: SLF001 - another scan
-        )
+        return resample(scan, rotor if begin_deg is None else rotor.beginning_at(begin_deg), options, beams)
 
 
 def _mark(made: Scan, left_out: NDArray[np.bool_] | None, which: NDArray[Any]) -> None:

@@ -15,6 +15,7 @@ from lidario.families.base import Known
 from lidario.families.hokuyo.raw import find_stream
 from lidario.families.hokuyo.simulated.packers import pack_block, pack_lines
 from lidario.rotor import Rotor
+from lidario.testing import make_scan
 from tests.families.hokuyo.about import CASES, GEOMETRY
 from tests.support.devices import make_rig, take
 from tests.support.loop import driven, run_driven
@@ -108,7 +109,8 @@ async def test_nothing_is_said_of_what_lies_behind(model: str) -> None:
 def test_a_field_that_is_turned_clockwise_falls_in_time() -> None:
     """No device of today does so."""
     degrees = np.arange(45.5, 225.5)
-    message = resample(degrees, degrees / 100, None, Rotor(45.0, 0.0, 100e6, 180.0), 0, BeamOptions())
+    scan = make_scan(-np.radians(degrees), degrees / 100, wall_stamp_ns=0)
+    message = resample(scan, Rotor(45.0, 0.0, 100e6, 180.0), BeamOptions())
     assert math.degrees(message.angle_min) % 360 == pytest.approx(360 - 224.5)
     assert message.time_increment == pytest.approx(-100e-3 / 360)
     np.testing.assert_allclose(message.ranges, degrees[::-1] / 100, rtol=1e-6)
