@@ -11,7 +11,7 @@ import click
 
 from lidario.cli.errors import ExitCode, need
 from lidario.cli.output import progress
-from lidario.cli.parameters import WholeRange, as_place, complete_source
+from lidario.cli.parameters import WholeRange, as_file, as_place, complete_source
 from lidario.cli.plot import scans_of
 from lidario.cli.settings import FILE, config_file, config_option, settings_of_file
 from lidario.cli.streams import emit, message
@@ -46,7 +46,7 @@ FARTHEST_RESIDUAL_M: Final = 0.05
 @click.option("--guess", type=as_place, metavar="X,Y,YAW",
               help="About where B is, seen from A: metres forward, metres left, degrees counter-clockwise. Where "
                    "the room looks alike from several sides.")  # fmt: skip
-@click.option("--picture", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE.svg",
+@click.option("--picture", type=as_file(".svg"), metavar="FILE.svg",
               help="Draw both clouds as they lie on each other.")  # fmt: skip
 @click.option("--dry-run", is_flag=True, help="Write nothing into the settings.")
 @config_option
@@ -55,7 +55,7 @@ def calibrate(
     second: str,
     count: int,
     guess: Mount | None,
-    picture: Path | None,
+    picture: str | None,
     dry_run: bool,
 ) -> int:
     """Find how two lidars are mounted to each other.
@@ -67,12 +67,10 @@ def calibrate(
     from lidario.cli.running import run
     from lidario.recording.export import must_be_writable
 
-    if picture is not None and picture.suffix != ".svg":
-        raise click.BadParameter(f"{str(picture)!r} does not end in .svg", param_hint="--picture")
     need("small_gicp", "it")
     config, file = settings_of_file(), Path(config_file() or FILE)
     if picture is not None:
-        must_be_writable(picture, overwrite=True)
+        must_be_writable(Path(picture), overwrite=True)
     if not dry_run:
         need("tomlkit", "writing settings")
         must_be_writable(file, overwrite=True)
@@ -83,7 +81,7 @@ def calibrate(
         found = register(fixed, moving, guess=guess)
     if picture is not None:
         title = f"{two.model} {two.serial[:8]} as {one.model} {one.serial[:8]} sees it"
-        _draw(picture, fixed, _cloud(behind, found.mount), found, title)
+        _draw(Path(picture), fixed, _cloud(behind, found.mount), found, title)
         message(f"picture: {picture}")
     # Seen from below, left is right: then a wrong place may be found that explains many points.
     upside_down = register(fixed, moving * (1.0, -1.0), guess=guess)

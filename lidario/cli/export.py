@@ -15,7 +15,7 @@ import click
 from lidario.cli.errors import ExitCode
 from lidario.cli.laserscans import laserscan_options, laserscans_of, only_with
 from lidario.cli.output import progress
-from lidario.cli.parameters import FiniteRange, WholeRange, complete_file
+from lidario.cli.parameters import FiniteRange, WholeRange, as_file, complete_file
 from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import message
 
@@ -26,13 +26,12 @@ if TYPE_CHECKING:
     from lidario.recording.decode_file import FileDecoder
     from lidario.recording.files import Known
 
-FORMS = (".npz", ".csv", ".mcap")
 _SEQ = "#"
 
 
 @click.command()
 @click.argument("files", metavar="FILE...", nargs=-1, required=True, shell_complete=complete_file)
-@click.argument("out", metavar="OUT", shell_complete=complete_file)
+@click.argument("out", metavar="OUT", type=as_file(".npz", ".csv", ".mcap"), shell_complete=complete_file)
 @click.option("-j", "jobs", type=WholeRange(min=1), default=1, show_default=True, metavar="N",
               help="How many processes. Each takes one of the files; a single long one is divided.")  # fmt: skip
 @click.option("--family", metavar="NAME", help="Of bare bytes, where it cannot be told from them.")
@@ -60,11 +59,9 @@ def export(
     """
     from lidario.recording.files import Known
 
-    if Path(out).suffix not in FORMS:
-        raise click.BadParameter(f"{out!r} does not end in {', '.join(FORMS)}", param_hint="OUT")
     if len(files) > 1 and "{}" not in out:
         raise click.BadParameter("of several files, OUT needs {} where each name belongs", param_hint="OUT")
-    only_with("an OUT that ends with .mcap", of_scans, Path(out).suffix == ".mcap")
+    only_with("an OUT that ends with .mcap", of_scans, out.casefold().endswith(".mcap"))
     laserscans_of(of_scans)
     known, config = Known(family, model, sample_us), settings_of_file()
     divided = jobs if len(files) == 1 else 1
@@ -120,10 +117,10 @@ def export_one(
     decoder = FileDecoder(file, known)
     own = config.of(decoder.recording.about.info.serial)
     decoder.filters = own.filters
-    if Path(out).suffix == ".mcap":
+    if out.casefold().endswith(".mcap"):
         count = export_mcap(decoder, Path(out), laserscans_of(of_scans, own.frame), overwrite=force, jobs=jobs)
     else:
-        write = export_npz if Path(out).suffix == ".npz" else _export_csv
+        write = export_npz if out.casefold().endswith(".npz") else _export_csv
         count = write(decoder, Path(out), overwrite=force, jobs=jobs)
     return count, decoder.recording.damage
 

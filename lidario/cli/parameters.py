@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final
 
 import click
@@ -65,6 +66,17 @@ def as_place(text: str) -> Mount:
 def as_mode(text: str) -> str | int:
     """The name of a scan mode, or its id where it is written in digits."""
     return int(text) if text.isascii() and text.isdigit() and len(text) <= _MODE_DIGITS else text
+
+
+def as_file(*endings: str) -> Callable[[str], str]:
+    """The name of a file that ends in one of these: by it the kind of the file is told."""
+
+    def as_file_of_kind(text: str) -> str:
+        if not text.casefold().endswith(endings):
+            raise click.BadParameter(f"{text!r} does not end in {', '.join(endings)}")
+        return text
+
+    return as_file_of_kind
 
 
 class WholeRange(click.IntRange):

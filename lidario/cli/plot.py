@@ -16,7 +16,7 @@ import click
 
 from lidario.cli.errors import ExitCode, need
 from lidario.cli.output import progress
-from lidario.cli.parameters import WholeRange, complete_source, mode_option
+from lidario.cli.parameters import WholeRange, as_file, complete_source, mode_option
 from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import emit, message
 
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("source", default="auto", shell_complete=complete_source)
-@click.option("-o", "--output", default="scan.svg", show_default=True, metavar="FILE",
-              help="Where to: a name that ends with .svg or .png.")  # fmt: skip
+@click.option("-o", "--output", type=as_file(".svg", ".png"), default="scan.svg", show_default=True,
+              metavar="FILE", help="Where to: a name that ends with .svg or .png.")  # fmt: skip
 @click.option("-n", "count", default=1, show_default=True, type=WholeRange(1, 100), metavar="N",
               help="How many scans, one drawn over the other.")  # fmt: skip
 @click.option("--polar", is_flag=True, help="On rings and rays instead of a grid.")
@@ -39,20 +39,13 @@ def plot(source: str, output: str, count: int, polar: bool, force: bool, mode: s
 
     The name of the file is printed.
     """
-    from lidario import CannotRecord, RecordingError
+    from lidario import RecordingError
     from lidario.cli.running import run
     from lidario.recording.export import must_be_writable, write_whole
 
     path = Path(output)
     kind = path.suffix.lower()
-    if kind not in (".svg", ".png"):
-        raise click.BadParameter(f"{output!r} ends neither with .svg nor with .png", param_hint="-o")
-    # Unlike those of Path, these raise nothing in a folder that this user may not enter.
-    if os.path.isdir(path) or not os.path.isdir(path.parent):
-        raise click.BadParameter(f"{output!r} is a folder, or its folder does not exist", param_hint="-o")
-    if os.path.exists(path) and not force:
-        raise CannotRecord(f"{path} exists already: --force replaces it")
-    must_be_writable(path, overwrite=True)
+    must_be_writable(path, overwrite=force)
     if kind == ".png":
         need("matplotlib", "a PNG", otherwise=", or write an .svg")
     settings = settings_of_file()

@@ -20,6 +20,7 @@ from lidario.cli.output import progress
 from lidario.cli.parameters import (
     WholeRange,
     as_duration,
+    as_file,
     as_size,
     as_time_or_size,
     complete_source,
@@ -44,7 +45,8 @@ class _Told:
 
 @click.command()
 @click.argument("source", default="auto", shell_complete=complete_source)
-@click.option("-o", "--output", metavar="FILE", help="The file to make; named after the time where not given.")
+@click.option("-o", "--output", type=as_file(".mcap"), metavar="FILE",
+              help="The file to make; named after the time where not given.")  # fmt: skip
 @click.option("-t", "--time", "seconds", type=as_duration, metavar="TIME",
               help="How long from the first scan on: 60s, 5m.")  # fmt: skip
 @click.option("-n", "count", type=WholeRange(min=1), metavar="N",
@@ -85,9 +87,6 @@ def record(
 
     only_with("--scans", of_scans, scans)
     path = datetime.now().strftime("lidar-%Y%m%d-%H%M%S.mcap") if output is None else output
-    if not path.casefold().endswith(".mcap"):
-        # By its name a recording is told from a serial port.
-        raise click.BadParameter(f"{path!r} does not end in .mcap", param_hint="-o")
     if keep is not None and split is None:
         raise click.BadParameter(
             "whole files are removed: --split says when the next one begins", param_hint="--keep"

@@ -19,7 +19,7 @@ from lidario.cli.errors import ExitCode
 from lidario.cli.log import nothing_logged
 from lidario.cli.machine import Machine
 from lidario.cli.output import console, dump, facts, introduced, judged, progress, rendered
-from lidario.cli.parameters import complete_source
+from lidario.cli.parameters import as_file, complete_source
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
@@ -47,7 +47,8 @@ class _Begun:
 
 @click.command("report")
 @click.argument("source", default="auto", shell_complete=complete_source)
-@click.option("-o", "--output", metavar="FILE", help="The file to make; named after the time where not given.")
+@click.option("-o", "--output", type=as_file(".mcap"), metavar="FILE",
+              help="The file to make; named after the time where not given.")  # fmt: skip
 @click.option("--force", is_flag=True, help="Replace a file that is there already.")
 @click.option("--check", is_flag=True, help="SOURCE is a report: read it, and say what is new in it.")
 @click.option("--json", "as_json", is_flag=True, help="The page as an object for programs.")
@@ -64,12 +65,8 @@ def report_lidar(source: str, output: str | None, force: bool, check: bool, as_j
     if check:
         return _check(Path(source), as_json)
     path = Path(datetime.now().strftime("report-%Y%m%d-%H%M%S.mcap") if output is None else output)
-    if path.suffix.casefold() != ".mcap":
-        raise click.BadParameter(f"{str(path)!r} does not end in .mcap", param_hint="-o")
-    if path.exists() and not force:
-        # Not only at the end, behind two minutes.
-        raise click.BadParameter(f"{path} exists already; --force replaces it", param_hint="-o")
-    must_be_writable(path, overwrite=True)
+    # Not only at the end, behind two minutes.
+    must_be_writable(path, overwrite=force)
     message(HOLDS)
     begun = _Begun()
     adapters = _Adapters(source)

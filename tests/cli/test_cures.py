@@ -28,7 +28,7 @@ def test_a_picture_that_is_there_is_replaced_by_force(tmp_path: Path) -> None:
     path.write_text("mine")
     ended = invoke_driven("plot", S2, "-o", str(path))
     assert ended.exit_code == 4
-    assert "--force replaces it" in ended.stderr
+    assert "--force, replaces it" in ended.stderr
     assert path.read_text() == "mine"
     assert invoke_driven("plot", S2, "-o", str(path), "--force").exit_code == 0
     assert path.read_text().startswith("<svg")

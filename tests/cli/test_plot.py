@@ -123,7 +123,7 @@ def test_an_empty_scan_is_said(tmp_path: Path) -> None:
 def test_a_folder_is_no_picture(tmp_path: Path) -> None:
     (tmp_path / "x.svg").mkdir()
     ended = invoke_driven("plot", S2, "-o", str(tmp_path / "x.svg"), "--force")
-    assert (ended.exit_code, "is a folder" in ended.stderr) == (2, True)
+    assert (ended.exit_code, "it is a directory" in ended.stderr) == (4, True)
 
 
 def test_a_png_without_matplotlib_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

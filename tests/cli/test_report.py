@@ -252,7 +252,7 @@ def test_a_file_that_is_there_is_refused_before_the_device_is_touched(path: Path
     path.write_bytes(b"mine")
     device = lidario.simulate("ldrobot-ld19")
     result = invoke("report", LD19, "-o", str(path))
-    assert result.exit_code == 2
+    assert result.exit_code == 4
     assert "--force" in result.stderr
     assert path.read_bytes() == b"mine"
     assert not device.log
