@@ -128,7 +128,9 @@ def rotor_of(
 ) -> Rotor:
     """As `follow_rotor`, of a device that sees `field_deg` of a turn, negative where its angles fall."""
     if abs(field_deg) != 360.0:
-        return rotor_of_field(len(device_angles), time_increment_ns, seam, field_deg)
+        # A whole scan of evenly spaced samples; each stands in the middle of its share of the field.
+        period_ns = 360.0 / abs(field_deg) * len(device_angles) * time_increment_ns
+        return Rotor(seam, -time_increment_ns / 2, period_ns, field_deg)
     if field_deg > 0:
         return follow_rotor(device_angles, time_increment_ns, duration_ns, seam, lost_packets, gaps)
     angles = _mirrored(device_angles)
@@ -139,15 +141,6 @@ def rotor_of(
 def _mirrored(device_angles: NDArray[np.floating]) -> NDArray[np.floating]:
     mirrored: NDArray[np.floating] = -device_angles % 360.0
     return mirrored
-
-
-def rotor_of_field(count: int, time_increment_ns: float, begin_deg: float, field_deg: float) -> Rotor:
-    """How the rotor turned during a whole scan of a field that the device states, with so many even samples.
-
-    Each sample stands in the middle of its share of the field.
-    """
-    period_ns = 360.0 / abs(field_deg) * count * time_increment_ns
-    return Rotor(begin_deg, -time_increment_ns / 2, period_ns, field_deg)
 
 
 def numbers_of(count: int, gaps: Gaps) -> NDArray[np.int64]:
@@ -176,11 +169,6 @@ def times_of(
     if rotor.field_deg < 0:
         device_angles = _mirrored(device_angles)
         rotor = Rotor(-rotor.begin_deg % 360.0, rotor.begin_ns, rotor.period_ns)
-    return times_by_angle(device_angles, rotor)
-
-
-def times_by_angle(device_angles: NDArray[np.floating], rotor: Rotor) -> NDArray[np.int64]:
-    """When the rotor stood at each angle, nanoseconds after the first sample of the scan; int64, shape (n,)."""
     if not len(device_angles):
         return np.zeros(0, np.int64)
     degrees = turned(device_angles, rotor.begin_deg)

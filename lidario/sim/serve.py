@@ -6,9 +6,9 @@ clock and no thread.
 
 The line loses bytes as a real one does. What the terminal's or socket's buffer cannot take is lost, as on
 a UART, and is counted in `lost`. While there is no client the bytes go nowhere. `unplug` is the
-cable pulled out: the client's port dies. `replug` puts it in again; as on a real system, the new port may have
-another name. An exception of the simulated device is kept and raised by `close`, so that it does not get lost in a
-thread.
+cable pulled out: the client's port dies. The fault ``replug`` puts it in again; as on a real system, the new port
+may have another name. An exception of the simulated device is kept and raised by `close`, so that it does not get
+lost in a thread.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def usual_way(device: SimulatedDevice) -> str:
 class PtyServer(Server):
     """A simulated device on a pseudo-terminal (not on Windows); clients may come and go.
 
-    Clients open `path`, which is another one after `replug`. At most a `chunk` is written at once, such as the 64
+    Clients open `path`, which is another one after a replug. At most a `chunk` is written at once, such as the 64
     bytes of a USB adapter.
 
     Raises:

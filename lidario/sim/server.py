@@ -17,7 +17,6 @@ from typing import Self
 from lidario.sim.device import SimulatedDevice
 from lidario.sim.faults import Faults
 from lidario.sim.memory import MemoryLine
-from lidario.sim.trouble import REPLUG_GAP_S, can_fail
 
 _IDLE_S = 0.05  # how long the thread sleeps at most, so that an unplug that is due is noticed
 READ = 4096
@@ -53,8 +52,6 @@ class Server(ABC):
         self._chunk = chunk
         self.plugged: threading.Event = threading.Event()
         self.plugged.set()
-        self._pulled = threading.Event()
-        self._gap_wanted: float | None = None
         self._error: BaseException | None = None
         self._ending = threading.Event()
         self._waker, self._woken = socket.socketpair()
@@ -73,21 +70,6 @@ class Server(ABC):
             self._waker.send(b"\0")
         if self._thread is not threading.current_thread():
             self._thread.join()
-
-    def replug(self, gap_s: float = REPLUG_GAP_S) -> None:
-        """Pull the cable out, and put it in again after `gap_s` seconds; ValueError where the line stays dead.
-
-        Returns when the client's port is dead; wait for `plugged` to open the new one. The device is without power
-        meanwhile, and boots afterwards, if it can.
-        """
-        if self.unplugged:
-            raise ValueError("an unplugged device cannot be plugged in")
-        self._pulled.clear()
-        self._gap_wanted = gap_s
-        with contextlib.suppress(OSError):  # it has just died
-            self._waker.send(b"\0")
-        while not self._pulled.wait(_IDLE_S) and not self.unplugged:
-            pass
 
     def close(self) -> None:
         """Stop serving and wait for the thread; harmless when done before.
@@ -120,12 +102,6 @@ class Server(ABC):
     def _turn(self) -> bool:
         """Wait, then carry bytes both ways; False when the line is dead and stays so."""
         now = time.monotonic_ns()
-        if self._gap_wanted is not None:
-            gap_s, self._gap_wanted = self._gap_wanted, None
-            with self.lock:
-                if can_fail(self.device):
-                    self.device.reboot(now, off_s=gap_s)
-            return self._stay_out(now + round(gap_s * 1e9))
         if self._faults is not None and self._faults.unplugged(now):
             back = self._faults.back_at(now)
             return back is not None and self._stay_out(back)
@@ -152,7 +128,6 @@ class Server(ABC):
         """Be unplugged until then; False when the server is closed meanwhile."""
         self.plugged.clear()
         self._shut()
-        self._pulled.set()
         while (left := until - time.monotonic_ns()) > 0 and not self._ending.is_set():
             if _readable([self._woken], left * 1e-9):
                 self._woken.recv(READ)

@@ -18,12 +18,12 @@ from lidario import DeviceLost, Reconnect, open_lidar
 from lidario.port.background import run_in_thread
 from lidario.session.finding.discovery import PortInfo
 from lidario.session.finding.places import Places
-from lidario.sim.serve import TcpServer
 from lidario.source import Source
 from tests.cli.processes import served
 from tests.support.cable import next_after
 from tests.support.children import is_still, requests, until
 from tests.support.devices import make_rig, some
+from tests.support.replug import ReplugTcpServer
 from tests.support.terminals import WaitingPtyServer
 
 BOUND_S = 30.0
@@ -135,7 +135,7 @@ async def test_two_that_change_their_names_at_once(monkeypatch: pytest.MonkeyPat
 async def test_a_network_connection_that_was_closed() -> None:
     device = make_rig("ydlidar").device
     device.boot_s = BOOT_S
-    with TcpServer(device) as server:
+    with ReplugTcpServer(device) as server:
         source = "tcp://{}:{}".format(*server.address)
         async with open_lidar(source, family="ydlidar", reconnect=True) as lidar, lidar.scans() as stream:
             await anext(stream)

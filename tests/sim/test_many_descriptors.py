@@ -26,9 +26,6 @@ async def main():
                 source = f"{'tcp' if kind is TcpServer else 'udp'}://{server.address[0]}:{server.address[1]}"
             async with lidario.open_lidar(source, family="rplidar") as lidar:
                 print(kind.__name__, len(await lidar.scan()) > 3000, flush=True)
-            if kind is PtyServer:
-                server.replug(0.05)
-                server.plugged.wait(10)
 
 asyncio.run(main())
 """

@@ -13,6 +13,7 @@ from lidario.sim.faults import parse_faults
 from lidario.sim.serve import MemoryLine, TcpServer
 from tests.support.children import until
 from tests.support.parrot import BOUND, Parrot, read_exactly
+from tests.support.replug import ReplugTcpServer
 
 pytestmark = pytest.mark.usefixtures("no_thread_is_left")
 
@@ -88,7 +89,7 @@ class TestTcp:
     @pytest.mark.parametrize("comes_back", [False, True])
     def test_pulled_out_it_hangs_up_and_refuses(self, comes_back: bool) -> None:
         """Plugged in again, it listens at the same address."""
-        with TcpServer(Parrot()) as server:
+        with ReplugTcpServer(Parrot()) as server:
             with socket.create_connection(server.address, timeout=BOUND) as client:
                 client.sendall(b"a")
                 assert client.recv(1) == b"A"

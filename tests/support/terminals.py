@@ -8,13 +8,14 @@ import time
 from pathlib import Path
 
 from lidario.sim.device import SimulatedDevice
+from tests.support.replug import Replugged
 from tests.support.speeds import SpeedPtyServer
 
 PATIENCE_S = 30.0
 _TURN_S = 0.02
 
 
-class WaitingPtyServer(SpeedPtyServer):
+class WaitingPtyServer(Replugged, SpeedPtyServer):
     """A simulated device that waits while the terminal's buffer is full.
 
     A real device does not wait: what the buffer cannot take is lost, after about 60 ms without a reader. On a busy
