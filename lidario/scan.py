@@ -25,7 +25,6 @@ from lidario.samples import mask_of, nearest_to, read_only
 
 __all__ = ["Return", "Scan", "read_only"]
 
-FloatArray = NDArray[np.float32]
 _PLAIN: Final = (
     "seq", "stamp_ns", "wall_stamp_ns", "time_increment_ns", "duration_ns", "rpm", "reported_rpm", "mode",
     "max_range", "dropped_before", "lost_packets", "angles", "ranges", "intensities",
@@ -91,16 +90,8 @@ class Scan(MeasuredSamples):
 
         `to_laserscan` of the sorted scan gives the same as that of this one.
         """
-        order = np.argsort(self.angles, kind="stable")
-        made = replace(
-            self,
-            device_angles=read_only(self.device_angles[order]),
-            device_distances=read_only(self.device_distances[order]),
-            intensities=None if self.intensities is None else read_only(self.intensities[order]),
-        )
-        object.__setattr__(made, "_measured", self if self._measured is None else self._measured)
-        object.__setattr__(made, "_times_ns", read_only(self.times_ns[order]))
-        _mark(made, self._left_out, order)
+        made = self._taken(np.argsort(self.angles, kind="stable"))
+        object.__setattr__(made, "_measured", self._in_time_order())
         return made
 
     def at(self, angle: float, *, within: float = math.radians(1.0)) -> Return | None:
@@ -150,7 +141,17 @@ class Scan(MeasuredSamples):
             measured = np.zeros_like(keep)
             measured[order] = keep
             return self._measured.select(measured).sorted()
-        return self._selected(keep)
+        made = self._taken(keep)
+        later_ns = int(made.times_ns[0]) - self.stamp_ns if len(made) else 0
+        rotor = self._follow_rotor()
+        for name, value in {
+            "stamp_ns": self.stamp_ns + later_ns,
+            "wall_stamp_ns": self.wall_stamp_ns + later_ns,
+            "duration_ns": self.duration_ns - later_ns,
+            "_rotor": replace(rotor, begin_ns=rotor.begin_ns - later_ns),
+        }.items():
+            object.__setattr__(made, name, value)
+        return made
 
     def points(
         self, mount: Mount | None = None, *, motion: Motion | None = None, at_ns: int | None = None
@@ -195,22 +196,17 @@ class Scan(MeasuredSamples):
         """
         return plain_of(self, _PLAIN)
 
-    def _selected(self, keep: NDArray[np.bool_]) -> Scan:
-        times_ns = self.times_ns[keep]
-        later_ns = int(times_ns[0]) - self.stamp_ns if len(times_ns) else 0
-        rotor = self._follow_rotor()
+    def _taken(self, which: NDArray[Any]) -> Scan:
+        """Some of the samples, or all in another order; each keeps its time."""
         made = replace(
             self,
-            device_angles=read_only(self.device_angles[keep]),
-            device_distances=read_only(self.device_distances[keep]),
-            intensities=None if self.intensities is None else read_only(self.intensities[keep]),
-            stamp_ns=self.stamp_ns + later_ns,
-            wall_stamp_ns=self.wall_stamp_ns + later_ns,
-            duration_ns=self.duration_ns - later_ns,
+            device_angles=read_only(self.device_angles[which]),
+            device_distances=read_only(self.device_distances[which]),
+            intensities=None if self.intensities is None else read_only(self.intensities[which]),
         )
-        object.__setattr__(made, "_times_ns", read_only(times_ns))
-        object.__setattr__(made, "_rotor", replace(rotor, begin_ns=rotor.begin_ns - later_ns))
-        _mark(made, self._left_out, keep)
+        left_out = None if self._left_out is None else read_only(self._left_out[which])
+        object.__setattr__(made, "_times_ns", read_only(self.times_ns[which]))
+        object.__setattr__(made, "_left_out", left_out)
         return made
 
     def _in_time_order(self) -> Scan:
@@ -287,8 +283,3 @@ class Scan(MeasuredSamples):
         scan = self._in_time_order()
         rotor = scan._follow_rotor()  # noqa: SLF001 - another scan
         return resample(scan, rotor if begin_deg is None else rotor.beginning_at(begin_deg), options, beams)
-
-
-def _mark(made: Scan, left_out: NDArray[np.bool_] | None, which: NDArray[Any]) -> None:
-    """Tell a new scan which of these samples filters took out."""
-    object.__setattr__(made, "_left_out", None if left_out is None else read_only(left_out[which]))

@@ -10,13 +10,11 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lidario.measured import MeasuredSamples
 from lidario.plain import plain_of
 from lidario.rotor import Rotor
 
-FloatArray = NDArray[np.float32]
 _PLAIN: Final = (
     "seq", "index", "degrees", "stamp_ns", "wall_stamp_ns", "time_increment_ns", "duration_ns", "rpm", "mode",
     "max_range", "dropped_before", "lost_packets", "angles", "ranges", "intensities",

@@ -22,13 +22,12 @@ from typing import IO, Any
 
 import numpy as np
 
-from lidario.errors import CannotRecord
 from lidario.laserscan import LaserScan
 from lidario.laserscans import LaserScans
 from lidario.recording.decode_file import FileDecoder
 from lidario.recording.divided import divided
 from lidario.recording.read import Copy, McapRecording, StoredStreams
-from lidario.recording.write import FileWriter
+from lidario.recording.write import FileWriter, cannot_write
 from lidario.scan import Scan
 from lidario.whole_file import whole_file
 
@@ -45,11 +44,11 @@ def write_whole(path: Path, *, overwrite: bool) -> Iterator[Path]:
     """
     try:
         if path.exists() and not overwrite:
-            raise CannotRecord(f"{path} exists already: overwrite=True, or --force, replaces it")
+            raise FileExistsError
         with whole_file(path) as part:
             yield part
     except OSError as error:
-        raise CannotRecord(f"{path} cannot be written: {error.strerror or error}") from error
+        raise cannot_write(path, error) from error
 
 
 def must_be_writable(path: Path, *, overwrite: bool) -> None:

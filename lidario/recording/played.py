@@ -9,17 +9,16 @@ does not hold, as a device ignores a request that it does not know; each is logg
 from __future__ import annotations
 
 import re
-from collections import deque
 from contextlib import suppress
 
 from lidario.errors import RecordingError, Unsupported
 from lidario.recording.player import Player
 from lidario.recording.read import Piece, StoredStreams
 from lidario.sim.device import Received
+from lidario.sim.line import RequestLog
 from lidario.wire.envelope import REQUEST_MAGIC
 from lidario.wire.events import Descriptor
 
-MOST_LOGGED = 1000
 LONGEST_REQUEST = 262
 """A request has a length of one byte and six more bytes at most."""
 
@@ -37,7 +36,7 @@ class PlayedDevice:
         self.error: RecordingError | None = None
         self._recording = recording
         self._again = loop
-        self._log: deque[Received] = deque(maxlen=MOST_LOGGED)
+        self._log = RequestLog()
         self._incoming = bytearray()
         self._outgoing = bytearray()
         self._player = Player(recording, rate)
@@ -63,8 +62,7 @@ class PlayedDevice:
 
     @property
     def log(self) -> list[Received]:
-        """The latest requests, oldest first."""
-        return list(self._log)
+        return self._log.entries
 
     @property
     def motor_on(self) -> bool:
@@ -166,4 +164,4 @@ class PlayedDevice:
         self._player.rest()
 
     def _note(self, request: bytes, now: int, why: str) -> None:
-        self._log.append(Received(now, request.hex(" "), request, not why, why))
+        self._log.add(now, request.hex(" "), request, why)

@@ -102,7 +102,7 @@ class FileWriter:
         try:
             self._file = _opened(path, overwrite)
         except OSError as error:
-            raise _failed(self.path, error) from error
+            raise cannot_write(self.path, error) from error
         if sync:
             _sync_folder(path)
         try:
@@ -211,7 +211,7 @@ class FileWriter:
         except OSError as error:
             # Some file systems cannot, those of networks for instance. What a disk has lost is another matter.
             if error.errno not in (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS):
-                raise _failed(self.path, error) from error
+                raise cannot_write(self.path, error) from error
 
     def _write_out(self) -> None:
         data = memoryview(self._sink.take())
@@ -221,7 +221,7 @@ class FileWriter:
         except OSError as error:
             with contextlib.suppress(OSError):
                 os.ftruncate(self._file.fileno(), self.size)
-            raise _failed(self.path, error) from error
+            raise cannot_write(self.path, error) from error
         self.size = self._sink.tell()
 
 
@@ -243,7 +243,8 @@ def _sync_folder(path: Path) -> None:
             os.close(folder)
 
 
-def _failed(path: Path, error: OSError) -> CannotRecord:
+def cannot_write(path: Path, error: OSError) -> CannotRecord:
+    """What is told of a file that is there already, or cannot be written."""
     if isinstance(error, FileExistsError):
         return CannotRecord(f"{path} exists already: overwrite=True, or --force, replaces it")
     why = error.strerror or str(error)
