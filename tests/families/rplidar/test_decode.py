@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from lidario.families.arcs import in_turn
 from lidario.families.base import Samples
 from lidario.families.rplidar.cabins import ultra_dense_cabins
-from lidario.families.rplidar.decode import DECODERS
-from lidario.families.rplidar.decode_capsules import DenseDecoder
+from lidario.families.rplidar.decode import DECODERS, DenseDecoder
 from lidario.families.rplidar.formats import FORMATS
 from lidario.families.rplidar.simulated import packers
 from lidario.wire.events import Packets
