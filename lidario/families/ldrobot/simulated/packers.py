@@ -12,8 +12,14 @@ import numpy as np
 import numpy.typing as npt
 
 _POLYNOMIAL = 0x4D
-_POINTS = 12
 _LONGEST = 65535
+_POINT = np.dtype([("mm", "<u2"), ("intensity", "u1")])
+_PACKET = np.dtype(
+    [
+        ("mark", "u1", 2), ("speed", "<u2"), ("first", "<u2"), ("points", _POINT, 12), ("last", "<u2"),
+        ("time", "<u2"), ("check", "u1"),
+    ]
+)  # fmt: skip
 
 
 def _of_bytes() -> npt.NDArray[np.uint8]:
@@ -58,19 +64,13 @@ def pack_points(
         The packets, back to back.
     """
     distances = np.atleast_2d(np.rint(np.asarray(distances_mm, np.float64)))
-    distances = np.where(distances <= _LONGEST, distances, 0).astype("<u2")
-    count = len(distances)
-    rows = np.empty((count, 47), np.uint8)
-    rows[:, 0], rows[:, 1] = 0x54, 0x20 | _POINTS
-    points = rows[:, 6:42].reshape(count, _POINTS, 3)
-    points[:, :, :2] = distances[:, :, None].view(np.uint8)
-    points[:, :, 2] = np.atleast_2d(np.asarray(intensities, np.uint8))
-    for at, values in ((2, speed), (4, first), (42, last), (44, milliseconds)):
-        words = np.ascontiguousarray(np.broadcast_to(np.asarray(values, "<u2"), (count,)))
-        rows[:, at : at + 2] = words[:, None].view(np.uint8)
-    rows[:, 6:42] = points.reshape(count, 36)
-    rows[:, 46] = check_of(rows[:, :46])
-    return rows.tobytes()
+    packets = np.empty(len(distances), _PACKET)
+    packets["mark"] = 0x54, 0x2C
+    packets["points"]["mm"] = np.where(distances <= _LONGEST, distances, 0)
+    packets["points"]["intensity"] = np.asarray(intensities, np.uint8)
+    packets["first"], packets["last"], packets["speed"], packets["time"] = first, last, speed, milliseconds
+    packets["check"] = check_of(packets.view(np.uint8).reshape(len(packets), -1)[:, :-1])
+    return packets.tobytes()
 
 
 def pack_response(command: int, payload: bytes = bytes(4)) -> bytes:

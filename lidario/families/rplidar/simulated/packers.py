@@ -1,8 +1,9 @@
 """The six measurement formats, written as the device writes them.
 
 These are the decoders' inverse, made from the documents alone: nothing is shared with the host's parser.
-Every function takes one packet or many (a leading axis of packets) and returns their bytes on end. Two of
-the formats, 0x84 and 0x86, cannot carry every distance.
+Every function takes one packet or many (a leading axis of packets, each with as many samples as its format has)
+and returns their bytes on end. A distance of 0 is no return. `new_stream` sets S in the first packet. What a field
+cannot hold is a ValueError; but two formats, 0x84 and 0x86, cannot carry every distance.
 
 Sources: response types 0x81 and 0x85 are in the S-series interface manual (SCAN and EXPRESS_SCAN); the
 others are the packed structs of vendor SDK 2.1.0. Layouts, all little-endian, "q6" = 1/64 degree:
@@ -41,13 +42,7 @@ _ULTRA = np.dtype([("head", "u1", 2), ("start", "<u2"), ("cabin", "<u4", 32)])
 _DENSE = np.dtype([("head", "u1", 2), ("start", "<u2"), ("distance", "<u2", 40)])
 _ULTRA_DENSE_CABIN = np.dtype([("low", "<u2", 2), ("high", "u1")])
 _ULTRA_DENSE = np.dtype(
-    [
-        ("head", "u1", 2),
-        ("time", "<u4"),
-        ("status", "<u2"),
-        ("start", "<u2"),
-        ("cabin", _ULTRA_DENSE_CABIN, 32),
-    ]
+    [("head", "u1", 2), ("time", "<u4"), ("status", "<u2"), ("start", "<u2"), ("cabin", _ULTRA_DENSE_CABIN, 32)]
 )
 
 # Variable bit scale (vendor SDK 2.1.0, ultra capsule unpacker): from which distance, from which code, shift.
@@ -67,14 +62,7 @@ _SCALE_TOP: Final[Ints] = np.array([2046, 8187, 24567, 65522], dtype=np.int64)
 def pack_standard(
     angle_q6: npt.ArrayLike, distance_q2: npt.ArrayLike, quality: npt.ArrayLike, start: npt.ArrayLike
 ) -> bytes:
-    """Pack samples as response type 0x81, five bytes each.
-
-    Args:
-        angle_q6: (n,), 1/64 degree, below 32768.
-        distance_q2: (n,), quarter millimetres, below 65536; 0 = no return.
-        quality: (n,) or one for all, 0..63.
-        start: (n,) bool, the first sample of a revolution.
-    """
+    """Pack samples as response type 0x81; `start` marks the first sample of a revolution."""
     angle = np.atleast_1d(_whole(angle_q6, 0x7FFF, "angle"))
     nodes = np.empty(angle.shape, _STANDARD)
     nodes["sync"] = (_whole(quality, 0x3F, "quality") << 2) | np.where(start, 0b01, 0b10)
@@ -90,14 +78,7 @@ def pack_express(
     *,
     new_stream: bool = False,
 ) -> bytes:
-    """Pack response type 0x82, 32 samples a packet.
-
-    Args:
-        start_q6: (p,) start angles, 1/64 degree.
-        distances_mm: (p, 32) whole millimetres up to 16383; 0 = no return.
-        offsets_q3: (p, 32) or one for all: what the host subtracts from a sample's angle, 1/8 degree, 0..63.
-        new_stream: Set S in the first packet.
-    """
+    """Pack response type 0x82; `offsets_q3` is what the host subtracts from a sample's angle, in 1/8 degree."""
     mm = _whole(distances_mm, 0x3FFF, "distance").reshape(-1, 16, 2)
     offset = _whole(offsets_q3, 0x3F, "offset")
     offset = np.broadcast_to(offset.reshape(-1, 16, 2) if offset.ndim else offset, mm.shape)
@@ -116,15 +97,7 @@ def pack_hq(
     *,
     time_us: npt.ArrayLike = 0,
 ) -> bytes:
-    """Pack response type 0x83, 96 samples a packet.
-
-    Args:
-        angle_q14: (p, 96), 90/16384 degree, below 65536.
-        distance_q2: (p, 96), quarter millimetres, 32 bits.
-        quality: (p, 96), 0..255.
-        flag: (p, 96), bit 0 = first sample of a revolution.
-        time_us: (p,), the device's time stamp.
-    """
+    """Pack response type 0x83; bit 0 of `flag` marks the first sample of a revolution."""
     angle = _whole(angle_q14, 0xFFFF, "angle").reshape(-1, 96)
     packets = np.zeros(len(angle), _HQ)
     packets["sync"] = 0xA5
@@ -145,15 +118,10 @@ def pack_hq(
 def pack_ultra(
     start_q6: npt.ArrayLike, distances_mm: npt.ArrayLike, next_mm: float = 0.0, *, new_stream: bool = False
 ) -> bytes:
-    """Pack response type 0x84, 96 samples a packet.
+    """Pack response type 0x84.
 
-    A distance too far from its neighbours' for a ten-bit prediction, or beyond 28656 mm, becomes 0.
-
-    Args:
-        start_q6: (p,) start angles, 1/64 degree.
-        distances_mm: (p, 96) consecutive samples; 0 = no return.
-        next_mm: First distance of the packet that follows, on which the last cabin's predictions rest.
-        new_stream: Set S in the first packet.
+    A distance too far from its neighbours' for a ten-bit prediction, or beyond 28656 mm, becomes 0. The predictions
+    of the last cabin rest on `next_mm`, the first distance of the packet that follows.
     """
     code, predictions = _ultra_cabins(distances_mm, next_mm)
     words = code | ((predictions[:, 0] & 0x3FF) << 12) | ((predictions[:, 1] & 0x3FF) << 22)
@@ -164,13 +132,7 @@ def pack_ultra(
 
 
 def pack_dense(start_q6: npt.ArrayLike, distances_mm: npt.ArrayLike, *, new_stream: bool = False) -> bytes:
-    """Pack response type 0x85, 40 samples a packet.
-
-    Args:
-        start_q6: (p,) start angles, 1/64 degree.
-        distances_mm: (p, 40), rounded to whole millimetres, below 65536; 0 = no return.
-        new_stream: Set S in the first packet.
-    """
+    """Pack response type 0x85."""
     mm = _whole(distances_mm, 0xFFFF, "distance").reshape(-1, 40)
     packets = np.empty(len(mm), _DENSE)
     packets["start"] = _start(start_q6, new_stream)
@@ -187,15 +149,9 @@ def pack_ultra_dense(
     status: int = 0,
     new_stream: bool = False,
 ) -> bytes:
-    """Pack response type 0x86, 64 samples a packet: distances in steps of 2 to 5 mm, quality in steps of 1 to 8.
+    """Pack response type 0x86: distances in steps of 2 to 5 mm, quality in steps of 1 to 8.
 
-    Args:
-        start_q6: (p,) start angles, 1/64 degree.
-        distances_mm: (p, 64); 0 = no return; beyond 65522 becomes 0.
-        quality: (p, 64), 0..255.
-        time_us: (p,), the device's time stamp, modulo 2**32.
-        status: The device's status word.
-        new_stream: Set S in the first packet.
+    A distance beyond 65522 becomes 0.
     """
     mm = np.asarray(distances_mm, dtype=np.float64)
     mm = np.where(mm > _SCALE_TOP[-1], 0.0, mm)

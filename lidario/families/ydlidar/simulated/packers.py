@@ -15,6 +15,11 @@ import numpy.typing as npt
 SCAN_HEADER = b"\xa5\x5a\x05\x00\x00\x40\x81"
 TIME_STAMP_BYTES = 8
 _LONGEST = 65535
+_SAMPLES = {
+    2: np.dtype([("word", "<u2")]),
+    3: np.dtype([("light", "u1"), ("word", "<u2")]),
+    4: np.dtype([("light", "<u2"), ("word", "<u2")]),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,36 +72,23 @@ def pack_points(
     Returns:
         The packets, back to back.
     """
-    exact = np.atleast_2d(np.asarray(distances_mm, dtype=np.float64))
-    distances = np.rint(exact * layout.unit)
+    distances = np.rint(np.atleast_2d(np.asarray(distances_mm, dtype=np.float64)) * layout.unit)
     packets, samples = distances.shape
-    words = np.empty((packets, 5 + samples), dtype="<u2")
-    words[:, 0] = 0x55AA
-    words[:, 1] = control | samples << 8
-    words[:, 2] = np.asarray(first_q6, dtype=np.int64) * 2 + marked
-    words[:, 3] = np.asarray(last_q6, dtype=np.int64) * 2 + marked
-    words[:, 4] = 0
-    words[:, 5:] = np.where(distances <= _LONGEST, distances, 0.0)
-    if layout.size == 2:
-        words[:, 5:] &= 0xFFFC if layout.flags else 0xFFFF
-        words[:, 4] = np.bitwise_xor.reduce(words, axis=1)
-        return words.tobytes()
-    lights = np.broadcast_to(np.asarray(intensities, np.uint16), (packets, samples))
-    if layout.flags:
-        words[:, 5:] &= 0xFFFC
-    if layout.bits == 10:
-        words[:, 5:] |= lights >> 8 & 3
-    first = lights if layout.size == 4 else lights & 0xFF
-    words[:, 4] = np.bitwise_xor.reduce(words, axis=1) ^ np.bitwise_xor.reduce(first, axis=1)
-    return b"".join(_interleaved(row, light, layout.size) for row, light in zip(words, first, strict=True))
-
-
-def _interleaved(words: npt.NDArray[np.uint16], lights: npt.NDArray[np.uint16], size: int) -> bytes:
-    """One packet whose samples have an intensity of one or two bytes before the distance."""
-    body = np.empty((len(lights), size), np.uint8)
-    body[:, : size - 2] = lights.astype("<u2")[:, None].view(np.uint8)[:, : size - 2]
-    body[:, size - 2 :] = words[5:, None].view(np.uint8)
-    return words[:5].tobytes() + body.tobytes()
+    rows = np.zeros(packets, [("head", "<u2", 5), ("sample", _SAMPLES[layout.size], samples)])
+    head, light = rows["head"], np.zeros((packets, samples), np.uint16)
+    word = np.where(distances <= _LONGEST, distances, 0.0).astype(np.uint16) & (0xFFFC if layout.flags else 0xFFFF)
+    if layout.size > 2:
+        light[...] = intensities
+        if layout.bits == 10:
+            word |= light >> 8 & 3
+        light &= 0xFFFF if layout.size == 4 else 0xFF
+        rows["sample"]["light"] = light
+    rows["sample"]["word"] = word
+    head[:, 0], head[:, 1] = 0x55AA, control | samples << 8
+    head[:, 2] = np.asarray(first_q6, dtype=np.int64) * 2 + marked
+    head[:, 3] = np.asarray(last_q6, dtype=np.int64) * 2 + marked
+    head[:, 4] = np.bitwise_xor.reduce(np.concatenate((head, word, light), axis=1), axis=1)
+    return rows.tobytes()
 
 
 def pack_time_stamp(milliseconds: int, last: int = 0) -> bytes:
