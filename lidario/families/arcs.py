@@ -217,24 +217,20 @@ class ArcDecoder(ABC):
         return [at for at, lost in found if lost], [lost for _, lost in found if lost]
 
 
-def starts_and_arcs(first: Ints, arc: Arc) -> Floats:
-    """The angle of the first sample of each packet, and how far the rotor turned, shape (packets, 2)."""
-    each = np.empty((len(first), 2), np.float32)
-    each[:, 0], each[:, 1] = first, arc
-    return each
-
-
-def at_equal_steps(each: Floats, steps: int, into: Floats) -> None:
+def at_equal_steps(first: Ints, arc: Arc, steps: int, into: Floats) -> None:
     """Write the angles of samples that lie at equal steps from the first one of their packet.
 
     They are counted in units of which the unit of the headings has `steps`: whole numbers where arcs are, and below
     2^24, which single precision holds exactly. So the last division, which makes degrees of them, alone rounds.
 
     Args:
-        each: What `starts_and_arcs` tells of the packets.
-        steps: Steps in which the rotor turns by an arc.
+        first: The angle of the first sample of each packet.
+        arc: How far the rotor turned during each.
+        steps: Steps in which it turns by an arc.
         into: Where to write, shape (packets, samples).
     """
+    each = np.empty((len(first), 2), np.float32)
+    each[:, 0], each[:, 1] = first, arc
     np.dot(each, _weights(into.shape[1], steps), out=into)
 
 

@@ -51,9 +51,8 @@ class Pace:
 
     def copy(self) -> Pace:
         """Another one, which goes on from here."""
-        twin = Pace(self._full_turn)
-        twin._points, twin._turned, twin._came = [*self._points], self._turned, self._came
-        twin._is_doubted = self._is_doubted
+        twin = copy_of(self)
+        twin._points = [*self._points]  # noqa: SLF001 - its own
         return twin
 
     def back_from_now(self) -> list[tuple[int, int, int]]:

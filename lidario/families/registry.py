@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from difflib import get_close_matches
 
 from lidario.arguments import text_of
@@ -44,7 +43,9 @@ def family_of_simulated(model: str) -> Family:
         # So that the simulated devices of other families are not loaded.
         if model.startswith(f"{family.name}-") and model in family.simulated:
             return family
-    near = _alike(model, (name for family in FAMILIES for name in family.simulated))
+    near = " or ".join(
+        get_close_matches(model, (name for each in FAMILIES for name in each.simulated), cutoff=0.75)
+    )
     if near:
         raise ConnectFailed(
             f"there is no simulated lidar {quoted(model)}. Did you mean {near}? `lidario sim --list` names all",
@@ -113,8 +114,3 @@ def check_family(source: Source, family: str | None, own: str | None) -> None:
         raise InvalidValue(f"family={family!r} is not right: {quoted(source.text)} is of the family {own!r}")
     if own and source.family not in (None, own):
         raise ConnectFailed(f"{quoted(source.text)} is of the family {own!r}", reason="source")
-
-
-def _alike(name: str, known: Iterable[str]) -> str:
-    """The known names that a misspelt one may mean, for an error text; empty where none is near."""
-    return " or ".join(get_close_matches(name, known, cutoff=0.75))

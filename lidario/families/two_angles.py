@@ -12,15 +12,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.arcs import (
-    ArcDecoder,
-    Floats,
-    Output,
-    at_equal_steps,
-    in_turn,
-    starts_and_arcs,
-    write_degrees,
-)
+from lidario.families.arcs import ArcDecoder, Output, at_equal_steps, in_turn, write_degrees
 from lidario.families.spans import Arcs, Heads, Ints
 from lidario.families.told import ToldWheel
 from lidario.wire.events import Packets
@@ -86,22 +78,22 @@ class TwoAngleDecoder(ArcDecoder):
     def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:
         self._read(heads.read["samples"], output)
         steps = self._each - 1
-        at_equal_steps(starts_and_arcs(heads.first, arcs.arc), steps, output.angle)
+        at_equal_steps(heads.first, arcs.arc, steps, output.angle)
         in_turn(output.angle, self._full_turn * steps, back=False)
-        self._finish(output)
+        shift, units = self._corrected(output), self._full_turn * steps / 360
+        if shift is None:
+            output.angle /= units
+        else:
+            write_degrees(output.angle / np.float64(units) - shift, output.angle)
 
     def _read(self, measured: NDArray[Any], output: Output) -> None:
         """Write millimetres and intensities."""
         output.distance[...] = measured["distance"]
         output.intensity[...] = measured["intensity"]
 
-    def _finish(self, output: Output) -> None:
-        """Make degrees of the angles, which are counted in steps of a packet."""
-        output.angle /= self._full_turn * (self._each - 1) / 360
-
-    def _turn_back(self, angle: Floats, shift: NDArray[np.float64]) -> None:
-        """Make degrees of the angles, which are counted in steps of a packet, less `shift` degrees; in place."""
-        write_degrees(angle / np.float64(self._full_turn * (self._each - 1) / 360) - shift, angle)
+    def _corrected(self, output: Output) -> NDArray[np.float64] | None:  # noqa: ARG002
+        """Degrees from what was measured to the beam; None where it lies on the beam. May correct distances."""
+        return None
 
 
 def _even(values: NDArray[Any]) -> NDArray[np.bool_]:

@@ -31,9 +31,9 @@ class PacketDecoder(TwoAngleDecoder):
         output.distance[...] = np.where(words & _NONE, 0, words & _MILLIMETRES)
         output.intensity[...] = np.minimum(measured["quality"], 255)
 
-    def _finish(self, output: Output) -> None:
+    def _corrected(self, output: Output) -> NDArray[np.float64]:
         d = output.distance.astype(np.float64)
         # A quarter turn where nothing came back: then it is 11 degrees past the beam, as the vendor has it.
         back = np.where(d > 0, np.degrees(np.arctan(d / _BASELINE_MM)), 90.0)
-        self._turn_back(output.angle, back - (_OFFSET_DEG + 90.0 - _THETA_DEG))
         np.copyto(output.distance, np.hypot(d, _BASELINE_MM), where=d > 0, casting="same_kind")
+        return back - (_OFFSET_DEG + 90.0 - _THETA_DEG)

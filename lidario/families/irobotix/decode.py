@@ -69,10 +69,6 @@ class FrameDecoder(SlotDecoder):
 def frames_a_turn(packets: bytes) -> int:
     """How many frames a revolution has, by some of them, the first of which begins at 0: how far they are apart."""
     apart = np.diff(frames_in(packets)[0], prepend=0) % FULL_TURN
-    return min((FrameFormat.frames, FifteenFormat.frames), key=lambda frames: _unlike(apart, FULL_TURN // frames))
-
-
-def _unlike(apart: NDArray[np.int32], slot: int) -> int:
-    """How far these ways are from being whole slots."""
-    beyond = apart % slot
-    return int(np.minimum(beyond, slot - beyond).sum())
+    # By which number the ways between them are nearest to whole slots.
+    slots = {frames: FULL_TURN // frames for frames in (FrameFormat.frames, FifteenFormat.frames)}
+    return min(slots, key=lambda frames: int(np.minimum(apart % slots[frames], -apart % slots[frames]).sum()))

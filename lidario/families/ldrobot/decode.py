@@ -15,6 +15,7 @@ uncorrected angle.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lidario.families.arcs import Output
 from lidario.families.spans import Heads
@@ -28,14 +29,14 @@ class TriangleDecoder(TwoAngleDecoder):
         super().__init__(wire)
         self._last = 0.0
 
-    def _finish(self, output: Output) -> None:
+    def _corrected(self, output: Output) -> NDArray[np.float64]:
         d = output.distance.astype(np.float64).ravel()
         shift = np.degrees(np.arctan((0.11923 * d - 18.975571) / (d + 5.9)))
         # Where nothing came back, the correction of the sample before.
         latest = np.maximum.accumulate(np.where(d > 0, np.arange(len(d)), -1))
         shift = np.where(latest >= 0, shift[latest], self._last)
-        self._turn_back(output.angle, shift.reshape(output.angle.shape))
         output.last = float(shift[-1])
+        return shift.reshape(output.angle.shape)
 
     def _remember(self, heads: Heads, last: float) -> None:  # noqa: ARG002
         self._last = last
@@ -44,8 +45,8 @@ class TriangleDecoder(TwoAngleDecoder):
 class AxisDecoder(TwoAngleDecoder):
     """Decodes the packets of one stream of an LD08."""
 
-    def _finish(self, output: Output) -> None:
+    def _corrected(self, output: Output) -> NDArray[np.float64]:
         d = output.distance.astype(np.float64)
         ahead, aside = d + 5.9, 0.11923 * d - 20.14
-        self._turn_back(output.angle, np.where(d > 0, np.degrees(np.arctan(aside / ahead)), 0.0))
         np.copyto(output.distance, np.hypot(ahead, aside), where=d > 0, casting="same_kind")
+        return np.where(d > 0, np.degrees(np.arctan(aside / ahead)), 0.0)

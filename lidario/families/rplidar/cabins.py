@@ -67,31 +67,23 @@ def express_cabins(cabins: NDArray[np.uint16]) -> tuple[NDArray[np.uint16], NDAr
     return words.reshape(-1), eighths.reshape(-1)
 
 
-class _UltraTables:
+@cache
+def _ultra_tables() -> tuple[NDArray[np.int32], NDArray[np.intp], NDArray[np.int32]]:
     """0x84: what codes and predictions mean.
 
-    Attributes:
-        base: By 12 bits of code: distance in mm, int32.
-        scale: By 12 bits of code: where in `predicted` its bit scale begins.
-        predicted: By scale and 10 bits of prediction: what to add to a base, in mm, int32.
+    By 12 bits of code: the distance in mm, and where in the third table its bit scale begins. By scale and 10 bits
+    of prediction: what to add to a distance, in mm.
     """
-
-    def __init__(self) -> None:
-        codes = np.arange(4096)
-        self.base = np.zeros(4096, np.int32)
-        self.scale = np.zeros(4096, np.intp)
-        bits = np.arange(1024)
-        value = (bits ^ 0x200) - 0x200
-        predicted = np.empty((len(_LEVELS), 1024), np.int32)
-        for first, base, level in reversed(_LEVELS):
-            above = codes >= first
-            self.base[above] = base + (codes[above] - first << level)
-            self.scale[above] = level << 10
-            predicted[level] = np.where(np.isin(value, _NO_PREDICTION), _NOTHING, value << level)
-        self.predicted = predicted.reshape(-1)
-
-
-_ultra_tables = cache(_UltraTables)
+    codes = np.arange(4096)
+    base, scale = np.zeros(4096, np.int32), np.zeros(4096, np.intp)
+    value = (np.arange(1024) ^ 0x200) - 0x200
+    predicted = np.empty((len(_LEVELS), 1024), np.int32)
+    for first, distance, level in reversed(_LEVELS):
+        above = codes >= first
+        base[above] = distance + (codes[above] - first << level)
+        scale[above] = level << 10
+        predicted[level] = np.where(np.isin(value, _NO_PREDICTION), _NOTHING, value << level)
+    return base, scale, predicted.reshape(-1)
 
 
 def ultra_cabins(
@@ -110,7 +102,7 @@ def ultra_cabins(
     Returns:
         (packets, 96), in mm.
     """
-    tables = _ultra_tables()
+    base, scale, predicted = _ultra_tables()
     words = cabins.reshape(-1)
     codes = words & 0xFFF
     # What each of the three leans on, one after the other: itself, itself unless it has no return, the next cabin.
@@ -123,9 +115,9 @@ def ultra_cabins(
     np.right_shift(words, 12, out=predictions[0])
     np.right_shift(words, 22, out=predictions[1])
     predictions &= 0x3FF
-    predictions += tables.scale.take(leant[1:])
-    sums = tables.base.take(leant)
-    sums[1:] += tables.predicted.take(predictions)
+    predictions += scale.take(leant[1:])
+    sums = base.take(leant)
+    sums[1:] += predicted.take(predictions)
     np.maximum(sums[1:], 0, out=sums[1:])
     distance = np.empty((len(cabins), 96), np.int32)
     # A copy each is twice as fast as one of the transposed sums.
@@ -152,25 +144,16 @@ def near_range_corrections(units: float) -> NDArray[np.float32]:
     return (degrees * units).astype(np.float32)
 
 
-class _UltraDenseTables:
-    """0x86: what the lower 16 of a sample's 20 bits mean.
-
-    Attributes:
-        distance: In 1/4 mm, int32.
-        intensity: The lower bits of the eight, uint8.
-    """
-
-    def __init__(self) -> None:
-        words = np.arange(1 << 16)
-        self.distance = np.empty(1 << 16, np.int32)
-        self.intensity = np.empty(1 << 16, np.uint8)
-        for scale, (step, offset, mask) in enumerate(_SCALES):
-            these = words & 3 == scale
-            self.distance[these] = (words[these] >> 2 & mask) * step + offset
-            self.intensity[these] = words[these] >> 12 + scale << scale
-
-
-_ultra_dense_tables = cache(_UltraDenseTables)
+@cache
+def _ultra_dense_tables() -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
+    """0x86: distance in 1/4 mm and the lower bits of the intensity, by the lower 16 of a sample's 20 bits."""
+    words = np.arange(1 << 16)
+    distance, intensity = np.empty(1 << 16, np.int32), np.empty(1 << 16, np.uint8)
+    for scale, (step, offset, mask) in enumerate(_SCALES):
+        these = words & 3 == scale
+        distance[these] = (words[these] >> 2 & mask) * step + offset
+        intensity[these] = words[these] >> 12 + scale << scale
+    return distance, intensity
 
 
 def ultra_dense_cabins(
@@ -184,12 +167,12 @@ def ultra_dense_cabins(
         last_q2: Distance of the sample before the first; 0 when that is missing.
         missing: (packets,), samples missing behind each; None when none is. Nothing is smoothed across a gap.
     """
-    tables = _ultra_dense_tables()
+    distances, intensities = _ultra_dense_tables()
     words, upper = _pairs(cabins)
-    intensity = tables.intensity.take(words)
+    intensity = intensities.take(words)
     intensity |= _UPPER_NIBBLES.take(upper, axis=0)
     words = words.reshape(-1)
-    distance = tables.distance.take(words)
+    distance = distances.take(words)
     fine = words & 3 == 0
     if missing is not None:
         fine.reshape(len(cabins), -1)[1:, 0] &= missing[:-1] == 0

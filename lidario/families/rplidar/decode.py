@@ -22,7 +22,7 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.arcs import ArcDecoder, Output, at_equal_steps, in_turn, starts_and_arcs
+from lidario.families.arcs import ArcDecoder, Output, at_equal_steps, in_turn
 from lidario.families.base import Decoder
 from lidario.families.rplidar.cabins import (
     express_cabins,
@@ -82,7 +82,7 @@ class CapsuleDecoder(ArcDecoder):
         return Heads(starts, (behind & ANGLE_MASK) % FULL_TURN_Q6, self.wire.samples, None, (words, following))
 
     def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:
-        at_equal_steps(starts_and_arcs(heads.first, arcs.arc), self.wire.samples, output.angle)
+        at_equal_steps(heads.first, arcs.arc, self.wire.samples, output.angle)
         words, after = heads.read
         self._payload(words, after, arcs.skipped, output)
         in_turn(output.angle, FULL_TURN_Q6 * self.wire.samples, back=self.corrected)
@@ -214,10 +214,6 @@ class NodeDecoder(ArcDecoder):
         distance[...] = rows["distance"]
         distance *= 0.25
         np.bitwise_and(rows["quality"], 0xFC, out=output.intensity[:, 0])
-
-    def _behind_seam(self, heads: Heads, arcs: Arcs, at: int, seam: int) -> int:  # noqa: ARG002
-        """None: a node is too short to lie across it."""
-        return 0
 
 
 DECODERS: Final[dict[int, Callable[[], Decoder]]] = {

@@ -133,23 +133,12 @@ class MotorControl:
         return self._way is Way.PWM
 
     def frequency(self) -> Script[float]:
-        """The scan frequency that was set, else the device's own, in Hz.
-
-        Raises:
-            Unsupported: The model takes no speed.
-        """
+        """As `Device.scan_frequency`: the one that was set, else the device's own."""
         yield from self._check_speed()
         return (yield from self._wanted_rpm()) / 60
 
     def set_frequency(self, hertz: float) -> Script[float]:
-        """Set the scan frequency for the next start, or for `retune`; returns it, in Hz.
-
-        It is checked against the device's own limits where it tells them.
-
-        Raises:
-            InvalidValue: Not a finite number, or outside the device's limits.
-            Unsupported: The model takes no speed.
-        """
+        """As `Device.set_scan_frequency`, for the next start or for `retune`."""
         yield from self._check_speed()
         wanted = finite(hertz, "a scan frequency")
         lowest, highest = yield from self._limits()
@@ -163,11 +152,7 @@ class MotorControl:
         return rpm / 60
 
     def frequency_range(self) -> Script[tuple[float, float]]:
-        """The slowest and the fastest scan frequency in Hz; what fits in the request where none is told.
-
-        Raises:
-            Unsupported: The model takes no speed.
-        """
+        """As `Device.scan_frequency_range`; what fits in the request where none is told."""
         yield from self._check_speed()
         lowest, highest = yield from self._limits()
         return lowest / 60, highest / 60

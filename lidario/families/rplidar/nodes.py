@@ -71,8 +71,7 @@ class NodeFormat(StreamFormat):
 
     name = "node"
     response_type = 0x81
-    shortest = SIZE
-    longest = SIZE
+    shortest = longest = SIZE
     samples = 1
     header: re.Pattern[bytes] = re.compile(rb"[\x00-\xff][\x00-\xff]", re.DOTALL)
     full_turn = FULL_TURN_Q6

@@ -37,8 +37,7 @@ class MeasuredSpeed(StreamFormat):
     name = "measured speed"
     response_type = 0x41
     header: re.Pattern[bytes] = re.compile(b".", re.DOTALL)
-    shortest = 4
-    longest = 4
+    shortest = longest = 4
     samples = 0
     full_turn = 1
     self_evident = True

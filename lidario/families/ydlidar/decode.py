@@ -22,7 +22,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.arcs import ArcDecoder, Output, at_equal_steps, in_turn, starts_and_arcs
+from lidario.families.arcs import ArcDecoder, Output, at_equal_steps, in_turn
 from lidario.families.spans import Arcs, Heads, Ints
 from lidario.families.told import FEWEST, ToldWheel
 from lidario.families.ydlidar.formats import FULL_TURN_Q6, HEADER_SIZE, START_BIT, packet_heads
@@ -87,7 +87,6 @@ class PointCloudDecoder(ArcDecoder):
     def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:  # noqa: ARG002 - each packet tells its own
         first, way, packets = heads.first, _ints(heads.way), heads.read.packets
         words = np.frombuffer(packets.data, "<u2")
-        each = starts_and_arcs(first, way)
         across = (first + way >= FULL_TURN_Q6).nonzero()[0].tolist()[::-1]
         at = place = packet = 0
         for size, count in packets.blocks:
@@ -98,7 +97,7 @@ class PointCloudDecoder(ArcDecoder):
                 output.angle[at], output.distance[at] = first[packet] / 64.0, words[place + HEADER_WORDS]
             else:
                 grid, steps = output.angle[at:until].reshape(count, samples), max(samples - 1, 1)
-                at_equal_steps(each[packet:end], steps, grid)
+                at_equal_steps(first[packet:end], way[packet:end], steps, grid)
                 while across and across[-1] < end:
                     in_turn(grid[across.pop() - packet], FULL_TURN_Q6 * steps, back=False)
                 grid /= 64.0 * steps
