@@ -48,9 +48,9 @@ CLEAN = Split(FIRST + EACH, marked=False, broken=False)
 )
 def test_one_block_has_one_seam(second: Split, scans: int) -> None:
     assembler, event = halfway()
-    before = assembler.stats.all_packets
+    before = assembler.stats.scan_packets
     first = Split(FIRST, marked=False, broken=False)
     made = assembler.add_block(event, packet_offsets(event.blocks), [first, second], 0)
     assert len(made) == scans
     # It has changed nothing where it has made none.
-    assert (assembler.stats.all_packets == before) is not made
+    assert (assembler.stats.scan_packets == before) == (not made)
