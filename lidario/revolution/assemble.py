@@ -303,12 +303,12 @@ class Assembler:
 
     def _date(self, ended: EndedRevolution) -> None:
         """Fill in the times, as if nothing were missing."""
-        packet_bytes = len(ended.packets.data) / ended.packets.count
-        ended.sample_ns, ended.told = ended.samples.sample_ns or self._stream.sample_ns, self._stream.sample_ns > 0
-        ended.start_ns = first_sample_ns(ended, packet_bytes=packet_bytes, byte_ns=self._byte_ns)
-        ended.elapsed_ns = ended.partial.last_ns - ended.start_ns
-        if not ended.told:
-            ended.sample_ns = self.incoming.time.of(ended)
+        ended.told = self._stream.sample_ns > 0
+        ended.sample_ns = ended.samples.sample_ns or self.incoming.time.known_ns
+        ended.start_ns = first_sample_ns(ended, self._byte_ns)
+        if not ended.sample_ns:
+            ended.sample_ns = ended.measured_sample_ns
+            ended.start_ns = first_sample_ns(ended, self._byte_ns)
         ended.spanned_ns = ended.count * ended.sample_ns
 
     def _is_whole(self, ended: EndedRevolution, number: int) -> bool:

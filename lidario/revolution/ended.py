@@ -48,7 +48,6 @@ class EndedRevolution:
         revoked: Of the packets that are missing, those right before its first one that were not known to be missing
             when the samples before them were carried over.
         start_ns: When its first sample was measured.
-        elapsed_ns: Time from then to the arrival of its last packet.
         sample_ns: Nanoseconds a sample.
         spanned_ns: Time that its samples take, and those that are known to be missing.
         revolution_ns: What a whole one takes; NaN or 0 unless the times of others confirm it.
@@ -63,7 +62,6 @@ class EndedRevolution:
     gaps: list[tuple[int, int]] | None
     revoked: int
     start_ns: int = field(init=False)
-    elapsed_ns: int = field(init=False)
     sample_ns: float = field(init=False)
     spanned_ns: float = field(init=False)
     told: bool = field(init=False)
@@ -75,10 +73,21 @@ class EndedRevolution:
         return len(self.arrays.angle)
 
     @property
+    def elapsed_ns(self) -> int:
+        """Time from its first sample to the arrival of its last packet; it must be dated."""
+        return self.partial.last_ns - self.start_ns
+
+    @property
     def turn_ns(self) -> float:
         """What a whole one takes, by the step of its angle; infinite where that is not sure."""
         samples = self.samples
         return samples.revolution_samples * self.sample_ns if samples.certain else math.inf
+
+    @property
+    def measured_sample_ns(self) -> float:
+        """What a sample takes by its own times; it must be dated."""
+        missing = self.missing_samples(gap_behind=False) if self.samples.certain else 0.0
+        return self.elapsed_ns / (self.count + missing)
 
     def missing_samples(self, *, gap_behind: bool) -> float:
         """How many samples the packets held that are missing in it.

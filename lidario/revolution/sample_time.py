@@ -18,8 +18,6 @@ from collections.abc import Sequence
 from statistics import median, median_low
 from typing import Final
 
-from lidario.revolution.ended import EndedRevolution
-
 WINDOW_NS: Final = 2_000_000_000
 OFF: Final = 0.1
 """The clocks of devices are right to a thousandth, and so is what most of them tell."""
@@ -40,7 +38,7 @@ class SampleTime:
 
     Attributes:
         ns: What counts; 0 while nothing is told or sure.
-        measured_ns: What it takes while that is 0, by `of`.
+        measured_ns: While that is 0, what it takes in most of the last revolutions; 0 before the first.
     """
 
     def __init__(self, told_ns: float, may_be_ns: Sequence[float] = (), *, timed: bool = True) -> None:
@@ -60,13 +58,6 @@ class SampleTime:
     def known_ns(self) -> float:
         """What it takes, as far as that is known; 0 while it is not."""
         return self.ns or self.measured_ns
-
-    def of(self, ended: EndedRevolution) -> float:
-        """While nothing is told or sure: as in most of the last revolutions, or in this one, if it is the first."""
-        if self.known_ns:
-            return self.known_ns
-        missing = ended.missing_samples(gap_behind=False) if ended.samples.certain else 0.0
-        return ended.elapsed_ns / (ended.count + missing)
 
     def take_note(self) -> str:
         """What is to be told of it, once; mostly empty."""

@@ -17,12 +17,11 @@ BITS_A_BYTE = 10
 DEVICE_DELAY_SAMPLES = 1.5
 
 
-def first_sample_ns(ended: EndedRevolution, *, packet_bytes: float, byte_ns: float) -> int:
+def first_sample_ns(ended: EndedRevolution, byte_ns: float) -> int:
     """When the first sample was measured, by the least delayed packet.
 
     Args:
         ended: The revolution. Of its times, only `sample_ns` is read.
-        packet_bytes: Mean length of a packet.
         byte_ns: Nanoseconds that a byte takes on the line.
     """
     revolution, packets, samples, sample_ns = ended.partial, ended.packets, ended.samples, ended.sample_ns
@@ -39,7 +38,7 @@ def first_sample_ns(ended: EndedRevolution, *, packet_bytes: float, byte_ns: flo
                 # Behind a gap the number of samples since the beginning is not known.
                 break
             found.append(at_ns - (before + samples.ends[count - 1] - 1) * sample_ns)
-    return earliest_ns(min(found), sample_ns, packet_bytes * byte_ns)
+    return earliest_ns(min(found), sample_ns, len(packets.data) / packets.count * byte_ns)
 
 
 def begins_of(packets: Packets, samples: Samples, before: int, sample_ns: float) -> list[float]:

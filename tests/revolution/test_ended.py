@@ -54,7 +54,7 @@ def ended(revolution: PartialRevolution, samples: Samples, start_ns: int) -> End
     arrays = SampleArrays(np.empty(count, np.float32), np.empty(count, np.float32), None)
     gaps = [each for each in samples.gaps if each[0] < count]
     here = EndedRevolution(revolution, revolution.runs[0], samples, arrays, samples.lost, gaps, revoked=0)
-    here.start_ns, here.elapsed_ns = start_ns, revolution.last_ns - start_ns
+    here.start_ns = start_ns
     here.sample_ns, here.spanned_ns, here.told = SAMPLE_NS, count * SAMPLE_NS, True
     return here
 

@@ -58,7 +58,7 @@ def test_the_time_of_the_first_sample(delays: list[int], carried: int, byte_ns: 
             samples = replace(samples, gaps=[(0, 0)])
         ended = EndedRevolution(partial, run, samples, SampleArrays(some, some, None), 0, [], revoked=0)
         ended.sample_ns = SAMPLE_NS
-        found.append(first_sample_ns(ended, packet_bytes=84, byte_ns=byte_ns))
+        found.append(first_sample_ns(ended, byte_ns))
     assert found[0] == found[1] == found[2]
     least = min(late - at_ns for (_, late), at_ns in zip(arrivals, on_time, strict=True))
     assert found[0] == pytest.approx(began_ns + least - 1.5 * SAMPLE_NS - 84 * byte_ns, abs=1)
