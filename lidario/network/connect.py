@@ -15,9 +15,9 @@ import anyio
 from lidario.errors import ConnectFailed, InvalidValue
 from lidario.families.base import Family
 from lidario.families.registry import FAMILIES
-from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
+from lidario.model import DeviceInfo, Health, HealthStatus
 from lidario.network.bus import DEFAULT_ROUTER, Bus, Sample
-from lidario.network.device import RemoteDevice, RemoteStreams
+from lidario.network.device import RemoteDevice, RemoteStreams, whole_scans
 from lidario.network.foreign import whole_scan
 from lidario.network.keys import LASERSCAN_IN_KEY, check_key, parse_attachment, parse_token, status_key, tokens_of
 from lidario.network.port import RemotePort
@@ -120,7 +120,7 @@ def _of_message(bus: Bus, first: Sample) -> Remote:
     attachment = parse_attachment(first.attachment)
     sender = "" if attachment is None else attachment.gid.hex()
     status = Status("ros" if is_ros else "scan", "", About(info, _UNKNOWN), sender=sender)
-    return _remote(bus, first.key, status, _whole_scans(None))
+    return _remote(bus, first.key, status, whole_scans(None))
 
 
 async def _ask(bus: Bus, key: str) -> dict[str, Status]:
@@ -157,13 +157,7 @@ def _stream_of(status: Status) -> StreamBegan | None:
     """The stream that runs; None where the lidar is away."""
     if status.form == "raw":
         return status.about.running
-    return None if status.mode is None and status.lost else _whole_scans(status.mode)
-
-
-def _whole_scans(mode: ScanMode | None) -> StreamBegan:
-    """What there is to say of a stream that has no packets."""
-    known = mode or ScanMode(0, "LaserScan", 0.0, 0.0, 0)
-    return StreamBegan(0, b"", known, 1, known.sample_us * 1e3, 1.0, 0, 0, 0.0)
+    return None if status.mode is None and status.lost else whole_scans(status.mode)
 
 
 def _remote(bus: Bus, key: str, status: Status, began: StreamBegan) -> Remote:

@@ -24,6 +24,8 @@ from lidario.wire.formats import NO_PACKET, Headings, StreamFormat
 
 T = TypeVar("T")
 
+NO_MODE: Final = 1 << 16
+"""The number of a mode that is not known, above those that devices give: 0 is that of a real one."""
 LONGEST_RESPONSE: Final = 4096
 """Bytes of a response that is remembered, and of its request; a length in a request is one byte."""
 
@@ -67,7 +69,7 @@ class RemoteStreams(StoredStreams):
 
     def begin(self, began: StreamBegan) -> None:
         """Another stream runs now."""
-        self.streams: tuple[StoredStream, ...] = (StoredStream(self.stream.family, began),)
+        self.streams: tuple[StoredStream, ...] = (replace(self.stream, began=began),)
 
 
 class RemoteDevice(RecordedDevice):
@@ -136,6 +138,12 @@ class RemoteDevice(RecordedDevice):
         if not self._raw:
             raise Unsupported("the zero-angle offset of these scans was chosen by their publisher")
         return super().apply_zero_offset(on)
+
+
+def whole_scans(mode: ScanMode | None) -> StreamBegan:
+    """What there is to say of a stream that has no packets; the mode is None where it is not known."""
+    known = mode or ScanMode(NO_MODE, "LaserScan", 0.0, 0.0, 0)
+    return StreamBegan(0, b"", known, 1, known.sample_us * 1e3, 1.0, 0, 0, 0.0)
 
 
 class ScanMessages(StreamFormat):

@@ -22,7 +22,7 @@ from typing import Final
 
 from lidario.errors import DeviceLost
 from lidario.network.bus import Bus, Sample
-from lidario.network.device import RemoteStreams
+from lidario.network.device import RemoteStreams, whole_scans
 from lidario.network.foreign import whole_scan
 from lidario.network.keys import parse_attachment
 from lidario.network.messages import Entry, parse_raw_message
@@ -126,7 +126,10 @@ class RemotePort(FedPort):
         if status.lost != self._away and (now := self._loop.time()) - self._told_away_at >= AGAIN_S:
             self._away, self._told_away_at = status.lost, now
             _log.warning("%s: %s", self.name, status.lost or "the lidar is back at its publisher")
-        self._streams.about = status.about
+        self._streams.about, self._streams.modes = status.about, status.modes
+        if not self._raw and status.mode is not None:
+            # Each scan names its mode; what that is stands here alone.
+            self._begin(whole_scans(status.mode))
         for event in status.about.events:
             if self._raw and isinstance(event, StreamBegan):
                 self._begin(event)
@@ -168,7 +171,7 @@ class RemotePort(FedPort):
     def _begin(self, began: StreamBegan) -> None:
         if began == self.stream.began and self._flows:
             return
-        if self.stream.family.stream_in(began.mode) is None:
+        if self._raw and self.stream.family.stream_in(began.mode) is None:
             return
         self._streams.begin(began)
         self._flows, self._began_offset_ns = True, super().wall_offset_ns

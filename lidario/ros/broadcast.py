@@ -82,6 +82,7 @@ class Broadcast(Entered):
         self._bus: Bus | None = None
         self._connecting: asyncio.Task[None] | None = None
         self._modes: tuple[ScanMode, ...] = ()
+        self._told_mode: ScanMode | None = None
         self._times: deque[float] = deque(maxlen=64)
         self._ticking: asyncio.Task[None] | None = None
         self._status: Sender | None = None
@@ -259,6 +260,9 @@ class Broadcast(Entered):
         else:
             self.unsent += 1
         self._times.append(asyncio.get_running_loop().time())
+        if self.lidar.mode != self._told_mode:
+            # Readers are told at once, not up to a second behind its first scan.
+            self._send_status()
 
     # ------------------------------------------------------------------------------------------ inside
 
@@ -308,11 +312,15 @@ class Broadcast(Entered):
 
     async def _tick(self) -> None:
         while True:
-            status = self.status()
-            if self._status is not None:
-                self._status.send(status.to_bytes(whole=False))
-            self._each_second(status)
+            self._each_second(self._send_status())
             await asyncio.sleep(STATUS_S)
+
+    def _send_status(self) -> Status:
+        status = self.status()
+        self._told_mode = status.mode
+        if self._status is not None:
+            self._status.send(status.to_bytes(whole=False))
+        return status
 
     def _token_changed(self, own: str, token: str, alive: bool) -> None:
         """Tell of another lidar under the same key: readers could not tell the two apart."""

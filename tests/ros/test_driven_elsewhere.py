@@ -37,13 +37,16 @@ async def test_who_reads_raw_bytes_is_told_what_the_publisher_is(router: Router,
 
 @pytest.mark.long
 @pytest.mark.parametrize("form", ["raw", "scan"])
-@pytest.mark.parametrize("is_away", [False, True])
+@pytest.mark.parametrize("comes", ["at once", "later", "before its lidar scans"])
 async def test_a_reader_follows_its_publisher_into_another_mode(
-    router: Router, form: str, is_away: bool, monkeypatch: pytest.MonkeyPatch
+    router: Router, form: str, comes: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Within the publisher's session, and when its program comes back with another one."""
+    """Within the publisher's session, and when its program comes back with another one.
+
+    Where only scans are sent, a reader may be back before the lidar scans again, and learns the mode later.
+    """
     monkeypatch.setattr("lidario.network.port.GONE_S", 0.05)
-    key = f"modes/{form}/{is_away}"
+    key = f"modes/{form}/{comes.replace(' ', '_')}"
     async with Rig(router) as rig:
         lidar = await rig.open()
         share = await rig.enter_async_context(Share(lidar, key, raw=form == "raw", router=router.address))
@@ -53,14 +56,34 @@ async def test_a_reader_follows_its_publisher_into_another_mode(
         async with asyncio.timeout(BOUND_S):
             assert (await anext(scans)).mode == "Standard"
             running.cancel()
-            if is_away:
+            if comes != "at once":
                 await share.close()
                 await until(lambda: not remote.is_connected)
                 share = await rig.enter_async_context(Share(lidar, key, raw=form == "raw", router=router.address))
+            if comes == "before its lidar scans" and form == "scan":
+                await until(lambda: remote.is_connected)
             rig.work(share.run("DenseBoost"))
             while (await anext(scans)).mode != "DenseBoost":
                 pass
-        if is_away or form == "raw":
-            assert remote.mode is not None
-            assert remote.mode.name == "DenseBoost"
-            assert [mode.name for mode in await remote.get_modes() if mode.typical] == ["DenseBoost"]
+        await until(lambda: remote.mode is not None and remote.mode.name == "DenseBoost")
+        assert [mode.name for mode in await remote.get_modes() if mode.typical] == ["DenseBoost"]
+        assert (await anext(scans)).mode == "DenseBoost"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("mode", ["Standard", "DenseBoost"])
+async def test_who_wakes_a_lidar_that_rests_learns_its_mode(router: Router, mode: str) -> None:
+    """Also the one whose number is 0."""
+    async with Rig(router) as rig:
+        share = await rig.share(f"modes/woken/{mode}")
+        assert share.lidar.mode is None
+        remote, scans = await rig.read(share.key)
+        first = asyncio.ensure_future(anext(scans))
+        await until(lambda: remote.mode is not None and remote.mode.name == "LaserScan")
+        rig.work(share.run(mode))
+        async with asyncio.timeout(BOUND_S):
+            assert (await first).mode == mode
+        await until(lambda: remote.mode is not None and remote.mode.name == mode)
+        async with asyncio.timeout(BOUND_S):
+            assert (await anext(scans)).mode == mode
+        assert [each.name for each in await remote.get_modes() if each.typical] == [mode]
