@@ -39,6 +39,7 @@ class RemoteStreams(StoredStreams):
         modes: Its scan modes, as far as they are known.
         responses: Request -> the latest response to it.
         streams: The stream that runs.
+        opened: The one that the session has opened last; another one may run since.
     """
 
     def __init__(
@@ -50,6 +51,7 @@ class RemoteStreams(StoredStreams):
         self.about = about
         self.modes: tuple[ScanMode, ...] = modes
         self.streams = ((StoredStream if raw else _WholeScans)(family, began),)
+        self.opened: StreamBegan = began
         for event in about.events:
             self.learn(event)
 
@@ -110,6 +112,7 @@ class RemoteDevice(RecordedDevice):
             Unsupported: Another mode is asked for, or `force` is set.
         """
         began = self._streams.stream.began
+        self._streams.opened = began
         # The typical one was the one that ran when it was asked which there are.
         if force or not (mode.typical or mode.id == began.mode.id):
             raise Unsupported(

@@ -90,6 +90,9 @@ class RemotePort(FedPort):
         """Hand over what comes from now on, or nothing; silence counts from now on."""
         super().want(on)
         self._heard = self._loop.time()
+        if on:
+            # When the session is done with this start.
+            self._loop.call_soon(self._follow)
 
     def end_without_loop(self) -> None:
         """As `end`, after the event loop was closed."""
@@ -175,8 +178,11 @@ class RemotePort(FedPort):
             return
         self._streams.begin(began)
         self._flows, self._began_offset_ns = True, super().wall_offset_ns
-        if self.is_wanted and self.audience is not None:
-            self.is_wanted = False
+        self._follow()
+
+    def _follow(self) -> None:
+        """Have the session open the stream that runs, where it takes another one."""
+        if self._streams.opened is not self.stream.began and self.is_wanted and self.audience is not None:
             self.audience.restart()
 
     # ------------------------------------------------------------------------------------------ who is there

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 
 import pytest
 
 import lidario
 from lidario.errors import Unsupported
+from lidario.network.bus import Sample
+from lidario.network.port import RemotePort
+from lidario.recording.chronicle import StreamBegan
 from lidario.ros import Share
 from tests.support.network import BOUND_S, Rig, until
 from tests.support.router import Router
@@ -87,3 +91,41 @@ async def test_who_wakes_a_lidar_that_rests_learns_its_mode(router: Router, mode
         async with asyncio.timeout(BOUND_S):
             assert (await anext(scans)).mode == mode
         assert [each.name for each in await remote.get_modes() if each.typical] == [mode]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("form", ["raw", "scan"])
+async def test_a_mode_that_is_told_while_the_stream_is_being_started_is_not_missed(
+    router: Router, form: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Behind the opening of a stream, and before its first bytes are taken."""
+    announce, told = RemotePort.announce, list[bytes]()
+
+    def announce_and_tell(port: RemotePort) -> None:
+        announce(port)
+        if told:
+            port.learn(Sample("", told.pop(), b""))
+
+    monkeypatch.setattr(RemotePort, "announce", announce_and_tell)
+    async with Rig(router) as rig:
+        share = await rig.share(f"modes/amid/{form}", raw=form == "raw")
+        rig.run(share)
+        await until(lambda: share.scans)
+        remote, scans = await rig.read(share.key)
+        # From a publisher that does not say who it is; the status of the real one follows within a second.
+        monkeypatch.setattr("lidario.network.port.OneSender.is_other", lambda self, gid: False)
+        status = share.status()
+        assert status.mode is not None
+        old = next(mode for mode in await share.lidar.get_modes() if mode.name == "Standard")
+        events = tuple(replace(each, mode=old) for each in status.about.events if isinstance(each, StreamBegan))
+        status = replace(status, mode=old, about=replace(status.about, events=events))
+        told.append(status.to_bytes(whole=False))
+        first = asyncio.ensure_future(anext(scans))
+        names = set[str]()
+        async with asyncio.timeout(BOUND_S):
+            while names != {"Standard", "DenseBoost"}:
+                await asyncio.sleep(0)
+                if remote.mode is not None:
+                    names |= {remote.mode.name}
+            assert (await first).mode == "DenseBoost"
+        await until(lambda: remote.mode is not None and remote.mode.name == "DenseBoost")
