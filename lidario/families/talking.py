@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from lidario.families.base import Decoder, Known, RawStream, raw_stream
 from lidario.families.unasked import LINKED
@@ -44,7 +44,7 @@ class TalkingModel:
         sample_us: What a sample takes by its data sheet, microseconds.
         reach: Farthest distance in metres.
         wire: The format of its packets.
-        decoder: Makes their decoder.
+        make_decoder: Makes their decoder, by the format.
         note: What else it may be, where its packets do not tell.
         start: What starts its motor and its stream; empty where it talks for as long as it has power.
         stop: What stops both; empty likewise.
@@ -59,12 +59,16 @@ class TalkingModel:
     sample_us: float
     reach: float
     wire: type[StreamFormat]
-    decoder: Callable[[], Decoder]
+    make_decoder: Callable[[Any], Decoder]
     note: str = ""
     start: bytes = b""
     stop: bytes = b""
     speeds: Speeds | None = None
     slowest_turn_s: float = 0.45
+
+    def decoder(self) -> Decoder:
+        """A fresh decoder."""
+        return self.make_decoder(self.wire)
 
 
 class Rotor(NamedTuple):
@@ -145,5 +149,5 @@ class Talkers:
 
     def stream_in(self, mode: ScanMode) -> tuple[StreamFormat, Decoder] | None:
         """As `Family.stream_in`: by the number that lidario gives each kind."""
-        made = ((model.wire(), model.decoder) for model in self.all)
-        return next(((wire, decoder()) for wire, decoder in made if wire.response_type == mode.response_type), None)
+        found = (model for model in self.all if model.wire().response_type == mode.response_type)
+        return next(((model.wire(), model.decoder()) for model in found), None)

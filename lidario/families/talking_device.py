@@ -39,12 +39,7 @@ SETTLE_S: Final = 0.02
 
 
 class TalkingDevice(Device):
-    """One device of a model that only talks.
-
-    Args:
-        talkers: Its family.
-        model: The model, where the user has named it.
-    """
+    """One device of a model that only talks; `model` is the one that the user has named, if any."""
 
     can_be_stopped: bool = False
 
@@ -190,13 +185,7 @@ class TalkingDevice(Device):
 
 
 def family_of(talkers: Talkers, title: str, timing: Timing = TIMING) -> Family:
-    """The row of the registry.
-
-    Args:
-        talkers: The models of the family.
-        title: Name for people.
-        timing: How long its devices take.
-    """
+    """The row of the registry; `title` is the family's name for people."""
     named = {
         name: NamedModel(model.baudrates, partial(TalkingDevice, talkers, model))
         for name, model in talkers.models.items()

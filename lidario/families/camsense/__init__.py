@@ -8,7 +8,6 @@ their samples lie.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from typing import Final
 
 from lidario.families.camsense.decode import PacketDecoder
@@ -18,11 +17,8 @@ from lidario.families.talking_device import family_of
 
 __all__ = ["FAMILY", "TALKERS"]
 
-_X1: Final = TalkingModel(
-    "x1", "Camsense X1", (115_200,), 1e6 / 2080, 8.0, PacketFormat, partial(PacketDecoder, PacketFormat)
-)
-_LONG: Final = partial(PacketDecoder, LongFormat)
-_LDS08RR: Final = replace(_X1, name="lds08rr", title="LDS08RR of Camsense", wire=LongFormat, decoder=_LONG)
+_X1: Final = TalkingModel("x1", "Camsense X1", (115_200,), 1e6 / 2080, 8.0, PacketFormat, PacketDecoder)
+_LDS08RR: Final = replace(_X1, name="lds08rr", title="LDS08RR of Camsense", wire=LongFormat)
 
 TALKERS: Final = Talkers(
     family="camsense",
@@ -32,7 +28,5 @@ TALKERS: Final = Talkers(
     heard=24,
     wires=(PacketFormat, LongFormat),
 )
-"""The family's models."""
 
 FAMILY: Final = family_of(TALKERS, "Camsense")
-"""The family's row of the registry."""

@@ -9,7 +9,6 @@ was tried with a device.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from typing import Final
 
 import numpy as np
@@ -29,7 +28,7 @@ _UNCHECKED: Final = TalkingModel(
     60e6 / (300 * FULL_TURN),
     3.5,
     PacketFormat,
-    partial(PacketDecoder, PacketFormat),
+    PacketDecoder,
     note="its packets have no check value that is known: damage in them cannot be told from measurements",
     start=b"b",
     stop=b"e",
@@ -58,4 +57,3 @@ FAMILY: Final = family_of(
     # One that waits for its letter sends nothing before it turns evenly; no document says how long that takes.
     replace(TIMING, forget_s=0.5, starts_s=2.4),
 )
-"""The family's row of the registry."""

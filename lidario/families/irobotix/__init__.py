@@ -10,7 +10,6 @@ How many frames a revolution has tells two kinds of models apart, and each kind 
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from typing import Final
 
 from lidario.families.irobotix.decode import FrameDecoder, frames_a_turn
@@ -20,17 +19,13 @@ from lidario.families.talking_device import family_of
 
 __all__ = ["FAMILY", "TALKERS"]
 
-_SLOWEST_S: Final = 0.4
-"""One revolution at four a second, and half as long again."""
-
 _SIXTEEN: Final = TalkingModel(
-    "", "Delta-2A, 2B or 2D", (230_400,), 200.0, 8.0, FrameFormat, partial(FrameDecoder, FrameFormat),
-    slowest_turn_s=_SLOWEST_S,
-)  # fmt: skip
-_FIFTEEN: Final = TalkingModel(
-    "", "Delta-2G or LDS08RR", (115_200,), 1e6 / 1890, 8.0, FifteenFormat, partial(FrameDecoder, FifteenFormat),
-    slowest_turn_s=_SLOWEST_S,
-)  # fmt: skip
+    "", "Delta-2A, 2B or 2D", (230_400,), 200.0, 8.0, FrameFormat, FrameDecoder, slowest_turn_s=0.4
+)
+"""The slowest revolution: at four a second, and half as long again."""
+_FIFTEEN: Final = replace(
+    _SIXTEEN, title="Delta-2G or LDS08RR", baudrates=(115_200,), sample_us=1e6 / 1890, wire=FifteenFormat
+)
 
 
 def _trouble(packets: bytes) -> str:
@@ -59,7 +54,5 @@ TALKERS: Final = Talkers(
     # A frame, at one revolution a second.
     rotor=Rotor(AnyFrame, 0.2, _trouble),
 )
-"""The family's models."""
 
 FAMILY: Final = family_of(TALKERS, "3irobotix")
-"""The family's row of the registry."""

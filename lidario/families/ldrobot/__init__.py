@@ -27,14 +27,13 @@ __all__ = ["FAMILY", "TALKERS"]
 
 def _model(name: str, title: str, baudrate: int, rate: float) -> TalkingModel:
     """One that turns five times a second at least."""
-    decoder = partial(TwoAngleDecoder, PacketFormat)
-    model = TalkingModel(name, f"LDROBOT {title}", (baudrate,), 1e6 / rate, 12.0, PacketFormat, decoder)
-    return replace(model, slowest_turn_s=0.3)
+    of = name, f"LDROBOT {title}", (baudrate,), 1e6 / rate, 12.0, PacketFormat, TwoAngleDecoder
+    return TalkingModel(*of, slowest_turn_s=0.3)
 
 
 _lensed = partial(replace, reach=8.0, slowest_turn_s=0.75)
-_axis = partial(_lensed, wire=AxisFormat, decoder=partial(AxisDecoder, AxisFormat))
-_triangle = partial(_lensed, wire=TriangleFormat, decoder=partial(TriangleDecoder, TriangleFormat))
+_axis = partial(_lensed, wire=AxisFormat, make_decoder=AxisDecoder)
+_triangle = partial(_lensed, wire=TriangleFormat, make_decoder=TriangleDecoder)
 """Both triangulate; they turn twice a second at least."""
 
 BEAM: Final = _model("ld06", "LD06", 230_400, 4546)
@@ -85,7 +84,6 @@ TALKERS: Final = Talkers(
     # By so many the rate is known to 0.5 % (by a recording of a real LD06). Of an LD14 they take 0.13 s.
     heard=24,
 )
-"""The family's models."""
 
 FAMILY: Final = family_of(
     TALKERS,
@@ -93,4 +91,3 @@ FAMILY: Final = family_of(
     # Packets come every 5 ms at most. After power-up the first ones come within 0.7 s.
     replace(TIMING, quiet_s=0.05, forget_s=0.5),
 )
-"""The family's row of the registry."""

@@ -13,7 +13,6 @@ line is full; below 200 nothing is measured, which is told as the state of the r
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from typing import Final
 
 from lidario.families.neato.decode import PacketDecoder
@@ -30,12 +29,8 @@ _SENSE_UNKNOWN: Final = (
     "counter-clockwise; the scans of the others would be mirrored: name the model, as in ?model=lds02rr, "
     "or ?model=xv11"
 )
-_LDS02RR: Final = TalkingModel(
-    "lds02rr", "LDS02RR", (115_200,), _USUAL_US, 0.0, PacketFormat, partial(PacketDecoder, PacketFormat)
-)
-_XV11: Final = replace(
-    _LDS02RR, name="xv11", title="Neato XV-11", wire=BackFormat, decoder=partial(PacketDecoder, BackFormat)
-)
+_LDS02RR: Final = TalkingModel("lds02rr", "LDS02RR", (115_200,), _USUAL_US, 0.0, PacketFormat, PacketDecoder)
+_XV11: Final = replace(_LDS02RR, name="xv11", title="Neato XV-11", wire=BackFormat)
 _UNNAMED: Final = replace(_XV11, name="", title="XV-11 or alike", note=_SENSE_UNKNOWN)
 
 
@@ -57,7 +52,5 @@ TALKERS: Final = Talkers(
     # Two packets a revolution at 50 revolutions a minute, as the recording has it.
     rotor=Rotor(AnySpeed, 0.8, _too_slow),
 )
-"""The family's models."""
 
 FAMILY: Final = family_of(TALKERS, "Neato")
-"""The family's row of the registry."""
