@@ -47,9 +47,13 @@ def agreed(request: Request, *told: bytes) -> Script[bytes]:
     )
 
 
-def health_of(payload: bytes) -> Health:
-    """Status and code; a warning where no document defines the status: only an error is known to be one."""
-    status, code = struct.unpack("<BH", payload)
+def health_of(request: Request, told: bytes) -> Script[Health]:
+    """Status and code, by the response that came to `request`.
+
+    An error has the device reset: so it is believed when it came twice. A status that no document defines is a
+    warning: only an error is known to be one.
+    """
+    status, code = struct.unpack("<BH", (yield from agreed(request, told)) if any(told) else told)
     if status < len(STATUSES):
         return Health(STATUSES[status], code)
     return Health(HealthStatus.WARNING, code, f"it reports health status {status}, which is not defined")

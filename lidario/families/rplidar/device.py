@@ -13,15 +13,14 @@ from dataclasses import replace
 from typing import Final
 
 from lidario.errors import RemoteProtocolError, ResponseTimeout, Unsupported
-from lidario.families.base import Device, Script, Stream
+from lidario.families.base import Script, Stream
 from lidario.families.responses import agreed, health_of
 from lidario.families.rplidar import commands
 from lidario.families.rplidar.address import ask_address, set_address
 from lidario.families.rplidar.commands import Conf
-from lidario.families.rplidar.configuration import Configuration
 from lidario.families.rplidar.decode import DECODERS
 from lidario.families.rplidar.formats import FORMATS
-from lidario.families.rplidar.motor import MotorControl
+from lidario.families.rplidar.motor import MotorDriven
 from lidario.families.rplidar.speed import change_speed
 from lidario.model import DeviceInfo, Health, NetworkAddress, SampleRate, ScanMode
 from lidario.wire.envelope import Request
@@ -47,24 +46,22 @@ HQ_SCAN: Final = ScanMode(0, "HQ scan", 0.0, 0.0, HQ_TYPE)
 """HQ_SCAN, which the vendor's SDK defines and never sends; no document says which devices know it."""
 
 
-class RplidarDevice(Device):
+class RplidarDevice(MotorDriven):
     """An RPLIDAR of any series that sends one of the six known formats."""
 
     fill: Request = commands.FILL
 
     def __init__(self) -> None:
-        self._major = 0
+        super().__init__()
         self._firmware: tuple[int, int] = (0, 0)
         self._is_ethernet = False
-        self._configuration = Configuration()
-        self._motor = MotorControl(self._configuration)
 
     def stop(self) -> Request:
         return commands.STOP
 
     def halt(self) -> tuple[Request, ...]:
         # The motor first, since nothing is heard for 10 ms after STOP.
-        return (*self._motor.halt(), commands.STOP)
+        return (*self._halt_motor(), commands.STOP)
 
     def halt_unknown(self) -> tuple[Request, ...]:
         # What stops an A2 or A3, then what stops an A1 and makes the others deaf.
@@ -75,9 +72,9 @@ class RplidarDevice(Device):
 
     def identify(self) -> Script[DeviceInfo]:
         model, minor, major, hardware, serial = struct.unpack("<BBBB16s", (yield from agreed(commands.GET_INFO)))
-        self._major, self._firmware = model >> 4, (major, minor)
+        self._be_of(model >> 4)
+        self._firmware = major, minor
         self._configuration.known = self._major >= FIRST_DIRECT_TOF or self._firmware >= CONF_FIRMWARE
-        self._motor.identified(self._major)
         # Until it says so: its response may be lost.
         if self.baudrate == 0 and self._major == S2_MAJOR and not self._is_ethernet:
             self._is_ethernet = yield from self._has_mac()
@@ -91,9 +88,7 @@ class RplidarDevice(Device):
         )
 
     def health(self) -> Script[Health]:
-        told = yield commands.GET_HEALTH
-        # For an error, the device is reset.
-        return health_of((yield from agreed(commands.GET_HEALTH, told)) if any(told) else told)
+        return (yield from health_of(commands.GET_HEALTH, (yield commands.GET_HEALTH)))
 
     def sample_rate(self) -> Script[SampleRate]:
         if self._major < FIRST_DIRECT_TOF and self._firmware < SAMPLERATE_FIRMWARE:
@@ -124,10 +119,6 @@ class RplidarDevice(Device):
         """
         return (LEGACY_EXPRESS, HQ_SCAN) if self._configuration.known else ()
 
-    def explain_silence(self, lasted_s: float) -> Script[bool]:
-        # The motor of an A2 or A3 may not have been started.
-        return False if lasted_s else (yield from self._motor.board_found_late())
-
     def start(self, mode: ScanMode, *, force: bool = False) -> Script[Stream]:
         """As `Device.start`; the descriptor decides which format is decoded, not what the mode's list foretold."""
         if mode.response_type not in FORMATS:
@@ -138,7 +129,7 @@ class RplidarDevice(Device):
         if force and mode.response_type != NODE_TYPE:
             raise Unsupported(f"only a plain mode (response type 0x81) can be forced, and {mode.name!r} is none")
         sample_us = mode.sample_us or (yield from self._sample_us(mode))
-        yield from self._motor.start()
+        yield from self._start_motor()
         stream = FORMATS[mode.response_type]()
         if mode.response_type == NODE_TYPE:
             request = commands.scan(stream, force=force)
@@ -161,19 +152,6 @@ class RplidarDevice(Device):
             spin_up_s=SPIN_UP_S,
             slowest_turn_s=SLOWEST_TURN_S,
         )
-
-    def scan_frequency(self) -> Script[float]:
-        return self._motor.frequency()
-
-    def set_scan_frequency(self, hertz: float) -> Script[float]:
-        # It is sent with the next start, or by `retune`: a resting rotor would be set in motion.
-        return self._motor.set_frequency(hertz)
-
-    def retune(self) -> Request | None:
-        return self._motor.retune()
-
-    def scan_frequency_range(self) -> Script[tuple[float, float]]:
-        return self._motor.frequency_range()
 
     def network_address(self) -> Script[NetworkAddress]:
         return ask_address()

@@ -28,7 +28,7 @@ from typing import Final
 
 from lidario.arguments import finite
 from lidario.errors import InvalidValue, ResponseTimeout, Unsupported
-from lidario.families.base import Script
+from lidario.families.base import Device, Script
 from lidario.families.rplidar import commands
 from lidario.families.rplidar.commands import Conf
 from lidario.families.rplidar.configuration import MOST_IN_VAIN, SHORT_S, Configuration
@@ -62,15 +62,12 @@ class Way(Enum):
     )
 
 
-class MotorControl:
-    """The motor of one device.
+class MotorDriven(Device):
+    """What an RPLIDAR does about its motor."""
 
-    Args:
-        configuration: What the device tells when it is asked value by value.
-    """
-
-    def __init__(self, configuration: Configuration) -> None:
-        self._configuration = configuration
+    def __init__(self) -> None:
+        self._configuration = Configuration()
+        # The upper four bits of its model number; 0 while it has not told that.
         self._major = 0
         self._way: Way | None = None
         self._rpm: int | None = None
@@ -80,7 +77,7 @@ class MotorControl:
         # The slowest and the fastest speed that the device takes; None while it has not told them.
         self._told: tuple[int, int] | None = None
 
-    def identified(self, major: int) -> None:
+    def _be_of(self, major: int) -> None:
         """The device has said of which series it is."""
         if major == self._major:
             return
@@ -90,7 +87,7 @@ class MotorControl:
         elif major == A1:
             self._way = Way.DTR
 
-    def halt(self) -> tuple[Request, ...]:
+    def _halt_motor(self) -> tuple[Request, ...]:
         """What stops the motor; where the way is not decided yet, a request that does no harm."""
         if self._way is Way.DTR:
             return (commands.DTR_STOPS,)
@@ -101,8 +98,7 @@ class MotorControl:
         # Before the device is identified too.
         return (commands.motor_speed(0),)
 
-    def start(self) -> Script[None]:
-        """Set the motor in motion."""
+    def _start_motor(self) -> Script[None]:
         way = yield from self._decided()
         if self._is_assumed:
             self._rpm = self._duty = None
@@ -114,31 +110,32 @@ class MotorControl:
             yield commands.DTR_TURNS
 
     def retune(self) -> Request | None:
-        """What has a motor that turns change to the speed that was set; a stream goes on meanwhile.
+        """As `Device.retune`.
 
-        It does by the S-series interface manual, MOTOR_SPEED_CTRL: "real-time speed control", idle only by 0 rpm.
+        A stream goes on meanwhile: S-series interface manual, MOTOR_SPEED_CTRL: "real-time speed control", idle
+        only by 0 rpm.
         """
         if self._way is not Way.RPM or self._rpm is None:
             return None
         return replace(commands.motor_speed(self._rpm), in_stream=True)
 
-    def board_found_late(self) -> Script[bool]:
-        """Ask an A2 or A3 that sends nothing once more whether it has an accessory board.
+    def explain_silence(self, lasted_s: float) -> Script[bool]:
+        """As `Device.explain_silence`: an A2 or A3 is asked once more whether it has an accessory board.
 
         Its response may have been lost, and without a duty it sends no packet.
         """
-        if self._way is not Way.NONE or self._major >= FIRST_C:
+        if lasted_s or self._way is not Way.NONE or self._major >= FIRST_C:
             return False
         self._way = yield from self._board()
         return self._way is Way.PWM
 
-    def frequency(self) -> Script[float]:
+    def scan_frequency(self) -> Script[float]:
         """As `Device.scan_frequency`: the one that was set, else the device's own."""
         yield from self._check_speed()
         return (yield from self._wanted_rpm()) / 60
 
-    def set_frequency(self, hertz: float) -> Script[float]:
-        """As `Device.set_scan_frequency`, for the next start or for `retune`."""
+    def set_scan_frequency(self, hertz: float) -> Script[float]:
+        """As `Device.set_scan_frequency`, for the next start or `retune`: a resting rotor is not set in motion."""
         yield from self._check_speed()
         wanted = finite(hertz, "a scan frequency")
         lowest, highest = yield from self._limits()
@@ -151,7 +148,7 @@ class MotorControl:
         self._rpm, self._is_assumed = rpm, False
         return rpm / 60
 
-    def frequency_range(self) -> Script[tuple[float, float]]:
+    def scan_frequency_range(self) -> Script[tuple[float, float]]:
         """As `Device.scan_frequency_range`; what fits in the request where none is told."""
         yield from self._check_speed()
         lowest, highest = yield from self._limits()

@@ -65,11 +65,7 @@ MOST_A_TURN: Final = 1300
 
 
 class YdlidarDevice(Device):
-    """One YDLIDAR.
-
-    Args:
-        model: The model, where the user has named it.
-    """
+    """One YDLIDAR; `model` is the one that the user has named, if any."""
 
     def __init__(self, model: Model | None = None) -> None:
         self._named = model
@@ -313,8 +309,7 @@ class YdlidarDevice(Device):
                 raise
         # Not forgotten before: who waits for its turn may be cancelled, or another task may ask meanwhile.
         self._health_request = request
-        # For an error, the device is reset.
-        return health_of((yield from agreed(request, payload)) if any(payload) else payload)
+        return (yield from health_of(request, payload))
 
 
 _SHORT_INFO: Final = replace(commands.GET_INFO, timeout=0.25, attempts=1)
