@@ -142,25 +142,17 @@ class ArcDecoder(ABC):
 
     @abstractmethod
     def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:
-        """Write degrees, millimetres and intensities of all samples.
-
-        Args:
-            heads: Where the packets stand, and what `_heads` has read of them.
-            arcs: How far the rotor turned.
-            output: Where to write.
-        """
+        """Write degrees, millimetres and intensities of all samples."""
 
     # --------------------------------------------------------------------------------- what a format may tell else
 
     def _lost(self, heads: Heads, at: int, skipped: int, step: float) -> int:  # noqa: ARG002
         """Packets that are missing behind packet `at`, where so many samples are; `step` as in `Arcs`."""
-        assert isinstance(heads.counts, int)
-        return round(skipped / heads.counts)
+        return round(skipped / heads.count_of(at))
 
     def _revolution_packets(self, heads: Heads, samples: float, begin: int, end: int) -> float:  # noqa: ARG002
         """How many packets a revolution of so many samples has, by those from `begin` to `end`."""
-        assert isinstance(heads.counts, int)
-        return samples / heads.counts
+        return samples / heads.count_of(begin)
 
     def _reported_rpm(self, heads: Heads, begin: int, end: int) -> float:  # noqa: ARG002
         """The speed that the packets from `begin` to `end` state, in revolutions a minute. Here none: NaN."""
@@ -172,7 +164,7 @@ class ArcDecoder(ABC):
 
     def _behind_seam(self, heads: Heads, arcs: Arcs, at: int, seam: int) -> int:
         """How many samples of packet `at` were measured when the rotor had passed `seam`."""
-        counts = heads.counts if isinstance(heads.counts, int) else int(heads.counts[at])
+        counts = heads.count_of(at)
         # A packet that tells its way tells where its last sample stands; an arc reaches one step farther.
         steps, arc = counts - (heads.way is not None), float(arcs.arc[at])
         left = self._full_turn - (int(heads.first[at]) - seam) % self._full_turn

@@ -37,11 +37,7 @@ class _Point(NamedTuple):
 
 
 class Pace:
-    """When packets of one stream came, and where the rotor was.
-
-    Args:
-        full_turn: 360 degrees, in heading units.
-    """
+    """When packets of one stream came, and where the rotor was."""
 
     def __init__(self, full_turn: int) -> None:
         self._full_turn = full_turn

@@ -58,10 +58,6 @@ class SlotDecoder(ArcDecoder):
 
     Speeds are rounded, and how many samples a packet has may change by one from slot to slot. So that counts which
     the packets of a whole revolution tell; of a part of one, those before it too. That is all it remembers.
-
-    Args:
-        full_turn: 360 degrees in the unit of the headings.
-        slots: How many packets a revolution has.
     """
 
     def __init__(self, full_turn: int, slots: int) -> None:

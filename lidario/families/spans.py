@@ -47,6 +47,10 @@ class Heads(NamedTuple):
             return self.counts * len(self.first)
         return int(np.add.reduce(self.counts))
 
+    def count_of(self, packet: int) -> int:
+        """Samples of one packet."""
+        return self.counts if isinstance(self.counts, int) else int(self.counts[packet])
+
 
 class Arcs(NamedTuple):
     """What is known of packets that follow each other.

@@ -54,7 +54,7 @@ class ToldWheel(Turning):
         self._least = least
 
     def follow(self, heads: Heads, arrivals: Sequence[Arrival] = ()) -> Arcs:  # noqa: ARG002
-        first, way, counts = heads.first, _way_of(heads), heads.counts
+        first, way, counts = heads.first, np.asarray(heads.way), heads.counts
         inner = heads.samples - len(first)
         turned = int(np.add.reduce(way)) if inner else 0
         if turned <= 0:
@@ -89,7 +89,7 @@ class ToldWheel(Turning):
         ends: Sequence[int],
         arrivals: Sequence[Arrival] = (),  # noqa: ARG002
     ) -> Arcs | None:
-        way, counts, begins = _way_of(heads), heads.counts, [0, *ends[:-1]]
+        way, counts, begins = np.asarray(heads.way), heads.counts, [0, *ends[:-1]]
         tails = heads.first + way
         jumps = self._jumps(heads.first, tails, heads.following)
         turned = np.add.reduceat(way, begins, dtype=np.int64).tolist()
@@ -172,11 +172,6 @@ class ToldWheel(Turning):
             return None
         begins = np.where(wrong_first, from_last, first)
         return begins, np.where(wrong_first, from_last + ways, np.where(wrong_last, first + ways, tails))
-
-
-def _way_of(heads: Heads) -> Ints:
-    assert heads.way is not None
-    return heads.way
 
 
 def _steps_of(way: Ints, counts: Ints | int) -> Floats:

@@ -81,12 +81,7 @@ class _Walk(NamedTuple):
 
 
 class Wheel(PacedTurning):
-    """Follows the rotor through one stream of packets that only state where they begin.
-
-    Args:
-        full_turn: 360 degrees in the unit of the headings.
-        samples: Samples in a packet.
-    """
+    """Follows the rotor through one stream of packets that only state where they begin."""
 
     def __init__(self, full_turn: int, samples: int = 1) -> None:
         super().__init__(full_turn, RETREAT_TURNS, samples)

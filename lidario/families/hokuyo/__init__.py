@@ -34,4 +34,3 @@ FAMILY: Final = Family(
     find_stream=find_stream,
     stream_in=stream_in,
 )
-"""The family's row of the registry."""

@@ -23,12 +23,7 @@ STRENGTH_SHIFT: Final = 4
 
 
 class BlockDecoder(Decoder):
-    """Decodes the blocks of one stream. A scan needs no other, so it remembers none and decodes none together.
-
-    Args:
-        wire: The format of the stream.
-        geometry: What the device told of its field.
-    """
+    """Decodes the blocks of one stream. A scan needs no other, so it remembers none and decodes none together."""
 
     def __init__(self, wire: type[DistanceFormat], geometry: Geometry) -> None:
         self._numbers = wire.characters // 3

@@ -54,10 +54,6 @@ class FrameDecoder(SlotDecoder):
             at, place, packet = until, behind, packet + count
         in_turn(output.angle, 360, back=False)
 
-    def _lost(self, heads: Heads, at: int, skipped: int, step: float) -> int:  # noqa: ARG002
-        assert not isinstance(heads.counts, int)
-        return round(skipped / int(heads.counts[at]))
-
     def _revolution_packets(self, heads: Heads, samples: float, begin: int, end: int) -> float:  # noqa: ARG002
         return float(self._slots)
 

@@ -35,13 +35,7 @@ def ask_address() -> Script[NetworkAddress]:
 
 
 def set_address(wanted: NetworkAddress) -> Script[None]:
-    """As `Device.set_network_address`.
-
-    Raises:
-        InvalidValue: No IPv4 addresses.
-        Unsupported: The device has none.
-        RemoteProtocolError: It refuses the address.
-    """
+    """As `Device.set_network_address`."""
     value = _encoded(wanted)
     try:
         response = yield commands.set_lidar_conf(Conf.NETWORK_ADDRESS, value)

@@ -22,25 +22,12 @@ from lidario.wire.formats import StreamFormat
 STOP_SETTLE_S: Final = 0.010
 RESET_SETTLE_S: Final = 0.500
 MOTOR_SETTLE_S: Final = 0.010
-BOARD_TIMEOUT_S: Final = 0.25
-"""Asked twice: half a second, as in the SDK. A device without an accessory board is silent."""
 HQ_PAYLOAD: Final = 33
 QUERY_TIMEOUT_S: Final = 0.5
 SCAN_TIMEOUT_S: Final = 2.0
 LONGEST_CONF: Final = 4 + 255
 """Largest GET_LIDAR_CONF response believed: the echoed type and a value (mode names are about ten letters; no
 document bounds them)."""
-
-
-class ResponseType(IntEnum):
-    """Response types of single responses."""
-
-    INFO = 0x04
-    HEALTH = 0x06
-    SAMPLE_RATE = 0x15
-    LIDAR_CONF = 0x20
-    LIDAR_CONF_SET = 0x21
-    ACC_BOARD_FLAG = 0xFF
 
 
 class Conf(IntEnum):
@@ -67,15 +54,11 @@ FILL: Final = Request("FILL", bytes(HQ_PAYLOAD + 3))
 """What the longest request may lack: its length, its payload and its checksum. A length of 0 ends it at once."""
 STOP: Final = Request("STOP", encode_request(0x25), settle=STOP_SETTLE_S, ends_stream=True)
 RESET: Final = Request("RESET", encode_request(0x40), settle=RESET_SETTLE_S, ends_stream=True)
-GET_INFO: Final = _query("GET_INFO", encode_request(0x50), Expected(ResponseType.INFO, 20))
-GET_HEALTH: Final = _query("GET_HEALTH", encode_request(0x52), Expected(ResponseType.HEALTH, 3))
-GET_SAMPLERATE: Final = _query("GET_SAMPLERATE", encode_request(0x59), Expected(ResponseType.SAMPLE_RATE, 4))
-GET_ACC_BOARD_FLAG: Final = Request(
-    "GET_ACC_BOARD_FLAG",
-    encode_request(0xFF, bytes(4)),
-    expects=Expected(ResponseType.ACC_BOARD_FLAG, 4),
-    timeout=BOARD_TIMEOUT_S,
-)
+GET_INFO: Final = _query("GET_INFO", encode_request(0x50), Expected(0x04, 20))
+GET_HEALTH: Final = _query("GET_HEALTH", encode_request(0x52), Expected(0x06, 3))
+GET_SAMPLERATE: Final = _query("GET_SAMPLERATE", encode_request(0x59), Expected(0x15, 4))
+GET_ACC_BOARD_FLAG: Final = Request("GET_ACC_BOARD_FLAG", encode_request(0xFF, bytes(4)), Expected(0xFF, 4), 0.25)
+"""Asked twice: half a second, as in the SDK. A device without an accessory board is silent."""
 DTR_STOPS: Final = Request("motor off by DTR", b"", dtr=True)
 DTR_TURNS: Final = Request("motor on by DTR", b"", dtr=False)
 """The polarity of the A1's USB board: asserted stops the motor (SDK 2.1.0, `net_serial.cpp`)."""
@@ -91,14 +74,14 @@ def get_lidar_conf(kind: Conf, mode: int | None = None) -> Request:
     return _query(
         f"GET_LIDAR_CONF {kind.name}" + ("" if mode is None else f" of mode {mode}"),
         encode_request(0x84, payload),
-        Expected(ResponseType.LIDAR_CONF, 4, LONGEST_CONF, prefix=echo),
+        Expected(0x20, 4, LONGEST_CONF, prefix=echo),
     )
 
 
 def set_lidar_conf(kind: Conf, value: bytes) -> Request:
     """SET_LIDAR_CONF; the response is the type and a result, 0 for success."""
     echo = struct.pack("<I", kind)
-    expected = Expected(ResponseType.LIDAR_CONF_SET, 8, prefix=echo)
+    expected = Expected(0x21, 8, prefix=echo)
     return _query(f"SET_LIDAR_CONF {kind.name}", encode_request(0x85, echo + value), expected)
 
 

@@ -46,11 +46,7 @@ FALSE_NODES: Final = 40
 
 
 class NodeSteps(PacedTurning):
-    """Follows the nodes of one stream.
-
-    Args:
-        full_turn: 360 degrees in the unit of the headings.
-    """
+    """Follows the nodes of one stream."""
 
     def __init__(self, full_turn: int) -> None:
         super().__init__(full_turn, RETREAT_TURNS)

@@ -41,4 +41,3 @@ FAMILY: Final = Family(
     # The S4 must be named.
     by_dtr={"x4": 0.15, "x2": BY_DTR_S, "s4b": 0.15},
 )
-"""The family's row of the registry."""

@@ -16,7 +16,6 @@ after a stop, and we the longer of the two.
 
 from __future__ import annotations
 
-from enum import IntEnum
 from typing import Final
 
 from lidario.wire.envelope import Expected, Request, encode_request
@@ -24,29 +23,18 @@ from lidario.wire.events import Descriptor
 from lidario.wire.formats import StreamFormat
 
 STOP_SETTLE_S: Final = 0.010
-INFO_TIMEOUT_S: Final = 1.0
-HEALTH_TIMEOUT_S: Final = 0.5
-SETTING_TIMEOUT_S: Final = 2.0
-SCAN_TIMEOUT_S: Final = 2.0
+SETTING: Final = 0x04
+"""The response type of all but health."""
 LARGEST: Final = 0x3FFF_FFFF
 """The scan header's length is to be ignored (manual 3.1): every value is right that its 30 bits can hold."""
 
 
-class ResponseType(IntEnum):
-    """Response types of single responses."""
-
-    SETTING = 0x04
-    HEALTH = 0x06
-
-
 def _setting(name: str, command: int, size: int, *, attempts: int = 1) -> Request:
-    expected = Expected(ResponseType.SETTING, size)
-    return Request(name, encode_request(command), expected, SETTING_TIMEOUT_S, attempts=attempts)
+    return Request(name, encode_request(command), Expected(SETTING, size), 2.0, attempts=attempts)
 
 
 def _health(name: str, command: int) -> Request:
-    expected = Expected(ResponseType.HEALTH, 3)
-    return Request(name, encode_request(command), expected, HEALTH_TIMEOUT_S, attempts=1)
+    return Request(name, encode_request(command), Expected(0x06, 3), 0.5, attempts=1)
 
 
 ANNOUNCED: Final = Descriptor(0x81, 5, continuous=True)
@@ -56,7 +44,7 @@ FORCED_STOP: Final = Request("FORCED_STOP", encode_request(0x00), settle=STOP_SE
 RESET: Final = Request("RESET", encode_request(0x80), settle=STOP_SETTLE_S, ends_stream=True)
 """Soft restart. How long it takes is in no document: after it the host must ask until there is a response."""
 
-GET_INFO: Final = Request("GET_INFO", encode_request(0x90), Expected(ResponseType.SETTING, 20), INFO_TIMEOUT_S)
+GET_INFO: Final = Request("GET_INFO", encode_request(0x90), Expected(SETTING, 20), 1.0)
 GET_HEALTH: Final = _health("GET_HEALTH", 0x91)
 GET_HEALTH_92: Final = _health("GET_HEALTH (as A5 92)", 0x92)
 COMPLETE_INFO: Final = bytes((0, 0xA5 ^ 0x90))
@@ -86,4 +74,4 @@ def scan(stream: StreamFormat) -> Request:
     """SCAN from standstill: a header, then packets without end."""
     announced = Expected(ANNOUNCED.type, 0, LARGEST, continuous=True)
     # Only the first SCAN has a header as its response (manual 3.8): once packets flow, asking again is in vain.
-    return Request("SCAN", encode_request(0x60), announced, SCAN_TIMEOUT_S, attempts=1, stream=stream)
+    return Request("SCAN", encode_request(0x60), announced, 2.0, attempts=1, stream=stream)

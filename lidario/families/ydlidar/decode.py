@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.arcs import ArcDecoder, Output, at_equal_steps, in_turn
-from lidario.families.spans import Arcs, Heads, Ints
+from lidario.families.spans import Arcs, Heads
 from lidario.families.told import FEWEST, ToldWheel
 from lidario.families.ydlidar.formats import FULL_TURN_Q6, HEADER_SIZE, START_BIT, packet_heads
 from lidario.wire.events import Packets
@@ -85,7 +85,7 @@ class PointCloudDecoder(ArcDecoder):
         return Heads(first, behind, counts, way, Control(packets, words, marked, bool(following[2] & START_BIT)))
 
     def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:  # noqa: ARG002 - each packet tells its own
-        first, way, packets = heads.first, _ints(heads.way), heads.read.packets
+        first, way, packets = heads.first, np.asarray(heads.way), heads.read.packets
         words = np.frombuffer(packets.data, "<u2")
         across = (first + way >= FULL_TURN_Q6).nonzero()[0].tolist()[::-1]
         at = place = packet = 0
@@ -119,7 +119,7 @@ class PointCloudDecoder(ArcDecoder):
             seam = heads.following if self._seam is None and control.is_following_marked else self._seam
         if seam is not None:
             # Not by what the packets beside the gap tell: one of them may be damaged.
-            tail = int(heads.first[at]) + (int(_ints(heads.counts)[at]) - 1) * step
+            tail = int(heads.first[at]) + (heads.count_of(at) - 1) * step
             to_seam = (seam - tail) % FULL_TURN_Q6 / step
             if 0 < to_seam < skipped + 1:
                 before = _packets_before_seam(to_seam - 1, ordinary)
@@ -128,7 +128,7 @@ class PointCloudDecoder(ArcDecoder):
 
     def _longest(self, heads: Heads, begin: int, end: int) -> int:
         """The size of an ordinary packet. Of a few packets, all may be short: then it only grows."""
-        longest = int(np.maximum.reduce(_ints(heads.counts)[begin:end]))
+        longest = int(np.maximum.reduce(np.asarray(heads.counts)[begin:end]))
         return longest if end - begin >= FEWEST else max(self._ordinary, longest)
 
     def _revolution_packets(self, heads: Heads, samples: float, begin: int, end: int) -> float:
@@ -151,12 +151,6 @@ class PointCloudDecoder(ArcDecoder):
             self._seam = int(heads.first[control.marked[-1]])
         elif self._seam is None and control.is_following_marked:
             self._seam = heads.following
-
-
-def _ints(values: Ints | int | None) -> Ints:
-    """The array that these packets have; for type checkers."""
-    assert isinstance(values, np.ndarray)
-    return values
 
 
 def _full_packets(samples: float, ordinary: int) -> int:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from typing import Final
 
@@ -16,6 +17,7 @@ from lidario.errors import RemoteProtocolError, ResponseTimeout
 from lidario.families.base import Script
 from lidario.families.responses import agreed
 from lidario.families.ydlidar import commands
+from lidario.wire.envelope import Request
 
 FINE_STEP: Final = 10
 COARSE_BEYOND: Final = 95
@@ -63,18 +65,15 @@ def toggle_to(wanted: bool, tell: Callable[[bool | None], None]) -> Script[None]
     Raises:
         RemoteProtocolError: It does not get there.
     """
-    for attempt in range(MOST_TOGGLES):
-        tell(None)
+    for attempt in range(1, MOST_TOGGLES + 1):
         try:
-            state = (yield commands.TOGGLE_PROTECTION)[0]
+            state = yield from _toggled(commands.TOGGLE_PROTECTION, tell)
         except ResponseTimeout:
             # It may have been toggled all the same: toggle again and see.
-            if attempt == MOST_TOGGLES - 1:
+            if attempt == MOST_TOGGLES:
                 raise
-            continue
-        if state <= 1:
-            tell(state == 0)
-            if (state == 0) == wanted:
+        else:
+            if state is wanted:
                 return
     raise RemoteProtocolError(f"power-down protection does not go {'on' if wanted else 'off'}")
 
@@ -83,16 +82,20 @@ def learn_protection(tell: Callable[[bool | None], None]) -> Script[None]:
     """Find out whether power-down protection is on: two toggles tell it and leave it. `tell` as in `toggle_to`."""
     told = 0
     for _ in range(MOST_TOGGLES):
-        tell(None)
-        try:
-            state = (yield _LEARN_PROTECTION)[0]
-        except ResponseTimeout:
-            continue
-        if state <= 1:
-            tell(state == 0)
-            told += 1
-            if told == 2:
-                return
+        with suppress(ResponseTimeout):
+            told += (yield from _toggled(_LEARN_PROTECTION, tell)) is not None
+        if told == 2:
+            return
+
+
+def _toggled(request: Request, tell: Callable[[bool | None], None]) -> Script[bool | None]:
+    """Toggle once; the state that the device tells, None where it tells none that there is."""
+    tell(None)
+    state = (yield request)[0]
+    if state > 1:
+        return None
+    tell(state == 0)
+    return state == 0
 
 
 def ask_zero_offset(a_degree: int) -> Script[float]:

@@ -61,14 +61,10 @@ make_simulated: Maker[SimulatedCamsense] = maker(SimulatedCamsense, PROFILES)
 def pack_packet(
     start: int, end: int, millimetres: Sequence[float], qualities: Sequence[int], *, rpm: float = 312.0
 ) -> bytes:
-    """Pack one measurement packet.
+    """Pack one measurement packet of 8 or 12 samples.
 
-    Args:
-        start: Angle of the first sample as it is sent: A000 hexadecimal and 64ths of a degree.
-        end: That of the last one.
-        millimetres: 8 or 12 of them; 0 = no return, as is what 14 bits cannot hold.
-        qualities: As many.
-        rpm: Speed of the rotor.
+    Angles are as they are sent: A000 hexadecimal and 64ths of a degree. 0 mm is no return, as is what 14 bits
+    cannot hold.
     """
     kind, width = _KINDS[len(millimetres)]
     body = bytes((0x55, 0xAA, kind, len(millimetres)))

@@ -71,16 +71,7 @@ def pack_packet(
     reserved: int = 0,
     check: bytes | None = None,
 ) -> bytes:
-    """Pack one measurement packet.
-
-    Args:
-        index: 0 to 59.
-        millimetres: Six of them; 0 = no return.
-        intensities: Six of them.
-        rpm: Speed of the rotor.
-        reserved: What stands behind each distance.
-        check: The last two bytes; by default 255 less the sum of all others, twice.
-    """
+    """Pack one measurement packet of six samples; by default, `check` is 255 less the sum of all others, twice."""
     body = bytes((0xFA, 0xA0 + index)) + round(rpm * 10).to_bytes(2, "little")
     for distance, intensity in zip(millimetres, intensities, strict=True):
         for word in (int(intensity), round(float(distance)), reserved):

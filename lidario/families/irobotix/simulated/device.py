@@ -80,15 +80,9 @@ def pack_measurement(
     end: int | None = None,
     version: int = 1,
 ) -> bytes:
-    """Pack one measurement frame.
+    """Pack one measurement frame; angles are hundredths of a degree, and `end` is only of a model that sends it.
 
-    Args:
-        start: Hundredths of a degree.
-        millimetres: Sent as quarters; 0 = no return, as is what 16 bits cannot hold.
-        signals: As many.
-        hertz: Speed of the rotor.
-        end: The angle of the last sample, of a model that sends it.
-        version: As in the head.
+    0 mm is no return, as is what 16 bits cannot hold in quarters.
     """
     # The calibration is 0.
     data = bytes((min(round(hertz * 20), 255), 0, 0)) + start.to_bytes(2, "big")

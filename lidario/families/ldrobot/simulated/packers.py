@@ -50,18 +50,9 @@ def pack_points(
     speed: npt.ArrayLike = 3600,
     milliseconds: npt.ArrayLike = 0,
 ) -> bytes:
-    """Pack measurement packets of twelve points each.
+    """Pack measurement packets, back to back: distances and intensities of the shape (12,) or (packets, 12).
 
-    Args:
-        distances_mm: (12,) or (packets, 12); 0 = no return, as is what 16 bits cannot hold.
-        intensities: Likewise, 0 to 255.
-        first: Angle of the first point in 1/100 degrees, a number or (packets,).
-        last: Angle of the last one, likewise.
-        speed: Degrees a second, likewise.
-        milliseconds: Time, 0 to 29999, likewise.
-
-    Returns:
-        The packets, back to back.
+    Angles are 1/100 degrees, the speed degrees a second. 0 mm is no return, as is what 16 bits cannot hold.
     """
     distances = np.atleast_2d(np.rint(np.asarray(distances_mm, np.float64)))
     packets = np.empty(len(distances), _PACKET)

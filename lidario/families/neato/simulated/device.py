@@ -65,14 +65,9 @@ make_simulated: Maker[SimulatedNeato] = maker(SimulatedNeato, PROFILES)
 def pack_packet(
     index: int, millimetres: Sequence[float], strengths: Sequence[int], *, rpm: float = 300.0, code: int = 0
 ) -> bytes:
-    """Pack one measurement packet.
+    """Pack one measurement packet of four samples; where `code` is not 0, it is the error that all of them tell.
 
-    Args:
-        index: 0 to 89.
-        millimetres: Four of them; 0 = no return, as is what 14 bits cannot hold.
-        strengths: Four of them.
-        rpm: Speed of the rotor.
-        code: Where it is not 0, the error that all samples tell.
+    0 mm is no return, as is what 14 bits cannot hold.
     """
     body = bytes((0xFA, 0xA0 + index)) + round(rpm * 64).to_bytes(2, "little")
     for distance, strength in zip(millimetres, strengths, strict=True):

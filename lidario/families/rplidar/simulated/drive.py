@@ -21,12 +21,7 @@ _LIMITS = (480, 1200)  # rpm of devices that do not tell theirs
 
 
 class Drive:
-    """Turns one device's motor.
-
-    Args:
-        profile: What the device is.
-        motor: Its motor.
-    """
+    """Turns one device's motor."""
 
     def __init__(self, profile: Profile, motor: Motor) -> None:
         self._profile = profile

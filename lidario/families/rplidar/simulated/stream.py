@@ -28,14 +28,7 @@ _EXPRESS_OFFSETS_Q3 = np.array([18 + k % 5 for k in range(32)])  # 2.25° to 2.7
 
 
 class MeasurementStream:
-    """One measurement stream, from the descriptor on.
-
-    Args:
-        mode: The scan mode.
-        origin: When the first sample's measuring begins, in nanoseconds.
-        motor: Rotates the head; must not change its speed before `built_until`.
-        world: What there is to see.
-    """
+    """One measurement stream, from `origin` on, in nanoseconds; the motor keeps its speed until `built_until`."""
 
     def __init__(self, mode: Mode, origin: int, motor: Motor, world: World | CheckedWorld) -> None:
         self.mode = mode

@@ -58,19 +58,10 @@ def pack_points(
     layout: Layout = MILLIMETRES,
     intensities: npt.ArrayLike = 0,
 ) -> bytes:
-    """Pack point cloud packets of equal length.
+    """Pack point cloud packets of equal length, back to back: distances of the shape (n,) or (packets, n).
 
-    Args:
-        distances_mm: (n,) for one packet or (packets, n); 0 = no return, as is what 16 bits cannot hold.
-        first_q6: Angle of the first sample in 1/64 degrees, a number or (packets,).
-        last_q6: Angle of the last sample, likewise.
-        control: The CT byte; see `start_control`.
-        marked: Whether the C bit of both angles is 1, as it should be.
-        layout: How a sample lies in its bytes.
-        intensities: As the distances, or one number for all; for layouts that carry them.
-
-    Returns:
-        The packets, back to back.
+    0 mm is no return, as is what 16 bits cannot hold. `control` is the CT byte, see `start_control`; `marked` tells
+    whether the C bit of both angles is 1, as it should be.
     """
     distances = np.rint(np.atleast_2d(np.asarray(distances_mm, dtype=np.float64)) * layout.unit)
     packets, samples = distances.shape

@@ -39,14 +39,7 @@ class Burst(NamedTuple):
 
 
 class PointStream:
-    """One measurement stream.
-
-    Args:
-        origin: When the first sample is taken, in nanoseconds.
-        motor: Rotates the head; must not be set to another speed while the stream lasts.
-        world: What there is to see.
-        profile: Sample time, layout, reach, and whether the angle depends on the distance.
-    """
+    """One measurement stream, from `origin` on, in nanoseconds; the motor keeps its speed while it lasts."""
 
     def __init__(self, origin: int, motor: Motor, world: World | CheckedWorld, profile: Profile) -> None:
         self._origin = origin
