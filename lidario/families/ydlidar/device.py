@@ -5,11 +5,6 @@ Payloads: 4ROS development manual, figures 10, 12 and 13 to 15. Where it contrad
 * Firmware: the manual's two bytes read as minor, major here, although it names the first one major. The SDK
   reads them so, and so do logs of its users and an independent driver.
 * Health: the manual asks by A5 91, the SDK by A5 92. The manual's is tried first, then the other one.
-* Set scan frequency: SDK 1.2.20 takes 0.4 Hz off what models 100 to 102 report, since "the speed reads 0.4 Hz
-  high"; so it leaves a device that reports 10.00 Hz and is asked for 10 Hz at 10.4 Hz. That is not imitated:
-  the manual knows nothing of it, and what the motor really does can be seen in the scans.
-* Zero-angle offset: the manual says neither which way it counts nor whether the stream contains it. The SDK
-  adds it to every angle (clockwise degrees). So does `apply_zero_offset`, but only where it is asked for.
 * "Old" firmware (1.2 and below): the SDK halves all distances of models 100 to 102 then. It is not done here:
   the manual knows only whole millimetres, and a version read in the wrong order would halve every distance.
 
@@ -27,14 +22,14 @@ from functools import partial
 from typing import Final, TypeVar
 
 from lidario.errors import ResponseTimeout, Unsupported
-from lidario.families.base import Device, Keepalive, NamedModel, Script, Stream, frequency_within, told
+from lidario.families.base import Keepalive, NamedModel, Script, Stream, told
 from lidario.families.responses import agreed, health_of
 from lidario.families.unasked import NOT_STOPPED, begin, hear, hear_runs
 from lidario.families.ydlidar import commands
 from lidario.families.ydlidar.formats import PointCloud
 from lidario.families.ydlidar.models import FOUR_ROS, MODELS, ONE_WAY, Model, model_of
 from lidario.families.ydlidar.raw import turn_in
-from lidario.families.ydlidar.settings import ask_speed, ask_zero_offset, learn_protection, step_to, toggle_to
+from lidario.families.ydlidar.settings import SettableDevice
 from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.wire.envelope import Request
 from lidario.wire.events import Descriptor
@@ -47,9 +42,6 @@ SLOWEST_TURN_S: Final = 0.5
 KEEPALIVE_S: Final = 0.4
 """The manual demands less than 3 s; the SDK repeats every second. A program that blocks its event loop for 2.5 s
 may begin to do so just before the next one is due, and must not stop the device by that."""
-LAPSE_S: Final = (2.5, 4.0)
-"""Without a keepalive a stream ends 3 s after its start (manual 3.8). The last packets may be read half a second
-later."""
 HEAR_S: Final = 0.5
 BY_DTR_S: Final = 1.0
 """How long a motor that DTR has switched on may take until packets come, besides the 0.5 s that `DTR_TURNS` waits.
@@ -64,35 +56,22 @@ MOST_A_TURN: Final = 1300
 """Samples a revolution above which no model only talks: the fastest of those has 1250 at 4 Hz."""
 
 
-class YdlidarDevice(Device):
+class YdlidarDevice(SettableDevice):
     """One YDLIDAR; `model` is the one that the user has named, if any."""
 
     def __init__(self, model: Model | None = None) -> None:
+        super().__init__(model or FOUR_ROS)
         self._named = model
         self.can_only_talk: bool = model is None or model.one_way
         self._be(model or FOUR_ROS)
         self._code: int | None = None
-        self._firmware = (0, 0)
         self._health_request: Request | None = None
-        # None: it was told to change it and has not said that it did.
-        self._protected: bool | None = False
-        self._offset_deg = 0.0
-        # What the program has set, to be set again when the device was restarted.
-        self._wanted_protection: bool | None = None
-        self._wanted_speed: int | None = None
-        self._was_restarted = False
 
     def _be(self, model: Model) -> None:
         self._model = model
         self.can_be_stopped: bool = not model.one_way or bool(model.dtr)
         # The motor of one that hears requests stops with its laser.
         self.can_keep_spinning: bool = model.one_way
-
-    def scan_frequency_range(self) -> Script[tuple[float, float]]:
-        # The data sheet's, since the device cannot be asked.
-        if self._model.speeds is None:
-            return super().scan_frequency_range()
-        return told(self._model.speeds)
 
     def stop(self) -> Request:
         return NOT_STOPPED if self._model.one_way else commands.STOP
@@ -106,25 +85,6 @@ class YdlidarDevice(Device):
         if self._model.one_way:
             raise Unsupported("this device cannot be restarted from here: cut its power")
         return commands.RESET
-
-    def restarted(self) -> None:
-        # The next start sets speed and protection again, if the program has set them.
-        self._was_restarted = True
-        self._protected = False
-
-    def explain_silence(self, lasted_s: float) -> Script[bool]:
-        """As `Device.explain_silence`: an earlier program may have left power-down protection on.
-
-        It cannot be asked for, only be toggled: two toggles in a row tell it and leave it. They are sent only to a
-        device that has stopped when protection would have stopped it, so never without need.
-        """
-        earliest, latest = LAPSE_S
-        if not self._model.protection:
-            return False
-        if self._protected or (lasted_s and not earliest <= lasted_s <= latest):
-            return False
-        yield from learn_protection(self._say_protected)
-        return bool(self._protected)
 
     def respond(self, request: bytes, head: Descriptor, payload: bytes = b"") -> bytes:
         """As `Device.respond`; all models announce their stream alike."""
@@ -204,10 +164,7 @@ class YdlidarDevice(Device):
         known = self._model.mode
         if (mode.id, mode.response_type) != (known.id, known.response_type):
             raise Unsupported(f"this device has one scan mode, {known.name!r}, and not {mode.name!r}")
-        if self._was_restarted:
-            yield from self._restore()
-        if self._protected is None:
-            yield from learn_protection(self._say_protected)
+        yield from self._be_as_set()
         stream = yield from self._awake(self._begin())
         return Stream(
             format=stream,
@@ -235,61 +192,6 @@ class YdlidarDevice(Device):
             stream = self._model.kind.wire()
             yield commands.scan(stream)
         return stream
-
-    def scan_frequency(self) -> Script[float]:
-        """As `Device.scan_frequency`: the frequency that is set, not the one the motor reaches."""
-        if self._model.speeds is None:
-            return (yield from super().scan_frequency())
-        return (yield from ask_speed()) / 100
-
-    def set_scan_frequency(self, hertz: float) -> Script[float]:
-        """As `Device.set_scan_frequency`: in steps of 1 and 0.1 Hz, then read back."""
-        if self._model.speeds is None:
-            # Its motor follows the supply, or a pin that is not in the cable.
-            return super().set_scan_frequency(hertz)
-        wanted = frequency_within(hertz, self._model.speeds, self._model.title)
-        return self._set_speed(round(wanted * 100))
-
-    def zero_offset(self) -> Script[float]:
-        # Clockwise degrees, if it counts the way the SDK takes it.
-        if not self._model.offset:
-            return super().zero_offset()
-        return ask_zero_offset(self._model.offset_parts(self._firmware))
-
-    def apply_zero_offset(self, on: bool) -> Script[float]:
-        """As `Device.apply_zero_offset`: asks for it now, to be added to clockwise angles. Off at first."""
-        self._offset_deg = (yield from self.zero_offset()) if on else 0.0
-        return self._offset_deg
-
-    def power_down_protection(self, on: bool) -> Script[bool]:
-        """As `Device.power_down_protection`: it can only be toggled, and the response tells the new state.
-
-        The manual (3.8) recommends it where lidar and host have separate power supplies, so that the lidar stops
-        when the host has lost its own. Streams started with protection on must be kept alive. Before this was
-        called the state is not known, since it cannot be asked for; it is assumed to be off until a stream ends as
-        if it were on (`explain_silence`). Without protection a SCAN in mid-scan is not documented, so none is sent.
-        """
-        if not self._model.protection:
-            return (yield from super().power_down_protection(on))
-        yield from toggle_to(on, self._say_protected)
-        self._wanted_protection = on
-        return on
-
-    def _say_protected(self, on: bool | None) -> None:
-        self._protected = on
-
-    def _restore(self) -> Script[None]:
-        """Set again what the program has set: no document says what outlasts a restart."""
-        if self._wanted_speed is not None:
-            yield from step_to(self._wanted_speed)
-        if self._wanted_protection is not None:
-            yield from self.power_down_protection(self._wanted_protection)
-        self._was_restarted = False
-
-    def _set_speed(self, hundredths: int) -> Script[float]:
-        reached = yield from step_to(hundredths)
-        self._wanted_speed = hundredths
-        return reached
 
     def _ask_health(self) -> Script[Health]:
         known, both = self._health_request, (commands.GET_HEALTH, commands.GET_HEALTH_92)

@@ -7,7 +7,6 @@ import pytest
 
 from lidario.errors import InvalidValue, RemoteProtocolError, ResponseTimeout
 from lidario.families.ydlidar.device import YdlidarDevice
-from lidario.families.ydlidar.settings import learn_protection
 from lidario.families.ydlidar.simulated.device import PROFILES, Simulated4Ros, make_simulated
 from lidario.wire.envelope import Request
 from tests.support.bench_4ros import Bench, played
@@ -134,27 +133,25 @@ def test_a_toggle_whose_answer_was_lost_ends_in_the_wanted_state() -> None:
 @pytest.mark.parametrize("lost", [0, 1, 2])
 def test_two_toggles_tell_protection_and_leave_it(before: bool, lost: int) -> None:
     """While a response is missing, nothing is known."""
-    enabled, toggles, said = before, 0, list[bool | None]()
+    device, enabled, toggles = YdlidarDevice(), before, 0
 
     def lossy(request: Request) -> bytes | None:
         nonlocal enabled, toggles
-        assert said[-1] is None
+        assert device._protected is None
         enabled, toggles = not enabled, toggles + 1
         return None if toggles == lost else bytes((not enabled,))
 
-    played(learn_protection(said.append), lossy)
-    assert said[-1] is enabled
-    if not lost:
-        assert (said, enabled) == ([None, not before, None, before], before)
+    assert played(device.explain_silence(0.0), lossy) is enabled
+    assert toggles == (3 if lost else 2)
 
 
 def test_a_response_that_is_no_state_of_protection_tells_nothing() -> None:
-    states, said = [b"\x02", b"\x01"], list[bool | None]()
+    states = [b"\x02", b"\x01"]
     assert played(YdlidarDevice().power_down_protection(False), lambda _: states.pop(0)) is False
     assert states == []
     states = [b"\x02", b"\x01", b"\x00"]
-    played(learn_protection(said.append), lambda _: states.pop(0))
-    assert said == [None, None, False, None, True]
+    assert played(YdlidarDevice().explain_silence(0.0), lambda _: states.pop(0)) is True
+    assert states == []
 
 
 def test_protection_that_does_not_change_is_an_error() -> None:
