@@ -3,24 +3,30 @@
 S-series interface manual, GET_LIDAR_CONF. Every value comes in a response of its own, and each of them can be lost
 or damaged. So each is asked until it came twice alike. Of a list of modes no more are asked after four that came
 not at all or never alike. The next call for the list, or for a value, asks again.
+
+The network address of an Ethernet model can be set, too (SDK 2.1.0, `frame_grabber`). Twelve bytes: address, mask
+and gateway, in network order; all zero makes the device ask the network for one (DHCP). It takes a new one when it
+is reset. Firmware that does not know it responds with fewer bytes, or not at all.
 """
 
 from __future__ import annotations
 
 import math
+import struct
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import replace
+from ipaddress import AddressValueError, IPv4Address
 from typing import Final
 
 from lidario.arguments import printable
-from lidario.errors import RemoteProtocolError, ResponseTimeout
+from lidario.errors import InvalidValue, RemoteProtocolError, ResponseTimeout, Unsupported
 from lidario.families.base import Script
 from lidario.families.responses import agreed
 from lidario.families.rplidar import commands
 from lidario.families.rplidar.commands import Conf
 from lidario.families.rplidar.formats import FORMATS
-from lidario.model import ScanMode
+from lidario.model import NetworkAddress, ScanMode
 from lidario.wire.envelope import Request
 
 MODE_LIMIT: Final = 64
@@ -30,6 +36,7 @@ SHORT_S: Final = 0.15
 MOST_IN_VAIN: Final = 4
 """Values that were not told, after which no more of the list of modes are asked; and the typical speed no more. A
 silence takes 1 s."""
+_NO_ADDRESS: Final = "this device tells no network address: is it an Ethernet model?"
 
 
 class Configuration:
@@ -134,3 +141,38 @@ class Configuration:
 def _text(raw: bytes) -> str:
     """A name from the device, without what could disturb a terminal."""
     return printable(raw.split(b"\0")[0].decode("utf-8", "replace")).strip()
+
+
+def ask_address() -> Script[NetworkAddress]:
+    """Ask for the address. Raises Unsupported where the device tells none."""
+    try:
+        # The type is followed by two zero bytes.
+        told = (yield from agreed(commands.get_lidar_conf(Conf.NETWORK_ADDRESS, 0)))[4:]
+    except ResponseTimeout as error:
+        raise Unsupported(_NO_ADDRESS) from error
+    if len(told) < 12:
+        raise Unsupported(_NO_ADDRESS)
+    return NetworkAddress(*(str(IPv4Address(told[at : at + 4])) for at in (0, 4, 8)))
+
+
+def set_address(wanted: NetworkAddress) -> Script[None]:
+    """As `Device.set_network_address`."""
+    value = _encoded(wanted)
+    try:
+        response = yield commands.set_lidar_conf(Conf.NETWORK_ADDRESS, value)
+    except ResponseTimeout as error:
+        raise Unsupported(_NO_ADDRESS) from error
+    result = struct.unpack_from("<I", response, 4)[0]
+    if result:
+        raise RemoteProtocolError(f"the device refuses this network address: result 0x{result:08X}")
+
+
+def _encoded(wanted: NetworkAddress) -> bytes:
+    if not isinstance(wanted, NetworkAddress):
+        raise InvalidValue(f"a network address is a NetworkAddress, not {type(wanted).__name__}")
+    try:
+        # A number would be taken for an address, too.
+        parts = [IPv4Address(str(text)).packed for text in (wanted.address, wanted.mask, wanted.gateway)]
+    except AddressValueError as error:
+        raise InvalidValue(f"not an IPv4 address: {error}") from None
+    return b"".join(parts) if any(parts[0]) else bytes(12)

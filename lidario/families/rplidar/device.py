@@ -16,8 +16,8 @@ from lidario.errors import RemoteProtocolError, ResponseTimeout, Unsupported
 from lidario.families.base import Script, Stream
 from lidario.families.responses import agreed, health_of
 from lidario.families.rplidar import commands
-from lidario.families.rplidar.address import ask_address, set_address
 from lidario.families.rplidar.commands import Conf
+from lidario.families.rplidar.configuration import ask_address, set_address
 from lidario.families.rplidar.decode import DECODERS
 from lidario.families.rplidar.formats import FORMATS
 from lidario.families.rplidar.motor import MotorDriven
