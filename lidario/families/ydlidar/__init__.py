@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import Final
 
 from lidario.families.base import Family, Timing
-from lidario.families.ydlidar.clouds import FORMATS
 from lidario.families.ydlidar.device import BY_DTR_S, NAMED, YdlidarDevice
+from lidario.families.ydlidar.formats import FORMATS
 from lidario.families.ydlidar.raw import find_stream, stream_in
 
 __all__ = ["FAMILY"]

@@ -2,9 +2,12 @@
 
 Angles (4ROS development manual, figure 7): a packet states the angles of its first and its last sample, and
 those between lie at equal steps. An end before its beginning has crossed 0. Unlike the vendor's SDK, which
-truncates to 1/64 degrees, full precision is kept; a single sample has the first angle, without a division. A
-time-of-flight device needs no second, distance-dependent correction, and distances are plain millimetres;
-there is no intensity.
+truncates to 1/64 degrees, full precision is kept; a single sample has the first angle, without a division.
+
+The distance word counts millimetres (4ROS), halves or quarters of one. Models that triangulate see with a lens
+beside the laser: to the angle of the beam they add atan(21.8 (155.3 - d) / (155.3 d)), d in mm, and nothing where
+nothing came back. So neighbours may change places, and a sample may leave the span of its packet: revolutions are
+divided by the beam. Intensities of 10 and 16 bits are divided so that they fit in eight.
 
 The 7 bits above CT's start bit tell the speed in start packets (manual: tenths of Hz above 3.0). It is handed on
 as what the device reports; the speed of a scan is measured, which is right for every format.
@@ -17,25 +20,73 @@ packet holds one sample: it is missed when packets pass the place where the one 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.arcs import ArcDecoder, Output, at_equal_steps, in_turn
+from lidario.families.arcs import ArcDecoder, Output, at_equal_steps, in_turn, write_degrees
 from lidario.families.spans import Arcs, Heads
 from lidario.families.told import FEWEST, ToldWheel
-from lidario.families.ydlidar.formats import FULL_TURN_Q6, HEADER_SIZE, START_BIT, packet_heads
+from lidario.families.ydlidar.formats import (
+    FULL_TURN_Q6,
+    HEADER_SIZE,
+    START_BIT,
+    PointCloud,
+    PointCloud3,
+    PointCloud4,
+    packet_heads,
+)
 from lidario.wire.events import Packets
 
 HEADER_WORDS: Final = HEADER_SIZE // 2
 SPEED_CODE: Final = 0x7F
-SPEED_BASE: Final = 30
-"""Tenths of Hz that the code 0 stands for (manual, CT)."""
 LEAST_SAMPLES: Final = 0.5
 """A start packet holds one sample; half a sample is the least that can mean something."""
 SLACK_SAMPLES: Final = 3.0
 """Missing samples below which a jump is taken for unsteadiness of the rotor, where no start packet is due."""
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """How the samples of some models are to be read.
+
+    Attributes:
+        response_type: Number of this kind in scan modes and recordings. On the wire it is always 0x81; all others
+            are our own.
+        wire: The format of the packets.
+        unit: The distance word counts so many parts of a millimetre.
+        flags: Whether its low two bits are none of the distance.
+        bits: Of the intensity; 0 where there is none.
+        triangle: Whether the angle depends on the distance.
+        speed_base: Tenths of Hz that the speed 0 stands for.
+    """
+
+    response_type: int
+    wire: type[PointCloud] = PointCloud
+    unit: int = 4
+    flags: bool = False
+    bits: int = 0
+    triangle: bool = True
+    speed_base: int = 0
+
+    def decoder(self) -> PointCloudDecoder:
+        """A fresh decoder."""
+        return PointCloudDecoder() if self is KINDS["tg"] else CloudDecoder(self)
+
+
+KINDS: Final = {
+    "tg": Kind(PointCloud.response_type, unit=1, triangle=False, speed_base=30),
+    "x": Kind(0xA1),
+    "x-flags": Kind(0xA2, flags=True),
+    "octave": Kind(0xA3, unit=2),
+    "g2": Kind(0xA4, PointCloud3, flags=True, bits=10),
+    "s4b": Kind(0xA5, PointCloud3, flags=True, bits=8),
+    "tmini": Kind(PointCloud3.response_type, PointCloud3, flags=True, bits=8, triangle=False),
+    "sh": Kind(PointCloud4.response_type, PointCloud4, unit=1, bits=16, triangle=False),
+}
+"""Every kind; the first is the 4ROS's."""
 
 
 class Control(NamedTuple):
@@ -55,17 +106,12 @@ class Control(NamedTuple):
 
 
 class PointCloudDecoder(ArcDecoder):
-    """Decodes the packets of one stream.
+    """Decodes the packets of one stream of a 4ROS: plain millimetres."""
 
-    Attributes:
-        speed_base: Tenths of Hz that the speed 0 in a start packet stands for.
-    """
-
-    has_intensity: bool = False
-    speed_base: int = SPEED_BASE
-
-    def __init__(self) -> None:
+    def __init__(self, kind: Kind | None = None) -> None:
         super().__init__(FULL_TURN_Q6, ToldWheel(FULL_TURN_Q6, LEAST_SAMPLES))
+        self._kind = kind or KINDS["tg"]
+        self.has_intensity: bool = bool(self._kind.bits)
         # Where the last start packet stood.
         self._seam: int | None = None
         # Samples of an ordinary packet, or of the longest one while so few came that all may be short.
@@ -142,7 +188,7 @@ class PointCloudDecoder(ArcDecoder):
         if mark is None:
             return math.nan
         # A real X4 sends 0 in each start packet: it tells nothing.
-        return 6.0 * ((int(control.words[mark]) >> 1 & SPEED_CODE) + self.speed_base) or math.nan
+        return 6.0 * ((int(control.words[mark]) >> 1 & SPEED_CODE) + self._kind.speed_base) or math.nan
 
     def _remember(self, heads: Heads, last: float) -> None:  # noqa: ARG002
         control: Control = heads.read
@@ -153,9 +199,52 @@ class PointCloudDecoder(ArcDecoder):
             self._seam = heads.following
 
 
+class CloudDecoder(PointCloudDecoder):
+    """Decodes the packets of one stream of any kind."""
+
+    def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:  # noqa: ARG002 - each packet tells its own
+        kind = self._kind
+        raw = _sample_bytes(heads.read.packets, kind.wire.sample_size, len(output.angle))
+        word = raw[:, -2] | raw[:, -1].astype(np.uint16) << 8
+        np.divide(word & 0xFFFC if kind.flags else word, kind.unit, out=output.distance, casting="unsafe")
+        beam = _beams(heads)
+        if kind.triangle:
+            d = output.distance.astype(np.float64)
+            with np.errstate(divide="ignore"):
+                beam += np.where(d > 0, np.degrees(np.arctan(21.8 * (155.3 - d) / (155.3 * d))), 0.0)
+        write_degrees(beam, output.angle)
+        if kind.bits == 10:
+            output.intensity[...] = (raw[:, 0] | (word & 3) << 8) >> 2
+        elif kind.bits:
+            # Of 16 bits the upper eight.
+            output.intensity[...] = raw[:, -3]
+
+
 def _full_packets(samples: float, ordinary: int) -> int:
     return 0 if samples < SLACK_SAMPLES else max(1, round(samples / ordinary))
 
 
 def _packets_before_seam(samples: float, ordinary: int) -> int:
     return 0 if samples < SLACK_SAMPLES else math.ceil((samples - SLACK_SAMPLES) / ordinary) or 1
+
+
+def _sample_bytes(packets: Packets, sample_size: int, total: int) -> NDArray[np.uint8]:
+    """The bytes of all samples, shape (samples, bytes of one)."""
+    data, found, at, place = np.frombuffer(packets.data, np.uint8), np.empty((total, sample_size), np.uint8), 0, 0
+    for size, count in packets.blocks:
+        rows = data[at : at + size * count].reshape(count, size)[:, HEADER_SIZE:]
+        end = place + rows.size // sample_size
+        found[place:end].reshape(rows.shape)[...] = rows
+        at, place = at + size * count, end
+    return found
+
+
+def _beams(heads: Heads) -> NDArray[np.float64]:
+    """Where the rotor stood at each sample, degrees in [0, 720)."""
+    counts = np.asarray(heads.counts)
+    steps = np.maximum(counts - 1, 1)
+    order = np.arange(int(counts.sum())) - np.repeat(np.add.accumulate(counts) - counts, counts)
+    units = np.repeat(np.asarray(heads.way), counts) * order + np.repeat(heads.first * steps, counts)
+    beams: NDArray[np.float64] = units / np.repeat(64.0 * steps, counts)
+    beams[beams >= FULL_TURN_Q6 / 64] -= 360.0
+    return beams

@@ -15,6 +15,14 @@ makes 32 bits that have to agree: packets are self-evident, whatever follows the
 
 The documents bound LSN nowhere, so it is whatever its byte holds. Vendor SDK 1.2.20 takes none above 80 for real.
 An empty packet is none.
+
+Relatives of the 4ROS have other samples (the vendor's SDK 1.2.20, `DriverInterface.h` and `CYdLidar.cpp`):
+
+* 3 bytes: a byte of intensity, then the distance word. Its low two bits are flags (sunlight, glass), or bits 8 and
+  9 of the intensity, and no distance. In the check value the byte counts as a word of its own, so the XOR over the
+  words of the packet is not 0: nothing is aligned behind the first sample;
+* 4 bytes: a word of intensity, the distance word.
+
 The C bit is not checked here: the SDK throws away packets where it is 0, though their check value holds. Only of a
 packet with more samples than any device is known to send it must be 1, for a row of samples that equal the mark has
 a right check value, too.
@@ -203,3 +211,35 @@ class PointCloud(StreamFormat):
         wrong = np.bitwise_xor.reduceat(words, begins)
         wrong |= words.take(begins) ^ MAGIC_WORD
         return int((wrong != 0).argmax()) if np.count_nonzero(wrong) else count
+
+
+class PointCloud3(PointCloud):
+    """Samples of three bytes."""
+
+    response_type = 0xA6
+    sample_size = 3
+    shortest = HEADER_SIZE + 3
+    longest = HEADER_SIZE + 3 * MOST_SAMPLES
+
+    def intact(self, data: bytearray, at: int, size: int) -> bool:
+        """As `StreamFormat.intact`: of the words in the head, the intensities and the distances."""
+        packet = data[at : at + size]
+        low = xor_bytes(packet[0:10:2]) ^ xor_bytes(packet[10::3]) ^ xor_bytes(packet[11::3])
+        return not low and xor_bytes(packet[1:10:2]) == xor_bytes(packet[12::3])
+
+    def _intact_many(self, data: bytearray, at: int, blocks: Sequence[Block], count: int) -> int:  # noqa: ARG002
+        # Nothing is aligned: as one array they would take as long.
+        return self._intact_few(data, at, blocks)
+
+
+class PointCloud4(PointCloud):
+    """Samples of four bytes."""
+
+    response_type = 0xA7
+    sample_size = 4
+    shortest = HEADER_SIZE + 4
+    longest = HEADER_SIZE + 4 * MOST_SAMPLES
+
+
+FORMATS: Final = (PointCloud, PointCloud3, PointCloud4)
+"""By the bytes of a sample."""

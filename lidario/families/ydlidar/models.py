@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from lidario.families.ydlidar.clouds import KINDS, Kind
+from lidario.families.ydlidar.decode import KINDS, Kind
 from lidario.model import ScanMode
 
 

@@ -15,8 +15,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from lidario.families.base import Decoder, Known, RawStream, raw_stream
-from lidario.families.ydlidar.clouds import FORMATS, KINDS
-from lidario.families.ydlidar.formats import FULL_TURN_Q6, INFO_HEADER, START_BIT, PointCloud, packet_heads
+from lidario.families.ydlidar.decode import KINDS
+from lidario.families.ydlidar.formats import FORMATS, FULL_TURN_Q6, INFO_HEADER, START_BIT, PointCloud, packet_heads
 from lidario.families.ydlidar.models import MODELS, Model, model_of
 from lidario.model import ScanMode
 from lidario.wire.events import Packets

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.ydlidar import commands as ydlidar_commands
-from lidario.families.ydlidar.clouds import KINDS as KINDS_OF_CLOUDS
+from lidario.families.ydlidar.decode import KINDS as KINDS_OF_CLOUDS
 from lidario.families.ydlidar.decode import PointCloudDecoder
 from lidario.families.ydlidar.formats import PointCloud
 from lidario.families.ydlidar.simulated.device import make_simulated

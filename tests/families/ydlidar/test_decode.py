@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from lidario.families.base import Samples
-from lidario.families.ydlidar.clouds import KINDS
-from lidario.families.ydlidar.decode import PointCloudDecoder
+from lidario.families.ydlidar.decode import KINDS, PointCloudDecoder
 from lidario.families.ydlidar.formats import PointCloud
 from lidario.families.ydlidar.simulated.packers import pack_points
 from lidario.wire.events import Packets

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lidario.families.ydlidar.clouds import KINDS
+from lidario.families.ydlidar.decode import KINDS
 from lidario.families.ydlidar.formats import FULL_TURN_Q6, PointCloud
 from lidario.families.ydlidar.simulated.packers import (
     SCAN_HEADER,
