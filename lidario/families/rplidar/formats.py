@@ -10,9 +10,10 @@ the first two bytes are A and 5, their low nibbles hold the XOR of all bytes beh
 from __future__ import annotations
 
 import re
-import zlib
+import struct
 from functools import cache
 from typing import Final
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
@@ -131,12 +132,14 @@ class UltraDenseFormat(CapsuleFormat):
 HQ_NODE: Final = np.dtype([("angle", "<u2"), ("distance", "<u4"), ("quality", "u1"), ("flag", "u1")])
 HQ: Final = np.dtype([("sync", "u1"), ("time", "<u8"), ("nodes", HQ_NODE, 96), ("crc", "<u4")])
 CRC_AT: Final = HQ.itemsize - 4
+_stated = struct.Struct("<I").unpack_from
 
 
 def _crc_off(data: bytearray, at: int) -> int:
     """In which bits the CRC that a packet states is not its own; 0 where it is intact."""
     end = at + CRC_AT
-    return zlib.crc32(b"\0\0\0", zlib.crc32(data[at:end])) ^ int.from_bytes(data[end : end + 4], "little")
+    stated: int = _stated(data, end)[0]
+    return crc32(b"\0\0\0", crc32(data[at:end])) ^ stated
 
 
 @cache
