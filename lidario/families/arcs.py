@@ -152,7 +152,8 @@ class ArcDecoder(ABC):
 
     def _revolution_packets(self, heads: Heads, samples: float, begin: int, end: int) -> float:  # noqa: ARG002
         """How many packets a revolution of so many samples has, by those from `begin` to `end`."""
-        return samples / heads.count_of(begin)
+        assert isinstance(heads.counts, int)
+        return samples / heads.counts
 
     def _reported_rpm(self, heads: Heads, begin: int, end: int) -> float:  # noqa: ARG002
         """The speed that the packets from `begin` to `end` state, in revolutions a minute. Here none: NaN."""
