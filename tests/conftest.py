@@ -21,7 +21,6 @@ import platform
 import re
 import shutil
 import sys
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -38,10 +37,10 @@ from tests.support.ledger import ledgers_made
 PROPERTIES = Path(__file__).parent / "properties"
 LONG = {"rounds", "soak"}
 """Fixtures of tests that take as long as they are told to."""
-MEASURED_CASES = 4
-"""Cases of one test in which coverage is measured: mostly, the others run the same lines."""
 FIRST = ("exhaustive", "long")
 """Markers of tests that are begun first."""
+MEASURED = pytest.StashKey[bool]()
+"""Of a case of a test: whether coverage is measured in it."""
 NEVER_MIND = (HealthCheck.too_slow, HealthCheck.data_too_large)
 
 settings.register_profile("ci", deadline=None, derandomize=True, max_examples=20, suppress_health_check=NEVER_MIND)
@@ -155,15 +154,15 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         config.hook.pytest_deselected(items=left_out)
         items[:] = [item for item in items if not item.get_closest_marker("long")]
     # Which test runs a line, `tests.mutants` asks of each case.
-    measured = len(items) if config.getoption("cov_context", None) else MEASURED_CASES
-    cases: Counter[str] = Counter()
+    every_case = config.getoption("cov_context", None)
+    seen = set[str]()
     for item in items:
         if isinstance(item, pytest.Function) and inspect.iscoroutinefunction(item.obj):
             item.obj = leaves_no_task(item.obj)
         test = item.nodeid.partition("[")[0]
-        cases[test] += 1
-        if cases[test] > measured:
-            item.add_marker("repeats")
+        repeats = PROPERTIES in item.path.parents or item.get_closest_marker("exhaustive")
+        item.stash[MEASURED] = not repeats and bool(every_case or test not in seen)
+        seen.add(test)
     # The longest first: at the end, every worker still finds something to do.
     items.sort(key=lambda item: not (any(map(item.get_closest_marker, FIRST)) or LONG & set(_fixtures(item))))
 
@@ -178,14 +177,13 @@ _tracers: list[object] = []
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
-    """Measure no coverage where tests run the same lines very often: it makes them three times as slow.
+    """Measure no coverage where other tests run the same lines: it makes tests up to three times as slow.
 
     What these tests alone reach counts as not covered. (pytest-cov's `no_cover` does nothing in xdist's workers.)
     """
     trace = sys.gettrace()
     assert trace is _tracers[-1], "an earlier test has left another tracer behind: nothing is measured any more"
-    often = PROPERTIES in item.path.parents or any(map(item.get_closest_marker, ("exhaustive", "repeats")))
-    if not often or not type(trace).__module__.startswith("coverage"):
+    if item.stash[MEASURED] or not type(trace).__module__.startswith("coverage"):
         return (yield)
     sys.settrace(None)
     try:

@@ -44,7 +44,6 @@ def test_it_has_less_than_60_lines() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.repeats
 async def test_odometry(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.syspath_prepend(str(EXAMPLES))
     example = import_module("odometry")

@@ -25,7 +25,6 @@ from tests.support.streams import in_one_run
 
 
 @pytest.mark.long
-@pytest.mark.repeats
 def test_every_format_is_decoded_in_every_size_of_chunks() -> None:
     decoded = decode.run(Setting(quick=True))
     found = json.loads(json.dumps(decoded.data))
@@ -52,7 +51,6 @@ def test_every_format_is_decoded_in_every_size_of_chunks() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.repeats
 def test_the_stages_of_a_turn_are_told_for_every_format() -> None:
     result = stages.run(Setting(quick=True))
     in_memory, live, session = result.tables

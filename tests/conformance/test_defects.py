@@ -14,7 +14,6 @@ pytestmark = pytest.mark.discards("what is wrong with these devices may be that 
 
 
 @pytest.mark.long
-@pytest.mark.repeats
 @pytest.mark.parametrize("defect", DEFECTS)
 def test_a_defect_is_found(defect: str, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.CRITICAL, logger="lidario")

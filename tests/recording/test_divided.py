@@ -155,7 +155,6 @@ def test_what_is_exported_is_the_same_to_the_last_byte(tmp_path: Path, form: str
 
 
 @pytest.mark.long
-@pytest.mark.repeats
 def test_so_it_is_of_a_file_that_is_cut_and_damaged(tmp_path: Path, joined: list[int]) -> None:
     path = record(tmp_path / "a.mcap", MODEL, FAULTS[0])
     data = bytearray(path.read_bytes())
@@ -168,7 +167,6 @@ def test_so_it_is_of_a_file_that_is_cut_and_damaged(tmp_path: Path, joined: list
 
 
 @pytest.mark.long
-@pytest.mark.repeats
 @driven
 async def test_so_it_is_of_several_files_that_are_one_recording(tmp_path: Path, joined: list[int]) -> None:
     async with (
@@ -184,7 +182,6 @@ async def test_so_it_is_of_several_files_that_are_one_recording(tmp_path: Path, 
 
 
 @pytest.mark.long
-@pytest.mark.repeats
 def test_where_none_comes_to_hold_the_same_one_process_decodes_all(
     tmp_path: Path, joined: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -47,7 +47,6 @@ def undisturbed(case: Case) -> tuple[list[Scan], AssemblerStats]:
     return scans_of(case, some(case), pace(case), 1)
 
 
-@pytest.mark.repeats
 @pytest.mark.parametrize("case", WITH_A_CHECK, ids=named)
 @given(data=st.data())
 def test_it_costs_nothing(case: Case, data: st.DataObject) -> None:

@@ -59,7 +59,6 @@ def test_there_are_such_formats() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.repeats
 @pytest.mark.parametrize("case", JUDGED, ids=named)
 @given(data=st.data())
 def test_it_costs_nothing_else(case: Case, data: st.DataObject) -> None:

@@ -111,7 +111,6 @@ def test_headings_and_offsets() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.repeats
 @given(
     harm=st.sampled_from([damage.flip, damage.drop_bytes, damage.insert_bytes]),
     probability=st.sampled_from([0.0003, 0.003, 0.02]),
