@@ -154,13 +154,14 @@ async def test_all_of_them_together(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("share", [0.0, 0.1, 0.3])
+@pytest.mark.exhaustive("case", sample=[(0.1, 2), (0.3, 2)], full=[(0.0, 5), (0.1, 5), (0.3, 5)])
 async def test_none_is_taken_for_another_where_packets_are_lost(
-    share: float, monkeypatch: pytest.MonkeyPatch
+    case: tuple[float, int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of those that are found by listening; the marks of two of them are the same."""
+    share, tries = case
     _lose(monkeypatch, share, np.random.default_rng(7))
-    for seed in range(5):
+    for seed in range(tries):
         plugged_in(monkeypatch, **{model: make_rig(model, seed=seed).device for model in TALKING})
         found = await list_lidars()
         told = {each.port.path: each.info.family if each.info else each.error for each in found}
