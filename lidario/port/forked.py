@@ -15,7 +15,7 @@ from weakref import WeakSet
 class Held(Protocol):
     """Something that has descriptors."""
 
-    def let_go(self) -> None:
+    def forked(self) -> None:
         """In a forked child: close its descriptors, or leave nothing behind them. Never raises."""
         ...
 
@@ -38,7 +38,7 @@ _held: WeakSet[Held] = WeakSet()
 
 def _let_go() -> None:
     for held in list(_held):
-        held.let_go()
+        held.forked()
 
 
 with suppress(AttributeError):  # not on Windows

@@ -158,7 +158,7 @@ class Guard:
         self._kill()
         self._end()
 
-    def let_go(self) -> None:
+    def forked(self) -> None:
         """Close this end of the socket, in a forked child: it is the parent's guard."""
         self._ended = True
         self._channel.close()

@@ -7,7 +7,6 @@ stops the device, before anything is written, and is dismissed at the end.
 from __future__ import annotations
 
 import logging
-import os
 from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
@@ -28,20 +27,21 @@ class Guarded:
     Attributes:
         name: What was opened, for messages.
         taps: Who sees the chunks, in the order in which they were added.
+        is_forked: Whether this process is a child of the one that opened the port: then the port is the parent's.
     """
 
     def __init__(self, name: str) -> None:
         self.name: str = name
         self.taps: tuple[Tap, ...] = ()
         self._line: Line | None = None
-        self._pid = os.getpid()
+        self.is_forked: bool = False
         self._guard: Guard | None = None
         self._stops: Stops | None = None
 
     def _open_line(self) -> Line | None:
         """The line; None where it is closed, and in a forked child."""
         line = self._line
-        return None if line is None or line.is_closing() or os.getpid() != self._pid else line
+        return None if line is None or self.is_forked or line.is_closing() else line
 
     def add_tap(self, tap: Tap) -> None:
         """Have `tap` called with every chunk in either direction, after the taps that are there.

@@ -22,15 +22,16 @@ Tap = Callable[[str, bytes, int], None]
 
 
 class Schedule(Protocol):
-    """Says when received bytes are needed; all times are seconds of the event loop's clock."""
+    """Says when received bytes are needed; all times are seconds of the port's clock."""
 
     @property
     def interval(self) -> float:
         """Longest time in seconds for which the line may stay unread, so that the kernel's buffer never fills."""
         ...
 
-    def rest(self, now: float) -> float:
-        """For how many seconds the bytes are not needed; 0 to poll as usual, and to hand over what was read."""
+    @property
+    def due(self) -> float:
+        """When the bytes are needed; from then on the line is polled as usual, and what was read handed over."""
         ...
 
 

@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import os
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -90,11 +89,6 @@ class Port(Guarded, asyncio.Protocol):
     def is_open(self) -> bool:
         """Whether bytes can still be written."""
         return self._open_line() is not None
-
-    @property
-    def is_forked(self) -> bool:
-        """Whether this process is a child of the one that opened the port: then the port is the parent's."""
-        return os.getpid() != self._pid
 
     @property
     def wall_offset_ns(self) -> int:
@@ -172,9 +166,9 @@ class Port(Guarded, asyncio.Protocol):
     def set_polling(self, latency: float, schedule: Schedule | None) -> None:
         """Poll the line instead of being woken for each delivery. Only serial lines are polled; others ignore it.
 
-        The line is polled after `schedule.rest` seconds, or every `latency` seconds where that is 0. What was read
-        is held until the first poll at which `schedule.rest` is over, then handed over by one call
-        of `Receiver.data_received`; on a loop that is free at most half a second and 32 KiB are held.
+        The line is polled at `schedule.due`, and every `latency` seconds from then on. What was read before is
+        held until then, and handed over by one call of `Receiver.data_received`; on a loop that is free at most
+        half a second and 32 KiB are held.
 
         While there is a schedule, a thread reads the line too (`lidario.port.thread`). What it cannot keep while
         the loop is blocked is counted in `late`.
@@ -278,8 +272,14 @@ class Port(Guarded, asyncio.Protocol):
         """As `asyncio.Protocol`, with the line as the transport."""
         assert isinstance(transport, Line)
         self._line = transport
-        let_go_in_children(transport)
+        let_go_in_children(self)
         _log.debug("%s is open", self.name)
+
+    def forked(self) -> None:
+        """As `Held`: the port is the parent's."""
+        self.is_forked = True
+        if self._line is not None:
+            self._line.let_go()
 
     def data_received(
         self, data: bytes, now: int | None = None, arrivals: Sequence[tuple[int, int]] = (), *, shown: bool = False
@@ -288,7 +288,7 @@ class Port(Guarded, asyncio.Protocol):
 
         `now` and `arrivals` are those of `Receiver.data_received`; without them, all was read just now.
         """
-        if os.getpid() != self._pid:
+        if self.is_forked:
             return
         now = self.now() if now is None else now
         if self.taps and not shown:

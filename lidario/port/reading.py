@@ -134,9 +134,13 @@ class PolledLine(Line):
         if self._port.is_forked:
             return
         self._timer = None
+        inbox, schedule = self._inbox, self._schedule
         try:
             self._read()
-            if self._schedule is None or self._is_due(self._schedule):
+            now = inbox.last_ns * 1e-9
+            # A timer may come that little early.
+            held_long = now >= inbox.first_ns * 1e-9 + HOLD_S - _TIMER_S
+            if schedule is None or held_long or inbox.size >= HOLD_BYTES or schedule.due - now <= _JUST_BEFORE_S:
                 self.hand_over()
         finally:
             if self._schedule is not None or not self._watching:
@@ -166,21 +170,15 @@ class PolledLine(Line):
         chunks = [("in", data, now) for data, (_, now) in zip(held[shown:], arrivals[shown:], strict=True)]
         return sorted(chunks + super().take_pending(), key=itemgetter(2))
 
-    def _is_due(self, schedule: Schedule) -> bool:
-        """Whether what is held is needed now, or is too much, or was held for too long."""
-        now = self._port.now() * 1e-9
-        # A timer may come that little early.
-        held_long = now >= self._inbox.first_ns * 1e-9 + HOLD_S - _TIMER_S
-        return held_long or self._inbox.size >= HOLD_BYTES or schedule.rest(now) <= _JUST_BEFORE_S
-
     def _wait(self) -> None:
         """Wait for the next poll, or be woken by the next delivery where none of them may wait."""
         if not self._running or self._timer is not None:
             return
-        schedule, now, pause = self._schedule, 0.0, 0.0
+        schedule, pause = self._schedule, 0.0
         if schedule is not None:
-            now = self._port.now() * 1e-9
-            pause = schedule.rest(now)
+            now_ns = self._port.now()
+            now = now_ns * 1e-9
+            pause = min(schedule.due, (self._inbox.first_ns or now_ns) * 1e-9 + HOLD_S) - now
             if self._dropped is not None:
                 self._watched.interval = schedule.interval
             else:
@@ -194,8 +192,6 @@ class PolledLine(Line):
             if self._inbox.size:
                 self.hand_over()
             return
-        if schedule is not None and self._inbox.size:
-            pause = max(0.0, min(pause, self._inbox.first_ns * 1e-9 + HOLD_S - now))
         if self._watching:
             self._watch(False)
         self._timer = self._loop.call_later(pause, self._poll)

@@ -134,7 +134,7 @@ class _Signals:
             self._taken = {number: now[number] for number in now if now[number] is not self._before[number]}
             let_go_in_children(self)
 
-    def let_go(self) -> None:
+    def forked(self) -> None:
         """In a forked child they do what they did before. Else one sent to it would wake the loop of its parent."""
         taken = self.give_up()
         if taken:

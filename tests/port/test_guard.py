@@ -154,7 +154,7 @@ async def test_the_end_of_the_socket_without_a_farewell_is_the_end_of_the_progra
         guard.take(handle)
         os.close(handle)
         guard.tell([STOP], [], 0.0)
-        guard.let_go()
+        guard.forked()
         assert written(master, 25) == b"stop!" * guard_process.LEAST
         await ended(process)
         await port.close()

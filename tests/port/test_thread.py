@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import gc
+import math
 import os
 import subprocess
 import sys
@@ -26,9 +27,7 @@ class Steady:
     """A schedule: nothing is needed, and the port may stay unread for 10 ms."""
 
     interval = 0.01
-
-    def rest(self, now: float) -> float:
-        return 60.0
+    due = math.inf
 
 
 def threads() -> list[threading.Thread]:

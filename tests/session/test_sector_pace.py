@@ -35,11 +35,11 @@ def test_a_sector_is_handed_over_in_time(case: Case) -> None:
     taken = polls = 0
     now, delays = 0.0, list[float]()
     while taken < len(ends):
-        pause = pace.rest(now) or LATENCY_S - TIMER_S
+        pause = pace.due - now if pace.due > now else LATENCY_S - TIMER_S
         now += min(pause, pace.interval) + chance.uniform(0.0, TIMER_S)
         polls += 1
         come = next((number for number in range(taken, len(ends)) if ends[number] > now), len(ends))
-        if come == taken or pace.rest(now) > 1e-5:
+        if come == taken or pace.due - now > 1e-5:
             continue
         for packet in range(taken, come):
             before = len(published)

@@ -8,6 +8,7 @@ import os
 import select
 import subprocess
 import sys
+import time
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import replace
@@ -117,9 +118,11 @@ class Plan:
         self.interval = interval
         self.until = hold
 
-    def rest(self, now: float) -> float:
-        """For one call each what the test says; then, until `hold`, two milliseconds."""
-        return self.rests.pop(0) if self.rests else 0.002 * (now < self.until)
+    @property
+    def due(self) -> float:
+        """Once each so late as the test says; then, until `hold`, in two milliseconds."""
+        now = time.monotonic()
+        return now + (self.rests.pop(0) if self.rests else 0.002 * (now < self.until))
 
 
 class Seen:

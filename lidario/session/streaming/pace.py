@@ -25,8 +25,6 @@ LONGEST_INTERVAL_S = 0.1
 """Longest time between two reads, however slowly bytes come: an unplugged line should be noticed soon."""
 UNKNOWN_BUFFER_S = 0.03
 """Time in which the buffer may fill where not even the speed of the line is known."""
-LONGEST_HOLD_S = 0.25
-"""Longest time for which bytes may stay unparsed. It must stay below the watchdog's timeout, `SILENCE_S`."""
 EAGER_S = 0.003
 """Latency below which a scan is not delayed for the sake of fewer polls."""
 GUARD_S = 0.002
@@ -53,15 +51,15 @@ class Pace:
         received: Bytes received before the stream began.
 
     Attributes:
-        due: When the revolution in progress is expected to be complete; 0 when nothing is known.
+        due: When the revolution in progress, or the next sector that is read, is expected to be complete; 0 when
+            nothing is known.
         interval: Longest time for which the port may stay unread, so that the kernel's buffer never fills.
-        sector_due: When the next sector is expected to be complete; 0 where nothing is known, or nobody reads
-            sectors, so that only the revolution counts.
     """
 
     def __init__(self, stream: Stream, baudrate: int, latency: float, received: int = 0) -> None:
         self.due: float = 0.0
-        self.sector_due: float = 0.0
+        # 0 where nothing is known of it, or nobody reads sectors.
+        self._revolution_due = self._sector_due = 0.0
         packet_s = stream.format.samples * stream.sample_ns * 1e-9
         wire_s = stream.format.ordinary * BITS_A_BYTE / baudrate if baudrate else 0.0
         # After the packet that crosses the seam one more must arrive; where in it the crossing lies is chance.
@@ -79,7 +77,8 @@ class Pace:
         """Take note of a scan that has just come, when `received` bytes had come altogether."""
         size, self._received = received - self._received, received
         since, self._last = now - self._last, now
-        self.due = 0.0
+        self._revolution_due = 0.0
+        self.due = self._sector_due
         measured = 60 / scan.rpm if scan.rpm > 0 else 0.0
         if not measured or since < _LEAST_INTERVAL * measured:
             # Scans come faster than their speed says: several late ones at once, or the device tells a wrong rate.
@@ -98,12 +97,10 @@ class Pace:
         self.interval = min(BUFFER_SHARE * buffer_s, LONGEST_INTERVAL_S)
         early_s = GUARD_S + self._unsteady if self._eager else 0.0
         whole = scan.stamp_ns * 1e-9 + 2 * expected + self._behind_s
-        self.due = min(whole, now + expected) - early_s
+        self._revolution_due = min(whole, now + expected) - early_s
+        self.due = self._sector_due or self._revolution_due
 
     def expect(self, next_ns: float) -> None:
         """The packet that completes the next sector arrives then, in nanoseconds; NaN where that is not known."""
-        self.sector_due = 0.0 if math.isnan(next_ns) else next_ns * 1e-9 + _SECTOR_MARGIN_S
-
-    def rest(self, now: float) -> float:
-        """Seconds for which nobody needs the bytes; 0 when the revolution, or a sector of it, may be complete."""
-        return max(0.0, min((self.sector_due or self.due) - now, LONGEST_HOLD_S))
+        self._sector_due = 0.0 if math.isnan(next_ns) else next_ns * 1e-9 + _SECTOR_MARGIN_S
+        self.due = self._sector_due or self._revolution_due
