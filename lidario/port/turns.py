@@ -29,7 +29,7 @@ class Turns:
 
     Args:
         now: The time in nanoseconds. Where it stands still all is done at once.
-        failed: Called with what was raised in a later turn; in the first one it reaches the caller of `add`.
+        failed: Called with what a step raised.
         turn_ns: Nanoseconds of each turn.
 
     Attributes:
@@ -43,15 +43,15 @@ class Turns:
         self._failed = failed
         self._turn_ns = turn_ns
         self.waiting: deque[tuple[Iterator[None], int]] = deque()
+        # Whether it is being done, or a turn of the loop is asked for that goes on with it.
         self._busy = False
-        self._due = False
         self._then: list[Callable[[], None]] = []
 
     def add(self, steps: Iterable[None], size: int = 0) -> None:
         """Do this behind what waits; at once, as far as the time of this turn goes, where nothing does."""
         self.waiting.append((iter(steps), size))
         self.size += size
-        if not (self._busy or self._due):
+        if not self._busy:
             self._go_on()
 
     def then(self, callback: Callable[[], None]) -> None:
@@ -62,38 +62,25 @@ class Turns:
             callback()
 
     def _go_on(self) -> None:
+        """Do what waits, as far as the time of this turn of the loop goes; later turns go on with it."""
         until = self._now() + self._turn_ns
         self._busy = True
         try:
             while self.waiting:
                 steps, size = self.waiting[0]
-                try:
-                    for _ in steps:
-                        if self._now() >= until:
-                            self._due = True
-                            asyncio.get_running_loop().call_soon(self._turn)
-                            return
-                except BaseException:
-                    self._end_first(size)
-                    if self.waiting:
-                        self._due = True
-                        asyncio.get_running_loop().call_soon(self._turn)
-                    raise
-                self._end_first(size)
-        finally:
-            self._busy = False
-
-    def _end_first(self, size: int) -> None:
-        self.waiting.popleft()
-        self.size -= size
-
-    def _turn(self) -> None:
-        self._due = False
-        try:
-            self._go_on()
+                for _ in steps:
+                    if self._now() >= until:
+                        return
+                self.waiting.popleft()
+                self.size -= size
         except Exception as error:
+            # It makes no more steps, and so leaves in the next turn.
             self._failed(error)
-        if not self.waiting:
+        finally:
+            self._busy = bool(self.waiting)
+            if self._busy:
+                asyncio.get_running_loop().call_soon(self._go_on)
+        if not self._busy:
             then, self._then = self._then, []
             for callback in then:
                 callback()

@@ -126,7 +126,7 @@ class Lidar(Streams, AsyncOnly):
     @property
     def measured_scan_frequency(self) -> float | None:
         """Measured revolutions a second, from the latest scan; None before the first."""
-        latest = self._scanner.latest
+        latest = self._scanner.hub.latest
         return None if latest is None else latest.rpm / 60
 
     @property

@@ -50,7 +50,7 @@ class RecordedSession:
         watcher = self.running[recording] = _Watcher(recording, dialogue, self._filters)
         dialogue.chronicle.watch(watcher.see)
         dialogue.port.add_tap(watcher.see_chunk)
-        self._scanner.watch(watcher.see_scan)
+        self._scanner.hub.watch(watcher.see_scan)
         return about
 
     def end_recording(self, recording: Recording) -> None:
@@ -59,7 +59,7 @@ class RecordedSession:
         if watcher is not None:
             self._at.dialogue.chronicle.unwatch(watcher.see)
             self._at.dialogue.port.remove_tap(watcher.see_chunk)
-            self._scanner.unwatch(watcher.see_scan)
+            self._scanner.hub.unwatch(watcher.see_scan)
 
     def adopt(self) -> None:
         """The session goes on over another line, which has the taps of the lost one, and so do its recordings."""

@@ -210,7 +210,7 @@ async def test_what_waits_to_be_parsed_is_bounded() -> None:
         intake.data_received(packets, 0)
     # As docs/bounds.md says; each counts as what it takes beside its bytes, too.
     waits = (1 << 20) // (10 * 84 + 512)
-    assert intake.stats.discarded_bytes == (999 - waits) * 10 * 84
+    assert intake.stats.discarded_bytes == (1000 - waits) * 10 * 84
 
 
 async def test_a_device_that_claims_many_modes(rplidar: Rig, monkeypatch: pytest.MonkeyPatch) -> None:

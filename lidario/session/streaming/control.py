@@ -14,7 +14,6 @@ from lidario.errors import DeviceLost, LidarError, ResponseTimeout, StreamFailed
 from lidario.model import ScanMode
 from lidario.port.diagnose import is_pseudo_terminal
 from lidario.revolution.assemble import AssemblerStats
-from lidario.scan import Scan
 from lidario.session.finding.connection import At
 from lidario.session.streaming.modes import Wanted, does_not_fit
 from lidario.session.streaming.running import Failure, Outlets, Running, Totals
@@ -35,12 +34,11 @@ class StreamControl:
     """The stream of one device.
 
     Attributes:
-        totals: Counters since the session was opened.
+        totals: What was counted since the session was opened.
         state: What becomes of the stream at the moment.
         wanted: The stream that ought to run, or the one that ran last and is wanted again.
         usual_mode: Scan mode for readers that ask for none while none runs; None for the typical one.
         modes: The scan modes of the device, once it was asked.
-        continued: The last scan of a stream that goes on: what passes until its next one is counted as missed.
         failure: What is known of a stream that has failed, until the device was asked.
         ran: Whether a stream has run since one was wanted.
         ran_until: When the last stream was left off, seconds of the loop's clock.
@@ -54,7 +52,6 @@ class StreamControl:
         self.wanted: Wanted | None = None
         self.usual_mode: str | int | None = None
         self.modes: tuple[ScanMode, ...] = ()
-        self.continued: Scan | None = None
         self.failure: Failure | None = None
         self.ran: bool = False
         self.ran_until: float = -math.inf
@@ -175,8 +172,8 @@ class StreamControl:
 
     def leave_off(self) -> None:
         """What passes until the stream goes on is counted as missed, as it is where the line was lost."""
-        if self.continued is not None:
-            self.totals.assembled.leave_off(self.continued)
+        if self.totals.continued is not None:
+            self.totals.assembled.leave_off(self.totals.continued)
 
     # ------------------------------------------------------------------------------------------------ stop
 
@@ -185,7 +182,7 @@ class StreamControl:
         if self.state is State.CLOSED:
             return
         self.go(Event.UNWANT)
-        self.wanted = self.failure = self.continued = self.totals.assembled.left_off = None
+        self.wanted = self.failure = self.totals.continued = self.totals.assembled.left_off = None
         self.rest()
         if self.starting:
             self._at.dialogue.interrupt(NotWanted("the stream is not wanted any more"))

@@ -37,6 +37,7 @@ class Hub:
     Every scan is handed to every mailbox for scans, and every sector to those for sectors of its size.
 
     Attributes:
+        latest: The last scan, or None.
         joining: Those who wait to be let in, the first one first.
         dropped: Scans that slow readers missed, summed over all of them.
         parts: The numbers of sectors that revolutions have for the readers here.
@@ -45,12 +46,14 @@ class Hub:
     """
 
     def __init__(self, deserted: Callable[[], None]) -> None:
+        self.latest: Scan | None = None
         self.joining: list[Joining] = []
         self.dropped: int = 0
         self.parts: frozenset[int] = frozenset()
         self.on_parts: Callable[[frozenset[int]], None] | None = None
         # In the order in which they came: a run is repeated exactly.
         self._mailboxes: dict[Mailbox[Any], None] = {}
+        self._watchers: list[Callable[[Scan], None]] = []
         self.on_taken: Callable[[], None] | None = None
         self._deserted = deserted
         self._loop = asyncio.get_running_loop()
@@ -92,8 +95,19 @@ class Hub:
         if self.on_taken is not None:
             self.on_taken()
 
+    def watch(self, watcher: Callable[[Scan], None]) -> None:
+        """Call `watcher` with each scan, before its readers get it."""
+        self._watchers.append(watcher)
+
+    def unwatch(self, watcher: Callable[[Scan], None]) -> None:
+        """Call it no more; ignored where it is not there."""
+        self._watchers = [each for each in self._watchers if each != watcher]
+
     def publish(self, scan: Scan) -> None:
         """Hand `scan` to everybody who reads scans."""
+        self.latest = scan
+        for watcher in self._watchers.copy():
+            watcher(scan)
         for mailbox in tuple(self._mailboxes):
             if not mailbox.parts:
                 self.dropped += mailbox.put(scan)

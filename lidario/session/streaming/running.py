@@ -13,7 +13,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -49,12 +49,17 @@ _WATCH_MARGIN_S = 0.001
 
 @dataclass(slots=True)
 class Totals:
-    """Counters that outlive a single stream; they only grow. `Stats` tells what each means."""
+    """What outlives a single stream: counters, which only grow, as `Stats` tells them; and the last scan.
+
+    Attributes:
+        continued: The last scan of a stream that goes on: what passes until its next one is counted as missed.
+    """
 
     assembled: AssemblerStats
     interruptions: int = 0
     keepalives: int = 0
     restarts: int = 0
+    continued: Scan | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,8 +181,18 @@ class Running:
         port = self._dialogue.port
         if port.is_live and (offset_ns := port.wall_offset_ns) != self._pipeline.assembler.wall_offset_ns:
             self._follow_clock(offset_ns)
+        counted = self._totals.assembled
         for scans in self._pipeline.take(packets):
-            self._show(scans)
+            for scan in scans:
+                self._last_scan = self._last_packet
+                self._pace.turned(scan, self._dialogue.stats.bytes_received, self._last_packet)
+                self._totals.continued = scan
+                self._outlets.scan(scan)
+            if scans and (note := self._pipeline.take_note()):
+                _log.warning(note)
+            if counted.broken_scans > self._discarded:
+                self._trouble.tell("revolutions discarded: %d so far", counted.broken_scans)
+                self._discarded = counted.broken_scans
             yield
         if self._is_divided:
             self._pace.expect(self._pipeline.assembler.next_ns)
@@ -187,17 +202,6 @@ class Running:
         _log.warning("the clock of this computer was set by %.3f s, and so are the stamps of scans", step_s)
         self._pipeline.assembler.wall_offset_ns = wall_offset_ns
         self._dialogue.chronicle.clock_set(wall_offset_ns)
-
-    def _show(self, scans: Sequence[Scan]) -> None:
-        for scan in scans:
-            self._last_scan = self._last_packet
-            self._pace.turned(scan, self._dialogue.stats.bytes_received, self._last_packet)
-            self._outlets.scan(scan)
-        if note := self._pipeline.take_note():
-            _log.warning(note)
-        if self._totals.assembled.broken_scans > self._discarded:
-            self._trouble.tell("revolutions discarded: %d so far", self._totals.assembled.broken_scans)
-            self._discarded = self._totals.assembled.broken_scans
 
     @property
     def _has_turned(self) -> bool:

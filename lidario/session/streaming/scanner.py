@@ -53,17 +53,15 @@ class Scanner:
     """The stream of one device, and all that belongs to it.
 
     Attributes:
-        latest: The last scan, or None.
         rests: Whether a device that nobody reads is stopped soon.
     """
 
     def __init__(self, at: At, latency: float) -> None:
         self.hub: Hub = Hub(self._deserted)
-        outlets = Outlets(self._publish, self.hub.publish_sector, self._suspect)
+        outlets = Outlets(self.hub.publish, self.hub.publish_sector, self._suspect)
         self.control: StreamControl = StreamControl(at, latency, outlets)
         self.hub.on_parts = self.control.divide
         self.totals: Totals = self.control.totals
-        self.latest: Scan | None = None
         self.rests: bool = True
         self.line: LineWatch = LineWatch()
         self.inquiry: Inquiry = Inquiry(at, self.totals)
@@ -73,7 +71,6 @@ class Scanner:
         self._loop = asyncio.get_running_loop()
         self.failures: Failures = Failures(self.control, at, self.hub, self.inquiry, self.line)
         self._starter = Starter(self.control, at, self.hub, self.inquiry, self.failures, self._lock)
-        self._watchers: tuple[Callable[[Scan], None], ...] = ()
 
     # ------------------------------------------------------------------------------------------------ readers
 
@@ -102,14 +99,6 @@ class Scanner:
             return  # the coroutine is being collected, and nothing can be waited for
         with anyio.CancelScope(shield=True), anyio.move_on_after(LEAVE_TIMEOUT_S):
             await self._at.dialogue.stopper.written()
-
-    def watch(self, watcher: Callable[[Scan], None]) -> None:
-        """Call `watcher` with each scan, before its readers get it."""
-        self._watchers = (*self._watchers, watcher)
-
-    def unwatch(self, watcher: Callable[[Scan], None]) -> None:
-        """Call it no more; ignored where it is not there."""
-        self._watchers = tuple(each for each in self._watchers if each != watcher)
 
     # ------------------------------------------------------------------------------------------------ a replay
 
@@ -142,7 +131,8 @@ class Scanner:
             for parts in self.hub.parts:
                 for sector in sectors_of(scan, parts):
                     self.hub.publish_sector(parts, sector)
-            self._publish(scan)
+            self.totals.continued = scan
+            self.hub.publish(scan)
 
     def finish(self) -> None:
         if self.control.is_scanning:
@@ -258,12 +248,6 @@ class Scanner:
         await self._starter.ended()
 
     # ------------------------------------------------------------------------------------------------ inside
-
-    def _publish(self, scan: Scan) -> None:
-        self.latest = self.control.continued = scan
-        for watcher in self._watchers:
-            watcher(scan)
-        self.hub.publish(scan)
 
     def _suspect(self, failure: Failure) -> None:
         """The stream brings no scans."""

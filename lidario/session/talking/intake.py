@@ -63,7 +63,7 @@ class Intake(ABC):
         return self.port.errors - self._errors_before
 
     def data_received(self, data: bytes, now: int, arrivals: Sequence[tuple[int, int]] = ()) -> None:
-        """Count what the port has lost, then parse the bytes."""
+        """Count what the port has lost; then the bytes are parsed, at once where nothing waits."""
         late = self.port.late
         if late.overflow_bytes != self._overflow:
             # They came before `data`: the port keeps what comes first.
@@ -76,42 +76,24 @@ class Intake(ABC):
         if not idle and self._turns.size + size > MOST_WAITING:
             self.link.discard_data(len(data), shown=True)
             return
-        try:
-            if idle and len(data) <= IDLE_SLICE:
-                # Live it is mostly so: a revolution, or less, and nothing before it.
-                runs = self._parse(data, now, arrivals)
-                if len(runs) == 1:
-                    self._turns.add(self.deliver(runs[0]))
-                elif runs:
-                    self._turns.add(self._hand_on(runs))
-                self.taken()
-            else:
-                self._turns.add(self._receive(data, now, arrivals, IDLE_SLICE if idle else SLICE), size)
-        except Exception as error:
-            self.mistaken(error)
-
-    def _parse(self, data: bytes | memoryview, now: int, arrivals: Sequence[tuple[int, int]]) -> list[Packets]:
-        """The packets that these bytes complete; responses are told at once."""
-        self.link.receive_data(data, now, arrivals)
-        runs: list[Packets] = []
-        for event in self.link.events_received():
-            if isinstance(event, Packets):
-                runs.append(event)
-            else:
-                # Of a stream, the script is told what its descriptor announces.
-                self.responded(event.payload if isinstance(event, Response) else bytes((event.type,)))
-        return runs
+        self._turns.add(self._receive(data, now, arrivals, IDLE_SLICE if idle else SLICE), size)
 
     def _receive(self, data: bytes, now: int, arrivals: Sequence[tuple[int, int]], most: int) -> Iterator[None]:
-        """Parse, so many bytes at a time, and hand on what was found, in steps."""
+        """Parse, so many bytes at a time; tell responses at once, and hand on all packets together."""
         runs: list[Packets] = []
-        for piece in slices(data, now, arrivals, most):
-            runs += self._parse(*piece)
-            yield
-        yield from self._hand_on(runs)
+        # Live it is mostly one piece: a revolution, or less.
+        whole = len(data) <= most
+        for piece in ((data, now, arrivals),) if whole else slices(data, now, arrivals, most):
+            self.link.receive_data(*piece)
+            for event in self.link.events_received():
+                if isinstance(event, Packets):
+                    runs.append(event)
+                else:
+                    # Of a stream, the script is told what its descriptor announces.
+                    self.responded(event.payload if isinstance(event, Response) else bytes((event.type,)))
+            if not whole:
+                yield
         self.taken()
-
-    def _hand_on(self, runs: list[Packets]) -> Iterator[None]:
         for packets in join_runs(runs) if len(runs) > 1 else runs:
             yield from self.deliver(packets)
 
@@ -148,7 +130,7 @@ class Intake(ABC):
 
     @abstractmethod
     def taken(self) -> None:
-        """Something that was received has been taken."""
+        """Something that was received has been parsed."""
 
     @abstractmethod
     def mistaken(self, error: Exception) -> None:
