@@ -18,10 +18,6 @@ from lidario.wire.formats import StreamFormat
 class ArrivedBytes(list[Arrival]):
     """Which bytes had come when. They are counted from the first one ever fed, so they stay right in any buffer."""
 
-    def add(self, fed: int, arrivals: Sequence[Arrival]) -> None:
-        """Bytes come behind so many that were fed, with these arrivals."""
-        self += [(fed + size, at_ns) for size, at_ns in arrivals]
-
     def keep(self, begin: int, fed: int, now: int) -> None:
         """So many bytes were fed, the last one now; those before `begin` are understood."""
         self[:] = [each for each in (*self, (fed, now)) if each[0] > begin]

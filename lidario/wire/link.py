@@ -81,11 +81,25 @@ class Link:
                 has arrived with the read that completed it.
         """
         self.stats.bytes_received += len(data)
-        if arrivals:
-            self._arrivals.add(self.fed, arrivals)
-        size, view = self._slice_size, memoryview(data)
-        for start in range(0, len(view), size):
-            self._feed(view[start : start + size], now)
+        self._arrivals += [(self.fed + size, at_ns) for size, at_ns in arrivals]
+        view, buffer = memoryview(data), self._buffer
+        for start in range(0, len(view), self._slice_size):
+            piece = view[start : start + self._slice_size]
+            self.fed += len(piece)
+            if len(buffer) + len(piece) > 2 * self._slice_size:
+                # A mistake in the parser, which shows here and not as growing memory.
+                raise OverflowError(f"{len(piece)} bytes do not fit behind {len(buffer)} that nobody took")
+            buffer += piece
+            if self.state is _AWAIT_RESPONSE:
+                self._await_response()
+            if self.state is _STREAMING:
+                self._stream(now)
+            elif self.state is not _AWAIT_RESPONSE:
+                if self.state is LinkState.DRAINING or self._unasked:
+                    self.stats.drained_bytes += len(buffer)
+                else:
+                    self.stats.stray_bytes += len(buffer)
+                buffer.clear()
         if self._format is not None and len(self._buffer) >= self._format.shortest:
             # Behind damage, what follows decides whether it is a packet: then it came before that.
             self._arrivals.keep(self.fed - len(self._buffer), self.fed, now)
@@ -162,34 +176,13 @@ class Link:
         if self.state is LinkState.DRAINING:
             self.state = LinkState.IDLE
 
-    def _feed(self, data: bytes | bytearray | memoryview, now: int) -> None:
-        self.fed += len(data)
-        unexpected = len(data)
-        if self.state is _AWAIT_RESPONSE or self.state is _STREAMING:
-            if len(self._buffer) + len(data) > 2 * self._slice_size:
-                # A mistake in the parser, which shows here and not as growing memory.
-                raise OverflowError(f"{len(data)} bytes do not fit behind {len(self._buffer)} that nobody took")
-            self._buffer += data
-            if self.state is _AWAIT_RESPONSE:
-                if self._format is None:
-                    self._await_response()
-                else:
-                    self._await_packets(self._format)
-            if self.state is _STREAMING:
-                self._stream(now)
-            if self.state is _AWAIT_RESPONSE or self.state is _STREAMING:
-                return
-            unexpected = len(self._buffer)
-            self._buffer.clear()
-        if self.state is LinkState.DRAINING or self._unasked:
-            self.stats.drained_bytes += unexpected
-        else:
-            self.stats.stray_bytes += unexpected
-
     def _await_response(self) -> None:
-        """Search for the one descriptor that belongs to the pending request."""
+        """Search for the response to the pending request: packets, lines, or what the one descriptor announces."""
         request, buffer = self._pending, self._buffer
         if request is None or request.expects is None:
+            return
+        if self._format is not None:
+            self._await_packets(request, self._format)
             return
         if request.expects.lines:
             self._await_lines(request, request.expects)
@@ -222,10 +215,10 @@ class Link:
         elif payload is not None:
             self._take_response(payload, size)
 
-    def _await_packets(self, wire: StreamFormat) -> None:
+    def _await_packets(self, request: Request, wire: StreamFormat) -> None:
         """Wait until so many packets have followed each other without a byte of noise between them."""
-        request, data, at = self._pending, self._buffer, 0
-        while request is not None and len(data) - at >= wire.shortest:
+        data, at = self._buffer, 0
+        while len(data) - at >= wire.shortest:
             blocks, middle, end = wire.next_stretch(data, at)
             if end == at:
                 break
