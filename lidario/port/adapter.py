@@ -26,6 +26,7 @@ import errno
 import os
 import struct
 import sys
+import threading
 from pathlib import Path
 
 import serial
@@ -36,6 +37,7 @@ ROOT = Path("/")
 _COUNTED = struct.Struct("=6I5I36x")
 """Linux' ``struct serial_icounter_struct``: changes of four modem lines, bytes received and sent; then framing
 errors, overruns of the device, parity errors, breaks, overruns of the system's buffer; and a reserve."""
+_READ_SIZE = 4096
 _POSIX = os.name == "posix"
 _NO_LINES = (errno.ENOTTY, errno.EINVAL)
 """What a terminal without control lines says of them, such as a pseudo-terminal."""
@@ -60,6 +62,9 @@ class Adapter(serial.Serial):  # type: ignore[misc]
 
         Models without a motor command run while DTR is low; pyserial would raise it and stop them.
         """
+        # pyserial has one place for a write in progress, and the thread writes too (`lidario.port.repeat`).
+        # Reentrant: the garbage collector may have a session write its stop requests in the midst of a write.
+        self._writing = threading.RLock()
         self.exclusive = _POSIX or None
         self.dtr = self.rts = False
         # So pyserial clears RTS alone, and DTR is cleared after it. Windows is told both at once.
@@ -71,6 +76,27 @@ class Adapter(serial.Serial):  # type: ignore[misc]
             except OSError as error:
                 if error.errno not in _NO_LINES:
                     raise
+
+    def read_now(self, handle: int) -> bytes:  # noqa: ARG002 - there is none
+        """Return what is there, 4096 bytes at most; where the system gives no descriptor for which a loop can wait.
+
+        Each of pyserial's calls gives the interpreter lock up some times. In a program that computes in another
+        thread the lock comes back up to 5 ms later each time, so there each read takes 10 to 20 ms.
+
+        Raises:
+            BlockingIOError: Nothing is there.
+            OSError: The port is dead.
+        """
+        # Its timeout is 0, and so is that of writing.
+        data = self.read(_READ_SIZE)
+        if not data:
+            raise BlockingIOError
+        return bytes(data)
+
+    def write_now(self, data: bytes) -> int:
+        """Likewise: return how many bytes the system took; OSError where the port is dead."""
+        with self._writing:
+            return int(self.write(data) or 0)
 
     def flush(self) -> None:
         """Do nothing: whoever closes has waited already. pyserial's own blocks until the last byte is out."""

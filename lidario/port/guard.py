@@ -193,9 +193,14 @@ class Guard:
 
     def _kill(self) -> None:
         """It had nothing to do any more. The number is its own as long as the socket has not ended."""
-        with suppress(OSError):
-            if not _at_its_end(self._channel):
+        self._channel.setblocking(False)
+        try:
+            self._channel.recv(1)
+        except BlockingIOError:  # no end, and nothing is ever sent
+            with suppress(OSError):
                 os.kill(self._pid, signal.SIGKILL)
+        except OSError:
+            pass
 
     def _end(self) -> None:
         self._ended = True
@@ -211,46 +216,36 @@ def _started(port: str) -> tuple[socket.socket, int]:
         OSError: It does not come to run.
         ValueError: It has ended at once.
     """
+    nothing = (os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0), (os.POSIX_SPAWN_DUP2, 1, 2)
     ours, theirs = socket.socketpair()
+    child = 0
     try:
         with theirs:
-            child = _spawn(theirs.fileno(), port)
+            child = os.posix_spawn(
+                sys.executable,
+                # -I and -S: nothing of the user's is imported. The last arguments tell others whose guard it is, of
+                # what.
+                [sys.executable, "-I", "-S", _SCRIPT, NAME, str(os.getpid()), port],
+                os.environ,
+                file_actions=[(os.POSIX_SPAWN_DUP2, theirs.fileno(), 0), *nothing],
+                # Those of the terminal, and those that a service manager sends to all processes of a service, must
+                # not end it before the program.
+                setsigmask=signal.valid_signals(),
+            )
         ours.settimeout(START_S)
-        pid = _pid_from(ours, child)
+        pid = int(ours.recv(_SIZE_OF_PID))
     except BaseException:
         ours.close()
-        raise
-    ours.setblocking(False)
-    return ours, pid
-
-
-def _spawn(channel: int, port: str) -> int:
-    """Start the process; returns the number of a child that ends as soon as the guard runs.
-
-    All signals are blocked in it: those of the terminal, and those that a service manager sends to all processes of
-    a service, must not end it before the program.
-    """
-    nothing = (os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0), (os.POSIX_SPAWN_DUP2, 1, 2)
-    return os.posix_spawn(
-        sys.executable,
-        # -I and -S: nothing of the user's is imported. The last arguments tell others whose guard it is, of what.
-        [sys.executable, "-I", "-S", _SCRIPT, NAME, str(os.getpid()), port],
-        os.environ,
-        file_actions=[(os.POSIX_SPAWN_DUP2, channel, 0), *nothing],
-        setsigmask=signal.valid_signals(),
-    )
-
-
-def _pid_from(channel: socket.socket, child: int) -> int:
-    """Wait until the guard runs, and the child that has started it is gone."""
-    try:
-        return int(channel.recv(_SIZE_OF_PID))
-    except BaseException:
-        with suppress(OSError):
-            os.kill(child, signal.SIGKILL)
+        if child:
+            with suppress(OSError):
+                os.kill(child, signal.SIGKILL)
         raise
     finally:
-        _reap(child)
+        # It ends as soon as the guard runs.
+        if child:
+            _reap(child)
+    ours.setblocking(False)
+    return ours, pid
 
 
 def _reap(child: int, options: int = 0) -> bool:
@@ -260,12 +255,3 @@ def _reap(child: int, options: int = 0) -> bool:
     except OSError:
         return False
     return True
-
-
-def _at_its_end(channel: socket.socket) -> bool:
-    """Whether the other end is closed."""
-    channel.setblocking(False)
-    try:
-        return not channel.recv(1)
-    except BlockingIOError:
-        return False

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
+from operator import itemgetter
 from typing import TypeAlias
 
 from lidario.port.guard import Guard, start_guard
@@ -48,6 +49,8 @@ class Guarded:
 
         It must be quick. A tap that raises is removed and logged at WARNING.
         """
+        # Not what a thread has written before.
+        self.show()
         self.taps = (*self.taps, tap)
 
     def remove_tap(self, tap: Tap) -> None:
@@ -57,21 +60,21 @@ class Guarded:
             taps.remove(tap)
             self.taps = tuple(taps)
 
-    def show_reads(self, data: bytes, now: int, arrivals: Sequence[tuple[int, int]]) -> None:
-        """Show the taps what was collected from several reads, each by itself; as `Receiver.data_received`."""
-        begin = 0
-        for end, at_ns in (*arrivals, (len(data), now)):
-            self.show("in", data[begin:end], at_ns)
-            begin = end
+    def show(self, *chunks: tuple[str, bytes, int]) -> None:
+        """Show chunks to the taps, and what a thread has written meanwhile; in the order of time.
 
-    def show(self, direction: str, data: bytes, now: int) -> None:
-        """Show a chunk to the taps. A tap that raises is removed, and has no other effect."""
-        for tap in self.taps:
-            try:
-                tap(direction, data, now)
-            except Exception:
-                self.remove_tap(tap)
-                _log.warning("the tap %r of %s raised an exception and was removed", tap, self.name, exc_info=True)
+        A tap that raises is removed, and has no other effect.
+        """
+        repeat = None if self._line is None else self._line.repeat
+        written = () if repeat is None else repeat.take_written()
+        for chunk in sorted((*chunks, *written), key=itemgetter(2)):
+            for tap in self.taps:
+                try:
+                    tap(*chunk)
+                except Exception:
+                    self.remove_tap(tap)
+                    text = "the tap %r of %s raised an exception and was removed"
+                    _log.warning(text, tap, self.name, exc_info=True)
 
     async def guard(self) -> None:
         """Have another process leave the device still when this one dies (`lidario.port.guard`).

@@ -131,11 +131,6 @@ class Inbox:
             self.size = self.first_ns = 0
             return chunks, arrivals
 
-    def peek(self) -> tuple[list[bytes], list[tuple[int, int]]]:
-        """As `take`, but the inbox is not emptied."""
-        with self._lock:
-            return self._chunks.copy(), self._arrivals.copy()
-
     def close(self) -> None:
         """Stop reading; when this returns, a read in progress in another thread has ended. What was kept stays."""
         with self._lock:

@@ -25,7 +25,9 @@ def wait_for_guard(line: str) -> None:
     """
     deadline = time.monotonic() + WAIT_S
     while time.monotonic() < deadline:
-        if not any(_is_same(held, line) and _is_dead(program) for program, held in _guards()):
+        # A serial port has several names.
+        same = os.path.realpath(line)
+        if not any(os.path.realpath(held) == same and _is_dead(program) for program, held in _guards()):
             return
         time.sleep(POLL_S)
 
@@ -40,11 +42,6 @@ def _guards() -> Iterator[tuple[int, str]]:
                 yield int(program), line
         except (OSError, ValueError):
             continue  # it has just ended, or has fewer arguments
-
-
-def _is_same(held: str, line: str) -> bool:
-    """Whether two names are of one line: a serial port has several."""
-    return os.path.realpath(held) == os.path.realpath(line)
 
 
 def _is_dead(pid: int) -> bool:

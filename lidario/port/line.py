@@ -25,6 +25,11 @@ class Schedule(Protocol):
     """Says when received bytes are needed; all times are seconds of the port's clock."""
 
     @property
+    def latency(self) -> float:
+        """Seconds between two polls while bytes are needed; 0 to be woken for each delivery."""
+        ...
+
+    @property
     def interval(self) -> float:
         """Longest time in seconds for which the line may stay unread, so that the kernel's buffer never fills."""
         ...
@@ -104,16 +109,14 @@ class Line(ABC):
     def set_dtr(self, asserted: bool) -> None:  # noqa: B027 - most lines have no control lines
         """Put the control line DTR in a state. Never raises."""
 
-    def set_polling(self, latency: float, schedule: Schedule | None) -> None:  # noqa: B027 - only where polled
+    def set_polling(self, schedule: Schedule | None) -> None:  # noqa: B027 - only where polled
         """Be polled, where that costs less than being woken for each delivery."""
 
     def poll(self) -> None:  # noqa: B027 - only where polled
         """Read what is there now, and hand over everything that is held."""
 
-    def take_pending(self) -> list[tuple[str, bytes, int]]:
-        """What taps have not seen yet of what was read, and of what a thread has written; in the order of time."""
-        written = [] if self.repeat is None else self.repeat.take_written()
-        return [("out", data, now) for data, now in written]
+    def hand_over(self) -> None:  # noqa: B027 - only where polled
+        """Hand everything that is held to the port, as one piece."""
 
     @property
     def errors(self) -> LineErrors:

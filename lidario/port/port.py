@@ -131,14 +131,9 @@ class Port(Guarded, asyncio.Protocol):
             line.write_without_loop(data)
         else:
             line.write(data)
-        if self.taps:
-            self.show_pending()
-            self.show("out", data, self.now())
-
-    def show_pending(self) -> None:
-        """Show the taps what was read or written and not shown yet, so that they see all in the order of time."""
-        for each in () if self._line is None else self._line.take_pending():
-            self.show(*each)
+            if self.taps:
+                line.hand_over()  # so that they see all in the order of time
+        self.show(("out", data, self.now()))
 
     def set_baudrate(self, baudrate: int) -> None:
         """Change the speed of the line; bytes received at the old speed and not read yet are discarded.
@@ -163,23 +158,19 @@ class Port(Guarded, asyncio.Protocol):
             self.tell_guard()
             line.set_dtr(asserted)
 
-    def set_polling(self, latency: float, schedule: Schedule | None) -> None:
+    def set_polling(self, schedule: Schedule | None) -> None:
         """Poll the line instead of being woken for each delivery. Only serial lines are polled; others ignore it.
 
-        The line is polled at `schedule.due`, and every `latency` seconds from then on. What was read before is
-        held until then, and handed over by one call of `Receiver.data_received`; on a loop that is free at most
-        half a second and 32 KiB are held.
+        The line is polled at `schedule.due`, and every `schedule.latency` seconds from then on. What was read
+        before is held until then, and handed over by one call of `Receiver.data_received`; on a loop that is free
+        at most half a second and 32 KiB are held. With None every delivery is handed over at once.
 
         While there is a schedule, a thread reads the line too (`lidario.port.thread`). What it cannot keep while
         the loop is blocked is counted in `late`.
-
-        Args:
-            latency: Seconds between two polls; 0 to be woken for each delivery.
-            schedule: Says when bytes are needed; None to poll every `latency` seconds and hold nothing.
         """
         line = self._open_line()
         if line is not None and not self._loop.is_closed():
-            line.set_polling(latency, schedule)
+            line.set_polling(schedule)
 
     def set_repeat(self, request: bytes, interval: float) -> None:
         """Have `request` written when it was not written for `interval` seconds.
@@ -193,8 +184,6 @@ class Port(Guarded, asyncio.Protocol):
         repeat = None if self._line is None else self._line.repeat
         if repeat is not None and not self.is_forked:
             repeat.set(request, interval)
-            # Taps that come later must not see it.
-            self.show_pending()
 
     @property
     def repeated(self) -> int:
@@ -281,18 +270,18 @@ class Port(Guarded, asyncio.Protocol):
         if self._line is not None:
             self._line.let_go()
 
-    def data_received(
-        self, data: bytes, now: int | None = None, arrivals: Sequence[tuple[int, int]] = (), *, shown: bool = False
-    ) -> None:
-        """As `asyncio.Protocol`, the one door for bytes: taps see those not `shown` before, then the receiver.
+    def data_received(self, data: bytes, now: int | None = None, arrivals: Sequence[tuple[int, int]] = ()) -> None:
+        """As `asyncio.Protocol`, the one door for bytes: taps see them, each read by itself, then the receiver.
 
         `now` and `arrivals` are those of `Receiver.data_received`; without them, all was read just now.
         """
         if self.is_forked:
             return
         now = self.now() if now is None else now
-        if self.taps and not shown:
-            self.show_reads(data, now, arrivals)
+        if self.taps:
+            ends = [*arrivals, (len(data), now)]
+            begins = [0, *(end for end, _ in arrivals)]
+            self.show(*(("in", data[begin:end], at) for begin, (end, at) in zip(begins, ends, strict=True)))
         if self._receiver is not None:
             self._receiver.data_received(data, now, arrivals)
             if self._guard is not None and self._guard.awaits_change:

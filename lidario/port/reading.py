@@ -18,7 +18,6 @@ from abc import abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
-from operator import itemgetter
 
 from lidario.port.inbox import Inbox, Read
 from lidario.port.line import Line, Schedule
@@ -58,14 +57,12 @@ class PolledLine(Line):
         self._loop = loop
         self._port = port
         self._handle = handle
-        self._latency = 0.0
         self._schedule: Schedule | None = None
         self._running = False
         self._closing = False
         self._watching = False
         self._timer: asyncio.TimerHandle | None = None
         self._inbox = Inbox(handle, time.monotonic_ns if port.is_real_time else port.now, read, port.late)
-        self._shown = 0
         # What the thread serves does not refer to the line: one that is dropped is not read and written for ever.
         self.repeat: Repeat | None = Repeat(write) if port.is_real_time else None
         failing = partial(_failing, loop, weakref.WeakMethod(self._thread_failed))
@@ -101,9 +98,8 @@ class PolledLine(Line):
             self._watch_in_thread(None)
             self._inbox.close()
 
-    def set_polling(self, latency: float, schedule: Schedule | None) -> None:
+    def set_polling(self, schedule: Schedule | None) -> None:
         """Poll by this schedule from now on, as `Port.set_polling` describes; a thread helps where it is late."""
-        self._latency = latency
         self._schedule = schedule
         if self._timer is not None:
             self._timer.cancel()
@@ -119,15 +115,10 @@ class PolledLine(Line):
         self.hand_over()
 
     def hand_over(self) -> None:
-        """Hand everything that is held to the port, as one piece."""
         held, arrivals = self._inbox.take()
-        shown, self._shown = self._shown, 0
         if held:
-            if self._port.taps:
-                for each in self._unseen(held, arrivals, shown):
-                    self._port.show(*each)
             data = held[0] if len(held) == 1 else b"".join(held)
-            self._port.data_received(data, arrivals.pop()[1], arrivals, shown=True)
+            self._port.data_received(data, arrivals.pop()[1], arrivals)
 
     def _poll(self) -> None:
         """A poll is due, or the event loop says that there is something to read."""
@@ -147,28 +138,12 @@ class PolledLine(Line):
                 self._wait()
 
     def _read(self) -> None:
-        """Read all there is, and show what was read since the last time to the taps."""
-        if self._closing:
-            return
-        try:
-            self._inbox.read()
-        except OSError as error:
-            self.lose(error)
-            return
-        if self._port.taps:
-            self._port.show_pending()
-
-    def take_pending(self) -> list[tuple[str, bytes, int]]:
-        held, arrivals = self._inbox.peek()
-        shown, self._shown = self._shown, len(held)
-        return self._unseen(held, arrivals, shown)
-
-    def _unseen(
-        self, held: list[bytes], arrivals: list[tuple[int, int]], shown: int
-    ) -> list[tuple[str, bytes, int]]:
-        """What was read, here or in the thread, and what the thread has written; but for so many shown reads."""
-        chunks = [("in", data, now) for data, (_, now) in zip(held[shown:], arrivals[shown:], strict=True)]
-        return sorted(chunks + super().take_pending(), key=itemgetter(2))
+        """Read all there is."""
+        if not self._closing:
+            try:
+                self._inbox.read()
+            except OSError as error:
+                self.lose(error)
 
     def _wait(self) -> None:
         """Wait for the next poll, or be woken by the next delivery where none of them may wait."""
@@ -183,8 +158,8 @@ class PolledLine(Line):
                 self._watched.interval = schedule.interval
             else:
                 pause = min(pause, schedule.interval)
-        if pause <= 0:
-            pause = max(self._latency - _TIMER_S, self._latency / 2)
+            if pause <= 0:
+                pause = max(schedule.latency - _TIMER_S, schedule.latency / 2)
         if pause <= 0 and self._handle < 0:
             pause = _POLL_S
         if pause <= 0:

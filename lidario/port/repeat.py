@@ -42,7 +42,7 @@ class Repeat:
         self.count: int = 0
         self._write = write
         self._clock = clock
-        self._unshown: deque[tuple[bytes, int]] = deque(maxlen=_UNSHOWN)
+        self._unshown: deque[tuple[str, bytes, int]] = deque(maxlen=_UNSHOWN)
         # Reentrant: the garbage collector may call `set` in the midst of `serve`.
         self._lock = threading.RLock()
 
@@ -69,12 +69,12 @@ class Repeat:
                 with suppress(OSError):
                     self._write(self.request)
                     self.count += 1
-                    self._unshown.append((self.request, now_ns))
+                    self._unshown.append(("out", self.request, now_ns))
             rest_ns = self._written_ns + self._interval_ns - now_ns
         return now + max(rest_ns * 1e-9, LEAST_REST_S)
 
-    def take_written(self) -> list[tuple[bytes, int]]:
-        """What the thread has written since the last call, and when."""
+    def take_written(self) -> list[tuple[str, bytes, int]]:
+        """What the thread has written since the last call, as it is shown to taps."""
         with self._lock:
             written = list(self._unshown)
             self._unshown.clear()

@@ -9,8 +9,8 @@ system does not take at once. Three things that pyserial-asyncio does are replac
   the kernel waits for up to 30 s likewise. `_SerialLine.close` waits asynchronously and for a bounded time, then
   discards what is left.
 
-On Windows no event loop can wait for a serial port. There `PolledLine` and its thread poll it by pyserial's calls
-(`lidario.port.polled`), in place of pyserial-asyncio's polling, which a blocked event loop would stop.
+On Windows no event loop can wait for a serial port. There `PolledLine` and its thread poll it by pyserial's calls,
+which return at once, in place of pyserial-asyncio's polling, which a blocked event loop would stop.
 """
 
 from __future__ import annotations
@@ -30,7 +30,6 @@ from lidario.port.adapter import FOREIGN, Adapter, count_errors
 from lidario.port.background import run_in_thread
 from lidario.port.diagnose import busy, held, is_pseudo_terminal, why_not_opened
 from lidario.port.left import wait_for_guard
-from lidario.port.polled import NO_HANDLE, Polled
 from lidario.port.port import Port
 from lidario.port.reading import PolledLine
 
@@ -39,6 +38,7 @@ _log = logging.getLogger("lidario")
 DRAIN_S = 0.5
 """Longest time for which closing waits until the adapter has sent what was written."""
 _DRAIN_POLL_S = 0.002
+_NO_HANDLE = -1
 POSIX = os.name == "posix"
 """Whether a serial port has a descriptor for which an event loop can wait."""
 
@@ -98,12 +98,11 @@ class _SerialLine(PolledLine, asyncio.Protocol):
 
     def __init__(self, loop: asyncio.AbstractEventLoop, port: Port, device: Adapter) -> None:
         self._device = device
-        self._polled = None if POSIX else Polled(device)
-        if self._polled is None:
+        if POSIX:
             handle = device.fileno()
             super().__init__(loop, port, handle, partial(os.write, handle))
         else:
-            super().__init__(loop, port, NO_HANDLE, self._polled.write, self._polled.read)
+            super().__init__(loop, port, _NO_HANDLE, device.write_now, device.read_now)
         self._error: Exception | None = None
         self._ended = False
         self._drained_by = 0.0
@@ -164,8 +163,8 @@ class _SerialLine(PolledLine, asyncio.Protocol):
 
     def _write_now(self, data: bytes) -> int:
         """Return how many bytes the system took; raise OSError where it took none."""
-        if self._polled is not None:
-            return self._polled.write(data)
+        if not POSIX:
+            return self._device.write_now(data)
         # pyserial is asked each time: the number of a port that was closed may be another file's by now.
         return os.write(self._device.fileno(), data)
 

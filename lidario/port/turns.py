@@ -45,7 +45,6 @@ class Turns:
         self.waiting: deque[tuple[Iterator[None], int]] = deque()
         # Whether it is being done, or a turn of the loop is asked for that goes on with it.
         self._busy = False
-        self._then: list[Callable[[], None]] = []
 
     def add(self, steps: Iterable[None], size: int = 0) -> None:
         """Do this behind what waits; at once, as far as the time of this turn goes, where nothing does."""
@@ -53,13 +52,6 @@ class Turns:
         self.size += size
         if not self._busy:
             self._go_on()
-
-    def then(self, callback: Callable[[], None]) -> None:
-        """Call this when all that waits is done, now if nothing does."""
-        if self.waiting:
-            self._then.append(callback)
-        else:
-            callback()
 
     def _go_on(self) -> None:
         """Do what waits, as far as the time of this turn of the loop goes; later turns go on with it."""
@@ -80,7 +72,3 @@ class Turns:
             self._busy = bool(self.waiting)
             if self._busy:
                 asyncio.get_running_loop().call_soon(self._go_on)
-        if not self._busy:
-            then, self._then = self._then, []
-            for callback in then:
-                callback()

@@ -124,7 +124,7 @@ class _FedLine(Line):
         if data == PLAY and not self._port.is_over:
             self._port.announce()
 
-    def set_polling(self, latency: float, schedule: Schedule | None) -> None:  # noqa: ARG002
+    def set_polling(self, schedule: Schedule | None) -> None:
         self._port.want(schedule is not None)
 
     def close(self) -> None:

@@ -284,9 +284,8 @@ class Lidar(Streams, AsyncOnly):
     def _check_open(self) -> None:
         if self._closed:
             raise SessionClosed(f"the session on {self.source} was closed; open_lidar() makes a new one")
-        over = self._scanner.failures.over
-        fatal = over or self._at.dialogue.fatal
-        if fatal is not None and (over is not None or not self._scanner.control.is_away):
+        fatal = self._at.dialogue.fatal
+        if fatal is not None and not self._scanner.control.is_away:
             raise twin_of(fatal)
         if self._loop.is_closed():
             raise SessionClosed(f"the event loop in which the session on {self.source} was opened is closed")

@@ -220,7 +220,7 @@ async def test_closing_twice_and_after_the_end(
         await asyncio.gather(port.close(), port.close())
     port.close_soon()
     port.poll()
-    port.set_polling(0.005, None)
+    port.set_polling(None)
     port.abandon(b"stop")
     assert sink.lost == [None]
     states = [record.getMessage().removeprefix(ends[2]) for record in caplog.records]
@@ -264,7 +264,7 @@ def test_abandon_after_the_loop_was_closed(ends: tuple[int, int, str]) -> None:
         port = runner.run(open_serial(path, 115200))
         port.on_close = lambda: ended.append("ended")
     port.write(b"written, ")
-    port.set_polling(0.005, None)
+    port.set_polling(None)
     port.poll()
     port.abandon(b"stop")
     assert written(master, 13) == b"written, stop"

@@ -20,7 +20,7 @@ async def test_nothing_reads_a_line_that_died_while_it_was_written(ends: tuple[i
     port, sink = await open_serial(path, 115200), Sink()
     port.attach(sink)
     # Nothing is needed for a minute: neither the loop nor the thread looks at the line.
-    port.set_polling(60.0, Plan(*[60.0] * 9, interval=60.0))
+    port.set_polling(Plan(*[60.0] * 9, latency=60.0))
     assert threads()
     termios.tcflow(slave, termios.TCOOFF)
     port.write(b"waits")

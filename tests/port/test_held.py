@@ -11,15 +11,24 @@ from contextlib import asynccontextmanager
 import pytest
 
 from lidario.port.port import Port
-from tests.support.ports import Plan, Seen, Sink, opened, terminal_pair
+from lidario.port.thread import Watched, reading_thread
+from tests.support.ports import PATIENCE_S, Plan, Seen, Sink, opened, terminal_pair
 
 
 @asynccontextmanager
 async def held_port(path: str, plan: Plan) -> AsyncIterator[tuple[Port, Sink, Seen]]:
     """A port that is polled every 2 ms and holds what it reads as long as `plan` says."""
     async with opened(path, 1_000_000) as (port, sink):
-        port.set_polling(0.002, plan)
+        port.set_polling(plan)
         yield port, sink, Seen(port)
+
+
+async def until_read(size: int) -> None:
+    """Return when so many bytes were read, by the loop or the thread."""
+    (watched,) = (each for each in reading_thread().ports if isinstance(each, Watched))
+    async with asyncio.timeout(PATIENCE_S):
+        while watched.inbox.size < size:
+            await asyncio.sleep(0.001)
 
 
 async def test_what_is_held_comes_in_one_piece_with_the_time_of_each_read(
@@ -27,11 +36,11 @@ async def test_what_is_held_comes_in_one_piece_with_the_time_of_each_read(
 ) -> None:
     monkeypatch.setattr("lidario.port.reading.HOLD_S", 3600.0)
     master, path = terminal
-    plan = Plan(hold=math.inf)
+    plan = Plan(hold=math.inf, latency=0.002)
     async with held_port(path, plan) as (_, sink, seen):
         for count, piece in enumerate((b"one", b"three", b"seven77"), start=1):
             os.write(master, piece)
-            await seen.until((3, 8, 15)[count - 1])
+            await until_read((3, 8, 15)[count - 1])
             assert not sink.chunks
         plan.until = 0.0
         await sink.until(15)
@@ -47,7 +56,7 @@ async def test_what_is_held_comes_in_one_piece_with_the_time_of_each_read(
 async def test_nothing_is_held_for_longer_than_half_a_second(terminal: tuple[int, str]) -> None:
     master, path = terminal
     # A schedule that makes no sense: no poll for a minute, and nothing is ever needed.
-    plan = Plan(0.01, *[60.0] * 10, hold=math.inf)
+    plan = Plan(0.01, *[60.0] * 10, hold=math.inf, latency=0.002)
     async with held_port(path, plan) as (_, sink, seen):
         os.write(master, b"here")
         await sink.until(4)
@@ -58,12 +67,11 @@ async def test_nothing_is_held_for_longer_than_half_a_second(terminal: tuple[int
 async def test_no_more_than_32_kib_are_held(terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.port.reading.HOLD_S", 3600.0)
     master, path = terminal
-    async with held_port(path, Plan(hold=math.inf)) as (_, sink, seen):
+    async with held_port(path, Plan(hold=math.inf, latency=0.002)) as (_, sink, _):
         for count in range(1, 9):
             assert not sink.chunks
             os.write(master, bytes(4096))
-            await seen.until(4096 * count)
-        await sink.until(32768)
+            await (until_read(4096 * count) if count < 8 else sink.until(32768))
         assert [len(chunk) for chunk in sink.chunks] == [32768]
 
 
@@ -71,9 +79,9 @@ async def test_no_more_than_32_kib_are_held(terminal: tuple[int, str], monkeypat
 async def test_what_is_held_is_not_lost(way: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.port.reading.HOLD_S", 3600.0)
     with terminal_pair() as (master, slave, path):
-        async with held_port(path, Plan(hold=math.inf)) as (port, sink, seen):
+        async with held_port(path, Plan(hold=math.inf, latency=0.002)) as (port, sink, _):
             os.write(master, b"held")
-            await seen.until(4)
+            await until_read(4)
             assert not sink.chunks
             if way == "poll":
                 os.write(master, b", and not yet read")
@@ -81,7 +89,7 @@ async def test_what_is_held_is_not_lost(way: str, monkeypatch: pytest.MonkeyPatc
                 assert b"".join(sink.chunks) == b"held, and not yet read"
                 assert len(sink.chunks) == 1
             elif way == "set_polling":
-                port.set_polling(0, None)
+                port.set_polling(None)
                 assert sink.chunks == [b"held"]
             elif way == "pulled":
                 os.close(slave)

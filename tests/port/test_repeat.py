@@ -59,7 +59,7 @@ def test_it_is_written_only_when_the_loop_is_late_and_then_each_interval(monkeyp
         assert line.now * 1e-9 < next_at <= line.now * 1e-9 + 1.0
     assert [at for at, _ in line.written] == [3_000_000_000, 4_000_000_000]
     assert repeat.count == 2
-    assert repeat.take_written() == [(REQUEST, 3_000_000_000), (REQUEST, 4_000_000_000)]
+    assert repeat.take_written() == [("out", REQUEST, at * 1_000_000_000) for at in (3, 4)]
     assert repeat.take_written() == []
 
 
@@ -84,7 +84,7 @@ async def test_the_thread_writes_it_while_the_loop_is_blocked_and_taps_see_it_in
         port = await open_serial(path, 1_000_000)
         seen: list[tuple[str, bytes, int]] = []
         port.add_tap(lambda direction, data, now: seen.append((direction, data, now)))
-        port.set_polling(0.005, Steady())
+        port.set_polling(Steady())
         port.set_repeat(REQUEST, 0.1)
         deadline = time.monotonic() + 10.0
         while port.repeated < 3 and time.monotonic() < deadline:
@@ -100,6 +100,21 @@ async def test_the_thread_writes_it_while_the_loop_is_blocked_and_taps_see_it_in
         assert len(out) == repeated
         assert [now for *_, now in seen] == sorted(now for *_, now in seen)
         assert min(later - earlier for earlier, later in pairwise(out)) >= 100_000_000
+        await port.close()
+
+
+@pytest.mark.long
+async def test_a_tap_does_not_see_what_was_written_before_it_came() -> None:
+    with terminal_pair() as (master, _, path):
+        port = await open_serial(path, 1_000_000)
+        port.set_polling(Steady())
+        port.set_repeat(REQUEST, 0.01)
+        written(master, len(REQUEST))
+        port.set_repeat(REQUEST, 3600.0)
+        seen: list[bytes] = []
+        port.add_tap(lambda direction, data, now: seen.append(data))
+        port.write(b"later")
+        assert seen == [b"later"]
         await port.close()
 
 

@@ -11,6 +11,7 @@ import pytest
 import serial
 
 from lidario.errors import ConnectFailed
+from lidario.port.line import Schedule
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
 from tests.port.test_thread import Steady, threads
@@ -28,21 +29,20 @@ from tests.support.ports import (
     written,
 )
 
-LATENCIES = (0.0, 0.005)
-
 
 @pytest.mark.usefixtures("system")
-@pytest.mark.parametrize("latency", LATENCIES)
-async def test_every_byte_arrives_in_order(latency: float) -> None:
+@pytest.mark.parametrize("schedule", [None, Plan()], ids=["woken", "polled"])
+async def test_every_byte_arrives_in_order(schedule: Plan | None) -> None:
     async with opened_terminal(1_000_000) as (port, sink, master):
-        port.set_polling(latency, None)
+        port.set_polling(schedule)
         sent = bytes(range(256)) * 200
         for begin in range(0, len(sent), 1000):
             os.write(master, sent[begin : begin + 1000])
             await sink.until(min(begin + 1000, len(sent)))
         assert bytes(sink.data) == sent
         assert sink.times == sorted(sink.times)
-        assert threads() == []
+        assert bool(threads()) == (schedule is not None)
+    assert threads() == []
     assert sink.lost == [None]
 
 
@@ -59,16 +59,14 @@ async def test_a_write_is_out_before_it_returns(terminal: tuple[int, str]) -> No
 
 
 @pytest.mark.usefixtures("system")
-@pytest.mark.parametrize("schedule", [None, Steady()], ids=["always polled", "seldom polled"])
-@pytest.mark.parametrize("latency", LATENCIES)
-async def test_a_pulled_cable_is_noticed(latency: float, schedule: Steady | None) -> None:
+@pytest.mark.parametrize("schedule", [None, Plan(), Steady()], ids=["woken", "always polled", "seldom polled"])
+async def test_a_pulled_cable_is_noticed(schedule: Schedule | None) -> None:
     with terminal_pair() as (master, slave, path):
         async with opened(path) as (port, sink):
             os.close(slave)
-            port.set_polling(latency, None)
             os.write(master, b"the end")
             await sink.until(7)
-            port.set_polling(latency, schedule)
+            port.set_polling(schedule)
             os.close(master)
             error = await sink.until_lost()
             assert "unplugged" in str(error)
@@ -83,7 +81,7 @@ async def test_both_event_loops_read_poll_write_and_close() -> None:
         async with opened(path, 1_000_000) as (port, sink):
             os.write(master, b"woken, ")
             await sink.until(7)
-            port.set_polling(0.005, Plan(*[0.01] * 3))
+            port.set_polling(Plan(*[0.01] * 3))
             os.write(master, b"polled")
             await sink.until(13)
             assert bytes(sink.data) == b"woken, polled"
@@ -96,11 +94,11 @@ async def test_both_event_loops_read_poll_write_and_close() -> None:
         assert open_files() == before
 
 
-@pytest.mark.parametrize("latency", LATENCIES)
+@pytest.mark.parametrize("latency", [0.0, 0.005])
 async def test_bytes_gather_in_the_kernel_between_two_polls(latency: float) -> None:
-    plan = Plan(0.05, 0.0, 0.05)
+    plan = Plan(0.05, 0.0, 0.05, latency=latency)
     async with opened_terminal(1_000_000) as (port, sink, master):
-        port.set_polling(latency, plan)
+        port.set_polling(plan)
         await asyncio.sleep(0)  # reading starts in the loop's next iteration
         for piece in (b"one ", b"two ", b"three"):
             os.write(master, piece)
@@ -146,15 +144,13 @@ async def test_a_loss_that_nobody_was_told_is_told_to_who_comes_next() -> None:
         await port.close()
 
 
-@pytest.mark.parametrize("latency", LATENCIES)
-async def test_a_line_that_was_hung_up_is_noticed(latency: float) -> None:
+async def test_a_line_that_was_hung_up_is_noticed() -> None:
     """As a USB adapter that is pulled out: readable, and reading returns nothing; here with a pipe."""
     ours, theirs = os.pipe()
     os.set_blocking(ours, False)
     port, sink = Port("pipe"), Sink()
     port.attach(sink)
     reader = OnlyRead(port, ours)
-    reader.set_polling(latency, None)
     reader.start()
     os.write(theirs, b"before")
     await sink.until(6)

@@ -45,7 +45,7 @@ async def test_bytes_both_ways_at_once() -> None:
         peer.sendall(b"response")
         await sink.until(8)
         assert bytes(sink.data) == b"response"
-        port.set_polling(0.005, None)  # is for serial ports; ignored
+        port.set_polling(None)  # is for serial ports; ignored
         port.poll()
         port.write(b"the last")
         await port.close()

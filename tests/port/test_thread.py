@@ -26,6 +26,7 @@ NAME = "lidario: read ports"
 class Steady:
     """A schedule: nothing is needed, and the port may stay unread for 10 ms."""
 
+    latency = 0.005
     interval = 0.01
     due = math.inf
 
@@ -51,7 +52,7 @@ async def test_all_ports_share_one_thread_that_ends_with_the_last() -> None:
         assert threads() == []
         for port, sink in zip(ports, sinks, strict=True):
             port.attach(sink)
-            port.set_polling(0.005, Steady())
+            port.set_polling(Steady())
         (thread,) = threads()
         assert thread.daemon
         for number, (master, _, _) in enumerate((one, two, three)):
@@ -59,12 +60,12 @@ async def test_all_ports_share_one_thread_that_ends_with_the_last() -> None:
         block_until_read(4)
         for number, (port, sink) in enumerate(zip(ports, sinks, strict=True)):
             assert threads() == [thread]
-            port.set_polling(0.0, None)
+            port.set_polling(None)
             # At once: what comes next is another stream, or a response.
             assert sink.chunks == [data for data, _ in taps[number].reads] == [bytes([number]) * 4]
         assert threads() == []
         assert not reading_thread().is_running
-        ports[0].set_polling(0.005, Steady())
+        ports[0].set_polling(Steady())
         assert len(threads()) == 1
         for port in ports:
             await port.close()
@@ -99,7 +100,7 @@ async def test_each_read_has_its_own_time_while_the_loop_is_blocked() -> None:
     async with opened_terminal(1_000_000) as (port, sink, master):
         seen: list[tuple[bytes, int]] = []
         port.add_tap(lambda direction, data, now: seen.append((data, now)))
-        port.set_polling(0.005, Steady())
+        port.set_polling(Steady())
         written, read = [], []
         for number in range(5):
             written.append(time.monotonic_ns())
@@ -122,12 +123,12 @@ async def test_taps_see_what_the_thread_read_before_what_is_written_later() -> N
         port = await open_serial(path, 1_000_000)
         seen: list[tuple[str, bytes, int]] = []
         port.add_tap(lambda direction, data, now: seen.append((direction, data, now)))
-        port.set_polling(0.005, Steady())
+        port.set_polling(Steady())
         os.write(master, b"before")
         block_until_read(6)
         port.write(b"request")
         os.write(master, b"after")
-        block_until_read(11)
+        block_until_read(5)
         port.poll()
         assert [(direction, data) for direction, data, _ in seen] == [
             ("in", b"before"),
@@ -142,7 +143,7 @@ async def test_taps_see_what_the_thread_read_before_what_is_written_later() -> N
 async def test_beyond_a_mebibyte_the_port_tells_what_it_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.port.inbox.INBOX_BYTES", 6000)
     async with opened_terminal(1_000_000) as (port, sink, master):
-        port.set_polling(0.005, Steady())
+        port.set_polling(Steady())
         sent, deadline = 0, time.monotonic() + PATIENCE_S
         while port.late.overflow_bytes < 2000 and time.monotonic() < deadline:
             sent += os.write(master, bytes(1000))
@@ -163,7 +164,7 @@ async def test_the_end_of_a_line_is_noticed_although_the_loop_does_not_poll(way:
         with terminal_pair() as (master, slave, _):
             os.set_blocking(slave, False)
             reader = OnlyRead(Port("terminal"), slave)
-            reader.set_polling(0.005, Steady())
+            reader.set_polling(Steady())
             os.close(master)
             async with asyncio.timeout(PATIENCE_S):
                 await reader.ended.wait()
@@ -171,7 +172,7 @@ async def test_the_end_of_a_line_is_noticed_although_the_loop_does_not_poll(way:
         ours, theirs = os.pipe()
         os.set_blocking(ours, False)
         reader = OnlyRead(Port("pipe"), ours)
-        reader.set_polling(0.005, Steady())
+        reader.set_polling(Steady())
         os.close(theirs)
         async with asyncio.timeout(PATIENCE_S):
             await reader.ended.wait()
@@ -186,7 +187,7 @@ async def test_a_reader_that_was_thrown_away_is_not_read_for_ever() -> None:
     reader: OnlyRead | None = OnlyRead(Port("pipe"), ours)
     assert reader is not None
     assert reader.repeat is not None
-    reader.set_polling(0.005, Steady())
+    reader.set_polling(Steady())
     reader.repeat.set(b"keep on", 60.0)
     assert len(threads()) == 1
     reader = None
@@ -207,7 +208,7 @@ async def main():
     master, slave = pty.openpty()
     tty.setraw(slave)
     port = await open_serial(os.ttyname(slave), 1_000_000)
-    port.set_polling(0.005, Steady())
+    port.set_polling(Steady())
     assert reading_thread().is_running
     return master, slave, port
 
@@ -222,7 +223,7 @@ FORK = """
 child = os.fork()
 if child == 0:
     assert not reading_thread().is_running
-    kept[2].set_polling(0, None)  # the parent's: nothing happens
+    kept[2].set_polling(None)  # the parent's: nothing happens
     kept[2].close_soon()
     assert not threads()
     more = asyncio.run(main())

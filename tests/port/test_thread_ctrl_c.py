@@ -102,10 +102,10 @@ def test_ctrl_c_at_every_call_of_a_stream(at: str, stride: int) -> None:
             sink = Sink()
             port.attach(sink)
             if at == "begin":
-                place = interrupted_at_call(number, partial(port.set_polling, 0.005, Steady()))
+                place = interrupted_at_call(number, partial(port.set_polling, Steady()))
             else:
-                port.set_polling(0.005, Steady())
-                place = interrupted_at_call(number, partial(port.set_polling, 0.0, None))
+                port.set_polling(Steady())
+                place = interrupted_at_call(number, partial(port.set_polling, None))
             reads_as_ever(port, sink, master, place)
             loop.run_until_complete(port.close())
             started.all_ended(place)
@@ -119,7 +119,7 @@ def test_ctrl_c_at_every_call_of_a_stream(at: str, stride: int) -> None:
 def reads_as_ever(port: Port, sink: Sink, master: int, place: str) -> None:
     """A stream that begins now is read while the loop is blocked."""
     sink.chunks.clear()
-    port.set_polling(0.005, Steady())
+    port.set_polling(Steady())
     os.write(master, b"data")
     block_until_read(4)
     deadline = time.monotonic() + PATIENCE_S
@@ -127,7 +127,7 @@ def reads_as_ever(port: Port, sink: Sink, master: int, place: str) -> None:
         # One that was started late finds that it is not needed.
         assert time.monotonic() < deadline, place
         time.sleep(0.0005)
-    port.set_polling(0.0, None)
+    port.set_polling(None)
     assert sink.chunks == [b"data"], place
 
 

@@ -70,11 +70,11 @@ async def test_a_step_may_bring_more_work() -> None:
     assert worked.done == ["outer", "inner0"]
 
 
-async def test_what_waits_for_the_end_of_it_is_called_then() -> None:
+async def test_a_call_is_a_step_too() -> None:
     worked = Worked()
-    worked.all.then(lambda: worked.done.append("at once"))
+    worked.all.add(map(worked.done.append, ["at once"]))
     worked.all.add(worked.steps("a", 9))
-    worked.all.then(lambda: worked.done.append("end"))
+    worked.all.add(map(worked.done.append, ["end"]))
     assert worked.done[-1] == "a3"
     await worked.end()
     assert (worked.done[0], worked.done[-2:]) == ("at once", ["a8", "end"])

@@ -37,7 +37,7 @@ async def test_bytes_both_ways(peer: socket.socket) -> None:
         peer.sendto(piece, client)
     await sink.until(8)
     assert bytes(sink.data) == b"response"
-    port.set_polling(0.005, None)  # is for serial ports; ignored
+    port.set_polling(None)  # is for serial ports; ignored
     port.set_dtr(True)
     port.poll()
     port.write(b"the last")

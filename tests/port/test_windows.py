@@ -28,7 +28,7 @@ REQUEST = b"\xa5\x60"
 async def test_a_blocked_loop_loses_nothing() -> None:
     """Five times what the terminal holds comes while the loop stands still."""
     async with opened_terminal(1_000_000) as (port, sink, master):
-        port.set_polling(0.005, Steady())
+        port.set_polling(Steady())
         assert len(threads()) == 1
         os.set_blocking(master, False)
         sent, deadline = bytes(range(250)) * 400, time.monotonic() + PATIENCE_S
@@ -46,7 +46,7 @@ async def test_a_blocked_loop_loses_nothing() -> None:
 
 async def test_the_thread_repeats_a_request_while_the_loop_is_blocked() -> None:
     async with opened_terminal(1_000_000) as (port, _, master):
-        port.set_polling(0.005, Steady())
+        port.set_polling(Steady())
         port.set_repeat(REQUEST, 0.02)
         assert written(master, len(REQUEST)) == REQUEST
         port.set_repeat(b"", 0.0)

@@ -66,7 +66,7 @@ async def test_a_sector_comes_when_it_was_measured(rig: Rig) -> None:
 async def test_they_may_be_asked_for_while_scans_come(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     """From then on a port is polled for each of them, not only once in a revolution."""
     schedules: list[Schedule] = []
-    monkeypatch.setattr(Port, "set_polling", lambda _, latency, schedule: schedules.append(schedule))
+    monkeypatch.setattr(Port, "set_polling", lambda _, schedule: schedules.append(schedule))
     async with rig.read() as (lidar, scans):
         scan = await anext(scans)
         assert schedules[-1].due - now() > 0.75 * rig.turn_s

@@ -113,8 +113,9 @@ class Sink:
 class Plan:
     """A schedule that the test writes."""
 
-    def __init__(self, *rests: float, hold: float = 0.0, interval: float = 60.0) -> None:
+    def __init__(self, *rests: float, hold: float = 0.0, interval: float = 60.0, latency: float = 0.005) -> None:
         self.rests = list(rests)
+        self.latency = latency
         self.interval = interval
         self.until = hold
 
@@ -130,19 +131,11 @@ class Seen:
 
     def __init__(self, port: Port) -> None:
         self.reads: list[tuple[bytes, int]] = []
-        self.more = asyncio.Event()
         port.add_tap(self)
 
     def __call__(self, direction: str, data: bytes, now: int) -> None:
         if direction == "in":
             self.reads.append((data, now))
-            self.more.set()
-
-    async def until(self, count: int) -> None:
-        async with asyncio.timeout(PATIENCE_S):
-            while sum(len(data) for data, _ in self.reads) < count:
-                self.more.clear()
-                await self.more.wait()
 
 
 @asynccontextmanager

@@ -1,7 +1,7 @@
 """Where the stream of one device stands, and every step from one `State` to the next.
 
-`StreamControl` starts, interrupts and stops the stream, and holds at most one `Running`. It knows no readers, and
-decides nothing: what is wanted, and what a failure means, is decided by `Scanner`, `Starter` and `Failures`.
+`StreamControl` starts, interrupts and stops the stream, and holds at most one `Running`. It decides nothing: what
+is wanted, and what a failure means, is decided by `Scanner`, `Starter` and `Failures`.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
+from collections.abc import Callable
 
 from lidario.errors import DeviceLost, LidarError, ResponseTimeout, StreamFailed, Unsupported
 from lidario.model import ScanMode
@@ -16,7 +17,8 @@ from lidario.port.diagnose import is_pseudo_terminal
 from lidario.revolution.assemble import AssemblerStats
 from lidario.session.finding.connection import At
 from lidario.session.streaming.modes import Wanted, does_not_fit
-from lidario.session.streaming.running import Failure, Outlets, Running, Totals
+from lidario.session.streaming.readers import Hub
+from lidario.session.streaming.running import Failure, Running, Totals
 from lidario.session.streaming.states import TRANSITIONS, Event, State
 from lidario.wire.states import LinkState
 
@@ -46,7 +48,7 @@ class StreamControl:
         starting: Whether the operation in progress is a start: it ends when no stream is wanted any more.
     """
 
-    def __init__(self, at: At, latency: float, outlets: Outlets) -> None:
+    def __init__(self, at: At, latency: float, hub: Hub, failed: Callable[[Failure], None]) -> None:
         self.totals: Totals = Totals(AssemblerStats())
         self.state: State = State.IDLE
         self.wanted: Wanted | None = None
@@ -58,8 +60,9 @@ class StreamControl:
         self.starting: bool = False
         self._at = at
         self._latency = latency
-        self._outlets = outlets
-        self._parts: frozenset[int] = frozenset()
+        self._hub = hub
+        self._failed = failed
+        hub.on_parts = self._divide
         self._loop = asyncio.get_running_loop()
         self.running: Running | None = None
         at.dialogue.on_still = self._still
@@ -94,12 +97,6 @@ class StreamControl:
         self.modes = modes
         if self._at.dialogue.device.modes_note:
             _log.warning("%s", self._at.dialogue.device.modes_note)
-
-    def divide(self, parts: frozenset[int]) -> None:
-        """Have the stream that runs, and each later one, publish so many sectors of each revolution."""
-        self._parts = parts
-        if self.running is not None:
-            self.running.divide(parts)
 
     # ------------------------------------------------------------------------------------------------ start, pause
 
@@ -137,9 +134,9 @@ class StreamControl:
             self.wanted, self.modes = wanted._replace(mode=stream.mode), ()
         self.go(Event.STARTED)
         self.ran = True
-        self.running = Running(stream, self._at, self._latency, self.totals, self._outlets)
-        if self._parts:
-            self.running.divide(self._parts)
+        self.running = Running(stream, self._at, self._latency, self.totals, self._hub, self._failed)
+        if self._hub.parts:
+            self.running.divide(self._hub.parts)
         self.running.begin()
 
     def pause(self) -> None:
@@ -224,6 +221,10 @@ class StreamControl:
         self.go(Event.RETURN)
         if not self.is_scanning:
             self._at.dialogue.stop_device()
+
+    def _divide(self, parts: frozenset[int]) -> None:
+        if self.running is not None:
+            self.running.divide(parts)
 
     def _still(self) -> None:
         if self.state is State.STOPPING:

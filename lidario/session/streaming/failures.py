@@ -28,6 +28,7 @@ from lidario.session.streaming.inquiry import Inquiry
 from lidario.session.streaming.line_changes import LineWatch
 from lidario.session.streaming.readers import Hub
 from lidario.session.streaming.running import Failure
+from lidario.session.streaming.states import State
 
 _CURABLE = (DeviceLost, StreamFailed, ResponseTimeout, DeviceFault, RemoteProtocolError)
 """What a new line to the same device may cure; not what the user or lidario did wrong."""
@@ -37,13 +38,11 @@ class Failures:
     """Judges what has failed.
 
     Attributes:
-        over: What ended the session, if anything did.
         come_back: Called with the reason, and the number of scans so far, when the line to the device is no good
             any more. None where such an error ends the streams or the session.
     """
 
     def __init__(self, control: StreamControl, at: At, hub: Hub, inquiry: Inquiry, line: LineWatch) -> None:
-        self.over: LidarError | None = None
         self.come_back: Callable[[LidarError, int], None] | None = None
         self._control = control
         self._at = at
@@ -109,11 +108,10 @@ class Failures:
 
     def end(self, error: LidarError) -> None:
         """The session is over: end every reader and operation with `error`. The device is not told."""
-        if self.over is None:
-            self.over = error
-            self._hub.end(error)
-            self._control.close()
-            self._at.dialogue.interrupt(error)
+        self._hub.end(error)
+        self._control.close()
+        self._at.dialogue.end(error)
+        self._at.dialogue.interrupt(error)
         self._end_line(error)
 
     def _fail(self, error: StreamFailed | DeviceFault) -> None:
@@ -145,7 +143,7 @@ class Failures:
         """
         if self._control.is_away:
             return True
-        if self.come_back is None or self.over is not None or not isinstance(error, _CURABLE):
+        if self.come_back is None or self._control.state is State.CLOSED or not isinstance(error, _CURABLE):
             return False
         if not self._control.is_scanning and not isinstance(error, DeviceLost):
             return False

@@ -51,12 +51,14 @@ class Pace:
         received: Bytes received before the stream began.
 
     Attributes:
+        latency: The same.
         due: When the revolution in progress, or the next sector that is read, is expected to be complete; 0 when
             nothing is known.
         interval: Longest time for which the port may stay unread, so that the kernel's buffer never fills.
     """
 
     def __init__(self, stream: Stream, baudrate: int, latency: float, received: int = 0) -> None:
+        self.latency: float = latency
         self.due: float = 0.0
         # 0 where nothing is known of it, or nobody reads sectors.
         self._revolution_due = self._sector_due = 0.0

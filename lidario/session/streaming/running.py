@@ -15,16 +15,15 @@ import logging
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
 
 from lidario.errors import LidarError
 from lidario.families.base import Keepalive, Stream
 from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.pipeline import Pipeline
 from lidario.scan import Scan
-from lidario.sector import Sector
 from lidario.session.finding.connection import At
 from lidario.session.streaming.pace import Pace
+from lidario.session.streaming.readers import Hub
 from lidario.wire.events import Packets
 
 _log = logging.getLogger("lidario")
@@ -85,32 +84,23 @@ class Failure:
     error: LidarError | None = None
 
 
-class Outlets(NamedTuple):
-    """Where a stream hands on what comes of it.
+class Running:
+    """A stream that the device sends.
 
-    Attributes:
-        scan: Called with each scan.
-        sector: Called with how many sectors of its size a revolution has, and the sector.
-        failed: Called once if the stream falls silent or makes no revolutions.
+    `hub` is handed what comes of it; `failed` is called once if it falls silent or makes no revolutions.
     """
 
-    scan: Callable[[Scan], None]
-    sector: Callable[[int, Sector], None]
-    failed: Callable[[Failure], None]
-
-
-class Running:
-    """A stream that the device sends."""
-
-    def __init__(self, stream: Stream, at: At, latency: float, totals: Totals, outlets: Outlets) -> None:
+    def __init__(
+        self, stream: Stream, at: At, latency: float, totals: Totals, hub: Hub, failed: Callable[[Failure], None]
+    ) -> None:
         dialogue = at.dialogue
         self._stream = stream
         self._dialogue = dialogue
-        self._latency = latency
         self._totals = totals
         self._trouble = at.trouble
         self._discarded = totals.assembled.broken_scans
-        self._outlets = outlets
+        self._hub = hub
+        self._failed = failed
         self._loop = asyncio.get_running_loop()
         self._baudrate = stream.speed_on(dialogue.port.baudrate)
         wall_offset_ns = dialogue.port.wall_offset_ns
@@ -140,7 +130,7 @@ class Running:
             continues=self._totals.assembled.left_off is not None,
         )
         self._dialogue.deliver_to(self._take)
-        self._dialogue.port.set_polling(self._latency, self._pace)
+        self._dialogue.port.set_polling(self._pace)
         if self._dialogue.port.is_live:
             self._watch()
         if (keepalive := stream.keepalive) is not None:
@@ -159,7 +149,7 @@ class Running:
             if timer is not None:
                 timer.cancel()
         self._watchdog = self._keepalive = None
-        self._dialogue.port.set_polling(0.0, None)
+        self._dialogue.port.set_polling(None)
 
     def set_zero_offset(self, degrees: float, *, behind: bool) -> None:
         """Add another zero-angle offset, as `Assembler.set_zero_offset`."""
@@ -172,7 +162,7 @@ class Running:
 
     def divide(self, parts: frozenset[int]) -> None:
         """Publish sectors from the next revolution on, so many of each revolution; none for no more."""
-        self._pipeline.assembler.divide(parts, self._outlets.sector)
+        self._pipeline.assembler.divide(parts, self._hub.publish_sector)
         self._is_divided = bool(parts)
         self._pace.expect(math.nan)
 
@@ -187,7 +177,7 @@ class Running:
                 self._last_scan = self._last_packet
                 self._pace.turned(scan, self._dialogue.stats.bytes_received, self._last_packet)
                 self._totals.continued = scan
-                self._outlets.scan(scan)
+                self._hub.publish(scan)
             if scans and (note := self._pipeline.take_note()):
                 _log.warning(note)
             if counted.broken_scans > self._discarded:
@@ -243,10 +233,10 @@ class Running:
         elif idle >= patience and not may_come:
             what = f"no scan data for {idle:.1f} s{', though other packets arrive' * sends}"
             cause, restart = "does the rotor turn?", self._has_turned
-            self._outlets.failed(Failure(what, cause, noise=noise, sends=sends, restart=restart, lasted_s=lasted_s))
+            self._failed(Failure(what, cause, noise=noise, sends=sends, restart=restart, lasted_s=lasted_s))
         elif turning >= turns:
             what = f"scan data arrives, but no full revolution for {turning:.1f} s"
-            self._outlets.failed(Failure(what, self._why_no_revolution(), lasted_s=lasted_s))
+            self._failed(Failure(what, self._why_no_revolution(), lasted_s=lasted_s))
         else:
             if self._last_scan > self._noted_at:
                 self._note_damage()

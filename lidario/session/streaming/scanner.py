@@ -33,13 +33,12 @@ from lidario.session.streaming.failures import Failures
 from lidario.session.streaming.inquiry import Inquiry
 from lidario.session.streaming.line_changes import LineWatch
 from lidario.session.streaming.readers import Hub
-from lidario.session.streaming.running import Failure, Outlets, Totals
+from lidario.session.streaming.running import Failure, Totals
 from lidario.session.streaming.starter import Starter
 from lidario.session.streaming.states import State
 from lidario.session.streaming.stream import Mailbox
 from lidario.session.talking.dialogue import play
 from lidario.session.talking.handshake import come_back
-from lidario.session.talking.trouble import twin_of
 
 T = TypeVar("T")
 
@@ -58,9 +57,7 @@ class Scanner:
 
     def __init__(self, at: At, latency: float) -> None:
         self.hub: Hub = Hub(self._deserted)
-        outlets = Outlets(self.hub.publish, self.hub.publish_sector, self._suspect)
-        self.control: StreamControl = StreamControl(at, latency, outlets)
-        self.hub.on_parts = self.control.divide
+        self.control: StreamControl = StreamControl(at, latency, self.hub, self._suspect)
         self.totals: Totals = self.control.totals
         self.rests: bool = True
         self.line: LineWatch = LineWatch()
@@ -170,7 +167,6 @@ class Scanner:
         """
         dialogue = self._at.dialogue
         async with self._lock:
-            self._check_open()
             if self._at.dialogue is not dialogue or (dialogue.fatal is not None and self.control.is_away):
                 raise DeviceLost("the line to the lidar was lost before this request was sent: ask again")
             dialogue.begin()
@@ -209,9 +205,8 @@ class Scanner:
         self.control.unwant()
         await self.left()
         async with self._lock:
-            self._check_open()
-            self._at.dialogue.begin()
             try:
+                self._at.dialogue.begin()
                 if not self.control.is_scanning and not self.control.is_away:
                     await self.control.silence()
             except DeviceLost:
@@ -265,10 +260,6 @@ class Scanner:
         may_turn = self.rests and not self._at.dialogue.stopper.still
         if not self._asks and (self.control.is_scanning or may_turn):
             self.control.unwant()
-
-    def _check_open(self) -> None:
-        if self.failures.over is not None:
-            raise twin_of(self.failures.over)
 
 
 async def _told(result: T) -> T:

@@ -76,9 +76,9 @@ class Starter:
                     # The line was lost, or the session closed, while another operation held it.
                     if control.is_away or control.state is State.CLOSED:
                         return
-                    self._at.dialogue.begin()
                     control.starting = True
                     try:
+                        self._at.dialogue.begin()
                         if self._at.dialogue.reset_at is not None:
                             await come_back(self._at.dialogue)
                         await self._failures.judge()

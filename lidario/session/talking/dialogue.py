@@ -121,8 +121,8 @@ class Dialogue(Intake, Waiting):
     def connection_lost(self, error: LidarError | None) -> None:
         self.stopper.cancel()
         if error is not None:
-            # What came before is still worth having.
-            self._turns.then(lambda: self.fail(error))
+            # Behind what came before, which is still worth having.
+            self._turns.add(map(self.fail, (error,)))
 
     def fail(self, error: LidarError) -> None:
         """End the dialogue for good; the first error wins."""
@@ -135,8 +135,14 @@ class Dialogue(Intake, Waiting):
     # ------------------------------------------------------------------------------------------------ operations
 
     def begin(self) -> None:
-        """An operation begins; what interrupted or woke the one before does not concern it."""
-        self._ends, self._wake = self.fatal, None
+        """An operation begins; what interrupted or woke the one before does not concern it.
+
+        Raises:
+            LidarError: What has ended all operations for good.
+        """
+        if self.fatal is not None:
+            raise twin_of(self.fatal)
+        self._ends = self._wake = None
 
     def hurry(self, longest: float = math.inf, until: float = math.inf) -> None:
         """Ask each question once; without arguments, as often as is usual again.
