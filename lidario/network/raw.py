@@ -116,7 +116,7 @@ class RawDecoder:
         self._end()
         if self._family is None or self._family.stream_in(began.mode) is None:
             return
-        self._began, self._wall_offset_ns = began, self._clock.offset_ns()
+        self._began, self._wall_offset_ns = began, self._clock.wall_offset_ns
         stream = StoredStream(self._family, began).open()
         self._pipeline = Pipeline(stream, began.baudrate, self._wall_offset_ns, self.stats)
         self._last_ns = -(1 << 63)

@@ -112,16 +112,37 @@ class Inbox:
             OSError: The terminal is dead, or was hung up: it is readable, and has nothing to read.
         """
         with self._lock:
-            if not self._closed and (self._shared or not from_thread):
-                data = self._read_all()
-                now = self.last_ns = self._clock()
-                size = self.size + len(data)
-                if size > INBOX_BYTES:
-                    self._late.overflow_bytes += len(data)
-                elif data:
-                    self._chunks.append(data)
-                    self._arrivals.append((size, now))
-                    self.size, self.first_ns = size, self.first_ns or now
+            if self._closed or (from_thread and not self._shared):
+                return
+            pieces: list[bytes] = []
+            try:
+                data = self._read(self._handle)
+                if not data and _is_readable(self._handle):
+                    # Bytes that came between the two calls, or the end.
+                    data = self._read(self._handle)
+                    if not data:
+                        raise OSError("the line was hung up")
+                self._late.full_reads += len(data) >= _FULL_READ
+                while len(data) >= _FULL_READ and len(pieces) < _MOST_READS:
+                    # All that waited gets one time, or else the last of it would seem to have come late.
+                    pieces.append(data)
+                    data = self._read(self._handle)
+            except BlockingIOError:
+                data = b""
+            except OSError:
+                if not pieces:
+                    raise
+                data = b""
+            if pieces:
+                data = b"".join((*pieces, data))
+            now = self.last_ns = self._clock()
+            size = self.size + len(data)
+            if size > INBOX_BYTES:
+                self._late.overflow_bytes += len(data)
+            elif data:
+                self._chunks.append(data)
+                self._arrivals.append((size, now))
+                self.size, self.first_ns = size, self.first_ns or now
 
     def take(self) -> tuple[list[bytes], list[tuple[int, int]]]:
         """Return what was kept, and empty the inbox: the chunks, and how many bytes had come by when."""
@@ -135,28 +156,6 @@ class Inbox:
         """Stop reading; when this returns, a read in progress in another thread has ended. What was kept stays."""
         with self._lock:
             self._closed = True
-
-    def _read_all(self) -> bytes:
-        pieces: list[bytes] = []
-        try:
-            data = self._read(self._handle)
-            if not data and _is_readable(self._handle):
-                # Bytes that came between the two calls, or the end.
-                data = self._read(self._handle)
-                if not data:
-                    raise OSError("the line was hung up")
-            self._late.full_reads += len(data) >= _FULL_READ
-            while len(data) >= _FULL_READ and len(pieces) < _MOST_READS:
-                # All that waited gets one time, or else the last of it would seem to have come late.
-                pieces.append(data)
-                data = self._read(self._handle)
-        except BlockingIOError:
-            data = b""
-        except OSError:
-            if not pieces:
-                raise
-            data = b""
-        return b"".join((*pieces, data)) if pieces else data
 
 
 def _is_readable(handle: int) -> bool:

@@ -45,7 +45,7 @@ SENT_S = 0.01
 """How long stop requests are under way: they have less than 20 bytes."""
 
 
-class Port(Guarded, asyncio.Protocol):
+class Port(Guarded, WallClock, asyncio.Protocol):
     """One open line; made by `open_serial`, `open_tcp`, `open_udp`, `open_simulated` or `connect_in_memory`.
 
     Attributes:
@@ -64,7 +64,7 @@ class Port(Guarded, asyncio.Protocol):
     likely_loss: str = "Was it unplugged?"
 
     def __init__(self, name: str, baudrate: int = 0) -> None:
-        super().__init__(name)
+        Guarded.__init__(self, name)
         self.baudrate: int = baudrate
         self.late: Late = Late()
         self._loop = asyncio.get_running_loop()
@@ -72,7 +72,7 @@ class Port(Guarded, asyncio.Protocol):
         self._exact = type(self._loop).__module__.split(".")[0] == "uvloop"
         # Threads know the system's clock only: they are of no use to a loop with another one.
         self.is_real_time: bool = abs(self.now() - time.monotonic_ns()) < _SAME_CLOCK_NS
-        self._wall_clock = WallClock(self.now)
+        WallClock.__init__(self, self.now)
         self._receiver: Receiver | None = None
         self._untold: DeviceLost | None = None
         self.is_closing: bool = False
@@ -89,11 +89,6 @@ class Port(Guarded, asyncio.Protocol):
     def is_open(self) -> bool:
         """Whether bytes can still be written."""
         return self._open_line() is not None
-
-    @property
-    def wall_offset_ns(self) -> int:
-        """Nanoseconds from the event loop's clock to the wall clock: the same number until the latter is set."""
-        return self._wall_clock.offset_ns()
 
     def follow(self, audience: Any) -> None:
         """Name the session to which a recording is played; a live device does not care."""
@@ -131,9 +126,10 @@ class Port(Guarded, asyncio.Protocol):
             line.write_without_loop(data)
         else:
             line.write(data)
-            if self.taps:
+        if self.taps:
+            if not self._loop.is_closed():
                 line.hand_over()  # so that they see all in the order of time
-        self.show(("out", data, self.now()))
+            self.show(("out", data, self.now()))
 
     def set_baudrate(self, baudrate: int) -> None:
         """Change the speed of the line; bytes received at the old speed and not read yet are discarded.

@@ -25,7 +25,8 @@ class WallClock:
         # The loop's clock may be a driven one. Whether the wall clock was set, only the system's own one tells.
         self._ahead_ns = _ahead_of(time.monotonic_ns)
 
-    def offset_ns(self) -> int:
+    @property
+    def wall_offset_ns(self) -> int:
         """Nanoseconds from the event loop's clock to the wall clock: the same number until the latter is set."""
         if abs(time.time_ns() - time.monotonic_ns() - self._ahead_ns) >= LEAST_NS:
             step = _ahead_of(time.monotonic_ns) - self._ahead_ns

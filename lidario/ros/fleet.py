@@ -171,7 +171,7 @@ class Fleet(Entered):
         if is_raw(sample.payload) and attachment is not None:
             return self._decoders.of(sample.key, attachment.gid).steps(sample.payload)
         number = 0 if attachment is None else max(0, attachment.number)
-        scan = whole_scan(sample, self._clock.offset_ns(), number)
+        scan = whole_scan(sample, self._clock.wall_offset_ns, number)
         return None if scan is None else [[scan]]
 
     def _wake(self) -> None:

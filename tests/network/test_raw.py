@@ -49,7 +49,8 @@ class Clock(WallClock):
         super().__init__(time.monotonic_ns)
         self.ahead_ns = ahead_ns
 
-    def offset_ns(self) -> int:
+    @property
+    def wall_offset_ns(self) -> int:
         return self.ahead_ns
 
 

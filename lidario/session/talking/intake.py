@@ -76,10 +76,13 @@ class Intake(ABC):
         if not idle and self._turns.size + size > MOST_WAITING:
             self.link.discard_data(len(data), shown=True)
             return
-        self._turns.add(self._receive(data, now, arrivals, IDLE_SLICE if idle else SLICE), size)
+        steps = self._receive(data, now, arrivals, IDLE_SLICE if idle else SLICE)
+        self._turns.add(chain.from_iterable(steps), size)
 
-    def _receive(self, data: bytes, now: int, arrivals: Sequence[tuple[int, int]], most: int) -> Iterator[None]:
-        """Parse, so many bytes at a time; tell responses at once, and hand on all packets together."""
+    def _receive(
+        self, data: bytes, now: int, arrivals: Sequence[tuple[int, int]], most: int
+    ) -> Iterator[Iterable[None]]:
+        """Parse, so many bytes at a time; tell responses at once, and hand on all packets together; in steps."""
         runs: list[Packets] = []
         # Live it is mostly one piece: a revolution, or less.
         whole = len(data) <= most
@@ -92,10 +95,10 @@ class Intake(ABC):
                     # Of a stream, the script is told what its descriptor announces.
                     self.responded(event.payload if isinstance(event, Response) else bytes((event.type,)))
             if not whole:
-                yield
+                yield (None,)
         self.taken()
         for packets in join_runs(runs) if len(runs) > 1 else runs:
-            yield from self.deliver(packets)
+            yield self.deliver(packets)
 
     def deliver_to(self, callback: TakePackets | None) -> None:
         """Have `callback` take all packets, first those since the descriptor. With None, none are taken."""
