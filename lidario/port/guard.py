@@ -11,6 +11,9 @@ let go of the port ends, and that is seen here as the end of the socket.
 
 The guard is no child of this process: a program that waits for all of its children would wait for the guard too. A
 forked child of this process lets go of the socket, or the guard would not learn that the parent is dead.
+
+The guard of a dead program holds the line until it has stopped the device. Who opens the line meanwhile waits
+for it (`wait_for_guard`), where /proc tells of it.
 """
 
 from __future__ import annotations
@@ -22,7 +25,7 @@ import signal
 import socket
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -40,6 +43,10 @@ START_S = 10.0
 RELEASE_S = 0.5
 """Longest time for which closing the port waits until the guard has let go of it; usually a millisecond. A guard
 that is stopped or starved is killed then."""
+WAIT_S = 4.0
+"""Longest time for which a line is not opened for the guard of a dead program. Mostly it is 0.15 s; 2.7 s where the
+device owed a response (`lidario.port.guard_process.LONGEST_S`)."""
+_LOOK_S = 0.01
 MARGIN_S = 0.005
 """Added to the pause that the stop requests demand: an adapter may deliver one late and the next one on time."""
 _SCRIPT = str(Path(__file__).with_name("guard_process.py"))
@@ -255,3 +262,38 @@ def _reap(child: int, options: int = 0) -> bool:
     except OSError:
         return False
     return True
+
+
+def wait_for_guard(line: str) -> None:
+    """Block while the guard of a dead program holds this line, a serial port or one of a network.
+
+    A bridge may take one connection only, and a device would hear both.
+    """
+    deadline = time.monotonic() + WAIT_S
+    while time.monotonic() < deadline:
+        # A serial port has several names.
+        same = os.path.realpath(line)
+        if not any(os.path.realpath(held) == same and _is_dead(program) for program, held in _guards()):
+            return
+        time.sleep(_LOOK_S)
+
+
+def _guards() -> Iterator[tuple[int, str]]:
+    """All guards: the number of the program of each, and its line as that has named it."""
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            # NAME, PID and PORT; a zero byte ends each.
+            *_, name, program, line, _ = os.fsdecode((process / "cmdline").read_bytes()).split("\0")
+            if name == NAME:
+                yield int(program), line
+        except (OSError, ValueError):
+            continue  # it has just ended, or has fewer arguments
+
+
+def _is_dead(pid: int) -> bool:
+    """Whether a process has ended, be it a zombie or gone."""
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return True
+    return state in "ZX"

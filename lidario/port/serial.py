@@ -29,7 +29,7 @@ from lidario.model import LineErrors
 from lidario.port.adapter import FOREIGN, Adapter, count_errors
 from lidario.port.background import run_in_thread
 from lidario.port.diagnose import busy, held, is_pseudo_terminal, why_not_opened
-from lidario.port.left import wait_for_guard
+from lidario.port.guard import wait_for_guard
 from lidario.port.port import Port
 from lidario.port.reading import PolledLine
 

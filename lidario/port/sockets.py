@@ -17,7 +17,7 @@ from typing import Any, Generic, TypeVar
 
 from lidario.errors import ConnectFailed
 from lidario.port.background import run_in_thread
-from lidario.port.left import wait_for_guard
+from lidario.port.guard import wait_for_guard
 from lidario.port.line import Line
 from lidario.port.port import Port
 from lidario.port.repeat import Repeat

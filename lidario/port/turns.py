@@ -21,7 +21,7 @@ MOST_WAITING: Final = 1 << 20
 """Bytes that may wait: 15 s of the fastest stream, which take 0.1 s."""
 
 DELIVERY_BYTES: Final = 512
-"""What a delivery takes beside its bytes while it waits, about: many small ones are bounded too."""
+"""What a delivery takes beside its bytes while it waits, or is kept, about: many small ones are bounded too."""
 
 
 class Turns:

@@ -19,8 +19,7 @@ from lidario import InvalidValue, Unsupported, open_lidar, simulate
 from lidario.port import guard_process
 from lidario.port.background import run_in_thread
 from lidario.port.diagnose import busy, holders
-from lidario.port.guard import NAME, Guard, start_guard
-from lidario.port.left import wait_for_guard
+from lidario.port.guard import NAME, Guard, start_guard, wait_for_guard
 from lidario.port.serial import open_serial
 from lidario.wire.envelope import Request
 from tests.cli.processes import served
@@ -234,7 +233,7 @@ def test_a_port_that_a_guard_has_is_held_by_its_program(monkeypatch: pytest.Monk
         async def main() -> None:
             async with open_lidar(server.path, guard=True):
                 with monkeypatch.context() as patch:
-                    patch.setattr("lidario.port.left.time.sleep", lambda _: pytest.fail("waited"))
+                    patch.setattr("lidario.port.guard.time.sleep", lambda _: pytest.fail("waited"))
                     wait_for_guard(server.path)
                 assert "lidario-guard" in str(busy(server.path))
 
@@ -265,7 +264,7 @@ def test_the_guard_of_a_dead_program_is_waited_for_and_no_longer(
             guard.kill()
             guard.wait()
 
-        monkeypatch.setattr("lidario.port.left.time.sleep", sleep)
+        monkeypatch.setattr("lidario.port.guard.time.sleep", sleep)
         wait_for_guard("tcp://y:1")
         assert slept == []
         wait_for_guard(name)

@@ -148,5 +148,5 @@ def test_a_program_that_opens_the_port_meanwhile_waits(real: bool, monkeypatch: 
 def soon(patch: pytest.MonkeyPatch) -> Iterator[None]:
     """A guard is waited for shortly."""
     with patch.context() as shortly:
-        shortly.setattr("lidario.port.left.WAIT_S", 0.1)
+        shortly.setattr("lidario.port.guard.WAIT_S", 0.1)
         yield

@@ -1,6 +1,6 @@
 """The stream of one device, as those see it who read it, ask the device something meanwhile, or stop it.
 
-Readers only say that they want scans (`join`) and that they do not any more (`leave`, `linger`). A task of the
+Readers only say that they want scans (`join`) and that they do not any more (`leave`). A task of the
 session brings the stream up (`lidario.session.streaming.starter`). Where the stream stands is one `State`, which
 `lidario.session.streaming.control` leads from step to step; what becomes of it when something fails is decided in
 `lidario.session.streaming.failures`.
@@ -77,18 +77,16 @@ class Scanner:
         self.control.want()
         self._starter.work_soon()
 
-    def leave(self, mailbox: Mailbox[Any]) -> None:
-        """Hand `mailbox` no more; the last one to leave stops the device, at once."""
+    def leave(self, mailbox: Mailbox[Any], *, lingers: bool = False) -> None:
+        """Hand `mailbox` no more; the last one to leave stops the device, at once or a little later."""
         self.hub.discard(mailbox)
-        if not len(self.hub) and self.control.is_scanning:
+        if len(self.hub) or not self.control.is_scanning:
+            return
+        if lingers:
+            self.hub.linger()
+        else:
             self.hub.cancel_linger()
             self.control.unwant()
-
-    def linger(self, mailbox: Mailbox[Any]) -> None:
-        """Hand `mailbox` no more; when it was the last one, the device stops a little later."""
-        self.hub.discard(mailbox)
-        if not len(self.hub) and self.control.is_scanning:
-            self.hub.linger()
 
     async def left(self) -> None:
         """Return when what `leave` wrote has reached the device."""

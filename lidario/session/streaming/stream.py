@@ -15,6 +15,7 @@ import weakref
 from collections import deque
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
+from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar, cast
 
 from lidario.arguments import shown, whole, yes_or_no
@@ -243,7 +244,7 @@ class ReaderStream(AsyncOnly, Generic[T]):
     def release(self) -> None:
         """Leave the stream; the last one to be left stops laser and motor a second later, unless one was begun."""
         if self._leave():
-            self._source.linger(self._mailbox)
+            self._source.leave(self._mailbox, lingers=True)
 
     def _leave(self) -> bool:
         left, self._left = self._left, True
@@ -279,4 +280,4 @@ def until_there(stream: ReaderStream[Any]) -> Coroutine[Any, Any, None]:
 
 def _let_go(loop: asyncio.AbstractEventLoop, source: Scanner, mailbox: Mailbox[Any]) -> None:
     with suppress(RuntimeError):  # the loop is closed: so is the session, or its own finalizer stops the device
-        loop.call_soon_threadsafe(source.linger, mailbox)
+        loop.call_soon_threadsafe(partial(source.leave, mailbox, lingers=True))

@@ -128,18 +128,15 @@ class Dialogue(Intake, Waiting):
         """End the dialogue for good; the first error wins."""
         if self.fatal is not None:
             return
-        super().fail(error)
+        self.end(error)
+        self.interrupt(error)
         if self.on_lost is not None:
             self.on_lost(error)
 
     # ------------------------------------------------------------------------------------------------ operations
 
     def begin(self) -> None:
-        """An operation begins; what interrupted or woke the one before does not concern it.
-
-        Raises:
-            LidarError: What has ended all operations for good.
-        """
+        """An operation begins; what interrupted or woke the one before does not concern it. Raises `fatal`."""
         if self.fatal is not None:
             raise twin_of(self.fatal)
         self._ends = self._wake = None

@@ -28,8 +28,6 @@ IDLE_SLICE: Final = 8192
 """Bytes that are parsed in one step while nothing waits: a revolution of most devices."""
 EARLY_BYTES: Final = 256 * 1024
 """Most bytes of packets that are kept until their reader is named; so many come in four seconds."""
-_RUN_BYTES: Final = 512
-"""What a run of packets takes beside its bytes, about."""
 _STREAMING = LinkState.STREAMING
 
 TakePackets: TypeAlias = Callable[[Packets], Iterable[None]]
@@ -117,7 +115,7 @@ class Intake(ABC):
             self.stats.unread_packets += packets.count
             if self.link.state is _STREAMING and self._early_bytes < EARLY_BYTES:
                 self._early.append(packets)
-                self._early_bytes += len(packets.data) + _RUN_BYTES
+                self._early_bytes += len(packets.data) + DELIVERY_BYTES
             return ()
         return chain(self._take_early(), take(packets)) if self._early else take(packets)
 

@@ -42,15 +42,12 @@ class Waiting:
     def interrupt(self, error: LidarError) -> None:
         """End the operation in progress with `error`: at once if it waits, else at its next step."""
         self._ends = self.fatal or error
-        self._raise(error)
-
-    def fail(self, error: LidarError) -> None:
-        """End this operation and all later ones with `error`."""
-        self.end(error)
-        self._raise(error)
+        waiter = None if self._waiter is None else self._waiter()
+        if waiter is not None and not waiter.done() and not self._loop.is_closed():
+            waiter.set_exception(twin_of(error))
 
     def end(self, error: LidarError) -> None:
-        """As `fail`, from any thread. An operation that waits is not woken; it ends when its time is over."""
+        """End all operations with `error`, from any thread; one that waits ends by `interrupt`, or by its time."""
         to_be_kept(error)
         self.fatal = self._ends = error
 
@@ -76,11 +73,6 @@ class Waiting:
         # After the loop was closed, waiters are collected: none can be woken any more.
         if waiter is not None and not waiter.done() and not self._loop.is_closed():
             waiter.set_result(result)
-
-    def _raise(self, error: LidarError) -> None:
-        waiter = None if self._waiter is None else self._waiter()
-        if waiter is not None and not waiter.done() and not self._loop.is_closed():
-            waiter.set_exception(twin_of(error))
 
 
 def _time_out(waiter: asyncio.Future[bytes | None]) -> None:
