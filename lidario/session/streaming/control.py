@@ -136,7 +136,7 @@ class StreamControl:
         self.ran = True
         self.running = Running(stream, self._at, self._latency, self.totals, self._hub, self._failed)
         if self._hub.parts:
-            self.running.divide(self._hub.parts)
+            self.running.divide()
         self.running.begin()
 
     def pause(self) -> None:
@@ -222,9 +222,9 @@ class StreamControl:
         if not self.is_scanning:
             self._at.dialogue.stop_device()
 
-    def _divide(self, parts: frozenset[int]) -> None:
+    def _divide(self) -> None:
         if self.running is not None:
-            self.running.divide(parts)
+            self.running.divide()
 
     def _still(self) -> None:
         if self.state is State.STOPPING:

@@ -50,7 +50,7 @@ class Hub:
         self.joining: list[Joining] = []
         self.dropped: int = 0
         self.parts: frozenset[int] = frozenset()
-        self.on_parts: Callable[[frozenset[int]], None] | None = None
+        self.on_parts: Callable[[], None] | None = None
         # In the order in which they came: a run is repeated exactly.
         self._mailboxes: dict[Mailbox[Any], None] = {}
         self._watchers: list[Callable[[Scan], None]] = []
@@ -152,4 +152,4 @@ class Hub:
         if parts != self.parts:
             self.parts = parts
             if self.on_parts is not None:
-                self.on_parts(parts)
+                self.on_parts()

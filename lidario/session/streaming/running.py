@@ -106,7 +106,6 @@ class Running:
         wall_offset_ns = dialogue.port.wall_offset_ns
         self._pipeline = Pipeline(stream, self._baudrate, wall_offset_ns, totals.assembled, link=dialogue.link)
         self._pace = Pace(stream, self._baudrate, latency, dialogue.stats.bytes_received)
-        self._is_divided = False
         self._watchdog: asyncio.TimerHandle | None = None
         self._keepalive: asyncio.TimerHandle | None = None
         self._began = self._last_packet = self._last_scan = self._loop.time()
@@ -160,10 +159,9 @@ class Running:
         )
         self._pipeline.assembler.set_zero_offset(degrees, behind=behind)
 
-    def divide(self, parts: frozenset[int]) -> None:
-        """Publish sectors from the next revolution on, so many of each revolution; none for no more."""
-        self._pipeline.assembler.divide(parts, self._hub.publish_sector)
-        self._is_divided = bool(parts)
+    def divide(self) -> None:
+        """Publish the sectors that somebody reads, from the next revolution on."""
+        self._pipeline.assembler.divide(self._hub.parts, self._hub.publish_sector)
         self._pace.expect(math.nan)
 
     def _take(self, packets: Packets) -> Iterator[None]:
@@ -184,7 +182,7 @@ class Running:
                 self._trouble.tell("revolutions discarded: %d so far", counted.broken_scans)
                 self._discarded = counted.broken_scans
             yield
-        if self._is_divided:
+        if self._hub.parts:
             self._pace.expect(self._pipeline.assembler.next_ns)
 
     def _follow_clock(self, wall_offset_ns: int) -> None:
