@@ -66,7 +66,7 @@ class Turns:
                 self.waiting.popleft()
                 self.size -= size
         except Exception as error:
-            # It makes no more steps, and so leaves in the next turn.
+            self.size -= self.waiting.popleft()[1]
             self._failed(error)
         finally:
             self._busy = bool(self.waiting)

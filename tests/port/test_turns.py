@@ -84,6 +84,7 @@ async def test_a_failure_is_told_and_what_waits_behind_it_is_done() -> None:
     worked = Worked()
     worked.all.add(worked.steps("a", 1, fails=True))
     assert [str(error) for error in worked.errors] == ["a"]
+    assert not worked.all.waiting
     worked.all.add(worked.steps("b", 9, fails=True), 5)
     worked.all.add(worked.steps("c", 1), 5)
     await worked.end()
