@@ -126,9 +126,9 @@ class Port(Guarded, WallClock, asyncio.Protocol):
             line.write_without_loop(data)
         else:
             line.write(data)
-        if self.taps:
-            if not self._loop.is_closed():
+            if self.taps:
                 line.hand_over()  # so that they see all in the order of time
+        if self.taps:
             self.show(("out", data, self.now()))
 
     def set_baudrate(self, baudrate: int) -> None:
