@@ -13,10 +13,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from lidario.scan import Scan
 
 Gaps: TypeAlias = Sequence[tuple[int, int]]
 """Where samples are missing: how many there are before, and how many are missing there."""
@@ -116,25 +119,18 @@ def follow_rotor(
     return Rotor((seam + first) % 360.0, 0.0, period_ns)
 
 
-def rotor_of(
-    device_angles: NDArray[np.floating],
-    time_increment_ns: float,
-    duration_ns: float,
-    seam: float,
-    lost_packets: int,
-    gaps: Gaps | None,
-    *,
-    field_deg: float,
-) -> Rotor:
-    """As `follow_rotor`, of a device that sees `field_deg` of a turn, negative where its angles fall."""
+def rotor_of(scan: Scan, gaps: Gaps | None) -> Rotor:
+    """How the rotor turned during a scan, whose samples are in the order of measuring."""
+    angles, time_increment_ns, seam, field_deg = (
+        scan.device_angles, scan.time_increment_ns, scan.seam, scan.field_of_view,
+    )  # fmt: skip
     if abs(field_deg) != 360.0:
         # A whole scan of evenly spaced samples; each stands in the middle of its share of the field.
-        period_ns = 360.0 / abs(field_deg) * len(device_angles) * time_increment_ns
+        period_ns = 360.0 / abs(field_deg) * len(angles) * time_increment_ns
         return Rotor(seam, -time_increment_ns / 2, period_ns, field_deg)
     if field_deg > 0:
-        return follow_rotor(device_angles, time_increment_ns, duration_ns, seam, lost_packets, gaps)
-    angles = _mirrored(device_angles)
-    found = follow_rotor(angles, time_increment_ns, duration_ns, -seam, lost_packets, gaps)
+        return follow_rotor(angles, time_increment_ns, scan.duration_ns, seam, scan.lost_packets, gaps)
+    found = follow_rotor(_mirrored(angles), time_increment_ns, scan.duration_ns, -seam, scan.lost_packets, gaps)
     return Rotor(-found.begin_deg % 360.0, found.begin_ns, found.period_ns, field_deg)
 
 

@@ -216,12 +216,7 @@ class Scan(MeasuredSamples):
         return made if self._measured is None else made.sorted()
 
     def _follow_rotor(self) -> Rotor:
-        if self._rotor is not None:
-            return self._rotor
-        return rotor_of(
-            self.device_angles, self.time_increment_ns, self.duration_ns, self.seam, self.lost_packets, self._gaps,
-            field_deg=self.field_of_view,
-        )  # fmt: skip
+        return rotor_of(self, self._gaps) if self._rotor is None else self._rotor
 
     def to_laserscan(
         self,

@@ -34,7 +34,7 @@ DIRECTIONS = 1 << 15
 """Directions in the table of distances."""
 _PER_DEGREE = DIRECTIONS / 360.0
 _TICKS_PER_SECOND = 100
-_NOISE = 1 << 14
+NOISES = 1 << 14
 _FARTHEST_M = 1e6  # of a wall's end; the products of much larger coordinates overflow
 _GIRTH_M = 0.25  # radius of the person who walks
 _HASH = 2654435761  # 2**32 over the golden ratio (Knuth's multiplicative hash)
@@ -80,6 +80,16 @@ def _within(points: Floats, pose: Pose) -> Floats:
     turned = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
     found: Floats = (points - np.array([x, y])) @ turned
     return found
+
+
+def drawn(t: Floats, directions: npt.NDArray[np.int64] | int = 0) -> npt.NDArray[np.int64]:
+    """Which number of a table of `NOISES` belongs to each time and direction."""
+    draw = (t * 1e6).astype(np.int64)
+    draw += directions << 20
+    draw *= _HASH
+    draw >>= 16
+    draw &= NOISES - 1
+    return draw
 
 
 class Walker:
@@ -167,7 +177,7 @@ class World:
         self.walker = walker
         self._noise: Floats | None = None
         if noise_mm > 0.0:
-            self._noise = np.random.default_rng(seed).normal(0.0, noise_mm, _NOISE)
+            self._noise = np.random.default_rng(seed).normal(0.0, noise_mm, NOISES)
 
     def ranges_mm(self, angles_deg_clockwise: npt.ArrayLike, t_seconds: npt.ArrayLike) -> Floats:
         """As `WorldLike.ranges_mm`; also at one time for all beams. A copy."""
@@ -181,12 +191,7 @@ class World:
         if self.walker is not None:
             self.walker.occlude(ranges, angles, directions, t)
         if self._noise is not None:
-            draw = (t * 1e6).astype(np.int64)
-            draw += directions << 20
-            draw *= _HASH
-            draw >>= 16
-            draw &= _NOISE - 1
-            noisy = ranges + self._noise[draw]
+            noisy = ranges + self._noise[drawn(t, directions)]
             noisy *= ranges > 0.0
             ranges = np.maximum(noisy, 0.0, out=noisy)
         return ranges

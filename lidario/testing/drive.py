@@ -10,12 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from lidario import Wall
 from lidario.arguments import finite, whole
 from lidario.sim.rooms import furnished_room
-from lidario.sim.world import Floats, to_wall
+from lidario.sim.world import NOISES, Floats, drawn, to_wall
 from lidario.testing.surroundings import segments, table_of
-
-NOISES = 1 << 14
-HASH = 2654435761
-"""2**32 over the golden ratio (Knuth's multiplicative hash)."""
 
 
 def furnished() -> list[Wall]:
@@ -88,9 +84,8 @@ class Drive:
         x1, y1 = self._walls[:, 0] - poses[:, :1], self._walls[:, 1] - poses[:, 1:2]
         ex, ey = self._walls[:, 2] - self._walls[:, 0], self._walls[:, 3] - self._walls[:, 1]
         nearest = to_wall(dx, dy, x1, y1, ex, ey).min(axis=1, initial=np.inf)
-        draw = ((seconds * 1e6).astype(np.int64) * HASH >> 16) & (NOISES - 1)
         measured: Floats = np.where(
-            np.isfinite(nearest), np.maximum(nearest * 1000.0 + self._noise[draw], 0.0), 0.0
+            np.isfinite(nearest), np.maximum(nearest * 1000.0 + self._noise[drawn(seconds)], 0.0), 0.0
         )
         return measured
 
