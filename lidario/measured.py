@@ -16,7 +16,6 @@ from lidario.arguments import callable_of, shown
 from lidario.errors import InvalidValue
 from lidario.rotor import Gaps, Rotor, times_of
 from lidario.samples import (
-    FloatArray,
     is_between,
     metres_at,
     metres_of,
@@ -27,6 +26,8 @@ from lidario.samples import (
 )
 
 _RecordT = TypeVar("_RecordT", bound="MeasuredSamples")
+
+FloatArray = NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True)
