@@ -117,6 +117,16 @@ def test_each_steady_revolution_halves_how_much_earlier_one_looks() -> None:
     assert earlier == pytest.approx([0.0, 0.002, 0.001, 0.0005], abs=1e-6)
 
 
+def test_a_sector_counts_as_long_as_it_is_known_when_the_next_one_is_complete() -> None:
+    """It is polled for a millisecond later, as an adapter delivers; then the revolution counts again."""
+    both = turning(pace(), 0.0, 0.1, 0.2)
+    whole = both.rest(0.31)
+    both.expect(0.33e9)
+    assert both.rest(0.31) == pytest.approx(0.021)
+    both.expect(float("nan"))
+    assert both.rest(0.31) == whole > 0.05
+
+
 def test_where_bytes_take_no_time_a_revolution_is_due_that_much_sooner() -> None:
     timed, untimed = pace(), Pace(stream_of(DENSE, sample_ns=31_250.0), 0, 0.005)
     assert turning(timed, 0.0, 0.1, 0.2).due - turning(untimed, 0.0, 0.1, 0.2).due == pytest.approx(WIRE_S)

@@ -1,13 +1,15 @@
 """The modes of an RPLIDAR: those it lists, and those it has where it lists none."""
 
 import struct
+from dataclasses import replace
 
 import pytest
 
 from lidario.families.rplidar.commands import Conf, get_lidar_conf
 from lidario.model import ScanMode
+from lidario.wire.envelope import Request
 from tests.support.rplidar_device import A1, C1, DENSE_BOOST, LISTED, STANDARD, conf, identified, mode_answers
-from tests.support.scripts import Answers, drive
+from tests.support.scripts import Answers, drive, played
 
 
 def test_modes_are_the_devices_own() -> None:
@@ -66,6 +68,25 @@ def test_what_is_not_told_is_noted(missing: Answers, note: str) -> None:
     device = identified()
     drive(device.modes(), {**LISTED, **missing})
     assert device.modes_note.removeprefix("the device ") == note
+
+
+@pytest.mark.parametrize(
+    "kind", [Conf.SAMPLE_DURATION, Conf.MAX_DISTANCE, Conf.RESPONSE_TYPE, Conf.MODE_NAME, Conf.TYPICAL_MODE]
+)
+def test_what_was_lost_once_is_asked_again(kind: Conf) -> None:
+    """The typical mode is not the last one, which is taken where none is told."""
+    answers = {**LISTED, **conf(Conf.TYPICAL_MODE, b"\0\0")}
+    number = None if kind is Conf.TYPICAL_MODE else 1
+    lost, times = get_lidar_conf(kind, number).data, 0
+
+    def lossy(request: Request) -> bytes | None:
+        nonlocal times
+        times += request.data == lost
+        # Of a mode that it does not have it tells the question alone.
+        return None if request.data == lost and times == 1 else answers.get(request.data, request.data[3:7])
+
+    modes = played(identified().modes(), lossy)
+    assert modes == (replace(STANDARD, typical=True), replace(DENSE_BOOST, typical=False))
 
 
 def test_a_typical_mode_nobody_can_read_is_not_typical() -> None:

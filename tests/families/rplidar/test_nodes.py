@@ -1,5 +1,7 @@
 """Which five bytes are a node, alone and in company."""
 
+from copy import deepcopy
+
 import numpy as np
 import pytest
 from hypothesis import example, given
@@ -136,6 +138,25 @@ def test_a_mark_is_told_where_it_stands_elsewhere_than_at_0(angle: int, side: in
     """30 degrees from it, and more."""
     marked = node(side * angle % TURN, start=True)
     assert list(NodeFormat().headings(arrived(marked, 1, 0))) == [side * angle % TURN | BEGINS * told]
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize(("off", "believed"), [(0, True), (30 * 64, True), (30 * 64 + 1, False)])
+@pytest.mark.parametrize("place", [61 * 64, 100 * 64, 260 * 64])
+def test_a_mark_stands_within_30_degrees_of_where_the_first_one_did(
+    place: int, off: int, believed: bool, side: int
+) -> None:
+    """Or of 0. The node itself continues the one before."""
+    second = place + side * off
+    turn = [node(angle % TURN) for angle in range(place + 64, second + TURN, 7 * 64)]
+    stream = in_step(place - 7)
+    assert stream.run(bytearray(node(place, start=True) + b"".join(turn)), 0).packets == (
+        (Block(5, len(turn) + 1),)
+    )
+    # As an array, and alone.
+    for behind in (b"", b"".join(node(second + 7 * k) for k in range(1, 30))):
+        went_on = deepcopy(stream).run(bytearray(node(second, start=True) + behind), 0)
+        assert bool(went_on.packets) is believed
 
 
 BAD = {

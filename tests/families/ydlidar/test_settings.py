@@ -1,6 +1,7 @@
 """Settings of the 4ROS: by hand, and against the simulated device through a real `Link`, in driven time."""
 
 import struct
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 
 import pytest
@@ -117,16 +118,31 @@ def test_power_down_protection_is_toggled_until_it_is_as_wanted(bench: Bench, be
         assert stream.keepalive.interval_s == 0.4
 
 
-def test_a_toggle_whose_answer_was_lost_ends_in_the_wanted_state() -> None:
-    enabled, toggles = False, 0
+@pytest.mark.parametrize(
+    ("before", "lost", "made", "ends"),
+    [
+        (False, 1, 3, nullcontext()),
+        (False, 2, 3, nullcontext()),
+        (True, 3, 4, nullcontext()),
+        (False, 3, 4, pytest.raises(RemoteProtocolError, match="does not go on")),
+        (False, 4, 4, pytest.raises(ResponseTimeout)),
+    ],
+)
+def test_a_toggle_whose_answer_was_lost_ends_in_the_wanted_state(
+    before: bool, lost: int, made: int, ends: AbstractContextManager[object]
+) -> None:
+    """Unless four toggles do not lead there. So many responses are lost, the first ones."""
+    enabled, toggles = before, 0
 
     def lossy(request: Request) -> bytes | None:
         nonlocal enabled, toggles
         enabled, toggles = not enabled, toggles + 1
-        return None if toggles == 1 else bytes((not enabled,))
+        return None if toggles <= lost else bytes((not enabled,))
 
-    assert played(YdlidarDevice().power_down_protection(True), lossy) is True
-    assert (enabled, toggles) == (True, 3)
+    with ends:
+        assert played(YdlidarDevice().power_down_protection(True), lossy) is True
+        assert enabled
+    assert toggles == made
 
 
 @pytest.mark.parametrize("before", [False, True])
