@@ -81,8 +81,8 @@ def _why(error: Exception, unreachable: str) -> str:
         return f"not an address that can be connected to ({error})"
     if isinstance(error, socket.gaierror):
         return f"{error.strerror}. Is the name of the host right?"
-    code = error.errno or 0
-    text = os.strerror(code) if code > 0 else error.strerror or str(error)
+    code = error.errno
+    text = os.strerror(code) if code else str(error)
     if code == errno.ECONNREFUSED:
         return f"{text}. Is the server running, and is the port number right?"
     return f"{text}. {unreachable}" if code in _UNREACHABLE else text

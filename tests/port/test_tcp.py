@@ -112,6 +112,15 @@ async def test_a_refused_connection_says_what_to_do() -> None:
     assert caught.value.reason == "refused"
 
 
+async def test_what_has_no_number_is_told_as_the_system_says_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def connect(*_: Any, **__: Any) -> None:
+        raise OSError("could not bind to any address")
+
+    monkeypatch.setattr(asyncio.get_running_loop(), "create_connection", connect)
+    with pytest.raises(ConnectFailed, match=r"^tcp://x: could not bind to any address$"):
+        await open_tcp("tcp://x", "127.0.0.1", 1)
+
+
 async def test_a_dead_bridge_is_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     chosen: dict[int, int] = {}
     original = TransportSocket.setsockopt

@@ -50,17 +50,19 @@ async def test_it_goes_on_after_the_cable_was_pulled_out(rig: Rig) -> None:
         assert lidar.stats.scans + lidar.stats.missed_scans > second.seq
 
 
-async def test_it_is_found_at_the_speed_before_where_a_loss_of_power_sets_that_back(
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize("baudrate", [1_000_000, 1_500_000])
+async def test_it_is_found_at_the_speed_that_was_set_and_at_the_one_before(
+    baudrate: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """No document says whether it does; this one does."""
-    rig = make_rig("rplidar")
+    """No document says whether a loss of power sets it back; that of this one does, and a loose plug does not."""
+    rig, lines = make_rig("rplidar"), list[MemoryTransport]()
 
     async def open_serial(path: str, baudrate: int) -> Port:
         port = Port(path, baudrate)
         line = MemoryTransport(asyncio.get_running_loop(), port, MemoryLine(rig.device))
         line.set_baudrate(baudrate)
         port.connection_made(line)
+        lines.append(line)
         return port
 
     monkeypatch.setattr("lidario.session.finding.connect.open_serial", open_serial)
@@ -69,9 +71,12 @@ async def test_it_is_found_at_the_speed_before_where_a_loss_of_power_sets_that_b
         await lidar.set_baudrate(1_500_000)
         assert (await anext(stream)).lost_packets == 0
         assert lidar.baudrate == rig.device.baudrate == 1_500_000
-        restarts(rig.device)
+        if baudrate == 1_000_000:
+            restarts(rig.device)
+        else:
+            lines[-1].end(OSError("the line was unplugged"))
         await next_after(stream, now() + rig.device.boot_s)
-        assert lidar.baudrate == rig.device.baudrate == 1_000_000
+        assert lidar.baudrate == rig.device.baudrate == baudrate
         assert lidar.stats.reconnects == 1
     assert left_still(rig)
 

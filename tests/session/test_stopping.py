@@ -17,6 +17,7 @@ from tests.support.devices import (
     left_still,
     make_rig,
     names,
+    some,
     take,
 )
 
@@ -128,6 +129,22 @@ async def test_stop_in_every_state_and_twice_at_once(rig: Rig) -> None:
         with pytest.raises(LocalProtocolError, match="another task stopped the lidar before the scan was complete"):
             await scanning
         await asyncio.gather(lidar.close(), lidar.close())
+
+
+async def test_a_stream_that_begins_while_a_stop_waits_for_a_question_is_not_stopped(rig: Rig) -> None:
+    async with rig.open() as lidar:
+        question = asyncio.ensure_future(lidar.get_health())
+        await asyncio.sleep(0)
+        first = asyncio.ensure_future(anext(lidar.scans()))
+        await asyncio.sleep(0)
+        assert not question.done()
+        stopped = asyncio.ensure_future(lidar.stop())
+        await asyncio.sleep(0)
+        async with lidar.scans(depth=99) as stream:
+            scans = await some(stream, 20)
+        assert stopped.done()
+        assert isinstance(first.exception(), StopAsyncIteration)
+        assert [scan.seq for scan in scans] == list(range(scans[0].seq, scans[0].seq + 20))
 
 
 async def test_a_cancelled_reader_does_not_end_its_stream(rig: Rig) -> None:

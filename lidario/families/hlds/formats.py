@@ -76,7 +76,7 @@ class PacketFormat(CheckedFormat):
         begun, number = self._begin(raw), raw[:, 1].astype(np.int32) - FIRST
         intact = np.zeros(count, np.bool_)
         intact[:-1] = begun[:-1] & begun[1:] & (number[1:] == (number[:-1] + 1) % PACKETS)
-        # Of the last one the next may not be there yet.
+        # Of the last one the next may not be there yet. It begins as it must where the one before is intact.
         last = at + (count - 1) * SIZE
-        intact[-1] = len(data) - last >= SIZE + 2 and begun[-1] and self.intact(data, last, SIZE)
+        intact[-1] = len(data) - last >= SIZE + 2 and self.intact(data, last, SIZE)
         return intact

@@ -205,7 +205,7 @@ class Scanner:
         async with self._lock:
             try:
                 self._at.dialogue.begin()
-                if not self.control.is_scanning and not self.control.is_away:
+                if not self.control.is_scanning:
                     await self.control.silence()
             except DeviceLost:
                 if not self.control.is_away:

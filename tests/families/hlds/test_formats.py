@@ -37,7 +37,9 @@ def test_many_without_a_check_value_are_judged_as_one_is(count: int) -> None:
     packets = list(PACKETS[:count])
     packets[-2] = packets[-2][:1] + b"\xff" + packets[-2][2:]
     whole = b"".join(PACKETS[:count])
-    for raw in (b"".join(packets), whole, whole + b"\xfa", whole + PACKETS[count][:2]):
+    following = PACKETS[count][:2]
+    no_mark = whole[:-SIZE] + b"\xfb" + PACKETS[count - 1][1:]
+    for raw in (b"".join(packets), whole, whole + b"\xfa", whole + following, no_mark + following):
         data = bytearray(raw)
         assert PacketFormat().run(data, 0) == checked_one_by_one(PacketFormat(), data, 0)
 
