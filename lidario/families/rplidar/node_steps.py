@@ -187,13 +187,12 @@ class NodeSteps(PacedTurning):
 
 def _short(spans: Steps) -> float:
     """One of the shorter ones. Gaps only ever lengthen a step, so these tell the truth."""
-    return float(np.partition(spans, len(spans) // 4)[len(spans) // 4])
+    return float(np.sort(spans)[len(spans) // 4])
 
 
 def _middle(spans: Steps) -> tuple[float, int]:
     """The ordinary one of several steps, and how many agree with it."""
-    middle = len(spans) // 2
-    median = float(np.partition(spans, middle)[middle])
+    median = float(np.sort(spans)[len(spans) // 2])
     # A step is a few units: one of 7.2 is 7 or 8, and the median 7.
     near = spans[np.abs(spans - median) <= median / 2]
     return (float(near.mean()) if len(near) else median), len(near)

@@ -130,6 +130,16 @@ def test_of_six_packets_the_longest_one_is_an_ordinary_one(count: int, ordinary:
     assert samples.revolution_packets == 1 + 480 // ordinary
 
 
+def test_revolutions_of_few_packets_have_as_many_together_as_one_by_one() -> None:
+    """All of the second one may be short: the one before tells how long they may be."""
+    long, short = turn_of([1, 160, 160, 159]), turn_of([1, 120, 120, 120, 119])
+    decoder = PointCloudDecoder()
+    alone = [decoder.decode(run_of(turn), other[0]) for turn, other in ((long, short), (short, long))]
+    assert [each.revolution_packets for each in alone] == [4, 4]
+    together = PointCloudDecoder().decode_steady(run_of(long + short), long[0], [4, 9], 0, None)
+    assert together is None or together.revolution_packets == [4, 4]
+
+
 def test_what_the_angles_cannot_tell_is_not_counted() -> None:
     turn = turns_of("ydlidar_4ros_room10")[0]
     assert decoded(turn[:1]).lost == 0
