@@ -67,7 +67,6 @@ class MergedStream(AsyncOnly):
                 ready = [number for number, each in enumerate(self._reading) if each.done()]
                 found = None
                 for number in ready:
-                    self._reading[number].result()
                     scan = await anext(self._streams[number])  # it is there: nothing comes between
                     self._reading[number] = self._next(number)
                     found = self._scans.take(number, scan, more=number != ready[-1])
@@ -110,16 +109,8 @@ class MergedStream(AsyncOnly):
         weakref.finalize(self, _abandon, asyncio.get_running_loop(), self._reading)
 
     def _next(self, number: int) -> asyncio.Task[None]:
-        # It takes no scan: while the program is busy, the latest one wins.
-        task = asyncio.create_task(until_there(self._streams[number]), name=f"lidario: read lidar {number}")
-        task.add_done_callback(_heed)
-        return task
-
-
-def _heed(task: asyncio.Task[None]) -> None:
-    """Take note of an error that nobody reads any more; else the loop would log it."""
-    if not task.cancelled():
-        task.exception()
+        # It takes no scan: while the program is busy, the latest one wins. An error is raised where one is taken.
+        return asyncio.create_task(until_there(self._streams[number]), name=f"lidario: read lidar {number}")
 
 
 def _abandon(loop: asyncio.AbstractEventLoop, reading: list[asyncio.Task[None]]) -> None:
