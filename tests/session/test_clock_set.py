@@ -6,6 +6,7 @@ import logging
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import pytest
@@ -83,21 +84,19 @@ async def test_a_replay_keeps_the_clock_with_which_it_was_recorded(
 
 
 def test_a_thread_that_waits_while_it_reads_the_clocks_sees_no_setting(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Between any two readings it may have to wait: one in three times for 50 ms here."""
-    wall, monotonic = time.time_ns, time.monotonic_ns
-    waited, count = 0, 0
+    """Between any two readings it may have to wait: one in five times for 50 ms here. Else one takes about 1 us."""
+    passed_ns, random = 0, Random(1)
 
-    def late(clock: Callable[[], int]) -> Callable[[], int]:
+    def clock_of(ahead_ns: int) -> Callable[[], int]:
         def read() -> int:
-            nonlocal waited, count
-            count += 1
-            waited += 50_000_000 * (count % 3 == 0)
-            return clock() + waited
+            nonlocal passed_ns
+            passed_ns += random.randrange(500, 2000) + 50_000_000 * (random.random() < 0.2)
+            return ahead_ns + passed_ns
 
         return read
 
-    monkeypatch.setattr(time, "time_ns", late(wall))
-    monkeypatch.setattr(time, "monotonic_ns", late(monotonic))
+    monkeypatch.setattr(time, "time_ns", clock_of(HOUR_NS))
+    monkeypatch.setattr(time, "monotonic_ns", clock_of(0))
     clock = WallClock(time.monotonic_ns)
     first = clock.wall_offset_ns
     assert {clock.wall_offset_ns for _ in range(200)} == {first}
