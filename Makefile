@@ -12,7 +12,7 @@ SCANS ?= 3
 CORES := $(shell getconf _NPROCESSORS_ONLN)
 WORKERS ?= $(shell expr 1 + $(CORES))
 CHECK_WORKERS ?= $(shell expr 2 \* $(CORES))
-TESTS ?= --long
+TESTS ?=
 # Without compiled files, each program that the tests start compiles everything again: 0.8 s each time.
 unexport PYTHONDONTWRITEBYTECODE
 SEED ?= 7
@@ -38,10 +38,10 @@ demo: $(RUNS)  ## live scans of a simulated lidar, as bytes through a real pseud
 	$(BIN)/lidario info sim://rplidar-s2
 	$(BIN)/lidario scan sim://rplidar-s2 -n $(SCANS)
 
-test: $(READY)  ## the quick tests; `make check` runs the long ones, too
+test: $(READY)  ## the quick tests; CI runs the long ones, too
 	$(BIN)/python -m pytest -n $(WORKERS)
 
-check: $(READY)  ## lint, types and workflows, beside all tests under coverage; TESTS=--exhaustive: at full length
+check: $(READY)  ## lint, types and workflows, beside the quick tests under coverage; TESTS=--long: all tests, as CI runs them
 	+$(MAKE) --no-print-directory -j2 lint covered
 
 lint: $(READY)  ## lint, format, types, workflows

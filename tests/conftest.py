@@ -2,7 +2,7 @@
 
 - ``--exhaustive`` (each night and before a release): tests marked ``exhaustive`` go through all that they can, not
   through a sample; property tests try three times as many examples; and with the tests marked ``long``.
-- ``--long`` (`make check`): these, too: real programs, browsers and routers, and all else of which a case takes a
+- ``--long`` (as in CI): these, too: real programs, browsers and routers, and all else of which a case takes a
   fifth of a second or more. A test file that is named is run whole.
 - ``--every-step``: two tasks at once are tried at every step of the event loop, not at every twelfth; five minutes.
 - ``--soak SECONDS``: how long tests at true pace run.
