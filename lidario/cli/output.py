@@ -8,7 +8,7 @@ meanwhile are dropped whole at the mailbox and counted, and a signal still stops
 A reader that has closed the pipe is not an error: it becomes `ReaderGone`, which ends the command silently.
 
 What rich draws again and again (`watch`, `progress`) is drawn in a thread too, on a `terminal`, and what is logged
-is written in one (`lidario.cli.log`). All of them write to the file descriptor (`lidario.cli.streams`).
+is written in one (`lidario.cli.running`). All of them write to the file descriptor (`lidario.cli.streams`).
 """
 
 from __future__ import annotations

@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING
 import click
 
 from lidario.cli.errors import ExitCode
-from lidario.cli.log import nothing_logged
 from lidario.cli.machine import Machine
 from lidario.cli.output import console, dump, facts, introduced, judged, progress, rendered
 from lidario.cli.parameters import as_file, complete_source
+from lidario.cli.running import nothing_logged
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:

@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from lidario.cli.errors import ExitCode, Stopped
-from lidario.cli.log import nothing_logged
 from lidario.cli.output import Writer, facts, progress, terminal
 from lidario.cli.parameters import complete_source, guard_option, mode_option
+from lidario.cli.running import nothing_logged
 from lidario.cli.settings import config_file, config_option
 from lidario.cli.streams import message
 

@@ -50,14 +50,7 @@ def reads_here(entries: Iterable[Entry], began: StreamBegan, wall_offset_ns: int
 
 
 class RawDecoder:
-    """Decodes what one publisher sends.
-
-    Args:
-        clock: The wall clock of this machine.
-
-    Attributes:
-        stats: What became of the packets.
-    """
+    """Decodes what one publisher sends; `clock` is that of this machine, `stats` what became of the packets."""
 
     def __init__(self, clock: WallClock) -> None:
         self.stats: AssemblerStats = AssemblerStats()

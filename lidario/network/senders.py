@@ -3,15 +3,22 @@
 Each publisher numbers its messages and names itself in the attachment. A gap in the numbers is the only trace of a
 message that was lost: zenoh drops what does not fit into the buffer of a line, at the publisher or at a router, and
 tells nobody.
+
+A message that a router's access rules deny is dropped there without a word too, and the publisher sees even that
+there are readers. So a second client asks for what is published, and sees whether it comes (`what_is_heard`).
 """
 
 from __future__ import annotations
 
+import asyncio
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Final, Literal
 
-from lidario.network.bus import Sample
+import anyio
+
+from lidario.network.bus import Bus, Sample
 from lidario.network.keys import Attachment, parse_attachment
 
 MOST: Final = 16384
@@ -67,3 +74,31 @@ class OneSender:
         found: Literal["same", "new"] = "same" if self._gid is None else "new"
         self._gid, self._heard = gid, now
         return found
+
+
+async def what_is_heard(router: str, keys: Sequence[str], gid: bytes, seconds: float) -> set[str]:
+    """Under which keys another client, let in as this program is, hears a publisher, told by its `gid`.
+
+    It returns as soon as something comes under the first key, and after so many seconds at most. Cancelling leaves
+    nothing open.
+    """
+    heard, enough = set[str](), asyncio.Event()
+
+    def take(sample: Sample) -> None:
+        attachment = parse_attachment(sample.attachment)
+        if attachment is not None and attachment.gid == gid:
+            heard.add(sample.key)
+            if sample.key == keys[0]:
+                enough.set()
+
+    bus = await Bus.open(router)
+    try:
+        for key in keys:
+            bus.subscribe(key, take)
+        with suppress(TimeoutError):
+            async with asyncio.timeout(seconds):
+                await enough.wait()
+        return heard
+    finally:
+        with anyio.CancelScope(shield=True):
+            await bus.close()

@@ -46,7 +46,7 @@ SENT_S = 0.01
 
 
 class Port(Guarded, WallClock, asyncio.Protocol):
-    """One open line; made by `open_serial`, `open_tcp`, `open_udp`, `open_simulated` or `connect_in_memory`.
+    """One open line; made by `open_serial`, `open_tcp`, `open_udp`, `Simulation` or `connect_in_memory`.
 
     Attributes:
         name: What was opened, for messages.

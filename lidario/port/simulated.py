@@ -142,11 +142,6 @@ class Simulation:
         return None
 
 
-async def open_simulated(source: Source) -> Port:
-    """Start a simulated device and open the line to it; closing the port ends it."""
-    return await Simulation(source, lasting=False).open()
-
-
 def connect_in_memory(device: SimulatedDevice, faults: Faults | None = None, *, name: str = "memory") -> Port:
     """A port on `device`, without a kernel between them; needs a running event loop.
 

@@ -149,11 +149,6 @@ class ReadingThread:
         self._sleep.acquire()
         self._woken = False
 
-    @property
-    def is_running(self) -> bool:
-        """Whether the thread exists."""
-        return self._thread is not None
-
     def add(self, watched: Served) -> None:
         """Serve this port from now on; starts the thread where it does not run, as `start_thread`.
 

@@ -15,10 +15,9 @@ from lidario.arguments import path_of
 from lidario.families.base import Known
 from lidario.filters.base import Filter
 from lidario.recording.alike import held
-from lidario.recording.files import open_stored
+from lidario.recording.files import SEARCHED, open_stored
 from lidario.recording.offline import BLOCK, OfflineDecoder, ScanArrays, arrays_of
 from lidario.recording.opened import StoredFile
-from lidario.recording.raw import SEARCHED
 from lidario.recording.read import McapRecording, Piece, StoredStreams
 from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.pipeline import Pipeline

@@ -6,7 +6,7 @@ use. Nothing but one chunk of the file is held.
 Each chunk of a file begins with the place of its bytes and with the stream that runs. So one that is damaged takes
 only its own bytes with it (`lidario.recording.reached`).
 
-`raw.bin`, bytes as they were received, is read by `lidario.recording.raw`; both kinds offer what `StoredStreams`
+`raw.bin`, bytes as they were received, is read by `lidario.recording.files`; both kinds offer what `StoredStreams`
 says.
 """
 

@@ -26,11 +26,11 @@ from lidario.model import Health, ScanMode, Stats
 from lidario.port.line import Tap
 from lidario.recording.parts import Split
 from lidario.recording.record import Recording
-from lidario.session.counters import Counters
 from lidario.session.finding.connection import At, Connection
 from lidario.session.finding.reconnect import Reconnector
 from lidario.session.recorded import RecordedSession
 from lidario.session.streaming.line_changes import LineChanges
+from lidario.session.streaming.running import Counters
 from lidario.session.streaming.scanner import Scanner
 from lidario.session.streams import Streams
 from lidario.session.talking.trouble import twin_of

@@ -16,8 +16,7 @@ from lidario.errors import ConnectFailed, InvalidValue, LocalProtocolError, Unsu
 from lidario.families.registry import check_family, check_source
 from lidario.port.guard import check_guard
 from lidario.session.finding.connect import connect
-from lidario.session.finding.discovery import find_source, search_for
-from lidario.session.finding.one_search import only_search
+from lidario.session.finding.discovery import find_source, only_search, search_for
 from lidario.session.finding.reconnect import Reconnect, Reconnector
 from lidario.session.lidar import Lidar
 from lidario.session.talking.handshake import healthy

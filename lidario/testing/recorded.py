@@ -13,15 +13,12 @@ from lidario.arguments import path_of
 class RecordedLidar:
     """A recording.
 
-    Args:
+    Attributes:
         path: The file, ``run.mcap`` or ``raw.bin``.
 
     Raises:
         RecordingError: There is no such file.
         InvalidValue: `path` cannot be the name of a file.
-
-    Attributes:
-        path: The file.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:

@@ -9,6 +9,10 @@ length of one packet and whose top 2 bits are the send mode (0 once, 1 for ever)
 ("Response descriptors' format"). The manuals of both families describe the same header. A descriptor has no
 checksum and its two magic bytes occur in scan data by chance, so one is believed only when it is exactly the
 response that was requested: `Expected` says which that is.
+
+A response of text is lines: the echo of the request, what the device says, and an empty line. The echo tells whose
+response it is, and a device may say anything before it, as the rest of a stream, so an echo counts at the beginning
+of a line alone.
 """
 
 from __future__ import annotations
@@ -16,7 +20,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import reduce
 from operator import xor
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from lidario.wire.events import Descriptor
 
@@ -28,6 +32,7 @@ DESCRIPTOR_MAGIC = b"\xa5\x5a"
 DESCRIPTOR_SIZE = 7
 _LENGTH_MASK = 0x3FFF_FFFF
 _MODE_SHIFT = 30
+_LINE_END = 0x0A
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,3 +153,52 @@ def parse_descriptor(data: bytes | bytearray) -> Descriptor | None:
     if mode > 1:
         return None
     return Descriptor(type=data[6], size=word & _LENGTH_MASK, continuous=mode == 1)
+
+
+class Lines(NamedTuple):
+    """A response of text, as far as it was found.
+
+    Attributes:
+        stray: Bytes before the response, which belong to none.
+        size: Bytes of the response behind them, with echo and empty line.
+        payload: What stands between these two; None where the response is not complete.
+    """
+
+    stray: int
+    size: int = 0
+    payload: bytes | None = None
+
+
+def find_lines(data: bytearray, expected: Expected) -> Lines:
+    """The response that is expected, if `data` has it. No more than `Expected.largest` bytes are waited for."""
+    echo, at = expected.prefix, 0
+    while True:
+        place = data.find(echo, at)
+        if place < 0:
+            # What is left may be the first part of an echo, with the end of the line before it.
+            return Lines(max(0, len(data) - len(echo)))
+        at = place + 1
+        if place and data[place - 1] != _LINE_END:
+            continue
+        begin = place + len(echo)
+        end = data.find(b"\n\n", begin - 1)
+        if place <= end <= place + expected.largest:
+            return Lines(place, end + 2 - place, bytes(data[begin:end]))
+        if end < 0 and len(data) - place <= expected.largest:
+            return Lines(place)
+
+
+def find_descriptor(data: bytearray, request: Request) -> tuple[int, Descriptor | None]:
+    """How many bytes belong to no response, and the descriptor behind them; None where it has not come whole."""
+    at = 0
+    while True:
+        place = data.find(DESCRIPTOR_MAGIC, at)
+        if place < 0:
+            # The last byte may be the first of the two.
+            return len(data) - data.endswith(DESCRIPTOR_MAGIC[:1]), None
+        if len(data) - place < DESCRIPTOR_SIZE:
+            return place, None
+        descriptor = parse_descriptor(bytes(data[place : place + DESCRIPTOR_SIZE]))
+        if descriptor is not None and request.admits(descriptor):
+            return place, descriptor
+        at = place + 1

@@ -19,10 +19,9 @@ from typing import Any
 from lidario.errors import LocalProtocolError
 from lidario.wire.arrived import ArrivedBytes, finds_packets
 from lidario.wire.blocks import packet_offsets
-from lidario.wire.envelope import DESCRIPTOR_SIZE, Expected, Request
+from lidario.wire.envelope import DESCRIPTOR_SIZE, Expected, Request, find_descriptor, find_lines
 from lidario.wire.events import Arrival, Descriptor, Event, Packets, Response
 from lidario.wire.formats import StreamFormat
-from lidario.wire.responses import find_descriptor, find_lines
 from lidario.wire.states import LinkState
 from lidario.wire.stats import LinkStats
 

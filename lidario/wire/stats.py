@@ -6,7 +6,7 @@ So a byte that is missing in the measurements can be found among the others.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 
 @dataclass(slots=True)
@@ -49,8 +49,3 @@ class LinkStats:
     late_reads: int = 0
     unread_packets: int = 0
     late_responses: int = 0
-
-    def __add__(self, other: LinkStats) -> LinkStats:
-        """The sums of two links' counters."""
-        names = [each.name for each in fields(self)]
-        return LinkStats(**{name: getattr(self, name) + getattr(other, name) for name in names})

@@ -16,7 +16,7 @@ from lidario import DeviceLost
 from lidario.errors import ConnectFailed
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
-from lidario.port.simulated import Simulation, connect_in_memory, make_device, open_simulated
+from lidario.port.simulated import Simulation, connect_in_memory, make_device
 from lidario.sim.serve import usual_way
 from lidario.source import parse_source
 from tests.support.devices import both_families, make_rig
@@ -106,7 +106,7 @@ async def test_a_mistake_in_a_served_device_is_the_cause_of_the_loss(
     device = Broken(where, inf)
     monkeypatch.setattr("lidario.port.simulated.make_device", lambda source: (device, None))
     before = threading.active_count(), open_files()
-    port, sink = await open_simulated(parse_source(f"sim://rplidar-s2?via={way}")), Sink()
+    port, sink = await Simulation(parse_source(f"sim://rplidar-s2?via={way}"), lasting=False).open(), Sink()
     port.attach(sink)
     device.calls = 3  # only now: its thread may be ahead of the opening
     async with asyncio.timeout(PATIENCE_S):
@@ -133,7 +133,7 @@ async def test_a_device_that_fails_before_its_line_is_open(monkeypatch: pytest.M
     monkeypatch.setattr("lidario.port.simulated.make_device", lambda source: (Broken("transmit"), None))
     monkeypatch.setattr("lidario.port.simulated.open_serial", open_late)
     with pytest.raises(DeviceLost) as caught:
-        await open_simulated(parse_source("sim://rplidar-s2?via=pty"))
+        await Simulation(parse_source("sim://rplidar-s2?via=pty"), lasting=False).open()
     check(caught.value)
 
 
@@ -221,7 +221,7 @@ def test_a_device_of_a_loop_that_is_closed_is_free() -> None:
 def test_a_served_device_ends_with_its_port_after_the_loop_was_closed() -> None:
     with leaves_nothing():
         with asyncio.Runner() as runner:
-            port = runner.run(open_simulated(parse_source("sim://rplidar-s2?via=pty")))
+            port = runner.run(Simulation(parse_source("sim://rplidar-s2?via=pty"), lasting=False).open())
         port.close_soon()
 
 

@@ -21,7 +21,7 @@ from lidario.port.background import run_in_thread
 from lidario.port.inbox import Inbox
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
-from lidario.port.thread import ReadingThread, Watched, reading_thread
+from lidario.port.thread import ReadingThread, Watched
 from tests.port.test_thread import Steady, block_until_read, threads
 from tests.support.interrupt import StartedThreads, as_if_running, interrupted_at_call
 from tests.support.ports import PATIENCE_S, Sink, terminal_pair
@@ -109,7 +109,7 @@ def test_ctrl_c_at_every_call_of_a_stream(at: str, stride: int) -> None:
             reads_as_ever(port, sink, master, place)
             loop.run_until_complete(port.close())
             started.all_ended(place)
-            assert not reading_thread().is_running, place
+            assert not threads(), place
             if not place:
                 break
             number += stride

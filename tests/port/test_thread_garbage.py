@@ -10,6 +10,7 @@ import pytest
 
 from lidario.port.inbox import Inbox
 from lidario.port.thread import ReadingThread, Watched
+from tests.port.test_thread import threads
 from tests.support.ports import PATIENCE_S
 
 
@@ -43,6 +44,6 @@ def test_garbage_may_be_collected_in_a_thread_that_starts(moment: str, monkeypat
         adding.join(PATIENCE_S)
     assert not adding.is_alive()
     assert reading.ports == [kept]
-    assert reading.is_running
+    assert threads()
     reading.remove(kept)
-    assert not reading.is_running
+    assert not threads()

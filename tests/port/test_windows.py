@@ -14,7 +14,6 @@ import time
 
 import pytest
 
-from lidario.port.thread import reading_thread
 from lidario.session.opening import open_lidar
 from lidario.sim.serve import PtyServer
 from tests.port.test_thread import Steady, block_until_read, threads
@@ -61,7 +60,7 @@ async def test_a_session_reads_scans_and_stops_the_device(family: str) -> None:
         async with asyncio.timeout(PATIENCE_S), open_lidar(server.path, family=family) as lidar:
             scans = lidar.scans(depth=100)
             first = await anext(scans)
-            assert reading_thread().is_running
+            assert threads()
             time.sleep(0.3)  # noqa: ASYNC251 - a program that blocks its loop
             last = first
             while last.seq < first.seq + 4:
@@ -71,4 +70,4 @@ async def test_a_session_reads_scans_and_stops_the_device(family: str) -> None:
     if not server.lost:
         assert (stats.skipped_bytes, stats.lost_packets, stats.broken_scans) == (0, 0, 0)
     assert left_still(rig)
-    assert not reading_thread().is_running
+    assert not threads()

@@ -7,7 +7,7 @@ import signal
 
 import pytest
 
-from lidario.network.heard import what_is_heard
+from lidario.network.senders import what_is_heard
 from lidario.ros import Publisher, Share
 from tests.cli.processes import BOUND, line_of
 from tests.support.children import child

@@ -13,7 +13,7 @@ from lidario.model import LineErrors
 from lidario.port.port import Port
 from lidario.port.simulated import connect_in_memory
 from lidario.scan import Scan
-from lidario.session.finding.silence import ReceivedInSilence
+from lidario.session.finding.listening import ReceivedInSilence
 from lidario.sim.serve import PtyServer
 from lidario.source import as_source
 from tests.support.devices import make_rig

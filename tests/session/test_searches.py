@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import pytest
 
 from lidario import ConnectFailed, Lidar, list_lidars, open_lidar
-from lidario.session.finding import one_search
+from lidario.session.finding import discovery
 from tests.support.devices import make_rig
 from tests.support.loop import now, now_ns
 from tests.support.speeds import plugged_in
@@ -22,7 +22,7 @@ MODELS = ("rplidar-s2", "rplidar-a1", "ydlidar-4ros")
 def another_search() -> Iterator[socket.socket]:
     """A search of another program, which goes on until it is closed."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as search:
-        search.bind(one_search.NAME)
+        search.bind(discovery.NAME)
         yield search
 
 
@@ -61,7 +61,7 @@ async def test_the_search_of_another_program_is_waited_for(
     assert found.info is not None
     # Others may begin.
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as third:
-        third.bind(one_search.NAME)
+        third.bind(discovery.NAME)
 
 
 @pytest.mark.usefixtures("another_search")
@@ -113,7 +113,7 @@ async def test_where_a_sandbox_forbids_it_others_are_not_waited_for(
             raise PermissionError(errno.EPERM, "forbidden")
 
     plugged_in(monkeypatch, only=make_rig("rplidar-s2").device)
-    monkeypatch.setattr("lidario.session.finding.one_search.socket.socket", Forbidden)
+    monkeypatch.setattr("lidario.session.finding.discovery.socket.socket", Forbidden)
     began = now()
     (found,) = await list_lidars()
     assert found.info is not None

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import signal
 
-from lidario.session.finding import one_search
+from lidario.session.finding import discovery
 
 SET_ASIDE = (
     # Python: containers often set the first one, and it hides what is left in a stream's buffer.
@@ -49,4 +49,4 @@ def obey_signals() -> None:
 
 def search_alone() -> None:
     """Wait for no search of another process of the tests, which its driven clock would take for one that hangs."""
-    one_search.NAME += f" of tests in process {os.getpid()}"
+    discovery.NAME += f" of tests in process {os.getpid()}"

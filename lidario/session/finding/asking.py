@@ -23,7 +23,7 @@ from lidario.families.base import Device, Family
 from lidario.port.diagnose import is_pseudo_terminal
 from lidario.port.port import Port
 from lidario.session.finding.connection import Connection
-from lidario.session.finding.silence import ReceivedInSilence
+from lidario.session.finding.listening import ReceivedInSilence
 from lidario.session.talking.dialogue import Dialogue
 from lidario.session.talking.handshake import RESPONSE_BYTES, introduce
 

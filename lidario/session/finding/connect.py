@@ -28,8 +28,7 @@ from lidario.port.udp import open_udp
 from lidario.session.finding.asking import Attempt, Woken, ask_in_turns, begun, find_by_dtr, leave
 from lidario.session.finding.connection import Connection, connect_recording, connect_remote
 from lidario.session.finding.leaving import leave_still
-from lidario.session.finding.listening import LAST_AT, adapter_of, listen
-from lidario.session.finding.silence import ReceivedInSilence
+from lidario.session.finding.listening import LAST_AT, ReceivedInSilence, adapter_of, listen
 from lidario.session.talking.dialogue import Dialogue
 from lidario.session.talking.handshake import introduce
 from lidario.source import Source
@@ -119,9 +118,9 @@ async def _opened(
         families = families_of_model(source.model, named)
     adapter: str | None = None
     if source.kind == "sim":
-        from lidario.port.simulated import open_simulated  # a fifth of the import time, for those who need it
+        from lidario.port.simulated import Simulation  # a fifth of the import time, for those who need it
 
-        port = await (open_simulated(source) if simulation is None else simulation.open())
+        port = await (simulation or Simulation(source, lasting=False)).open()
         tries = [Attempt(family_of_simulated(source.address), port.baudrate, source.model)]
     elif source.device is not None:
         from lidario.port.simulated import connect_in_memory
@@ -165,16 +164,7 @@ def _by_likelihood(families: Sequence[Family]) -> list[Attempt]:
 
 
 class _Search:
-    """Looks for the device at an open port.
-
-    Args:
-        port: The port.
-        tries: What the device may be.
-        on_dialogue: As for `connect`.
-
-    Attributes:
-        tries: What the device may be; what it was asked as, once nothing was found.
-    """
+    """Looks for the device at an open port; `tries` is what it may be, or was asked as, once nothing was found."""
 
     def __init__(self, port: Port, tries: list[Attempt], on_dialogue: Callable[[Dialogue], None] | None) -> None:
         self.tries: list[Attempt] = tries

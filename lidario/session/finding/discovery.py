@@ -2,12 +2,21 @@
 
 A port is written to without being named only when its USB adapter is one that lidars come with: an unexpected
 byte can reset another device, such as an Arduino. Families share adapters, so only the protocol tells them apart.
+
+There is one search at a time on this machine, in whatever program. A search asks at every port, and while it does,
+each of them is busy for others. Two that run at the same time, as where the programs of two lidars begin with the
+machine, would each find some ports busy and miss what is there.
 """
 
 from __future__ import annotations
 
 import asyncio
+import errno
+import logging
 import os
+import socket
+import sys
+import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack, suppress
@@ -22,13 +31,21 @@ from lidario.model import DeviceInfo
 from lidario.port.background import run_in_thread
 from lidario.session.finding.connect import connect
 from lidario.session.finding.listening import BY_ID
-from lidario.session.finding.one_search import only_search
 from lidario.source import Source
+
+_log = logging.getLogger("lidario")
 
 MOST_LISTS = 20
 """How often the ports are listed at most, where one after the other is unplugged meanwhile."""
 LIST_AGAIN_S = 0.01
 """Time between two lists: the system takes some milliseconds to remove a port."""
+NAME = "\0lidario: a search for lidars"
+"""An abstract socket: it is no file, and the system lets go of it when its program dies."""
+POLL_S = 0.02
+LONGEST_S = 20.0
+"""After that the other search hangs, as where its program was stopped by Ctrl-Z. Asking takes 4 s, asking with
+patience 8 s, opening what was found 4 s."""
+_here = threading.Lock()
 _BY_NUMBERS: Final = {(each.vendor, each.product): name for name, each in ADAPTERS.items()}
 
 
@@ -197,3 +214,36 @@ def _several(found: list[Found]) -> ConnectFailed:
 
 def _title(found: Found) -> str:
     return f"{found.info.model}, serial number {found.info.serial}" if found.info else ""
+
+
+async def only_search() -> ExitStack:
+    """Wait until no other search runs; none begins until the result is closed. Cancelling ends the waiting."""
+    loop = asyncio.get_running_loop()
+    began = loop.time()
+    release = _begin()
+    if release is None:
+        _log.info("another search for lidars runs on this machine: waiting for its end")
+    while release is None and loop.time() < began + LONGEST_S:
+        await asyncio.sleep(POLL_S)
+        release = _begin()
+    ends = ExitStack()
+    if release is not None:
+        ends.callback(release)
+    return ends
+
+
+def _begin() -> Callable[[], None] | None:
+    """Begin a search; returns what ends it, or None while another one runs."""
+    if sys.platform != "linux":
+        # Only those of this program are known.
+        return _here.release if _here.acquire(blocking=False) else None
+    try:
+        name = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    except OSError:  # a sandbox without such sockets: others are not known
+        return lambda: None
+    try:
+        name.bind(NAME)
+    except OSError as error:
+        name.close()
+        return None if error.errno == errno.EADDRINUSE else lambda: None
+    return name.close

@@ -13,18 +13,22 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from lidario.errors import LidarError
 from lidario.families.base import Keepalive, Stream
+from lidario.model import Stats
 from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.pipeline import Pipeline
 from lidario.scan import Scan
 from lidario.session.finding.connection import At
 from lidario.session.streaming.pace import Pace
 from lidario.session.streaming.readers import Hub
+from lidario.session.talking.dialogue import Dialogue
 from lidario.wire.events import Packets
+from lidario.wire.stats import LinkStats
 
 _log = logging.getLogger("lidario")
 
@@ -44,6 +48,7 @@ LATE_KEEPALIVES = 2.5
 """Times the interval after which the thread writes a keepalive, since the loop has not."""
 _WATCH_MARGIN_S = 0.001
 """Timers may fire early by the resolution of the clock; this much later the time is surely up."""
+_NAMES = {each.name for each in fields(Stats)}
 
 
 @dataclass(slots=True)
@@ -261,3 +266,43 @@ class Running:
     def _keep_alive(self, keepalive: Keepalive) -> None:
         self._totals.keepalives += self._dialogue.keep_alive(keepalive.request)
         self._keepalive = self._loop.call_later(keepalive.interval_s, self._keep_alive, keepalive)
+
+
+class Counters:
+    """Sums the counters of one session over all lines that it has had."""
+
+    def __init__(self) -> None:
+        # What was counted on the lines that were lost, by its name in `Stats`.
+        self._before = Counter[str]()
+
+    def line_lost(self, dialogue: Dialogue) -> None:
+        """Add what was counted on a line that is not used any more."""
+        self._before.update(_of_line(dialogue))
+        # What was incomplete when the line was lost will never be complete.
+        self._before["skipped_bytes"] += dialogue.link.buffered
+
+    def stats(self, dialogue: Dialogue, totals: Totals, dropped: int, reconnects: int) -> Stats:
+        """Everything that was counted so far, also on the line in use."""
+        counted = self._before.copy()
+        for each in (_of_line(dialogue), _named(totals), _named(totals.assembled)):
+            counted.update(each)
+        counted["unfinished_packets"] += totals.assembled.waiting_packets
+        return Stats(**counted, buffered=dialogue.link.buffered, dropped_scans=dropped, reconnects=reconnects)
+
+
+def _of_line(dialogue: Dialogue) -> dict[str, int]:
+    errors = dialogue.errors
+    return _named(dialogue.stats) | {
+        "discarded_packets": dialogue.stats.unread_packets,
+        "framing_errors": errors.framing,
+        "parity_errors": errors.parity,
+        "overruns": errors.overruns,
+        "breaks": errors.breaks,
+        "keepalives": dialogue.port.repeated,
+        "protection_stops": dialogue.protection_stops,
+    }
+
+
+def _named(counted: LinkStats | AssemblerStats | Totals) -> dict[str, int]:
+    """The counters that `Stats` has by the same name."""
+    return {each.name: getattr(counted, each.name) for each in fields(counted) if each.name in _NAMES}

@@ -62,12 +62,10 @@ class _Hold:
 class Mailbox(Generic[T]):
     """Holds the latest scans for one reader, or the latest sectors, or what else comes by and by.
 
-    Args:
-        depth: Most that are kept.
-        parts: How many sectors a revolution has for this reader; 0 for a reader of scans.
+    At most `depth` are kept.
 
     Attributes:
-        parts: The same.
+        parts: How many sectors a revolution has for this reader; 0 for a reader of scans.
         dropped: Scans dropped since the reader was last told of it.
         total_dropped: Scans dropped altogether.
         ended: Whether no more scans will come.
