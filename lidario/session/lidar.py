@@ -70,7 +70,7 @@ class Lidar(Streams, AsyncOnly):
         self.config = config
         self._scanner.control.usual_mode = config.mode
         at.dialogue.stopper.keep_spinning = keep_spinning
-        self._scanner.inquiry.take_note(health)
+        self._scanner.failures.take_note(health)
         self._counters = Counters()
         if reconnector is not None:
             reconnector.adopt = weakref.WeakMethod(self._adopt)
@@ -132,7 +132,7 @@ class Lidar(Streams, AsyncOnly):
     @property
     def health(self) -> Health:
         """What the device last said of its state, whether it was asked by the program or by the session."""
-        return self._scanner.inquiry.health
+        return self._scanner.failures.health
 
     @property
     def stats(self) -> Stats:
@@ -275,7 +275,7 @@ class Lidar(Streams, AsyncOnly):
         at.dialogue, at.info = new, connection.info
         new.port.follow(self._scanner)
         connection.release()
-        self._scanner.inquiry.take_note(health)
+        self._scanner.failures.take_note(health)
         self._recorded.adopt()
         self._scanner.adopt()
         if self._reconnector is not None and not self.is_scanning:

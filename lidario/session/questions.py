@@ -58,7 +58,7 @@ class Questions(ABC):
         """Ask the device how it is."""
         health = await self._scanner.ask(self._open_device().health)
         # Not later: the stream that this question interrupted is started by another task, in the next step.
-        self._scanner.inquiry.take_note(health)
+        self._scanner.failures.take_note(health)
         return health
 
     async def get_modes(self) -> tuple[ScanMode, ...]:
@@ -223,7 +223,7 @@ class Questions(ABC):
         """
         self._open_device().reset()
         health = await self._scanner.between(self._reset, vital=True)
-        self._scanner.inquiry.take_note(health)
+        self._scanner.failures.take_note(health)
         return health
 
     async def _reset(self) -> Health:

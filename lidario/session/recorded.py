@@ -45,7 +45,7 @@ class RecordedSession:
         dialogue = self._at.dialogue
         # What was read and not parsed yet belongs to the time before.
         dialogue.port.poll()
-        about = about_now(dialogue, self._at.info, self._scanner.inquiry.health, self._source)
+        about = about_now(dialogue, self._at.info, self._scanner.failures.health, self._source)
         self._begun.add(recording)
         watcher = self.running[recording] = _Watcher(recording, dialogue, self._filters)
         dialogue.chronicle.watch(watcher.see)

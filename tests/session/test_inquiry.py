@@ -88,7 +88,7 @@ async def test_a_second_protection_stop_within_a_minute_is_raised(rig: Rig) -> N
 
 @pytest.mark.long
 async def test_after_a_while_a_protection_stop_is_cured_again(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lidario.session.streaming.inquiry.PERIOD_S", 5.0)
+    monkeypatch.setattr("lidario.session.streaming.failures.PERIOD_S", 5.0)
     async with rig.open() as lidar, lidar.scans() as stream:
         for count in (1, 2):
             await anext(stream)

@@ -3,7 +3,7 @@
 `begin` takes the packets over, those included that came with the descriptor. `end` lets go of everything: no
 timer is left, and the port is polled no more. Between them two things are watched: that packets come, and that
 they make full revolutions. What must be repeated to keep the device going is repeated. What is wrong with a device
-whose packets stay away is not judged here: `lidario.session.streaming.inquiry` asks it.
+whose packets stay away is not judged here: `lidario.session.streaming.failures` asks it.
 
 `StreamControl` makes one of these for each start and holds at most one.
 """

@@ -30,7 +30,6 @@ from lidario.scan import Scan
 from lidario.session.finding.connection import At
 from lidario.session.streaming.control import StreamControl
 from lidario.session.streaming.failures import Failures
-from lidario.session.streaming.inquiry import Inquiry
 from lidario.session.streaming.line_changes import LineWatch
 from lidario.session.streaming.readers import Hub
 from lidario.session.streaming.running import Failure, Totals
@@ -61,13 +60,12 @@ class Scanner:
         self.totals: Totals = self.control.totals
         self.rests: bool = True
         self.line: LineWatch = LineWatch()
-        self.inquiry: Inquiry = Inquiry(at, self.totals)
         self._at = at
         self._lock = asyncio.Lock()
         self._asks = False
         self._loop = asyncio.get_running_loop()
-        self.failures: Failures = Failures(self.control, at, self.hub, self.inquiry, self.line)
-        self._starter = Starter(self.control, at, self.hub, self.inquiry, self.failures, self._lock)
+        self.failures: Failures = Failures(self.control, at, self.hub, self.line)
+        self._starter = Starter(self.control, at, self.hub, self.failures, self._lock)
 
     # ------------------------------------------------------------------------------------------------ readers
 

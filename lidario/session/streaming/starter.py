@@ -11,7 +11,6 @@ from lidario.errors import LidarError, LocalProtocolError, Unsupported
 from lidario.session.finding.connection import At
 from lidario.session.streaming.control import NotWanted, StreamControl
 from lidario.session.streaming.failures import Failures
-from lidario.session.streaming.inquiry import Inquiry
 from lidario.session.streaming.modes import Wanted, choose_mode
 from lidario.session.streaming.readers import Hub
 from lidario.session.streaming.states import State
@@ -27,14 +26,12 @@ class Starter:
         control: StreamControl,
         at: At,
         hub: Hub,
-        inquiry: Inquiry,
         failures: Failures,
         lock: asyncio.Lock,
     ) -> None:
         self._control = control
         self._at = at
         self._hub = hub
-        self._inquiry = inquiry
         self._failures = failures
         self._lock = lock
         self._loop = asyncio.get_running_loop()
@@ -85,7 +82,7 @@ class Starter:
                         await self._let_in()
                         if (wanted := control.wanted) is not None and control.state is State.STARTING:
                             await control.silence()
-                            await self._inquiry.beforehand(control.ran_until)
+                            await self._failures.ask_beforehand()
                             await control.start(wanted)
                     except NotWanted:
                         continue
