@@ -21,9 +21,9 @@ from lidario.families.hokuyo.geometry import Geometry
 from lidario.families.ldrobot.decode import TriangleDecoder
 from lidario.families.ldrobot.formats import PacketFormat, TriangleFormat
 from lidario.families.rplidar.simulated.device import PROFILES
+from lidario.families.scripts import begin
 from lidario.families.talking import Talkers
 from lidario.families.two_angles import TwoAngleDecoder
-from lidario.families.unasked import begin
 from lidario.families.ydlidar import commands as ydlidar_commands
 from lidario.families.ydlidar.models import MODELS as YDLIDARS
 from lidario.model import ScanMode

@@ -15,8 +15,7 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar
 
-from lidario.arguments import finite
-from lidario.errors import InvalidValue, Unsupported
+from lidario.errors import Unsupported
 from lidario.families.samples import Decoder, Samples, SteadySamples
 from lidario.families.stream import Keepalive, Known, RawStream, Stream, raw_stream
 from lidario.model import DeviceInfo, Health, NetworkAddress, SampleRate, ScanMode
@@ -42,32 +41,11 @@ __all__ = [
     "SteadySamples",
     "Stream",
     "Timing",
-    "frequency_within",
     "raw_stream",
-    "told",
 ]
 
 T = TypeVar("T")
 Script: TypeAlias = Generator[Request, bytes, T]
-
-
-def told(value: T) -> Script[T]:
-    """A script that asks nothing: the value is known."""
-    yield from ()
-    return value
-
-
-def frequency_within(hertz: object, limits: tuple[float, float], whose: str) -> float:
-    """The scan frequency in Hz, if the device takes it.
-
-    Raises:
-        InvalidValue: Not a finite number, or outside of the `limits` of the model `whose`.
-    """
-    lowest, highest = limits
-    wanted = finite(hertz, "a scan frequency")
-    if not lowest <= wanted <= highest:
-        raise InvalidValue(f"{wanted:g} Hz is outside of the {whose}'s {lowest:g} to {highest:g} Hz")
-    return wanted
 
 
 @dataclass(frozen=True, slots=True)

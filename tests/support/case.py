@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families import unasked
+from lidario.families import scripts
 from lidario.families.base import Decoder
 from lidario.wire.envelope import Request
 from lidario.wire.formats import StreamFormat
@@ -121,7 +121,7 @@ def of_a_talker(name: str, wire: Callable[[], StreamFormat], decoder: Callable[[
         descriptor=b"",
         make_format=wire,
         make_decoder=decoder,
-        request=unasked.begin,
+        request=scripts.begin,
         sample_us=sample_us,
         exact=True,
         **{"lookahead": False, **about},

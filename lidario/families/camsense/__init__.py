@@ -12,8 +12,7 @@ from typing import Final
 
 from lidario.families.camsense.decode import PacketDecoder
 from lidario.families.camsense.formats import LongFormat, PacketFormat
-from lidario.families.talking import Talkers, TalkingModel
-from lidario.families.talking_device import family_of
+from lidario.families.talking import Talkers, TalkingModel, family_of
 
 __all__ = ["FAMILY", "TALKERS"]
 

@@ -16,8 +16,7 @@ import numpy as np
 from lidario.families.hlds.decode import PacketDecoder
 from lidario.families.hlds.formats import SIZE, CheckedFormat, PacketFormat
 from lidario.families.slots import FULL_TURN
-from lidario.families.talking import Talkers, TalkingModel
-from lidario.families.talking_device import TIMING, family_of
+from lidario.families.talking import TIMING, Talkers, TalkingModel, family_of
 
 __all__ = ["FAMILY", "TALKERS"]
 

@@ -10,11 +10,12 @@ import re
 from typing import Final
 
 from lidario.errors import RemoteProtocolError, ResponseTimeout, Unsupported
-from lidario.families.base import Device, Script, Stream, told
+from lidario.families.base import Device, Script, Stream
 from lidario.families.hokuyo.commands import ACCEPTED, FILL, RESET, STOP, ask, measure, read_lines, refusal, respond
 from lidario.families.hokuyo.decode import BlockDecoder
 from lidario.families.hokuyo.formats import DistanceFormat, StrengthFormat
 from lidario.families.hokuyo.geometry import Geometry, geometry_of
+from lidario.families.scripts import told
 from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, ScanMode
 from lidario.wire.envelope import Request
 from lidario.wire.events import Descriptor

@@ -14,8 +14,7 @@ from typing import Final
 
 from lidario.families.irobotix.decode import FrameDecoder, frames_a_turn
 from lidario.families.irobotix.formats import DATA, RECORD, AnyFrame, FifteenFormat, FrameFormat
-from lidario.families.talking import Rotor, Talkers, TalkingModel
-from lidario.families.talking_device import family_of
+from lidario.families.talking import Rotor, Talkers, TalkingModel, family_of
 
 __all__ = ["FAMILY", "TALKERS"]
 

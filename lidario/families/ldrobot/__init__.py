@@ -18,8 +18,7 @@ from typing import Final
 from lidario.families.ldrobot import commands
 from lidario.families.ldrobot.decode import AxisDecoder, TriangleDecoder
 from lidario.families.ldrobot.formats import AxisFormat, PacketFormat, TriangleFormat
-from lidario.families.talking import Speeds, Talkers, TalkingModel
-from lidario.families.talking_device import TIMING, family_of
+from lidario.families.talking import TIMING, Speeds, Talkers, TalkingModel, family_of
 from lidario.families.two_angles import TwoAngleDecoder
 
 __all__ = ["FAMILY", "TALKERS"]
@@ -45,7 +44,7 @@ _LD14P: Final = replace(
     start=commands.START,
     stop=commands.STOP,
     # The vendor's SDK: 720 to 2880 degrees a second.
-    speeds=Speeds(2.0, 8.0, 1 / 360, commands.speed),
+    speeds=Speeds((2.0, 8.0), 1 / 360, commands.speed),
 )
 _STL27L: Final = replace(_model("stl-27l", "STL-27L", 921_600, 21_600), reach=25.0)
 _LENS_UNKNOWN: Final = (

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Final
 
 from lidario.families.ldrobot.formats import CRC, HEAD
-from lidario.families.talking_device import SETTLE_S
+from lidario.families.talking import SETTLE_S
 from lidario.wire.envelope import Request
 
 

@@ -18,8 +18,7 @@ from typing import Final
 from lidario.families.neato.decode import PacketDecoder
 from lidario.families.neato.formats import SLOWEST, AnySpeed, BackFormat, PacketFormat
 from lidario.families.slots import FULL_TURN
-from lidario.families.talking import Rotor, Talkers, TalkingModel
-from lidario.families.talking_device import family_of
+from lidario.families.talking import Rotor, Talkers, TalkingModel, family_of
 
 __all__ = ["FAMILY", "TALKERS"]
 

@@ -22,10 +22,10 @@ from typing import Final
 from lidario.arguments import printable
 from lidario.errors import InvalidValue, RemoteProtocolError, ResponseTimeout, Unsupported
 from lidario.families.base import Script
-from lidario.families.responses import agreed
 from lidario.families.rplidar import commands
 from lidario.families.rplidar.commands import Conf
 from lidario.families.rplidar.formats import FORMATS
+from lidario.families.scripts import agreed
 from lidario.model import NetworkAddress, ScanMode
 from lidario.wire.envelope import Request
 

@@ -14,7 +14,6 @@ from typing import Final
 
 from lidario.errors import RemoteProtocolError, ResponseTimeout, Unsupported
 from lidario.families.base import Script, Stream
-from lidario.families.responses import agreed, health_of
 from lidario.families.rplidar import commands
 from lidario.families.rplidar.commands import Conf
 from lidario.families.rplidar.configuration import ask_address, set_address
@@ -22,6 +21,7 @@ from lidario.families.rplidar.decode import DECODERS
 from lidario.families.rplidar.formats import FORMATS
 from lidario.families.rplidar.motor import MotorDriven
 from lidario.families.rplidar.speed import change_speed
+from lidario.families.scripts import agreed, health_of
 from lidario.model import DeviceInfo, Health, NetworkAddress, SampleRate, ScanMode
 from lidario.wire.envelope import Request
 

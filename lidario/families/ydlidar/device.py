@@ -22,9 +22,8 @@ from functools import partial
 from typing import Final, TypeVar
 
 from lidario.errors import ResponseTimeout, Unsupported
-from lidario.families.base import Keepalive, NamedModel, Script, Stream, told
-from lidario.families.responses import agreed, health_of
-from lidario.families.unasked import NOT_STOPPED, begin, hear, hear_runs
+from lidario.families.base import Keepalive, NamedModel, Script, Stream
+from lidario.families.scripts import NOT_STOPPED, agreed, begin, health_of, hear, hear_runs, told
 from lidario.families.ydlidar import commands
 from lidario.families.ydlidar.formats import PointCloud
 from lidario.families.ydlidar.models import FOUR_ROS, MODELS, ONE_WAY, Model, model_of

@@ -19,8 +19,8 @@ from dataclasses import replace
 from typing import Final
 
 from lidario.errors import RemoteProtocolError, ResponseTimeout
-from lidario.families.base import Device, Script, frequency_within, told
-from lidario.families.responses import agreed
+from lidario.families.base import Device, Script
+from lidario.families.scripts import agreed, frequency_within, told
 from lidario.families.ydlidar import commands
 from lidario.families.ydlidar.models import Model
 from lidario.wire.envelope import Request

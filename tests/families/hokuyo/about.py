@@ -11,7 +11,7 @@ from lidario.families.hokuyo.decode import BlockDecoder
 from lidario.families.hokuyo.formats import DistanceFormat, StrengthFormat
 from lidario.families.hokuyo.geometry import Geometry
 from lidario.families.hokuyo.simulated.device import make_simulated
-from lidario.families.unasked import begin
+from lidario.families.scripts import begin
 from tests.reference import golden, hokuyo
 from tests.support.case import Case
 from tests.support.rig import Maker

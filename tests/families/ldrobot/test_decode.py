@@ -13,7 +13,7 @@ from lidario.families.ldrobot.formats import CRC, SIZE, PacketFormat
 from lidario.families.ldrobot.simulated.device import PROFILES, SimulatedLdrobot
 from lidario.families.registry import family_of_simulated
 from lidario.families.samples import Samples
-from lidario.families.talking_device import TalkingDevice
+from lidario.families.talking import TalkingDevice
 from lidario.families.two_angles import TwoAngleDecoder
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets

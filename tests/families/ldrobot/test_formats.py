@@ -12,9 +12,9 @@ from lidario.families.ldrobot import TALKERS
 from lidario.families.ldrobot.decode import TriangleDecoder
 from lidario.families.ldrobot.formats import CRC, PacketFormat, TriangleFormat
 from lidario.families.ldrobot.simulated.packers import pack_points, pack_response
+from lidario.families.scripts import hear
 from lidario.families.stream import Known
 from lidario.families.two_angles import TwoAngleDecoder
-from lidario.families.unasked import hear
 from lidario.wire.events import Response
 from lidario.wire.link import Link
 from lidario.wire.states import LinkState

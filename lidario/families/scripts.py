@@ -1,0 +1,137 @@
+"""Pieces of scripts that several families use: what is asked, what is only heard, and what is known.
+
+Responses carry no check value, and one flipped bit makes another device. So what decides how a device is read, or
+what is done to it, is asked until it comes twice alike (`agreed`).
+
+A device that only talks streams for as long as it has power, and hears nothing. What it is, and whether it is well,
+is read from its packets: some of them in a row, whose check values hold, are its response (`hear`). STOP and START
+have no bytes: only the host begins and ends to listen. The motor turns until the power is cut, which the session
+says once and treats as no error.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from typing import Final, TypeVar
+
+from lidario.arguments import finite
+from lidario.errors import InvalidValue, RemoteProtocolError, ResponseTimeout
+from lidario.families.base import Script
+from lidario.model import Health, HealthStatus
+from lidario.wire.envelope import Expected, Request
+from lidario.wire.formats import StreamFormat
+
+T = TypeVar("T")
+STATUSES: Final = (HealthStatus.OK, HealthStatus.WARNING, HealthStatus.ERROR)
+"""Health by its number, the same in every family so far."""
+MOST_DIFFERENT: Final = 5
+"""Responses that are all different, after which no more are asked for."""
+LINKED: Final = 2
+"""Packets in a row that prove that a device which only talks streams at this speed."""
+RUNS: Final = 12
+"""How many runs of `LINKED` packets are heard where damage lets no longer ones through."""
+NOT_STOPPED: Final = Request("STOP", b"", ends_stream=True)
+"""Sends nothing to the device. The host only stops listening."""
+
+
+def told(value: T) -> Script[T]:
+    """A script that asks nothing: the value is known."""
+    yield from ()
+    return value
+
+
+def frequency_within(hertz: object, limits: tuple[float, float], whose: str) -> float:
+    """The scan frequency in Hz; InvalidValue where it is not within the `limits` of the model `whose`."""
+    lowest, highest = limits
+    wanted = finite(hertz, "a scan frequency")
+    if not lowest <= wanted <= highest:
+        raise InvalidValue(f"{wanted:g} Hz is outside of the {whose}'s {lowest:g} to {highest:g} Hz")
+    return wanted
+
+
+def agreed(request: Request, *told: bytes) -> Script[bytes]:
+    """Ask until two responses are equal, of those too that were `told` before; one may miss the question once.
+
+    Raises:
+        RemoteProtocolError: Five responses were all different.
+        ResponseTimeout: None came, or twice none behind others.
+    """
+    seen, missed = set(told), False
+    while len(seen) < MOST_DIFFERENT:
+        try:
+            payload = yield request
+        except ResponseTimeout:
+            if missed or not seen:
+                raise
+            missed = True
+            continue
+        if payload in seen:
+            return payload
+        seen.add(payload)
+    raise RemoteProtocolError(
+        f"{MOST_DIFFERENT} responses to {request.name} were all different: the line damages what it carries"
+    )
+
+
+def health_of(request: Request, told: bytes) -> Script[Health]:
+    """Status and code, by the response that came to `request`.
+
+    An error has the device reset: so it is believed when it came twice. A status that no document defines is a
+    warning: only an error is known to be one.
+    """
+    status, code = struct.unpack("<BH", (yield from agreed(request, told)) if any(told) else told)
+    if status < len(STATUSES):
+        return Health(STATUSES[status], code)
+    return Health(HealthStatus.WARNING, code, f"it reports health status {status}, which is not defined")
+
+
+def hear(
+    wire: StreamFormat, packets: int = LINKED, timeout: float = 0.5, wake: bytes = b"", attempts: int = 1
+) -> Request:
+    """Wait for so many packets in a row; their bytes are the response.
+
+    `wake` starts a device that was stopped, and changes nothing about one that runs.
+    """
+    expected = Expected(wire.response_type, packets * wire.shortest)
+    name = "START" if wake else "LISTEN"
+    return Request(name, wake, expected, timeout, attempts=attempts, stream=wire, packets=packets)
+
+
+def hear_runs(
+    wire: Callable[[], StreamFormat],
+    packets: int,
+    timeout: float,
+    wake: bytes = b"",
+    linked: int = LINKED,
+    attempts: int = 1,
+) -> Script[tuple[bytes, ...]]:
+    """Hear so many packets in a row, or `RUNS` short runs where the line damages so much that they do not come.
+
+    Args:
+        wire: Makes the object for the packets; each request needs one of its own.
+        packets: How many packets tell what the device is.
+        timeout: How long each run may take, in seconds.
+        wake: As for `hear`.
+        linked: Packets of a short run.
+        attempts: How often the first run is waited for.
+
+    Returns:
+        The bytes of each run. No packet is missing within one.
+
+    Raises:
+        ResponseTimeout: Not even a short run came.
+    """
+    yield hear(wire(), linked, timeout, wake, attempts)
+    try:
+        return ((yield hear(wire(), packets, timeout)),)
+    except ResponseTimeout:
+        runs: list[bytes] = []
+        for _ in range(RUNS):
+            runs.append((yield hear(wire(), linked, timeout)))
+        return tuple(runs)
+
+
+def begin(wire: StreamFormat, data: bytes = b"") -> Request:
+    """Take what comes from now on for the packets of a stream, after a request where one is needed."""
+    return Request("START" if data else "LISTEN", data, stream=wire)
