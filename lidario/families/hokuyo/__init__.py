@@ -8,8 +8,7 @@ from __future__ import annotations
 from typing import Final
 
 from lidario.families.base import Family, Timing
-from lidario.families.hokuyo.device import FORMATS, HokuyoDevice
-from lidario.families.hokuyo.raw import find_stream, stream_in
+from lidario.families.hokuyo.device import FORMATS, HokuyoDevice, find_stream, stream_in
 
 __all__ = ["FAMILY"]
 

@@ -1,7 +1,10 @@
-"""One Hokuyo lidar: what to ask in which order.
+"""One Hokuyo lidar: what to ask in which order, and where its stream begins in recorded bytes.
 
 ``VV`` tells what it is, ``PP`` its field, ``II`` how it is. ``MD`` or ``ME`` begins to measure, ``QT`` ends it and
 switches the laser off, ``RS`` sets all back. The motor turns as long as there is power, at a fixed speed.
+
+A recorded stream begins with its first block. Where the bytes hold the response to ``PP``, it tells the field. Else
+the first and the last step do: each kind of model has its own.
 """
 
 from __future__ import annotations
@@ -10,15 +13,16 @@ import re
 from typing import Final
 
 from lidario.errors import RemoteProtocolError, ResponseTimeout, Unsupported
-from lidario.families.base import Device, Script, Stream
+from lidario.families.base import Decoder, Device, Known, RawStream, Script, Stream, raw_stream
 from lidario.families.hokuyo.commands import ACCEPTED, FILL, RESET, STOP, ask, measure, read_lines, refusal, respond
 from lidario.families.hokuyo.decode import BlockDecoder
-from lidario.families.hokuyo.formats import DistanceFormat, StrengthFormat
+from lidario.families.hokuyo.formats import DistanceFormat, StrengthFormat, range_of
 from lidario.families.hokuyo.geometry import Geometry, geometry_of
 from lidario.families.scripts import told
 from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, ScanMode
 from lidario.wire.envelope import Request
 from lidario.wire.events import Descriptor
+from lidario.wire.formats import StreamFormat
 
 FORMATS: Final = (DistanceFormat, StrengthFormat)
 SPIN_UP_S: Final = 4.0
@@ -31,6 +35,12 @@ _DISTANCE_ALONE: Final = "URG-04LX"
 _WELL: Final = re.compile(r"\b(well|stable|no error)\b", re.IGNORECASE)
 _FAILED: Final = re.compile(r"\b(malfunction|failure)\b", re.IGNORECASE)
 _CODE: Final = re.compile(r"\d{1,5}", re.ASCII)
+_USUAL: Final = {
+    (44, 725): ("URG-04LX", Geometry(44, 725, 384, 1024, 20, 5600, 600)),
+    (0, 1080): ("UST-10LX, UST-20LX or UTM-30LX", Geometry(0, 1080, 540, 1440, 20, 60_000, 2400)),
+}
+_BLOCK: Final = re.compile(rb"(M[DE])\d{8}01\d{3}\n99b\n")
+_FIELD: Final = re.compile(rb"PP\n(00P\n(?:[^\n]{1,80}\n){1,40})\n")
 
 
 def mode_for(wire: type[DistanceFormat], geometry: Geometry) -> ScanMode:
@@ -143,3 +153,36 @@ class HokuyoDevice(Device):
             yield from self.identify()
         assert self._geometry is not None
         return (yield from told(self._geometry))
+
+
+def find_stream(data: memoryview, known: Known) -> RawStream | None:
+    """The stream that begins with the first block; None without a block whose field is known."""
+    found = _BLOCK.search(data)
+    if found is None:
+        return None
+    begin, told = found.start(), _FIELD.search(data)
+    lines = None if told is None else read_lines(told[1].rstrip(b"\n"))
+    title, geometry = "", None if lines is None else geometry_of(lines.lines)
+    if geometry is None:
+        title, geometry = _USUAL.get(range_of(data, begin), ("", None))
+    if geometry is None:
+        return None
+    kind = next(each for each in FORMATS if each.word == found[1])
+    guess = "" if not title else f"taken for a {title}, by its first and last step: nothing else tells its field"
+    return raw_stream(
+        begin,
+        kind(geometry),
+        BlockDecoder(kind, geometry),
+        known.sample_us or geometry.sample_us,
+        title and f"Hokuyo {title}",
+        guess,
+        details=geometry.text,
+    )
+
+
+def stream_in(mode: ScanMode) -> tuple[StreamFormat, Decoder] | None:
+    """As `Family.stream_in`: the mode tells the field, too."""
+    kind = next((each for each in FORMATS if each.response_type == mode.response_type), None)
+    told = (part.partition(":") for part in mode.details.split(";"))
+    geometry = geometry_of({name: value for name, _, value in told})
+    return None if kind is None or geometry is None else (kind(geometry), BlockDecoder(kind, geometry))

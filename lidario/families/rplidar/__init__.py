@@ -1,15 +1,52 @@
-"""RPLIDAR: the A, C, S and T series."""
+"""RPLIDAR: the A, C, S and T series; and where the measurement stream begins in recorded bytes.
+
+Two formats cannot be told apart by their packets (0x82 and 0x85 have one size, one header and one check value), so
+the descriptor decides. What stands before it, responses to questions for the most part, is not looked at.
+
+Times are not in the bytes. The usual sample times are those of the models that recommend the format: S2 for 0x81
+and 0x85, S3 for 0x86 (S-series interface manual, figure 3-3, and logs of devices), A2 for 0x82 and A3 for 0x84
+(logs of devices); for 0x83 none is known, and 10000 samples a second are assumed.
+"""
 
 from __future__ import annotations
 
-from lidario.families.base import Family, Timing
+import re
+from typing import Final
+
+from lidario.families.base import Decoder, Family, Known, RawStream, Timing, raw_stream
+from lidario.families.rplidar.decode import DECODERS
 from lidario.families.rplidar.device import RplidarDevice
 from lidario.families.rplidar.formats import FORMATS
-from lidario.families.rplidar.raw import find_stream, stream_in
+from lidario.model import ScanMode
+from lidario.wire.envelope import DESCRIPTOR_MAGIC, DESCRIPTOR_SIZE, parse_descriptor
+from lidario.wire.formats import StreamFormat
 
 __all__ = ["FAMILY"]
 
-FAMILY = Family(
+_USUAL_US: Final = {0x81: 62.5, 0x82: 125.0, 0x83: 100.0, 0x84: 62.5, 0x85: 31.25, 0x86: 31.25}
+_DESCRIPTORS: Final = re.compile(re.escape(DESCRIPTOR_MAGIC) + rb".{3}\x40.", re.DOTALL)
+"""Descriptors of streams, their length being below 2 to the power of 24."""
+
+
+def find_stream(data: memoryview, known: Known) -> RawStream | None:
+    """As `Family.find_stream`: behind the first descriptor of one of the six formats."""
+    for found in _DESCRIPTORS.finditer(data):
+        descriptor = parse_descriptor(bytes(found.group()))
+        wire = None if descriptor is None else FORMATS.get(descriptor.type)
+        if descriptor is not None and wire is not None and descriptor.size == wire.shortest:
+            kind = descriptor.type
+            sample_us = known.sample_us or _USUAL_US[kind]
+            return raw_stream(found.start() + DESCRIPTOR_SIZE, wire(), DECODERS[kind](), sample_us)
+    return None
+
+
+def stream_in(mode: ScanMode) -> tuple[StreamFormat, Decoder] | None:
+    """As `Family.stream_in`: by the response type of the descriptor."""
+    kind = mode.response_type
+    return (FORMATS[kind](), DECODERS[kind]()) if kind in FORMATS else None
+
+
+FAMILY: Final = Family(
     name="rplidar",
     title="RPLIDAR",
     # S2, S2L and S3; S1, A3, A2M7 and A2M12; A1 and A2M8; C1 (vendor's ROS launch files).

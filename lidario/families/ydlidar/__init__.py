@@ -6,11 +6,13 @@ where said). Nothing was measured on a real device.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Final
 
-from lidario.families.base import Family, Timing
-from lidario.families.ydlidar.device import BY_DTR_S, NAMED, YdlidarDevice
+from lidario.families.base import Family, NamedModel, Timing
+from lidario.families.ydlidar.device import BY_DTR_S, YdlidarDevice
 from lidario.families.ydlidar.formats import FORMATS
+from lidario.families.ydlidar.models import MODELS
 from lidario.families.ydlidar.raw import find_stream, stream_in
 
 __all__ = ["FAMILY"]
@@ -36,7 +38,7 @@ FAMILY: Final = Family(
     formats=FORMATS,
     find_stream=find_stream,
     stream_in=stream_in,
-    models=NAMED,
+    models={name: NamedModel((model.baudrate,), partial(YdlidarDevice, model)) for name, model in MODELS.items()},
     # The most sold of those that respond, and of those that only talk, and the only one at 153600 baud.
     # The S4 must be named.
     by_dtr={"x4": 0.15, "x2": BY_DTR_S, "s4b": 0.15},

@@ -18,6 +18,9 @@ from __future__ import annotations
 
 from typing import Final
 
+from lidario.errors import ResponseTimeout
+from lidario.families.base import Script
+from lidario.families.scripts import agreed
 from lidario.wire.envelope import Expected, Request, encode_request
 from lidario.wire.events import Descriptor
 from lidario.wire.formats import StreamFormat
@@ -60,6 +63,11 @@ STEPS: Final = {
     (True, False): _setting("SPEED_DOWN (by 1 Hz)", 0x0C, 4),
 }
 """By whether the step is a coarse one, and whether it leads up."""
+FINE_STEP: Final = 10
+COARSE_BEYOND: Final = 95
+"""Hundredths of Hz: the small step, and the difference above which a step of 1 Hz is better (SDK)."""
+MOST_STEPS: Final = 40
+"""7 coarse and 9 fine steps lead from end to end of the range; twice that, since the device may not hear some."""
 
 TOGGLE_PROTECTION: Final = _setting("TOGGLE_PROTECTION", 0xD9, 1)
 
@@ -75,3 +83,32 @@ def scan(stream: StreamFormat) -> Request:
     announced = Expected(ANNOUNCED.type, 0, LARGEST, continuous=True)
     # Only the first SCAN has a header as its response (manual 3.8): once packets flow, asking again is in vain.
     return Request("SCAN", encode_request(0x60), announced, 2.0, attempts=1, stream=stream)
+
+
+def step_to(wanted: int) -> Script[float]:
+    """Step to a scan frequency in hundredths of Hz; returns what was reached, in Hz."""
+    current = yield from ask_speed()
+    for _ in range(MOST_STEPS):
+        gap = wanted - current
+        if abs(gap) <= FINE_STEP // 2:
+            break
+        coarse = abs(gap) > COARSE_BEYOND
+        try:
+            reached = _hundredths((yield STEPS[coarse, gap > 0]))
+        except ResponseTimeout:
+            # Done or not, asking for the step again might do it twice.
+            reached = yield from ask_speed()
+        else:
+            if reached == current:
+                break  # the device will not go further
+        current = reached
+    return (yield from ask_speed()) / 100
+
+
+def ask_speed() -> Script[int]:
+    """The scan frequency that is set, in hundredths of Hz."""
+    return _hundredths((yield from agreed(GET_SPEED)))
+
+
+def _hundredths(payload: bytes) -> int:
+    return int.from_bytes(payload, "little")

@@ -1,4 +1,4 @@
-"""One YDLIDAR: what its responses mean, and how it is started and set. What varies is in `models`.
+"""One YDLIDAR: what its responses mean, how it is started, and what can be set. What varies is in `models`.
 
 Payloads: 4ROS development manual, figures 10, 12 and 13 to 15. Where it contradicts what is seen elsewhere:
 
@@ -7,8 +7,15 @@ Payloads: 4ROS development manual, figures 10, 12 and 13 to 15. Where it contrad
 * Health: the manual asks by A5 91, the SDK by A5 92. The manual's is tried first, then the other one.
 * "Old" firmware (1.2 and below): the SDK halves all distances of models 100 to 102 then. It is not done here:
   the manual knows only whole millimetres, and a version read in the wrong order would halve every distance.
+* Set scan frequency: SDK 1.2.20 takes 0.4 Hz off what models 100 to 102 report, since "the speed reads 0.4 Hz
+  high"; so it leaves a device that reports 10.00 Hz and is asked for 10 Hz at 10.4 Hz. That is not imitated:
+  the manual knows nothing of it, and what the motor really does can be seen in the scans.
+* Zero-angle offset: the manual says neither which way it counts nor whether the stream contains it. The SDK
+  adds it to every angle (clockwise degrees). So does `apply_zero_offset`, but only where it is asked for.
 
-The motor has neither a pin nor a request of its own: a scan starts it, STOP stops it.
+The motor has neither a pin nor a request of its own: a scan starts it, STOP stops it. Its speed is set in steps,
+and power-down protection is toggled: neither can be set to a value. So each step is judged by what the device says
+it has reached, and a request whose response was lost is not repeated before that is known (manual, 3.5 and 3.8).
 
 Some models only talk (`Model.one_way`). One that was not named is known by that it goes on sending after two STOPs,
 and says nothing.
@@ -17,21 +24,20 @@ and says nothing.
 from __future__ import annotations
 
 import struct
+from contextlib import suppress
 from dataclasses import replace
-from functools import partial
 from typing import Final, TypeVar
 
-from lidario.errors import ResponseTimeout, Unsupported
-from lidario.families.base import Keepalive, NamedModel, Script, Stream
-from lidario.families.scripts import NOT_STOPPED, agreed, begin, health_of, hear, hear_runs, told
+from lidario.errors import RemoteProtocolError, ResponseTimeout, Unsupported
+from lidario.families.base import Device, Keepalive, Script, Stream
+from lidario.families.scripts import NOT_STOPPED, agreed, begin, frequency_within, health_of, hear, hear_runs, told
 from lidario.families.ydlidar import commands
-from lidario.families.ydlidar.formats import PointCloud
 from lidario.families.ydlidar.models import FOUR_ROS, MODELS, ONE_WAY, Model, model_of
 from lidario.families.ydlidar.raw import turn_in
-from lidario.families.ydlidar.settings import SettableDevice
 from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.wire.envelope import Request
 from lidario.wire.events import Descriptor
+from lidario.wire.formats import StreamFormat
 
 T = TypeVar("T")
 SPIN_UP_S: Final = 4.0
@@ -53,18 +59,32 @@ UNNAMED: Final = (
 OVERHEARD: Final = 8
 MOST_A_TURN: Final = 1300
 """Samples a revolution above which no model only talks: the fastest of those has 1250 at 4 Hz."""
+MOST_TOGGLES: Final = 4
+"""Attempts; the SDK makes as many."""
+LAPSE_S: Final = (2.5, 4.0)
+"""Without a keepalive a stream ends 3 s after its start (manual 3.8). The last packets may be read half a second
+later."""
+_LEARN_PROTECTION: Final = replace(commands.TOGGLE_PROTECTION, timeout=0.5)
+_SHORT_INFO: Final = replace(commands.GET_INFO, timeout=0.25, attempts=1)
 
 
-class YdlidarDevice(SettableDevice):
+class YdlidarDevice(Device):
     """One YDLIDAR; `model` is the one that the user has named, if any."""
 
     def __init__(self, model: Model | None = None) -> None:
-        super().__init__(model or FOUR_ROS)
         self._named = model
         self.can_only_talk: bool = model is None or model.one_way
         self._be(model or FOUR_ROS)
         self._code: int | None = None
+        self._firmware = (0, 0)
         self._health_request: Request | None = None
+        # None: it was told to change it and has not said that it did.
+        self._protected: bool | None = False
+        self._offset_deg = 0.0
+        # What the program has set, to be set again when the device was restarted.
+        self._wanted_protection: bool | None = None
+        self._wanted_speed: int | None = None
+        self._was_restarted = False
 
     def _be(self, model: Model) -> None:
         self._model = model
@@ -177,7 +197,7 @@ class YdlidarDevice(SettableDevice):
             may_take_ns=self._model.may_take_ns,
         )
 
-    def _begin(self) -> Script[PointCloud]:
+    def _begin(self) -> Script[StreamFormat]:
         """Have it send packets."""
         stream = self._model.kind.wire()
         if self._model.one_way:
@@ -194,28 +214,123 @@ class YdlidarDevice(SettableDevice):
 
     def _ask_health(self) -> Script[Health]:
         known, both = self._health_request, (commands.GET_HEALTH, commands.GET_HEALTH_92)
-        *questions, last = ((known,) if known else both[::-1] if self._model.health_by_92 else both) * 2
-        for request in questions:
+        questions = list((known,) if known else both[::-1] if self._model.health_by_92 else both) * 2
+        while True:
+            request = questions.pop(0)
             try:
                 payload = yield request
             except ResponseTimeout:
-                continue
-            break
-        else:
-            request = last
-            try:
-                payload = yield last
-            except ResponseTimeout:
+                if questions:
+                    continue
                 self._health_request = None
                 raise
-        # Not forgotten before: who waits for its turn may be cancelled, or another task may ask meanwhile.
-        self._health_request = request
-        return (yield from health_of(request, payload))
+            # Not forgotten before: who waits for its turn may be cancelled, or another task may ask meanwhile.
+            self._health_request = request
+            return (yield from health_of(request, payload))
 
+    def restarted(self) -> None:
+        # The next start sets speed and protection again, if the program has set them.
+        self._was_restarted = True
+        self._protected = False
 
-_SHORT_INFO: Final = replace(commands.GET_INFO, timeout=0.25, attempts=1)
+    def explain_silence(self, lasted_s: float) -> Script[bool]:
+        """As `Device.explain_silence`: an earlier program may have left power-down protection on.
 
+        It cannot be asked for, only be toggled: two toggles in a row tell it and leave it. They are sent only to a
+        device that has stopped when protection would have stopped it, so never without need.
+        """
+        earliest, latest = LAPSE_S
+        is_lapse = not lasted_s or earliest <= lasted_s <= latest
+        if not self._model.protection or self._protected or not is_lapse:
+            return False
+        yield from self._learn_protection()
+        return bool(self._protected)
 
-NAMED: Final = {
-    name: NamedModel((model.baudrate,), partial(YdlidarDevice, model)) for name, model in MODELS.items()
-}
+    def scan_frequency_range(self) -> Script[tuple[float, float]]:
+        # The data sheet's, since the device cannot be asked.
+        if self._model.speeds is None:
+            return super().scan_frequency_range()
+        return told(self._model.speeds)
+
+    def scan_frequency(self) -> Script[float]:
+        """As `Device.scan_frequency`: the frequency that is set, not the one the motor reaches."""
+        if self._model.speeds is None:
+            return (yield from super().scan_frequency())
+        return (yield from commands.ask_speed()) / 100
+
+    def set_scan_frequency(self, hertz: float) -> Script[float]:
+        """As `Device.set_scan_frequency`: in steps of 1 and 0.1 Hz, then read back."""
+        if self._model.speeds is None:
+            # Its motor follows the supply, or a pin that is not in the cable.
+            return (yield from super().set_scan_frequency(hertz))
+        hundredths = round(frequency_within(hertz, self._model.speeds, self._model.title) * 100)
+        reached = yield from commands.step_to(hundredths)
+        self._wanted_speed = hundredths
+        return reached
+
+    def zero_offset(self) -> Script[float]:
+        # Clockwise degrees, if it counts the way the SDK takes it.
+        if not self._model.offset:
+            return (yield from super().zero_offset())
+        (parts,) = struct.unpack("<i", (yield from agreed(commands.GET_ZERO_OFFSET)))
+        degrees: float = parts / self._model.offset_parts(self._firmware)
+        if abs(degrees) <= 360:
+            return degrees
+        raise RemoteProtocolError(f"the device reports a zero-angle offset of {degrees:g} degrees")
+
+    def apply_zero_offset(self, on: bool) -> Script[float]:
+        """As `Device.apply_zero_offset`: asks for it now, to be added to clockwise angles. Off at first."""
+        self._offset_deg = (yield from self.zero_offset()) if on else 0.0
+        return self._offset_deg
+
+    def power_down_protection(self, on: bool) -> Script[bool]:
+        """As `Device.power_down_protection`: it can only be toggled, and the response tells the new state.
+
+        The manual (3.8) recommends it where lidar and host have separate power supplies, so that the lidar stops
+        when the host has lost its own. Streams started with protection on must be kept alive. Before this was
+        called the state is not known, since it cannot be asked for; it is assumed to be off until a stream ends as
+        if it were on (`explain_silence`). Without protection a SCAN in mid-scan is not documented, so none is sent.
+        """
+        if not self._model.protection:
+            return (yield from super().power_down_protection(on))
+        for attempt in range(1, MOST_TOGGLES + 1):
+            try:
+                if (yield from self._toggled(commands.TOGGLE_PROTECTION)) is on:
+                    self._wanted_protection = on
+                    return on
+            except ResponseTimeout:
+                # It may have been toggled all the same: toggle again and see.
+                if attempt == MOST_TOGGLES:
+                    raise
+        raise RemoteProtocolError(f"power-down protection does not go {'on' if on else 'off'}")
+
+    def _be_as_set(self) -> Script[None]:
+        """Set again what the program has set: no document says what outlasts a restart."""
+        if self._was_restarted:
+            if self._wanted_speed is not None:
+                yield from commands.step_to(self._wanted_speed)
+            if self._wanted_protection is not None:
+                yield from self.power_down_protection(self._wanted_protection)
+            self._was_restarted = False
+        if self._protected is None:
+            yield from self._learn_protection()
+
+    def _learn_protection(self) -> Script[None]:
+        """Find out whether power-down protection is on: two toggles tell it and leave it."""
+        told = 0
+        for _ in range(MOST_TOGGLES):
+            with suppress(ResponseTimeout):
+                told += (yield from self._toggled(_LEARN_PROTECTION)) is not None
+            if told == 2:
+                return
+
+    def _toggled(self, request: Request) -> Script[bool | None]:
+        """Toggle once; whether protection is on then, None where the device tells no state that there is.
+
+        Until the response comes, that is not known. A script that is cancelled there leaves it unknown.
+        """
+        self._protected = None
+        state = (yield request)[0]
+        if state <= 1:
+            self._protected = state == 0
+        return self._protected

@@ -44,7 +44,7 @@ def test_a_frequency_out_of_range_is_refused_before_anything_is_sent(hertz: floa
         next(script)
     assert done.value.value == (5.0, 12.0)
     with pytest.raises(InvalidValue, match="5 to 12 Hz"):
-        device.set_scan_frequency(hertz)
+        next(device.set_scan_frequency(hertz))
 
 
 def test_a_device_that_does_not_step_ends_the_setting() -> None:
