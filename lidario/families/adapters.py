@@ -8,17 +8,11 @@ from typing import Final
 
 @dataclass(frozen=True, slots=True)
 class Adapter:
-    """A kind of USB adapter.
+    """A kind of USB adapter."""
 
-    Attributes:
-        vendor: USB vendor number.
-        product: USB product number.
-        fastest: Highest speed in bits a second that its data sheet names; 0 where the speed means nothing to it.
-    """
-
-    vendor: int
-    product: int
-    fastest: int
+    vendor: int  # USB vendor number
+    product: int  # USB product number
+    fastest: int  # highest speed in bits a second that its data sheet names; 0 where the speed means nothing to it
 
 
 ADAPTERS: Final = {

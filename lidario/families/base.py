@@ -50,51 +50,34 @@ Script: TypeAlias = Generator[Request, bytes, T]
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """How long the devices of a family take.
+    """How long the devices of a family take."""
 
-    Attributes:
-        quiet_s: Silence after a STOP that proves the stream has ended.
-        drain_s: Longest time that may take before STOP is sent again.
-        boot_s: Longest time from RESET until the device responds.
-        boot_poll_s: How often it is asked meanwhile.
-        forget_s: How long a device may hold half a request before it forgets it.
-        probe_s: How long an identifying request may stay without a response at one baud rate.
-        starts_s: How long one may send nothing that was just started, and responds by its stream alone.
-    """
-
-    quiet_s: float
-    drain_s: float
-    boot_s: float
-    boot_poll_s: float
-    forget_s: float
-    probe_s: float
-    starts_s: float = 0.0
+    quiet_s: float  # silence after a STOP that proves the stream has ended
+    drain_s: float  # longest time that may take before STOP is sent again
+    boot_s: float  # longest time from RESET until the device responds
+    boot_poll_s: float  # how often it is asked meanwhile
+    forget_s: float  # how long a device may hold half a request before it forgets it
+    probe_s: float  # how long an identifying request may stay without a response at one baud rate
+    starts_s: float = 0.0  # how long one may send nothing that was just started, and responds by its stream alone
 
 
 class Device(ABC):
-    """One device of a family: what it is, as far as asked, and how to talk to it. No I/O.
+    """One device of a family: what it is, as far as asked, and how to talk to it. No I/O."""
 
-    Attributes:
-        can_keep_spinning: Whether the motor can go on when the laser is stopped.
-        can_be_stopped: Whether laser and motor can be switched off from here.
-        baudrate: Speed of its line; 0 where that has none, as in a network, and None where it is not known.
-        sends_bytes: Whether its stream consists of bytes that can be decoded again; else of whole scans.
-        can_only_talk: Whether it may be one that hears nothing, of a family whose others respond.
-        is_guess: Whether its family or model is only looked for, and no user has named it: what the device says of
-            itself counts more.
-        rests_s: Seconds between two signs of life, of one that may be well and yet silent for longer than others.
-        fill: Bytes that complete any request that was half written, and begin none. Default: none are needed.
-        modes_note: What it has not told of its modes, for the log, once it was asked; empty where nothing is amiss.
-    """
-
-    can_keep_spinning: bool = True
-    can_be_stopped: bool = True
+    can_keep_spinning: bool = True  # whether the motor can go on when the laser is stopped
+    can_be_stopped: bool = True  # whether laser and motor can be switched off from here
+    # Speed of its line; 0 where that has none, as in a network, and None where it is not known.
     baudrate: int | None = None
-    sends_bytes: bool = True
-    can_only_talk: bool = False
+    sends_bytes: bool = True  # whether its stream consists of bytes that can be decoded again; else of whole scans
+    can_only_talk: bool = False  # whether it may be one that hears nothing, of a family whose others respond
+    # Whether its family or model is only looked for, and no user has named it: what the device says of itself
+    # counts more.
     is_guess: bool = False
+    # Seconds between two signs of life, of one that may be well and yet silent for longer than others.
     rests_s: float = 0.0
+    # What it has not told of its modes, for the log, once it was asked; empty where nothing is amiss.
     modes_note: str = ""
+    # Bytes that complete any request that was half written, and begin none. Default: none are needed.
     fill: Request = Request("FILL", b"")
 
     @abstractmethod
@@ -238,49 +221,34 @@ class Device(ABC):
 
 
 class NamedModel(NamedTuple):
-    """A model that a user may name.
+    """A model that a user may name."""
 
-    Attributes:
-        baudrates: Speeds that its line may have, the likeliest first.
-        device: Makes the object for a newly opened port.
-    """
-
-    baudrates: tuple[int, ...]
-    device: Callable[[], Device]
+    baudrates: tuple[int, ...]  # speeds that its line may have, the likeliest first
+    device: Callable[[], Device]  # makes the object for a newly opened port
 
 
 @dataclass(frozen=True, slots=True)
 class Family:
-    """One row of the registry.
+    """One row of the registry."""
 
-    Attributes:
-        name: Short name, as in ``family=`` of a source; its folder is called so, too.
-        title: Name for people.
-        baudrates: Line speeds its models use, the likeliest first.
-        timing: How long its devices take.
-        device: Makes the object for a newly opened port.
-        stream_in: The format and the decoder of a stream in a mode that was stored; None where they are not known.
-        formats: Every packet format that is listened for, where it is not known what sends.
-        models: Its models that may be named, as in ``model=`` of a source, where the device cannot tell its own.
-        by_dtr: Those of `models` that are dark while the control line DTR is cleared, as it is when a port opens,
-            and how many seconds each may take to respond behind the request that asserts it. They are looked for
-            last.
-        asked_at: Line speeds at which a silent device may hear a request; at others, devices only talk. None for
-            all speeds.
-        find_stream: Finds the measurement stream in recorded bytes, by these and by what a user says of them, whose
-            model, if any, is one of `models`. None where there is no stream.
-    """
-
-    name: str
-    title: str
-    baudrates: tuple[int, ...]
-    timing: Timing
-    device: Callable[[], Device]
+    name: str  # short name, as in ``family=`` of a source; its folder is called so, too
+    title: str  # name for people
+    baudrates: tuple[int, ...]  # line speeds its models use, the likeliest first
+    timing: Timing  # how long its devices take
+    device: Callable[[], Device]  # makes the object for a newly opened port
+    # The format and the decoder of a stream in a mode that was stored; None where they are not known.
     stream_in: Callable[[ScanMode], tuple[StreamFormat, Decoder] | None]
+    # Every packet format that is listened for, where it is not known what sends.
     formats: tuple[Callable[[], StreamFormat], ...]
+    # Finds the measurement stream in recorded bytes, by these and by what a user says of them, whose model, if any,
+    # is one of `models`. None where there is no stream.
     find_stream: Callable[[memoryview, Known], RawStream | None]
+    # Its models that may be named, as in ``model=`` of a source, where the device cannot tell its own.
     models: Mapping[str, NamedModel] = field(default_factory=dict, hash=False)
+    # Line speeds at which a silent device may hear a request; at others, devices only talk. None for all speeds.
     asked_at: tuple[int, ...] | None = None
+    # Those of `models` that are dark while the control line DTR is cleared, as it is when a port opens, and how
+    # many seconds each may take to respond behind the request that asserts it. They are looked for last.
     by_dtr: Mapping[str, float] = field(default_factory=dict, hash=False)
 
     @property

@@ -24,44 +24,28 @@ _BITS_A_BYTE: Final = 10
 
 @dataclass(frozen=True, slots=True)
 class Keepalive:
-    """A request that must be repeated while a stream runs.
+    """A request that must be repeated while a stream runs."""
 
-    Attributes:
-        request: What to send.
-        interval_s: How often.
-    """
-
-    request: Request
-    interval_s: float
+    request: Request  # what to send
+    interval_s: float  # how often
 
 
 @dataclass(frozen=True, slots=True)
 class Stream:
-    """All the session must know of a stream that was just started.
+    """All the session must know of a stream that was just started."""
 
-    Attributes:
-        format: The packet format, the same object that the starting request carried.
-        decoder: What makes samples of its packets.
-        mode: The scan mode that runs.
-        sample_ns: Nanoseconds a sample; 0 when the device does not say.
-        spin_up_s: Longest time until the first packet may be expected.
-        slowest_turn_s: Longest time one revolution may take.
-        keepalive: What must be repeated meanwhile, if anything.
-        zero_offset_deg: Degrees to add to every device angle.
-        may_take_ns: Nanoseconds that a sample may take, where `sample_ns` is 0: which one holds is measured.
-        timed: Whether its packets come when they are measured, or soon after; False where they were stored without
-            times, which are made from the samples then.
-    """
-
-    format: StreamFormat
-    decoder: Decoder
-    mode: ScanMode
-    sample_ns: float
-    spin_up_s: float
-    slowest_turn_s: float
-    keepalive: Keepalive | None = None
-    zero_offset_deg: float = 0.0
+    format: StreamFormat  # the packet format, the same object that the starting request carried
+    decoder: Decoder  # what makes samples of its packets
+    mode: ScanMode  # the scan mode that runs
+    sample_ns: float  # nanoseconds a sample; 0 when the device does not say
+    spin_up_s: float  # longest time until the first packet may be expected
+    slowest_turn_s: float  # longest time one revolution may take
+    keepalive: Keepalive | None = None  # what must be repeated meanwhile, if anything
+    zero_offset_deg: float = 0.0  # degrees to add to every device angle
+    # Nanoseconds that a sample may take, where `sample_ns` is 0: which one holds is measured.
     may_take_ns: tuple[float, ...] = ()
+    # Whether its packets come when they are measured, or soon after; False where they were stored without times,
+    # which are made from the samples then.
     timed: bool = True
 
     @property
@@ -95,33 +79,21 @@ class Stream:
 
 
 class Known(NamedTuple):
-    """What a user says of bytes that were recorded without times.
+    """What a user says of bytes that were recorded without times."""
 
-    Attributes:
-        family: Short name of the family; None to tell it from the bytes, or by the model.
-        model: One of `Family.models`; None to tell it from the bytes.
-        sample_us: Microseconds a sample; None for what the bytes tell, or the model or format usually takes.
-    """
-
-    family: str | None = None
-    model: str | None = None
+    family: str | None = None  # short name of the family; None to tell it from the bytes, or by the model
+    model: str | None = None  # one of `Family.models`; None to tell it from the bytes
+    # Microseconds a sample; None for what the bytes tell, or the model or format usually takes.
     sample_us: float | None = None
 
 
 class RawStream(NamedTuple):
-    """A measurement stream among bytes that were recorded without times.
+    """A measurement stream among bytes that were recorded without times."""
 
-    Attributes:
-        begin: Offset of its first byte, behind its descriptor.
-        stream: What it is.
-        title: The model, for people; empty where neither the bytes nor the user told it.
-        guess: What the model was taken for, and what else it may be; empty where nothing had to be guessed.
-    """
-
-    begin: int
-    stream: Stream
-    title: str = ""
-    guess: str = ""
+    begin: int  # offset of its first byte, behind its descriptor
+    stream: Stream  # what it is
+    title: str = ""  # the model, for people; empty where neither the bytes nor the user told it
+    guess: str = ""  # what the model was taken for, and what else it may be; empty where nothing had to be guessed
 
 
 def raw_stream(

@@ -53,50 +53,30 @@ SETTLE_S: Final = 0.02
 
 
 class Speeds(NamedTuple):
-    """How a request regulates the motor.
+    """How a request regulates the motor."""
 
-    Attributes:
-        limits: The slowest and the fastest, revolutions a second.
-        step: What one unit of the request is, likewise.
-        request: The request, by how many units.
-    """
-
-    limits: tuple[float, float]
-    step: float
-    request: Callable[[int], Request]
+    limits: tuple[float, float]  # the slowest and the fastest, revolutions a second
+    step: float  # what one unit of the request is, likewise
+    request: Callable[[int], Request]  # the request, by how many units
 
 
 @dataclass(frozen=True, slots=True)
 class TalkingModel:
-    """One model.
+    """One model."""
 
-    Attributes:
-        name: As in ``model=`` of a source; empty of one that no user names.
-        title: For people.
-        baudrates: Speeds that its line may have, the likeliest first.
-        sample_us: What a sample takes by its data sheet, microseconds.
-        reach: Farthest distance in metres.
-        wire: The format of its packets.
-        make_decoder: Makes their decoder, by the format.
-        note: What else it may be, where its packets do not tell.
-        start: What starts its motor and its stream; empty where it talks for as long as it has power.
-        stop: What stops both; empty likewise.
-        speeds: How the motor is regulated; None where it cannot be.
-        slowest_turn_s: Longest time that one revolution may take: at the lowest speed, and half as long
-            again. Default: at 200 revolutions a minute.
-    """
-
-    name: str
-    title: str
-    baudrates: tuple[int, ...]
-    sample_us: float
-    reach: float
-    wire: type[StreamFormat]
-    make_decoder: Callable[[Any], Decoder]
-    note: str = ""
-    start: bytes = b""
-    stop: bytes = b""
-    speeds: Speeds | None = None
+    name: str  # as in ``model=`` of a source; empty of one that no user names
+    title: str  # for people
+    baudrates: tuple[int, ...]  # speeds that its line may have, the likeliest first
+    sample_us: float  # what a sample takes by its data sheet, microseconds
+    reach: float  # farthest distance in metres
+    wire: type[StreamFormat]  # the format of its packets
+    make_decoder: Callable[[Any], Decoder]  # makes their decoder, by the format
+    note: str = ""  # what else it may be, where its packets do not tell
+    start: bytes = b""  # what starts its motor and its stream; empty where it talks for as long as it has power
+    stop: bytes = b""  # what stops both; empty likewise
+    speeds: Speeds | None = None  # how the motor is regulated; None where it cannot be
+    # Longest time that one revolution may take: at the lowest speed, and half as long again. Default: at 200
+    # revolutions a minute.
     slowest_turn_s: float = 0.45
 
     def decoder(self) -> Decoder:
@@ -105,39 +85,27 @@ class TalkingModel:
 
 
 class Rotor(NamedTuple):
-    """How devices whose motor the host powers tell that it does not turn as it should.
+    """How devices whose motor the host powers tell that it does not turn as it should."""
 
-    Attributes:
-        wire: Makes a format of all their packets, also of those that say so.
-        rests_s: The longest time between two of those.
-        trouble: What is to be told of one; empty for one that measures.
-    """
-
-    wire: Callable[[], StreamFormat]
-    rests_s: float
-    trouble: Callable[[bytes], str]
+    wire: Callable[[], StreamFormat]  # makes a format of all their packets, also of those that say so
+    rests_s: float  # the longest time between two of those
+    trouble: Callable[[bytes], str]  # what is to be told of one; empty for one that measures
 
 
 @dataclass(frozen=True, slots=True)
 class Talkers:
-    """The models of one family, and what tells more of them.
+    """The models of one family, and what tells more of them."""
 
-    Attributes:
-        family: Short name of the family.
-        all: All that is to be read in some way; those with a name are those that a user may name.
-        unnamed: Which model it is, where no user has named one: by packets, of which most are in a row, and by the
-            speed of the line, as `Device.baudrate` has it.
-        heard: Packets in a row from which that is known, and what a sample takes, if they tell it.
-        wires: The formats in which to look for packets, the likeliest first; none for that of any model.
-        rotor: Where the host powers the motor.
-    """
-
-    family: str
+    family: str  # short name of the family
+    # All that is to be read in some way; those with a name are those that a user may name.
     all: tuple[TalkingModel, ...]
+    # Which model it is, where no user has named one: by packets, of which most are in a row, and by the speed of
+    # the line, as `Device.baudrate` has it.
     unnamed: Callable[[bytes, int | None], TalkingModel]
-    heard: int
+    heard: int  # packets in a row from which that is known, and what a sample takes, if they tell it
+    # The formats in which to look for packets, the likeliest first; none for that of any model.
     wires: tuple[type[StreamFormat], ...] = ()
-    rotor: Rotor | None = None
+    rotor: Rotor | None = None  # where the host powers the motor
 
     @property
     def models(self) -> dict[str, TalkingModel]:

@@ -14,8 +14,6 @@ from lidario.families.camsense.decode import PacketDecoder
 from lidario.families.camsense.formats import LongFormat, PacketFormat
 from lidario.families.talking import Talkers, TalkingModel, family_of
 
-__all__ = ["FAMILY", "TALKERS"]
-
 _X1: Final = TalkingModel("x1", "Camsense X1", (115_200,), 1e6 / 2080, 8.0, PacketFormat, PacketDecoder)
 _LDS08RR: Final = replace(_X1, name="lds08rr", title="LDS08RR of Camsense", wire=LongFormat)
 

@@ -18,8 +18,6 @@ from lidario.families.hlds.formats import SIZE, CheckedFormat, PacketFormat
 from lidario.families.slots import FULL_TURN
 from lidario.families.talking import TIMING, Talkers, TalkingModel, family_of
 
-__all__ = ["FAMILY", "TALKERS"]
-
 _UNCHECKED: Final = TalkingModel(
     "",
     "HLDS LDS-01",

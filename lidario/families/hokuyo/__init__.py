@@ -10,8 +10,6 @@ from typing import Final
 from lidario.families.base import Family, Timing
 from lidario.families.hokuyo.device import FORMATS, HokuyoDevice, find_stream, stream_in
 
-__all__ = ["FAMILY"]
-
 FAMILY: Final = Family(
     name="hokuyo",
     title="Hokuyo",

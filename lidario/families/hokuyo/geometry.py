@@ -22,25 +22,15 @@ _LIMITS: Final = {
 
 
 class Geometry(NamedTuple):
-    """Where the device looks. A step is a direction; steps count counter-clockwise.
+    """Where the device looks. A step is a direction; steps count counter-clockwise."""
 
-    Attributes:
-        first: The first step that it measures (AMIN).
-        last: The last one (AMAX).
-        front: The step straight ahead (AFRT).
-        turn: Steps of 360 degrees (ARES).
-        nearest: Shortest distance, mm (DMIN); numbers below it are codes of errors.
-        farthest: Longest distance, mm (DMAX).
-        rpm: Revolutions a minute (SCAN).
-    """
-
-    first: int
-    last: int
-    front: int
-    turn: int
-    nearest: int
-    farthest: int
-    rpm: int
+    first: int  # the first step that it measures (AMIN)
+    last: int  # the last one (AMAX)
+    front: int  # the step straight ahead (AFRT)
+    turn: int  # steps of 360 degrees (ARES)
+    nearest: int  # shortest distance, mm (DMIN); numbers below it are codes of errors
+    farthest: int  # longest distance, mm (DMAX)
+    rpm: int  # revolutions a minute (SCAN)
 
     @property
     def steps(self) -> int:

@@ -16,8 +16,6 @@ from lidario.families.irobotix.decode import FrameDecoder, frames_a_turn
 from lidario.families.irobotix.formats import DATA, RECORD, AnyFrame, FifteenFormat, FrameFormat
 from lidario.families.talking import Rotor, Talkers, TalkingModel, family_of
 
-__all__ = ["FAMILY", "TALKERS"]
-
 _SIXTEEN: Final = TalkingModel(
     "", "Delta-2A, 2B or 2D", (230_400,), 200.0, 8.0, FrameFormat, FrameDecoder, slowest_turn_s=0.4
 )

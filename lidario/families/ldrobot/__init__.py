@@ -6,7 +6,11 @@ sample rate and unsteadiness are known. No request was tried on a real device.
 The rate of the samples tells the models apart, for no packet tells model, firmware or serial number. Models of one
 rate are not told apart, but they measure alike, except LD14 and LD08. Some LD14P have that rate too
 (more_families.md B1): the speed of their line tells them. Sample rates: LD06 as measured on a real device, the
-others by data sheet. The LD14P alone has requests (`commands`), and may have been stopped.
+others by data sheet.
+
+The LD14P alone has requests, and may have been stopped: ``54 cmd 04 p0 p1 p2 p3 crc`` (codes: the vendor's SDK,
+``ldlidar_protocol.h``, and a community port). Responses exist, but are not documented. So they are passed over as
+records, and the stream tells whether a request was obeyed.
 """
 
 from __future__ import annotations
@@ -15,13 +19,21 @@ from dataclasses import replace
 from functools import partial
 from typing import Final
 
-from lidario.families.ldrobot import commands
 from lidario.families.ldrobot.decode import AxisDecoder, TriangleDecoder
-from lidario.families.ldrobot.formats import AxisFormat, PacketFormat, TriangleFormat
-from lidario.families.talking import TIMING, Speeds, Talkers, TalkingModel, family_of
+from lidario.families.ldrobot.formats import CRC, HEAD, AxisFormat, PacketFormat, TriangleFormat
+from lidario.families.talking import SETTLE_S, TIMING, Speeds, Talkers, TalkingModel, family_of
 from lidario.families.two_angles import TwoAngleDecoder
+from lidario.wire.envelope import Request
 
-__all__ = ["FAMILY", "TALKERS"]
+
+def _encoded(command: int, parameter: int = 0) -> bytes:
+    """The bytes of a request."""
+    body = bytes((HEAD, command, 4)) + parameter.to_bytes(4, "little")
+    return body + bytes((CRC.of(body),))
+
+
+def _set_speed(degrees_per_second: int) -> Request:
+    return Request("SET_SPEED", _encoded(0xA2, degrees_per_second), settle=SETTLE_S, in_stream=True)
 
 
 def _model(name: str, title: str, baudrate: int, rate: float) -> TalkingModel:
@@ -41,10 +53,10 @@ AXIS: Final = _axis(_model("ld08", "LD08", 115_200, 2300))
 TRIANGLE: Final = _triangle(_model("ld14", "LD14", 115_200, 2300))
 _LD14P: Final = replace(
     _triangle(_model("ld14p", "LD14P", 230_400, 4000)),
-    start=commands.START,
-    stop=commands.STOP,
+    start=_encoded(0xA0),
+    stop=_encoded(0xA1),
     # The vendor's SDK: 720 to 2880 degrees a second.
-    speeds=Speeds((2.0, 8.0), 1 / 360, commands.speed),
+    speeds=Speeds((2.0, 8.0), 1 / 360, _set_speed),
 )
 _STL27L: Final = replace(_model("stl-27l", "STL-27L", 921_600, 21_600), reach=25.0)
 _LENS_UNKNOWN: Final = (

@@ -20,8 +20,6 @@ from lidario.families.neato.formats import SLOWEST, AnySpeed, BackFormat, Packet
 from lidario.families.slots import FULL_TURN
 from lidario.families.talking import Rotor, Talkers, TalkingModel, family_of
 
-__all__ = ["FAMILY", "TALKERS"]
-
 _USUAL_US: Final = 60e6 / (300 * FULL_TURN)
 _SENSE_UNKNOWN: Final = (
     "an XV-11 and an LDS01RR or LDS02RR send the same packets. It is read as an XV-11, which turns "

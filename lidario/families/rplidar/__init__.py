@@ -21,8 +21,6 @@ from lidario.model import ScanMode
 from lidario.wire.envelope import DESCRIPTOR_MAGIC, DESCRIPTOR_SIZE, parse_descriptor
 from lidario.wire.formats import StreamFormat
 
-__all__ = ["FAMILY"]
-
 _USUAL_US: Final = {0x81: 62.5, 0x82: 125.0, 0x83: 100.0, 0x84: 62.5, 0x85: 31.25, 0x86: 31.25}
 _DESCRIPTORS: Final = re.compile(re.escape(DESCRIPTOR_MAGIC) + rb".{3}\x40.", re.DOTALL)
 """Descriptors of streams, their length being below 2 to the power of 24."""

@@ -78,9 +78,9 @@ class Configuration:
         self._in_vain = 0
         found: dict[int, ScanMode] = {}
         count = (yield from self._ask(2, Conf.MODE_COUNT)) or 0
-        unsure = yield from self._list(range(MODE_LIMIT), count, found)
-        # The line may have damaged what was not told.
-        unsure = yield from self._list(unsure, count, found)
+        unsure: Iterable[int] = range(MODE_LIMIT)
+        for _ in range(2):  # the line may have damaged what was not told
+            unsure = yield from self._list(unsure, count, found)
         if not found:
             return (), "the device did not tell its scan modes; those of older firmware are assumed"
         typical = yield from self._ask(2, Conf.TYPICAL_MODE)
@@ -90,7 +90,7 @@ class Configuration:
         usable = [mode.id for mode in modes if mode.response_type in FORMATS]
         if typical not in usable:
             typical = usable[-1] if usable else None
-        is_short = len(found) < count or bool(found.keys() & unsure)
+        is_short = len(found) < count or not found.keys().isdisjoint(unsure)
         note = "the device did not tell all of its scan modes" if is_short else ""
         return tuple(replace(mode, typical=mode.id == typical) for mode in modes), note
 
@@ -157,17 +157,6 @@ def ask_address() -> Script[NetworkAddress]:
 
 def set_address(wanted: NetworkAddress) -> Script[None]:
     """As `Device.set_network_address`."""
-    value = _encoded(wanted)
-    try:
-        response = yield commands.set_lidar_conf(Conf.NETWORK_ADDRESS, value)
-    except ResponseTimeout as error:
-        raise Unsupported(_NO_ADDRESS) from error
-    result = struct.unpack_from("<I", response, 4)[0]
-    if result:
-        raise RemoteProtocolError(f"the device refuses this network address: result 0x{result:08X}")
-
-
-def _encoded(wanted: NetworkAddress) -> bytes:
     if not isinstance(wanted, NetworkAddress):
         raise InvalidValue(f"a network address is a NetworkAddress, not {type(wanted).__name__}")
     try:
@@ -175,4 +164,11 @@ def _encoded(wanted: NetworkAddress) -> bytes:
         parts = [IPv4Address(str(text)).packed for text in (wanted.address, wanted.mask, wanted.gateway)]
     except AddressValueError as error:
         raise InvalidValue(f"not an IPv4 address: {error}") from None
-    return b"".join(parts) if any(parts[0]) else bytes(12)
+    value = b"".join(parts) if any(parts[0]) else bytes(12)
+    try:
+        response = yield commands.set_lidar_conf(Conf.NETWORK_ADDRESS, value)
+    except ResponseTimeout as error:
+        raise Unsupported(_NO_ADDRESS) from error
+    result = struct.unpack_from("<I", response, 4)[0]
+    if result:
+        raise RemoteProtocolError(f"the device refuses this network address: result 0x{result:08X}")

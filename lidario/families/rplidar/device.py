@@ -61,7 +61,7 @@ class RplidarDevice(MotorDriven):
 
     def halt(self) -> tuple[Request, ...]:
         # The motor first, since nothing is heard for 10 ms after STOP.
-        return (*self._halt_motor(), commands.STOP)
+        return (self._halt_motor(), commands.STOP)
 
     def halt_unknown(self) -> tuple[Request, ...]:
         # What stops an A2 or A3, then what stops an A1 and makes the others deaf.

@@ -22,9 +22,9 @@ start.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
-from enum import Enum
-from typing import Final
+from typing import Final, NamedTuple
 
 from lidario.arguments import finite
 from lidario.errors import InvalidValue, ResponseTimeout, Unsupported
@@ -37,29 +37,36 @@ from lidario.wire.envelope import Request
 FIRST_BY_SPEED: Final = 6
 FIRST_C: Final = 4
 A1: Final = 1
-DEFAULT_RPM: Final = 600
-DEFAULT_DUTY: Final = 660
-"""What other drivers send; conf 0x01 tells a better one where the firmware has it."""
-MOST_DUTY: Final = 1023
 
 
-class Way(Enum):
-    """How the motor is turned; the value is why its speed cannot be set, where it cannot."""
+class Way(NamedTuple):
+    """How the motor is turned."""
 
-    RPM = ""
-    PWM = (
-        "the motor of this model is driven by a duty (PWM), and nothing tells which duty makes which speed: "
-        "its scan frequency cannot be set. Scan.rpm tells what it is"
-    )
-    DTR = (
-        "the motor of this model can only be switched on and off (by DTR): its scan frequency cannot be set. "
-        "Scan.rpm tells what it is"
-    )
-    NONE = "this model has no motor control that the host could use. Scan.rpm tells how fast it turns"
-    UNTOLD = (
-        "this device did not tell between which speeds its motor turns: it takes none, or its responses were lost, "
-        "and then it helps to try again. Scan.rpm tells how fast it turns"
-    )
+    why: str  # why its speed cannot be set; empty where it can
+    request: Callable[[int], Request] | None = None  # what turns it so fast; None where no number does
+    usual: int = 0  # The number that other drivers send. Conf 0x01 tells a better one where the firmware has it.
+    most: int = 0  # the highest one
+    told_at: int = 0  # where conf 0x01 tells it
+
+
+RPM: Final = Way("", commands.motor_speed, 600, 0xFFFF)
+PWM: Final = Way(
+    "the motor of this model is driven by a duty (PWM), and nothing tells which duty makes which speed: "
+    "its scan frequency cannot be set. Scan.rpm tells what it is",
+    commands.motor_pwm,
+    660,
+    1023,
+    told_at=2,
+)
+DTR: Final = Way(
+    "the motor of this model can only be switched on and off (by DTR): its scan frequency cannot be set. "
+    "Scan.rpm tells what it is"
+)
+NONE: Final = Way("this model has no motor control that the host could use. Scan.rpm tells how fast it turns")
+UNTOLD: Final = Way(
+    "this device did not tell between which speeds its motor turns: it takes none, or its responses were lost, "
+    "and then it helps to try again. Scan.rpm tells how fast it turns"
+)
 
 
 class MotorDriven(Device):
@@ -70,44 +77,34 @@ class MotorDriven(Device):
         # The upper four bits of its model number; 0 while it has not told that.
         self._major = 0
         self._way: Way | None = None
-        self._rpm: int | None = None
-        self._duty: int | None = None
-        # Whether one of these is a guess, since the device has not told it.
+        # The speed or the duty; and whether it is a guess, since the device has not told it.
+        self._speed: int | None = None
         self._is_assumed = False
         # The slowest and the fastest speed that the device takes; None while it has not told them.
         self._told: tuple[int, int] | None = None
 
     def _be_of(self, major: int) -> None:
         """The device has said of which series it is."""
-        if major == self._major:
-            return
-        self._major, self._way = major, None
-        if major >= FIRST_BY_SPEED:
-            self._way = Way.RPM
-        elif major == A1:
-            self._way = Way.DTR
+        if major != self._major:
+            self._major, self._speed, self._is_assumed = major, None, False
+            self._way = RPM if major >= FIRST_BY_SPEED else DTR if major == A1 else None
 
-    def _halt_motor(self) -> tuple[Request, ...]:
+    def _halt_motor(self) -> Request:
         """What stops the motor; where the way is not decided yet, a request that does no harm."""
-        if self._way is Way.DTR:
-            return (commands.DTR_STOPS,)
+        if self._way is DTR:
+            return commands.DTR_STOPS
         # That it has a board, or takes a speed, may only have been lost on the way: one that does not know the
-        # request ignores it.
-        if A1 < self._major < FIRST_C:
-            return (commands.motor_pwm(0),)
-        # Before the device is identified too.
-        return (commands.motor_speed(0),)
+        # request ignores it. So is it before the device is identified.
+        return commands.motor_pwm(0) if A1 < self._major < FIRST_C else commands.motor_speed(0)
 
     def _start_motor(self) -> Script[None]:
         way = yield from self._decided()
         if self._is_assumed:
-            self._rpm = self._duty = None
-        if way is Way.RPM:
-            yield commands.motor_speed((yield from self._wanted_rpm()))
-        elif way is Way.PWM:
-            yield commands.motor_pwm((yield from self._wanted_duty()))
-        elif way is Way.DTR:
+            self._speed = None
+        if way is DTR:
             yield commands.DTR_TURNS
+        elif way.request is not None:
+            yield way.request((yield from self._wanted(way)))
 
     def retune(self) -> Request | None:
         """As `Device.retune`.
@@ -115,24 +112,24 @@ class MotorDriven(Device):
         A stream goes on meanwhile: S-series interface manual, MOTOR_SPEED_CTRL: "real-time speed control", idle
         only by 0 rpm.
         """
-        if self._way is not Way.RPM or self._rpm is None:
+        if self._way is not RPM or self._speed is None:
             return None
-        return replace(commands.motor_speed(self._rpm), in_stream=True)
+        return replace(commands.motor_speed(self._speed), in_stream=True)
 
     def explain_silence(self, lasted_s: float) -> Script[bool]:
         """As `Device.explain_silence`: an A2 or A3 is asked once more whether it has an accessory board.
 
         Its response may have been lost, and without a duty it sends no packet.
         """
-        if lasted_s or self._way is not Way.NONE or self._major >= FIRST_C:
+        if lasted_s or self._way is not NONE or self._major >= FIRST_C:
             return False
         self._way = yield from self._board()
-        return self._way is Way.PWM
+        return self._way is PWM
 
     def scan_frequency(self) -> Script[float]:
         """As `Device.scan_frequency`: the one that was set, else the device's own."""
         yield from self._check_speed()
-        return (yield from self._wanted_rpm()) / 60
+        return (yield from self._wanted(RPM)) / 60
 
     def set_scan_frequency(self, hertz: float) -> Script[float]:
         """As `Device.set_scan_frequency`, for the next start or `retune`: a resting rotor is not set in motion."""
@@ -145,7 +142,7 @@ class MotorDriven(Device):
                 f"{wanted:g} Hz ({wanted * 60:g} rpm) is outside of this device's {lowest / 60:g} to "
                 f"{highest / 60:g} Hz ({lowest} to {highest} rpm)"
             )
-        self._rpm, self._is_assumed = rpm, False
+        self._speed, self._is_assumed = rpm, False
         return rpm / 60
 
     def scan_frequency_range(self) -> Script[tuple[float, float]]:
@@ -155,16 +152,16 @@ class MotorDriven(Device):
         return lowest / 60, highest / 60
 
     def _check_speed(self) -> Script[None]:
-        if self._way is Way.UNTOLD:
+        if self._way is UNTOLD:
             self._way = None  # a start does not wait for that again, but who asks for the speed does
         way = yield from self._decided()
-        if way is not Way.RPM:
-            raise Unsupported(way.value)
+        if way.why:
+            raise Unsupported(way.why)
 
     def _decided(self) -> Script[Way]:
         if self._way is None:
             if self._major == 0:
-                return Way.RPM
+                return RPM
             self._way = yield from (self._limited() if self._major >= FIRST_C else self._board())
         return self._way
 
@@ -175,38 +172,31 @@ class MotorDriven(Device):
                 # A C1 that does not know the question is silent, and a stream must not wait long for that.
                 told = yield replace(commands.get_lidar_conf(kind), timeout=SHORT_S)
             except ResponseTimeout:
-                return Way.UNTOLD
+                return UNTOLD
             if len(told) < 6:
-                return Way.NONE
-        return Way.RPM
+                return NONE
+        return RPM
 
     def _board(self) -> Script[Way]:
         try:
             flags = yield commands.GET_ACC_BOARD_FLAG
         except ResponseTimeout:
-            return Way.NONE
-        return Way.PWM if flags[0] & 1 else Way.NONE
+            return NONE
+        return PWM if flags[0] & 1 else NONE
 
-    def _wanted_rpm(self) -> Script[int]:
-        if self._rpm is None:
-            desired = yield from self._typical(0)
-            if desired:
+    def _wanted(self, way: Way) -> Script[int]:
+        """The speed or the duty that was set, else the one that the device tells."""
+        if self._speed is None:
+            told = yield from self._word(Conf.DESIRED_ROTATION, way.told_at, MOST_IN_VAIN)
+            if told and way is RPM:
                 # Now, so that a speed that is set in mid-scan can be checked without interrupting the stream. Who
                 # does not know the one question does not know the others.
                 yield from self._limits()
             # Another script may have set it meanwhile: a script begins before it is its turn to ask.
-            if self._rpm is None:
-                self._rpm, self._is_assumed = desired or DEFAULT_RPM, desired is None
-        return self._rpm
-
-    def _wanted_duty(self) -> Script[int]:
-        if self._duty is None:
-            told = yield from self._typical(2)
-            self._duty, self._is_assumed = told if told and told <= MOST_DUTY else DEFAULT_DUTY, told is None
-        return self._duty
-
-    def _typical(self, at: int) -> Script[int | None]:
-        return self._word(Conf.DESIRED_ROTATION, at, MOST_IN_VAIN)
+            if self._speed is None:
+                self._speed = told if told and told <= way.most else way.usual
+                self._is_assumed = told is None
+        return self._speed
 
     def _limits(self) -> Script[tuple[int, int]]:
         if self._told:

@@ -15,8 +15,6 @@ from lidario.families.ydlidar.formats import FORMATS
 from lidario.families.ydlidar.models import MODELS
 from lidario.families.ydlidar.raw import find_stream, stream_in
 
-__all__ = ["FAMILY"]
-
 FAMILY: Final = Family(
     name="ydlidar",
     title="YDLIDAR",

@@ -22,39 +22,26 @@ from lidario.model import ScanMode
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """One model.
+    """One model."""
 
-    Attributes:
-        name: As in ``model=`` of a source.
-        title: For people.
-        code: Number by which it tells what it is.
-        baudrate: Speed of its line.
-        kind: How its samples are to be read.
-        rates: Samples a second; several where one of them can be set, which cannot be asked for everywhere.
-        speeds: The slowest and the fastest scan frequency that can be set, in Hz; None where none can be set.
-        one_way: Whether it only talks.
-        offset: Whether it can be asked for its zero-angle offset.
-        fine_above: Firmware above which that is told in hundredths of a degree; None where always in quarters.
-        protection: Whether it has power-down protection that may be toggled.
-        reach: Farthest distance in metres.
-        dtr: State of the DTR line at which its motor runs; None where the line means nothing to it.
-        other_code: What some of them tell in place of `code`; None where all tell that.
-    """
-
-    name: str
-    title: str
-    code: int
-    baudrate: int
-    kind: Kind
+    name: str  # as in ``model=`` of a source
+    title: str  # for people
+    code: int  # number by which it tells what it is
+    baudrate: int  # speed of its line
+    kind: Kind  # how its samples are to be read
+    # Samples a second; several where one of them can be set, which cannot be asked for everywhere.
     rates: tuple[float, ...]
+    # The slowest and the fastest scan frequency that can be set, in Hz; None where none can be set.
     speeds: tuple[float, float] | None = (5.0, 12.0)
-    one_way: bool = False
-    offset: bool = False
+    one_way: bool = False  # whether it only talks
+    offset: bool = False  # whether it can be asked for its zero-angle offset
+    # Firmware above which that is told in hundredths of a degree; None where always in quarters.
     fine_above: tuple[int, int] | None = None
-    protection: bool = False
-    reach: float = 12.0
+    protection: bool = False  # whether it has power-down protection that may be toggled
+    reach: float = 12.0  # farthest distance in metres
+    # State of the DTR line at which its motor runs; None where the line means nothing to it.
     dtr: bool | None = None
-    other_code: int | None = None
+    other_code: int | None = None  # what some of them tell in place of `code`; None where all tell that
 
     @property
     def codes(self) -> tuple[int | None, ...]:

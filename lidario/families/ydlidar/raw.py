@@ -42,15 +42,10 @@ _USUAL_HZ: Final = 8.0
 
 
 class Turn(NamedTuple):
-    """What packets tell of a revolution.
+    """What packets tell of a revolution."""
 
-    Attributes:
-        samples: How many it has; 0 where that is not known.
-        code: That of its speed.
-    """
-
-    samples: float
-    code: float
+    samples: float  # how many it has; 0 where that is not known
+    code: float  # that of its speed
 
     def hertz(self, model: Model) -> float:
         """The speed that is told, if it is that model; 0 where none is."""

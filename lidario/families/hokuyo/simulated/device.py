@@ -40,39 +40,22 @@ USB, ETHERNET = 12_000_000, 100_000_000
 
 @dataclass(frozen=True, slots=True)
 class Profile:
-    """What kind of device it is.
+    """What kind of device it is."""
 
-    Attributes:
-        name: Its name in ``sim://`` sources.
-        model: Decides what is random.
-        product: As it calls itself.
-        line: Speed at which bytes leave, in bits a second.
-        turn: Steps of 360 degrees.
-        span: First and last step.
-        front: The step straight ahead.
-        reach_mm: Nearest and farthest distance.
-        rpm: Revolutions a minute.
-        intensity: Whether it knows ``ME``.
-        nothing: What it sends where nothing came back.
-        counts_semicolon: Whether the ``;`` of a line belongs to its sum.
-        baudrate: What a serial port is set to; by USB and TCP that means nothing.
-        begins_scip1: Whether it speaks SCIP 1.1 until it is told ``SCIP2.0``.
-    """
-
-    name: str
-    model: int
-    product: str
-    line: int = USB
-    turn: int = 1440
-    span: tuple[int, int] = (0, 1080)
-    front: int = 540
-    reach_mm: tuple[int, int] = (20, 30_000)
-    rpm: int = 2400
-    intensity: bool = True
-    nothing: int = 65_533
-    counts_semicolon: bool = False
-    baudrate: int = 115_200
-    begins_scip1: bool = False
+    name: str  # its name in ``sim://`` sources
+    model: int  # decides what is random
+    product: str  # as it calls itself
+    line: int = USB  # speed at which bytes leave, in bits a second
+    turn: int = 1440  # steps of 360 degrees
+    span: tuple[int, int] = (0, 1080)  # first and last step
+    front: int = 540  # the step straight ahead
+    reach_mm: tuple[int, int] = (20, 30_000)  # nearest and farthest distance
+    rpm: int = 2400  # revolutions a minute
+    intensity: bool = True  # whether it knows ``ME``
+    nothing: int = 65_533  # what it sends where nothing came back
+    counts_semicolon: bool = False  # whether the ``;`` of a line belongs to its sum
+    baudrate: int = 115_200  # what a serial port is set to; by USB and TCP that means nothing
+    begins_scip1: bool = False  # whether it speaks SCIP 1.1 until it is told ``SCIP2.0``
 
     @property
     def about(self) -> str:

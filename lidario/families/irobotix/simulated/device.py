@@ -23,13 +23,9 @@ _MOST = 80
 
 @dataclass(frozen=True, slots=True)
 class Profile(TalkerProfile):
-    """What kind of device it is.
+    """What kind of device it is."""
 
-    Attributes:
-        tells_end: Whether frames have the angle of their last sample, and version 10.
-    """
-
-    tells_end: bool = False
+    tells_end: bool = False  # whether frames have the angle of their last sample, and version 10
 
 
 _REACH_MM = (150.0, 8000.0)

@@ -47,16 +47,12 @@ def _axis(mm: Floats) -> tuple[Floats, Floats]:
 
 @dataclass(frozen=True, slots=True)
 class Profile(TalkerProfile):
-    """What kind of device it is.
+    """What kind of device it is."""
 
-    Attributes:
-        lens: What a model that triangulates states, by the true distance: its own, and how far the target lies
-            before the beam, in degrees. None where it states the truth.
-        wrap_ms: Where its time stamps begin anew.
-    """
-
+    # What a model that triangulates states, by the true distance: its own, and how far the target lies before the
+    # beam, in degrees. None where it states the truth.
     lens: _Lens | None = None
-    wrap_ms: int = 30_000
+    wrap_ms: int = 30_000  # where its time stamps begin anew
 
 
 _LD06 = Profile(

@@ -23,27 +23,17 @@ _MODE_CONFS: dict[int, Callable[[Mode], bytes]] = {
 
 @dataclass(frozen=True, slots=True)
 class Mode:
-    """One scan mode of a simulated device.
+    """One scan mode of a simulated device."""
 
-    Attributes:
-        id: What EXPRESS_SCAN calls it.
-        name: What the device calls it.
-        response_type: Response type, 0x81..0x86 or one that no host knows.
-        us_q8: Microseconds a sample in 1/256, as it is.
-        max_distance_q8: Longest range in 1/256 m.
-        reported_us_q8: Microseconds a sample as the device *says* (conf 0x71); None = truthfully.
-        layout: Response type whose packets are sent; None = that of `response_type`.
-        reported_type: Response type as the device *says* (conf 0x75); None = that of `response_type`, which its
-            descriptor announces.
-    """
-
-    id: int
-    name: str
-    response_type: int
-    us_q8: int
-    max_distance_q8: int
-    reported_us_q8: int | None = None
-    layout: int | None = None
+    id: int  # what EXPRESS_SCAN calls it
+    name: str  # what the device calls it
+    response_type: int  # response type, 0x81..0x86 or one that no host knows
+    us_q8: int  # microseconds a sample in 1/256, as it is
+    max_distance_q8: int  # longest range in 1/256 m
+    reported_us_q8: int | None = None  # microseconds a sample as the device *says* (conf 0x71); None = truthfully
+    layout: int | None = None  # response type whose packets are sent; None = that of `response_type`
+    # Response type as the device *says* (conf 0x75); None = that of `response_type`, which its descriptor
+    # announces.
     reported_type: int | None = None
 
     @property
@@ -76,53 +66,35 @@ class Mode:
 class Profile:
     """What a simulated device is.
 
-    Attributes:
-        name: What users call it (``sim://`` and then this).
-        model: Model byte of GET_INFO, major and minor nibble.
-        firmware: Major and minor.
-        hardware: Hardware revision.
-        baudrate: Bits a second.
-        modes: Scan modes; EXPRESS_SCAN knows these ids and no others.
-        typical: Id of the mode conf 0x7C names.
-        listed: Whether GET_LIDAR_CONF tells of the modes.
-        has_conf: Whether the firmware has GET_LIDAR_CONF at all.
-        speed_conf: Desired, least and greatest rpm (conf 0x01, 0x04, 0x05); entries that the firmware does not know
-            are missing at the end.
-        motor: What turns it. ``"rpm"``: MOTOR_SPEED_CTRL, and SCAN where it is off. ``"pwm"``: SET_MOTOR_PWM by an
-            accessory board, which responds to 0xFF; there is no packet before. ``"dtr"``: it turns while the line
-            DTR is cleared. ``"fixed"``: it always turns.
-        own_rpm: Its speed where no request tells one; with an accessory board the speed at a duty of 660.
-        pwm_ref: The duty that conf 0x01 tells.
-        hq_scan: Whether HQ_SCAN is known, which starts the mode in 0x83.
-        mac: Its Ethernet address, by conf 0x79; empty for a serial device.
-        boot_s: Silence after RESET.
-        banner: What is printed when booting is over; empty for most.
-        oddity: What is awkward about it, for people.
-        follows: Which real device's bytes it follows, for people; empty where there are none.
-
     Raises:
         ValueError: A mode makes more bytes than the line can carry.
     """
 
-    name: str
-    model: int
-    baudrate: int
-    modes: tuple[Mode, ...]
-    typical: int
-    firmware: tuple[int, int] = (1, 29)
-    hardware: int = 18
-    listed: bool = True
-    has_conf: bool = True
+    name: str  # what users call it (``sim://`` and then this)
+    model: int  # model byte of GET_INFO, major and minor nibble
+    baudrate: int  # bits a second
+    modes: tuple[Mode, ...]  # scan modes; EXPRESS_SCAN knows these ids and no others
+    typical: int  # id of the mode conf 0x7C names
+    firmware: tuple[int, int] = (1, 29)  # major and minor
+    hardware: int = 18  # hardware revision
+    listed: bool = True  # whether GET_LIDAR_CONF tells of the modes
+    has_conf: bool = True  # whether the firmware has GET_LIDAR_CONF at all
+    # Desired, least and greatest rpm (conf 0x01, 0x04, 0x05); entries that the firmware does not know are missing
+    # at the end.
     speed_conf: tuple[int, ...] = (600, 480, 1200)
+    # What turns it. ``"rpm"``: MOTOR_SPEED_CTRL, and SCAN where it is off. ``"pwm"``: SET_MOTOR_PWM by an accessory
+    # board, which responds to 0xFF; there is no packet before. ``"dtr"``: it turns while the line DTR is cleared.
+    # ``"fixed"``: it always turns.
     motor: Literal["rpm", "pwm", "dtr", "fixed"] = "rpm"
+    # Its speed where no request tells one; with an accessory board the speed at a duty of 660.
     own_rpm: float = 600.0
-    pwm_ref: int = 0
-    hq_scan: bool = False
-    mac: bytes = b""
-    boot_s: float = 0.6
-    banner: bytes = b""
-    oddity: str = ""
-    follows: str = ""
+    pwm_ref: int = 0  # the duty that conf 0x01 tells
+    hq_scan: bool = False  # whether HQ_SCAN is known, which starts the mode in 0x83
+    mac: bytes = b""  # its Ethernet address, by conf 0x79; empty for a serial device
+    boot_s: float = 0.6  # silence after RESET
+    banner: bytes = b""  # what is printed when booting is over; empty for most
+    oddity: str = ""  # what is awkward about it, for people
+    follows: str = ""  # which real device's bytes it follows, for people; empty where there are none
 
     def __post_init__(self) -> None:
         for mode in self.modes:

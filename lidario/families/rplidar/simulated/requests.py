@@ -41,23 +41,14 @@ IGNORED_IN_PROTECTION_STOP = {"stop", "scan", "force_scan", "express_scan", "hq_
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """One request as it arrived.
+    """One request as it arrived."""
 
-    Attributes:
-        name: The documents' name, or ``"unknown"``.
-        payload: Its payload; empty for the short form.
-        data: All its bytes.
-        began: When its first byte arrived.
-        ended: When its last byte arrived.
-        fault: What is wrong with its form; empty when nothing is.
-    """
-
-    name: str
-    payload: bytes
-    data: bytes
-    began: int
-    ended: int
-    fault: str = ""
+    name: str  # the documents' name, or ``"unknown"``
+    payload: bytes  # its payload; empty for the short form
+    data: bytes  # all its bytes
+    began: int  # when its first byte arrived
+    ended: int  # when its last byte arrived
+    fault: str = ""  # what is wrong with its form; empty when nothing is
 
 
 class RequestReader:

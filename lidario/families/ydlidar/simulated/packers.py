@@ -24,19 +24,12 @@ _SAMPLES = {
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """How one sample lies in its bytes (the vendor's SDK 1.2.20).
+    """How one sample lies in its bytes (the vendor's SDK 1.2.20)."""
 
-    Attributes:
-        size: Bytes: 2, 3 or 4.
-        unit: Parts of a millimetre that the distance word counts.
-        flags: Whether its low two bits are none of the distance.
-        bits: Of the intensity: 0, 8, 10 or 16.
-    """
-
-    size: int = 2
-    unit: int = 1
-    flags: bool = False
-    bits: int = 0
+    size: int = 2  # bytes: 2, 3 or 4
+    unit: int = 1  # parts of a millimetre that the distance word counts
+    flags: bool = False  # whether its low two bits are none of the distance
+    bits: int = 0  # of the intensity: 0, 8, 10 or 16
 
 
 MILLIMETRES = Layout()

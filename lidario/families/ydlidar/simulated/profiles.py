@@ -26,61 +26,39 @@ _EIGHT = Layout(3, 4, flags=True, bits=8)
 
 @dataclass(frozen=True, slots=True)
 class Profile:
-    """What kind of device it is.
+    """What kind of device it is."""
 
-    Attributes:
-        name: Its name in ``sim://`` sources.
-        model: Model number.
-        health_command: The health request that it responds to: 0x91 as in the manual, or 0x92 as in the SDK.
-        spin_up_s: Seconds the motor needs from standstill to a stable speed.
-        stamps: Whether a time stamp record stands before each packet, as on some relatives of the 4ROS.
-        baudrate: Speed of its line.
-        sample_ns: Nanoseconds a sample.
-        layout: How a sample lies in its bytes.
-        triangle: Whether the angle depends on the distance.
-        speed_base: Tenths of Hz that the speed 0 in a start packet stands for.
-        tells_speed: Whether its start packets tell a speed; those of three recordings of real X4s do not.
-        reach_mm: Nearest and farthest distance.
-        factory_speed: Hundredths of Hz.
-        speeds: The slowest and the fastest that can be set.
-        commands: The requests that it knows besides health; none: it only talks.
-        by_dtr: Whether it is dark while the host clears DTR (users of the X4; the SDK asserts it for these).
-        per_packet: Samples of an ordinary packet (40: by a comment in the vendor's SDK; the manual tells none).
-        seam_deg: Where its revolutions begin.
-        late_seam: In one revolution of so many the start packet comes a sample late, and the sample before it
-            stands in a packet of its own; 0: in none.
-        control: The CT byte of ordinary packets; only its bit 0 has a meaning.
-        early_hertz: From which speed on it sends while its motor speeds up; 0: when that has its speed.
-        announces: Whether it sends device information after a RESET, unasked (the vendor's SDK waits for it; the
-            manual of the 4ROS knows no response).
-        firmware: Major and minor number.
-        follows: Which recording of a real device it follows, for people; empty where there is none.
-    """
-
-    name: str
-    model: int = 101
+    name: str  # its name in ``sim://`` sources
+    model: int = 101  # model number
+    # The health request that it responds to: 0x91 as in the manual, or 0x92 as in the SDK.
     health_command: int = 0x91
-    spin_up_s: float = 1.0
-    stamps: bool = False
-    baudrate: int = 512_000
-    sample_ns: int = 50_000
-    layout: Layout = MILLIMETRES
-    triangle: bool = False
-    speed_base: int = 30
-    reach_mm: tuple[float, float] = (50.0, 30_000.0)
-    factory_speed: int = 700
-    speeds: tuple[int, int] = (500, 1200)
-    commands: frozenset[int] = _ALL
+    spin_up_s: float = 1.0  # seconds the motor needs from standstill to a stable speed
+    stamps: bool = False  # whether a time stamp record stands before each packet, as on some relatives of the 4ROS
+    baudrate: int = 512_000  # speed of its line
+    sample_ns: int = 50_000  # nanoseconds a sample
+    layout: Layout = MILLIMETRES  # how a sample lies in its bytes
+    triangle: bool = False  # whether the angle depends on the distance
+    speed_base: int = 30  # tenths of Hz that the speed 0 in a start packet stands for
+    reach_mm: tuple[float, float] = (50.0, 30_000.0)  # nearest and farthest distance
+    factory_speed: int = 700  # hundredths of Hz
+    speeds: tuple[int, int] = (500, 1200)  # the slowest and the fastest that can be set
+    commands: frozenset[int] = _ALL  # the requests that it knows besides health; none: it only talks
+    # Whether it is dark while the host clears DTR (users of the X4; the SDK asserts it for these).
     by_dtr: bool = False
-    tells_speed: bool = True
+    tells_speed: bool = True  # whether its start packets tell a speed; those of three recordings of real X4s do not
+    # Samples of an ordinary packet (40: by a comment in the vendor's SDK; the manual tells none).
     per_packet: int = 40
-    seam_deg: float = 0.0
+    seam_deg: float = 0.0  # where its revolutions begin
+    # In one revolution of so many the start packet comes a sample late, and the sample before it stands in a packet
+    # of its own; 0: in none.
     late_seam: int = 0
-    control: int = 0
-    early_hertz: float = 0.0
+    control: int = 0  # the CT byte of ordinary packets; only its bit 0 has a meaning
+    early_hertz: float = 0.0  # from which speed on it sends while its motor speeds up; 0: when that has its speed
+    # Whether it sends device information after a RESET, unasked (the vendor's SDK waits for it; the manual of the
+    # 4ROS knows no response).
     announces: bool = True
-    firmware: tuple[int, int] = (3, 1)
-    follows: str = ""
+    firmware: tuple[int, int] = (3, 1)  # major and minor number
+    follows: str = ""  # which recording of a real device it follows, for people; empty where there is none
 
     @property
     def one_way(self) -> bool:
