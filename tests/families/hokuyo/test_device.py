@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from lidario.families.hokuyo.device import HokuyoDevice
-from lidario.families.hokuyo.simulated.packers import pack_lines
+from lidario.families.hokuyo.simulated.device import pack_lines
 from lidario.model import Health, HealthStatus
 from tests.support.scripts import played
 

@@ -11,7 +11,7 @@ import pytest
 from lidario.families.ldrobot import TALKERS
 from lidario.families.ldrobot.decode import TriangleDecoder
 from lidario.families.ldrobot.formats import CRC, PacketFormat, TriangleFormat
-from lidario.families.ldrobot.simulated.packers import pack_points, pack_response
+from lidario.families.ldrobot.simulated.device import pack_points, pack_response
 from lidario.families.scripts import hear
 from lidario.families.stream import Known
 from lidario.families.two_angles import TwoAngleDecoder

@@ -5,28 +5,30 @@ the laser, which ``BM`` and a request to measure switch on, and ``QT`` and ``RS`
 long the first scan waits for it. A scan begins every turn, and is sent when its last step was measured. Its clock
 is that of its first step.
 
-Statuses and the states of ``%ST``: hokuyolx 0.9.0. Made up, for no document at hand tells it: an empty line has no
-response; steps that cannot be have status 05; steps that are joined tell the nearest distance; a device whose laser
-failed refuses with 01, and says so in ``II``; ``RS`` is obeyed without a response. One that begins in SCIP 1.1
-responds with ``E`` to all but ``SCIP2.0`` (more_families_2.md 6.1), and begins so again after ``RS`` (made up).
+Lines are written from the SCIP 2.0 specification alone. Statuses and the states of ``%ST``: hokuyolx 0.9.0. Made
+up, for no document at hand tells it: an empty line has no response; steps that cannot be have status 05; steps that
+are joined tell the nearest distance; a device whose laser failed refuses with 01, and says so in ``II``; ``RS`` is
+obeyed without a response. One that begins in SCIP 1.1 responds with ``E`` to all but ``SCIP2.0``
+(more_families_2.md 6.1), and begins so again after ``RS`` (made up).
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Unpack
 
 import numpy as np
 import numpy.typing as npt
 
-from lidario.families.hokuyo.simulated.packers import pack_block, pack_clock, pack_lines, pack_status, sealed
 from lidario.sim.chassis import Chassis, Maker, Making, by_name, maker
 from lidario.sim.line import TransmitQueue
 
 __all__ = ["PROFILES", "Profile", "SimulatedHokuyo", "make_simulated"]
 
 _LONGEST_LINE = 80
+_LINE = 64
 _NAMES = {
     "VV": "get_info", "PP": "get_parameters", "II": "get_health", "BM": "laser_on", "QT": "stop", "RS": "reset",
     "MD": "start", "ME": "start_intensity", "GD": "get_scan", "GE": "get_scan_intensity", "TM": "clock",
@@ -109,8 +111,6 @@ class SimulatedHokuyo(Chassis[Profile, _Stream]):
         self._adjusting = False
         self._speaks_scip1 = profile.begins_scip1
 
-    # --------------------------------------------------------------------------------------------------- the line
-
     def receive(self, data: bytes, now: int) -> None:
         """Take bytes; a line is obeyed at its end."""
         self._advance(now)
@@ -119,8 +119,6 @@ class SimulatedHokuyo(Chassis[Profile, _Stream]):
         for line in lines:
             if line:
                 self._consider(line, now)
-
-    # ----------------------------------------------------------------------------------------------- its requests
 
     def _consider(self, line: bytes, now: int) -> None:
         text = line.decode("latin-1")
@@ -251,8 +249,6 @@ class SimulatedHokuyo(Chassis[Profile, _Stream]):
     def _respond(self, response: bytes, now: int, request: str) -> None:
         self._respond_with(response, self._response_at(now), request)
 
-    # --------------------------------------------------------------------------------------------------- its scans
-
     def _clock(self, now: int) -> int:
         return (now + self._clock_ns) // 1_000_000 % (1 << 24)
 
@@ -296,3 +292,46 @@ class SimulatedHokuyo(Chassis[Profile, _Stream]):
 
 
 make_simulated: Maker[SimulatedHokuyo] = maker(SimulatedHokuyo, PROFILES)
+
+
+def sealed(text: bytes) -> bytes:
+    """A line with its check character and its end."""
+    return text + bytes((sum(text) % 64 + 48,)) + b"\n"
+
+
+def pack_status(echo: bytes, status: bytes) -> bytes:
+    """A response that is a status alone."""
+    return echo + b"\n" + sealed(status) + b"\n"
+
+
+def pack_lines(echo: bytes, lines: Sequence[str], *, counts_semicolon: bool) -> bytes:
+    """A response of lines such as ``MODL:URG-04LX``; the ``;`` behind each belongs to its sum or does not."""
+    written = b""
+    for line in lines:
+        text = line.encode("ascii")
+        written += sealed(text + b";") if counts_semicolon else text + b";" + sealed(text)[-2:]
+    return echo + b"\n" + sealed(b"00") + written + b"\n"
+
+
+def pack_block(echo: bytes, milliseconds: int, numbers: npt.NDArray[np.int64]) -> bytes:
+    """One scan.
+
+    Args:
+        echo: The request, with the scans that are still to come at its end.
+        milliseconds: The clock of the device.
+        numbers: What was measured, in the order of the wire.
+    """
+    text = encoded(numbers, 3)
+    lines = [sealed(text[at : at + _LINE]) for at in range(0, len(text), _LINE)]
+    return echo + b"\n" + sealed(b"99") + pack_clock(milliseconds) + b"".join(lines) + b"\n"
+
+
+def pack_clock(milliseconds: int) -> bytes:
+    """The line that tells the clock."""
+    return sealed(encoded(np.array([milliseconds]), 4))
+
+
+def encoded(numbers: npt.NDArray[np.int64], width: int) -> bytes:
+    """Numbers as so many characters each, of six bits, the most significant first."""
+    digits = [numbers // 64 ** (width - 1 - place) % 64 + 48 for place in range(width)]
+    return bytes(np.stack(digits, axis=1).astype(np.uint8).ravel())

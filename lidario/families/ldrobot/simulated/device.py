@@ -9,18 +9,22 @@ others by data sheet), where the motor points then. Twelve of them make a packet
 stamps count milliseconds and begin anew at 30000 (`Profile.wrap_ms`: an LD08 may do so at 65536). Models that
 triangulate state the angle of the beam; what they measure lies beside it, by the formula of the vendor's SDK.
 
+Layout: LD06 development manual v1.0; records and responses: the vendor's SDKs. Nothing is shared with the host's
+side; tests use `pack_points` as the inverse of the decoder.
+
 No document says how long a device boots, or what it does when its rotor is blocked: it boots in half a second
 (users report 0.5 to 0.7 s), and a blocked one is silent until its power is cut.
 """
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
-from lidario.families.ldrobot.simulated.packers import check_of, pack_points, pack_response
 from lidario.sim.chassis import Maker, by_name, maker
 from lidario.sim.talker import Floats, PacedByTime, TalkerProfile, within
 
@@ -28,6 +32,15 @@ _MARK, _REQUEST_BYTES = 0x54, 8
 _NAMES = {0xA0: "start", 0xA1: "stop", 0xA2: "set_speed", 0xA8: "get_version"}
 _SPEEDS = (720, 2880)  # degrees a second: the vendor's SDK
 
+_POLYNOMIAL = 0x4D
+_LONGEST = 65535
+_POINT = np.dtype([("mm", "<u2"), ("intensity", "u1")])
+_PACKET = np.dtype(
+    [
+        ("mark", "u1", 2), ("speed", "<u2"), ("first", "<u2"), ("points", _POINT, 12), ("last", "<u2"),
+        ("time", "<u2"), ("check", "u1"),
+    ]
+)  # fmt: skip
 _Lens = Callable[[Floats], tuple[Floats, Floats]]
 
 
@@ -138,3 +151,51 @@ class SimulatedLdrobot(PacedByTime[Profile]):
 
 
 make_simulated: Maker[SimulatedLdrobot] = maker(SimulatedLdrobot, PROFILES)
+
+
+def _of_bytes() -> npt.NDArray[np.uint8]:
+    """The CRC of each byte, made for all of them bit by bit."""
+    value = np.arange(256)
+    for _ in range(8):
+        value = np.where(value & 0x80, value << 1 ^ _POLYNOMIAL, value << 1) & 0xFF
+    return value.astype(np.uint8)
+
+
+_OF_BYTES = _of_bytes()
+
+
+def check_of(data: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    """CRC-8 of each row; shape (packets, bytes) to (packets,)."""
+    value = np.zeros(len(data), np.uint8)
+    for column in data.T:
+        value = _OF_BYTES[value ^ column]
+    return value
+
+
+def pack_points(
+    distances_mm: npt.ArrayLike,
+    intensities: npt.ArrayLike,
+    first: npt.ArrayLike,
+    last: npt.ArrayLike,
+    *,
+    speed: npt.ArrayLike = 3600,
+    milliseconds: npt.ArrayLike = 0,
+) -> bytes:
+    """Pack measurement packets, back to back: distances and intensities of the shape (12,) or (packets, 12).
+
+    Angles are 1/100 degrees, the speed degrees a second. 0 mm is no return, as is what 16 bits cannot hold.
+    """
+    distances = np.atleast_2d(np.rint(np.asarray(distances_mm, np.float64)))
+    packets = np.empty(len(distances), _PACKET)
+    packets["mark"] = 0x54, 0x2C
+    packets["points"]["mm"] = np.where(distances <= _LONGEST, distances, 0)
+    packets["points"]["intensity"] = np.asarray(intensities, np.uint8)
+    packets["first"], packets["last"], packets["speed"], packets["time"] = first, last, speed, milliseconds
+    packets["check"] = check_of(packets.view(np.uint8).reshape(len(packets), -1)[:, :-1])
+    return packets.tobytes()
+
+
+def pack_response(command: int, payload: bytes = bytes(4)) -> bytes:
+    """What the LD14P sends after a request; the contents are documented nowhere."""
+    body = struct.pack("<BBB", 0x54, command, len(payload)) + payload
+    return body + bytes(check_of(np.frombuffer(body, np.uint8)[None]))
