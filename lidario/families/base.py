@@ -269,17 +269,9 @@ class Family:
         seed: int = 0,
         spin_up: float | None = None,
     ) -> SimulatedDevice:
-        """Make a simulated device.
+        """Make a simulated device of one of the models `simulated`; its arguments are those of `lidario.simulate`.
 
-        Args:
-            model: One of `simulated`.
-            world: What it sees; None: the furnished room.
-            serial: Its serial number; None: drawn from the seed.
-            seed: Decides everything random.
-            spin_up: Seconds the motor needs from standstill to a stable speed; None: as the model does.
-
-        Raises:
-            ValueError: No model has that name, or the serial number is none of this family.
+        Raises ValueError where no model has that name, or the serial number is none of this family.
         """
         device: Chassis[Any, Any] = self._simulation().make_simulated(model, world=world, serial=serial, seed=seed)
         if spin_up is not None:

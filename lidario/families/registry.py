@@ -59,11 +59,9 @@ def family_of_simulated(model: str) -> Family:
 
 
 def families_of_model(model: str, family: str | None = None) -> tuple[Family, ...]:
-    """The families that have a model of that name; ConnectFailed (reason ``source``) when none has.
+    """The families that have a model of that name, in lower case; ConnectFailed (reason ``source``) when none has.
 
-    Args:
-        model: As in ``model=`` of a source, in lower case.
-        family: The family that was named beside it, if any.
+    Only `family` is asked where one was named beside it.
     """
     asked = FAMILIES if family is None else (family_named(family),)
     found = tuple(each for each in asked if model in each.models)
@@ -76,11 +74,7 @@ def families_of_model(model: str, family: str | None = None) -> tuple[Family, ..
 
 
 def check_source(source: Source, family: str | None = None) -> None:
-    """Check the names in a source, before anything is opened.
-
-    Args:
-        source: Any source.
-        family: A family that was named beside it, if any.
+    """Check the names in a source, and the family that was named beside it, before anything is opened.
 
     Raises:
         ConnectFailed: With reason ``source``: a family or model is unknown, or the source names a family that its
@@ -99,12 +93,7 @@ def check_source(source: Source, family: str | None = None) -> None:
 
 
 def check_family(source: Source, family: str | None, own: str | None) -> None:
-    """Check that the family that a user names is the one that the device has.
-
-    Args:
-        source: The source, which may name a family too.
-        family: The family that was named beside it, if any.
-        own: The family of the device; None or an empty text where it is not known.
+    """Check that the family that a user names is the device's `own`; None or empty where that is not known.
 
     Raises:
         ConnectFailed: With reason ``source``, where the source names another one.

@@ -25,12 +25,9 @@ from lidario.wire.formats import StreamFormat
 T = TypeVar("T")
 STATUSES: Final = (HealthStatus.OK, HealthStatus.WARNING, HealthStatus.ERROR)
 """Health by its number, the same in every family so far."""
-MOST_DIFFERENT: Final = 5
-"""Responses that are all different, after which no more are asked for."""
-LINKED: Final = 2
-"""Packets in a row that prove that a device which only talks streams at this speed."""
-RUNS: Final = 12
-"""How many runs of `LINKED` packets are heard where damage lets no longer ones through."""
+MOST_DIFFERENT: Final = 5  # responses that are all different, after which no more are asked for
+LINKED: Final = 2  # packets in a row that prove that a device which only talks streams at this speed
+RUNS: Final = 12  # how many runs of `LINKED` packets are heard where damage lets no longer ones through
 NOT_STOPPED: Final = Request("STOP", b"", ends_stream=True)
 """Sends nothing to the device. The host only stops listening."""
 
@@ -99,7 +96,7 @@ def hear(
 
 
 def hear_runs(
-    wire: Callable[[], StreamFormat],
+    wire: Callable[[], StreamFormat],  # each request needs an object of its own
     packets: int,
     timeout: float,
     wake: bytes = b"",
@@ -108,19 +105,8 @@ def hear_runs(
 ) -> Script[tuple[bytes, ...]]:
     """Hear so many packets in a row, or `RUNS` short runs where the line damages so much that they do not come.
 
-    Args:
-        wire: Makes the object for the packets; each request needs one of its own.
-        packets: How many packets tell what the device is.
-        timeout: How long each run may take, in seconds.
-        wake: As for `hear`.
-        linked: Packets of a short run.
-        attempts: How often the first run is waited for.
-
-    Returns:
-        The bytes of each run. No packet is missing within one.
-
-    Raises:
-        ResponseTimeout: Not even a short run came.
+    A short run has `linked` packets; one is waited for first, so many `attempts` of `timeout` seconds, and where it
+    does not come, ResponseTimeout is raised. Returns the bytes of each run, in which no packet is missing.
     """
     yield hear(wire(), linked, timeout, wake, attempts)
     try:

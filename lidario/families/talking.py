@@ -43,13 +43,11 @@ TIMING: Final = Timing(
     probe_s=0.12,
 )
 """Of those that nothing starts or stops."""
-HEAR_S: Final = 0.5
-"""How long the packets by which a device is known may take."""
+HEAR_S: Final = 0.5  # how long the packets by which a device is known may take
 SPIN_UP_S: Final = 3.0
 START_ATTEMPTS: Final = 2
 """What starts a device may be lost, and is harmless to one that runs: ROBOTIS' driver sends it to such, too."""
-SETTLE_S: Final = 0.02
-"""After a stop; no document demands it, and a packet takes less."""
+SETTLE_S: Final = 0.02  # after a stop; no document demands it, and a packet takes less
 
 
 class Speeds(NamedTuple):

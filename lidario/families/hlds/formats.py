@@ -26,8 +26,7 @@ from lidario.wire.rows import Check, Fold15
 
 PACKETS: Final = 60
 SIZE: Final = 42
-CHECKED: Final = 40
-"""Bytes before the check value."""
+CHECKED: Final = 40  # bytes before the check value
 
 SAMPLE: Final = np.dtype([("intensity", "<u2"), ("distance", "<u2"), ("reserved", "<u2")])
 

@@ -18,8 +18,7 @@ from lidario.wire.formats import StreamFormat
 
 SETTLE_S: Final = 0.08
 """No document demands a pause. In this time the response to ``QT`` has come, behind a block that was under way."""
-LONGEST: Final = 4096
-"""Bytes of the longest response that is believed; ten lines of text in fact."""
+LONGEST: Final = 4096  # bytes of the longest response that is believed; ten lines of text in fact
 _MOST_LINES: Final = 40
 _LONGEST_LINE: Final = 80
 _ATTEMPTS: Final = 3
@@ -48,15 +47,10 @@ RESET: Final = Request("RS", b"RS\n", settle=SETTLE_S, ends_stream=True)
 
 
 class Told(NamedTuple):
-    """What a response tells.
+    """What a response tells."""
 
-    Attributes:
-        status: Its two characters.
-        lines: The text behind each name.
-    """
-
-    status: str
-    lines: dict[str, str]
+    status: str  # its two characters
+    lines: dict[str, str]  # the text behind each name
 
 
 def check_of(line: bytes | bytearray) -> int:

@@ -30,8 +30,7 @@ SPIN_UP_S: Final = 4.0
 PATIENCE_S: Final = 1.0
 """A damaged byte costs a whole scan of some thousand, so on a poor line dozens of them may be missing in turn."""
 _NAMES: Final = {DistanceFormat: "Standard", StrengthFormat: "Intensity"}
-_DISTANCE_ALONE: Final = "URG-04LX"
-"""How the models begin that do not know ``ME``."""
+_DISTANCE_ALONE: Final = "URG-04LX"  # how the models begin that do not know ``ME``
 _WELL: Final = re.compile(r"\b(well|stable|no error)\b", re.IGNORECASE)
 _FAILED: Final = re.compile(r"\b(malfunction|failure)\b", re.IGNORECASE)
 _CODE: Final = re.compile(r"\d{1,5}", re.ASCII)

@@ -28,22 +28,15 @@ from lidario.wire.blocks import Block, packet_offsets
 from lidario.wire.events import Packets
 from lidario.wire.formats import BEGINS, NO_PACKET, Headings, StreamFormat, Ticks
 
-ECHO: Final = 16
-"""Bytes of the echo, with its line feed."""
-HEAD: Final = ECHO + 4 + 6
-"""With the status and the time."""
-LINE: Final = 64
-"""Characters of a full line."""
+ECHO: Final = 16  # bytes of the echo, with its line feed
+HEAD: Final = ECHO + 4 + 6  # with the status and the time
+LINE: Final = 64  # characters of a full line
 _RECORD: Final = ECHO + 4 + 1
 _DATA: Final = b"99b\n"
 
 
 class DistanceFormat(StreamFormat):
-    """Blocks of ``MD``: distances alone.
-
-    Args:
-        geometry: What the device told of its field; None for blocks of any field.
-    """
+    """Blocks of ``MD``: distances alone; `geometry` is what the device told of its field, None for any."""
 
     name = "MD"
     response_type = 0x4D

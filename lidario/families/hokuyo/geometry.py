@@ -8,8 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final, NamedTuple
 
-MOST_STEP: Final = 9999
-"""The last step that four digits of a request can name."""
+MOST_STEP: Final = 9999  # the last step that four digits of a request can name
 _LIMITS: Final = {
     "AMIN": (0, MOST_STEP),
     "AMAX": (0, MOST_STEP),

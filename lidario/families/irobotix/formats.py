@@ -46,10 +46,8 @@ DATA: Final = 8
 SUM: Final = 2
 HEADS: Final = (5, 7)
 SAMPLE: Final = 3
-FULL_TURN: Final = 36_000
-"""360 degrees in hundredths of a degree."""
-MOST_SAMPLES: Final = 80
-"""The vendor's SDK takes the length as one byte."""
+FULL_TURN: Final = 36_000  # 360 degrees in hundredths of a degree
+MOST_SAMPLES: Final = 80  # the vendor's SDK takes the length as one byte
 
 
 def samples_of(size: Any) -> Any:
@@ -75,13 +73,9 @@ def frames_in(packets: bytes) -> tuple[NDArray[np.int32], NDArray[np.int32], NDA
 
 
 class FrameFormat(StreamFormat):
-    """Frames of which a revolution has sixteen: Delta-2A, 2B, 2D. The types are our own numbers.
+    """Frames of which a revolution has sixteen: Delta-2A, 2B, 2D. The types are our own numbers."""
 
-    Attributes:
-        frames: Frames of a revolution.
-    """
-
-    frames: int = 16
+    frames: int = 16  # frames of a revolution
 
     name = "AA 00"
     response_type = 0xAD

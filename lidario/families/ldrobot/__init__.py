@@ -47,8 +47,7 @@ _axis = partial(_lensed, wire=AxisFormat, make_decoder=AxisDecoder)
 _triangle = partial(_lensed, wire=TriangleFormat, make_decoder=TriangleDecoder)
 """Both triangulate; they turn twice a second at least."""
 
-BEAM: Final = _model("ld06", "LD06", 230_400, 4546)
-"""Time of flight."""
+BEAM: Final = _model("ld06", "LD06", 230_400, 4546)  # time of flight
 AXIS: Final = _axis(_model("ld08", "LD08", 115_200, 2300))
 TRIANGLE: Final = _triangle(_model("ld14", "LD14", 115_200, 2300))
 _LD14P: Final = replace(

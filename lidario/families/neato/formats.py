@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 from lidario.families.slots import DegreeFormat
 from lidario.wire.rows import Check, Fold15
 
-SLOWEST: Final = 200 * 64
-"""The speed below which nothing is measured, as packets state it."""
+SLOWEST: Final = 200 * 64  # the speed below which nothing is measured, as packets state it
 
 SAMPLE: Final = np.dtype([("distance", "<u2"), ("strength", "<u2")])
 

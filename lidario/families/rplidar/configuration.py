@@ -29,10 +29,8 @@ from lidario.families.scripts import agreed
 from lidario.model import NetworkAddress, ScanMode
 from lidario.wire.envelope import Request
 
-MODE_LIMIT: Final = 64
-"""Mode numbers that are tried; devices have two to five modes, numbered from 0, with holes."""
-SHORT_S: Final = 0.15
-"""A healthy device responds within a few milliseconds."""
+MODE_LIMIT: Final = 64  # mode numbers that are tried; devices have two to five modes, numbered from 0, with holes
+SHORT_S: Final = 0.15  # a healthy device responds within a few milliseconds
 MOST_IN_VAIN: Final = 4
 """Values that were not told, after which no more of the list of modes are asked; and the typical speed no more. A
 silence takes 1 s."""

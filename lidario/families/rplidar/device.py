@@ -25,15 +25,13 @@ from lidario.families.scripts import agreed, health_of
 from lidario.model import DeviceInfo, Health, NetworkAddress, SampleRate, ScanMode
 from lidario.wire.envelope import Request
 
-SERIES: Final = ((12, "M"), (9, "T"), (6, "S"), (4, "C"), (1, "A"))
-"""(first major number, letter), highest first."""
+SERIES: Final = ((12, "M"), (9, "T"), (6, "S"), (4, "C"), (1, "A"))  # (first major number, letter), highest first
 FIRST_DIRECT_TOF: Final = 4
 S2_MAJOR: Final = 7
 CONF_FIRMWARE: Final = (1, 24)
 SPEED_FIRMWARE: Final = (1, 30)
 SAMPLERATE_FIRMWARE: Final = (1, 17)
-LEGACY_SAMPLE_US: Final = 476.0
-"""Of firmware too old to be asked (SDK)."""
+LEGACY_SAMPLE_US: Final = 476.0  # of firmware too old to be asked (SDK)
 LEGACY_MAX_DISTANCE: Final = 16.0
 SPIN_UP_S: Final = 5.0
 SLOWEST_TURN_S: Final = 1.0

@@ -40,21 +40,16 @@ def _heads_of() -> NDArray[np.uint16]:
     return (0x50A0 | folded & 0xF | (folded & 0xF0) << 4).astype(np.uint16)
 
 
-_HEADS: Final = _heads_of()
-"""By the XOR of all words of an intact packet but the first: what the first one is."""
+_HEADS: Final = _heads_of()  # by the XOR of all words of an intact packet but the first: what the first one is
 
 
 class CapsuleFormat(RowFormat):
-    """What the four capsule formats have in common.
-
-    Attributes:
-        start_at: Offset of the start angle.
-    """
+    """What the four capsule formats have in common."""
 
     header: re.Pattern[bytes] = re.compile(rb"[\xa0-\xaf][\x50-\x5f]")
     full_turn = FULL_TURN_Q6
     own_angles = False
-    start_at = 2
+    start_at = 2  # offset of the start angle
 
     def measure(self, data: bytearray, at: int) -> int:
         if data[at] >> 4 != 0xA:

@@ -24,11 +24,9 @@ from lidario.wire.formats import Headings, StreamFormat
 
 PIECE: Final = b"A" * 16
 PIECE_S: Final = 0.05
-PIECES: Final = 30
-"""So many pieces take 1.5 s. They are 320 bytes a second; more than 100 are demanded."""
+PIECES: Final = 30  # So many pieces take 1.5 s. They are 320 bytes a second; more than 100 are demanded.
 CONFIRMED: Final = 0x5F5F
-TOLERANCE: Final = 0.05
-"""What is measured is not exact. A serial line bears an error of 5 % at most."""
+TOLERANCE: Final = 0.05  # What is measured is not exact. A serial line bears an error of 5 % at most.
 
 
 class MeasuredSpeed(StreamFormat):

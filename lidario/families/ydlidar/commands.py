@@ -26,8 +26,7 @@ from lidario.wire.events import Descriptor
 from lidario.wire.formats import StreamFormat
 
 STOP_SETTLE_S: Final = 0.010
-SETTING: Final = 0x04
-"""The response type of all but health."""
+SETTING: Final = 0x04  # the response type of all but health
 LARGEST: Final = 0x3FFF_FFFF
 """The scan header's length is to be ignored (manual 3.1): every value is right that its 30 bits can hold."""
 

@@ -40,8 +40,7 @@ from lidario.wire.events import Descriptor
 from lidario.wire.formats import StreamFormat
 
 T = TypeVar("T")
-SPIN_UP_S: Final = 4.0
-"""No document says how long the motor takes; 2.5 s are assumed, and a margin added."""
+SPIN_UP_S: Final = 4.0  # no document says how long the motor takes; 2.5 s are assumed, and a margin added
 SLOWEST_TURN_S: Final = 0.5
 """One revolution at the lowest speed that a start packet can tell, 3 Hz, and half as long again."""
 KEEPALIVE_S: Final = 0.4
@@ -59,8 +58,7 @@ UNNAMED: Final = (
 OVERHEARD: Final = 8
 MOST_A_TURN: Final = 1300
 """Samples a revolution above which no model only talks: the fastest of those has 1250 at 4 Hz."""
-MOST_TOGGLES: Final = 4
-"""Attempts; the SDK makes as many."""
+MOST_TOGGLES: Final = 4  # attempts; the SDK makes as many
 LAPSE_S: Final = (2.5, 4.0)
 """Without a keepalive a stream ends 3 s after its start (manual 3.8). The last packets may be read half a second
 later."""

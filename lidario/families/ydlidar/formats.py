@@ -55,8 +55,7 @@ ORDINARY_SAMPLES: Final = 80
 START_BIT: Final = 0x01
 MAGIC_WORD: Final = 0x55AA
 
-ONE_SAMPLE: Final = 1 << 8
-"""In the second word of a packet, with START_BIT off."""
+ONE_SAMPLE: Final = 1 << 8  # in the second word of a packet, with START_BIT off
 LAST_Q6: Final = 2 << 6
 """A packet of one sample that is no start packet is the last one of its revolution, wherever it stands. A real
 T-mini Plus had one at 0.27 degrees, before a start packet at 0.72; the start packet before had stood at 0.25. Taken
@@ -86,15 +85,11 @@ def packet_heads(packets: Packets) -> NDArray[np.uint16]:
 
 
 class PointCloud(StreamFormat):
-    """0x81 of the 4ROS: up to 255 distances between two angles.
+    """0x81 of the 4ROS: up to 255 distances between two angles."""
 
-    Attributes:
-        sample_size: Bytes of one sample.
-        worth_an_array: Packets from which they are checked as one array. Measured: 4 us a packet one by one, 8 us
-            for up to 32 as an array.
-    """
-
-    sample_size: int = 2
+    sample_size: int = 2  # bytes of one sample
+    # Packets from which they are checked as one array. Measured: 4 us a packet one by one, 8 us for up to 32 as an
+    # array.
     worth_an_array: float = 4
 
     name = "point cloud"
@@ -221,5 +216,4 @@ class PointCloud4(PointCloud):
     longest = HEADER_SIZE + 4 * MOST_SAMPLES
 
 
-FORMATS: Final = (PointCloud, PointCloud3, PointCloud4)
-"""By the bytes of a sample."""
+FORMATS: Final = (PointCloud, PointCloud3, PointCloud4)  # by the bytes of a sample

@@ -125,8 +125,7 @@ def _models() -> Iterator[Model]:
     yield Model("tx8", "TX8", 100, 115_200, _TG, (4000,), None, one_way=True, reach=8.0)
 
 
-MODELS: Final = {model.name: model for model in _models()}
-"""Every model by the name that a user may give it."""
+MODELS: Final = {model.name: model for model in _models()}  # every model by the name that a user may give it
 
 
 def model_of(code: int, baudrate: int | None = None) -> Model | None:

@@ -27,17 +27,13 @@ _HEADER: Final = re.compile(rb"\xa5\x5a.{3}[\x40-\x7f]\x81", re.DOTALL)
 """The scan header; its length is to be ignored (manual 3.1)."""
 _LIKELY: Final = tuple(MODELS[name] for name in ("4ros", "x4", "g6", "tmini", "g2", "tmini-plus-sh"))
 """Which of the models that fit is taken, the first of them first."""
-_MEASURED: Final = 64 * 1024
-"""Bytes by which samples a revolution and speed are known."""
-_LONG: Final = 8
-"""Samples of a packet from which its step is known well enough."""
+_MEASURED: Final = 64 * 1024  # bytes by which samples a revolution and speed are known
+_LONG: Final = 8  # samples of a packet from which its step is known well enough
 _UNLIKE: Final = 0.08
 """By so much a rate may differ from that of a model. Speeds are told in tenths of Hz, and that of the TG models, by
 the vendor's SDK, 0.4 Hz too high."""
-_ALIKE: Final = 0.03
-"""Differences less than that apart tell nothing: the speed of a motor varies by so much."""
-_SPEEDS: Final = (4.0, 13.0)
-"""Hz: the speeds of all models (4 to 12), and a little more."""
+_ALIKE: Final = 0.03  # differences less than that apart tell nothing: the speed of a motor varies by so much
+_SPEEDS: Final = (4.0, 13.0)  # Hz: the speeds of all models (4 to 12), and a little more
 _USUAL_HZ: Final = 8.0
 
 

@@ -16,8 +16,7 @@ from lidario.sim.chassis import Maker, by_name, maker
 from lidario.sim.talker import Floats, PacedByTime, TalkerProfile, within
 
 _NOTHING = 0x8000
-_KINDS = {8: (3, 1), 12: (7, 2)}
-"""By the number of samples: how they are told to lie, and the bytes of a quality."""
+_KINDS = {8: (3, 1), 12: (7, 2)}  # by the number of samples: how they are told to lie, and the bytes of a quality
 _ZERO = 0xA000
 _TURN = 360 * 64
 

@@ -314,13 +314,7 @@ def pack_lines(echo: bytes, lines: Sequence[str], *, counts_semicolon: bool) -> 
 
 
 def pack_block(echo: bytes, milliseconds: int, numbers: npt.NDArray[np.int64]) -> bytes:
-    """One scan.
-
-    Args:
-        echo: The request, with the scans that are still to come at its end.
-        milliseconds: The clock of the device.
-        numbers: What was measured, in the order of the wire.
-    """
+    """One scan; `echo` is the request, with the scans that are still to come at its end."""
     text = encoded(numbers, 3)
     lines = [sealed(text[at : at + _LINE]) for at in range(0, len(text), _LINE)]
     return echo + b"\n" + sealed(b"99") + pack_clock(milliseconds) + b"".join(lines) + b"\n"

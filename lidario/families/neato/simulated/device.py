@@ -18,8 +18,7 @@ import numpy as np
 from lidario.sim.chassis import Maker, by_name, maker
 from lidario.sim.talker import Floats, PacedByAngle, TalkerProfile
 
-_NOTHING = 0x8035
-"""No return: bit 15, and the code that is the most frequent one in the recording."""
+_NOTHING = 0x8035  # no return: bit 15, and the code that is the most frequent one in the recording
 _GREETING: Final = (
     b"Piccolo Laser Distance Scanner\r\nCopyright (c) 2009-2011 Neato Robotics, Inc.\r\n"
     b"Loader\tV2.4.13386\r\nCPU\tSimulated\r\nSerial\tSIM00000\r\nRuntime\tV2.4.13386\r\n#"

@@ -48,8 +48,7 @@ from lidario.sim.motor import Motor
 __all__ = ["PROFILES", "Mode", "Profile", "SimulatedRplidar", "make_simulated"]
 
 _MS = 1_000_000
-SETTLE_AFTER_STOP = 10 * _MS
-"""For how long nothing is heard behind STOP (S-series interface manual, STOP)."""
+SETTLE_AFTER_STOP = 10 * _MS  # for how long nothing is heard behind STOP (S-series interface manual, STOP)
 _AFTER_IGNORED = "within 10 ms of a stop that was ignored"
 _SETTLE_AFTER_RESET = 500 * _MS  # S-series interface manual, RESET
 _DUTY = 660  # at which the motor has its own speed; the usual duty (pyrplidar)
@@ -103,17 +102,10 @@ class Drive:
 
 
 class SimulatedRplidar(Chassis[Profile, MeasurementStream]):
-    """One simulated device; obeys `lidario.sim.device.SimulatedDevice`. Arguments as for `Chassis`.
+    """One simulated device; obeys `lidario.sim.device.SimulatedDevice`. Arguments and more as for `Chassis`.
 
-    Attributes:
-        serial: Its serial number, 16 bytes.
-        health: Status (0 good, 1 warning, 2 Protection Stop) and error code; this and more as in `Chassis`.
-        identity: What it responds when it is asked what it is; a test may put another one in its place.
-        drive, line_speed, HANDLERS: What switches its motor, sets its speed, and obeys each request that is no
-            question; likewise.
-
-    Raises:
-        ValueError: The serial number has not 16 bytes.
+    A test may put another one in the place of `identity`, which responds to questions, of `drive`, `line_speed` and
+    `HANDLERS`, which obey the other requests. A serial number has 16 bytes; else ValueError is raised.
     """
 
     def __init__(self, profile: Profile, **making: Unpack[Making]) -> None:

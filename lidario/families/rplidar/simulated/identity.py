@@ -15,30 +15,19 @@ from lidario.families.rplidar.simulated.requests import Request
 
 INFO, HEALTH, SAMPLERATE, CONF, CONF_SET, BOARD = 0x04, 0x06, 0x15, 0x20, 0x21, 0xFF
 """Response types of single responses."""
-ADDRESS: Final = 0x0001CCC0
-"""Type of configuration of the static address, 12 bytes (frame_grabber of the SDK)."""
+ADDRESS: Final = 0x0001CCC0  # type of configuration of the static address, 12 bytes (frame_grabber of the SDK)
 
 _CONTINUOUS: Final = 1 << 30  # send mode in the descriptor's length word
 _DHCP = bytes(12)
 
 
 class Identity:
-    """What tells one device from others of its model, and what it was set to.
-
-    Args:
-        serial: The serial number.
-
-    Attributes:
-        address: Of an Ethernet device: address, mask and gateway; all zero for DHCP.
-
-    Raises:
-        ValueError: The serial number has not 16 bytes.
-    """
+    """What tells one device from others of its model, and what it was set to: its serial number, of 16 bytes."""
 
     def __init__(self, serial: bytes) -> None:
         if len(serial) != 16:
             raise ValueError(f"a serial number has 16 bytes, not {len(serial)}")
-        self.address: bytes = _DHCP
+        self.address: bytes = _DHCP  # address, mask and gateway of an Ethernet device
         self._serial = serial
         self._next_address = _DHCP
 

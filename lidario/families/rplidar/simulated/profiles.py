@@ -75,8 +75,7 @@ def _s_series(name: str, model: int, standard_m: float, dense_m: float) -> Profi
 _BANNER = b"RP LIDAR System.\r\nFirmware 1.29, hardware 7\r\nsimulated, ok\r\n"
 _A2_BANNER = _BANNER.replace(b"1.29, hardware 7", b"1.32, hardware 6")
 _A1_RPM = 428.0
-_ETHERNET = 100_000_000
-"""Bits a second: bytes leave at once."""
+_ETHERNET = 100_000_000  # bits a second: bytes leave at once
 
 
 def _five_modes(metres: float, *rates: float) -> tuple[Mode, ...]:

@@ -116,19 +116,11 @@ def _name(data: bytes) -> str:
 
 
 class LineSpeed:
-    """The speed of the device's end of the line.
-
-    Args:
-        baudrate: The speed after power-up.
-
-    Attributes:
-        now: The speed at which it sends and receives.
-        host: The speed of the host's port, where that is known.
-    """
+    """The speed of the device's end of the line, `baudrate` after power-up."""
 
     def __init__(self, baudrate: int) -> None:
-        self.now: int = baudrate
-        self.host: int | None = None
+        self.now: int = baudrate  # at which it sends and receives
+        self.host: int | None = None  # that of the host's port, where it is known
         self._at_power_up = baudrate
         self._before = baudrate
         self._heard: list[int] = []

@@ -68,40 +68,25 @@ _STEPS = {0x09: 10, 0x0A: -10, 0x0B: 100, 0x0C: -100}  # hundredths of Hz
 
 
 class Simulated4Ros(Chassis[Profile, PointStream]):
-    """One simulated device; obeys `lidario.sim.device.SimulatedDevice`.
+    """One simulated device; obeys `lidario.sim.device.SimulatedDevice`. Arguments and more as for `Chassis`.
 
-    Args:
-        profile: What it is.
-        making: As for `Chassis`; a serial number is 16 bytes of 0 to 9, or 8 bytes of two digits each.
-
-    Attributes:
-        serial: Its serial number, bytes of 0 to 9.
-        health: Status (0 good, 1 warning, 2 error) and error code; this and more as in `Chassis`.
-        zero_offset: What it tells of its zero-angle offset: quarter degrees, of an R2 whose firmware is above 1.7
-            hundredths (ydlidar_4ros.md 4). Nothing else depends on it.
-        set_speed: The speed that is set, in hundredths of Hz.
-        protected: Whether power-down protection is on.
-        lapses: How often protection has ended a scan.
-        lit: Whether DTR is asserted.
-        alive_until: When protection ends the scan, unless the host is heard before.
-
-    Raises:
-        ValueError: The serial number is not 16 digits.
+    A serial number is 16 bytes of 0 to 9, or 8 bytes of two digits each; else ValueError is raised.
     """
 
     def __init__(self, profile: Profile, **making: Unpack[Making]) -> None:
         super().__init__(profile, **making)
         serial, drawn = making.get("serial"), bytes(self._random.integers(0, 10, 16).tolist())
         self.serial: bytes = _digits(drawn if serial is None else serial)
+        # Quarter degrees, of an R2 whose firmware is above 1.7 hundredths (ydlidar_4ros.md 4). It is only told.
         self.zero_offset: int = 0
-        self.set_speed: int = profile.factory_speed
-        self.protected: bool = False
-        self.lapses: int = 0
+        self.set_speed: int = profile.factory_speed  # hundredths of Hz
+        self.protected: bool = False  # by power-down protection
+        self.lapses: int = 0  # how often that has ended a scan
         self.response_delay_s: float = 0.0005
         self._motor = Motor(spin_up_s=profile.spin_up_s, turns=float(self._random.random()))
         self.lit: bool = True  # DTR, where it matters; lines that have none leave it asserted
         self._begun = False  # the first byte of a request is there
-        self.alive_until: int = 0
+        self.alive_until: int = 0  # when protection ends the scan, unless the host is heard before
 
     def set_dtr(self, asserted: bool, now: int) -> None:
         """The host sets the control line DTR: some models are dark while it is cleared, others do not have it."""

@@ -32,8 +32,7 @@ class Layout:
     bits: int = 0  # of the intensity: 0, 8, 10 or 16
 
 
-MILLIMETRES = Layout()
-"""What a 4ROS sends."""
+MILLIMETRES = Layout()  # what a 4ROS sends
 
 
 def start_control(hertz: float, base: int = 30) -> int:
