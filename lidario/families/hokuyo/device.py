@@ -29,7 +29,6 @@ SPIN_UP_S: Final = 4.0
 """The rotor turns already; the laser is switched on by the request, and no document says how long that takes."""
 PATIENCE_S: Final = 1.0
 """A damaged byte costs a whole scan of some thousand, so on a poor line dozens of them may be missing in turn."""
-_NAMES: Final = {DistanceFormat: "Standard", StrengthFormat: "Intensity"}
 _DISTANCE_ALONE: Final = "URG-04LX"  # how the models begin that do not know ``ME``
 _WELL: Final = re.compile(r"\b(well|stable|no error)\b", re.IGNORECASE)
 _FAILED: Final = re.compile(r"\b(malfunction|failure)\b", re.IGNORECASE)
@@ -46,7 +45,7 @@ def mode_for(wire: type[DistanceFormat], geometry: Geometry) -> ScanMode:
     """The scan mode of a format."""
     return ScanMode(
         id=FORMATS.index(wire),
-        name=_NAMES[wire],
+        name=wire.mode,
         sample_us=geometry.sample_us,
         max_distance=geometry.farthest / 1000,
         response_type=wire.response_type,

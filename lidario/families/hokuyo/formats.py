@@ -41,6 +41,7 @@ class DistanceFormat(StreamFormat):
     name = "MD"
     response_type = 0x4D
     word: bytes = b"MD"
+    mode: str = "Standard"
     characters: int = 3
     full_turn = 360
     first_seam: int | None = None
@@ -127,6 +128,7 @@ class StrengthFormat(DistanceFormat):
     name = "ME"
     response_type = 0x45
     word = b"ME"
+    mode = "Intensity"
     characters = 6
 
 

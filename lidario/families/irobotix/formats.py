@@ -90,7 +90,7 @@ class FrameFormat(StreamFormat):
         size = _frame(data, at, MEASUREMENT)
         if size > 0 and (size < self.shortest or (size - DATA - SUM) % SAMPLE not in (1, 2)):
             return NO_PACKET
-        return min(size, self.longest) if size <= self.longest else NO_PACKET
+        return size if size <= self.longest else NO_PACKET
 
     def intact(self, data: bytearray, at: int, size: int) -> bool:
         return _sum_holds(data, at, size)

@@ -192,7 +192,7 @@ class YdlidarDevice(Device):
             slowest_turn_s=SLOWEST_TURN_S,
             keepalive=Keepalive(commands.KEEPALIVE, KEEPALIVE_S) if self._protected else None,
             zero_offset_deg=self._offset_deg,
-            may_take_ns=self._model.may_take_ns,
+            may_take_ns=tuple(1e9 / rate for rate in self._model.rates),
         )
 
     def _begin(self) -> Script[StreamFormat]:
@@ -212,7 +212,8 @@ class YdlidarDevice(Device):
 
     def _ask_health(self) -> Script[Health]:
         known, both = self._health_request, (commands.GET_HEALTH, commands.GET_HEALTH_92)
-        questions = list((known,) if known else both[::-1] if self._model.health_by_92 else both) * 2
+        # An Arduino port that asks an X4 by 91 alone fails, and the SDK asks all that triangulate by 92.
+        questions = list((known,) if known else both[::-1] if self._model.code <= 23 else both) * 2
         while True:
             request = questions.pop(0)
             try:
@@ -271,7 +272,8 @@ class YdlidarDevice(Device):
         if not self._model.offset:
             return (yield from super().zero_offset())
         (parts,) = struct.unpack("<i", (yield from agreed(commands.GET_ZERO_OFFSET)))
-        degrees: float = parts / self._model.offset_parts(self._firmware)
+        fine_above = self._model.fine_above
+        degrees: float = parts / (100 if fine_above is not None and self._firmware > fine_above else 4)
         if abs(degrees) <= 360:
             return degrees
         raise RemoteProtocolError(f"the device reports a zero-angle offset of {degrees:g} degrees")

@@ -12,7 +12,6 @@ says nothing of itself: it is taken for an X2 at any rate unless it is named, as
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -48,36 +47,12 @@ class Model:
         """All numbers by which it may tell what it is."""
         return self.code, self.other_code
 
-    def offset_parts(self, firmware: tuple[int, int]) -> int:
-        """Parts of a degree in which it tells its zero-angle offset (ydlidar_4ros.md 4)."""
-        return 100 if self.fine_above is not None and firmware > self.fine_above else 4
-
-    @property
-    def health_by_92(self) -> bool:
-        """Whether its health is asked for by A5 92 first; an Arduino port that asks an X4 by 91 alone fails."""
-        return self.code <= 23
-
-    @property
-    def sample_us(self) -> float:
-        """Microseconds a sample; 0 where it has several rates."""
-        return 1e6 / self.rates[0] if len(self.rates) == 1 else 0.0
-
-    @property
-    def may_take_ns(self) -> tuple[float, ...]:
-        """Nanoseconds that a sample may take, by its rates."""
-        return tuple(1e9 / rate for rate in self.rates)
-
     @property
     def mode(self) -> ScanMode:
         """Its one scan mode."""
-        return ScanMode(
-            id=0,
-            name="Standard",
-            sample_us=self.sample_us,
-            max_distance=self.reach,
-            response_type=self.kind.response_type,
-            typical=True,
-        )
+        # How long a sample takes is not known where it has several rates.
+        sample_us = 1e6 / self.rates[0] if len(self.rates) == 1 else 0.0
+        return ScanMode(0, "Standard", sample_us, self.reach, self.kind.response_type, typical=True)
 
 
 _TG_RATES: Final = (20_000, 18_000, 10_000)
@@ -90,42 +65,43 @@ FOUR_ROS: Final = Model("4ros", "4ROS", 101, 512_000, _TG, (20_000,), offset=Tru
 ONE_WAY: Final = Model("", "X2, X3 or alike", 6, 115_200, _X, (), None, one_way=True, reach=8.0)
 """A model that only talks and was not named."""
 
-
-def _models() -> Iterator[Model]:
-    yield FOUR_ROS
-    yield Model("tg15", "TG15", 100, 512_000, _TG, _TG_RATES, offset=True, protection=True, reach=15.0)
-    yield Model("tg30", "TG30", 101, 512_000, _TG, (20_000,), offset=True, protection=True, reach=30.0)
-    yield Model("tg50", "TG50", 102, 512_000, _TG, _TG_RATES, offset=True, protection=True, reach=50.0)
-    yield Model("x4", "X4", 6, 128_000, _X, (5000,), None, reach=10.0, dtr=True)
-    yield Model("s4", "S4", 4, 115_200, _X, (4000,), None, reach=8.0, dtr=True)
-    yield Model("s4b", "S4B", 11, 153_600, KINDS["s4b"], (4000,), None, reach=8.0, dtr=True, other_code=4)
-    yield Model("f4", "F4", 1, 115_200, _X, (4000,))
-    yield Model("f4pro", "F4 Pro", 8, 230_400, _X, (4000, 6000))
-    yield Model("g1", "G1", 19, 230_400, _X, (9000,), offset=True)
-    yield Model("g2", "G2", 15, 230_400, _G2, (5000,), offset=True)
-    yield Model("g2a", "G2A", 14, 230_400, _X, (5000,), offset=True)
-    yield Model("g2c", "G2C", 16, 115_200, _X, (4000,), offset=True)
-    yield Model("g4", "G4", 5, 230_400, _X, _G4_RATES, reach=16.0)
-    yield Model("g4pro", "G4 Pro", 7, 230_400, _X, _G4_RATES, reach=16.0)
-    yield Model("g4b", "G4B", 17, 512_000, _G2, (10_000,), reach=16.0)
-    yield Model("g4c", "G4C", 18, 115_200, _X, (4000,), reach=16.0)
-    yield Model("g5", "G5", 20, 230_400, _X, _G4_RATES, reach=16.0)
-    yield Model("g6", "G6", 13, 512_000, KINDS["octave"], _G6_RATES, reach=25.0)
-    yield Model("g7", "G7", 21, 512_000, KINDS["octave"], _G6_RATES, reach=25.0)
-    yield Model("r2", "R2", 9, 230_400, _X, (5000,), offset=True, fine_above=(1, 7))
-    yield Model("tsa-pro", "TSA Pro", 131, 230_400, _TMINI, (4000,), (6.0, 12.0))
-    yield Model("tmini", "Tmini", 140, 230_400, _TMINI, (4000,), (6.0, 12.0))
-    yield Model("tmini-pro", "Tmini Pro", 150, 230_400, _TMINI, (4000,), (6.0, 12.0))
-    yield Model("tmini-plus", "Tmini Plus", 151, 230_400, _TMINI, (4000,), (6.0, 12.0))
-    yield Model("tmini-plus-sh", "Tmini Plus SH", 152, 230_400, KINDS["sh"], (4000,), (6.0, 12.0))
-    yield Model("x2", "X2", 6, 115_200, _X, (3000,), None, one_way=True, reach=8.0, dtr=True)
-    yield Model("x3", "X3", 6, 115_200, _X, (3000,), None, one_way=True, reach=8.0)
-    yield Model("x4pro", "X4 Pro", 6, 128_000, KINDS["x-flags"], (5000,), None, one_way=True, reach=10.0, dtr=False)
-    yield Model("s2pro", "S2 Pro", 4, 115_200, _X, (3000,), None, one_way=True, reach=8.0, dtr=True)
-    yield Model("tx8", "TX8", 100, 115_200, _TG, (4000,), None, one_way=True, reach=8.0)
-
-
-MODELS: Final = {model.name: model for model in _models()}  # every model by the name that a user may give it
+MODELS: Final = {
+    model.name: model
+    for model in (
+        FOUR_ROS,
+        Model("tg15", "TG15", 100, 512_000, _TG, _TG_RATES, offset=True, protection=True, reach=15.0),
+        Model("tg30", "TG30", 101, 512_000, _TG, (20_000,), offset=True, protection=True, reach=30.0),
+        Model("tg50", "TG50", 102, 512_000, _TG, _TG_RATES, offset=True, protection=True, reach=50.0),
+        Model("x4", "X4", 6, 128_000, _X, (5000,), None, reach=10.0, dtr=True),
+        Model("s4", "S4", 4, 115_200, _X, (4000,), None, reach=8.0, dtr=True),
+        Model("s4b", "S4B", 11, 153_600, KINDS["s4b"], (4000,), None, reach=8.0, dtr=True, other_code=4),
+        Model("f4", "F4", 1, 115_200, _X, (4000,)),
+        Model("f4pro", "F4 Pro", 8, 230_400, _X, (4000, 6000)),
+        Model("g1", "G1", 19, 230_400, _X, (9000,), offset=True),
+        Model("g2", "G2", 15, 230_400, _G2, (5000,), offset=True),
+        Model("g2a", "G2A", 14, 230_400, _X, (5000,), offset=True),
+        Model("g2c", "G2C", 16, 115_200, _X, (4000,), offset=True),
+        Model("g4", "G4", 5, 230_400, _X, _G4_RATES, reach=16.0),
+        Model("g4pro", "G4 Pro", 7, 230_400, _X, _G4_RATES, reach=16.0),
+        Model("g4b", "G4B", 17, 512_000, _G2, (10_000,), reach=16.0),
+        Model("g4c", "G4C", 18, 115_200, _X, (4000,), reach=16.0),
+        Model("g5", "G5", 20, 230_400, _X, _G4_RATES, reach=16.0),
+        Model("g6", "G6", 13, 512_000, KINDS["octave"], _G6_RATES, reach=25.0),
+        Model("g7", "G7", 21, 512_000, KINDS["octave"], _G6_RATES, reach=25.0),
+        Model("r2", "R2", 9, 230_400, _X, (5000,), offset=True, fine_above=(1, 7)),
+        Model("tsa-pro", "TSA Pro", 131, 230_400, _TMINI, (4000,), (6.0, 12.0)),
+        Model("tmini", "Tmini", 140, 230_400, _TMINI, (4000,), (6.0, 12.0)),
+        Model("tmini-pro", "Tmini Pro", 150, 230_400, _TMINI, (4000,), (6.0, 12.0)),
+        Model("tmini-plus", "Tmini Plus", 151, 230_400, _TMINI, (4000,), (6.0, 12.0)),
+        Model("tmini-plus-sh", "Tmini Plus SH", 152, 230_400, KINDS["sh"], (4000,), (6.0, 12.0)),
+        Model("x2", "X2", 6, 115_200, _X, (3000,), None, one_way=True, reach=8.0, dtr=True),
+        Model("x3", "X3", 6, 115_200, _X, (3000,), None, one_way=True, reach=8.0),
+        Model("x4pro", "X4 Pro", 6, 128_000, KINDS["x-flags"], (5000,), None, one_way=True, reach=10.0, dtr=False),
+        Model("s2pro", "S2 Pro", 4, 115_200, _X, (3000,), None, one_way=True, reach=8.0, dtr=True),
+        Model("tx8", "TX8", 100, 115_200, _TG, (4000,), None, one_way=True, reach=8.0),
+    )
+}
+"""Every model by the name that a user may give it."""
 
 
 def model_of(code: int, baudrate: int | None = None) -> Model | None:

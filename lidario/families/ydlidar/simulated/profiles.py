@@ -11,15 +11,17 @@ the first is not documented: the SDK asks those that triangulate by the second.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 from lidario.families.ydlidar.simulated.packers import MILLIMETRES, Layout
 from lidario.sim.chassis import by_name
 
-_MS = 1_000_000
 _SPEED = frozenset({0x09, 0x0A, 0x0B, 0x0C, 0x0D})
 _ALL = frozenset({0x00, 0x60, 0x65, 0x80, 0x90, 0x93, 0xD9}) | _SPEED
 _NO_SPEED = _ALL - _SPEED - {0x93, 0xD9}
+_NONE = frozenset[int]()
 _QUARTERS = Layout(unit=4)
 _EIGHT = Layout(3, 4, flags=True, bits=8)
 
@@ -83,6 +85,7 @@ def _triangle(
     commands: frozenset[int] = _ALL,
     *,
     triangle: bool = True,
+    **more: Any,
 ) -> Profile:
     return Profile(
         name,
@@ -98,43 +101,21 @@ def _triangle(
         speeds=(500, 1200) if triangle else (600, 1200),
         by_dtr=model in (4, 6, 11) and name not in ("ydlidar-x3", "ydlidar-x4-pro"),
         commands=commands - (frozenset() if model in (9, 14, 15, 16, 19) else {0x93}) - {0xD9},
+        **more,
     )
 
 
-_HEARS_NOTHING = frozenset[int]()
-_X4 = replace(
-    _triangle("ydlidar-x4", 6, 128_000, 5000, commands=_NO_SPEED),
-    tells_speed=False,
-    early_hertz=2.0,
-    follows="deepakkamesh/ydlidar",
-)
-_X2 = replace(
-    _triangle("ydlidar-x2", 6, 115_200, 3000, commands=_HEARS_NOTHING),
-    tells_speed=False,
-    seam_deg=351.19,
-    follows="a packet of one",
-)
-_TMINI_PRO = replace(
-    _triangle("ydlidar-tmini-pro", 150, 230_400, 4000, _EIGHT, triangle=False),
-    control=0x06,
-    follows="tier4/ydlidar_driver",
-)
-_TMINI_PLUS = replace(
-    _triangle("ydlidar-tmini-plus", 151, 230_400, 4000, _EIGHT, triangle=False),
-    late_seam=8,
-    follows="Ar-Ray-code/tmini_plus_emulator",
-)
-_TG15 = Profile("ydlidar-tg15", model=100, seam_deg=108.05, follows="two packets in a README")
-
+_beam = partial(_triangle, triangle=False)
 PROFILES = by_name(
     Profile("ydlidar-4ros", announces=False),
     Profile("ydlidar-4ros-92", health_command=0x92),
     Profile("ydlidar-4ros-slow", spin_up_s=2.5),
     Profile("ydlidar-4ros-stamps", stamps=True),
     Profile("ydlidar-4ros-long", per_packet=200),
-    _TG15,
+    Profile("ydlidar-tg15", model=100, seam_deg=108.05, follows="two packets in a README"),
     Profile("ydlidar-tg50", model=102),
-    _X4,
+    _triangle("ydlidar-x4", 6, 128_000, 5000, commands=_NO_SPEED, tells_speed=False, early_hertz=2.0,
+              follows="deepakkamesh/ydlidar"),
     _triangle("ydlidar-g1", 19, 230_400, 9000),
     _triangle("ydlidar-g2", 15, 230_400, 5000, Layout(3, 4, flags=True, bits=10)),
     _triangle("ydlidar-g4", 5, 230_400, 9000),
@@ -142,13 +123,14 @@ PROFILES = by_name(
     _triangle("ydlidar-r2", 9, 230_400, 5000),
     _triangle("ydlidar-f4", 1, 115_200, 4000),
     _triangle("ydlidar-s4b", 11, 153_600, 4000, _EIGHT, _NO_SPEED),
-    _triangle("ydlidar-tmini", 140, 230_400, 4000, _EIGHT, triangle=False),
-    _TMINI_PRO,
-    _TMINI_PLUS,
-    _triangle("ydlidar-tmini-plus-sh", 152, 230_400, 4000, Layout(4, 1, bits=16), triangle=False),
-    _X2,
-    _triangle("ydlidar-x3", 6, 115_200, 3000, commands=_HEARS_NOTHING),
-    _triangle("ydlidar-x4-pro", 6, 128_000, 5000, Layout(unit=4, flags=True), _HEARS_NOTHING),
-    _triangle("ydlidar-s2-pro", 4, 115_200, 3000, commands=_HEARS_NOTHING),
-    _triangle("ydlidar-tx8", 100, 115_200, 4000, MILLIMETRES, _HEARS_NOTHING, triangle=False),
-)
+    _beam("ydlidar-tmini", 140, 230_400, 4000, _EIGHT),
+    _beam("ydlidar-tmini-pro", 150, 230_400, 4000, _EIGHT, control=0x06, follows="tier4/ydlidar_driver"),
+    _beam("ydlidar-tmini-plus", 151, 230_400, 4000, _EIGHT, late_seam=8, follows="Ar-Ray-code/tmini_plus_emulator"),
+    _beam("ydlidar-tmini-plus-sh", 152, 230_400, 4000, Layout(4, 1, bits=16)),
+    _triangle("ydlidar-x2", 6, 115_200, 3000, commands=_NONE, tells_speed=False, seam_deg=351.19,
+              follows="a packet of one"),
+    _triangle("ydlidar-x3", 6, 115_200, 3000, commands=_NONE),
+    _triangle("ydlidar-x4-pro", 6, 128_000, 5000, Layout(unit=4, flags=True), _NONE),
+    _triangle("ydlidar-s2-pro", 4, 115_200, 3000, commands=_NONE),
+    _beam("ydlidar-tx8", 100, 115_200, 4000, MILLIMETRES, _NONE),
+)  # fmt: skip
