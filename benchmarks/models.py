@@ -52,7 +52,7 @@ def _rplidar(model: str, mode_id: int) -> Kind:
 
 def _ydlidar(model: str) -> Kind:
     about = YDLIDARS[model]
-    mode = ScanMode(0, "Standard", about.sample_us, about.reach, about.kind.response_type, typical=True)
+    mode = about.mode
     request: Callable[[StreamFormat], Request] = begin if about.one_way else ydlidar_commands.scan
     device = partial(simulated, f"ydlidar-{model}")
     return Kind(f"{about.title} points", "ydlidar", mode, device, about.kind.wire, about.kind.decoder, request)
