@@ -79,14 +79,19 @@ class Device(ABC):
     modes_note: str = ""
     # Bytes that complete any request that was half written, and begin none. Default: none are needed.
     fill: Request = Request("FILL", b"")
+    # The slowest and the fastest scan frequency that can be set, in Hz, of one that need not be asked for them.
+    speeds: tuple[float, float] | None = None
 
     @abstractmethod
     def stop(self) -> Request:
         """End the stream; the motor may go on."""
 
-    @abstractmethod
     def halt(self) -> tuple[Request, ...]:
-        """End the stream and switch laser and motor off, in an order the device obeys without a pause."""
+        """End the stream and switch laser and motor off, in an order the device obeys without a pause.
+
+        Default: what ends the stream does all that can be done.
+        """
+        return (self.stop(),)
 
     def halt_unknown(self) -> tuple[Request, ...]:
         """What else may stop the motor of a device that has not said what it is. Default: nothing.
@@ -95,21 +100,17 @@ class Device(ABC):
         """
         return ()
 
-    @abstractmethod
     def reset(self) -> Request:
-        """Restart the device. Raises Unsupported where that cannot be done from here."""
+        """Restart the device. Default: raises Unsupported."""
+        raise Unsupported("this device cannot be restarted from here: cut its power")
 
     def restarted(self) -> None:  # noqa: B027 - most devices keep, or are told with each start, what matters
         """Take note that the device was restarted: what was set in it may be lost. Default: nothing."""
 
     def explain_silence(self, lasted_s: float) -> Script[bool]:  # noqa: ARG002
-        """Find out why a stream fell silent although the device is well.
+        """Find out why a stream fell silent although the device is well; it has `lasted_s`, 0 without a packet.
 
-        Args:
-            lasted_s: Seconds from the start of the stream to its last packet; 0 when there was none.
-
-        Returns:
-            Whether a cause was found that the next start avoids. Default: False.
+        Returns whether a cause was found that the next start avoids. Default: False.
         """
         yield from ()
         return False
@@ -161,10 +162,8 @@ class Device(ABC):
     def start(self, mode: ScanMode, *, force: bool = False) -> Script[Stream]:
         """Start the motor where that is a request of its own, then the stream.
 
-        With `force` the device is asked to measure even when the motor has not reached its speed.
-
-        Raises:
-            Unsupported: The device has no such mode, or cannot be forced.
+        With `force` the device is asked to measure even when the motor has not reached its speed. Raises
+        Unsupported where it has no such mode, or cannot be forced.
         """
 
     def sample_rate(self) -> Script[SampleRate]:
@@ -176,15 +175,16 @@ class Device(ABC):
         raise Unsupported("this device does not tell its scan frequency")
 
     def scan_frequency_range(self) -> Script[tuple[float, float]]:
-        """Ask for the slowest and the fastest scan frequency that can be set, in Hz."""
-        raise Unsupported("the scan frequency of this device cannot be set")
+        """Ask for the slowest and the fastest scan frequency that can be set, in Hz. Default: `speeds`."""
+        yield from ()
+        if self.speeds is None:
+            raise Unsupported("the scan frequency of this device cannot be set")
+        return self.speeds
 
     def set_scan_frequency(self, hertz: float) -> Script[float]:  # noqa: ARG002
         """Set the scan frequency; returns what was set, in Hz.
 
-        Raises:
-            InvalidValue: Not a finite number, or outside of what the device can.
-            Unsupported: It cannot be set from here.
+        Raises InvalidValue where it is not a finite number, or outside of what the device can.
         """
         raise Unsupported("the scan frequency of this device cannot be set from here")
 

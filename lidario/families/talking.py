@@ -172,23 +172,17 @@ class TalkingDevice(Device):
         self._model = model
         self.can_be_stopped: bool = bool(model.stop)
         self.can_keep_spinning: bool = not model.stop
+        self.speeds: tuple[float, float] | None = model.speeds.limits if model.speeds else None
 
     def stop(self) -> Request:
         if not self.can_be_stopped:
             return NOT_STOPPED
         return Request("STOP", self._model.stop, settle=SETTLE_S, ends_stream=True)
 
-    def halt(self) -> tuple[Request, ...]:
-        # Where it can be stopped, the motor stops with the stream.
-        return (self.stop(),)
-
     def halt_unknown(self) -> tuple[Request, ...]:
         # One that streams, and was not heard for long enough, may be of a model that can be stopped.
         is_known = self._was_heard or self.can_be_stopped or not self._woken.stop
         return () if is_known else (Request("STOP", self._woken.stop),)
-
-    def reset(self) -> Request:
-        raise Unsupported("this device cannot be restarted from here: cut its power")
 
     def respond(self, request: bytes, head: Descriptor, payload: bytes = b"") -> bytes:  # noqa: ARG002
         """As `Device.respond`: nothing announces its stream."""
@@ -270,10 +264,6 @@ class TalkingDevice(Device):
             spin_up_s=SPIN_UP_S,
             slowest_turn_s=model.slowest_turn_s,
         )
-
-    def scan_frequency_range(self) -> Script[tuple[float, float]]:
-        speeds = self._model.speeds
-        return super().scan_frequency_range() if speeds is None else told(speeds.limits)
 
     def set_scan_frequency(self, hertz: float) -> Script[float]:
         """As `Device.set_scan_frequency`; each start sets it again, and it cannot be read back."""

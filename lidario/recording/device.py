@@ -39,10 +39,6 @@ class RecordedDevice(Device):
     def stop(self) -> Request:
         return self._device.stop()
 
-    def halt(self) -> tuple[Request, ...]:
-        """Only `stop`: there is no motor."""
-        return (self._device.stop(),)
-
     def reset(self) -> Request:
         """As `Device.reset`; the recording is played on after it."""
         return self._device.reset()

@@ -65,11 +65,8 @@ class HokuyoDevice(Device):
         self._model = ""
 
     def stop(self) -> Request:
-        return STOP
-
-    def halt(self) -> tuple[Request, ...]:
         # The laser goes off; the motor turns until the power is cut.
-        return (STOP,)
+        return STOP
 
     def reset(self) -> Request:
         return RESET

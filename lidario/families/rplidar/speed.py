@@ -22,10 +22,6 @@ from lidario.wire.envelope import Expected, Request, encode_request
 from lidario.wire.events import Packets
 from lidario.wire.formats import Headings, StreamFormat
 
-PIECE: Final = b"A" * 16
-PIECE_S: Final = 0.05
-PIECES: Final = 30  # So many pieces take 1.5 s. They are 320 bytes a second; more than 100 are demanded.
-CONFIRMED: Final = 0x5F5F
 TOLERANCE: Final = 0.05  # What is measured is not exact. A serial line bears an error of 5 % at most.
 
 
@@ -58,31 +54,22 @@ class MeasuredSpeed(StreamFormat):
 def measure(baudrate: int) -> Request:
     """Let the port run at that speed, and the device measure it."""
     wire = MeasuredSpeed(baudrate)
+    expected = Expected(wire.response_type, wire.shortest)
+    # For 1.5 s. They are 320 bytes a second; more than 100 are demanded.
     return Request(
-        "speed to be measured",
-        PIECE,
-        expects=Expected(wire.response_type, wire.shortest),
-        timeout=PIECE_S,
-        attempts=PIECES,
-        stream=wire,
-        packets=1,
-        baudrate=baudrate,
+        "speed to be measured", b"A" * 16, expected, 0.05, attempts=30, stream=wire, packets=1, baudrate=baudrate
     )
 
 
 def confirm(baudrate: int) -> Request:
     """NEW_BAUDRATE_CONFIRM: the device keeps the speed. It has no response."""
-    payload = struct.pack("<HIH", CONFIRMED, baudrate, 0)
+    payload = struct.pack("<HIH", 0x5F5F, baudrate, 0)
     # No document demands a pause.
     return Request("NEW_BAUDRATE_CONFIRM", encode_request(0x90, payload), settle=commands.MOTOR_SETTLE_S)
 
 
 def change_speed(baudrate: int, present: int) -> Script[None]:
-    """As `Device.set_baudrate`.
-
-    Raises:
-        Unsupported: The device does not follow.
-    """
+    """As `Device.set_baudrate`; raises Unsupported where the device does not follow."""
     yield commands.STOP
     try:
         yield measure(baudrate)

@@ -89,6 +89,8 @@ class YdlidarDevice(Device):
         self.can_be_stopped: bool = not model.one_way or bool(model.dtr)
         # The motor of one that hears requests stops with its laser.
         self.can_keep_spinning: bool = model.one_way
+        # The data sheet's, since the device cannot be asked.
+        self.speeds: tuple[float, float] | None = model.speeds
 
     def stop(self) -> Request:
         return NOT_STOPPED if self._model.one_way else commands.STOP
@@ -99,9 +101,7 @@ class YdlidarDevice(Device):
         return (*stops, commands.DTR_STOPS) if self._model.dtr else stops or (NOT_STOPPED,)
 
     def reset(self) -> Request:
-        if self._model.one_way:
-            raise Unsupported("this device cannot be restarted from here: cut its power")
-        return commands.RESET
+        return super().reset() if self._model.one_way else commands.RESET
 
     def respond(self, request: bytes, head: Descriptor, payload: bytes = b"") -> bytes:
         """As `Device.respond`; all models announce their stream alike."""
@@ -245,24 +245,18 @@ class YdlidarDevice(Device):
         yield from self._learn_protection()
         return bool(self._protected)
 
-    def scan_frequency_range(self) -> Script[tuple[float, float]]:
-        # The data sheet's, since the device cannot be asked.
-        if self._model.speeds is None:
-            return super().scan_frequency_range()
-        return told(self._model.speeds)
-
     def scan_frequency(self) -> Script[float]:
         """As `Device.scan_frequency`: the frequency that is set, not the one the motor reaches."""
-        if self._model.speeds is None:
+        if self.speeds is None:
             return (yield from super().scan_frequency())
         return (yield from commands.ask_speed()) / 100
 
     def set_scan_frequency(self, hertz: float) -> Script[float]:
         """As `Device.set_scan_frequency`: in steps of 1 and 0.1 Hz, then read back."""
-        if self._model.speeds is None:
+        if self.speeds is None:
             # Its motor follows the supply, or a pin that is not in the cable.
             return (yield from super().set_scan_frequency(hertz))
-        hundredths = round(frequency_within(hertz, self._model.speeds, self._model.title) * 100)
+        hundredths = round(frequency_within(hertz, self.speeds, self._model.title) * 100)
         reached = yield from commands.step_to(hundredths)
         self._wanted_speed = hundredths
         return reached

@@ -34,6 +34,7 @@ _NAMES = {
     "MD": "start", "ME": "start_intensity", "GD": "get_scan", "GE": "get_scan_intensity", "TM": "clock",
     "SC": "leave_scip1", "SS": "set_speed", "%S": "get_laser_state", "HS": "sensitivity", "CR": "motor_speed",
 }  # fmt: skip
+_STATUSES = {"QT": "00", "TM1": "04", "HS0": "00", "HS1": "00", "CR00": "00"}
 _MEASURE = re.compile(r"(M[DE])(\d{4})(\d{4})(\d{2})(\d)(\d{2})", re.ASCII)
 _ONCE = re.compile(r"(G[DE])(\d{4})(\d{4})(\d{2})", re.ASCII)
 
@@ -88,8 +89,7 @@ class _Stream:
     cluster: int
     every: int
     left: int | None
-    origin: int
-    scans: int = 0
+    begins: int  # the next scan that is not built yet
 
 
 class SimulatedHokuyo(Chassis[Profile, _Stream]):
@@ -158,20 +158,13 @@ class SimulatedHokuyo(Chassis[Profile, _Stream]):
         if told is not None and (word != "TM" or self._adjusting):
             self._respond(echo + b"\n" + sealed(b"00") + told + b"\n", now, text)
             return ""
-        match text:
-            case "QT":
-                self.halt(now)
-                status = "00"
-            case "BM":
-                status = self._laser_on(now)
-            case "TM0" | "TM2":
-                status = self._adjust(begins=text == "TM0")
-            case "TM1":
-                status = "04"
-            case "HS0" | "HS1" | "CR00":
-                status = "00"
-            case _:
-                status = "0F" if word == "SS" else "0E"
+        status = _STATUSES.get(text, "0F" if word == "SS" else "0E")
+        if text == "QT":
+            self.halt(now)
+        elif text == "BM":
+            status = self._laser_on(now)
+        elif text in ("TM0", "TM2"):
+            status = self._adjust(begins=text == "TM0")
         self._respond(pack_status(echo, status.encode()), now, text)
         return "" if status in ("00", "02", "03") else f"refused with status {status}"
 
@@ -254,16 +247,14 @@ class SimulatedHokuyo(Chassis[Profile, _Stream]):
 
     def _due(self, stream: _Stream) -> int:
         """When the next scan that is not built yet will have been measured."""
-        begins = stream.origin + stream.scans * stream.every * self._period
-        return begins + round((stream.last - stream.first + 1) * self._step_ns)
+        return stream.begins + round((stream.last - stream.first + 1) * self._step_ns)
 
     def _advance(self, now: int) -> None:
         self._now = now = max(self._now, now)
         while (stream := self._stream) is not None and self._due(stream) <= now:
             left = 0 if stream.left is None else stream.left - 1
-            begins = stream.origin + stream.scans * stream.every * self._period
-            self._queue.push(self._block(stream, begins, left), self._due(stream))
-            stream.scans += 1
+            self._queue.push(self._block(stream, stream.begins, left), self._due(stream))
+            stream.begins += stream.every * self._period
             if stream.left is not None:
                 stream.left = left
                 self._stream = stream if left else None

@@ -64,11 +64,7 @@ class Mode:
 
 @dataclass(frozen=True, slots=True)
 class Profile:
-    """What a simulated device is.
-
-    Raises:
-        ValueError: A mode makes more bytes than the line can carry.
-    """
+    """What a simulated device is; ValueError where a mode makes more bytes than the line can carry."""
 
     name: str  # what users call it (``sim://`` and then this)
     model: int  # model byte of GET_INFO, major and minor nibble
@@ -98,8 +94,11 @@ class Profile:
 
     def __post_init__(self) -> None:
         for mode in self.modes:
-            if mode.packet[0] * 10 * 1_000_000_000 > mode.period_ns * self.baudrate:
+            if not self._carries(mode):
                 raise ValueError(f"{self.name}: {self.baudrate} baud cannot carry mode {mode.name}")
+
+    def _carries(self, mode: Mode) -> bool:
+        return mode.packet[0] * 10 * 1_000_000_000 <= mode.period_ns * self.baudrate
 
     @property
     def about(self) -> str:
@@ -174,7 +173,7 @@ class Profile:
         if not self.has_conf or fast is None:
             return None
         mode = Mode(0, "Legacy express", 0x82, fast.us_q8, fast.max_distance_q8)
-        return mode if mode.packet[0] * 10 * 1_000_000_000 <= mode.period_ns * self.baudrate else None
+        return mode if self._carries(mode) else None
 
     @property
     def standard(self) -> Mode:
