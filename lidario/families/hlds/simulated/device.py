@@ -33,13 +33,9 @@ PROFILES = by_name(_NEW, _OLD)
 
 
 class SimulatedHlds(PacedByAngle[TalkerProfile]):
-    """One simulated device; arguments and attributes as in `Talker`.
+    """One simulated device; arguments and attributes as in `Talker`."""
 
-    Attributes:
-        check: The last two bytes of its packets; None for the usual ones.
-    """
-
-    check: bytes | None = None
+    check: bytes | None = None  # the last two bytes of its packets; None for the usual ones
 
     def receive(self, data: bytes, now: int) -> None:
         """Take bytes that the host sent: each is a request of its own."""

@@ -13,8 +13,8 @@ from typing import Final
 from lidario.families.rplidar.simulated.profile import Mode, Profile
 from lidario.families.rplidar.simulated.requests import Request
 
+# Response types of single responses.
 INFO, HEALTH, SAMPLERATE, CONF, CONF_SET, BOARD = 0x04, 0x06, 0x15, 0x20, 0x21, 0xFF
-"""Response types of single responses."""
 ADDRESS: Final = 0x0001CCC0  # type of configuration of the static address, 12 bytes (frame_grabber of the SDK)
 
 _CONTINUOUS: Final = 1 << 30  # send mode in the descriptor's length word
