@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -231,6 +231,10 @@ def _blocked(seconds: float, stream: TrueStream, random: np.random.Generator) ->
     return Line(stream.data, stream.arrivals_ns, 0, (begin, begin + seconds * 1e9))
 
 
+def _late_and_lossy(stream: TrueStream, random: np.random.Generator) -> Line:
+    return replace(lose_share(10, stream, random, spoilt=False), blocked_ns=(1.6e9, 2.9e9))
+
+
 def _cases() -> Iterator[Case]:
     yield Case("clean", _clean, drifting)
     yield Case("wobbling by 3 %", _clean, _wobbling)
@@ -270,6 +274,8 @@ def _cases() -> Iterator[Case]:
     yield Case("10 % of the packets twice", partial(repeat_packets, 0.1), drifting)
     yield Case("late by 0.2 s", partial(_blocked, 0.2), drifting, in_files=False)
     yield Case("late by 2 s", partial(_blocked, 2.0), drifting, in_files=False)
+    yield Case("late by 1.3 s, 10 % gone", _late_and_lossy, drifting, in_files=False)
+    yield Case("2 to 7 Hz, an outage of 1 s in it", partial(_outage_at, 2.3, 1.0), partial(_ramp, 2.0, 7.0, 1.5))
     yield Case("wobbling, 20 % gone", partial(lose_share, 20, spoilt=False), _wobbling)
     yield Case("10 to 2 Hz, 20 % gone", partial(lose_share, 20, spoilt=False), partial(_ramp, 10.0, 2.0, 1.0))
 

@@ -93,6 +93,7 @@ class ArcDecoder(ABC):
             reported_rpm=rpm,
             gaps=[] if arcs.skipped is None else [(ends[at], int(arcs.skipped[at])) for at in gaps],
             revoked=arcs.revoked,
+            fits=arcs.fits,
             sample_ns=self._sample_ns(heads),
         )
 

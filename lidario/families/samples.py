@@ -36,7 +36,9 @@ class Samples:
         certain: Whether the angle that a packet covers is known for sure. Where it is not, as when nearly all
             packets are missing, neither the angles nor `lost` can be relied on.
         revoked: How many packets are missing behind each of so many before these, which were told to follow each
-            other, as time tells now.
+            other, as time tells now; ``(1, 0)`` where only what the last one measured is not to be used.
+        fits: Whether all headings are as far apart as packets are, or a whole number of them: where not, a turn may
+            have passed unseen.
         sample_ns: How long each of them took, nanoseconds, where the device measures at angles and tells its speed;
             0 where that is the same at any speed.
     """
@@ -55,6 +57,7 @@ class Samples:
     reported_rpm: float = math.nan
     gaps: Sequence[tuple[int, int]] = ()
     revoked: tuple[int, int] = (0, 0)
+    fits: bool = True
     sample_ns: float = 0.0
 
     @property

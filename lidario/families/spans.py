@@ -63,7 +63,8 @@ class Arcs(NamedTuple):
             revolutions, that of the last one.
         certain: Whether the speed is sure.
         revoked: How many packets are missing behind each of so many before, which were told to follow each other,
-            as time tells now.
+            as time tells now; ``(1, 0)`` where only what the last one measured is not to be used.
+        fits: Whether each span is a whole number of arcs, as far as it tells; where one is not, a turn may hide.
         steps: The mean step of each revolution, where `Turning.steady` tells of several.
     """
 
@@ -72,6 +73,7 @@ class Arcs(NamedTuple):
     step: float
     certain: bool
     revoked: tuple[int, int] = (0, 0)
+    fits: bool = True
     steps: Sequence[float] = ()
 
 

@@ -23,7 +23,8 @@ What the model believes, and why:
    is looked at. It only chooses among whole numbers; how long an arc is, the angles tell, and they are exact.
 
 Until a speed is sure by these rules, no arc is certain. What is known once stays, until spans or time speak against
-it; nothing is learned anew behind a gap. What was told before it was sure is put right then (`Arcs.revoked`).
+it: nothing is learned anew behind a gap, but where the device cannot have measured as many packets as the arc
+would tell, the rotor has sped up meanwhile. What was told before it was sure is put right then (`Arcs.revoked`).
 
 Without times, as in a file of bytes, spans that agree are taken for one arc each.
 """
@@ -31,6 +32,7 @@ Without times, as in a file of bytes, spans that agree are taken for one arc eac
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import accumulate
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -57,6 +59,8 @@ _TELLING: Final = TRUSTED_GAP + 1.5
 """Arcs up to which a span tells whether it is a whole number of them."""
 REMEMBERED: Final = 64
 """Spans that are kept while the speed is not sure."""
+SPARE: Final = 1
+"""Packets by which the time from read to read may be off: each read may end in the midst of one."""
 _HALFWAY: Final = 1.5
 _FITTING: Final = 0.75
 """Share of the spans that must be a whole number of arcs: where whole turns hide in them, fewer are, by chance."""
@@ -113,7 +117,7 @@ class Wheel(PacedTurning):
                 self._remember(known.tolist(), arrivals)
                 # The spans are alike; are they one arc each?
                 if not self._is_confirmed():
-                    return self._among_gaps(spans, followed=followed)
+                    return self._among_gaps(spans, arrivals, followed=followed)
             # One that stands tells of no arc.
             self._arc, self._certain, self._strange = float(spans[-1]) or self._arc, True, 0
             self._fits = True
@@ -121,7 +125,7 @@ class Wheel(PacedTurning):
                 self._forget()
             return Arcs(spans, None, (total / len(spans) or self._arc) / self._samples, certain=True)
         self._remember(known.tolist(), arrivals)
-        return self._among_gaps(spans, followed=followed)
+        return self._among_gaps(spans, arrivals, followed=followed)
 
     def steady(self, heads: Heads, ends: Sequence[int], arrivals: Sequence[Arrival] = ()) -> Arcs | None:
         if not (self._certain and (self._confirmed or len(arrivals) == 1)):
@@ -130,7 +134,7 @@ class Wheel(PacedTurning):
         before, begin, steps = self._arc, 0, list[float]()
         each = by_revolution(spans, ends) if len(ends) > 1 else [whole]
         for end, (shortest, longest, total) in zip(ends, each, strict=True):
-            if not (before < _HALFWAY * shortest and longest <= _HALFWAY * before):
+            if not _are_alike(before, shortest, longest):
                 return None
             before = float(spans[end - 1])
             steps.append(total / (end - begin) / self._samples)
@@ -148,7 +152,7 @@ class Wheel(PacedTurning):
 
     def _is_steady(self, spans: Ints, shortest: int, longest: int) -> bool:
         """Whether each span is one arc: much like the last arc, or not much longer than the span before."""
-        if self._certain and self._arc < _HALFWAY * shortest and longest <= _HALFWAY * self._arc:
+        if self._certain and _are_alike(self._arc, shortest, longest):
             return True
         if len(spans) < (1 if self._certain else AGREEING) or not (self._certain or shortest > 0):
             return False
@@ -163,7 +167,7 @@ class Wheel(PacedTurning):
 
     # ------------------------------------------------------------------------------------------------- gaps
 
-    def _among_gaps(self, spans: Ints, *, followed: bool) -> Arcs:
+    def _among_gaps(self, spans: Ints, arrivals: Sequence[Arrival], *, followed: bool) -> Arcs:
         """As `follow`, where spans may hold more than one packet, or less."""
         plain: list[int] = spans.tolist()
         told = plain if followed else plain[:-1]
@@ -177,15 +181,19 @@ class Wheel(PacedTurning):
                 return Arcs(np.maximum(spans, 0.0), None, 0.0, certain=False)
             begin = self._arc
             walk = self._walk(plain, followed=followed)
-        if self._certain and self._is_too_much(told, walk.missing):
-            self._arc, self._confirmed = begin, False
-            revoked = self._learn(anew=True)
+        if self._certain and self._is_too_much(walk.missing, arrivals):
+            # What came before tells nothing of it.
+            self._arc, self._confirmed, self._spans = begin, False, told
+            self._pace.clear()
+            self._pace.add(told, arrivals)
+            # The arc of the packet before was too short, so what it measured is not used.
+            revoked = max(self._learn(anew=True), (1, 0))
             walk = self._walk(plain, followed=followed)
         arc, missing, self._fits = walk.arcs, walk.missing, walk.fitting == walk.known
         passed = len(arc) + sum(missing)
         typical = sum(each * (1 + more) for each, more in zip(arc, missing, strict=True)) / passed or self._arc
         behind = np.array(missing) * self._samples if any(missing) else None
-        return Arcs(np.array(arc), behind, typical / self._samples, self._certain, revoked)
+        return Arcs(np.array(arc), behind, typical / self._samples, self._certain, revoked, self._fits)
 
     def _walk(self, spans: Sequence[int], *, followed: bool) -> _Walk:
         """Follow spans from the last arc on."""
@@ -268,13 +276,18 @@ class Wheel(PacedTurning):
             return True
         return False
 
-    def _is_too_much(self, spans: Sequence[int], missing: Sequence[int]) -> bool:
-        """Whether the device cannot have measured so many packets in that time, by both halves of it."""
-        turned, passed = sum(spans), len(spans) + sum(missing)
-        if turned <= 0 or passed <= len(spans) or not self._time_passes:
+    def _is_too_much(self, missing: Sequence[int], arrivals: Sequence[Arrival]) -> bool:
+        """Whether the device cannot have measured so many packets between reads, by both halves of them."""
+        if len(arrivals) < 3 or not (self._packet_ns and self._time_passes and any(missing)):
             return False
-        by_time = self._pace.measured(self._packet_ns, turned / passed)
-        return by_time is not None and max(by_time) < 1 - OFF
+        passed = list(accumulate([1 + more for more in missing], initial=0))
+        points = [(at_ns / self._packet_ns, passed[count - 1]) for count, at_ns in arrivals]
+        begin, end = points[0], points[-1]
+        middle = min(points[1:-1], key=lambda point: abs(2 * point[0] - begin[0] - end[0]))
+        return all(
+            after[0] - before[0] + SPARE < (1 - OFF) * (after[1] - before[1])
+            for before, after in ((begin, middle), (middle, end))
+        )
 
     def _learn(self, *, anew: bool) -> tuple[int, int]:
         """Find the arc from what is remembered: the largest group of spans that agree, and what time says of it.
@@ -322,6 +335,11 @@ class Wheel(PacedTurning):
 
     def _take(self, arc: float, *, sure: bool) -> None:
         self._arc, self._certain, self._strange = arc, sure, 0
+
+
+def _are_alike(arc: float, shortest: int, longest: int) -> bool:
+    """Whether all spans of a revolution are like the arc before."""
+    return (1 - LIKENESS) * arc <= shortest and longest <= (1 + LIKENESS) * arc
 
 
 def _largest_group(spans: Sequence[int]) -> tuple[float, int]:

@@ -25,7 +25,7 @@ from lidario.revolution.seam import Seam, Split
 from lidario.revolution.sparse_speed import dated_angles
 from lidario.revolution.stats import AssemblerStats
 from lidario.revolution.steady import decode_block, is_ready
-from lidario.revolution.timing import byte_ns_at, first_sample_ns
+from lidario.revolution.timing import dated_within, byte_ns_at, first_sample_ns
 from lidario.scan import Scan
 from lidario.wire.blocks import packet_offsets
 from lidario.wire.events import Packets
@@ -104,6 +104,7 @@ class Assembler:
         count, kept = packets.count, 0
         try:
             splits = self._seam.splits(headings, self.incoming.passing)
+            dated = self._dated(packets, splits)
             offsets = packet_offsets(packets.blocks) if splits else ()
             done, alone = 0, 1
             while done < len(splits):
@@ -123,7 +124,7 @@ class Assembler:
                     several, alone = alone, 2 * alone
                 for split in splits[done : done + several]:
                     if split.packet > kept:
-                        part = self._part(packets, kept, split.packet, offsets)
+                        part = self._part(dated, kept, split.packet, offsets)
                         self._keep(part, headings[kept : split.packet])
                     scan = self._end_at(packets, split, offsets)
                     kept = split.packet
@@ -131,11 +132,18 @@ class Assembler:
                     if self.ended != ended:
                         return
                 done += several
-            rest = self._part(packets, kept, count, offsets) if kept else packets
+            rest = self._part(dated, kept, count, offsets) if kept else packets
             headings, kept = headings[kept:], count
             self._keep(rest, headings)
         finally:
             self.stats.discarded_packets += count - kept
+
+    def _dated(self, packets: Packets, splits: Sequence[Split]) -> Packets:
+        """The same, dated also where revolutions end, where a read holds several and packets are missing in it."""
+        if len(splits) < 2 or self.incoming.passing is not None or not self._stream.timed:
+            return packets
+        ends, sample_ns = [split.packet for split in splits], self.incoming.time.known_ns
+        return dated_within(packets, self._decoder.fork().decode(packets, None), ends, sample_ns)
 
     def _end_at(self, event: Packets, split: Split, offsets: Sequence[int]) -> Scan | None:
         """End the revolution at a split; the packets of the event before it are kept already."""
@@ -331,6 +339,9 @@ class Assembler:
             before = self.stats.all_packets - packets.count - told
             beginning = ended.beginning(wire, broken=broken, number=number, packets_before=before)
             passed = self._clock.follow(beginning)
+            if (passed.unseen or self._clock.is_late) and not samples.fits:
+                # Its angles show that what passed unseen passed in it.
+                broken = beginning.broken = True
             if passed.unseen < 0 and self._told_seq is None:
                 return False
             ended.revolution_ns = math.nan if beginning.borrowed else beginning.revolution_ns

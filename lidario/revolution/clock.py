@@ -94,7 +94,7 @@ class Beginning:
     @property
     def tells_time(self) -> bool:
         """Whether its samples tell when the next one begins, if no whole revolution is missing between them."""
-        return self.spanned_ns > 0 and self.revolution_ns > 0 and not (self.broken or self.borrowed)
+        return self.spanned_ns > 0 and not (self.broken or self.borrowed)
 
 
 class Passed(NamedTuple):
@@ -217,6 +217,7 @@ class RevolutionClock:
             self._be_anchor(here)
             return Passed(0, 0)
         elapsed = here.start_ns - anchor.start_ns
+        self._spanned_ns += last.spanned_ns if last is not None and last.tells_time else math.nan
         if self._sure is None:
             # What passed is counted when one is.
             self._is_open = True
@@ -229,8 +230,12 @@ class RevolutionClock:
     def _count_all(self, here: Beginning, anchor: Beginning, elapsed: float) -> tuple[int, int]:
         """Revolutions and packets that are missing since the anchor, where nothing else tells what passed."""
         missing = self._missing_by_clock(here, elapsed)
-        turns = elapsed / here.revolution_ns + anchor.over - here.over
-        unseen = int(turns + NOISE) - (here.number - anchor.number)
+        if math.isnan(self._spanned_ns):
+            turns = elapsed / here.revolution_ns + anchor.over - here.over
+            unseen = int(turns + NOISE) - (here.number - anchor.number)
+        else:
+            # Each of those between had its own speed.
+            unseen = int((elapsed - self._spanned_ns) / here.revolution_ns + NOISE)
         # Where too many were counted, that many are left out later.
         self._be_anchor(here, unseen, missing)
         return max(0, unseen), _several(missing)
@@ -238,7 +243,6 @@ class RevolutionClock:
     def _count_late(self, here: Beginning, last: Beginning, anchor: Beginning, slower: float) -> tuple[int, int]:
         """Revolutions and packets that are missing, by how much later this beginning is than it was due."""
         elapsed = here.start_ns - anchor.start_ns
-        self._spanned_ns += last.spanned_ns if last.tells_time else math.nan
         self._hides += last.hides
         share = here.number - anchor.number + here.over - anchor.over
         late_ns = elapsed - share * last.revolution_ns

@@ -91,6 +91,24 @@ def test_turns_that_hide_in_outages_are_not_taken_for_a_speed(name: str) -> None
     assert found.told <= 1.04 * found.missing
 
 
+@every_format
+def test_a_program_that_reads_late_dates_what_came_by_what_is_missing_behind_it(name: str) -> None:
+    found = _scored(name, "late by 1.3 s, 10 % gone", "read")
+    assert (found.wrong, found.mixed, found.twice) == (0, 0, 0)
+    assert (found.seq_off, found.told_revolutions, found.broken) == (0, 0, 0)
+    assert found.told == pytest.approx(found.missing, rel=0.01, abs=2)
+    assert found.times_off_ms is not None
+    assert found.times_off_ms[1] < 25
+
+
+@every_format
+def test_a_rotor_that_turns_twice_as_fast_behind_an_outage_did_not_lose_each_second_packet(name: str) -> None:
+    found = _scored(name, "2 to 7 Hz, an outage of 1 s in it", "read")
+    assert found.wrong == 0
+    # What it turned meanwhile nobody knows.
+    assert found.seq_off <= 2
+
+
 @pytest.mark.parametrize("name", ["G4", "X4"])
 def test_the_first_scan_of_a_device_that_tells_no_sample_time_is_dated_by_all_its_reads(name: str) -> None:
     """Within a packet, as all later ones are."""
