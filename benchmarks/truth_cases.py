@@ -137,7 +137,7 @@ def _missing(kept: Mask) -> int:
     return int(there[-1] - there[0] + 1 - len(there)) if len(there) else 0
 
 
-def _lose(stream: TrueStream, kept: Mask, random: np.random.Generator, *, spoilt: bool) -> Line:
+def lose(stream: TrueStream, kept: Mask, random: np.random.Generator, *, spoilt: bool) -> Line:
     """Packets that do not come, or come with three flipped bits, which no check value lets pass."""
     if not spoilt:
         return _only(stream, kept)
@@ -153,11 +153,11 @@ def _lose(stream: TrueStream, kept: Mask, random: np.random.Generator, *, spoilt
 
 
 def _each_second(stream: TrueStream, random: np.random.Generator, *, spoilt: bool) -> Line:
-    return _lose(stream, np.arange(len(stream.offsets) - 1) % 2 == 0, random, spoilt=spoilt)
+    return lose(stream, np.arange(len(stream.offsets) - 1) % 2 == 0, random, spoilt=spoilt)
 
 
 def lose_share(percent: int, stream: TrueStream, random: np.random.Generator, *, spoilt: bool) -> Line:
-    return _lose(stream, random.random(len(stream.offsets) - 1) * 100 >= percent, random, spoilt=spoilt)
+    return lose(stream, random.random(len(stream.offsets) - 1) * 100 >= percent, random, spoilt=spoilt)
 
 
 def _threes(stream: TrueStream, random: np.random.Generator) -> Line:
