@@ -5,8 +5,8 @@ missing, every point has a place, and each time is known. Each ride is read as i
 of bytes, without times.
 
 Then a rotor that changes its speed as real ones do, on a line that loses packets at random, in a program that may
-be blocked meanwhile: what "truth" looks at one by one meets here. Nothing here is timed, and the same command prints
-the same figures. The streams are those of "truth".
+be blocked meanwhile: what "truth" looks at one by one meets here. Nothing here is timed, and the same command
+prints the same figures. The streams are those of "truth".
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ def _regulated(random: np.random.Generator, hertz: float) -> Callable[[Floats], 
 
 
 def _damaged(stream: TrueStream, random: np.random.Generator) -> Line:
-    """Single packets are lost, a few in a row, and all of some time; a program reads often, seldom, or is blocked."""
+    """Single packets are lost, some in a row, and all of some time; a program reads often or seldom, or is late."""
     count = len(stream.offsets) - 1
     begins_s = stream.times_ns[stream.firsts[:-1]] * 1e-9
     kept = random.random(count) >= random.choice([0.0, 0.02, 0.1, 0.3, 0.5])

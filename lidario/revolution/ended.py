@@ -161,6 +161,7 @@ class EndedRevolution:
             number=number,
             packets_before=packets_before,
             ordinary=ordinary,
+            own=wire.own_angles,
             spanned_ns=self.spanned_ns if samples.certain and self.told else 0.0,
             reads_ns=self.partial.reads_ns(packets),
         )
