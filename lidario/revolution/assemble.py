@@ -25,7 +25,7 @@ from lidario.revolution.seam import Seam, Split
 from lidario.revolution.sparse_speed import dated_angles
 from lidario.revolution.stats import AssemblerStats
 from lidario.revolution.steady import decode_block, is_ready
-from lidario.revolution.timing import dated_within, byte_ns_at, first_sample_ns
+from lidario.revolution.timing import byte_ns_at, dated_within, first_sample_ns
 from lidario.scan import Scan
 from lidario.wire.blocks import packet_offsets
 from lidario.wire.events import Packets
