@@ -16,16 +16,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from lidario.families.base import Samples, Stream
-from lidario.revolution.build import DatedRevolution, build_scan, turned_by
-from lidario.revolution.clock import RevolutionClock
+from lidario.revolution.build import DatedRevolution, turned_by
 from lidario.revolution.ended import EndedRevolution
-from lidario.revolution.incoming import Clock, Incoming
+from lidario.revolution.incoming import Clock
+from lidario.revolution.late_reads import dated_within
 from lidario.revolution.partial import PartialRevolution, SampleArrays, part_of
 from lidario.revolution.seam import Seam, Split
 from lidario.revolution.sparse_speed import dated_angles
 from lidario.revolution.stats import AssemblerStats
-from lidario.revolution.steady import decode_block, is_ready
-from lidario.revolution.timing import byte_ns_at, dated_within, first_sample_ns
+from lidario.revolution.steady import SteadyAssembler
+from lidario.revolution.timing import first_sample_ns
 from lidario.scan import Scan
 from lidario.wire.blocks import packet_offsets
 from lidario.wire.events import Packets
@@ -34,7 +34,7 @@ from lidario.wire.formats import Headings
 __all__ = ["Assembler", "AssemblerStats"]
 
 
-class Assembler:
+class Assembler(SteadyAssembler):
     """Builds the scans of one stream.
 
     Args:
@@ -59,28 +59,14 @@ class Assembler:
         stats: AssemblerStats | None = None,
         clock: Clock | None = None,
     ) -> None:
-        self.stats: AssemblerStats = stats or AssemblerStats()
-        self._stream, self._decoder = stream, stream.decoder
-        self._byte_ns = byte_ns_at(baudrate)
-        self.wall_offset_ns: int = wall_offset_ns
-        self.incoming: Incoming = Incoming(stream, self.stats, clock)
+        super().__init__(stream, baudrate, wall_offset_ns, stats, clock)
         self._seam = Seam(stream.format.full_turn, stream.format.first_seam)
         self._most_ns, self._most_bytes = stream.most_ns, stream.most_bytes
-        self.partial: PartialRevolution = PartialRevolution(whole=False)
-        self._clock = self._new_clock()
         self._by_blocks = True
         self._earlier_scans = self.stats.scans
         self._next_offset_deg: float | None = None
         self.ended: int = 0
         self._ended_at: tuple[Packets, int, int] | None = None
-        # The number of the revolution that ends, where it was told before, and how many were missing by then.
-        self._told_seq: int | None = None
-        self._told_unseen = 0
-
-    @property
-    def keeps_offset(self) -> bool:
-        """Whether the revolution in the making keeps its zero-angle offset, whatever is set."""
-        return False
 
     def set_zero_offset(self, degrees: float, *, behind: bool = False) -> None:
         """Add another zero-angle offset, clockwise degrees, from the next scan on, or the one `behind` that."""
@@ -104,46 +90,46 @@ class Assembler:
         count, kept = packets.count, 0
         try:
             splits = self._seam.splits(headings, self.incoming.passing)
-            dated = self._dated(packets, splits)
+            dated = packets
+            if len(splits) > 1 and self.incoming.passing is None and self._stream.timed:
+                ends_at, sample_ns = [split.packet for split in splits], self.incoming.time.known_ns
+                dated = dated_within(packets, ends_at, self._decoder, self._stream.format, sample_ns)
             offsets = packet_offsets(packets.blocks) if splits else ()
             done, alone = 0, 1
             while done < len(splits):
-                several = 1
-                # Those behind a beginning or a gap teach what others are measured by. A block has one offset.
-                together = self._by_blocks and self._next_offset_deg is None
-                if together and is_ready(self._stream, self.partial, self._clock):
-                    block = self.add_block(packets, offsets, splits[done:], kept)
+                ending, several = splits[done:] if self._by_blocks else splits[done : done + 1], 1
+                if not self._by_blocks:
+                    kept = self._keep_until(ending[0].packet, dated, headings, kept, offsets)
+                # A block has one offset.
+                if self._next_offset_deg is None:
+                    block = self.add_block(dated, offsets, ending, kept)
                     if block:
-                        kept = splits[-1].packet
+                        kept, done = ending[-1].packet, done + len(ending)
                         self.partial.begun_ns = self.incoming.read_at(packets, kept)
                         yield block
                         if self.ended != ended:
                             return
-                        break
+                        continue
                     # Something is not as it should be, somewhere. Behind it all may be well again.
                     several, alone = alone, 2 * alone
-                for split in splits[done : done + several]:
-                    if split.packet > kept:
-                        part = self._part(dated, kept, split.packet, offsets)
-                        self._keep(part, headings[kept : split.packet])
+                for split in ending[:several]:
+                    kept = self._keep_until(split.packet, dated, headings, kept, offsets)
                     scan = self._end_at(packets, split, offsets)
-                    kept = split.packet
                     yield [] if scan is None else [scan]
                     if self.ended != ended:
                         return
-                done += several
+                done += len(ending[:several])
             rest = self._part(dated, kept, count, offsets) if kept else packets
             headings, kept = headings[kept:], count
             self._keep(rest, headings)
         finally:
             self.stats.discarded_packets += count - kept
 
-    def _dated(self, packets: Packets, splits: Sequence[Split]) -> Packets:
-        """The same, dated also where revolutions end, where a read holds several and packets are missing in it."""
-        if len(splits) < 2 or self.incoming.passing is not None or not self._stream.timed:
-            return packets
-        ends, sample_ns = [split.packet for split in splits], self.incoming.time.known_ns
-        return dated_within(packets, self._decoder.fork().decode(packets, None), ends, sample_ns)
+    def _keep_until(self, end: int, event: Packets, headings: Headings, begin: int, offsets: Sequence[int]) -> int:
+        """Keep the packets from number `begin` on to before `end`, which is returned."""
+        if end > begin:
+            self._keep(self._part(event, begin, end, offsets), headings[begin:end])
+        return end
 
     def _end_at(self, event: Packets, split: Split, offsets: Sequence[int]) -> Scan | None:
         """End the revolution at a split; the packets of the event before it are kept already."""
@@ -158,45 +144,6 @@ class Assembler:
         self.stats.finish(held, delivered=scan is not None)
         self._keep_time()
         return scan
-
-    def add_block(self, event: Packets, offsets: Sequence[int], splits: Sequence[Split], begin: int) -> list[Scan]:
-        """All revolutions up to the last split, decoded at once; none where something may be missing."""
-        block = decode_block(
-            self._stream,
-            self.partial,
-            event,
-            offsets,
-            splits,
-            begin,
-            decoder=self._decoder,
-            clock=self._clock,
-            byte_ns=self._byte_ns,
-        )
-        if block is None:
-            return []
-        block.samples.settle()
-        last, stats = block.beginning, self.stats
-        last.number = stats.scans + stats.missed_scans + len(block.revolutions) - 1
-        last.packets_before = stats.all_packets + block.packets - last.packets
-        self._clock.settle(last)
-        self.partial = block.next
-        stats.scan_packets += stats.unfinished_packets + block.packets
-        stats.unfinished_packets = 0
-        self.incoming.time.add(block.samples.ends[-1], block.next.carried_ns)
-        scans = [self._deliver(each, self._stream.sample_ns, 0) for each in block.revolutions]
-        self._keep_time()
-        return scans
-
-    def _keep_time(self) -> None:
-        """From now on a sample takes what was found that it takes."""
-        if (sample_ns := self.incoming.time.ns) != self._stream.sample_ns:
-            self._stream = replace(self._stream, sample_ns=sample_ns)
-            self.incoming.use_time_of(self._stream)
-            # What is remembered of the revolutions before was reckoned by the other time.
-            self._clock = self._new_clock()
-
-    def _new_clock(self) -> RevolutionClock:
-        return RevolutionClock(1e9 * self._stream.slowest_turn_s, exact=self.incoming.is_exact)
 
     def end(self) -> None:
         """The stream has ended: discard the revolution in the making. Harmless when done before."""
@@ -216,12 +163,12 @@ class Assembler:
         return part_of(packets, begin, end, offsets, self._stream.format, self.incoming.time.known_ns)
 
     def _keep(self, packets: Packets, headings: Headings) -> None:  # noqa: ARG002 - for those who divide it
-        partial = self.partial
+        partial, (count, received_ns) = self.partial, packets.arrivals[-1]
         partial.runs.append(packets)
         partial.even = partial.even and self.incoming.passing is not None
         partial.size += len(packets.data)
-        self.stats.unfinished_packets += packets.count
-        if partial.lasted_ns > self._most_ns or partial.size > self._most_bytes:
+        self.stats.unfinished_packets += count
+        if received_ns - partial.runs[0].arrivals[0][1] > self._most_ns or partial.size > self._most_bytes:
             # It will never end as it should. Time alone is no bound: peers and files say what time it is.
             if partial.whole:
                 self.stats.break_scan()
@@ -300,17 +247,6 @@ class Assembler:
 
     def _scan(self, ended: EndedRevolution) -> Scan | None:
         """Date a revolution and build its scan; None when it is not whole, or parts of two have met in it."""
-        self._date(ended)
-        number = self.stats.scans + self.stats.missed_scans - self._told_unseen - (not ended.partial.whole)
-        if not self._is_whole(ended, number):
-            return None
-        arrays, rpm = ended.arrays, ended.samples.reported_rpm
-        arrays.angle = turned_by(arrays.angle, self._stream.zero_offset_deg)
-        made = DatedRevolution(arrays, ended.start_ns, ended.spanned_ns, ended.revolution_ns, rpm, ended.gaps)
-        return self._deliver(made, ended.sample_ns, ended.lost)
-
-    def _date(self, ended: EndedRevolution) -> None:
-        """Fill in the times, as if nothing were missing."""
         ended.told = self._stream.sample_ns > 0
         ended.sample_ns = ended.samples.sample_ns or self.incoming.time.known_ns
         ended.start_ns = first_sample_ns(ended, self._byte_ns)
@@ -318,6 +254,13 @@ class Assembler:
             ended.sample_ns = ended.measured_sample_ns
             ended.start_ns = first_sample_ns(ended, self._byte_ns)
         ended.spanned_ns = ended.count * ended.sample_ns
+        number = self.stats.scans + self.stats.missed_scans - self._told_unseen - (not ended.partial.whole)
+        if not self._is_whole(ended, number):
+            return None
+        arrays, rpm = ended.arrays, ended.samples.reported_rpm
+        arrays.angle = turned_by(arrays.angle, self._stream.zero_offset_deg)
+        made = DatedRevolution(arrays, ended.start_ns, ended.spanned_ns, ended.revolution_ns, rpm, ended.gaps)
+        return self._deliver(made, ended.sample_ns, ended.lost)
 
     def _is_whole(self, ended: EndedRevolution, number: int) -> bool:
         """Count a revolution, and tell whether it makes a scan."""
@@ -350,10 +293,3 @@ class Assembler:
         if partial.whole and broken:
             self.stats.break_scan()
         return partial.whole and not broken
-
-    def _deliver(self, made: DatedRevolution, sample_ns: float, lost: int) -> Scan:
-        self.stats.resume(made.start_ns)
-        seq = self.stats.scans + self.stats.missed_scans if self._told_seq is None else self._told_seq
-        self.stats.scans += 1
-        wall_ns = made.start_ns + self.wall_offset_ns
-        return build_scan(self._stream, made, wall_ns=wall_ns, sample_ns=sample_ns, seq=seq, lost=lost)

@@ -230,13 +230,12 @@ class RevolutionClock:
         return Passed(*self._count_late(here, last, anchor, slower))
 
     def _count_all(self, here: Beginning, anchor: Beginning, elapsed: float) -> tuple[int, int]:
-        """Revolutions and packets that are missing since the anchor, where nothing else tells what passed."""
+        """Revolutions and packets that are missing since the anchor, by all that is known since."""
         missing = self._missing_by_clock(here, elapsed)
         if math.isnan(self._spanned_ns):
             turns = elapsed / here.revolution_ns + anchor.over - here.over
             unseen = int(turns + NOISE) - (here.number - anchor.number)
         else:
-            # Each of those between had its own speed.
             unseen = int((elapsed - self._spanned_ns) / here.revolution_ns + NOISE)
         # Where too many were counted, that many are left out later.
         self._be_anchor(here, unseen, missing)

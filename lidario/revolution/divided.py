@@ -7,15 +7,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass, field
 from functools import cache
 from typing import Final
 
 import numpy as np
 
-from lidario.families.base import Decoder, Samples
+from lidario.families.base import Decoder, Samples, SteadySamples
 from lidario.revolution.ended import hides_a_turn
-from lidario.revolution.partial import PartialRevolution, SampleArrays
+from lidario.revolution.partial import PartialRevolution, SampleArrays, joined
 from lidario.revolution.timing import begins_of
 from lidario.wire.blocks import Block, some_blocks
 from lidario.wire.events import Packets
@@ -29,10 +29,13 @@ RETREAT_PART: Final = 12
 
 @cache
 def ends_of(full_turn: int, parts: tuple[int, ...]) -> tuple[tuple[int, tuple[int, ...]], ...]:
-    """Where sectors end before the seam: angles behind it in heading units, and the parts that end there."""
+    """Where sectors end: angles behind the seam in heading units, and the parts that end there.
+
+    The last of them is where the revolution ends. No heading is that far behind its beginning.
+    """
     found: dict[int, list[int]] = {}
     for count in parts:
-        for number in range(1, count):
+        for number in range(1, count + 1):
             found.setdefault(-(-full_turn * number // count), []).append(count)
     return tuple((end, tuple(found[end])) for end in sorted(found))
 
@@ -54,16 +57,22 @@ class OpenSector:
     first: int = 0
 
 
+@dataclass(slots=True, eq=False)
 class DividedRevolution:
     """The revolution in the making, as far as it was divided.
 
     Attributes:
         partial: What is known of it.
         began: Heading at which it began.
-        ends: Where sectors end before the seam, ascending; `at` is the next one.
-        open: The sectors in the making, by how many a revolution has.
+        wire: The format of its packets.
+        parts: How many sectors it is divided into, of each size.
         decoder: Decodes its pieces.
+        usual_ns: What a revolution takes; 0 where that is not known.
         offset_deg: Zero-angle offset of all its sectors.
+        usual_samples: What it has, by the latest speed that was certain; 0 where that is not known.
+        by_speed_ns: Nanoseconds a sample, where the speed decides that; else 0.
+        ends: Where sectors end, as `ends_of`; `at` is the next one.
+        open: The sectors in the making, by how many a revolution has.
         waiting: Packets that were not decoded.
         waiting_at: How far behind the seam the last of them begins.
         rest: Samples that were decoded and belong to no sector yet.
@@ -80,137 +89,224 @@ class DividedRevolution:
         samples: Samples that have come.
         longest: Bytes of the longest packet.
         most_samples: Its samples.
-        bytes: The length of their packets.
-        packets: How many they are.
+        packets: How many packets they are.
+        sample_ns: Nanoseconds a sample, as far as that is known.
         first_ns: Earliest estimate of when the first sample arrived; infinite when there is none.
         gap: Whether a gap is known, so that the number of samples tells no time any more.
         certain: Whether the angles of all that was decoded are, and no turn passed unseen among it.
         seq: Its number, once told.
         unseen: Revolutions before it that were counted as missing when that was told.
+        is_finished: Whether it has ended, and all of it was decoded.
+        crossed: How many samples of `rest` belong to it then; the others lie behind the seam.
+        before_seam: How many samples of its packets do.
     """
 
-    def __init__(self, partial: PartialRevolution, began: int, decoder: Decoder, offset_deg: float) -> None:
-        self.partial = partial
-        self.began = began
-        self.ends: Sequence[tuple[int, tuple[int, ...]]] = ()
-        self.at = 0
-        self.open: dict[int, OpenSector] = {}
-        self.decoder = decoder
-        self.offset_deg = offset_deg
-        self.waiting: list[Packets] = []
-        self.waiting_at: int = 0
-        self.rest: SampleArrays | None = partial.carried
-        self.decoded: list[Samples] = []
-        self.pieces: list[SampleArrays] = []
-        self.passed: int = 0
-        self.last: int = 0
-        self.samples: int = 0 if partial.carried is None else len(partial.carried)
-        self.last_samples: int = self.samples
-        self.last_arc: float = 0.0
-        self.given: int = 0
-        self.lost: int = partial.lost_behind_carried
-        self.lost_behind: int = 0
-        self.gaps: list[tuple[int, int]] = []
-        if partial.skipped_behind_carried:
-            self.gaps.append((self.samples, partial.skipped_behind_carried))
-        self.bytes: int = 0
-        self.packets: int = 0
-        self.longest: int = 0
-        self.most_samples: int = 0
-        self.first_ns: float = math.inf
-        self.gap: bool = partial.carried is not None and partial.lost_behind_carried > 0
-        self.certain: bool = True
-        self.seq: int | None = None
-        self.unseen = 0
+    partial: PartialRevolution
+    began: int
+    wire: StreamFormat
+    parts: InitVar[tuple[int, ...]]
+    decoder: Decoder
+    usual_ns: float
+    offset_deg: float
+    usual_samples: float = 0.0
+    by_speed_ns: float = 0.0
+    ends: tuple[tuple[int, tuple[int, ...]], ...] = ()
+    at: int = 0
+    open: dict[int, OpenSector] = field(default_factory=dict)
+    waiting: list[Packets] = field(default_factory=list)
+    waiting_at: int = 0
+    rest: SampleArrays | None = None
+    decoded: list[Samples] = field(default_factory=list)
+    pieces: list[SampleArrays] = field(default_factory=list)
+    passed: int = 0
+    last: int = 0
+    last_samples: int = 0
+    last_arc: float = 0.0
+    given: int = 0
+    lost: int = 0
+    gaps: list[tuple[int, int]] = field(default_factory=list)
+    lost_behind: int = 0
+    samples: int = 0
+    longest: int = 0
+    most_samples: int = 0
+    packets: int = 0
+    sample_ns: float = 0.0
+    first_ns: float = math.inf
+    gap: bool = False
+    certain: bool = True
+    seq: int | None = None
+    unseen: int = 0
+    is_finished: bool = False
+    crossed: int = 0
+    before_seam: int = 0
 
-    def upto(self, end: int) -> int:
-        """How many samples of `rest` were measured before the rotor passed `end`, by the last packet's arc."""
-        if self.rest is None:
-            return 0
-        inside = self.last_samples
-        if self.last_arc > 0:
-            inside = min(inside, math.ceil((end - self.last) * self.last_samples / self.last_arc - ROUNDING))
-        return max(0, len(self.rest.angle) - self.last_samples + max(0, inside))
+    def __post_init__(self, parts: tuple[int, ...]) -> None:
+        self.ends = ends_of(self.wire.full_turn, parts)
+        self.open = {count: OpenSector() for count in parts}
+        carried, self.lost = self.partial.carried, self.partial.lost_behind_carried
+        if carried is not None:
+            self.rest, self.gap = carried, self.lost > 0
+            self.samples = self.last_samples = len(carried.angle)
+        if self.partial.skipped_behind_carried:
+            self.gaps.append((self.samples, self.partial.skipped_behind_carried))
 
-    def date(self, packets: Packets, wire: StreamFormat, sample_ns: float) -> None:
-        """Take note of when packets came: each tells when the revolution began, the least delayed one best."""
-        all_samples = wire.samples_in(packets.blocks)
+    def come(self, packets: Packets, headings: Headings) -> list[int]:
+        """Take note of when packets came: each tells when the revolution began, the least delayed one best.
+
+        Returns:
+            How far behind the seam each of them begins.
+        """
+        wire, blocks, (count, _) = self.wire, packets.blocks, packets.arrivals[-1]
+        all_samples = wire.samples_in(blocks)
         # Behind a gap the number of samples since the beginning is not known exactly.
         if not self.gap or math.isinf(self.first_ns):
-            for count, at_ns in packets.arrivals:
-                some = count < packets.count
-                samples = wire.samples_in(some_blocks(packets.blocks, 0, count)) if some else all_samples
-                self.first_ns = min(self.first_ns, at_ns - (self.samples + samples - 1) * sample_ns)
+            for complete, at_ns in packets.arrivals:
+                some = complete < count
+                samples = wire.samples_in(some_blocks(blocks, 0, complete)) if some else all_samples
+                self.first_ns = min(self.first_ns, at_ns - (self.samples + samples - 1) * self.sample_ns)
         self.samples += all_samples
-        for size, _ in packets.blocks:
+        for size, _ in blocks:
             if size > self.longest:
                 self.longest, self.most_samples = size, wire.samples_in((Block(size, 1),))
-        self.bytes += len(packets.data)
-        self.packets += packets.count
+        self.packets += count
+        plain = headings.tolist() if isinstance(headings, np.ndarray) else headings
+        return [((heading & HEADING_MASK) - self.began) % wire.full_turn for heading in plain]
 
-    def take(
-        self,
-        packets: Packets,
-        samples: Samples,
-        next_at: int,
-        wire: StreamFormat,
-        sample_ns: float,
-        usual_ns: float,
-    ) -> None:
-        """What waited was decoded to that, behind the samples that were left over before.
+    def decode_waiting(self, following: bytes | None, next_at: int, seam: int | None = None) -> Samples:
+        """Decode what waits, behind the samples that were left over before.
 
         Args:
-            packets: What waited.
-            samples: The samples.
-            next_at: How far behind the seam the packet behind it begins.
-            wire: The format.
-            sample_ns: Nanoseconds a sample.
-            usual_ns: What a revolution takes; 0 where that is not known.
+            following: The packet behind it, if that may be looked at.
+            next_at: How far behind the seam that one begins.
+            seam: As for `Decoder.decode`.
         """
+        packets, rest = joined(self.waiting), self.rest
+        left = 0 if rest is None else len(rest.angle)
+        samples = self.decoder.decode(packets, following, left, seam)
         arrays = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
-        earlier = self.given + (0 if self.rest is None else len(self.rest))
+        if rest is not None:
+            arrays.begin_with(rest)
+        self.rest = arrays
+        earlier = self.given + left
         if samples.certain:
-            before = earlier + sum([skipped for _, skipped in self.gaps])
-            found = begins_of(packets, samples, before, sample_ns)
+            if self.gaps or samples.gaps or samples.sample_ns:
+                before = earlier + sum([skipped for _, skipped in self.gaps])
+                found = begins_of(packets, samples, before, self.sample_ns)
+            else:
+                # Those before were dated as they came.
+                found = [packets.arrivals[-1][1] - (earlier + samples.ends[-1] - 1) * self.sample_ns]
             self.first_ns = min(self.first_ns, *found)
             # Where whole turns passed unseen, these packets belong to another revolution, as in `EndedRevolution`.
-            unseen_ns, turn_ns = found[-1] - self.first_ns, usual_ns or samples.revolution_samples * sample_ns
+            turn_ns = self.usual_ns or samples.revolution_samples * self.sample_ns
             gap = self.gap or samples.lost > samples.lost_behind
-            self.certain &= not (turn_ns and hides_a_turn(unseen_ns, turn_ns, gap=gap))
-        if samples.gaps:
-            self.gaps += [(earlier + before, skipped) for before, skipped in samples.gaps]
-        if self.rest is not None:
-            arrays.begin_with(self.rest)
-        self.rest = arrays
+            self.certain &= not (turn_ns and hides_a_turn(found[-1] - self.first_ns, turn_ns, gap=gap))
+        else:
+            self.certain &= self.wire.own_angles
+        self.gaps += [(earlier + before, skipped) for before, skipped in samples.gaps]
         self.decoded.append(samples)
         self.waiting.clear()
         self.lost += self.lost_behind + samples.lost - samples.lost_behind
         self.lost_behind = samples.lost_behind
         self.gap |= samples.lost > 0
-        self.certain &= samples.certain or wire.own_angles
         ends = samples.ends
         self.last, self.last_samples = self.waiting_at, ends[-1] - (ends[-2] if len(ends) > 1 else 0)
-        self.last_arc = (next_at - self.last) % wire.full_turn
-        if samples.certain and samples.revolution_samples and samples.lost_behind:
-            self.last_arc = self.last_samples * wire.full_turn / samples.revolution_samples
+        self.last_arc = (next_at - self.last) % self.wire.full_turn
+        if samples.certain and samples.revolution_samples:
+            self.usual_samples, self.by_speed_ns = samples.revolution_samples, samples.sample_ns
+            if samples.lost_behind:
+                self.last_arc = self.last_samples * self.wire.full_turn / samples.revolution_samples
+        return samples
 
-    def give(self, upto: int) -> None:
-        """Divide the rest: so many samples of it belong to every sector in the making."""
-        if self.rest is None:
+    def pass_end(self) -> tuple[int, ...]:
+        """The rotor has passed the end of sectors: divide the rest there, by the last packet's arc.
+
+        Returns:
+            How many sectors of their size a revolution has.
+        """
+        (end, parts), rest = self.ends[self.at], self.rest
+        self.at += 1
+        if rest is not None:
+            inside, size = self.last_samples, len(rest.angle)
+            if self.at == len(self.ends):
+                upto = size
+            else:
+                if self.last_arc > 0:
+                    by_arc = math.ceil((end - self.last) * inside / self.last_arc - ROUNDING)
+                    inside = max(0, min(inside, by_arc))
+                upto = max(0, size - self.last_samples + inside)
+            if upto:
+                self.pieces.append(rest.part(0, upto))
+                self.rest = rest.part(upto)
+                self.given += upto
+            if upto == size:
+                # What is missing behind the last packet belongs to the sector that ends with it.
+                self.lost, self.lost_behind = self.lost + self.lost_behind, 0
+        return parts
+
+    def finish(self, following: bytes, seam: int | None, *, broken: bool = False) -> None:
+        """The revolution has ended: decode the rest of it, unless that was done.
+
+        Args:
+            following: The packet behind it.
+            seam: As for `Decoder.decode`.
+            broken: Whether the stream began anew with that one.
+        """
+        if self.is_finished:
             return
-        piece, self.rest = self.rest.part(0, upto), self.rest.part(upto)
-        self.given += upto
-        if not len(self.rest.angle):
-            # What is missing behind the last packet belongs to the sector that ends with it.
-            self.lost, self.lost_behind = self.lost + self.lost_behind, 0
-        if upto:
-            self.pieces.append(piece)
+        wire, left = self.wire, 0 if self.rest is None else len(self.rest)
+        first = Packets(following, (Block(len(following), 1),), ((1, 0),))
+        behind = ((int(wire.headings(first)[0]) & HEADING_MASK) - self.began) % wire.full_turn
+        last = self.decode_waiting(None if broken else following, wire.full_turn + behind, seam)
+        self.is_finished, self.crossed = True, left + last.before_seam
+        self.before_seam = sum([piece.ends[-1] for piece in self.decoded]) - last.ends[-1] + last.before_seam
 
+    def all_samples(self) -> SampleArrays:
+        """All that was decoded, also what lies behind the seam in the last packet."""
+        assert self.rest is not None
+        return join_pieces([*self.pieces, self.rest]) if self.pieces else self.rest
 
-def away_of(headings: Headings, began: int, full_turn: int) -> list[int]:
-    """How far behind the beginning of the revolution each heading is."""
-    plain = headings.tolist() if isinstance(headings, np.ndarray) else headings
-    return [((heading & HEADING_MASK) - began) % full_turn for heading in plain]
+    def steady(
+        self,
+        packets: Packets,  # noqa: ARG002
+        following: bytes,
+        ends: Sequence[int],  # noqa: ARG002
+        room: int,  # noqa: ARG002
+        seam: int | None,
+    ) -> SteadySamples | None:
+        """As `Decoder.decode_steady`, of the whole revolution, whose pieces are decoded already."""
+        self.finish(following, seam)
+        if not self.certain or self.unseen or not all(_is_steady(piece) for piece in self.decoded):
+            return None
+        found, arrays = list[int](), self.all_samples()
+        turns = sample_turns = told = told_rpm = 0.0
+        for piece in self.decoded:
+            count, before = len(piece.ends), found[-1] if found else 0
+            found += [before + end for end in piece.ends]
+            turns += count / piece.revolution_packets
+            sample_turns += piece.ends[-1] / piece.revolution_samples
+            if not math.isnan(piece.reported_rpm):
+                told, told_rpm = told + count, told_rpm + count * piece.reported_rpm
+        return SteadySamples(
+            angle_deg=arrays.angle,
+            distance_mm=arrays.distance,
+            intensity=arrays.intensity,
+            ends=found,
+            before_seam=[self.before_seam],
+            revolution_packets=[len(found) / turns],
+            revolution_samples=[found[-1] / sample_turns],
+            settle=_settled,
+            reported_rpm=[told_rpm / told if told else math.nan],
+        )
+
+    def leave_rest(self) -> None:
+        """Leave to the next revolution what lies behind the seam in the last packet, and what is missing there."""
+        assert self.rest is not None
+        over = len(self.rest) - self.crossed
+        if over:
+            self.rest = self.rest.part(0, self.crossed)
+            self.last_arc *= 1 - over / self.last_samples
+            self.last_samples -= over
+            self.lost_behind = 0
 
 
 def join_pieces(pieces: Sequence[SampleArrays]) -> SampleArrays:
@@ -223,24 +319,11 @@ def join_pieces(pieces: Sequence[SampleArrays]) -> SampleArrays:
     )
 
 
-def sum_of(pieces: Sequence[Samples]) -> Samples:
-    """What pieces of a revolution tell together, where nothing is missing among them: the last one, changed.
+def _is_steady(piece: Samples) -> bool:
+    """Whether its speed is known, nothing is missing in it or before it, and all samples take as long."""
+    knows = piece.certain and piece.revolution_samples > 0
+    return knows and not (piece.lost or piece.revoked[0] or piece.sample_ns)
 
-    The arrays stay the last's. So does the time of a sample: where packets tell it, it is that of the revolution
-    before their end.
-    """
-    ends, packets = list[int](), 0
-    turns = sample_turns = told = told_rpm = 0.0
-    for piece in pieces:
-        count, before = len(piece.ends), ends[-1] if ends else 0
-        ends += [before + end for end in piece.ends]
-        packets += count
-        turns += count / piece.revolution_packets
-        sample_turns += piece.ends[-1] / piece.revolution_samples
-        if not math.isnan(piece.reported_rpm):
-            told, told_rpm = told + count, told_rpm + count * piece.reported_rpm
-    found = pieces[-1]
-    found.ends, found.unbroken = ends, packets
-    found.revolution_packets, found.revolution_samples = packets / turns, ends[-1] / sample_turns
-    found.reported_rpm = told_rpm / told if told else math.nan
-    return found
+
+def _settled() -> None:
+    """The decoder of the pieces remembers them already."""

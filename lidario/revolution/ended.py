@@ -20,7 +20,7 @@ UNEVEN: Final = 1.5
 _FEWEST_PACKETS: Final = 3
 """Fewer may be anything but a revolution, where no speed is sure."""
 
-_FALSE_PART: Final = 0.5
+FALSE_PART: Final = 0.5
 """Part of a revolution below which what lies between two splits is none: one of the two was false. So there are
 never more scans than revolutions."""
 
@@ -125,7 +125,7 @@ class EndedRevolution:
     def is_false_part(self) -> bool:
         """Whether so little of a revolution lies between two splits that one of them was false."""
         samples = self.samples
-        return samples.certain and self.count < _FALSE_PART * samples.revolution_samples
+        return samples.certain and self.count < FALSE_PART * samples.revolution_samples
 
     def least_ns(self, wire: StreamFormat, usual_ns: float) -> float:
         """The time below which this is only a part of a revolution; 0 where enough of one came. It must be dated.
@@ -139,8 +139,8 @@ class EndedRevolution:
             return 0.0
         samples = self.samples
         if not samples.certain:
-            return _FALSE_PART * usual_ns
-        least_ns = _FALSE_PART * self.turn_ns
+            return FALSE_PART * usual_ns
+        least_ns = FALSE_PART * self.turn_ns
         # What is missing at its beginning was lost.
         came_ns = self.spanned_ns + share_before(wire, self.partial, samples) * self.turn_ns
         return 0.0 if came_ns >= least_ns else least_ns

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,9 @@ from lidario.families.base import Samples
 from lidario.wire.blocks import Block, join_blocks, packet_offsets, some_blocks
 from lidario.wire.events import Arrival, Packets
 from lidario.wire.formats import StreamFormat
+
+if TYPE_CHECKING:
+    from lidario.revolution.divided import DividedRevolution
 
 MOST_IN_A_PART: Final = 2048
 """Packets of a part: several revolutions of most formats, which are decoded as one block."""
@@ -74,6 +77,7 @@ class PartialRevolution:
         ended_ns: The same of its end.
         runs: The packets since, as they were reported.
         size: Their bytes.
+        divided: What of it was divided into sectors, where somebody reads these.
     """
 
     whole: bool
@@ -90,6 +94,7 @@ class PartialRevolution:
     ended_ns: int = 0
     runs: list[Packets] = field(default_factory=list)
     size: int = 0
+    divided: DividedRevolution | None = None
 
     def packets(self) -> Packets | None:
         """All its packets, as if they had been reported together; None when it has none."""
@@ -127,14 +132,13 @@ class PartialRevolution:
         first = room if revoked else 0
         return [(at - first, skipped) for at, skipped in gaps if first < at < crossed]
 
-    @property
-    def lasted_ns(self) -> int:
-        """From the arrival of its first packet to that of its latest; it must have one."""
-        return self.last_ns - self.runs[0].arrivals[0][1]
-
     def missing_ns(self, wire: StreamFormat, sample_ns: float) -> float:
-        """How much of that time the samples of its packets do not fill."""
-        return self.lasted_ns - sum([wire.samples_in(run.blocks) for run in self.runs]) * sample_ns
+        """How much of the time from its first packet to its latest the samples of its packets do not fill."""
+        return (
+            self.last_ns
+            - self.runs[0].arrivals[0][1]
+            - sum([wire.samples_in(run.blocks) for run in self.runs]) * sample_ns
+        )
 
     def reads_ns(self, packets: Packets) -> Sequence[int]:
         """As `Beginning.reads_ns`, of its packets."""

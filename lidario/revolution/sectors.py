@@ -17,12 +17,12 @@ then keeps it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 
-from lidario.families.base import Samples, Stream
+from lidario.families.base import Samples
 from lidario.measured import with_gaps
-from lidario.revolution.assemble import Assembler, AssemblerStats
+from lidario.revolution.assemble import Assembler
 from lidario.revolution.build import turned_by
 from lidario.revolution.clock import NOISE, Beginning
 from lidario.revolution.divided import (
@@ -30,20 +30,17 @@ from lidario.revolution.divided import (
     ROUNDING,
     DividedRevolution,
     OpenSector,
-    away_of,
-    ends_of,
     join_pieces,
-    sum_of,
 )
 from lidario.revolution.ended import share_before
-from lidario.revolution.incoming import Clock
-from lidario.revolution.partial import PartialRevolution, joined
+from lidario.revolution.partial import PartialRevolution, part_of
 from lidario.revolution.seam import Split
+from lidario.revolution.steady import DecodeSteady
 from lidario.revolution.timing import earliest_ns
 from lidario.samples import read_only
 from lidario.scan import Scan
 from lidario.sector import Sector
-from lidario.wire.blocks import Block, packet_offsets
+from lidario.wire.blocks import packet_offsets
 from lidario.wire.copies import copy_of
 from lidario.wire.events import Packets
 from lidario.wire.formats import BEGINS, HEADING_MASK, Headings
@@ -56,20 +53,8 @@ class SectorAssembler(Assembler):
     """As `Assembler`; once it was told to divide revolutions, it hands out their sectors before."""
 
     _publish_sector: Callable[[int, Sector], None]
-
-    def __init__(
-        self,
-        stream: Stream,
-        baudrate: int = 0,
-        wall_offset_ns: int = 0,
-        stats: AssemblerStats | None = None,
-        clock: Clock | None = None,
-    ) -> None:
-        super().__init__(stream, baudrate, wall_offset_ns, stats, clock)
-        self._parts: tuple[int, ...] = ()
-        self._divided: DividedRevolution | None = None
-        self._usual_samples = self._by_speed_ns = 0.0
-        self._ending: tuple[DividedRevolution, int] | None = None
+    _parts: tuple[int, ...] = ()
+    _latest: DividedRevolution | None = None
 
     def divide(self, parts: Iterable[int], publish: Callable[[int, Sector], None]) -> None:
         """Hand out sectors from the next revolution on.
@@ -84,164 +69,134 @@ class SectorAssembler(Assembler):
     @property
     def next_ns(self) -> float:
         """When the packet that completes the next sector arrives if it is not late; NaN where unknown."""
-        here = self._divided
-        if here is None or not self._usual_samples:
+        here = self.partial.divided
+        if here is None or not here.usual_samples:
             return math.nan
-        wire, sample_ns, each = self._stream.format, self._sample_time_ns, here.most_samples
-        end = here.ends[here.at][0] if here.at < len(here.ends) else wire.full_turn
+        wire, sample_ns, each, (end, _) = here.wire, here.sample_ns, here.most_samples, here.ends[here.at]
+        varies = wire.shortest != wire.longest
         # From the beginning of the last packet to the end of the sector.
-        away = (end - here.passed) * self._usual_samples / wire.full_turn
-        # Where packets hold a sample more or fewer, a whole number of them may be off by two samples.
-        spare = ROUNDING if wire.shortest == wire.longest else 2 / each
-        more = float(max(1, math.ceil(away / each - spare)) * each)
-        if end == wire.full_turn and wire.shortest != wire.longest:
+        away = (end - here.passed) * here.usual_samples / wire.full_turn
+        if varies and end == wire.full_turn:
             # The last packet is as short as need be, and so is the first one of the next revolution.
             more = max(1.0, away - each + 1)
+        else:
+            # Where packets hold a sample more or fewer, a whole number of them may be off by two samples.
+            more = float(max(1, math.ceil(away / each - (2 / each if varies else ROUNDING))) * each)
         if here.gap:
             return here.partial.last_ns + more * sample_ns
         return here.first_ns + (here.samples + more - 1) * sample_ns
 
     @property
     def keeps_offset(self) -> bool:
-        """As `Assembler.keeps_offset`: where sectors of it may have been handed out."""
-        return self._divided is not None and self._divided.partial is self.partial
+        """Whether the revolution in the making keeps its zero-angle offset: where sectors of it were handed out."""
+        return self.partial.divided is not None
 
     def set_zero_offset(self, degrees: float, *, behind: bool = False) -> None:
         """As `Assembler.set_zero_offset`; a revolution of which sectors were handed out keeps the one before."""
         super().set_zero_offset(degrees, behind=behind or self.keeps_offset)
 
-    def end(self) -> None:
-        super().end()
-        self._divided = None
-
     # ------------------------------------------------------------------------------------------------ packets come
 
     def _keep(self, packets: Packets, headings: Headings) -> None:
         super()._keep(packets, headings)
-        if not self._parts and self._divided is None:
-            return
-        if self._divided is None or self._divided.partial is not self.partial:
-            self._divided = self._begin(int(headings[0]))
-        if self._divided is not None:
-            self._follow(self._divided, packets, headings)
+        here = self.partial.divided
+        if here is None:
+            if not self._parts or (here := self._begin(int(headings[0]))) is None:
+                return
+            self.partial.divided = self._latest = here
+        known_ns = self.incoming.time.known_ns
+        here.sample_ns = here.by_speed_ns or known_ns
+        away = here.come(packets, headings)
+        wire, begin, offsets = here.wire, 0, packet_offsets(packets.blocks)
+        # A reading that trembles back over the seam seems to be almost a revolution ahead.
+        most = wire.full_turn - wire.full_turn // RETREAT_PART
+        for number, angle in enumerate(away):
+            if 0 < angle - here.passed <= most:
+                here.passed = angle
+            if here.passed < here.ends[here.at][0]:
+                continue
+            if number > begin:
+                here.waiting.append(part_of(packets, begin, number, offsets, wire, known_ns))
+                here.waiting_at, begin = away[number - 1], number
+            if here.waiting:
+                here.decode_waiting(packets.data[offsets[number] : offsets[number + 1]], here.passed)
+                here.sample_ns = here.by_speed_ns or known_ns
+            while here.passed >= here.ends[here.at][0]:
+                self._hand_out(here)
+        rest = part_of(packets, begin, len(away), offsets, wire, known_ns) if begin else packets
+        here.waiting.append(rest)
+        here.waiting_at = away[-1]
 
     def _begin(self, first: int) -> DividedRevolution | None:
-        """A revolution may begin with the packet of that heading; None where none does, or it is not divided."""
-        partial, wire = self.partial, self._stream.format
+        """A revolution may begin with the packet of that heading; None where none does, or it cannot be divided."""
+        partial, wire, before = self.partial, self._stream.format, self._latest
         # Where the angles are not certain, samples that were carried over may still be dropped.
         sure = partial.whole and not partial.moved and not partial.carried_packets and len(partial.runs) == 1
-        if not self._parts or not sure or partial.seam is None or not self._sample_time_ns:
+        sample_ns = (before.by_speed_ns if before else 0.0) or self.incoming.time.known_ns
+        if not sure or partial.seam is None or not sample_ns:
             return None
         began = first & HEADING_MASK if first & BEGINS else partial.seam
-        here = DividedRevolution(partial, began, self._decoder.fork(), self._stream.zero_offset_deg)
-        here.ends = ends_of(wire.full_turn, self._parts)
-        here.open = {count: OpenSector() for count in self._parts}
+        offset_deg, usual_ns = self._stream.zero_offset_deg, self._clock.usual_ns
+        here = DividedRevolution(partial, began, wire, self._parts, self._decoder.fork(), usual_ns, offset_deg)
+        if before is not None:
+            here.usual_samples, here.by_speed_ns = before.usual_samples, before.by_speed_ns
         if here.samples:
-            here.first_ns = partial.carried_ns - (here.samples - 1) * self._sample_time_ns
+            here.first_ns = partial.carried_ns - (here.samples - 1) * sample_ns
             # The packet that crossed the seam ends where the first one begins, unless others are missing between.
             here.last_arc = (first - began) % wire.full_turn
-            if here.gap and self._usual_samples:
-                here.last_arc = here.samples * wire.full_turn / self._usual_samples
+            if here.gap and here.usual_samples:
+                here.last_arc = here.samples * wire.full_turn / here.usual_samples
             if here.last_arc > wire.full_turn - wire.full_turn // RETREAT_PART:
                 here.last_arc = 0.0
         return here
 
-    def _follow(self, here: DividedRevolution, packets: Packets, headings: Headings) -> None:
-        """Decode what these packets complete, and hand it out."""
-        wire = self._stream.format
-        here.date(packets, wire, self._sample_time_ns)
-        full, ends = wire.full_turn, here.ends
-        most = full - full // RETREAT_PART
-        away = away_of(headings, here.began, full)
-        offsets = packet_offsets(packets.blocks)
-        begin = 0
-        for number, angle in enumerate(away):
-            # A reading that trembles back over the seam seems to be almost a revolution ahead.
-            if 0 < angle - here.passed <= most:
-                here.passed = angle
-            if here.at == len(ends) or here.passed < ends[here.at][0]:
-                continue
-            if number > begin:
-                here.waiting.append(self._part(packets, begin, number, offsets))
-                here.waiting_at, begin = away[number - 1], number
-            if here.waiting:
-                self._take(here, packets.data[offsets[number] : offsets[number + 1]], here.passed)
-            while here.at < len(ends) and ends[here.at][0] <= here.passed:
-                self._pass_end(here)
-        here.waiting.append(self._part(packets, begin, len(away), offsets) if begin else packets)
-        here.waiting_at = away[-1]
-
-    def _take(
-        self, here: DividedRevolution, following: bytes | None, next_at: int, seam: int | None = None
-    ) -> Samples:
-        """Decode what waits: `following` is the packet behind it, and begins so far behind the seam."""
-        room = 0 if here.rest is None else len(here.rest.angle)
-        packets = joined(here.waiting)
-        samples = here.decoder.decode(packets, following, room, seam)
-        here.take(packets, samples, next_at, self._stream.format, self._sample_time_ns, self._clock.usual_ns)
-        if samples.certain and samples.revolution_samples:
-            self._usual_samples, self._by_speed_ns = samples.revolution_samples, samples.sample_ns
-        return samples
-
     # ------------------------------------------------------------------------------------------------ sectors
 
-    def _pass_end(self, here: DividedRevolution) -> None:
-        """The rotor has passed the end of a sector: hand it out."""
-        end, parts = here.ends[here.at]
-        here.at += 1
-        if here.rest is not None:
-            here.give(here.upto(end))
-        for count in parts:
-            self._finish(here, count)
-
-    def _finish(self, here: DividedRevolution, count: int) -> None:
-        """A sector is complete: publish it, unless no sample of it came, or its angles may be wrong."""
-        done = here.open[count]
-        pieces = here.pieces[done.first :]
-        if not pieces or not here.certain:
-            # What is missing is told with the next one, whose index says that this one did not come.
-            here.open[count] = OpenSector(done.index + 1, done.begin, done.lost, done.first)
-            return
-        here.open[count] = OpenSector(done.index + 1, here.given, here.lost, len(here.pieces))
-        arrays = pieces[0] if len(pieces) == 1 else join_pieces(pieces)
-        mode, wire, sample_ns = self._stream.mode, self._stream.format, self._sample_time_ns
-        # When the first sample of the revolution was measured, as far as the packets so far tell.
-        packet_bytes = here.bytes / here.packets if here.packets else wire.shortest
-        start_ns = earliest_ns(here.first_ns, sample_ns, packet_bytes * self._byte_ns)
-        if here.seq is None:
-            here.seq = self._number(here, start_ns)
-        lost = here.lost - done.lost
-        before, gaps = done.begin, list[tuple[int, int]]()
-        for at, skipped in here.gaps:
-            if at <= done.begin:
-                before += skipped
-            elif at < here.given:
-                gaps.append((at - done.begin, skipped))
-        stamp_ns = start_ns + round(before * sample_ns)
-        sector = Sector(
-            device_angles=read_only(turned_by(arrays.angle, here.offset_deg)),
-            device_distances=read_only(arrays.distance),
-            intensities=None if arrays.intensity is None else read_only(arrays.intensity),
-            stamp_ns=stamp_ns,
-            wall_stamp_ns=stamp_ns + self.wall_offset_ns,
-            time_increment_ns=round(sample_ns),
-            duration_ns=round((len(arrays.angle) + sum([skipped for _, skipped in gaps])) * sample_ns),
-            rpm=60e9 / (self._usual_samples * sample_ns) if self._usual_samples else math.nan,
-            seq=here.seq,
-            index=done.index,
-            degrees=360.0 / count,
-            dropped_before=0,
-            lost_packets=lost,
-            mode=mode.name,
-            max_range=mode.max_distance,
-            field_of_view=wire.field_deg,
-        )
-        self._publish_sector(count, with_gaps(sector, gaps) if lost else sector)
-
-    @property
-    def _sample_time_ns(self) -> float:
-        time = self.incoming.time
-        return self._by_speed_ns or time.ns or time.measured_ns
+    def _hand_out(self, here: DividedRevolution) -> None:
+        """The rotor has passed the end of sectors: publish those of which samples came and angles are certain."""
+        sample_ns = here.sample_ns
+        for count in here.pass_end():
+            done = here.open[count]
+            pieces = here.pieces[done.first :]
+            if not pieces or not here.certain:
+                # What is missing is told with the next one, whose index says that this one did not come.
+                done.index += 1
+                continue
+            here.open[count] = OpenSector(done.index + 1, here.given, here.lost, len(here.pieces))
+            arrays = pieces[0] if len(pieces) == 1 else join_pieces(pieces)
+            # When the first sample of the revolution was measured, as far as the packets so far tell.
+            packet_bytes = here.partial.size / here.packets
+            start_ns = earliest_ns(here.first_ns, sample_ns, packet_bytes * self._byte_ns)
+            if here.seq is None:
+                here.seq = self._number(here, start_ns)
+            lost = here.lost - done.lost
+            before, gaps = done.begin, list[tuple[int, int]]()
+            for at, skipped in here.gaps:
+                if at <= done.begin:
+                    before += skipped
+                elif at < here.given:
+                    gaps.append((at - done.begin, skipped))
+            spanned = len(arrays.angle) + sum([skipped for _, skipped in gaps])
+            stamp_ns, mode = start_ns + round(before * sample_ns), self._stream.mode
+            sector = Sector(
+                device_angles=read_only(turned_by(arrays.angle, here.offset_deg)),
+                device_distances=read_only(arrays.distance),
+                intensities=None if arrays.intensity is None else read_only(arrays.intensity),
+                stamp_ns=stamp_ns,
+                wall_stamp_ns=stamp_ns + self.wall_offset_ns,
+                time_increment_ns=round(sample_ns),
+                duration_ns=round(spanned * sample_ns),
+                rpm=60e9 / (here.usual_samples * sample_ns) if here.usual_samples else math.nan,
+                seq=here.seq,
+                index=done.index,
+                degrees=360.0 / count,
+                dropped_before=0,
+                lost_packets=lost,
+                mode=mode.name,
+                max_range=mode.max_distance,
+                field_of_view=here.wire.field_deg,
+            )
+            self._publish_sector(count, with_gaps(sector, gaps) if lost else sector)
 
     def _number(self, here: DividedRevolution, start_ns: int) -> int:
         """The number of the revolution; those that passed unseen before it are counted."""
@@ -249,9 +204,9 @@ class SectorAssembler(Assembler):
         stats.resume(start_ns)
         if self._clock.last is not None and here.decoded:
             samples = here.decoded[0]
-            over = share_before(self._stream.format, partial, samples) if partial.runs else 0.0
-            turn_ns = samples.revolution_samples * self._sample_time_ns
-            from_end_ns = round(partial.last_ns - (here.passed / self._stream.format.full_turn - over) * turn_ns)
+            over = share_before(here.wire, partial, samples)
+            turn_ns = samples.revolution_samples * here.sample_ns
+            from_end_ns = round(partial.last_ns - (here.passed / here.wire.full_turn - over) * turn_ns)
             # A read that was completed only behind a gap dates what came before it too late, as in `beginning_of`.
             late = samples.certain and start_ns - from_end_ns > NOISE * turn_ns
             # A copy follows: at the end of the revolution more is known, and remembered.
@@ -275,75 +230,55 @@ class SectorAssembler(Assembler):
 
     # ------------------------------------------------------------------------------------------------ the end
 
+    def add_block(
+        self,
+        event: Packets,
+        offsets: Sequence[int],
+        splits: Sequence[Split],
+        first: int,
+        decode: DecodeSteady | None = None,
+    ) -> list[Scan]:
+        here = self.partial.divided
+        made = super().add_block(event, offsets, splits, first, decode if here is None else here.steady)
+        if made and here is not None:
+            self._decoder, here.seq = here.decoder, made[0].seq
+            self._finish_all(here)
+        return made
+
     def _end(self, split: Split, following: bytes) -> Scan | None:
-        self._told_seq, self._told_unseen = None, 0
-        broken = self.stats.broken_scans
+        here, broken = self.partial.divided, self.stats.broken_scans
         scan = super()._end(split, following)
-        ending, self._ending = self._ending, None
-        if ending is not None:
-            here, crossed = ending
+        self._told_seq, self._told_unseen = None, 0
+        if here is not None and here.is_finished and not (split.broken or split.moved):
             if here.seq is None and scan is not None:
                 here.seq = scan.seq
             elif here.seq is None and self.stats.broken_scans > broken:
                 # It has used a number up.
                 here.seq = self.stats.scans + self.stats.missed_scans - 1
             if here.seq is not None:
-                self._finish_all(here, crossed)
+                self._finish_all(here)
         return scan
 
     def _decode(
         self, ended: PartialRevolution, packets: Packets, split: Split, following: bytes, room: int
     ) -> Samples:
-        here, self._divided = self._divided, None
-        if here is None or here.partial is not ended:
+        here = ended.divided
+        if here is None:
             return super()._decode(ended, packets, split, following, room)
-        wire = self._stream.format
         seam = None if split.marked or split.broken else split.seam
-        behind = None if split.broken else following
-        first = Packets(following, (Block(len(following), 1),), ((1, 0),))
-        next_at = wire.full_turn + away_of(wire.headings(first), here.began, wire.full_turn)[0]
-        left = 0 if here.rest is None else len(here.rest)
-        crossed = left + self._take(here, behind, next_at, seam).before_seam
-        samples = self._of_revolution(here, packets, behind, room, seam)
-        if not (split.broken or split.moved):
-            self._ending = here, crossed
+        here.finish(following, seam, broken=split.broken)
         self._told_seq, self._told_unseen = here.seq, here.unseen
-        return samples
-
-    def _finish_all(self, here: DividedRevolution, crossed: int) -> None:
-        """The revolution has ended: hand out its last sectors. Of the rest, so many samples belong to it."""
-        assert here.rest is not None
-        over = len(here.rest) - crossed
-        if over:
-            # The last packet reaches into the next revolution, and what is missing behind it belongs to that one.
-            here.rest = here.rest.part(0, crossed)
-            here.last_arc *= 1 - over / here.last_samples
-            here.last_samples -= over
-            here.lost_behind = 0
-        while here.at < len(here.ends):
-            self._pass_end(here)
-        here.give(len(here.rest))
-        for count in here.open:
-            self._finish(here, count)
-
-    def _of_revolution(
-        self, here: DividedRevolution, packets: Packets, following: bytes | None, room: int, seam: int | None
-    ) -> Samples:
-        """What the whole revolution was decoded to: the samples of its pieces, and what they tell together."""
-        pieces, arrays = here.decoded, here.rest
-        assert arrays is not None
-        if not here.certain:
-            return self._decoder.decode(packets, following, room, seam)
-        if here.pieces:
-            arrays = join_pieces([*here.pieces, arrays])
-        before_seam = sum([piece.ends[-1] for piece in pieces[:-1]]) + pieces[-1].before_seam
-        if any(piece.lost or not piece.certain for piece in pieces):
-            found = self._decoder.decode(packets, following, room, seam)
+        found = self._decoder.decode(packets, None if split.broken else following, room, seam)
+        if here.certain:
             # What its pieces could not know, as behind one sample alone, is told with the last sector.
-            here.lost += max(0, found.lost - sum([piece.lost for piece in pieces]))
-        else:
-            self._decoder = here.decoder
-            found = sum_of(pieces)
-        found.angle_deg, found.distance_mm, found.intensity = arrays.angle, arrays.distance, arrays.intensity
-        found.before_seam = before_seam
+            here.lost += max(0, found.lost - sum([piece.lost for piece in here.decoded]))
+            arrays, found.before_seam = here.all_samples(), here.before_seam
+            found.angle_deg, found.distance_mm, found.intensity = arrays.angle, arrays.distance, arrays.intensity
         return found
+
+    def _finish_all(self, here: DividedRevolution) -> None:
+        """The revolution has ended: hand out its last sectors."""
+        here.leave_rest()
+        here.sample_ns = here.by_speed_ns or self.incoming.time.known_ns
+        while here.at < len(here.ends):
+            self._hand_out(here)

@@ -5,128 +5,161 @@ little more than one of each: most of the cost is in the calls of numpy, not in 
 into the arrays of the block.
 
 What is found is what `Assembler` finds with one revolution after the other, to the last bit. Whatever may be a gap,
-a restart, or a late arrival is not judged here: `decode_block` then returns None and has changed nothing.
+a restart, or a late arrival is not judged here: then `add_block` makes no scan and changes nothing.
 """
 
 from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from operator import itemgetter
-from typing import NamedTuple
+from typing import TypeAlias
 
-from lidario.families.base import Decoder, SteadySamples, Stream
-from lidario.revolution.build import DatedRevolution, turned_by
+from lidario.families.base import SteadySamples, Stream
+from lidario.revolution.build import DatedRevolution, build_scan, turned_by
 from lidario.revolution.clock import NOISE, Beginning, RevolutionClock
-from lidario.revolution.ended import UNEVEN, hides_a_turn
+from lidario.revolution.ended import FALSE_PART, UNEVEN, hides_a_turn
+from lidario.revolution.incoming import Clock, Incoming
 from lidario.revolution.partial import PartialRevolution, SampleArrays, joined, part_of
 from lidario.revolution.seam import Split
-from lidario.revolution.timing import earliest_ns
+from lidario.revolution.stats import AssemblerStats
+from lidario.revolution.timing import byte_ns_at, earliest_ns
+from lidario.scan import Scan
 from lidario.wire.blocks import packet_offsets, some_blocks
 from lidario.wire.events import Packets
 
-
-class SteadyBlock(NamedTuple):
-    """The revolutions of a block.
-
-    Attributes:
-        revolutions: All of them.
-        packets: How many packets of the event were decoded with them.
-        next: What is known of the revolution that follows.
-        beginning: What the last one tells for counting.
-        samples: What the decoder found; not yet settled.
-    """
-
-    revolutions: list[DatedRevolution]
-    packets: int
-    next: PartialRevolution
-    beginning: Beginning
-    samples: SteadySamples
+DecodeSteady: TypeAlias = Callable[[Packets, bytes, Sequence[int], int, int | None], SteadySamples | None]
 
 
-def is_ready(stream: Stream, partial: PartialRevolution, clock: RevolutionClock) -> bool:
-    """Whether enough is known of the revolution in the making, and of the one before, for a block to begin."""
-    known = partial.whole and not (partial.moved or partial.behind_gap or partial.carried_packets)
-    return known and stream.sample_ns > 0 and clock.last is not None
+class SteadyAssembler:
+    """Builds the scans of one stream while nothing is missing in it; the base of `Assembler`."""
 
+    def __init__(
+        self,
+        stream: Stream,
+        baudrate: int = 0,
+        wall_offset_ns: int = 0,
+        stats: AssemblerStats | None = None,
+        clock: Clock | None = None,
+    ) -> None:
+        self.stats: AssemblerStats = stats or AssemblerStats()
+        self._stream, self._decoder = stream, stream.decoder
+        self._byte_ns = byte_ns_at(baudrate)
+        self.wall_offset_ns: int = wall_offset_ns
+        self.incoming: Incoming = Incoming(stream, self.stats, clock)
+        self.partial: PartialRevolution = PartialRevolution(whole=False)
+        self._clock = self._new_clock()
+        # The number of the revolution that ends, where it was told before, and how many were missing by then.
+        self._told_seq: int | None = None
+        self._told_unseen = 0
 
-def decode_block(
-    stream: Stream,
-    partial: PartialRevolution,
-    event: Packets,
-    offsets: Sequence[int],
-    splits: Sequence[Split],
-    first: int,
-    *,
-    decoder: Decoder,
-    clock: RevolutionClock,
-    byte_ns: float,
-) -> SteadyBlock | None:
-    """Decode the revolution in the making and those that end in an event, if nothing is missing in any.
+    def add_block(
+        self,
+        event: Packets,
+        offsets: Sequence[int],
+        splits: Sequence[Split],
+        first: int,
+        decode: DecodeSteady | None = None,
+    ) -> list[Scan]:
+        """All revolutions up to the last split, decoded at once; none where something may be missing in any.
 
-    It must be known that a block can begin (`is_ready`).
+        Args:
+            event: The packets that came.
+            offsets: Where each of them begins (`packet_offsets`).
+            splits: Where revolutions end in it; at least one.
+            first: The first packet of the event that was not kept yet.
+            decode: As `Decoder.decode_steady`; by default that of the stream's decoder.
+        """
+        stream, partial, clock, stats = self._stream, self.partial, self._clock, self.stats
+        sure = partial.whole and not (partial.moved or partial.behind_gap or partial.carried_packets)
+        marked, seam, last = splits[0].marked, splits[0].seam, splits[-1].packet
+        # Enough must be known of the revolution in the making, and of the one before.
+        if (
+            not sure
+            or stream.sample_ns <= 0
+            or clock.last is None
+            or not (partial.runs or splits[0].packet > first)
+        ):
+            return []
+        for split in splits:
+            # A mark that ended no revolution moved the seam: the decoder takes only one.
+            other_seam = not marked and split.seam != seam
+            if split.broken or split.moved or split.marked != marked or other_seam:
+                return []
+        runs = partial.runs
+        if last > first:
+            runs = [*runs, part_of(event, first, last, offsets, stream.format, stream.sample_ns)]
+        packets = joined(runs)
+        before = packets.count - last
+        ends = [before + split.packet for split in splits]
+        room = 0 if partial.carried is None else len(partial.carried.angle)
+        following = event.data[offsets[last] : offsets[last + 1]]
+        decode = decode or self._decoder.decode_steady
+        samples = decode(packets, following, ends, room, None if marked else seam)
+        if samples is None:
+            return []
+        reads = [(room + samples.ends[complete - 1], at_ns) for complete, at_ns in packets.arrivals]
+        if last > first:
+            # What stands behind the end of a revolution was there already. So late was the end.
+            complete, now = event.arrivals[bisect_left(event.arrivals, last, key=itemgetter(0))]
+            reads[-1] = reads[-1][0] + stream.format.samples_in(some_blocks(event.blocks, last, complete)), now
+        reads.insert(0, (room, partial.carried_ns))
+        here = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
+        if partial.carried is not None:
+            here.begin_with(partial.carried)
+        offsets = packet_offsets(packets.blocks) if self._byte_ns else ()
+        revolutions, last_ns = _dated(stream, here, samples, ends, reads, offsets, self._byte_ns, clock.usual_ns)
+        if not revolutions or not clock.is_followed(revolutions):
+            return []
+        samples.settle()
+        latest, of_latest = revolutions[-1], ends[-1] - (ends[-2] if len(ends) > 1 else 0)
+        stats.unfinished_packets += last - first
+        clock.settle(
+            Beginning(
+                latest.start_ns,
+                over=0.0,
+                revolution_ns=latest.revolution_ns,
+                revolution_packets=samples.revolution_packets[-1],
+                packet_ns=latest.revolution_ns / samples.revolution_packets[-1],
+                packets=of_latest,
+                lost=0,
+                broken=False,
+                number=stats.scans + stats.missed_scans + len(revolutions) - 1,
+                packets_before=stats.all_packets - of_latest,
+                spanned_ns=latest.spanned_ns,
+            )
+        )
+        stats.finish(stats.unfinished_packets, delivered=True)
+        self.partial = PartialRevolution(
+            whole=True, seam=splits[-1].seam, behind_gap=False, even=True, carried_ns=last_ns
+        )
+        used = room + samples.before_seam[-1]
+        if used < len(here.angle):
+            self.partial.carried = here.part(used)
+        self.incoming.time.add(samples.ends[-1], last_ns)
+        scans = [self._deliver(each, stream.sample_ns, 0) for each in revolutions]
+        self._keep_time()
+        return scans
 
-    Args:
-        stream: The stream.
-        partial: The revolution in the making.
-        event: The packets that came.
-        offsets: Where each of them begins (`packet_offsets`).
-        splits: Where revolutions end in it; at least one.
-        first: The first packet of the event that was not yet used.
-        decoder: What decodes it.
-        clock: The revolutions so far.
-        byte_ns: Nanoseconds that a byte takes on the line.
-    """
-    marked, seam, last = splits[0].marked, splits[0].seam, splits[-1].packet
-    for split in splits:
-        # A mark that ended no revolution moved the seam: the decoder takes only one.
-        other_seam = not marked and split.seam != seam
-        if split.broken or split.moved or split.marked != marked or other_seam:
-            return None
-    if not partial.runs and splits[0].packet == first:
-        return None
-    runs = partial.runs
-    if last > first:
-        runs = [*runs, part_of(event, first, last, offsets, stream.format, stream.sample_ns)]
-    packets = joined(runs)
-    before = packets.count - last
-    ends = [before + split.packet for split in splits]
-    room = 0 if partial.carried is None else len(partial.carried.angle)
-    following = event.data[offsets[last] : offsets[last + 1]]
-    samples = decoder.decode_steady(packets, following, ends, room, None if marked else seam)
-    if samples is None:
-        return None
-    reads = [(room + samples.ends[complete - 1], at_ns) for complete, at_ns in packets.arrivals]
-    if last > first:
-        # What stands behind the end of a revolution was there already. So late was the end: rounded once for each.
-        complete, now = event.arrivals[bisect_left(event.arrivals, last, key=itemgetter(0))]
-        reads[-1] = reads[-1][0] + stream.format.samples_in(some_blocks(event.blocks, last, complete)), now
-    here = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
-    if partial.carried is not None:
-        here.begin_with(partial.carried)
-    reads.insert(0, (room, partial.carried_ns))
-    offsets = packet_offsets(packets.blocks) if byte_ns else ()
-    revolutions, last_ns = _dated(stream, here, samples, ends, reads, offsets, byte_ns, clock.usual_ns)
-    if not revolutions or not clock.is_followed(revolutions):
-        return None
-    latest = revolutions[-1]
-    coming = PartialRevolution(whole=True, seam=splits[-1].seam, behind_gap=False, even=True, carried_ns=last_ns)
-    used = room + samples.before_seam[-1]
-    if used < len(here.angle):
-        coming.carried = here.part(used)
-    beginning = Beginning(
-        latest.start_ns,
-        over=0.0,
-        revolution_ns=latest.revolution_ns,
-        revolution_packets=samples.revolution_packets[-1],
-        packet_ns=latest.revolution_ns / samples.revolution_packets[-1],
-        packets=ends[-1] - (ends[-2] if len(ends) > 1 else 0),
-        lost=0,
-        broken=False,
-        spanned_ns=latest.spanned_ns,
-    )
-    return SteadyBlock(revolutions, last - first, coming, beginning, samples)
+    def _deliver(self, made: DatedRevolution, sample_ns: float, lost: int) -> Scan:
+        self.stats.resume(made.start_ns)
+        seq = self.stats.scans + self.stats.missed_scans if self._told_seq is None else self._told_seq
+        self.stats.scans += 1
+        wall_ns = made.start_ns + self.wall_offset_ns
+        return build_scan(self._stream, made, wall_ns=wall_ns, sample_ns=sample_ns, seq=seq, lost=lost)
+
+    def _keep_time(self) -> None:
+        """From now on a sample takes what was found that it takes."""
+        if (sample_ns := self.incoming.time.ns) != self._stream.sample_ns:
+            self._stream = replace(self._stream, sample_ns=sample_ns)
+            self.incoming.use_time_of(self._stream)
+            # What is remembered of the revolutions before was reckoned by the other time.
+            self._clock = self._new_clock()
+
+    def _new_clock(self) -> RevolutionClock:
+        return RevolutionClock(1e9 * self._stream.slowest_turn_s, exact=self.incoming.is_exact)
 
 
 def _dated(
@@ -148,7 +181,7 @@ def _dated(
         ends: Packets up to the end of each revolution.
         reads: How many samples were there, and when, one read after the other; those that were there before first.
         offsets: Where packets begin; empty where bytes take no time.
-        byte_ns: As for `decode_block`, and so is the next one.
+        byte_ns: Nanoseconds that a byte takes on the line.
         usual_ns: What a revolution took before.
 
     Returns:
@@ -176,7 +209,7 @@ def _dated(
         spanned_ns, turn_ns = (seam_at - begin) * sample_ns, samples.revolution_samples[number] * sample_ns
         if (
             hides_a_turn(at_ns - start_ns - spanned_ns, usual_ns, gap=False)
-            or spanned_ns > UNEVEN * turn_ns
+            or not FALSE_PART * turn_ns <= spanned_ns <= UNEVEN * turn_ns
             or start_ns - round(at_ns - spanned_ns) > NOISE * turn_ns
         ):
             return [], 0

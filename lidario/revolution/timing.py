@@ -8,14 +8,9 @@ when the revolution began, each too late by what delayed that packet, and the ea
 
 from __future__ import annotations
 
-from bisect import bisect_left, bisect_right
-from collections.abc import Sequence
-from dataclasses import replace
-from itertools import accumulate
-
 from lidario.families.base import Samples
 from lidario.revolution.ended import EndedRevolution
-from lidario.wire.events import Arrival, Packets
+from lidario.wire.events import Packets
 
 BITS_A_BYTE = 10
 """On a serial line with one start and one stop bit."""
@@ -63,37 +58,6 @@ def begins_of(packets: Packets, samples: Samples, before: int, sample_ns: float)
             passed += 1
         found.append(at_ns - (before + end - 1) * sample_ns)
     return found
-
-
-def dated_within(packets: Packets, samples: Samples, places: Sequence[int], sample_ns: float) -> Packets:
-    """The same packets, dated also at places inside of reads: by what was measured from there to the end of a read.
-
-    What is missing there has taken its time, too. So a program that reads seconds of a stream at once dates them as
-    if it had read all the time.
-
-    Args:
-        packets: The packets.
-        samples: What they were decoded to.
-        places: How many of the packets come before each place; ascending.
-        sample_ns: Nanoseconds a sample.
-    """
-    if not (samples.certain and samples.gaps and sample_ns):
-        return packets
-    before = [at for at, _ in samples.gaps]
-    passed = list(accumulate([skipped for _, skipped in samples.gaps], initial=0))
-
-    def measured(count: int) -> int:
-        end = samples.ends[count - 1]
-        return end + passed[bisect_left(before, end)]
-
-    found, last_ns, done = list[Arrival](), -(1 << 63), 0
-    for count, at_ns in packets.arrivals:
-        for place in places[bisect_right(places, done) : bisect_left(places, count)]:
-            passed_ns = (measured(count) - measured(place)) * sample_ns
-            found.append((place, max(last_ns, at_ns - round(passed_ns))))
-        found.append((count, at_ns))
-        done, last_ns = count, at_ns
-    return replace(packets, arrivals=tuple(found))
 
 
 def earliest_ns(estimate: float, sample_ns: float, wire_ns: float) -> int:

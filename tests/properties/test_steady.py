@@ -17,7 +17,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.streams import KINDS, Kind, recording
-from lidario.revolution import assemble
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.scan import Scan
 from lidario.wire.events import Packets
@@ -62,13 +61,11 @@ def made(
     scans: list[Scan] = []
     blocks = 0
     with pytest.MonkeyPatch.context() as patch:
-        if not by_blocks:
-            patch.setattr(assemble, "is_ready", lambda *_: False)
         add_block = Assembler.add_block
 
         def counted(self: Assembler, *args: object) -> list[Scan]:
             nonlocal blocks
-            found = add_block(self, *args)  # type: ignore[arg-type]
+            found = add_block(self, *args) if by_blocks else []  # type: ignore[arg-type]
             blocks += bool(found)
             return found
 

@@ -240,6 +240,13 @@ def test_sectors_change_nothing_of_the_scans_where_each_second_packet_is_lost(na
     assert all(is_right(stream, sector) for sector in divided.sectors if sector.seq > 1)
 
 
+@pytest.mark.parametrize("case", ["braked by hand to 0.3 Hz in 20 ms", "standing for 0.5 s"])
+def test_sectors_change_nothing_of_the_speed_where_it_leaps(case: str) -> None:
+    stream, line = happen(CASES[case], FORMATS["0x82 A1"])
+    divided, whole = ([scan.rpm for scan in receive(stream, line, way).scans] for way in ("sectors", "read"))
+    assert divided == pytest.approx(whole, rel=1e-6, nan_ok=True)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("name", ONE_A_PARSER)
 @pytest.mark.parametrize("case", ["an outage of 0.3 s", "20 % of the packets gone"])

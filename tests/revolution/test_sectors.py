@@ -115,7 +115,7 @@ def test_sectors_are_the_scan(case: Case, chunks: Chunks) -> None:
         np.testing.assert_array_equal(one.device_distances, other.device_distances)
         np.testing.assert_array_equal(one.stamp_ns, other.stamp_ns)
         assert (one.seq, one.lost_packets, one.duration_ns) == (other.seq, other.lost_packets, other.duration_ns)
-        np.testing.assert_allclose(one.rpm, other.rpm, rtol=1e-12)
+        np.testing.assert_allclose((one.rpm, one.reported_rpm), (other.rpm, other.reported_rpm), rtol=1e-12)
     for sector in found.sectors[8]:
         assert sector.lost_packets == 0
 

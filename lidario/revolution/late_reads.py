@@ -1,0 +1,61 @@
+"""Reads that hold several revolutions, as behind a blocked event loop: when each of these ended.
+
+Only the end of a read tells a time. What stands before it in the same read was measured earlier, by all that was
+measured since: by what came, and by what is missing among it, which has taken its time, too. If that were left out,
+a revolution in a read of a second would seem to have ended late by a tenth of what was lost, and a turn to have
+passed unseen.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import accumulate
+
+from lidario.families.base import Decoder, Samples
+from lidario.revolution.partial import part_of
+from lidario.wire.events import Arrival, Packets
+from lidario.wire.formats import StreamFormat
+
+
+def dated_within(
+    packets: Packets, ends: Sequence[int], decoder: Decoder, wire: StreamFormat, sample_ns: float
+) -> Packets:
+    """The same packets, dated also where revolutions end in a read that holds several of these ends.
+
+    Args:
+        packets: The packets.
+        ends: How many of them come before the end of each revolution; ascending.
+        decoder: The decoder of the stream.
+        wire: Their format.
+        sample_ns: Nanoseconds a sample; 0 where that is not known, and then nothing is dated.
+    """
+    found, begin, last_ns = list[Arrival](), 0, -(1 << 63)
+    for complete, at_ns in packets.arrivals:
+        inside = ends[bisect_right(ends, begin) : bisect_left(ends, complete)]
+        if len(inside) > 1 and sample_ns:
+            samples = decoder.fork().decode(part_of(packets, begin, complete, None, wire, sample_ns), None)
+            if samples.certain and samples.gaps:
+                behind = _measured_behind(samples, [place - begin for place in inside])
+                # None of them was there at the read before.
+                found += [
+                    (place, max(last_ns, at_ns - round(count * sample_ns)))
+                    for place, count in zip(inside, behind, strict=True)
+                ]
+        found.append((complete, at_ns))
+        begin, last_ns = complete, at_ns
+    return replace(packets, arrivals=tuple(found)) if len(found) > len(packets.arrivals) else packets
+
+
+def _measured_behind(samples: Samples, places: Sequence[int]) -> list[int]:
+    """How many samples were measured from each place to the end, those that are missing too.
+
+    Args:
+        samples: What a read was decoded to.
+        places: How many of its packets come before each.
+    """
+    before = [at for at, _ in samples.gaps]
+    passed = list(accumulate([skipped for _, skipped in samples.gaps], initial=0))
+    measured = [each + passed[bisect_left(before, each)] for each in samples.ends]
+    return [measured[-1] - measured[place - 1] for place in places]
