@@ -9,6 +9,8 @@ from collections.abc import Generator
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
+import anyio
+
 from lidario.arguments import finite, shown, whole, yes_or_no
 from lidario.config.read import Config, as_config
 from lidario.entered import AsyncOnly
@@ -92,6 +94,9 @@ class OpenLidar(AsyncOnly):
             raise LocalProtocolError(
                 "lidario needs an asyncio event loop: under trio, run it by anyio.run(main, backend='asyncio')"
             ) from None
+        # anyio imports its backend where it is first used: 30 ms on the event loop, and an error where the program
+        # has no file descriptor left. That must not come while a device is being stopped.
+        anyio.CancelScope()
         if asked.guard and asked.source.is_driven_from_here:
             check_guard()
         try:
