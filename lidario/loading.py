@@ -48,8 +48,20 @@ def load(name: str) -> ModuleType:
     # No daemon: the interpreter must not end in the midst of an import. `Thread.start` waits in a way that Ctrl-C
     # breaks, so it is called in another thread.
     thread = threading.Thread(target=run, name="lidario: import")
-    _thread.start_new_thread(thread.start, ())
+
+    def start() -> None:
+        try:
+            thread.start()
+        except RuntimeError:
+            done.set()
+
+    try:
+        _thread.start_new_thread(start, ())
+    except RuntimeError:
+        done.set()
     done.wait()
+    if not found:  # the system allows no more threads
+        return import_module(name)
     (result,) = found
     if isinstance(result, BaseException):
         raise result

@@ -281,7 +281,7 @@ async def close_session(session: Any) -> None:
     try:
         async with asyncio.timeout(CLOSE_S):
             await run_in_thread(session.close)
-    except (TimeoutError, the_package().ZError) as error:
+    except (TimeoutError, ConnectFailed, the_package().ZError) as error:
         _log.debug("a session of zenoh did not close in time or order: %r", error)
 
 

@@ -11,7 +11,8 @@ from collections.abc import Callable
 from functools import partial
 from typing import TypeVar
 
-from lidario.port.thread import start_thread
+from lidario.errors import ConnectFailed
+from lidario.port.thread import NO_THREADS, start_thread
 
 T = TypeVar("T")
 
@@ -21,6 +22,9 @@ async def run_in_thread(call: Callable[[], T], discard: Callable[[T], None] | No
 
     Cancelling ends the waiting, not the call, and so does Ctrl-C. Its result is then passed to `discard`, perhaps
     in the thread, so that it does not stay open.
+
+    Raises:
+        ConnectFailed: The system allows no more threads.
     """
     loop = asyncio.get_running_loop()
     future: asyncio.Future[T] = loop.create_future()
@@ -54,7 +58,10 @@ async def run_in_thread(call: Callable[[], T], discard: Callable[[T], None] | No
                 throw_away()
 
     try:
-        start_thread(work, "lidario: blocking call")
+        try:
+            start_thread(work, "lidario: blocking call")
+        except RuntimeError as error:
+            raise ConnectFailed(NO_THREADS, reason="missing") from error
         return await future
     except BaseException:
         given_up = True

@@ -23,7 +23,7 @@ from typing import Protocol
 from lidario.entered import Entered
 from lidario.errors import CannotRecord, LocalProtocolError
 from lidario.laserscans import LaserScans
-from lidario.port.thread import start_thread
+from lidario.port.thread import NO_THREADS, start_thread
 from lidario.recording.about import About
 from lidario.recording.parts import Parts, Split, pattern_of
 from lidario.recording.write import FileWriter
@@ -158,7 +158,10 @@ class Recording(Entered):
             self._about = self._session.begin_recording(self)
             self._offset_ns = self._about.clock_offset_ns
             # A daemon: a disk that hangs must not keep the program from ending.
-            self._thread = start_thread(self._run, "lidario: recording")
+            try:
+                self._thread = start_thread(self._run, "lidario: recording")
+            except RuntimeError as error:
+                raise CannotRecord(f"{self.path} cannot be written: {NO_THREADS}") from error
             await _until(lambda: self._open.is_set() or self.error is not None, CLOSE_TIMEOUT_S)
         except BaseException:
             self._end()

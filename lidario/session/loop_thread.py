@@ -21,8 +21,9 @@ from typing import Any, Generic, ParamSpec, TypeVar
 
 import anyio
 
-from lidario.errors import LocalProtocolError, SessionClosed
+from lidario.errors import ConnectFailed, LocalProtocolError, SessionClosed
 from lidario.latch import Latch
+from lidario.port.thread import NO_THREADS
 from lidario.session.lidar import Lidar
 from lidario.session.opening import OpenLidar
 
@@ -62,11 +63,26 @@ class LoopThread:
     def _start(self) -> None:
         """Start the thread, unless it was started before."""
         # `Thread.start` waits by a Condition. So it is called where Ctrl-C does not come, in a thread of its own.
-        _thread.start_new_thread(self._start_once, ())
+        try:
+            _thread.start_new_thread(self._start_once, ())
+        except RuntimeError as error:
+            self._not_started(error)
 
     def _start_once(self) -> None:
-        with suppress(IndexError):
+        try:
             self._unstarted.pop().start()
+        except IndexError:
+            pass
+        except RuntimeError as error:
+            self._not_started(error)
+
+    def _not_started(self, error: RuntimeError) -> None:
+        """The system allows no more threads: nobody waits for this one."""
+        self._unstarted.clear()
+        self._error = ConnectFailed(NO_THREADS, reason="missing")
+        self._error.__cause__ = error
+        self._running.set()
+        self._ended.set()
 
     def _main(self) -> None:
         try:
@@ -141,7 +157,8 @@ class LoopThread:
             raise LocalProtocolError("the lidar's own thread cannot wait for its own end")
         self.end_soon()
         self._ended.wait()
-        self._thread.join()
+        if self._thread.ident is not None:
+            self._thread.join()
         if self._error is not None:
             raise self._error
 

@@ -49,7 +49,11 @@ class Places:
             self._always = await run_in_thread(_ports)
 
     async def candidates(self) -> list[Source]:
-        """Where to look now, the likeliest first. Cancelling ends only the waiting."""
+        """Where to look now, the likeliest first. Cancelling ends only the waiting.
+
+        Raises:
+            ConnectFailed: The system allows no thread to look in.
+        """
         own = [self.last] if self.last is self._named else [self.last, self._named]
         if self._named.kind != "serial":
             return own

@@ -226,7 +226,12 @@ class Reconnector:
     async def _attempt(self) -> tuple[Connection, Health] | None:
         """Try every place once; None when the device is at none of them."""
         self._attempts += 1
-        for place in await self._places.candidates():
+        try:
+            places = await self._places.candidates()
+        except ConnectFailed as error:
+            self._tell(str(error))
+            return None
+        for place in places:
             for speed in self._speeds():
                 try:
                     return await self._reach(place, speed)
