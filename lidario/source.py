@@ -168,12 +168,12 @@ def parse_source(source: str | os.PathLike[str]) -> Source:
     if kind not in _OPTIONS:
         raise _refused(text, f"is not a source: {parts.scheme}:// is not known. {_KNOWN}")
     options = _options(text, kind, parts.query)
-    if kind == "serial":
-        # ``serial:///dev/x`` names /dev/x, ``serial://COM3`` names COM3.
+    if kind in ("serial", "file"):
+        # ``serial:///dev/x`` names /dev/x, ``serial://COM3`` names COM3; a desktop writes files likewise.
         address = parts.netloc or parts.path
         if parts.netloc and parts.path:
             meant = _printable(parts.netloc + parts.path)
-            raise _refused(text, f"cannot be read: write the path with three slashes, as in serial:///{meant}")
+            raise _refused(text, f"cannot be read: write the path with three slashes, as in {kind}:///{meant}")
     else:
         address = parts.netloc
         if parts.path.strip("/"):
