@@ -63,7 +63,8 @@ class Guarded:
     def show(self, *chunks: tuple[str, bytes, int]) -> None:
         """Show chunks to the taps, and what a thread has written meanwhile; in the order of time.
 
-        A tap that raises is removed, and has no other effect.
+        A tap that raises is removed, and has no other effect; unless it ends the program, as `sys.exit` does. Then
+        it must not raise again where the device is stopped.
         """
         repeat = None if self._line is None else self._line.repeat
         written = () if repeat is None else repeat.take_written()
@@ -75,6 +76,9 @@ class Guarded:
                     self.remove_tap(tap)
                     text = "the tap %r of %s raised an exception and was removed"
                     _log.warning(text, tap, self.name, exc_info=True)
+                except BaseException:
+                    self.remove_tap(tap)
+                    raise
 
     async def guard(self) -> None:
         """Have another process leave the device still when this one dies (`lidario.port.guard`).

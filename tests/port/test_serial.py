@@ -190,6 +190,20 @@ async def test_a_tap_that_raises_is_removed_and_costs_nothing(caplog: pytest.Log
         assert len(seen.reads) == 1
 
 
+async def test_a_tap_that_ends_the_program_does_so_once() -> None:
+    """The stop requests that are written then are shown to the others alone."""
+
+    def leaves(*_: object) -> None:
+        raise SystemExit(5)
+
+    async with opened_terminal() as (port, _, master):
+        port.add_tap(leaves)
+        with pytest.raises(SystemExit):
+            port.write(b"\xa5\x20")
+        port.write(b"\xa5\x25")
+        assert written(master, 4) == b"\xa5\x20\xa5\x25"
+
+
 async def test_taps_see_what_was_written_already(terminal: tuple[int, str]) -> None:
     master, path = terminal
     os.set_blocking(master, False)
