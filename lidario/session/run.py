@@ -79,7 +79,9 @@ def run(main: Coroutine[Any, Any, T], *, debug: bool | None = None) -> T:
         raise
     finally:
         signals.give_up()
-        main.close()
+        # Its cleanup can go no further where something has ended the loop a second time: that is raised.
+        with suppress(RuntimeError):
+            main.close()
 
 
 def _loop_runs() -> bool:

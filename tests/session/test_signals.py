@@ -232,3 +232,27 @@ def test_who_presses_ctrl_c_twice_ends_no_cleanup(holder: str) -> None:
     with pytest.raises(KeyboardInterrupt):
         lidario.run(main())
     assert done == ["begun", "ended"]
+
+
+@pytest.mark.long
+def test_what_ends_the_cleanup_is_told_and_nothing_else() -> None:
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+
+        def leave(code: int) -> None:
+            raise SystemExit(code)
+
+        def tap(*_: object) -> None:
+            if not loop.is_closed():
+                loop.call_soon(leave, 6)
+
+        async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
+            await lidar.scan()
+            # The stop requests are written first, and then it is waited until they were heard.
+            lidar.tap(tap)
+            loop.call_soon(leave, 5)
+            await asyncio.Event().wait()
+
+    with pytest.raises(SystemExit) as ended:
+        lidario.run(main())
+    assert ended.value.code == 6
