@@ -1,9 +1,10 @@
-"""The system allows no more threads: each call says so at once, nobody waits for a thread that never began."""
+"""The system allows no more threads, or no event loop: each call says so at once, and nobody waits for them."""
 
 from __future__ import annotations
 
 import _thread
 import asyncio
+import errno
 import sys
 import threading
 from collections.abc import Iterator
@@ -47,6 +48,15 @@ async def test_what_blocks_is_not_called(started_directly: bool) -> None:
 @pytest.mark.parametrize("started_directly", [True, False])
 def test_a_session_without_await_is_not_opened(started_directly: bool) -> None:
     with no_threads(started_directly=started_directly), pytest.raises(ConnectFailed, match=TOLD):
+        open_sync(make_rig("rplidar").device)
+
+
+def test_a_session_without_await_needs_an_event_loop(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> NoReturn:
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    monkeypatch.setattr(asyncio.events, "new_event_loop", full)
+    with pytest.raises(ConnectFailed, match=r"no event loop: .*Too many open files"):
         open_sync(make_rig("rplidar").device)
 
 

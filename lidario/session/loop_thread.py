@@ -91,6 +91,9 @@ class LoopThread:
             anyio.run(self._run)
         except BaseException as error:
             self._error = error
+            if self._loop is None and isinstance(error, OSError):
+                self._error = ConnectFailed(f"the system allows no event loop: {error}", reason="missing")
+                self._error.__cause__ = error
         finally:
             atexit.unregister(self.end)
             self._running.set()
