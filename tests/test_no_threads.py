@@ -18,6 +18,7 @@ from lidario import CannotRecord, ConnectFailed, LidarError, open_lidar, open_sy
 from lidario.loading import load
 from lidario.port.background import run_in_thread
 from lidario.session.finding.places import Places
+from tests.cli.processes import in_memory, invoke
 from tests.support.cable import next_after, on_a_cable
 from tests.support.devices import left_still, make_rig
 from tests.support.loop import driven, now
@@ -90,6 +91,13 @@ async def test_a_lidar_that_is_away_comes_back_when_there_are_threads_again(
         assert [each.message for each in caplog.records if TOLD in each.message]
         cable.plug()
         await next_after(stream, now())
+
+
+def test_the_command_says_it_in_one_line() -> None:
+    with no_threads():
+        ended = invoke("scan", in_memory("rplidar-s2"))
+    assert (ended.exit_code, ended.stdout) == (3, "")
+    assert ended.stderr.startswith(f"error: {TOLD}")
 
 
 @pytest.mark.parametrize("started_directly", [True, False])

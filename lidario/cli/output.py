@@ -25,6 +25,7 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Final, TextIO, cast
 
 from lidario.cli.streams import CannotWrite, ReaderGone, emit, write
+from lidario.errors import ConnectFailed
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -45,13 +46,21 @@ class Worker:
     """A thread that calls what it is handed, one after the other; nothing is told of errors.
 
     `close` waits for it no longer than `grace_s`: a terminal may take no output.
+
+    Raises:
+        ConnectFailed: The system allows no more threads.
     """
 
     def __init__(self, name: str, grace_s: float) -> None:
         self._grace_s = grace_s
         self._work: queue.SimpleQueue[Callable[[], object] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
-        self._thread.start()
+        try:
+            self._thread.start()
+        except RuntimeError as error:
+            from lidario.port.thread import NO_THREADS  # what takes long to import
+
+            raise ConnectFailed(NO_THREADS, reason="missing") from error
 
     def put(self, work: Callable[[], object]) -> None:
         """Have `work` called after what was handed over before, without waiting."""
