@@ -24,8 +24,8 @@ from concurrent.futures import Future
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Final, TextIO, cast
 
+from lidario import ConnectFailed
 from lidario.cli.streams import CannotWrite, ReaderGone, emit, write
-from lidario.errors import ConnectFailed
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -58,9 +58,9 @@ class Worker:
         try:
             self._thread.start()
         except RuntimeError as error:
-            from lidario.port.thread import NO_THREADS  # what takes long to import
-
-            raise ConnectFailed(NO_THREADS, reason="missing") from error
+            raise ConnectFailed(
+                "the system allows no more threads: `ulimit -u` says how many", reason="missing"
+            ) from error
 
     def put(self, work: Callable[[], object]) -> None:
         """Have `work` called after what was handed over before, without waiting."""
