@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from lidario.loading import keep
+from lidario.loading import lazily
 from lidario.version import __version__
 
 if TYPE_CHECKING:
@@ -155,6 +155,11 @@ __all__ = [
 ]
 
 _HOMES = {
+    "errors": (
+        "Busy", "CannotRecord", "ConnectFailed", "ConnectReason", "DeviceFault", "DeviceLost", "InternalError",
+        "InvalidValue", "LidarError", "LocalProtocolError", "ProtocolError", "RecordingError",
+        "RemoteProtocolError", "ResponseTimeout", "SessionClosed", "StreamFailed", "Unsupported",
+    ),
     "blocking": ("SyncLidar", "open_sync"),
     "config.read": ("Config", "LidarConfig", "read_config"),
     "config.write": ("save_config",),
@@ -186,16 +191,7 @@ _HOMES = {
     "sim.device": ("Received", "SimulatedDevice"),
     "sim.world": ("Wall", "WorldLike"),
     "simulation": ("simulate",),
-}
-"""Module -> the public names that live in it; those not named here are errors."""
+}  # fmt: skip
+"""Module -> the public names that live in it."""
 
-
-def __getattr__(name: str) -> object:
-    if name not in __all__:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    home = next((module for module, names in _HOMES.items() if name in names), "errors")
-    return keep(__name__, name, f"{__name__}.{home}")
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+__getattr__, __dir__ = lazily(__name__, _HOMES)

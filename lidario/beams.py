@@ -1,41 +1,26 @@
 """A scan on the even grid of angles that the ROS message ``sensor_msgs/LaserScan`` describes, with right times.
 
-Scanners do not measure at equal steps, and the number of samples varies from revolution to revolution; readers
-of the message need equal steps. Therefore resampling is a step of its own, done on request. Each sample goes to
-the beam whose share of the circle contains it. The nearest return wins where several samples meet in one beam.
-A beam whose samples all came back without a return says ``no_return``. A beam without any sample is NaN, because
-nothing is known about it. Samples that filters took out count as absent, and ``filtered`` says what a beam becomes
-that has only such ones.
+Each sample goes to the beam whose share of the circle contains it. The nearest return wins where several samples
+meet in one beam. A beam whose samples all came back without a return says ``no_return``. A beam without any sample
+is NaN, because nothing is known about it. Samples that filters took out count as absent, and ``filtered`` says what
+a beam becomes that has only such ones.
 
 **The choice of the grid.** The message promises that beam ``i`` was measured at ``stamp + i * time_increment``.
-This is one straight line in time over the whole grid, so the grid must begin and end where the revolution
-begins and ends. The devices turn clockwise, from device angle 0 to 360 degrees. A counter-clockwise grid that
-begins at -pi starts in the middle of the revolution: its first half has the times of the first half of the
-revolution, backwards, and its second half the times of the second half, backwards. No straight line fits both,
-so about half of the beams are wrong by half a revolution. A grid from 0 to 2 pi fits.
-
-Two orders of the same beams are offered. In the default one `angle_increment` is positive, as most readers expect,
-and ``ranges[0]`` is the beam measured last: the stamp is the latest time of the message, and `time_increment` is
-negative. The definition of the message allows this: it defines a time for each beam, not a direction. In the
-order ``"measured"`` the signs are the other way round. docs/ros2.md tells, reader by reader, which fields
-laser_geometry, slam_toolbox, nav2 and cartographer use, and why the default serves the first three of them.
+This is one straight line in time over the whole grid, so the grid must begin and end where the revolution begins
+and ends: from 0 to 2 pi. With a counter-clockwise grid that begins at -pi, half of the beams would be wrong by half
+a revolution. docs/ros2.md tells which fields laser_geometry, slam_toolbox, nav2 and cartographer use, and which
+order of the beams serves each of them.
 
 Each beam stands in the middle of its share of the circle. With beams on the ends of the grid, the first and the
 last share would be one and the same, and would contain samples from both ends of the revolution.
 
-**Where the angle 0 is.** Ours is the device's forward axis: an angle is minus the device's clockwise one, plus
-`mount_yaw`. The vendors' ROS 2 drivers publish pi minus the device's angle, so their 0 is behind. The preset
-``vendor`` does the same, so that a robot description made for them stays right. It changes the angles alone: the
-stamps and the sign of `time_increment` stay true, which theirs are not.
-
-**A device that sees less than a turn** has a grid of its field alone (`Scan.field_of_view`). Of what lies beside it
-nothing is known, and "no return" would say that the way is free there. Where its rotor turns counter-clockwise,
-times rise with the angles.
+**A device that sees less than a turn** has a grid of its field alone (`Scan.field_of_view`): beside it nothing is
+known, and "no return" would say that the way is free there. Where its rotor turns counter-clockwise, times rise
+with the angles.
 
 **Where the grid begins.** At the seam (the device angle where revolutions begin) that the scan states, normally
 0, so that all scans have the same grid. Where the samples show another begin (a device that marks its own
-first packet, or corrected angles that all lie before the seam), the grid begins there. How the rotor turned, and so
-when it stood at each beam, is found by `lidario.rotor`.
+first packet, or corrected angles that all lie before the seam), the grid begins there.
 """
 
 from __future__ import annotations

@@ -1,18 +1,9 @@
 """The same session without ``await``: for notebooks, scripts, and programs that are not asynchronous.
 
-::
-
-    with lidario.open_sync() as lidar:
-        for scan in lidar.scans():
-            print(scan.ranges.min())
-
 The event loop runs in a thread of its own, one for each open lidar. So a session works where a loop runs already (a
 notebook), and scans are received while the program computes: a reader gets the latest one. Each call hands a
-coroutine of `Lidar` to that loop and waits for its result (`lidario.session.loop_thread`). Names, arguments,
-docstrings and errors are those of `Lidar`, since the methods are made from it.
-
-Ctrl-C ends the wait. The stream that was read is left then, and the end of the ``with`` block closes the session.
-A session that is left open is closed when it is garbage or the interpreter exits.
+coroutine of `Lidar` to that loop and waits for its result (`lidario.session.loop_thread`). The methods are made
+from those of `Lidar`, with their names, arguments and docstrings.
 """
 
 from __future__ import annotations
@@ -85,7 +76,8 @@ class SyncLidar(Closing):
     """One open device, for programs without ``await``; made by `open_sync`, and best used in ``with``.
 
     It has the methods of `Lidar`, which wait for their result. Threads may share it. Ctrl-C during any of them
-    raises KeyboardInterrupt and cancels what was asked, as cancelling a task does.
+    raises KeyboardInterrupt and cancels what was asked, as cancelling a task does. A session that is left open is
+    closed when it is garbage or the interpreter exits.
     """
 
     def __init__(self, thread: LoopThread, lidar: Lidar) -> None:
@@ -195,15 +187,9 @@ def open_sync(
     stands still until the call returns.
     """
     opening = open_lidar(
-        source,
-        family=family,
-        baudrate=baudrate,
-        latency=latency,
-        keep_spinning=keep_spinning,
-        reconnect=reconnect,
-        guard=guard,
-        config=config,
-    )
+        source, family=family, baudrate=baudrate, latency=latency, keep_spinning=keep_spinning,
+        reconnect=reconnect, guard=guard, config=config,
+    )  # fmt: skip
     thread = LoopThread()
     try:
         return SyncLidar(thread, thread.open(opening))

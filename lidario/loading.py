@@ -12,14 +12,27 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
     from types import ModuleType
 
 
-def keep(package: str, name: str, home: str) -> object:
-    """For a package's ``__getattr__``: load a public name from the module in which it lives, and keep it there."""
-    value: object = getattr(load(home), name)
-    setattr(sys.modules[package], name, value)
-    return value
+def lazily(
+    package: str, homes: Mapping[str, tuple[str, ...]]
+) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
+    """The ``__getattr__`` and ``__dir__`` of a package whose public names live in these modules of lidario."""
+
+    def found(name: str) -> object:
+        home = next((home for home, names in homes.items() if name in names), None)
+        if home is None:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        value: object = getattr(load(f"lidario.{home}"), name)
+        setattr(sys.modules[package], name, value)
+        return value
+
+    def public() -> list[str]:
+        return sorted(sys.modules[package].__all__)
+
+    return found, public
 
 
 def load(name: str) -> ModuleType:

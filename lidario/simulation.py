@@ -1,15 +1,5 @@
 """Simulated devices for users: `simulate` makes one that can be given to `open_lidar`.
 
-::
-
-    room = [((2, -1), (2, 1)), ((2, 1), (-2, 1)), ((-2, 1), (-2, -1)), ((-2, -1), (2, -1))]
-    async with lidario.open_lidar(lidario.simulate(world=room, spin_up=0)) as lidar:
-        scan = await lidar.scan()
-
-The device lives in memory, on the clock of the event loop. It behaves as strictly as a real one; its `log` tells
-which requests it obeyed and which it discarded, and why. For faults of the line or of the device use a source
-instead: ``sim://MODEL?via=memory&fault=drop:1%,reboot:5s``; ``lidario sim --list-faults`` tells which there are.
-
 This file is not called ``simulate.py``: importing a submodule of that name would replace the function
 ``lidario.simulate`` by the module.
 """
@@ -41,6 +31,15 @@ def simulate(
     serial: str | bytes | None = None,
 ) -> SimulatedDevice:
     """Make a simulated device for `open_lidar`.
+
+    ::
+
+        room = [((2, -1), (2, 1)), ((2, 1), (-2, 1)), ((-2, 1), (-2, -1)), ((-2, -1), (2, -1))]
+        async with lidario.open_lidar(lidario.simulate(world=room, spin_up=0)) as lidar:
+            scan = await lidar.scan()
+
+    It lives in memory, on the clock of the event loop, and is as strict as a real one. For faults use a source:
+    ``sim://MODEL?via=memory&fault=drop:1%,reboot:5s``.
 
     Args:
         model: Its name as in ``sim://MODEL``; `lidario sim --list` names all. None: the first of them.

@@ -1,25 +1,7 @@
 """The file of settings: where each lidar is mounted, what is left out of its scans, its speed, mode and frame.
 
-::
-
-    [default]                      # every lidar
-    mode = "DenseBoost"
-
-    [lidars.FE9912345678]          # the one with this serial number
-    mount = { x = 0.2, y = 0.0, yaw_deg = 90.0 }
-    frame = "laser_front"
-    speed_rpm = 600
-
-    [[lidars.FE9912345678.filters]]
-    filter = "BoxFilter"           # the robot's own body, in the robot's frame
-    min_x = -0.3
-    max_x = 0.3
-    min_y = -0.2
-    max_y = 0.2
-
-What the table of a lidar says takes the place of what ``[default]`` says, except for filters: those of
-``[default]`` come first, and then its own. Filters have the names and fields of `lidario.filters`, in metres and
-radians. The whole file is checked when it is read, also what is not for the lidar at hand.
+docs/settings.md shows one. What the table of a lidar says takes the place of what ``[default]`` says, except for
+filters: those of ``[default]`` come first, and then its own. The whole file is checked when it is read.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ from dataclasses import fields
 from itertools import takewhile
 from math import degrees
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import Any, Final, cast
 
 from lidario.arguments import path_of, shown, text_of
 from lidario.config.read import ENCODING, FILTERS, config_of, parse_filter, read_config, tables_of
@@ -16,9 +16,6 @@ from lidario.errors import InvalidValue, Unsupported
 from lidario.filters.base import Filter
 from lidario.points import Mount
 from lidario.whole_file import whole_file
-
-if TYPE_CHECKING:
-    from tomlkit import TOMLDocument
 
 _CANNOT: Final = (
     "this cannot be written into it as it is. Give each lidar a table of its own, such as [lidars.AB12], with its "
@@ -65,7 +62,9 @@ def save_config(
     added = [_table_of(each) for each in _tuple_of(filters)]
     gone = [_table_of(each) for each in _tuple_of(without)]
     before = _read(name)
-    wanted = config_of(_changed(tables_of(before, name), serial, mount, added, gone), name)
+    tables = tables_of(before, name)
+    _edit(tables, serial, mount, added, gone)
+    wanted = config_of(tables, name)
     try:
         document = tomlkit.parse(before.decode(ENCODING))
         _edit(document, serial, mount, added, gone)
@@ -94,23 +93,10 @@ def _read(name: str) -> bytes:
     return Path(name).read_bytes()
 
 
-def _changed(
-    tables: dict[str, Any], serial: str, mount: Mount | None, added: list[Any], gone: list[Any]
-) -> dict[str, Any]:
-    """What the tables of the file shall be."""
-    default, lidars = tables.setdefault("default", {}), tables.setdefault("lidars", {})
-    own = lidars.setdefault(_key(lidars, serial), {}) if serial else default
-    for each in (own, default):
-        kept = [one for one in each.get("filters", ()) if _table_of(parse_filter(one, None, "")) not in gone]
-        each["filters"] = kept
-    own["filters"] += [each.unwrap() for each in added]
-    if mount is not None:
-        own["mount"] = _place(mount)
-    return tables
-
-
-def _edit(document: TOMLDocument, serial: str, mount: Mount | None, added: list[Any], gone: list[Any]) -> None:
-    """Make the same changes in the text of the file."""
+def _edit(
+    document: MutableMapping[str, Any], serial: str, mount: Mount | None, added: list[Any], gone: list[Any]
+) -> None:
+    """Make the changes in the tables of the file, or in its text."""
     table = _own_table(document, serial)
     for each in (table, document.get("default", {})) if gone else ():
         _take_away(each, gone)
@@ -124,7 +110,7 @@ def _take_away(table: Any, gone: list[Any]) -> None:
     """Take away the filters that are written like one of these."""
     kept = table.get("filters", [])
     for at in reversed(range(len(kept))):
-        if _table_of(parse_filter(kept[at].unwrap(), None, "")) not in gone:
+        if _table_of(parse_filter(kept[at], None, "")) not in gone:
             continue
         behind = _comments_behind(kept[at], table)
         del kept[at]
@@ -148,25 +134,19 @@ def _comments_behind(made: Any, table: Any) -> list[Any]:
     return [item for _, item in reversed(list(takewhile(lambda each: each[0] is None, reversed(made.value.body))))]
 
 
-def _own_table(document: TOMLDocument, serial: str) -> MutableMapping[str, Any]:
+def _own_table(document: MutableMapping[str, Any], serial: str) -> MutableMapping[str, Any]:
     import tomlkit
 
-    if not serial:
-        if "default" not in document:
-            document.add("default", tomlkit.table())
-        return cast("MutableMapping[str, Any]", document["default"])
-    if "lidars" not in document:
-        document.add("lidars", tomlkit.table(is_super_table=True))
-    lidars = cast("MutableMapping[str, Any]", document["lidars"])
-    key = _key(lidars, serial)
-    if key not in lidars:
-        lidars[key] = tomlkit.table()
-    return cast("MutableMapping[str, Any]", lidars[key])
-
-
-def _key(lidars: Iterable[str], serial: str) -> str:
-    """How the file writes this serial number."""
-    return next((each for each in lidars if each.casefold() == serial.casefold()), serial)
+    tables, key = document, "default"
+    if serial:
+        if "lidars" not in document:
+            document["lidars"] = tomlkit.table(is_super_table=True)
+        tables = document["lidars"]
+        # As the file writes it.
+        key = next((each for each in tables if each.casefold() == serial.casefold()), serial)
+    if key not in tables:
+        tables[key] = tomlkit.table()
+    return cast("MutableMapping[str, Any]", tables[key])
 
 
 def _add(table: MutableMapping[str, Any], made: Any) -> None:

@@ -6,12 +6,7 @@
         for verdict in await bench.judge(RULES, on_verdict=print):
             ...
 
-`Reporter` keeps what was seen meanwhile, and writes it as a file that its owner can send; `read_report` reads one,
-and `news_of` tells what in it was not known.
-
-A `Rule` is one plain sentence, where it is known from, what a device needs for it, and a check. A `Verdict` says
-whether it held, by how much it did not, or why it was not tried. Which rules apply is told by what the device can
-do, and never by its name. `docs/testing.md` tells how to run them.
+Which rules apply is told by what the device can do, and never by its name. `docs/testing.md` tells how to run them.
 """
 
 from __future__ import annotations

@@ -178,11 +178,7 @@ class Bus:
 
     def watch_tokens(self, key: str, changed: Callable[[str, bool], None]) -> None:
         """Call `changed` on the event loop with each token of `key`: True for those there and those that come."""
-
-        def take(change: tuple[str, bool]) -> None:
-            changed(*change)
-
-        put = self._handover(take)
+        put: Callable[[tuple[str, bool], int], None] = self._handover(lambda change: changed(*change))
 
         def receive(sample: Any) -> None:
             name = str(sample.key_expr)

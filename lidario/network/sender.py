@@ -12,12 +12,9 @@ _log = logging.getLogger("lidario")
 
 
 class Sender:
-    """Sends numbered messages under one key.
+    """Sends numbered messages under one key by the `publisher` of zenoh; `gid` is 16 bytes that tell who sends.
 
-    Attributes:
-        sent: How many; those that were lost for want of a router are among them, so that a reader sees a gap.
-        gid: 16 bytes that tell the publisher.
-        publisher: That of zenoh.
+    Those that were lost for want of a router are among those `sent`, so that a reader sees a gap.
     """
 
     def __init__(self, publisher: Any, gid: bytes) -> None:
@@ -28,12 +25,9 @@ class Sender:
     def send(self, payload: bytes) -> bool:
         """Send one message; it is lost where there is no router. False where zenoh did not take it."""
         self.sent += 1
-        return self.put(payload, Attachment(self.sent, time.time_ns(), self.gid).to_bytes())
-
-    def put(self, payload: bytes, attachment: bytes) -> bool:
-        """As `send`, with any attachment."""
+        attachment = Attachment(self.sent, time.time_ns(), self.gid)
         try:
-            self.publisher.put(payload, attachment=attachment)
+            self.publisher.put(payload, attachment=attachment.to_bytes())
         except Exception as error:
             _log.debug("zenoh did not take a message: %s", error)
             return False

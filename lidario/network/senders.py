@@ -1,11 +1,8 @@
-"""Which publisher has sent a message, and how many of its messages are missing before that.
+"""Which publisher has sent a message, how many of its messages are missing before that, and whether any arrives.
 
 Each publisher numbers its messages and names itself in the attachment. A gap in the numbers is the only trace of a
 message that was lost: zenoh drops what does not fit into the buffer of a line, at the publisher or at a router, and
 tells nobody.
-
-A message that a router's access rules deny is dropped there without a word too, and the publisher sees even that
-there are readers. So a second client asks for what is published, and sees whether it comes (`what_is_heard`).
 """
 
 from __future__ import annotations
@@ -77,9 +74,10 @@ class OneSender:
 
 
 async def what_is_heard(router: str, keys: Sequence[str], gid: bytes, seconds: float) -> set[str]:
-    """Under which keys another client, let in as this program is, hears a publisher, told by its `gid`.
+    """Under which keys another client, let in as this program is, hears the publisher with this `gid`.
 
-    It returns as soon as something comes under the first key, and after so many seconds at most. Cancelling leaves
+    A router drops what its access rules deny without a word, and the publisher sees even that there are readers. It
+    returns as soon as something comes under the first key, and after so many seconds at most. Cancelling leaves
     nothing open.
     """
     heard, enough = set[str](), asyncio.Event()

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from lidario.loading import keep
+from lidario.loading import lazily
 
 if TYPE_CHECKING:
     from lidario.laserscan import LaserScan
@@ -44,24 +44,16 @@ __all__ = [
 ]
 
 _HOMES = {
-    "lidario.laserscan": ("LaserScan",),
-    "lidario.network.broker": ("Router",),
-    "lidario.network.fleet": ("RemoteLidar", "list_remote_lidars"),
-    "lidario.ros.diagnostics": ("DiagnosticArray", "DiagnosticStatus", "diagnostics"),
-    "lidario.ros.fleet": ("Fleet", "FleetScan"),
-    "lidario.ros.merged": ("MergedPublisher",),
-    "lidario.ros.pointcloud": ("PointCloud2", "pointcloud2"),
-    "lidario.ros.publisher": ("Publisher",),
-    "lidario.ros.share": ("Share",),
+    "laserscan": ("LaserScan",),
+    "network.broker": ("Router",),
+    "network.fleet": ("RemoteLidar", "list_remote_lidars"),
+    "ros.diagnostics": ("DiagnosticArray", "DiagnosticStatus", "diagnostics"),
+    "ros.fleet": ("Fleet", "FleetScan"),
+    "ros.merged": ("MergedPublisher",),
+    "ros.pointcloud": ("PointCloud2", "pointcloud2"),
+    "ros.publisher": ("Publisher",),
+    "ros.share": ("Share",),
 }
 
 
-def __getattr__(name: str) -> object:
-    for home, names in _HOMES.items():
-        if name in names:
-            return keep(__name__, name, home)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+__getattr__, __dir__ = lazily(__name__, _HOMES)

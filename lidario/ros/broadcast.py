@@ -1,10 +1,8 @@
 """What all publishers have in common: one connection to a router that comes and goes, a token, and a status.
 
-A publisher belongs to one open `Lidar`. It never waits for the network: a message that cannot be sent is lost, as a
-scan is that nobody reads, and is counted. Robots and routers are started in any order, so a router that is not
-there at the start is waited for in a task, and everything is declared when it comes. A router that goes away later
-is zenoh's matter: it connects again and declares everything anew by itself. Each is told once, when it begins and
-when it ends.
+It never waits for the network: a message that cannot be sent is lost and counted. A router that is not there at the
+start is waited for in a task: zenoh's own waiting could not be cancelled. A router that goes away later is zenoh's
+matter: it connects again and declares everything anew by itself.
 """
 
 from __future__ import annotations

@@ -50,17 +50,8 @@ class MergedPublisher(Publisher):
         topic: Name of the topic of the LaserScans, relative to `namespace` unless it begins with a slash.
         cloud_topic: Likewise of the PointCloud2.
         frame_id: Name of the robot's frame, in which all of it is.
-        beams: As for `Merged.to_laserscan`, and the four that follow.
-        range_min: As there.
-        range_max: As there.
-        no_return: As there.
-        filtered: As there.
-        domain: As for `Publisher`, and all that follow.
-        distro: As there.
-        router: As there.
-        namespace: As there.
-        node: As there.
-        robot: As there.
+
+    The other arguments are those of `Merged.to_laserscan` and of `Publisher`.
 
     Raises:
         InvalidValue: As `Publisher` and `lidario.merged`.

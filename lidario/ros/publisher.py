@@ -1,20 +1,23 @@
 """A lidar as a topic of ROS 2, without ROS: what a node of rmw_zenoh_cpp would send, from plain zenoh.
 
-Scans go to a topic as ``sensor_msgs/LaserScan``, the health once a second to ``/diagnostics``, and where that is
-told, the place of the lidar on its robot to ``/tf_static``.
-
-All scans of a topic have one grid (`lidario.laserscans`).
+Scans go to a topic as ``sensor_msgs/LaserScan``, all on one grid (`lidario.laserscans`), the health once a second
+to ``/diagnostics``. slam_toolbox, nav2 and RViz take no scan of a frame of which they do not know where it is:
+where no robot description says so, it goes to ``/tf_static``. A recording that is published with the stamps of its
+day needs nodes whose clock runs by ``/clock`` (``use_sim_time``).
 """
 
 from __future__ import annotations
 
+import math
+import struct
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Final, Literal
 
-from lidario.arguments import shown, text_of, yes_or_no
+from lidario.arguments import finite, shown, text_of, yes_or_no
 from lidario.beams import PRESET_YAW, BeamOrder, NoReturn, Preset
+from lidario.cdr import CdrWriter, stamp_bytes
 from lidario.errors import InvalidValue
 from lidario.laserscan import LaserScan
 from lidario.laserscans import LaserScans
@@ -36,9 +39,10 @@ from lidario.ros.names import (
     gid_of,
     qualified,
 )
-from lidario.ros.transform import clock_message, mount_of, static_transform
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
+
+_SEVEN: Final = struct.Struct("<7d")
 
 
 class Publisher(Broadcast):
@@ -61,14 +65,6 @@ class Publisher(Broadcast):
         namespace: Namespace of the node.
         node: Name of the node.
         robot: Name of this robot, for the list of a fleet; None for the name of this machine.
-        beams: As for `LaserScans`, and the seven that follow.
-        order: As there.
-        range_min: As there.
-        range_max: As there.
-        no_return: As there.
-        filtered: As there.
-        mount_yaw: As there.
-        preset: As there.
         mount: Where the lidar is on its robot: metres forward, metres to the left, and radians counter-clockwise.
             It is published once on ``/tf_static``, and nodes that come later get it too; with the preset ``vendor``
             the frame of the scans is turned half round, which is in it. None where a robot description says so.
@@ -76,6 +72,8 @@ class Publisher(Broadcast):
         stamps: ``measured``: when the first beam was measured. ``now``: as if the revolution were just over, for
             the scans of a recording.
         clock: Whether ``/clock`` tells the time of the latest scan, for nodes with ``use_sim_time``.
+
+    The other arguments are those of `LaserScans`.
 
     Raises:
         InvalidValue: An argument cannot be right, or `mount` and `mount_yaw` both turn the lidar.
@@ -113,17 +111,10 @@ class Publisher(Broadcast):
         self._node = Node(node, "/" if namespace == "/" else qualified(namespace, "/"), domain, distro)
         self._topic = self._node.topic(topic)
         self._messages = LaserScans(
-            beams=beams,
-            order=order,
-            frame_id=frame_id,
-            range_min=range_min,
-            range_max=range_max,
-            no_return=no_return,
-            filtered=filtered,
-            mount_yaw=mount_yaw,
-            preset=preset,
-        )
-        self._mount = None if mount is None else mount_of(mount)
+            beams=beams, order=order, frame_id=frame_id, range_min=range_min, range_max=range_max,
+            no_return=no_return, filtered=filtered, mount_yaw=mount_yaw, preset=preset,
+        )  # fmt: skip
+        self._mount = None if mount is None else _mount_of(mount)
         if self._mount is not None and self._mount[2] and mount_yaw:
             raise InvalidValue("a mount that turns the lidar and mount_yaw would turn it twice: say one of them")
         self._base_frame = text_of(base_frame, "a frame")
@@ -163,7 +154,7 @@ class Publisher(Broadcast):
     def _send(self, ready: Sequence[tuple[Scan, LaserScan]]) -> None:
         for scan, message in ready[-1:]:
             if self._clock is not None:
-                self._clock.send(clock_message(scan.wall_stamp_ns + scan.duration_ns))
+                self._clock.send(_clock_message(scan.wall_stamp_ns + scan.duration_ns))
             sent = replace(message, stamp_ns=message.stamp_ns + self._late_ns).to_cdr()
             self._count(self._scans is not None and self._scans.send(sent))
 
@@ -176,7 +167,7 @@ class Publisher(Broadcast):
             x, y, yaw = self._mount
             # A frame whose 0 is behind looks backwards itself.
             place = x, y, yaw - PRESET_YAW[self._messages.preset]
-            static.send(static_transform(time.time_ns(), self._base_frame, self._messages.frame_id, place))
+            static.send(_static_transform(time.time_ns(), self._base_frame, self._messages.frame_id, place))
         if self._tells_time:
             self._clock = self._outlet(bus, 4, "/clock", CLOCK)
         self._watch_readers(bus, self._scans)
@@ -206,3 +197,29 @@ class Publisher(Broadcast):
         )
         if self._diagnostics is not None:
             self._diagnostics.send(message.to_cdr())
+
+
+def _mount_of(mount: object) -> tuple[float, float, float]:
+    if not isinstance(mount, Sequence) or isinstance(mount, str) or len(mount) != 3:
+        raise InvalidValue(f"a mount is x, y and yaw: metres and radians, not {shown(mount)}")
+    x, y, yaw = (finite(value, "a mount's x, y and yaw") for value in mount)
+    return x, y, yaw
+
+
+def _static_transform(stamp_ns: int, parent: str, child: str, mount: tuple[float, float, float]) -> bytes:
+    """``tf2_msgs/TFMessage`` with one transform, as CDR: where the frame of the lidar is in that of the robot."""
+    x, y, yaw = mount
+    writer = CdrWriter()
+    writer.uint32(1)
+    writer.header(stamp_ns, parent)
+    writer.text(child)
+    writer.align(8)
+    writer.raw(_SEVEN.pack(x, y, 0.0, 0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)))
+    return writer.finish()
+
+
+def _clock_message(stamp_ns: int) -> bytes:
+    """``rosgraph_msgs/Clock``, as CDR."""
+    writer = CdrWriter()
+    writer.raw(stamp_bytes(stamp_ns))
+    return writer.finish()

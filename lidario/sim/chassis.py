@@ -28,22 +28,14 @@ NamedT = TypeVar("NamedT", bound="Named")
 
 
 class Named(Protocol):
-    """What a device is."""
+    """What a device is: `model` decides, with the seed, what is random."""
 
     @property
-    def name(self) -> str:
-        """Its name in ``sim://`` sources."""
-        ...
-
+    def name(self) -> str: ...
     @property
-    def model(self) -> int:
-        """Decides, with the seed, what is random: two models with one seed are not alike."""
-        ...
-
+    def model(self) -> int: ...
     @property
-    def baudrate(self) -> int:
-        """Speed of its line in bits a second."""
-        ...
+    def baudrate(self) -> int: ...
 
 
 class Making(TypedDict, total=False):

@@ -1,10 +1,8 @@
 """What every simulated device offers: bytes in, bytes out, and time as an argument.
 
-A simulated device is the other end of the cable. It never reads a clock and never sleeps: `lidario.sim.serve`
-hands it the host's bytes with the time of their arrival, and fetches what it has to send by now. So the same
-device runs in memory, thousands of times faster than real time, and on a pseudo-terminal or over TCP in real
-time. It has its own packers and shares no code with the host's parser or decoders, so that one
-mistake cannot hide in both.
+It never reads a clock and never sleeps. So the same device runs in memory, thousands of times faster than real
+time, and on a pseudo-terminal or over TCP in real time. It shares no code with the host's parser or decoders, so
+that one mistake cannot hide in both.
 """
 
 from __future__ import annotations

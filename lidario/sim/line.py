@@ -1,14 +1,9 @@
 """The device's end of a serial line: bytes leave one after the other, and requests are remembered.
 
-Every simulated device owns one `TransmitQueue`. It gives the simulator the timing of a real line: a byte
-takes ten bit times (8N1) to leave, a response begins to leave no earlier than the device has made it, and
-what is queued waits for what is before it. The device pushes whole responses and whole *bursts* of equally
-spaced packets. How many bytes of a burst have left by a moment is a closed formula in integers, so a tenth of a
-second of stream is one `push` and one `take` whatever the number of packets in it, and an idle device costs
-nothing. A burst may be pushed ahead of time: packets that are not made yet stay, and `withdraw` takes them back
-when the stream ends early.
-
-`RequestLog` is the bounded memory behind `SimulatedDevice.log`.
+The device pushes whole responses and whole *bursts* of equally spaced packets. How many bytes of a burst have left
+by a moment is a closed formula in integers, so a tenth of a second of stream is one `push` and one `take` whatever
+the number of packets in it, and an idle device costs nothing. A burst may be pushed ahead of time: packets that are
+not made yet stay, and `withdraw` takes them back when the stream ends early.
 
 All times are integer monotonic nanoseconds, handed in by the caller.
 """

@@ -1,14 +1,8 @@
-"""Serving a simulated device on a pseudo-terminal, over TCP or by UDP.
+"""Serving a simulated device on a pseudo-terminal, over TCP or by UDP, at true pace in a daemon thread of its own.
 
-`PtyServer`, `TcpServer` and `UdpServer` run the device at true pace in a daemon thread of their own, so that any
-program can open it: ours, another process, another vendor's driver. `MemoryLine`, which all are built on, has no
-clock and no thread.
-
-The line loses bytes as a real one does. What the terminal's or socket's buffer cannot take is lost, as on
-a UART, and is counted in `lost`. While there is no client the bytes go nowhere. `unplug` is the
-cable pulled out: the client's port dies. The fault ``replug`` puts it in again; as on a real system, the new port
-may have another name. An exception of the simulated device is kept and raised by `close`, so that it does not get
-lost in a thread.
+What the terminal's or socket's buffer cannot take is lost, as on a UART, and is counted in `lost`. While there is
+no client the bytes go nowhere. `unplug` is the cable pulled out: the client's port dies. The fault ``replug`` puts
+it in again; as on a real system, the new port may have another name.
 """
 
 from __future__ import annotations
@@ -146,26 +140,20 @@ class TcpServer(_AddressServer):
         return [self._socket] if self._client is None else [self._socket, self._client]
 
     def _receive(self, readable: list[int | socket.socket]) -> bytes:
-        # The old client first: if it has closed its end, the next one can be accepted at once.
-        data = self._hear(self._client)
-        if self._socket in readable:
-            self._accept()
-        return data
-
-    def _hear(self, client: socket.socket | None) -> bytes:
-        """All that the client has sent; notices when it has closed its end, too."""
         parts: list[bytes] = []
-        while client is not None and len(parts) < 64:
+        # The old client first: if it has closed its end, the next one can be accepted at once.
+        while self._client is not None and len(parts) < 64:
             try:
-                part = client.recv(READ)
+                parts.append(self._client.recv(READ))
             except BlockingIOError:
                 break
             except OSError:
-                part = b""
-            if not part:
                 self._hang_up()
                 break
-            parts.append(part)
+            if not parts[-1]:
+                self._hang_up()
+        if self._socket in readable:
+            self._accept()
         return b"".join(parts)
 
     def _accept(self) -> None:

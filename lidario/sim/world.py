@@ -4,10 +4,8 @@
 distance, noise included. Therefore a simulated device produces the same bytes whatever the steps in which
 its time is advanced, and a test can ask the world what the device must have seen.
 
-It has to serve thousands of revolutions per second, so no ray is cast while scanning. The walls are cast once into
-a table of 32768 directions (0.011°) that is indexed afterwards. The walker's way is sampled every 10 ms
-into a table of bearings; only the few beams near the bearing are intersected with the walker. Noise is a
-table of normal numbers that is indexed by a hash of angle and time.
+It has to serve thousands of revolutions per second, so walls, the walker's way and noise are tables that are
+indexed while scanning.
 
 Directions follow the devices: degrees clockwise seen from above, 0 forward. Coordinates are metres in the
 scanner's frame, x forward and y to the left. A distance of 0 means no return.

@@ -9,18 +9,16 @@
         assert robot.stopped
         assert simulated_lidar.is_still
 
-pytest finds the fixtures by itself: `simulated_lidar`, `lidar_source` and `lidar_recording`. They work in the tests
-of pytest-asyncio and of anyio, and without both. `SimulatedLidar`, `Body`, `Drive`, `room`, `furnished`,
-`make_scan` and `make_sector` work without pytest, too.
-
-A name is loaded when it is first used, so that a run of pytest that uses none of them does not wait for numpy.
+pytest finds the fixtures by itself: `simulated_lidar`, `lidar_source` and `lidar_recording`, in the tests of
+pytest-asyncio and of anyio, and without both. All names below work without pytest, too. Each is loaded when it is
+first used, so that a run of pytest that uses none of them does not wait for numpy.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from lidario.loading import keep
+from lidario.loading import lazily
 
 if TYPE_CHECKING:
     from lidario.testing.device import SimulatedLidar
@@ -41,22 +39,11 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Body": "surroundings",
-    "Drive": "drive",
-    "RecordedLidar": "recorded",
-    "SimulatedLidar": "device",
-    "furnished": "drive",
-    "make_scan": "made",
-    "make_sector": "made",
-    "room": "surroundings",
+    "testing.device": ("SimulatedLidar",),
+    "testing.drive": ("Drive", "furnished"),
+    "testing.made": ("make_scan", "make_sector"),
+    "testing.recorded": ("RecordedLidar",),
+    "testing.surroundings": ("Body", "room"),
 }
 
-
-def __getattr__(name: str) -> object:
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return keep(__name__, name, f"{__name__}.{_HOMES[name]}")
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+__getattr__, __dir__ = lazily(__name__, _HOMES)

@@ -1,9 +1,8 @@
 """The clock of an event loop, made fast: a wait of a second takes ten milliseconds.
 
-A session waits often: until the line is quiet, until the device listens, for the rotor. A simulated device in
-memory takes its time from the event loop. So both become fast together when the loop waits shorter than it was
-told, and then sets its clock as if it had waited in full. What the program computes takes no time on this clock.
-Therefore every run of a test sees the same times.
+A session and a simulated device in memory take their time from the event loop. So both become fast together when
+the loop waits shorter than it was told, and then sets its clock as if it had waited in full. What the program
+computes takes no time on this clock. Therefore every run of a test sees the same times.
 
 A shortened wait is still a wait: another thread that works for the loop has the hundredth part of each timeout. A
 wait without a timeout is not shortened.

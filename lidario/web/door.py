@@ -1,4 +1,4 @@
-"""Who gets in: how many connections are kept before anything is known of them, and what each may send.
+"""Who gets in: how many connections are kept before anything is known of them, what each may send and ask for.
 
 A connection counts as waiting until it has become a viewer. Of those, so many are kept for all, and fewer for one
 address; the oldest one gives way to a new one. So who opens connections and says nothing takes only his own places,
@@ -8,19 +8,26 @@ is taken by a spare one and closed, since the system would report it again and a
 The package ``websockets`` bounds lines, headers and the time for a request. It answers each ping at once, whether
 the answers are read or not, and counts no frame without contents. So what comes is taken in small steps here, all
 frames count as messages, and nothing is read while nothing can be written.
+
+A request is judged by its path, its Host, its Origin and its token alone. On the loopback interface every user of
+this machine may connect. There a browser is the danger: any page that it shows may try to connect to this server.
+So the Host must be a name of this machine itself (a foreign name could be pointed at it), and a WebSocket must come
+from our own page. Open to a network, a random token is asked for in addition, and the Host may be any name.
 """
 
 from __future__ import annotations
 
 import asyncio
 import errno
+import hmac
 import logging
 import os
 import socket
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any, Final
+from typing import Any, Final, Literal, NamedTuple
+from urllib.parse import parse_qs, urlsplit
 
 from websockets.asyncio.server import ServerConnection
 from websockets.frames import Frame, Opcode
@@ -37,6 +44,7 @@ _STEP: Final = 1024
 """Bytes that are taken in at once: a viewer is closed before it has sent much more than it may."""
 _TELL_EACH_S: Final = 60.0
 _WHOLE: Final = (Opcode.TEXT, Opcode.BINARY)
+_LOOPBACK: Final = ("localhost", "127.0.0.1", "::1")
 
 _log = logging.getLogger("lidario.web")
 _log.addHandler(logging.NullHandler())
@@ -86,16 +94,10 @@ class Door:
 
 
 class Connection(ServerConnection):
-    """A connection of a browser, or of a stranger.
+    """A connection of a browser, or of a stranger, that comes in by a `door`.
 
-    Args:
-        door: Where it comes in.
-        may_send: Asked for each frame that is no whole message; where it says no, the connection is closed.
-        arguments: As for ``ServerConnection``, by position.
-        options: Likewise, by name.
-
-    Attributes:
-        messages: Messages and other frames that were counted, since this was set to 0.
+    For each frame that is no whole message `may_send` is asked; where it says no, the connection is closed. So many
+    `messages` and other frames were counted since this was set to 0.
     """
 
     def __init__(self, door: Door, may_send: Callable[[Connection], bool], *arguments: Any, **options: Any) -> None:
@@ -189,3 +191,35 @@ class Listening(socket.socket):
         spare, self._spare = self._spare, None
         if spare is not None:
             os.close(spare)
+
+
+class Refusal(NamedTuple):
+    """Why a request is refused: a status of HTTP, and one line for people."""
+
+    status: int
+    reason: str
+
+
+def judge(token: str, path: str, hosts: list[str], origins: list[str]) -> Literal["page", "socket"] | Refusal:
+    """Judge a request for a path with its query, by the values of its headers Host and Origin.
+
+    Everyone must know the `token`; it is empty on the loopback interface.
+    """
+    try:
+        where, query = urlsplit(path).path, parse_qs(urlsplit(path).query)
+        host = urlsplit(f"//{hosts[0]}").hostname if len(hosts) == 1 else None
+    except ValueError:
+        return Refusal(400, "that is no address")
+    if host is None:
+        return Refusal(400, "exactly one Host is needed")
+    if not token and host not in _LOOPBACK:
+        return Refusal(403, "this server is for this machine alone: open it as http://127.0.0.1")
+    if token and not hmac.compare_digest(query.get("token", [""])[0].encode(), token.encode()):
+        return Refusal(403, "the token is missing or wrong: open the address that lidario printed")
+    if where == "/":
+        return "page"
+    if where != "/live":
+        return Refusal(404, "there is only one page here: /")
+    if origins not in ([f"http://{hosts[0]}"], [f"https://{hosts[0]}"]):
+        return Refusal(403, "only this server's own page may connect")
+    return "socket"

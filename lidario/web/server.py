@@ -25,8 +25,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from lidario import Scan
-from lidario.web.access import Refusal, judge
-from lidario.web.door import BACKLOG, Connection, Door, Listening
+from lidario.web.door import BACKLOG, Connection, Door, Listening, Refusal, judge
 from lidario.web.feed import Feed
 from lidario.web.frames import pack_scan, pack_state
 from lidario.web.masks import Masks

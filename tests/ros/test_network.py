@@ -127,8 +127,8 @@ async def test_a_laserscan_of_somebody_elses_node_is_a_source(router: Router) ->
 
         async def publish() -> None:
             while True:
-                sender.put(b"junk", b"")
-                sender.put(laser.to_cdr(), b"")
+                sender.publisher.put(b"junk")
+                sender.publisher.put(laser.to_cdr())
                 await asyncio.sleep(0.02)
 
         rig.work(publish())

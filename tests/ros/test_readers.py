@@ -271,8 +271,8 @@ async def test_noise_under_a_key_keeps_nobody_from_reading(router: Router, raw: 
             while True:
                 for sender in senders:
                     for payload in (b"", b"LDS1" + bytes(90), b"LDR1" + bytes(9), evil):
-                        sender.put(payload, b"")
-                        sender.put(payload, bytes(33))
+                        sender.publisher.put(payload)
+                        sender.publisher.put(payload, attachment=bytes(33))
                 await asyncio.sleep(0.02)
 
         rig.work(disturb())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from lidario.web.access import Refusal, judge
+from lidario.web.door import Refusal, judge
 
 LOCAL = "localhost:8080"
 TOKEN = "right-token"
