@@ -233,9 +233,7 @@ def with_distances(
 ) -> _RecordT:
     """The same samples with other distances, measured at the same times and angles.
 
-    Args:
-        record: A scan, also a sorted one, or a sector.
-        change: Gives `device_distances` and the mask `left_out` of the samples in the order of measuring.
+    `change` gives `device_distances` and the mask `left_out` of the samples in the order of measuring.
     """
     measured = record._in_time_order()  # noqa: SLF001 - of this module
     distances, left_out = change(measured)

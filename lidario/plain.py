@@ -11,7 +11,6 @@ from collections.abc import Iterable
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 UNITS: Final = {
     "angles": "rad, counter-clockwise from ahead",
@@ -45,19 +44,13 @@ def plain_of(record: object, names: Iterable[str]) -> dict[str, Any]:
 
 
 def _plain(value: Any, digits: int) -> Any:
-    if isinstance(value, np.ndarray):
-        return _plain_list(value, digits)
     if isinstance(value, float):
         return round(value, digits) if math.isfinite(value) else None
-    return value
-
-
-def _plain_list(values: NDArray[Any], digits: int) -> list[Any]:
-    if values.dtype.kind != "f":
-        whole: list[Any] = values.tolist()
-        return whole
-    rounded = np.round(values.astype(np.float64), digits)
-    numbers: list[Any] = rounded.tolist()
-    if not np.isfinite(rounded).all():
-        numbers = [each if math.isfinite(each) else None for each in numbers]
-    return numbers
+    if not isinstance(value, np.ndarray):
+        return value
+    if value.dtype.kind != "f":
+        return value.tolist()
+    rounded = np.round(value.astype(np.float64), digits)
+    if np.isfinite(rounded).all():
+        return rounded.tolist()
+    return [each if math.isfinite(each) else None for each in rounded.tolist()]

@@ -91,17 +91,7 @@ class Points:
 def place(
     xy: NDArray[np.floating], times_ns: NDArray[np.int64], mount: Mount, motion: Motion | None, at_ns: int
 ) -> NDArray[np.float32]:
-    """Points of a lidar's frame in the robot's frame, as the robot would have seen them at `at_ns`.
-
-    Args:
-        xy: Metres in the lidar's frame, shape (n, 2).
-        times_ns: When each was measured, shape (n,).
-        mount: Where the lidar is on the robot.
-        motion: How the robot moved; None for not at all.
-        at_ns: The instant in whose frame the points are wanted.
-
-    Returns:
-        Metres, float32, shape (n, 2).
+    """Points of a lidar's frame in the robot's frame, as the robot would have seen them at `at_ns`; metres, (n, 2).
 
     Raises:
         InvalidValue: `mount` or `motion` is wrong, or the pose function did not return finite numbers of shape

@@ -79,20 +79,12 @@ def follow_rotor(
     lost_packets: int = 0,
     gaps: Gaps | None = None,
 ) -> Rotor:
-    """Find out where a revolution begins and how fast the rotor turned.
+    """Find out where a revolution begins and how fast the rotor turned; the arguments are fields of `Scan`.
 
-    Gaps are allowed, of lost packets or of samples that a user took out. Where the angles tell a speed that differs
-    from `duration_ns` by more than a factor of two, `duration_ns` decides. Where they do not rise, they are not in
-    the order of measuring: the revolution is then taken to begin at `seam` with the first sample.
-
-    Args:
-        device_angles: Degrees clockwise, shape (n,), in the order of measuring.
-        time_increment_ns: Time between two samples that have none missing between them.
-        duration_ns: Time from the first sample to the end of the revolution, approximately.
-        seam: Device angle where revolutions should begin, degrees.
-        lost_packets: Packets known to be missing. With 0, and a duration of as many sample times as there are
-            samples, no gap is looked for.
-        gaps: Where samples are missing; None where that is not known, and follows from the angles.
+    Gaps are allowed, of lost packets or of samples that a user took out; where they are not known, the angles tell
+    them. Where the angles tell a speed that differs from `duration_ns` by more than a factor of two, `duration_ns`
+    decides. Where they do not rise, they are not in the order of measuring: the revolution is then taken to begin
+    at `seam` with the first sample.
     """
     if not len(device_angles):
         return Rotor(seam % 360.0, 0.0, float(duration_ns))
@@ -152,11 +144,7 @@ def times_of(
 ) -> NDArray[np.int64]:
     """When each sample of a scan with gaps was measured, nanoseconds after the first one; int64, shape (n,).
 
-    Args:
-        device_angles: Degrees clockwise, shape (n,), in the order of measuring.
-        time_increment_ns: Time between two samples that have none missing between them.
-        rotor: How the rotor turned during the scan.
-        gaps: Where samples are missing; None where that is not known. Then the angles tell the times.
+    Where the gaps are not known, the angles tell the times.
     """
     if gaps is not None:
         numbers = numbers_of(len(device_angles), gaps)

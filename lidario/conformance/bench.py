@@ -186,11 +186,6 @@ class Bench:
         script.close()
         return None if request is None or request.stream is not None else request
 
-    def stop_requests(self) -> tuple[Request, ...]:
-        """What ends a stream: STOP; or DTR, of a device that hears no STOP."""
-        stop = self.connection.dialogue.device.stop()
-        return (stop,) if stop.data else (stop, *self.connection.dialogue.device.halt())
-
     async def ask_once(self, request: Request) -> float:
         """Ask, once, as soon as the device must listen; returns the seconds until its response."""
         self.connection.dialogue.begin()
@@ -223,22 +218,13 @@ class Bench:
         stream = await dialogue.run(self.connection.dialogue.device.start(mode))
         flow = Flow(mode, stream, dialogue.stats, began, self.now() - began)
         dialogue.deliver_to(flow.take)
-        limit = stream.spin_up_s
         try:
-            async with asyncio.timeout(limit):
+            async with asyncio.timeout(stream.spin_up_s):
                 await flow.first.wait()
         except TimeoutError:
-            raise Broken(f"no packet within {limit:g} s") from None
+            raise Broken(f"no packet within {stream.spin_up_s:g} s") from None
         flow.first_s = self.now() - flow.began
         return flow
-
-    async def silence_after(self, *requests: Request, listen_s: float) -> float:
-        """Write requests, listen for `listen_s` seconds; returns how long behind them the last bytes came."""
-        self.connection.dialogue.deliver_to(None)
-        began = self.now()
-        self.connection.dialogue.write(requests)
-        await asyncio.sleep(listen_s)
-        return max(0.0, self.last_in - began)
 
     async def is_silent(self) -> str:
         """Listen to a device that must send nothing; returns how long it was listened to.

@@ -56,10 +56,6 @@ class Kept:
         info = replace(about.info, serial=self.numbers.in_text(about.info.serial))
         return replace(about, info=info, events=tuple(map(self._without, about.events)))
 
-    def add_texts(self, name: str, texts: dict[str, str]) -> None:
-        """Write a named set of texts, now."""
-        self.recording.see_texts(name, texts, self._dialogue.port.now())
-
     # --------------------------------------------------------------------------- what the recording calls
 
     def begin_recording(self, recording: Recording) -> About:  # noqa: ARG002

@@ -26,17 +26,7 @@ LIKE: Final = 0.01
 
 
 class Seen(NamedTuple):
-    """What one device said it is.
-
-    Attributes:
-        model: Its model.
-        firmware: Its firmware; empty where it tells none.
-        modes: Its scan modes.
-        who: Who has sent the report; empty of a simulated device.
-        when: Day of the report.
-        system: Computer of the report.
-        adapter: Adapter of the report.
-    """
+    """What one device said it is, with day, computer and adapter of the report, and who has sent it."""
 
     model: str
     firmware: str

@@ -44,15 +44,7 @@ _INTERRUPTED: Final = "the report was ended before"
 
 
 class Tried(NamedTuple):
-    """A verdict as a file has it: the rule may be one of another version.
-
-    Attributes:
-        rule: Name of the rule.
-        outcome: Whether it held.
-        text: What was measured; by how much it was not held; or why it was not tried.
-        seconds: How long that took.
-        figures: What was measured.
-    """
+    """A `Verdict` as a file has it, by the name of its rule, which may be one of another version."""
 
     rule: str
     outcome: Outcome
@@ -181,7 +173,7 @@ class Reporter(Entered):
             raise recording.error
 
     def _write(self, texts: dict[str, str]) -> None:
-        self._kept.add_texts(REPORT, texts)
+        self._kept.recording.see_texts(REPORT, texts, self._bench.connection.dialogue.port.now())
 
     def _told(self, verdict: Verdict) -> Tried:
         # Names of ports hold serial numbers of adapters, and addresses are nobody's business.

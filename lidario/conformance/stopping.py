@@ -22,12 +22,19 @@ LATER_S = 1.0
 @known(Origin.MANUAL, "STOP", Need.STOPS)
 async def stop_ends_stream(bench: Bench) -> str:
     """STOP ends the stream, within the pause that the manual demands behind it."""
-    stop = bench.stop_requests()
+    dialogue = bench.connection.dialogue
+    stop = dialogue.device.stop()
+    # Of a device that hears no STOP, DTR ends the stream.
+    requests = (stop,) if stop.data else (stop, *dialogue.device.halt())
     await bench.flow(await bench.typical())
     await asyncio.sleep(FLOW_S)
-    took = await bench.silence_after(*stop, listen_s=LISTEN_S)
+    dialogue.deliver_to(None)
+    began = bench.now()
+    dialogue.write(requests)
+    await asyncio.sleep(LISTEN_S)
+    took = max(0.0, bench.last_in - began)
     bench.measured("last bytes behind STOP", 1e3 * took, "ms")
-    limit = max(request.settle for request in stop) + HELD_BACK_S
+    limit = max(request.settle for request in requests) + HELD_BACK_S
     if took > limit:
         raise Broken(f"{took * 1e3:.0f} ms behind STOP bytes still came, not {limit * 1e3:.0f} ms at most")
     return f"last bytes {took * 1e3:.0f} ms behind STOP"

@@ -46,13 +46,7 @@ QUERY_BYTES: Final = 4096
 
 
 class Sample(NamedTuple):
-    """What was published.
-
-    Attributes:
-        key: Under which key.
-        payload: The bytes.
-        attachment: What was sent beside them; empty where nothing was.
-    """
+    """What was published under a key, and what was sent beside it: empty where nothing was."""
 
     key: str
     payload: bytes

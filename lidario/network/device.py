@@ -31,15 +31,9 @@ LONGEST_RESPONSE: Final = 4096
 
 
 class RemoteStreams(StoredStreams):
-    """What is known of the lidar: what a `RecordedDevice` needs.
+    """What is known of the lidar: what a `RecordedDevice` needs. The stream that runs is the only one of `streams`.
 
-    Attributes:
-        path: Empty: there is no file.
-        about: The latest that was told.
-        modes: Its scan modes, as far as they are known.
-        responses: Request -> the latest response to it.
-        streams: The stream that runs.
-        opened: The one that the session has opened last; another one may run since.
+    The session has `opened` one; another one may run since.
     """
 
     def __init__(
@@ -82,7 +76,6 @@ class RemoteDevice(RecordedDevice):
     def __init__(self, streams: RemoteStreams, *, raw: bool) -> None:
         super().__init__(streams, lambda: streams.stream)
         self._streams = streams
-        self._raw = raw
         self.sends_bytes: bool = raw
         self._foreign = streams.about.info.family != streams.stream.family.name
 
@@ -98,7 +91,7 @@ class RemoteDevice(RecordedDevice):
 
     def modes(self) -> Script[tuple[ScanMode, ...]]:
         """The scan modes, the one that runs marked as the typical one."""
-        if self._raw:
+        if self.sends_bytes:
             return (yield from super().modes())
         running = self._streams.stream.began.mode
         others = [replace(mode, typical=False) for mode in self._streams.modes if mode.id != running.id]
@@ -129,16 +122,14 @@ class RemoteDevice(RecordedDevice):
         return super()._recall(script, what)
 
     def set_scan_frequency(self, hertz: float) -> Script[float]:  # noqa: ARG002
-        """Raises Unsupported."""
         raise Unsupported("the scan frequency of another machine's lidar cannot be set from here")
 
     def power_down_protection(self, on: bool) -> Script[bool]:  # noqa: ARG002
-        """Raises Unsupported."""
         raise Unsupported("power-down protection of another machine's lidar cannot be switched from here")
 
     def apply_zero_offset(self, on: bool) -> Script[float]:
         """As `Device.apply_zero_offset`; raises Unsupported where whole scans arrive."""
-        if not self._raw:
+        if not self.sends_bytes:
             raise Unsupported("the zero-angle offset of these scans was chosen by their publisher")
         return super().apply_zero_offset(on)
 
@@ -159,15 +150,12 @@ class ScanMessages(StreamFormat):
     full_turn = 360
 
     def measure(self, data: bytearray, at: int) -> int:  # noqa: ARG002
-        """`NO_PACKET`: nothing begins here."""
         return NO_PACKET
 
     def intact(self, data: bytearray, at: int, size: int) -> bool:  # noqa: ARG002
-        """False: there are none."""
         return False
 
     def headings(self, packets: Packets) -> Headings:  # noqa: ARG002
-        """None: there are no packets."""
         return []
 
 

@@ -48,13 +48,7 @@ class Token(NamedTuple):
 
 
 class Attachment(NamedTuple):
-    """What is sent beside a message.
-
-    Attributes:
-        number: Counts the messages of a publisher, from 1.
-        time_ns: When it was sent, nanoseconds since the Unix epoch.
-        gid: 16 bytes that tell the publisher.
-    """
+    """What is sent beside a message: its number, nanoseconds since the Unix epoch, and who has sent it."""
 
     number: int
     time_ns: int

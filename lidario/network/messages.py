@@ -42,12 +42,9 @@ _LONGEST_NS: Final = 10**13
 
 
 class Entry(NamedTuple):
-    """One part of a raw message.
+    """One part of a raw message: a line of the chronicle, or bytes of the device.
 
-    Attributes:
-        is_event: Whether it is a line of the chronicle, else bytes of the device.
-        at_ns: When it was read, on the monotonic clock of the publisher.
-        data: The bytes, or the line.
+    It was read `at_ns`, on the monotonic clock of the publisher.
     """
 
     is_event: bool

@@ -1,10 +1,8 @@
 """A port at whose other end is a publisher: the session above it is the one of a live device.
 
 Raw messages are handed over with the times at which the publisher read their bytes, put on the clock of this
-machine (`lidario.recording.fed`). Whole scans are handed to the session as they are.
-
-Nobody else than the publisher drives the device: what is written here goes nowhere. Where its stream is interrupted
-and starts anew, the session is told to start its own anew, too.
+machine (`lidario.recording.fed`). Whole scans are handed to the session as they are. Where the stream of the
+publisher is interrupted and starts anew, the session is told to start its own anew, too.
 
 **What is missing.** Messages are numbered, so a scan that was lost on the way is a jump of `Scan.seq`, and counted.
 Where two publishers send under one key, the first one is received as long as it sends; the other one is counted.

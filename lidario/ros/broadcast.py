@@ -76,7 +76,7 @@ class Broadcast(Entered):
         self.news: str = ""
         self.scans: int = 0
         self.unsent: int = 0
-        self._started = self._closed = False
+        self._closed = False
         self._bus: Bus | None = None
         self._connecting: asyncio.Task[None] | None = None
         self._modes: tuple[ScanMode, ...] = ()
@@ -162,7 +162,7 @@ class Broadcast(Entered):
             SessionClosed: Another task has closed it meanwhile, or started it.
             Unsupported: The package that is needed is not installed.
         """
-        if self._started:
+        if self._bus is not None or self._connecting is not None:
             raise LocalProtocolError("a publisher can be started once: make another one")
         with suppress(LidarError):
             self._modes = await self.lidar.get_modes()
@@ -174,7 +174,6 @@ class Broadcast(Entered):
             self._check_alone()
             self._tell(False, f"{error}\nScans are not sent until it is there.")
             self._connecting = asyncio.create_task(self._connect_later(), name="lidario: wait for the router")
-        self._started = True
 
     async def close(self) -> None:
         """Take the lidar off the network; returns when the router knows, after two seconds at most.

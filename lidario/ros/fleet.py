@@ -7,8 +7,9 @@ key of its lidar. What is missing is told: the next scan of that lidar says how 
 from __future__ import annotations
 
 import asyncio
+from collections import deque
 from collections.abc import Iterable, Iterator
-from typing import Final, Self
+from typing import Final, NamedTuple, Self
 
 from lidario.arguments import shown, whole
 from lidario.entered import Entered
@@ -21,14 +22,33 @@ from lidario.network.raw import Decoders
 from lidario.network.senders import Senders
 from lidario.network.status import Status
 from lidario.port.wall_clock import WallClock
-from lidario.ros.waiting import FleetScan, WaitingScans
 from lidario.scan import Scan
-
-__all__ = ["Fleet", "FleetScan"]
 
 MOST_MISSING: Final = 4096
 """Lidars of which messages are missing that no scan has told of yet."""
 _STATUS: Final = status_key("")
+MOST_BYTES: Final = 64 << 20
+"""Of all scans that wait: two of each of a thousand lidars."""
+_SAMPLE_BYTES: Final = 9
+_SCAN_BYTES: Final = 2048
+
+
+class FleetScan(NamedTuple):
+    """One scan of one lidar.
+
+    Attributes:
+        key: Which lidar.
+        scan: The scan.
+        sent_ns: When it was sent, nanoseconds since the Unix epoch, by the clock of its publisher; 0 where it does
+            not say.
+        lost: Messages of this lidar that are missing since the scan before: lost on the way, or dropped here
+            because the reader was slow. A message is a scan; of raw bytes, a part of one.
+    """
+
+    key: str
+    scan: Scan
+    sent_ns: int
+    lost: int
 
 
 class Fleet(Entered):
@@ -177,3 +197,61 @@ class Fleet(Entered):
     def _wake(self) -> None:
         if self._waiter is not None and not self._waiter.done():
             self._waiter.set_result(None)
+
+
+class WaitingScans:
+    """Scans of many lidars that wait for one reader, so many of each; in the order in which they came.
+
+    Each lidar has its own room, so that many at once push out nobody's scans. What is dropped is counted in the
+    next scan of the same lidar. All together they are bounded in bytes: how many lidars there are is for the
+    network to say.
+    """
+
+    def __init__(self, depth: int) -> None:
+        self.dropped: int = 0
+        self._depth = depth
+        self._order: deque[str] = deque()
+        self._scans: dict[str, deque[FleetScan]] = {}
+        self._size = 0
+
+    def __len__(self) -> int:
+        return len(self._order)
+
+    def put(self, item: FleetScan) -> None:
+        """Add a scan; the oldest one of its lidar gives way where there are too many."""
+        held = self._scans.setdefault(item.key, deque())
+        held.append(item)
+        self._size += _size(item)
+        if len(held) > self._depth:
+            # The next one takes its place in the order.
+            self._drop(item.key)
+        else:
+            self._order.append(item.key)
+        while self._size > MOST_BYTES and len(self._order) > 1:
+            self._drop(self._order.popleft())
+
+    def take(self) -> FleetScan:
+        """The oldest scan; there must be one."""
+        key = self._order.popleft()
+        held = self._scans[key]
+        item = held.popleft()
+        self._size -= _size(item)
+        if not held:
+            # Lidars come and go, and their number is not ours.
+            del self._scans[key]
+        return item
+
+    def _drop(self, key: str) -> None:
+        """Drop the oldest scan of a lidar; the next one tells what is missing."""
+        held = self._scans[key]
+        gone = held.popleft()
+        self._size -= _size(gone)
+        self.dropped += 1
+        if held:
+            held[0] = held[0]._replace(lost=held[0].lost + gone.lost + 1)
+        else:
+            del self._scans[key]
+
+
+def _size(item: FleetScan) -> int:
+    return len(item.key) + _SAMPLE_BYTES * len(item.scan) + _SCAN_BYTES

@@ -105,12 +105,9 @@ class Share(Broadcast):
 
 
 class RawFeed:
-    """Takes what a recording would take; see `lidario.recording.record.Recorded`.
+    """Takes what a recording would take (`lidario.recording.record.Recorded`) and has it sent.
 
-    Args:
-        lidar: An open lidar.
-        send: Called with what was collected.
-        count_scan: Called when a scan is complete, before its last bytes are sent.
+    A scan that is complete is counted before its last bytes are sent.
     """
 
     def __init__(self, lidar: Lidar, send: Callable[[list[Entry]], None], count_scan: Callable[[], None]) -> None:

@@ -1,10 +1,8 @@
 """The faults that users can ask of a simulated device, as they type them.
 
-A list of faults is written like ``drop:1%,flip:0.1%,unplug:5s``. Shares are written in per cent or as a fraction,
-durations as ``5s``, ``200ms``, ``2min`` or plain seconds. `FAULTS` is the table of all of them.
-
-`lidario.sim.trouble` lets them happen. A share is per byte, or per response. The durations of ``silent``,
-``unplug`` and ``replug`` and of all faults of the device count from the first byte on the line, either way.
+A list of faults is written like ``drop:1%,flip:0.1%,unplug:5s``. A share is per byte, or per response. Durations of
+``silent``, ``unplug``, ``replug`` and of all faults of the device count from the first byte on the line, either
+way.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """A motor that rotates the head: commanded speed, spin-up, and the angle at any moment.
 
-Speed approaches its target exponentially, which has a closed form for the angle as well. So the angle of
-every sample is a function of its time alone, and a simulated device gives the same bytes however its time
-is divided into steps. `spin_up_s` is the time from standstill until the speed is *stable*, within 2 % of the
-target: data sheets give this time, and a device withholds its samples for so long.
+Speed approaches its target exponentially, which has a closed form for the angle as well. So the angle of every
+sample is a function of its time alone. `spin_up_s` is the time from standstill until the speed is *stable*, within
+2 % of the target: data sheets give this time, and a device withholds its samples for so long.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """What goes wrong with a simulated device and with its bytes on their way to the host, and when.
 
-The words for it are in `lidario.sim.faults`. A *line fault* changes bytes; the device knows nothing of it. A
-*device fault* is an event in the device's own life: it restarts, freezes, stops to protect itself. `MemoryLine`
-first lets the device send what has left it by the time of the event, and then calls `Faults.strike`, so the bytes
-do not depend on how often the device is asked for bytes.
+A *line fault* changes bytes; the device knows nothing of it. A *device fault* is an event in the device's own life:
+it restarts, freezes, stops to protect itself. `MemoryLine` first lets the device send what has left it by the time
+of the event, and then calls `Faults.strike`, so the bytes do not depend on how often the device is asked for bytes.
 
 One line fault at most begins at a byte. What happens to each byte is drawn in the order of the bytes from a seeded
 generator, so the outcome does not depend on how the bytes were divided into chunks.

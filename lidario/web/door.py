@@ -51,11 +51,7 @@ _log.addHandler(logging.NullHandler())
 
 
 class Door:
-    """The connections that wait.
-
-    Attributes:
-        waiting: Each with its address, the oldest first.
-    """
+    """The connections that wait, each with its address, the oldest first."""
 
     def __init__(self) -> None:
         self.waiting: dict[Connection, str] = {}

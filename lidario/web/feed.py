@@ -43,12 +43,9 @@ _TRAFFIC_S: Final = 1.0
 
 
 class Feed:
-    """One lidar and the latest of it.
+    """One lidar and the latest of it; `source`, `mode` and `guard` are as for `open_lidar`.
 
     Args:
-        source: As for `open_lidar`.
-        mode: Scan mode that is asked for; None for the typical one.
-        guard: As for `open_lidar`.
         stays: Whether it waits behind the end of a recording, to be played again.
         folder: Where it may be recorded; None for nowhere.
         config: The file of settings; None for none. It is read at each opening.
@@ -59,20 +56,13 @@ class Feed:
         state: ``connecting`` until the first scan, then ``scanning``, or ``lost`` while it is away; ``ended``
             behind the end of a recording.
         reason: Why it was lost, or what the last attempt said; empty while it scans.
-        info: What the device says it is; None before it was opened.
-        latest: The latest scan; it stays when the lidar is lost. None before the first.
-        line: What the line carried in the last second; None before the first second is over.
-        scans: Scans so far.
-        losses: Times it was lost.
+        latest: The latest scan; it stays when the lidar is lost.
+        line: What the line carried in the last second.
         length_s: Seconds that a recording lasts; None of a lidar, and before it was opened.
-        rate: How many times as fast as it was recorded it is played.
         keeper: Records it; None where it may not be recorded, as a recording.
-        config: Its settings, once it was opened.
         saved: The filters of its settings.
         drawn: Filters that viewers have added, and have not saved.
         removed: Filters, among both, that viewers have taken away, and have not saved.
-        on_scan: Called with this feed for each scan.
-        on_change: Called with this feed for each change of state.
     """
 
     def __init__(

@@ -24,16 +24,10 @@ _written: Final[set[Path]] = set()
 
 
 class Keeper:
-    """The recordings of one lidar.
+    """The recordings of one lidar in a folder; `tell` is called when one has begun or ended.
 
-    Args:
-        folder: Where they are written.
-        tell: Called when one has begun or ended.
-
-    Attributes:
-        name: Name of the file that is written, or was the last one; empty before the first.
-        error: Why the last one ended unasked, or could not begin; else empty.
-        scans: Full revolutions in it so far.
+    The file that is written, or was the last one, has so many full revolutions (`scans`). Why it ended unasked, or
+    could not begin, is the `error`.
     """
 
     def __init__(self, folder: Path, tell: Callable[[], object]) -> None:

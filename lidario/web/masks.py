@@ -32,14 +32,9 @@ _Unsaved = tuple[str, Feed, list[Filter], list[Filter]]
 
 
 class Masks:
-    """What viewers add to the filters of a page, and take away from them.
+    """What viewers add to the filters of what is shown, and take away; what became of the last save is `said`.
 
-    Args:
-        feeds: What is shown.
-        path: The file of settings to write; None where a viewer may not.
-
-    Attributes:
-        said: What became of the last wish to save; empty before one.
+    The file of settings is written where a `path` names it.
     """
 
     def __init__(self, feeds: Sequence[Feed], path: str | PathLike[str] | None) -> None:

@@ -51,14 +51,10 @@ _noise.setLevel(logging.CRITICAL + 1)
 
 
 class _Viewer:
-    """One browser.
+    """One browser, for which the latest scan of each lidar may wait.
 
-    Attributes:
-        waiting: The latest scan of each lidar that was not sent yet.
-        unconfirmed: Scans that were sent and not confirmed.
-        states: Whether the states are to be sent.
-        echo: The viewer's time, to be sent back with them.
-        wake: Set where there may be something to send.
+    So many scans were sent and are `unconfirmed`. Where the `states` are to be sent, its own time goes with them as
+    `echo`.
     """
 
     def __init__(self, connection: Connection, feeds: Sequence[Feed], masks: Masks) -> None:
@@ -107,7 +103,7 @@ class LiveServer:
     Args:
         feeds: What is shown.
         host: Address to listen at.
-        port: Port to listen at; 0 for any.
+        port: 0 for any.
         token: What everyone must know who connects; empty for none.
         config: The file of settings that viewers may write; None for none.
 

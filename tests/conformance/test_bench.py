@@ -8,8 +8,7 @@ from typing import Any
 import pytest
 
 import lidario
-from lidario.conformance import RULES, Bench, Origin, Outcome, Rule, open_bench, rule_named, streaming
-from lidario.conformance.rules import rules_in
+from lidario.conformance import RULES, Bench, Origin, Outcome, Rule, open_bench, rule_named, rules_in, streaming
 from lidario.testing import SimulatedLidar
 from tests.conformance.bench import broken, judge
 from tests.conformance.wrapped import HeldBack, ReadLate

@@ -25,9 +25,9 @@ from lidario.port.wall_clock import WallClock
 from lidario.recording.about import About
 from lidario.recording.chronicle import MOST_NS, Responded, StreamBegan, StreamEnded, ZeroOffsetSet, text_of
 from lidario.revolution.together import join_reads
-from lidario.ros import waiting
+from lidario.ros import fleet
+from lidario.ros.fleet import FleetScan, WaitingScans
 from lidario.ros.share import RawFeed
-from lidario.ros.waiting import FleetScan, WaitingScans
 from lidario.scan import Scan
 from lidario.testing import make_scan
 from tests.support.loop import driven, run_driven
@@ -218,7 +218,7 @@ class Key(str):
 
 def test_nothing_is_kept_of_a_lidar_whose_scans_are_gone(monkeypatch: pytest.MonkeyPatch) -> None:
     """Lidars come and go, and their number is not ours."""
-    monkeypatch.setattr(waiting, "MOST_BYTES", 1)
+    monkeypatch.setattr(fleet, "MOST_BYTES", 1)
     scans, keys = WaitingScans(2), [Key("dropped"), Key("taken")]
     kept = [weakref.ref(key) for key in keys]
     while keys:
@@ -281,7 +281,7 @@ def test_decoders_are_bounded_by_what_they_hold(sent: Sent, monkeypatch: pytest.
 
 def test_scans_that_wait_are_bounded_in_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
     """How many lidars there are is for the network to say."""
-    monkeypatch.setattr(waiting, "MOST_BYTES", 30_000)
+    monkeypatch.setattr(fleet, "MOST_BYTES", 30_000)
     scans = WaitingScans(4)
     for number in range(100):
         scans.put(FleetScan(f"k{number % 50}", FOUR, 0, 0))
@@ -293,7 +293,7 @@ def test_scans_that_wait_are_bounded_in_bytes(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_scans_that_take_the_place_of_smaller_ones_are_bounded_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(waiting, "MOST_BYTES", 30_000)
+    monkeypatch.setattr(fleet, "MOST_BYTES", 30_000)
     scans, large = WaitingScans(1), make_scan([0.0] * 1000, 1.0)
     for scan in (FOUR, large):
         for number in range(10):
