@@ -10,6 +10,7 @@ import asyncio
 import json
 from collections.abc import Iterable
 from importlib.resources import files
+from math import isclose
 from typing import Final, NamedTuple
 
 from lidario.conformance.report import Report
@@ -85,11 +86,7 @@ def _news_of_mode(report: Report, mode: ScanMode, known: list[ScanMode]) -> list
         ("a sample takes {:.2f} us", mode.sample_us, [each.sample_us for each in known]),
         ("it sees {:g} m far", mode.max_distance, [each.max_distance for each in known]),
     ):
-        if not any(_alike(own, other) for other in others_have):
+        if not any(isclose(own, other, rel_tol=LIKE) for other in others_have):
             others = ", ".join(f"{each:g}" for each in sorted(set(others_have)))
             lines.append(f"mode {mode.name}: {what.format(own)}, known: {others}")
     return lines
-
-
-def _alike(own: float, other: float) -> bool:
-    return abs(own - other) <= LIKE * max(abs(own), abs(other))
