@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from lidario.loading import lazily
+from lidario.loading import keep
 from lidario.version import __version__
 
 if TYPE_CHECKING:
@@ -194,4 +194,10 @@ _HOMES = {
 }  # fmt: skip
 """Module -> the public names that live in it."""
 
-__getattr__, __dir__ = lazily(__name__, _HOMES)
+
+def __getattr__(name: str) -> object:
+    return keep(__name__, name, _HOMES)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

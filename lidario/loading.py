@@ -12,27 +12,18 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
     from types import ModuleType
 
 
-def lazily(
-    package: str, homes: Mapping[str, tuple[str, ...]]
-) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
-    """The ``__getattr__`` and ``__dir__`` of a package whose public names live in these modules of lidario."""
-
-    def found(name: str) -> object:
-        home = next((home for home, names in homes.items() if name in names), None)
-        if home is None:
-            raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        value: object = getattr(load(f"lidario.{home}"), name)
-        setattr(sys.modules[package], name, value)
-        return value
-
-    def public() -> list[str]:
-        return sorted(sys.modules[package].__all__)
-
-    return found, public
+def keep(package: str, name: str, homes: Mapping[str, tuple[str, ...]]) -> object:
+    """For a package's ``__getattr__``: load a public name from its home, a module of lidario, and keep it there."""
+    home = next((home for home, names in homes.items() if name in names), None)
+    if home is None:
+        raise AttributeError(f"module {package!r} has no attribute {name!r}")
+    value: object = getattr(load(f"lidario.{home}"), name)
+    setattr(sys.modules[package], name, value)
+    return value
 
 
 def load(name: str) -> ModuleType:

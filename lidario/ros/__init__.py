@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from lidario.loading import lazily
+from lidario.loading import keep
 
 if TYPE_CHECKING:
     from lidario.laserscan import LaserScan
@@ -56,4 +56,9 @@ _HOMES = {
 }
 
 
-__getattr__, __dir__ = lazily(__name__, _HOMES)
+def __getattr__(name: str) -> object:
+    return keep(__name__, name, _HOMES)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
