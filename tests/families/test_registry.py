@@ -7,8 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from lidario.errors import ConnectFailed
-from lidario.families.adapters import ADAPTERS
 from lidario.families.base import Device, Family, Known
 from lidario.families.registry import FAMILIES, family_named, family_of_simulated
 from lidario.model import ScanMode
@@ -86,32 +84,3 @@ def test_bytes_alone_tell_no_reach_and_no_time(family: Family) -> None:
         found = family.find_stream(memoryview(case.told + case.descriptor + case.raw), Known())
         assert found is not None, case.name
         assert (found.stream.mode.max_distance, found.stream.spin_up_s, found.stream.timed) == (0, 0, False)
-
-
-def test_unknown_names_are_answered_with_the_known_ones() -> None:
-    for look_up in (family_named, family_of_simulated):
-        with pytest.raises(ConnectFailed, match="known are") as caught:
-            look_up("nonesuch")
-        assert caught.value.reason == "source"
-
-
-def test_a_misspelt_simulated_model_is_told_the_nearest_ones_and_not_all() -> None:
-    with pytest.raises(
-        ConnectFailed, match=r"'rplidar-s9'\. Did you mean .*rplidar-s2.*`lidario sim --list`"
-    ) as caught:
-        family_of_simulated("rplidar-s9")
-    assert len(str(caught.value)) < 200
-    assert "\n" not in str(caught.value)
-
-
-def test_adapters_have_the_numbers_of_the_linux_drivers() -> None:
-    """cp210x.c, ch341.c, pl2303.h and ftdi_sio_ids.h; those of CH9102 and STM32, of cdc-acm, are their makers'."""
-    assert {name: f"{each.vendor:04x}:{each.product:04x}" for name, each in ADAPTERS.items()} == {
-        "CP2102": "10c4:ea60",
-        "CH340": "1a86:7523",
-        "CH9102": "1a86:55d4",
-        "STM32 virtual port": "0483:5740",
-        "PL2303": "067b:2303",
-        "FT232": "0403:6001",
-        "FT231X": "0403:6015",
-    }

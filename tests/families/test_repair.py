@@ -6,8 +6,6 @@ import pytest
 
 from lidario.families.rplidar.formats import HqFormat
 from tests.support.cases import CASES, Case, named
-from tests.support.kept import accepted_by_place, kept, spoil_inside
-from tests.support.streams import feed
 
 SIZE = 781
 HQ = [case for case in CASES if case.response_type == 0x83]
@@ -50,23 +48,3 @@ def test_nothing_else_is_taken_for_it(case: Case) -> None:
         found = taken(bytes(packet), b"")
         wrong += bool(found) and found != case.packets[number]
     assert wrong == 0
-
-
-@pytest.mark.long
-@pytest.mark.exhaustive("seeds", sample=[1], full=[6])
-@every_case
-def test_one_flip_in_a_thousand_bytes_costs_a_fifth(case: Case, seeds: int) -> None:
-    """Of packets of 781 bytes 46 % have no flip and 36 % have one. No point is wrong, each lost packet is told."""
-    shares = []
-    for seed in range(seeds):
-        raw = spoil_inside(case, 0.001, seed)
-        accepted, faulty = accepted_by_place(case, raw)
-        assert not faulty
-        result = kept(case, raw, accepted, set())
-        assert (result.wrong, result.broken, float(result.moved.max())) == (0, 0, 0)
-        assert result.lost == result.missing
-        shares.append(result.share)
-        whole = feed(case, raw).events
-        for chunks in (1, 64, 1000):
-            assert feed(case, raw, chunks).events == whole
-    assert sum(shares) / len(shares) > 0.79

@@ -9,13 +9,11 @@ from lidario.families.rplidar.decode import DECODERS
 from lidario.families.rplidar.simulated import packers
 from lidario.families.wheel import Wheel
 from tests.support.cases import CASES, KINDS, Case, named
-from tests.support.kept import arrivals
-from tests.support.streams import assembled, in_one_run
+from tests.support.streams import in_one_run
 from tests.support.wheels import heads
 from tests.support.wheels import lost as lost_in
 
 TURN = 23040
-HQ = [case for case in CASES if case.response_type == 0x83]
 ULTRA_DENSE = [case for case in CASES if case.response_type == 0x86]
 
 
@@ -37,50 +35,6 @@ def test_a_gap_seen_first_is_not_the_ordinary_step(arc: int, width: int, share: 
     assert lost_in(found) == len(missing)
     assert found.arc.max() <= 1.05 * arc
     assert found.certain
-
-
-@pytest.mark.long
-@pytest.mark.exhaustive("lost", sample=[1, 4], full=range(6))
-@pytest.mark.parametrize("name", ["rplidar_32k_82", "rplidar_32k_84", "rplidar_32k_85", "rplidar_32k_86"])
-def test_a_stream_joined_at_a_gap_delivers_no_wrong_point(name: str, lost: int) -> None:
-    """Joined one packet before a gap across the seam: what that packet held behind the seam is unknown."""
-    case = next(case for case in CASES if case.name == name)
-    seam = case.turns[0][0].packet
-    gone = set(range(seam - lost // 2, seam - lost // 2 + lost))
-    gone |= set(range(seam + 9, case.turns[-1][-1].packet, 13))
-    left = [n for n in range(seam - lost // 2 - 1, len(case.packets)) if n not in gone]
-    raw = b"".join(case.packets[n] for n in left)
-    scans, _, _ = assembled(case, raw, [len(case.packets[0])], arrivals(case, left))
-    assert len(scans) >= len(case.turns) - 1
-    true = {(round(s.distance_mm), round(s.angle_deg * 16)) for s in case.samples}
-    true |= {(mm, at + off) for mm, at in true for off in (-1, 1)}
-    wrong = sum(
-        (round(mm), round(deg * 16)) not in true
-        for scan in scans
-        for deg, mm in zip(scan.device_angles.tolist(), scan.device_distances.tolist(), strict=True)
-        if mm
-    )
-    slack = 0.02 if case.response_type == 0x86 else 0.002  # smoothed with another neighbour
-    assert wrong <= slack * sum(map(len, scans))
-
-
-@pytest.mark.parametrize("case", HQ, ids=named)
-@pytest.mark.parametrize("every", [2, 3])
-def test_packets_with_angles_of_their_own_tell_every_gap(case: Case, every: int) -> None:
-    """0x83: the arc of a packet is known from its nodes, so that no neighbour is needed."""
-    decoder = case.make_decoder()
-    left = range(0, len(case.packets), every)
-    raw = b"".join(case.packets[n] for n in left)
-    samples = decoder.decode(in_one_run(case.make_format(), raw), None)
-    assert samples.lost == (len(left) - 1) * (every - 1)
-    scans, stats, _ = assembled(case, raw, [781], arrivals(case, list(left)))
-    assert len(scans) >= len(case.turns) - 1
-    assert stats.broken_scans == 0
-    whole = [len(turn) / 96 for turn in case.turns]
-    assert all(
-        scan.lost_packets == pytest.approx(packets - len(scan) / 96, abs=2.0)
-        for scan, packets in zip(scans, whole, strict=False)
-    )
 
 
 @pytest.mark.parametrize("split", [False, True])
@@ -114,13 +68,3 @@ def test_how_many_packets_a_revolution_has(case: Case) -> None:
         assert samples.certain
         assert samples.revolution_packets == pytest.approx(end - begin, abs=1.1)
         assert samples.revolution_samples == pytest.approx(len(case.turns[0]), rel=0.02)
-
-
-def test_a_leap_and_the_fall_behind_it_are_no_gap() -> None:
-    """0x81: bytes that are no nodes may pass for some; behind them the angle is back where it was."""
-    angles = np.arange(3000) * 7 % TURN
-    angles[1500:1505] += 28 * 64
-    nodes = packers.pack_standard(angles, 4000, 40, np.zeros(3000, bool))
-    case = next(case for case in CASES if case.name == "rplidar_32k_81")
-    samples = case.make_decoder().decode(in_one_run(case.make_format(), nodes), None)
-    assert samples.lost <= 1

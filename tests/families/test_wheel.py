@@ -5,8 +5,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from lidario.families.spans import Arcs
@@ -21,12 +19,6 @@ Floats = NDArray[np.float64]
 def even(hertz: float, packets: int, first: float = 0.3) -> Floats:
     """Where an even rotor is at the beginning of each packet, in turns."""
     turns: Floats = first + hertz * PACKET_NS * 1e-9 * np.arange(packets, dtype=np.float64)
-    return turns
-
-
-def ramp(from_hz: float, to_hz: float, packets: int) -> Floats:
-    """Where a rotor is that changes its speed evenly all the time."""
-    turns: Floats = 0.3 + np.cumsum(np.linspace(from_hz, to_hz, packets, dtype=np.float64)) * PACKET_NS * 1e-9
     return turns
 
 
@@ -57,112 +49,6 @@ def told(
         arrivals = [(end, (here[end - 1] + 1) * PACKET_NS + late) for end in ends]
         found.append((here, wheel.follow(heads(angles[here], int(angles[behind])), arrivals)))
     return found
-
-
-def off(turns: Floats, found: Sequence[tuple[list[int], Arcs]]) -> float:
-    """How far arcs that are told as certain are off the true ones, in degrees, at most."""
-    return max(
-        360 * float(np.abs(np.asarray(arcs.arc, float) / TURN - (turns[np.array(here) + 1] - turns[here])).max())
-        for here, arcs in found
-        if arcs.certain
-    )
-
-
-@pytest.mark.parametrize(("from_hz", "to_hz"), [(10, 1), (0.5, 10), (5, 12), (7, 7)])
-@pytest.mark.parametrize("times", [True, False])
-def test_a_rotor_that_changes_its_speed_loses_nothing(from_hz: float, to_hz: float, times: bool) -> None:
-    turns = ramp(from_hz, to_hz, 1500)
-    found = told(turns, range(1500), times=times)
-    assert all(arcs.certain and not lost(arcs) for _, arcs in found)
-    assert off(turns, found) < 0.04
-
-
-@pytest.mark.parametrize("step", [2, 3])
-@pytest.mark.parametrize("hertz", [4.0, 10.0, 15.0])
-@pytest.mark.parametrize("late", [False, True])
-def test_where_only_each_second_or_third_comes_time_tells(step: int, hertz: float, late: bool) -> None:
-    """Also where one read of three turns is late."""
-    turns = even(hertz, 1500)
-    late_ns = [20_000_000 * (turn % 3 == 0) for turn in range(60)] if late else []
-    found = told(turns, range(0, 1500, step), every=4, late_ns=late_ns)
-    # The part of a turn with which the stream begins, and one more, may be too short to tell.
-    settled = [(here, arcs) for here, arcs in found if here[0] * PACKET_NS > 0.35e9]
-    assert all(arcs.certain for _, arcs in settled)
-    assert all(lost(arcs) == (step - 1) * len(here) for here, arcs in settled)
-    assert off(turns, settled) < 0.1
-
-
-@pytest.mark.parametrize("late", [False, True])
-def test_time_tells_also_between_gaps_of_most_of_a_turn(late: bool) -> None:
-    """Of large packets only each second comes, and five spans behind each other at most."""
-    turns = even(40.0, 1500)
-    kept = [number for number in range(0, 1500, 2) if number % 20 <= 10]
-    late_ns = [8_000_000 * (turn % 3 == 0) for turn in range(120)] if late else []
-    found = told(turns, kept, every=3, late_ns=late_ns)
-    settled = found[12:]
-    assert all(arcs.certain for _, arcs in settled)
-    assert off(turns, settled) < 0.1
-
-
-def test_without_times_spans_that_agree_are_one_arc() -> None:
-    found = told(even(10.0, 600), range(0, 600, 2), times=False)
-    assert all(arcs.certain and not lost(arcs) for _, arcs in found)
-
-
-def test_what_was_believed_while_little_came_is_held_against_the_time() -> None:
-    """Two gaps hide a turn each, of twelve and a half packets: what is left of them looks like half a packet."""
-    few = [370, 371, 373, 377, 397, 398, 411, 412, 413, 419, 420, 424, 425, 426, 427]
-    found = told(even(40.0, 1200), [*range(370), *few, *range(430, 1200)], every=3)
-    behind = [arcs for here, arcs in found if here[0] >= 450]
-    assert all(arcs.certain and not lost(arcs) for arcs in behind)
-
-
-@pytest.mark.long
-@pytest.mark.exhaustive("share", sample=[0.3, 0.6], full=[0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
-@pytest.mark.parametrize("large", [False, True])
-@given(seed=st.integers(0, 2**32 - 1))
-def test_random_gaps_are_no_new_speed(share: float, large: bool, seed: int) -> None:
-    """Half of all packets or more are missing. What is told as certain is right.
-
-    A few runs in hundreds show three gaps alike by chance; of those, a few revolutions are wrong.
-    """
-    hertz = 40.0 if large else 10.0
-    turns = even(hertz, 1200)
-    random = np.random.default_rng(seed)
-    kept = np.flatnonzero(random.random(1200) >= share).tolist()
-    found = told(turns, [0, *kept[1:]], every=3)
-    certain = [(here, arcs) for here, arcs in found if arcs.certain]
-    assert len(certain) > 0.7 * len(found)
-    wrong = sum(off(turns, [each]) >= 1.0 for each in certain)
-    assert wrong <= max(2, 0.06 * len(certain))
-
-
-def test_each_second_packet_is_lost_from_some_moment_on() -> None:
-    turns = even(10.0, 1200)
-    found = told(turns, [*range(600), *range(600, 1200, 2)])
-    assert off(turns, found) < 0.1
-    assert sum(lost(arcs) for here, arcs in found if here[0] >= 600) == sum(
-        len(here) for here, _ in found if here[0] >= 600
-    )
-
-
-def test_a_device_that_is_faster_than_it_says_loses_nothing() -> None:
-    """Its packets come in half the time that they should take."""
-    wheel, angles = Wheel(TURN), np.arange(24, dtype=np.int32) * (TURN // 24)
-    wheel.tell_time(PACKET_NS)
-    for turn in range(20):
-        arrivals = [(at, (turn * 24 + at) * PACKET_NS // 2) for at in (6, 12, 18, 24)]
-        arcs = wheel.follow(heads(angles, 0), arrivals)
-        assert (arcs.certain, lost(arcs)) == (True, 0)
-
-
-def test_a_copy_goes_on_alone() -> None:
-    wheel, angles = Wheel(TURN), np.arange(24, dtype=np.int32) * (TURN // 24)
-    wheel.follow(heads(angles, 0))
-    twin = wheel.copy()
-    twin.follow(heads(angles[::2], 0))
-    assert lost(wheel.follow(heads(angles, 0))) == 0
-    assert lost(wheel.follow(heads(np.delete(angles, [3, 4]), 0))) == 2
 
 
 def turning(*spans: int) -> tuple[NDArray[np.int32], int]:
@@ -243,19 +129,6 @@ def test_spans_of_many_arcs_that_agree_are_no_speed(times: float) -> None:
     is_speed = times < 9.5
     assert (lost(arcs) == 0) is is_speed
     assert (max(arcs.arc) < 520) is not is_speed
-
-
-@pytest.mark.parametrize("seed", range(40))
-def test_a_rotor_that_slows_down_within_two_turns_of_few_packets_is_followed_over_gaps(seed: int) -> None:
-    """Each span is held against the arc before it, not against the last one of the turn before."""
-    hertz = np.concatenate((np.full(150, 40.0), np.linspace(40.0, 8.0, 80)))
-    turns = 0.3 + np.cumsum(hertz) * PACKET_NS * 1e-9
-    came = np.random.default_rng(seed).random(80) > 0.1
-    kept = [*range(150), *(150 + np.flatnonzero(came)).tolist()]
-    for times in (True, False):
-        found = told(turns, kept, times=times, every=1)
-        assert all(arcs.certain for _, arcs in found)
-        assert off(turns, found) < 0.5
 
 
 def test_what_was_never_told_to_follow_each_other_is_not_revoked() -> None:

@@ -2,23 +2,13 @@
 
 from __future__ import annotations
 
-from lidario.families.camsense.formats import LongFormat, PacketFormat
+from lidario.families.camsense.formats import LongFormat
 from lidario.families.camsense.simulated.device import pack_packet
 from tests.families.camsense.about import CASES
-from tests.reference import camsense
 from tests.support.streams import checked_one_by_one, feed
 
 PACKETS = CASES[0].packets
-REAL = bytes.fromhex("55AA0308EC4D2FC67A06357A06307B06357A0633790634780622080709ED0609BAC7DB39")
-"""A packet of a real X1 (thijses/camsense-X1)."""
 LONG = [pack_packet(0xA000 + 700 * at, 0xA000 + 700 * at + 640, [1000.0 + at] * 12, [80] * 12) for at in range(30)]
-
-
-def test_the_packet_of_a_real_one() -> None:
-    wire = PacketFormat()
-    assert wire.run(bytearray(REAL), 0).end == len(REAL) == 36
-    first, *_, last = camsense.decode([REAL])
-    assert (first.raw_deg, last.raw_deg) == (152.734375, 158.90625)
 
 
 def test_each_damaged_bit_of_a_longer_one_is_found() -> None:

@@ -6,12 +6,8 @@ import numpy as np
 import pytest
 
 import lidario
-from lidario.families.hlds.decode import PacketDecoder
-from lidario.families.hlds.formats import PacketFormat
-from lidario.families.hlds.simulated.device import pack_packet
 from tests.families.hlds.about import CASES
-from tests.reference import golden, hlds
-from tests.support.streams import in_one_run
+from tests.reference import golden
 
 PACKETS = CASES[0].packets
 TRUTH = golden.load("hlds_lds01_5hz")
@@ -39,13 +35,3 @@ def test_a_lost_byte_costs_one_packet() -> None:
     scans = list(lidario.decode(raw[:20_000] + raw[20_001:]))
     assert [scan.lost_packets for scan in scans if scan.lost_packets] == [1]
     assert sum(map(len, scans)) == 360 * len(scans) - 6
-
-
-def test_what_is_reserved_changes_nothing() -> None:
-    packets = [pack_packet(at, [500.0] * 6, [8190] * 6, reserved=0xFFFF) for at in range(60)]
-    samples = PacketDecoder(PacketFormat).decode(in_one_run(PacketFormat(), b"".join([*packets, packets[0]])), None)
-    assert set(samples.distance_mm.tolist()) == {500.0}
-    assert samples.intensity is not None
-    assert set(samples.intensity.tolist()) == {255}
-    assert samples.angle_deg.tolist()[:360] == list(range(360))
-    assert hlds.decode(packets)[7].angle_deg == 7.0

@@ -40,10 +40,7 @@ def test_letters(model: str) -> None:
     device.transmit(BEGIN)
     device.receive(b"bxe", BEGIN + S)
     device.transmit(BEGIN + S)
-    assert [(each.name, each.obeyed) for each in device.log] == [
-        ("start", True),
-        ("stop", True),
-    ]
+    assert [(each.name, each.obeyed) for each in device.log] == [("start", True), ("stop", True)]
     assert not device.motor_on
     # What had begun to leave.
     assert len(device.transmit(BEGIN + 4 * S)) < 42

@@ -135,15 +135,6 @@ async def test_sectors_come_with_the_scan_and_beside_the_field_they_are_empty() 
     assert not rig.device.scanning
 
 
-@driven
-async def test_no_return_beyond_a_code_of_an_error() -> None:
-    """Below DMIN the device sends codes, beyond DMAX what it saw nothing at."""
-    for model in FIELDS:
-        scan = (await scans_of(model, 1))[0]
-        assert np.nanmin(scan.ranges) >= 0.02
-        assert np.nanmax(scan.ranges) <= scan.max_range
-
-
 def test_a_recording_has_what_its_packets_do_not_tell(tmp_path: Path) -> None:
     live = record(
         tmp_path / "run.mcap",
@@ -162,15 +153,6 @@ async def _played(path: Path, count: int) -> list[Scan]:
     async with lidario.open_lidar(f"{path}?rate=1") as lidar:
         assert lidar.info.model == "Hokuyo UST-10LX"
         return await take(lidar, count)
-
-
-def test_bytes_alone_tell_the_field_by_the_response_or_by_its_steps() -> None:
-    raw = Path(__file__).parents[2] / "data" / "hokuyo_urg04lx_10hz.npz"
-    with np.load(raw) as arrays:
-        data, distances = arrays["raw"].tobytes(), arrays["distance_mm"]
-    scans = list(lidario.decode(data))
-    assert len(scans) == 20
-    np.testing.assert_array_equal(np.concatenate([scan.device_distances for scan in scans]), distances)
 
 
 @pytest.mark.parametrize("counts", [False, True])

@@ -271,9 +271,3 @@ def test_what_a_device_tells_of_its_field_is_bounded(
     """By the digits of a request, by the 18 bits of a distance, and by what a rotor can do."""
     for value, right in ((least - 1, False), (least, True), (most, True), (most + 1, False)):
         assert (geometry_of(TOLD | others | {name: str(value)}) is not None) == right, value
-
-
-def test_the_field_is_half_a_step_wider_than_its_samples() -> None:
-    wire = DistanceFormat(Geometry(0, 1080, 540, 1440, 20, 30_000, 2400))
-    assert (wire.begin_deg, wire.field_deg) == (135.125, -270.25)
-    assert (wire.samples, wire.pitch) == (1081, 1440)

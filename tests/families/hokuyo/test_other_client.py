@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from itertools import pairwise
 
 import numpy as np
@@ -18,14 +17,6 @@ ONE_BYTE = 1
 """What it reads at once. It takes a read that ends in an empty line for one block, also where more have come."""
 BOX = list(pairwise((*CORNERS, CORNERS[0])))
 """Walls without noise, so that each scan is the same."""
-
-
-async def ours(address: tuple[str, int]) -> list[lidario.Scan]:
-    """One scan of each mode, by this project."""
-    host, port = address
-    async with lidario.open_lidar(f"tcp://{host}:{port}", family="hokuyo") as lidar:
-        assert lidar.info.model == "Hokuyo UST-10LX"
-        return [await lidar.scan(mode) for mode in ("Standard", "Intensity")]
 
 
 @pytest.mark.long
@@ -50,19 +41,3 @@ def test_hokuyolx_reads_what_the_device_measures(model: str) -> None:
     for scan in (*singles, *runs):
         assert scan[[540, 180, 900]].tolist() == pytest.approx([3000, 2000, 2000], abs=1)
     assert not device.scanning
-
-
-@pytest.mark.long
-async def test_we_read_the_same_box_over_tcp() -> None:
-    device = lidario.simulate("hokuyo-ust10lx", world=BOX)
-    with TcpServer(device) as server:
-        plain, strong = await ours(server.address)
-    for scan in (plain, strong):
-        for angle, metres in ((0.0, 3.0), (math.pi / 2, 2.0), (-math.pi / 2, 2.0)):
-            seen = scan.at(angle)
-            assert seen is not None
-            assert seen.range == pytest.approx(metres, abs=0.001)
-    assert plain.intensities is None
-    assert strong.intensities is not None
-    assert strong.intensities.max() > 200
-    assert (device.scanning, device.motor_on) == (False, False)

@@ -1,33 +1,15 @@
-"""The simulated LDROBOT lidars: their clock, and what the one that hears obeys."""
+"""The simulated LDROBOT lidars: what the one that hears obeys."""
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import pytest
 
-from lidario.families.ldrobot.simulated.device import PROFILES, make_simulated
-from tests.reference import ldrobot
+from lidario.families.ldrobot.simulated.device import make_simulated
 
 S = 1_000_000_000
 BEGIN = 1000 * S
 START, STOP = bytes.fromhex("54A004000000005E"), bytes.fromhex("54A104000000004A")
 SIX_HERTZ = bytes.fromhex("54A20470080000A1")
-
-
-def whole(data: bytes) -> list[bytes]:
-    """The packets in what was heard from anywhere on."""
-    at = next(at for at in range(len(data)) if ldrobot.crc8(data[at : at + 47]) == 0 and data[at] == 0x54)
-    return ldrobot.split(data[at : at + (len(data) - at) // 47 * 47])
-
-
-@pytest.mark.parametrize("model", PROFILES)
-def test_packets_tell_when_they_were_measured(model: str) -> None:
-    device = make_simulated(model)
-    device.transmit(BEGIN)
-    times = [int.from_bytes(packet[44:46], "little") for packet in whole(device.transmit(BEGIN + S))]
-    assert len(times) > 180
-    assert all((b - a) % 30_000 <= 6 for a, b in pairwise(times))
 
 
 def test_the_one_with_requests_obeys_them() -> None:

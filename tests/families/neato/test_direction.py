@@ -44,9 +44,7 @@ def test_a_laser_scan_has_each_return_where_it_was_and_when(gone: object, seam: 
         if seam:
             one, other = (
                 dataclasses.replace(
-                    scan,
-                    device_angles=((scan.device_angles + turn) % 360).astype(np.float32),
-                    seam=turn % 360,
+                    scan, device_angles=((scan.device_angles + turn) % 360).astype(np.float32), seam=turn % 360
                 )
                 for scan, turn in ((one, -seam), (other, seam))
             )

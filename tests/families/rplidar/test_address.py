@@ -41,11 +41,6 @@ def test_setting_it() -> None:
         drive(identified(S2).set_network_address(ADDRESS), {})
 
 
-def test_the_address_zero_means_dhcp() -> None:
-    request = set_lidar_conf(Conf.NETWORK_ADDRESS, bytes(12)).data
-    drive(identified(S2).set_network_address(NetworkAddress("0.0.0.0")), {request: TYPE + bytes(4)})
-
-
 @pytest.mark.parametrize(
     "wrong",
     [
@@ -72,14 +67,6 @@ async def test_it_is_in_force_after_a_reset() -> None:
     assert "set_lidar_conf" in names(rig)
 
 
-@driven
-async def test_a_serial_device_has_none() -> None:
-    async with make_rig("rplidar").open() as lidar:
-        for request in (lidar.get_network_address(), lidar.set_network_address(ADDRESS)):
-            with pytest.raises(Unsupported, match="Ethernet"):
-                await request
-
-
 @pytest.mark.parametrize(
     ("model", "name", "again"), [("rplidar-s2e", "RPLIDAR S2E", 0), ("rplidar-s2", "RPLIDAR S2M1", 1)]
 )
@@ -104,14 +91,6 @@ async def test_an_s2e_whose_ethernet_address_was_lost_on_the_way_is_one_as_soon_
         rig.device.receive = receive
         assert (await lidar.get_info()).model == "RPLIDAR S2E"
         assert lidar.info.model == "RPLIDAR S2E"
-
-
-@driven
-async def test_a_serial_s2_is_not_asked_for_an_ethernet_address() -> None:
-    rig = make_rig("rplidar", "rplidar-s2")
-    async with rig.open() as lidar:
-        assert lidar.info.model == "RPLIDAR S2M1"
-        assert "get_lidar_conf" not in names(rig)
 
 
 class Bridged(Relayed):

@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 from lidario.families.arcs import in_turn
 from lidario.families.base import Samples
 from lidario.families.rplidar.cabins import ultra_dense_cabins
-from lidario.families.rplidar.decode import DECODERS, DenseDecoder
+from lidario.families.rplidar.decode import DECODERS
 from lidario.families.rplidar.formats import FORMATS
 from lidario.families.rplidar.simulated import packers
-from lidario.wire.events import Packets
 from tests.reference import rplidar
 from tests.support.streams import arrived, in_one_run
 
@@ -102,12 +101,6 @@ def test_what_leans_on_a_lost_packet_has_no_distance(major: int, behind_gap: int
         assert ours[93:] == ([2560, 2560, 0] if major else [0, 0, 0])
 
 
-def test_angles_are_brought_into_the_turn() -> None:
-    degrees = np.array([-1e-16, -0.5, 0.0, 359.75, 360.0, 400.0], np.float32)
-    in_turn(degrees, 360, back=True)
-    assert degrees.tolist() == [0.0, 359.5, 0.0, 359.75, 0.0, 40.0]
-
-
 @pytest.mark.parametrize("back", [False, True])
 @pytest.mark.parametrize("samples", [32, 40, 64, 96])
 def test_an_angle_beside_360_degrees_stays_on_its_side(samples: int, back: bool) -> None:
@@ -133,50 +126,3 @@ def test_an_angle_beside_360_degrees_stays_on_its_side(samples: int, back: bool)
 
 
 # ------------------------------------------------------------------------------------------ several revolutions
-
-
-def _dense(counts: list[int]) -> list[bytes]:
-    """Revolutions of so many packets each, and one packet more; the steps of each revolution are equal."""
-    starts = np.concatenate([np.arange(count) * 23040 // count for count in [*counts, 80]])[: sum(counts) + 1]
-    raw = packers.pack_dense(starts, np.arange(len(starts) * 40).reshape(-1, 40))
-    return [raw[at : at + 84] for at in range(0, len(raw), 84)]
-
-
-def _run(packets: list[bytes]) -> Packets:
-    return in_one_run(FORMATS[0x85](), b"".join(packets))
-
-
-def _remembered(decoder: DenseDecoder) -> list[float]:
-    """What a packet before a gap is decoded to: its arc is that of the packet before."""
-    alone = packers.pack_dense([0], [[1] * 40])
-    following = packers.pack_dense([23040 // 80 * 20], [[1] * 40])
-    return [float(angle) for angle in decoder.fork().decode(_run([alone]), following).angle_deg]
-
-
-def test_steady_revolutions_are_remembered_only_when_settled() -> None:
-    packets = _dense([80, 72, 90])
-    one_by_one, together = DenseDecoder(), DenseDecoder()
-    for decoder in (one_by_one, together):
-        decoder.decode(_run(packets[:80]), packets[80])
-    before = _remembered(together)
-    samples = together.decode_steady(_run(packets[80:242]), packets[242], [72, 162], 0, 0)
-    assert samples is not None
-    assert _remembered(together) == before
-    samples.settle()
-    first = one_by_one.decode(_run(packets[80:152]), packets[152], seam=0)
-    second = one_by_one.decode(_run(packets[152:242]), packets[242], seam=0)
-    np.testing.assert_array_equal(samples.angle_deg, np.concatenate((first.angle_deg, second.angle_deg)))
-    assert list(samples.before_seam) == [first.before_seam, 72 * 40 + second.before_seam]
-    assert list(samples.revolution_packets) == [first.revolution_packets, second.revolution_packets]
-    assert first.revolution_packets != second.revolution_packets
-    assert _remembered(together) == _remembered(one_by_one) != before
-
-
-def test_revolutions_with_a_gap_are_not_steady() -> None:
-    packets = _dense([80, 80, 80])
-    decoder = DenseDecoder()
-    decoder.decode(_run(packets[:80]), packets[80])
-    gap = packets[80:190] + packets[191:240]
-    assert decoder.decode_steady(_run(gap), packets[240], [80, 159], 0, None) is None
-    assert decoder.decode_steady(_run(packets[80:240]), packets[5], [80, 160], 0, None) is None
-    assert decoder.decode_steady(_run(packets[80:240]), packets[240], [80, 160], 0, None) is not None

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from lidario.families.rplidar.nodes import NodeFormat
 from lidario.families.rplidar.simulated.packers import pack_standard
 from lidario.wire.blocks import Block
-from lidario.wire.formats import BEGINS, NO_PACKET
+from lidario.wire.formats import BEGINS
 from tests.support.streams import arrived
 
 TURN = 23040
@@ -27,15 +27,6 @@ def in_step(*angles: int) -> NodeFormat:
     data = bytearray(lead + b"".join(map(node, angles)))
     assert stream.next_stretch(data, 0) == ((Block(5, len(data) // 5),), len(data), len(data))
     return stream
-
-
-def test_the_two_check_bits() -> None:
-    stream = NodeFormat()
-    for first in range(4):
-        for second in range(2):
-            size = stream.measure(bytearray((first, second, 0, 0, 0)), 0)
-            assert size == (5 if first in (1, 2) and second == 1 else NO_PACKET)
-    assert stream.measure(bytearray(b"\x02"), 0) == 0
 
 
 @pytest.mark.parametrize(
@@ -83,19 +74,6 @@ def test_out_of_step_sixteen_in_a_row_are_needed() -> None:
     assert stretch.end > 0
 
 
-def test_angles_that_stand_still_lose_against_those_that_turn() -> None:
-    """Distances of a smooth wall, read as angles in the wrong phase, stand or fall."""
-    turning = b"".join(node(1000 + 7 * k, distance=0x0303) for k in range(60))
-    for shift in range(1, 5):
-        data = bytearray(turning[shift:])
-        stretch = NodeFormat().next_stretch(data, 0)
-        while not stretch.packets:
-            assert stretch.end > 0
-            del data[: stretch.end]
-            stretch = NodeFormat().next_stretch(data, 0)
-        assert len(data) % 5 == 0
-
-
 steps = st.lists(st.one_of(st.integers(0, 60), st.integers(-300, 700)), min_size=20, max_size=80)
 
 
@@ -123,13 +101,6 @@ def test_checking_as_an_array_finds_what_checking_one_by_one_finds(steps: list[i
         at, count = at + 5, count + 1
     assert whole.run(raw, 0).packets == ((Block(5, count),) if count else ())
     assert vars(whole) == vars(single)
-
-
-@pytest.mark.parametrize("count", [1, 5, 15, 16, 40])
-def test_headings_are_the_angles(count: int) -> None:
-    angles = [(57 * k * k) % TURN for k in range(count)]
-    raw = b"".join(map(node, angles))
-    assert list(NodeFormat().headings(arrived(raw, count, 0))) == angles
 
 
 @pytest.mark.parametrize("side", [1, -1])

@@ -13,7 +13,6 @@ from lidario.families.rplidar.node_steps import NodeSteps
 from lidario.families.spans import Heads
 from lidario.families.told import ToldWheel
 from lidario.families.wheel import Wheel
-from tests.support.ramp import ramp
 from tests.support.wheels import heads, lost, missing
 
 TURN = 23040
@@ -21,50 +20,6 @@ TURN = 23040
 
 def headings(*angles: int) -> NDArray[np.int32]:
     return np.array([angle % TURN for angle in angles], np.int32)
-
-
-def test_arcs_reach_from_packet_to_packet() -> None:
-    arcs = Wheel(TURN).follow(heads(headings(22000, 22500, 23010, 480), 985))
-    assert list(arcs.arc) == [500, 510, 510, 505]
-    assert missing(arcs) == [0, 0, 0, 0]
-
-
-def test_without_a_follower_the_last_arc_is_the_usual_one() -> None:
-    arcs = Wheel(TURN).follow(heads(headings(0, 500, 1000, 1500), None))
-    assert list(arcs.arc) == [500, 500, 500, 500]
-    assert missing(arcs) == [0, 0, 0, 0]
-
-
-def test_what_is_usual_is_remembered_from_turn_to_turn() -> None:
-    wheel = Wheel(TURN)
-    wheel.follow(heads(headings(*range(0, 10000, 500)), 10000))
-    arcs = wheel.follow(heads(headings(10000), 12000))
-    assert (missing(arcs), list(arcs.arc)) == ([3], [500.0])
-    # Alone, with nothing to go by, a jump is a step.
-    assert missing(Wheel(TURN).follow(heads(headings(10000), 12000))) == [0]
-
-
-def test_another_speed_is_believed_when_it_lasts() -> None:
-    """As when the speed was set while the stream could not be read: no span fits the arc that was known."""
-    wheel = Wheel(TURN)
-    wheel.follow(heads(headings(*range(0, 10000, 500)), 10000))
-    arcs = wheel.follow(heads(headings(*range(10000, 16400, 800)), 16400))
-    assert (missing(arcs), arcs.step, arcs.certain) == ([0] * 8, 800, True)
-    arcs = wheel.follow(heads(headings(*range(16400, 18800, 300)), 18800))
-    assert (missing(arcs), arcs.step, arcs.certain) == ([0] * 8, 300, True)
-
-
-def test_a_gap_is_counted_by_the_speed_of_its_own_revolution() -> None:
-    wheel = Wheel(TURN)
-    wheel.follow(heads(headings(*range(0, 10000, 500)), 10000))
-    arcs = wheel.follow(heads(headings(*range(10000, 16200, 620), 16200 + 4 * 620), 16200 + 5 * 620))
-    assert (missing(arcs), arcs.step) == ([0] * 9 + [4, 0], 620)
-
-
-def test_a_small_step_back_is_no_lost_turn() -> None:
-    rotation = NodeSteps(TURN)
-    arcs = rotation.follow(heads(headings(100, 107, 114, 110, 121, 128), 135))
-    assert missing(arcs) == [0] * 6
 
 
 def nodes_of(step: int, count: int = 140) -> Heads:
@@ -132,15 +87,6 @@ def test_what_was_told_before_time_tells_is_revoked(followed: bool) -> None:
     rotation.follow(before if followed else before._replace(following=None))
     arcs = rotation.follow(nodes_of(14), [(end, 62_500 * end) for end in range(28, 141, 28)])
     assert arcs.revoked == (1, 139 + followed)
-
-
-def test_what_came_while_all_was_steady_is_not_missing() -> None:
-    """By the time between the others, each second node were lost."""
-    rotation = NodeSteps(TURN)
-    rotation.tell_time(31_250.0)
-    for turn in range(0, 12, 2):
-        assert lost(rotation.follow(nodes_of(7), [(140, turn * 140 * 31_250)])) == 0
-        settled(rotation)
 
 
 def test_several_revolutions_are_steady_where_each_is() -> None:
@@ -269,14 +215,6 @@ def test_a_packet_that_tells_twice_the_usual_way_is_damaged_beside_a_gap_too() -
     assert missing(arcs) == [96, 0, 0]
 
 
-def test_a_rotor_that_stands_divides_by_nothing() -> None:
-    wheel = Wheel(TURN)
-    for following in (None, 700):
-        arcs = wheel.follow(heads(headings(700, 700, 700), following))
-        assert missing(arcs) == [0, 0, 0]
-        assert np.isfinite(arcs.arc).all()
-
-
 @given(
     arc=st.integers(100, 3000),
     lost=st.lists(st.booleans(), min_size=12, max_size=60),
@@ -303,20 +241,3 @@ def test_random_losses_are_counted_to_the_packet(arc: int, lost: list[bool], see
             found += missing(result)
             assert np.abs(np.asarray(result.arc) - arc).max() <= 0.03 * arc + 1
     assert found == gaps.tolist()
-
-
-@pytest.mark.parametrize(("first_hz", "last_hz"), [(10.0, 10.0), (15.0, 3.0), (3.0, 15.0), (5.0, 1.0)])
-@pytest.mark.parametrize("packet_s", [0.00125, 0.003])
-def test_nothing_is_missing_while_the_rotor_changes_its_speed(
-    first_hz: float, last_hz: float, packet_s: float
-) -> None:
-    """Packets that tell their arc, those of 0x83, tell it from the first of 96 samples to the last."""
-    angles = ramp(first_hz, last_hz, packet_s, before_s=0.5, until_s=2.5)
-    rotation, turns = ToldWheel(TURN, 48), angles // TURN
-    for number in range(int(turns[-1])):
-        (of_one,) = np.nonzero(turns == number)
-        following = int(angles[of_one[-1] + 1] % TURN)
-        way = np.rint((angles[of_one + 1] - angles[of_one]) * 95 / 96)
-        arcs = rotation.follow(heads((angles[of_one] % TURN).astype(np.int32), following, 96, way))
-        assert lost(arcs) == 0, f"revolution {number}"
-        assert TURN / arcs.step / 96 == pytest.approx(len(of_one), rel=0.05, abs=1)

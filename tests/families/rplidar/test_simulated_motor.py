@@ -9,17 +9,11 @@ import pytest
 from tests.support.simulated_rplidar import (
     BOARD,
     DUTY_0,
-    DUTY_660,
     EXPRESS_1,
     FORCE_SCAN,
-    GET_INFO,
-    MOTOR_600,
     MOTOR_OFF,
     MS,
-    RESET,
-    SCAN,
     SECOND,
-    STOP,
     Bench,
     express,
     framed,
@@ -30,29 +24,10 @@ pytestmark = pytest.mark.discards("what the simulated device discards is tested 
 
 
 class TestMotor:
-    def test_off_until_it_is_needed(self, bench: Bench) -> None:
-        bench.ask(GET_INFO)
-        assert not bench.device.motor_on
-        bench.send(SCAN)
-        assert bench.device.motor.target_rpm == 600
-
     @pytest.mark.parametrize(("rpm", "actual"), [(600, 600), (480, 480), (300, 480), (2000, 1200)])
     def test_speed_is_clamped_to_what_it_can_do(self, bench: Bench, rpm: int, actual: int) -> None:
         bench.send(framed(0xA8, struct.pack("<H", rpm)))
         assert bench.device.motor.target_rpm == actual
-
-    def test_the_documented_requests(self, bench: Bench) -> None:
-        bench.send(MOTOR_600)
-        assert bench.device.motor.target_rpm == 600
-        bench.send(MOTOR_OFF)
-        assert not bench.device.motor_on
-        assert all(request.obeyed for request in bench.device.log)
-
-    def test_off_ends_the_stream(self, bench: Bench) -> None:
-        bench.ask(EXPRESS_1, 100 * MS)
-        bench.ask(MOTOR_OFF)
-        assert not bench.device.scanning
-        assert not bench.device.motor_on
 
     def test_samples_are_withheld_until_it_is_stable(self) -> None:
         bench = Bench(spin_up_s=1.0)
@@ -88,45 +63,15 @@ class TestBoard:
         assert bench.ask(BOARD) == b""
         assert bench.why == "unknown to this device"
 
-    def test_there_is_no_packet_before_the_duty_was_set(self) -> None:
-        bench = Bench("rplidar-a2")
-        assert len(bench.ask(express(3), 5 * SECOND)) == 7
-        states = [bench.device.scanning]
-        bench.ask(STOP)
-        assert [*states, bench.device.scanning] == [True, False]
-        bench.send(DUTY_660)
-        assert bench.device.motor.target_rpm == 600
-        assert len(bench.ask(express(3), SECOND)) > 20_000
-
-    def test_it_obeys_no_other_motor_request(self) -> None:
-        bench = Bench("rplidar-a2")
-        bench.send(MOTOR_600)
-        assert bench.why == "unknown to this device"
-        assert not bench.device.motor_on
-
     @pytest.mark.parametrize(("duty", "rpm"), [(0, 0), (330, 300), (2000, 600 * 1023 / 660)])
     def test_the_speed_follows_from_the_duty(self, duty: int, rpm: float) -> None:
         bench = Bench("rplidar-a2")
         bench.send(framed(0xF0, struct.pack("<H", duty)))
         assert bench.device.motor.target_rpm == pytest.approx(rpm)
 
-    def test_a_restart_forgets_the_duty(self) -> None:
-        bench = Bench("rplidar-a3")
-        bench.send(DUTY_660)
-        bench.send(RESET)
-        assert not bench.device.motor_on
-
 
 class TestControlLine:
     """A1: DTR is the switch of the motor."""
-
-    def test_it_turns_while_dtr_is_cleared(self) -> None:
-        bench = Bench("rplidar-a1")
-        assert bench.device.motor_on
-        bench.device.set_dtr(False, bench.now)
-        assert bench.device.motor_on
-        bench.device.set_dtr(True, bench.now)
-        assert not bench.device.motor_on
 
     def test_a_stream_pauses_while_it_is_asserted(self) -> None:
         bench = Bench("rplidar-a1")
@@ -137,16 +82,3 @@ class TestControlLine:
         assert bench.device.scanning
         bench.device.set_dtr(False, bench.now)
         assert len(bench.run(SECOND)) > 9_000
-
-    def test_it_outlasts_a_reset(self) -> None:
-        bench = Bench("rplidar-a1")
-        bench.device.set_dtr(True, bench.now)
-        bench.ask(RESET, 2 * SECOND)
-        assert not bench.device.motor_on
-
-    def test_to_the_others_it_means_nothing(self) -> None:
-        bench = Bench("rplidar-s2")
-        bench.ask(EXPRESS_1, 100 * MS)
-        bench.device.set_dtr(True, bench.now)
-        assert bench.device.motor_on
-        assert len(bench.run(100 * MS)) > 5_000

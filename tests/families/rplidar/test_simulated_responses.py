@@ -6,31 +6,21 @@ import struct
 
 import pytest
 
-from lidario.families.rplidar.simulated.device import PROFILES, Profile, make_simulated
+from lidario.families.rplidar.simulated.device import PROFILES, Profile
 from tests.support.simulated_rplidar import (
-    GET_HEALTH,
     GET_INFO,
-    GET_SAMPLERATE,
     MS,
-    RESET,
     SCAN,
     SECOND,
     SOLD,
     Bench,
     conf,
-    framed,
 )
 
 pytestmark = pytest.mark.discards("what the simulated device discards is tested here")
 
 
 class TestAnswers:
-    def test_info(self) -> None:
-        device = make_simulated("rplidar-s2", serial=bytes(range(16)))
-        device.receive(GET_INFO, 0)
-        answer = device.transmit(SECOND)
-        assert answer == bytes.fromhex("a55a1400000004 71 02 01 12") + bytes(range(16))
-
     @pytest.mark.parametrize(
         ("model", "major", "firmware"),
         [
@@ -45,20 +35,6 @@ class TestAnswers:
         info = Bench(model).ask(GET_INFO)
         assert info[7] >> 4 == major
         assert firmware is None or info[8:10] == bytes.fromhex(firmware)
-
-    def test_two_devices_differ_and_one_seed_is_one_device(self) -> None:
-        serials = [make_simulated("rplidar-s2", seed=seed).serial for seed in (1, 2, 1)]
-        assert serials[0] != serials[1]
-        assert serials[0] == serials[2]
-
-    def test_health(self, bench: Bench) -> None:
-        assert bench.ask(GET_HEALTH) == bytes.fromhex("a55a0300000006 00 0000")
-        bench.device.health = (1, 0x1234)
-        assert bench.ask(GET_HEALTH) == bytes.fromhex("a55a0300000006 01 3412")
-
-    def test_sample_rate(self, bench: Bench) -> None:
-        assert bench.ask(GET_SAMPLERATE) == bytes.fromhex("a55a0400000015 3e00 1f00")  # 62 and 31 µs
-        assert Bench("rplidar-old-firmware").ask(GET_SAMPLERATE)[7:] == struct.pack("<HH", 500, 250)
 
     @pytest.mark.parametrize(
         ("kind", "mode", "value"),
@@ -158,27 +134,3 @@ class TestAnswers:
         assert bench.device.wakeup(bench.now) == bench.now + 17 * 10_000
         assert len(bench.run(170_000)) == 17
         assert bench.device.wakeup(bench.now) is None
-
-
-class TestRarerRequests:
-    def test_hq_scan(self) -> None:
-        request = framed(0x83, bytes(33))
-        assert Bench("rplidar-hq").ask(request)[:7] == bytes.fromhex("a55a0d03004083")
-        assert Bench("rplidar-s2").ask(request) == b""
-
-    def test_a_new_address_is_in_force_after_a_reset(self) -> None:
-        bench = Bench("rplidar-s2e")
-        ask = bytes.fromhex("a58406c0cc010000002a")
-        assert bench.ask(ask)[11:] == bytes(12)
-        address = bytes([192, 168, 11, 3, 255, 255, 255, 0, 192, 168, 11, 1])
-        told = bench.ask(framed(0x85, struct.pack("<I", 0x1CCC0) + address))
-        assert told == bytes.fromhex("a55a0800000021 c0cc0100 00000000")
-        assert bench.ask(ask)[11:] == bytes(12)
-        bench.ask(RESET, SECOND)
-        assert bench.ask(ask)[11:] == address
-
-    def test_only_a_network_device_has_one(self) -> None:
-        bench = Bench("rplidar-s2")
-        assert bench.ask(bytes.fromhex("a58406c0cc010000002a")) == b""
-        assert bench.ask(framed(0x85, struct.pack("<I", 0x1CCC0) + bytes(12))) == b""
-        assert Bench("rplidar-s2e").ask(conf(0x79))[11:] == PROFILES["rplidar-s2e"].mac

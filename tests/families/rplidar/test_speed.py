@@ -12,7 +12,7 @@ from lidario.families.rplidar.speed import confirm
 from lidario.port.port import Port
 from tests.support.cable import cable_to
 from tests.support.devices import Rig, left_still, make_rig, names, take
-from tests.support.loop import driven, now_ns
+from tests.support.loop import driven
 
 
 def rig_of(model: str = "rplidar-s2") -> Rig:
@@ -90,15 +90,6 @@ async def test_the_speed_that_the_line_has_already_is_not_measured() -> None:
         assert names(rig, obeyed=True).count("new_baudrate_confirm") == 1
         assert lidar.baudrate == rig.device.baudrate == 921_600
     assert left_still(rig)
-
-
-@driven
-async def test_firmware_that_knows_it_is_asked() -> None:
-    """1.32, as A2 and A3 have it."""
-    rig = rig_of("rplidar-a3")
-    async with rig.open() as lidar:
-        await lidar.set_baudrate(1_000_000)
-        assert (lidar.baudrate, rig.device.baudrate) == (1_000_000, 1_000_000)
 
 
 @driven
@@ -234,27 +225,3 @@ def test_a_confirmation_of_something_else_is_discarded(measured: bool, confirmed
     assert rig.device.log[-1].why == why
     rig.device.transmit(3_000_000_000)
     assert rig.device.baudrate == 1_000_000
-
-
-@driven
-async def test_a_loss_of_power_undoes_it_and_at_another_speed_nothing_is_understood() -> None:
-    rig = rig_of()
-    async with rig.open() as lidar:
-        await lidar.set_baudrate(921_600)
-        rig.device.reboot(round(asyncio.get_running_loop().time() * 1e9))
-        assert rig.device.baudrate == 1_000_000
-        await asyncio.sleep(1.0)
-        with pytest.raises(ResponseTimeout):
-            await lidar.get_info()
-
-
-@driven
-async def test_after_a_loss_of_power_it_is_opened_again() -> None:
-    rig = rig_of()
-    async with open_lidar(rig.device) as lidar:
-        await lidar.set_baudrate(921_600)
-    rig.device.reboot(now_ns())
-    await asyncio.sleep(3.0)
-    async with open_lidar(rig.device) as lidar:
-        assert lidar.baudrate == rig.device.baudrate == 1_000_000
-        assert await lidar.scan()

@@ -2,18 +2,16 @@
 
 from itertools import pairwise
 
-import numpy as np
 import pytest
 
 from lidario.families.base import Samples
-from lidario.families.ydlidar.decode import KINDS, PointCloudDecoder
+from lidario.families.ydlidar.decode import PointCloudDecoder
 from lidario.families.ydlidar.formats import PointCloud
 from lidario.families.ydlidar.simulated.packers import pack_points
 from lidario.wire.events import Packets
 from tests.reference import golden, ydlidar
-from tests.support.ramp import ramp
-from tests.support.streams import SINGLE_DEG, in_one_run
-from tests.support.turns_4ros import damaged, scans_of, turn_of
+from tests.support.streams import in_one_run
+from tests.support.turns_4ros import damaged, turn_of
 
 
 def turns_of(name: str) -> list[list[bytes]]:
@@ -29,43 +27,6 @@ def run_of(packets: list[bytes]) -> Packets:
 
 def decoded(packets: list[bytes], following: bytes | None = None) -> Samples:
     return PointCloudDecoder().decode(run_of(packets), following)
-
-
-@pytest.mark.parametrize("name", golden.names_of("ydlidar_4ros"))
-def test_the_reference_agrees_to_the_last_digit(name: str) -> None:
-    turns = turns_of(name)
-    assert len(turns) > 2
-    for turn in turns:
-        samples, reference = decoded(turn), ydlidar.decode(turn)
-        assert samples.angle_deg.dtype == samples.distance_mm.dtype == np.float32
-        # The one rounding there is, is that to single precision.
-        np.testing.assert_array_equal(samples.angle_deg, np.array([s.angle_deg for s in reference], np.float32))
-        np.testing.assert_array_equal(samples.distance_mm, [s.distance_mm for s in reference])
-        np.testing.assert_array_equal(samples.ends, np.cumsum([packet[3] for packet in turn]))
-
-
-def test_each_of_several_lone_samples_has_the_first_angle() -> None:
-    angles = [640, 1280, 1920]
-    samples = decoded([pack_points([angle], angle, angle) for angle in angles])
-    assert samples.angle_deg.tolist() == [10.0, 20.0, 30.0]
-    assert samples.distance_mm.tolist() == angles
-
-
-def test_an_angle_of_360_degrees_is_0() -> None:
-    exact = decoded([pack_points([1, 2, 3], 359 * 64, 64)])
-    assert exact.angle_deg.tolist() == [359.0, 0.0, 1.0]
-    stated = decoded([pack_points([7], 360 * 64, 360 * 64)])
-    assert stated.angle_deg.tolist() == [0.0]
-
-
-@pytest.mark.parametrize("kind", ["tg", "x", "octave"])
-@pytest.mark.parametrize("first", [1000, 22_900])
-def test_samples_lie_at_even_steps_however_few_there_are(kind: str, first: int) -> None:
-    """Where nothing came back, no angle depends on the distance."""
-    packets = [pack_points([0] * count, first, (first + 90 * (count - 1)) % 23040) for count in (1, 2, 3, 1, 7)]
-    samples = KINDS[kind].decoder().decode(run_of(packets), None)
-    expected = [(first + 90 * at) / 64 % 360 for count in (1, 2, 3, 1, 7) for at in range(count)]
-    np.testing.assert_allclose(samples.angle_deg, expected, rtol=0, atol=SINGLE_DEG)
 
 
 def lost_behind(turns: list[list[bytes]], missing: range) -> tuple[int, int]:
@@ -148,15 +109,6 @@ def test_what_the_angles_cannot_tell_is_not_counted() -> None:
     assert decoded(turn[:5], turn[6]).lost == 1
 
 
-def test_an_unsteady_rotor_loses_nothing() -> None:
-    random, first, packets = np.random.default_rng(5), 0, []
-    for _ in range(50):
-        last = first + 39 * 11
-        packets.append(pack_points([1000] * 40, first % 23040, last % 23040))
-        first = last + 11 + int(random.integers(-12, 24))
-    assert decoded(packets[:-1], packets[-1]).lost == 0
-
-
 @pytest.mark.parametrize("is_followed", [False, True])
 def test_a_packet_in_which_the_rotor_was_faster_is_not_damaged(is_followed: bool) -> None:
     """Where it ends, the next one begins."""
@@ -209,26 +161,3 @@ def test_most_packets_may_reach_over_no_angle() -> None:
     assert samples.revolution_samples == pytest.approx(23040 / 50, rel=0.02)
     assert samples.gaps[0] == (80, 80)
     assert decoded([long[1], *short], long[1]).gaps[0] == (80, 1050 // 50 - 1)
-
-
-def test_a_damaged_packet_does_not_cost_its_revolution() -> None:
-    turns = [turn_of([1, *LONG, 6]) for _ in range(8)]
-    turns[4][-1] = damaged(turns[4][-1], (0, 12000))
-    scans, stats = scans_of(turns)
-    assert [(scan.seq, len(scan)) for scan in scans] == [(seq, 480) for seq in range(len(turns) - 1)]
-    assert (stats.lost_packets, stats.broken_scans, stats.missed_scans) == (0, 0, 0)
-
-
-@pytest.mark.parametrize(("first_hz", "last_hz"), [(7.0, 7.0), (10.0, 2.0), (2.0, 10.0), (4.0, 12.0)])
-def test_nothing_is_missing_while_the_rotor_changes_its_speed(first_hz: float, last_hz: float) -> None:
-    """All packets of 40 samples; what the angles hide is not in question here."""
-    decoder = PointCloudDecoder()
-    angles = ramp(first_hz, last_hz, 50e-6, before_s=0.3, until_s=2.0)
-    beams = angles[: len(angles) // 40 * 40].reshape(-1, 40) % 23040
-    packets = [pack_points([1000] * 40, int(beam[0]), int(beam[-1])) for beam in beams]
-    turns = angles[::40][: len(packets)] // 23040
-    for number in range(int(turns[-1])):
-        (of_one,) = np.nonzero(turns == number)
-        samples = decoder.decode(run_of(packets[of_one[0] : of_one[-1] + 1]), packets[of_one[-1] + 1])
-        assert samples.lost == 0, f"revolution {number}"
-        assert samples.revolution_samples == pytest.approx(40 * len(of_one), rel=0.05, abs=40)

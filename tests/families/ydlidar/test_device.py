@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 import lidario
@@ -11,26 +10,18 @@ from lidario.families.ydlidar import commands
 from lidario.families.ydlidar.device import YdlidarDevice
 from lidario.families.ydlidar.models import MODELS
 from lidario.families.ydlidar.simulated.device import PROFILES, Simulated4Ros, make_simulated
-from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
-from lidario.sim.world import World
+from lidario.model import Health, HealthStatus, ScanMode
 from lidario.wire.envelope import Request
 from lidario.wire.events import Descriptor
-from lidario.wire.states import LinkState
 from tests.families.ydlidar.test_models import silent
 from tests.support.bench_4ros import Bench, played
 from tests.support.loop import driven
 from tests.support.speeds import serial_in_memory
-from tests.support.streams import in_one_run
 
 
 @pytest.fixture
 def bench() -> Bench:
     return Bench(make_simulated("ydlidar-4ros", serial=bytes.fromhex("2023061500001234")))
-
-
-def test_identify(bench: Bench) -> None:
-    info = bench.run(bench.device.identify())
-    assert info == DeviceInfo("ydlidar", "YDLIDAR 4ROS", 101, "3.1", 2, "2023061500001234")
 
 
 # An S4 whose motor is switched by DTR must be named.
@@ -132,21 +123,6 @@ def test_one_that_sends_more_a_revolution_than_any_that_only_talks_is_none_of_th
             played(YdlidarDevice().overhear(), talks)
 
 
-def test_the_only_mode(bench: Bench) -> None:
-    (mode,) = bench.run(bench.device.modes())
-    assert (mode.name, mode.samples_per_second, mode.max_distance, mode.typical) == ("Standard", 20_000, 30, True)
-    assert bench.sent() == []
-
-
-def test_each_stream_has_a_format_of_its_own(bench: Bench) -> None:
-    (mode,) = bench.run(bench.device.modes())
-    first = bench.run(bench.device.start(mode))
-    bench.ask(bench.device.stop())
-    second = bench.run(bench.device.start(mode))
-    assert first.format is not second.format
-    assert first.decoder is not second.decoder
-
-
 def test_a_lost_scan_header_leads_to_a_new_start_from_standstill(bench: Bench) -> None:
     (mode,) = bench.run(bench.device.modes())
     bench.simulated.mute = True
@@ -168,17 +144,6 @@ def test_a_lost_scan_header_leads_to_a_new_start_from_standstill(bench: Bench) -
     assert bench.packets
 
 
-def test_a_first_packet_that_is_late_after_the_header() -> None:
-    bench = Bench(make_simulated("ydlidar-4ros-slow"))
-    (mode,) = bench.run(bench.device.modes())
-    stream = bench.run(bench.device.start(mode))
-    bench.pass_time(2.4)
-    assert not bench.packets
-    assert bench.link.state is LinkState.STREAMING
-    bench.pass_time(stream.spin_up_s - 2.4)
-    assert bench.packets
-
-
 def test_what_is_not_this_device_is_not_decoded() -> None:
     device = YdlidarDevice()
     (mode,) = played(device.modes(), lambda _: b"")
@@ -189,31 +154,6 @@ def test_what_is_not_this_device_is_not_decoded() -> None:
     played(device.identify(), lambda _: bytes((99,)) + bytes(19))
     with pytest.raises(Unsupported, match="model 99"):
         played(device.start(mode), lambda _: b"")
-
-
-def test_an_answer_of_another_length_is_not_taken() -> None:
-    # Information that nobody asked for has the same type as the answer to this question.
-    bench = Bench(make_simulated("ydlidar-4ros-92"))
-    bench.ask(bench.device.reset())
-    bench.link.drained()
-    bench.pass_time(0.999)
-    bench.simulated.response_delay_s = 0.01
-    assert bench.run(bench.device.scan_frequency()) == 7.0
-    assert bench.link.stats.stray_bytes >= 27
-
-
-def test_samples_show_the_world() -> None:
-    # A spiral: the distance tells the direction it was measured in.
-    directions = (np.arange(1 << 15) + 0.5) * 360 / (1 << 15)
-    bench = Bench(make_simulated("ydlidar-4ros", world=World(1000 + 50 * directions)))
-    (mode,) = bench.run(bench.device.modes())
-    stream = bench.run(bench.device.start(mode))
-    bench.pass_time(3.0)
-    samples = stream.decoder.decode(in_one_run(stream.format, b"".join(run.data for run in bench.packets)), None)
-    assert len(samples.distance_mm) > 30_000
-    # 1/64 degree in the packet, 1/91 in the world's table, 1/100 in a millimetre.
-    error = (samples.angle_deg - (samples.distance_mm - 1000) / 50 + 180) % 360 - 180
-    assert np.abs(error).max() < 0.05
 
 
 @pytest.mark.parametrize("name", ["4ros", "x4", "tmini"])

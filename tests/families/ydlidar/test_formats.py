@@ -3,8 +3,6 @@
 from random import Random
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from lidario.families.ydlidar.decode import KINDS
 from lidario.families.ydlidar.formats import FULL_TURN_Q6, PointCloud
@@ -18,7 +16,6 @@ from lidario.families.ydlidar.simulated.packers import (
 from lidario.wire.blocks import packet_offsets
 from lidario.wire.formats import BEGINS, NO_PACKET
 from tests.families.ydlidar.about import CASES
-from tests.reference import damage, ydlidar
 from tests.support.streams import Received, feed, in_one_run
 
 FOUR_ROS = next(case for case in CASES if case.name == "ydlidar_4ros_wrap")
@@ -47,31 +44,6 @@ def test_every_length_is_a_packet(count: int) -> None:
     received = in_any_pieces(b"".join(packets))
     assert received.data == b"".join(packets)
     assert received.stats.skipped_bytes == 0
-
-
-def magic_packet(seed: int) -> bytes:
-    """A packet full of what could begin a packet, a header or a record."""
-    words = [0x55AA, 0x2800, 0x5AA5, 0x0005, 0x8140, 0x66AA, 0xAA28, 0xAA55, 0x0155, 0x5AA5] * 4
-    Random(seed).shuffle(words)
-    return pack_points(words, 600 + seed, 1000 + seed)
-
-
-@pytest.mark.exhaustive("seed", sample=range(6), full=range(20))
-def test_magic_bytes_inside_a_damaged_packet_cost_nothing_more(seed: int) -> None:
-    bad = bytearray(magic_packet(seed))
-    bad[9] ^= 0x10
-    for broken in (bytes(bad), bytes(bad[:-1]), bytes(bad[5:])):
-        received = in_any_pieces(b"".join([*CLEAN[:5], broken, *CLEAN[5:]]))
-        assert received.data == b"".join(CLEAN)
-        assert received.stats.skipped_bytes == len(broken)
-
-
-@pytest.mark.long
-def test_stray_bytes_before_a_packet_cost_themselves() -> None:
-    for stray in (b"\xaa", b"\xaa\xaa", b"\xa5", b"\xa5\x5a", b"\x00", b"\x55"):
-        received = in_any_pieces(b"".join([*CLEAN[:5], stray, *CLEAN[5:]]))
-        assert received.data == b"".join(CLEAN)
-        assert (received.stats.skipped_bytes, received.stats.skipped_stretches) == (len(stray), 1)
 
 
 RECORDS = {
@@ -108,47 +80,6 @@ def test_headings_and_offsets() -> None:
     # One sample that begins nothing is the last of its revolution: 2 degrees earlier it passes no seam.
     assert list(wire.headings(parsed)) == [22290, 22739 | BEGINS, 22751, 160 - 128, 0]
     assert list(packet_offsets(parsed.blocks)) == [0, 88, 100, 190, 202, len(raw)]
-
-
-@pytest.mark.long
-@given(
-    harm=st.sampled_from([damage.flip, damage.drop_bytes, damage.insert_bytes]),
-    probability=st.sampled_from([0.0003, 0.003, 0.02]),
-    seed=st.integers(0, 2**32),
-    cuts=st.lists(st.integers(1, 400), min_size=1, max_size=20),
-)
-def test_damage_costs_what_it_hits_however_it_is_chopped(
-    harm: object, probability: float, seed: int, cuts: list[int]
-) -> None:
-    assert callable(harm)
-    packets = ydlidar.split(FOUR_ROS.raw[:9020])
-    harmed = harm(FOUR_ROS.raw[:9020], probability, seed)
-    # What is undecided at the end is told apart by what follows.
-    raw = harmed.raw + b"".join(CLEAN)
-    whole = feed(FOUR_ROS, raw)
-    assert feed(FOUR_ROS, raw, 1) == feed(FOUR_ROS, raw, cuts) == whole
-    hit = damage.hit_packets(harmed, packets)
-    if harm is damage.flip:
-        # Two flips in the same bit of two words leave the check value right: nobody can tell.
-        hit = {number for number in hit if not undetectable(raw, packets, number)}
-        packets = slices_of(raw, packets)
-    survivors = [packet for number, packet in enumerate(packets) if number not in hit]
-    assert whole.data == b"".join(survivors + CLEAN)
-
-
-def slices_of(raw: bytes, packets: list[bytes]) -> list[bytes]:
-    """What stands in `raw` where `packets` stood."""
-    found, at = [], 0
-    for clean in packets:
-        found.append(raw[at : at + len(clean)])
-        at += len(clean)
-    return found
-
-
-def undetectable(raw: bytes, packets: list[bytes], number: int) -> bool:
-    found, clean = slices_of(raw, packets)[number], packets[number]
-    same = found[:2] == clean[:2] and found[3] == clean[3]
-    return same and ydlidar.checksum(found) == int.from_bytes(found[8:10], "little")
 
 
 @pytest.mark.parametrize("behind", [0, 1, 11])

@@ -29,13 +29,6 @@ def test_set_scan_frequency(bench: Bench, hertz: float) -> None:
     assert len(bench.simulated.log) - before < 16
 
 
-def test_the_set_frequency_is_reached_without_the_vendors_correction(bench: Bench) -> None:
-    assert bench.run(bench.device.scan_frequency()) == 7.0
-    assert bench.run(bench.device.set_scan_frequency(10.0)) == 10.0
-    steps = [0x0B, 0x0B, 0x0B]
-    assert [received.data[1] for received in bench.simulated.log] == [0x0D] * 4 + steps + [0x0D] * 2
-
-
 @pytest.mark.parametrize("hertz", [4.9, 12.1, 0.0, -7.0, 1e308])
 def test_a_frequency_out_of_range_is_refused_before_anything_is_sent(hertz: float) -> None:
     device = YdlidarDevice()
@@ -166,13 +159,6 @@ def test_a_response_that_is_no_state_of_protection_tells_nothing() -> None:
     states = [b"\x02", b"\x01", b"\x00"]
     assert played(YdlidarDevice().explain_silence(0.0), lambda _: states.pop(0)) is True
     assert states == []
-
-
-def test_protection_that_does_not_change_is_an_error() -> None:
-    with pytest.raises(RemoteProtocolError, match="does not go on"):
-        played(YdlidarDevice().power_down_protection(True), lambda _: b"\x01")
-    with pytest.raises(ResponseTimeout):
-        played(YdlidarDevice().power_down_protection(True), lambda _: None)
 
 
 @pytest.mark.parametrize(

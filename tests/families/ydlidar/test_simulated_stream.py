@@ -5,21 +5,16 @@ from itertools import pairwise
 import pytest
 
 from lidario.families.ydlidar.simulated.device import Simulated4Ros, make_simulated
-from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_points, pack_time_stamp
+from lidario.families.ydlidar.simulated.packers import SCAN_HEADER
 from lidario.sim.rooms import make_world
 from tests.reference import ydlidar
 from tests.support.simulated_4ros import (
     BEGIN,
-    FORCED_STOP,
-    MS,
     PROTECTION,
     SCAN,
-    STAMPED,
-    STOP,
     S,
     asked,
     stream_of,
-    unstamped,
     whole,
 )
 
@@ -55,42 +50,6 @@ def test_turns(device: Simulated4Ros, hundredths: int, samples: int) -> None:
         assert {sample.distance_mm for sample in ydlidar.decode(turn)} == {2000.0}
 
 
-@pytest.mark.long
-def test_the_line_is_used_as_documented(device: Simulated4Ros) -> None:
-    data = stream_of(device, 10.0)
-    assert len(data) / 10 == pytest.approx(45_100, rel=0.005)
-    assert sum(packet[3] for packet in whole(data)) == pytest.approx(200_000, abs=100)
-
-
-@pytest.mark.parametrize("spin_up_s", [0.0, 0.5, 2.5])
-def test_the_header_comes_at_once_and_the_first_packet_after_spin_up(
-    device: Simulated4Ros, spin_up_s: float
-) -> None:
-    device.spin_up_s = spin_up_s
-    ready = BEGIN + int(spin_up_s * S)
-    device.receive(SCAN, BEGIN)
-    assert device.scanning
-    assert device.motor_on
-    assert device.transmit(BEGIN + MS) == SCAN_HEADER
-    assert device.transmit(max(ready, BEGIN + MS)) == b""
-    assert len(whole(device.transmit(ready + 12 * MS))) in (4, 5)
-
-
-@pytest.mark.parametrize("stop", [STOP, FORCED_STOP, FORCED_STOP + STOP])
-def test_a_stop_ends_the_stream_and_the_motor_after_the_packet_under_way(
-    device: Simulated4Ros, stop: bytes
-) -> None:
-    data = stream_of(device, 1.0)
-    device.receive(stop, BEGIN + S)
-    assert all(entry.obeyed for entry in device.log)
-    assert not device.scanning
-    assert not device.motor_on
-    data += device.transmit(BEGIN + 2 * S)
-    assert ydlidar.split(data)
-    assert len(data) < 45_300
-    assert device.wakeup(BEGIN + 2 * S) is None
-
-
 def test_protection_stops_a_scan_that_nobody_keeps_alive(device: Simulated4Ros) -> None:
     asked(device, PROTECTION, BEGIN - S)
     device.spin_up_s = 0.0
@@ -104,37 +63,6 @@ def test_protection_stops_a_scan_that_nobody_keeps_alive(device: Simulated4Ros) 
     assert len(rest) < 200
     # From standstill a scan is answered again.
     assert asked(device, SCAN, BEGIN + 21 * S)[:7] == SCAN_HEADER
-
-
-def test_time_stamps_between_the_packets() -> None:
-    plain, stamped = (make_simulated(name, world=make_world("circle")) for name in ("ydlidar-4ros", STAMPED))
-    expected, got = whole(stream_of(plain, 1.0)), stream_of(stamped, 1.0)
-    stamps, packets = unstamped(got)
-    assert packets[: len(expected) - 2] == expected[: len(expected) - 2]
-    assert len(stamps) > 500
-    # In ms; a packet of 40 samples lasts 2 ms.
-    assert all(0 <= later - former <= 3 for former, later in pairwise(stamps))
-    assert stamps[500] - stamps[0] == pytest.approx(sum(each[3] for each in packets[:500]) * 0.05, abs=1.5)
-
-
-def test_the_last_packet_with_a_stamp_leaves_whole() -> None:
-    device = make_simulated(STAMPED, world=make_world("circle"))
-    data = stream_of(device, 1.0)
-    device.receive(STOP, BEGIN + S)
-    data += device.transmit(BEGIN + 2 * S)
-    assert data[: data.rindex(b"\xaa\x66")].count(b"\xaa\x66") > 500
-    assert len(ydlidar.split(data[data.rindex(b"\xaa\x66") + 8 :])) == 1
-
-
-def test_packers_agree_with_the_reference() -> None:
-    raw = pack_points([[1, 0, 70_000], [4, 5, 6]], [100, 23039], [140, 20], control=0)
-    packets = ydlidar.split(raw)
-    assert [s.distance_mm for s in ydlidar.decode(packets)] == [1, 0, 0, 4, 5, 6]
-    assert [s.raw_deg * 64 for s in ydlidar.decode(packets)] == [100, 120, 140, 23039, 23049.5, 23060]
-    stamp = pack_time_stamp(0x01020304)
-    assert stamp[:2] == b"\xaa\x66"
-    assert stamp[3:7] == b"\x04\x03\x02\x01"
-    assert stamp[2] == 0xAA ^ 0x66 ^ 1 ^ 2 ^ 3 ^ 4
 
 
 def packets_of(model: str, seconds: float = 3.0, spin_up_s: float = 0.0) -> list[bytes]:
@@ -154,11 +82,6 @@ def test_where_revolutions_begin(model: str, seam: float) -> None:
     starts = [first_deg(packet) for packet in packets_of(model) if ydlidar.is_start(packet)]
     assert len(starts) > 10
     assert all(-1 / 64 <= first - seam < 0.8 for first in starts)
-
-
-@pytest.mark.parametrize("model", ["ydlidar-x2", "ydlidar-x4"])
-def test_start_packets_without_a_speed(model: str) -> None:
-    assert {packet[2] for packet in packets_of(model) if ydlidar.is_start(packet)} == {0x01}
 
 
 def test_bits_in_the_ct_byte_of_ordinary_packets() -> None:
@@ -182,8 +105,3 @@ def test_packets_while_the_motor_spins_up() -> None:
     assert 5 < between[0] < 8
     assert 19 < between[-1] < 23
     assert all(b - a < 2 for a, b in pairwise(between))
-
-
-def test_packets_of_more_samples_than_are_usual() -> None:
-    packets = packets_of("ydlidar-4ros-long")
-    assert max(packet[3] for packet in packets) == 200
