@@ -43,20 +43,6 @@ def test_every_sample_is_in_the_turn_it_belongs_to(arc: float, first: int, run: 
         assert scan.lost_packets == scan.dropped_before == 0
 
 
-def test_the_first_turn_is_not_whole() -> None:
-    stats = AssemblerStats()
-    assert assemble(numbered(40, 960, 5000), stats=stats) == []
-    assert stats == AssemblerStats(discarded_packets=19, unfinished_packets=21)
-    (scan,) = assemble(numbered(45, 960, 5000))
-    assert numbers([scan])[0] > 1
-
-
-def test_less_than_two_seams_are_no_scan() -> None:
-    assert assemble(numbered(1, 960)) == []
-    assert assemble([]) == []
-    assert assemble(numbered(47, 960, 100)) == []
-
-
 # -------------------------------------------------------------------------------------------- losses, endings
 
 
@@ -95,13 +81,6 @@ def test_what_is_missing_in_the_revolution_in_the_making_is_told_when_the_stream
     for _ in range(2):
         assembler.end()
         assert (stats.lost_packets, stats.broken_scans, stats.missed_scans) == (3, 0, 0)
-
-
-def test_a_packet_lost_behind_the_seam_is_missing_in_the_turn_that_begins() -> None:
-    packets = numbered(24 * 5, 960, 500)
-    crossing = next(n for n in range(24, 60) if 500 + 960 * n < 2 * TURN <= 500 + 960 * (n + 1))
-    scans = assemble(*without(packets, crossing + 1))
-    assert [scan.lost_packets for scan in scans] == [0, 1, 0]
 
 
 @pytest.mark.parametrize("lost", [1, 3, 5])
@@ -205,21 +184,6 @@ def test_a_zero_offset_may_begin_behind_the_next_scan(run: int) -> None:
     assert [round(float(scan.device_angles[0])) for scan in scans] == [0, 0, 30, 30, 30, 30]
 
 
-def test_packets_of_a_revolution_that_never_ended_are_counted_as_discarded() -> None:
-    stats = AssemblerStats()
-    assembler = Assembler(stream_of(DENSE, sample_ns=float(SAMPLE_NS)), BAUD, stats=stats)
-    packets = numbered(60, 960)
-    assembler.add(arrived(b"".join(packets), 60, round(on_time(59))))
-    assert (stats.scan_packets, stats.discarded_packets, stats.unfinished_packets) == (24, 24, 12)
-    for _ in range(2):
-        assembler.end()
-        assert (stats.scan_packets, stats.discarded_packets, stats.unfinished_packets) == (24, 36, 0)
-    # The next stream begins somewhere in a revolution: what it begins with is no part of the one before.
-    again = numbered(60, 960, 12 * 960)
-    scans = assembler.add(arrived(b"".join(again), 60, round(on_time(200))))
-    assert [len(scan) for scan in scans] == [960]
-
-
 def test_what_follows_packets_that_were_left_midway_at_a_seam_begins_a_revolution() -> None:
     """As where sectors are wanted while a long read is taken: those that are left are discarded, up to a seam."""
     assembler, packets = Assembler(stream_of(DENSE, sample_ns=float(SAMPLE_NS)), BAUD), numbered(240, 960)
@@ -231,9 +195,3 @@ def test_what_follows_packets_that_were_left_midway_at_a_seam_begins_a_revolutio
     next(left := assembler.ends(runs[1]))
     del left
     assert [round(scan.device_distances[0]) // 40 for scan in assembler.add(runs[2])] == [144, 168, 192]
-
-
-def test_just_below_a_turn_is_not_the_turn_itself() -> None:
-    """In single precision 359.99999 is 360."""
-    scans = assemble(numbered(80, 960), zero_offset_deg=-1e-7)
-    assert all((scan.device_angles < 360).all() for scan in scans)

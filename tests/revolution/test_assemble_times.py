@@ -1,7 +1,5 @@
 """From packets to revolutions: what stamps and speeds rest on, and that late bytes cost nothing."""
 
-from random import Random
-
 import numpy as np
 import pytest
 
@@ -10,7 +8,7 @@ from lidario.revolution.assemble import Assembler
 from lidario.scan import Scan
 from lidario.wire.events import Packets
 from tests.support.cases import KINDS
-from tests.support.numbered import BAUD, DENSE, SAMPLE_NS, TURN, WIRE_NS, assemble, numbered, on_time
+from tests.support.numbered import BAUD, DENSE, SAMPLE_NS, assemble, numbered, on_time
 from tests.support.streams import arrived, cut_up, open_stream, stream_of
 
 
@@ -60,38 +58,6 @@ def test_gaps_in_a_read_do_not_delay_the_stamps(run: int) -> None:
     for scan in scans:
         assert abs(scan.stamp_ns - (round(float(scan.device_distances[0])) - 1) * SAMPLE_NS) <= 1
         assert scan.rpm == pytest.approx(2000, rel=1e-3)
-
-
-@pytest.mark.parametrize("hertz", [5.0, 10.0, 13.7])
-@pytest.mark.parametrize("seed", range(3))
-def test_rpm_is_that_of_the_rotor_however_late_reads_are(hertz: float, seed: int) -> None:
-    random, arc = Random(seed), TURN * hertz * 40 * SAMPLE_NS / 1e9
-    packets = numbered(round(5 * TURN / arc), arc)
-    assembler, scans, begin, now = Assembler(stream_of(DENSE, sample_ns=float(SAMPLE_NS)), BAUD), list[Scan](), 0, 0
-    while begin < len(packets):
-        end = min(begin + random.randint(1, 30), len(packets))
-        now = max(now, round(on_time(end - 1)) + random.randint(0, round(0.2e9 / hertz)))
-        scans += assembler.add(arrived(b"".join(packets[begin:end]), end - begin, now))
-        begin = end
-    assert len(scans) >= 3
-    for scan in scans:
-        assert scan.rpm == pytest.approx(60 * hertz, rel=1e-3)
-        # It begins with a sample: it is off by one of them at most.
-        assert scan.duration_ns == pytest.approx(1e9 / hertz, rel=0.002)
-
-
-def test_without_a_line_speed_bytes_take_no_time() -> None:
-    (scan, *_) = assemble(numbered(100, 960), lambda n: on_time(n) - WIRE_NS, baudrate=0)
-    assert scan.stamp_ns == (round(float(scan.device_distances[0])) - 1) * SAMPLE_NS
-
-
-def test_a_sample_rate_nobody_tells_is_measured() -> None:
-    scans = assemble(numbered(160, 960), sample_ns=0.0)
-    assert len(scans) > 1
-    for scan in scans[1:]:
-        assert scan.time_increment_ns == pytest.approx(SAMPLE_NS, rel=0.05)
-        assert scan.duration_ns == pytest.approx(len(scan) * SAMPLE_NS, rel=0.05)
-        assert scan.rpm == pytest.approx(2000, rel=0.05)
 
 
 @pytest.mark.parametrize("chunk", [700, 4096, 40_000])

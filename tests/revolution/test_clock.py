@@ -1,9 +1,7 @@
 """Revolutions that are missing: `seq` jumps by them, lost packets are told, the speed is right or unknown."""
 
 import math
-from asyncio import timeout
 from collections.abc import Iterable
-from contextlib import suppress
 from functools import cache
 from itertools import accumulate, pairwise
 
@@ -11,13 +9,9 @@ import pytest
 
 from benchmarks.streams import KINDS as STEADY
 from benchmarks.streams import capture
-from lidario.errors import StreamFailed
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.scan import Scan
-from lidario.sim.faults import parse_faults
 from lidario.wire.blocks import packet_offsets
-from tests.support.devices import make_rig
-from tests.support.loop import driven
 from tests.support.streams import in_one_run
 
 MS = 1_000_000
@@ -91,15 +85,6 @@ def test_an_outage_is_told_in_full(name: str, revolutions: float, place: float) 
     assert sum(math.isnan(scan.rpm) for scan in scans) <= 2
 
 
-@every_kind
-def test_a_clean_stream_misses_nothing(name: str) -> None:
-    scans, stats = assembled_from(name, packets_of(name))
-    assert [scan.seq for scan in scans] == list(range(len(scans)))
-    assert len(scans) > 14
-    assert (stats.missed_scans, stats.lost_packets) == (0, 0)
-    assert all(scan.rpm == pytest.approx(60 * hertz(name), rel=0.01) for scan in scans)
-
-
 @pytest.mark.long
 @every_kind
 @pytest.mark.exhaustive("late", sample=[0.6, 2.5], full=[0.2, 0.6, 1.4, 2.5])
@@ -169,32 +154,6 @@ def test_what_comes_faster_than_any_rotor_turns_is_delivered(name: str, times: f
     found, stats = assembled_from(name, [(packet, at_ns / times) for packet, at_ns in packets])
     assert [len(scan) for scan in found] == [len(scan) for scan in scans]
     assert stats.missed_scans == stats.broken_scans == 0
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("share", ["1%", "5%"])
-@driven
-async def test_a_speed_is_never_nonsense(share: str) -> None:
-    """Of most revolutions one packet comes, or none."""
-    rig = make_rig("rplidar")
-    async with rig.open() as lidar, timeout(30.0):
-        faults, transmit, scans = parse_faults(f"drop:{share}", seed=4), rig.device.transmit, list[Scan]()
-        async with lidar.scans(depth=1000) as stream:
-            await anext(stream)
-            rig.device.transmit = lambda now: faults.apply(transmit(now), now)
-            with suppress(StreamFailed):
-                async for scan in stream:
-                    scans.append(scan)
-                    if len(scans) == 30:
-                        break
-        stats = lidar.stats
-    speeds = [scan.rpm for scan in scans if not math.isnan(scan.rpm)]
-    # A single packet dates a revolution by when it happened to be read.
-    assert all(560 < rpm < 640 for rpm in speeds), speeds
-    assert stats.missed_scans >= stats.broken_scans
-    if share == "5%":
-        # 84 bytes arrive whole once in 74 times: 79 packets in 80 are missing, and told.
-        assert stats.lost_packets / (stats.lost_packets + stats.packets) > 0.8
 
 
 @every_kind

@@ -6,7 +6,6 @@ Packets of an LD19 are made here at known times, by the simulated device's packe
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -18,7 +17,6 @@ from lidario.model import ScanMode
 from lidario.recording.stored_times import StoredTimes
 from lidario.revolution.assemble import Assembler
 from lidario.revolution.device_clock import DeviceClock, StampReader
-from lidario.scan import Scan
 from lidario.wire.events import Packets
 from lidario.wire.formats import Ticks
 from lidario.wire.link import Link
@@ -159,16 +157,6 @@ def test_a_packet_that_passes_its_check_by_chance_says_nothing() -> None:
 
 
 @pytest.mark.long
-def test_a_device_that_was_restarted_has_another_clock() -> None:
-    data, times = made(10.0)
-    again, later = made(10.0, begin_ms=3.0)
-    times = np.concatenate((times, later + 10.4e9))
-    found = errors_ms(received(data + again, late_reads(times, 3, 16.0)), times)
-    assert max(found[-100:]) < 2.5
-    assert min(found) > -1.0
-
-
-@pytest.mark.long
 def test_where_decoding_began_makes_no_difference() -> None:
     """Neither before a restart nor behind it, as soon as twenty seconds have passed."""
     data, times = made(30.0, fast=1.0001)
@@ -182,21 +170,6 @@ def test_where_decoding_began_makes_no_difference() -> None:
         behind = 21 * RATE // 12 // 7
         assert len(found) > behind + 300
         assert found[behind:] == whole[begin + behind :]
-
-
-@pytest.mark.long
-def test_a_loop_that_was_blocked_does_not_date_what_came_meanwhile() -> None:
-    """One read brings what was measured in a second and a half."""
-    data, times = made(20.0)
-    reads = [(end, at) for end, at in late_reads(times, 4, 8.0) if not 5000 < end < 5600]
-    scans = decoded(received(data, reads))
-    apart = [after.stamp_ns - before.stamp_ns for before, after in pairwise(scans)]
-    assert all(abs(each - 100 * MS) < 2.5 * MS for each in apart[20:])
-
-
-def decoded(events: Sequence[Packets]) -> list[Scan]:
-    assembler = Assembler(stream())
-    return [scan for event in events for scan in assembler.add(event)]
 
 
 @pytest.mark.parametrize("turns", [1.0, 2.0, 7.5])

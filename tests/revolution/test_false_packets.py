@@ -54,10 +54,6 @@ def scans_of(case: Case, packets: dict[int, bytes], run: int) -> tuple[list[Scan
     return scans, assembler.stats
 
 
-def test_there_are_such_formats() -> None:
-    assert {case.name.split("_")[0] for case in JUDGED} >= {"rplidar", "ldrobot"}
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("case", JUDGED, ids=named)
 @given(data=st.data())
@@ -97,16 +93,6 @@ def test_several_in_one_read_cost_nothing_else_wherever_they_are(case: Case) -> 
         assert [len(scan) for scan in found] == [len(scan) for scan in expected]
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("case", KINDS, ids=named)
-def test_on_a_clean_line_none_waits(case: Case) -> None:
-    wire, assembler = case.make_format(), Assembler(stream_of(case))
-    for packet in case.packets:
-        assembler.add(in_one_run(wire, packet))
-        assert assembler.stats.waiting_packets == 0
-    assert assembler.stats.false_packets == 0
-
-
 @pytest.mark.parametrize(
     ("ahead", "follow"), [([15, 30], True), ([15, 30, 20], False), ([-5], False), ([60], False), ([15, 75], False)]
 )
@@ -120,17 +106,6 @@ def test_each_follows_where_it_is_a_little_ahead(
         false.drop(run := in_one_run(wire, packet), wire.headings(run))
     found = false.passing(kind([64 * (10 + each) % TURN for each in ahead]))
     assert found == ([] if follow else None)
-
-
-@pytest.mark.parametrize("run", [1, 8, 1000])
-def test_behind_an_outage_all_is_true(run: int) -> None:
-    """The first packet leaps, and the one behind it follows it."""
-    packets, gone = numbered(24 * 6, 960), range(30, 45)
-    stats = AssemblerStats()
-    scans = assemble([packet for at, packet in enumerate(packets) if at not in gone], run=run, stats=stats)
-    assert stats.false_packets == 0
-    assert stats.lost_packets == len(gone)
-    assert [len(scan) for scan in scans] == [960 - 40 * len(gone), 960, 960, 960]
 
 
 @pytest.mark.parametrize("off", [-2, 1, 4, 16, 64])
@@ -152,14 +127,6 @@ def test_amid_damage_the_bytes_that_were_skipped_tell_where_it_belongs(off: int,
         packet = (number - 1) // 40
         assert packet not in spoilt.keys() | false.keys()
     assert pipeline.stats.lost_packets == len(spoilt) + 1
-
-
-@pytest.mark.parametrize("slower", [1.2, 2.0])
-def test_behind_an_outage_the_rotor_may_be_slower(slower: float) -> None:
-    before, behind = numbered(24 * 2, 960), numbered(48, 960 / slower, 5000)
-    stats = AssemblerStats()
-    assemble([*before, *behind], stats=stats)
-    assert stats.false_packets == 0
 
 
 @pytest.mark.parametrize("spoilt", [0, 2])
@@ -203,21 +170,3 @@ def test_one_that_waits_at_the_end_tells_what_is_missing_before_it() -> None:
     assert stats.waiting_packets == 1
     assembler.end()
     assert (stats.lost_packets, stats.waiting_packets, stats.unfinished_packets) == (3, 0, 0)
-
-
-def test_where_gaps_are_long_nothing_is_judged() -> None:
-    """Each packet is some hundred degrees ahead of the one before: three of them are almost a turn."""
-    stats = AssemblerStats()
-    arcs = numbered(24 * 30, 960)
-    assemble(arcs[::7], lambda number: on_time(7 * number), stats=stats)
-    assert stats.false_packets == 0
-
-
-def test_one_that_waits_is_counted() -> None:
-    assembler = Assembler(stream_of(DENSE))
-    packets = [*numbered(LEARNED, 960), numbered(1, 960, TURN // 3)[0]]
-    for packet in packets:
-        assembler.add(in_one_run(DENSE.make_format(), packet))
-    assert (assembler.stats.waiting_packets, assembler.stats.unfinished_packets) == (1, LEARNED)
-    assembler.end()
-    assert (assembler.stats.unfinished_packets, assembler.stats.discarded_packets) == (0, LEARNED + 1)

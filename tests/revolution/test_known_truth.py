@@ -211,8 +211,7 @@ def test_noise_that_passes_for_packets_is_not_told_as_gaps(name: str, case: str)
 
 
 @pytest.mark.parametrize(
-    ("name", "case"),
-    [("0x85 C1", "each second packet spoilt"), ("0x85 S1", "1 % of the bytes flipped")],
+    ("name", "case"), [("0x85 C1", "each second packet spoilt"), ("0x85 S1", "1 % of the bytes flipped")]
 )
 def test_noise_that_passes_for_an_end_makes_no_revolution_more(name: str, case: str) -> None:
     """By time, the revolution that would begin there had begun a whole one before."""

@@ -158,14 +158,6 @@ def test_it_changes_none_where_packets_are_lost(marks: list[tuple[int, bool]], f
         assert_the_same_in_any_pieces(sent)
 
 
-def test_sectors_are_counted_from_the_mark() -> None:
-    found = made(runs_of(packets_of([(100, False)] * 6), 1, at_once=False), parts=4)
-    assert {sector.index for sector in found.sectors} == {0, 1, 2, 3}
-    for sector in found.sectors:
-        behind = (sector.device_angles - 75 - 90 * sector.index) % 360
-        assert behind.max() < 90
-
-
 @pytest.mark.parametrize("together", [1, 5, 10_000])
 def test_the_first_part_of_a_stream_is_measured_from_the_seam_at_its_end(together: int) -> None:
     """Not from the place where a mark stands that comes later: nodes from 18 degrees on, marked at 40."""

@@ -9,11 +9,9 @@ from lidario.families.rplidar.simulated import packers
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.scan import Scan
 from tests.support.cases import CASES, Case
-from tests.support.numbered import BAUD, DENSE, SAMPLE_NS, TURN, on_time
-from tests.support.ramp import ramp
+from tests.support.numbered import BAUD, SAMPLE_NS, TURN, on_time
 from tests.support.streams import arrived, stream_of
 
-PACKET_S = 40 * SAMPLE_NS * 1e-9
 NODES = next(case for case in CASES if case.name == "rplidar_32k_81")
 
 
@@ -29,22 +27,6 @@ def scans_of(
         at_ns = on_time(last) if samples > 1 else (last + 2.5) * sample_ns
         scans += assembler.add(arrived(b"".join(here), len(here), round(at_ns)))
     return scans, assembler.stats
-
-
-def dense(angles: np.ndarray[tuple[int], np.dtype[np.int64]]) -> list[bytes]:
-    """Packets that begin at these angles."""
-    raw = packers.pack_dense(angles % TURN, np.arange(len(angles) * 40).reshape(-1, 40) % 65535 + 1)
-    return [raw[at : at + 84] for at in range(0, len(raw), 84)]
-
-
-@pytest.mark.parametrize(("first_hz", "last_hz"), [(10.0, 2.0), (10.0, 1.2), (2.0, 10.0), (5.0, 12.0)])
-@pytest.mark.parametrize("run", [1, 7, 300])
-def test_a_ramp_on_a_clean_line_loses_nothing(first_hz: float, last_hz: float, run: int) -> None:
-    angles = ramp(first_hz, last_hz, PACKET_S, before_s=0.5, until_s=3.0)
-    scans, stats = scans_of(DENSE, dense(angles), range(len(angles)), run)
-    assert (stats.lost_packets, stats.missed_scans, stats.broken_scans) == (0, 0, 0)
-    assert [scan.seq for scan in scans] == list(range(len(scans)))
-    assert len(scans) >= int(angles[-1] / TURN) - 1
 
 
 @pytest.mark.parametrize("first_deg", [300, 332, 345, 356])

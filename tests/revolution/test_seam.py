@@ -23,12 +23,6 @@ def splits(*degrees: float, seam: int | None = 0) -> list[int]:
     return [split.packet for split in found]
 
 
-def test_a_turn_ends_where_the_headings_pass_the_seam() -> None:
-    assert splits(300, 340, 20, 60, 120, 240, 350, 10) == [2, 7]
-    assert splits(200, 300, 359.9, 0) == [3]
-    assert splits(350, 0.1, 30) == [1]
-
-
 @pytest.mark.parametrize(
     ("headings", "found"),
     [
@@ -61,12 +55,6 @@ def test_what_passes_0_may_be_told(before: list[int], kind: Callable[[Any], Any]
         seam.splits(before)
     found = told.splits(kind(headings), passing)
     assert [split.packet for split in found] == [at for at in range(59) if alone.splits([headings[at]])]
-
-
-@pytest.mark.parametrize("seam", [0, 9_000, 18_000, 35_999])
-def test_the_seam_may_be_anywhere(seam: int) -> None:
-    degrees = [(seam / 100 + each) % 360 for each in (300, 340, 20, 60, 120, 240, 350, 10)]
-    assert splits(*degrees, seam=seam) == [2, 7]
 
 
 def test_without_a_seam_only_marks_count() -> None:
@@ -116,11 +104,6 @@ def test_a_restart_of_which_no_step_is_known_is_one() -> None:
     assert Seam(TURN, 0).splits([20_000, 21_000 | RESTARTS]) == [Split(1, marked=False, broken=True)]
 
 
-def test_trembling_at_the_seam_is_one_turn() -> None:
-    assert splits(300, 350, 359.8, 0.1, 359.9, 0.2, 359.9, 2, 30, 120) == [3]
-    assert splits(300, 359, 1, 358, 2, 357, 3, 356, 4, 90, 200, 300, 358, 3, 357, 4) == [2, 13]
-
-
 @pytest.mark.parametrize("around", [0, 45, 89.9, 90, 90.1, 180, 270, 329.9, 330, 330.1, 350])
 def test_falling_back_a_little_ends_no_turn(around: float) -> None:
     """Triangulating models correct their angles by up to 3 degrees, wherever they look."""
@@ -133,34 +116,9 @@ def test_falling_back_a_little_ends_no_turn(around: float) -> None:
         assert whole[1] == len(degrees) + len(trembling) + len(rest)
 
 
-@pytest.mark.parametrize(
-    ("before", "after"),
-    [(300, 60), (350, 89), (200, 10), (120, 20), (100, 20), (359, 300), (300, 200), (200, 100), (270, 180)],
-)
-def test_a_gap_across_the_seam_ends_the_turn(before: float, after: float) -> None:
-    """The headings fall far: the rest of the turn and the beginning of the next were lost."""
-    assert splits(40, 80, before, after, after + 10) == [3]
-
-
-def test_a_loss_within_the_turn_ends_nothing() -> None:
-    assert splits(10, 40, 300, 350) == []
-    assert splits(300, 350, 10, 320, 350, 20) == [2, 5]
-
-
 def marked(*headings: int) -> list[tuple[int, bool]]:
     found = Seam(TURN, None).splits(headings)
     return [(split.packet, split.marked) for split in found]
-
-
-def test_a_mark_ends_the_turn_before_its_packet() -> None:
-    turn = [5 | BEGINS, 9_000, 18_000, 27_000]
-    assert marked(*turn * 3) == [(0, True), (4, True), (8, True)]
-
-
-def test_a_lost_mark_does_not_merge_two_turns() -> None:
-    turn = [5 | BEGINS, 4_000, 9_000, 18_000, 27_000]
-    found = marked(*turn, *turn[1:], *turn)
-    assert found == [(0, True), (5, False), (9, True)]
 
 
 @pytest.mark.parametrize("late", [10, 500, 3_000])
@@ -175,15 +133,6 @@ def test_a_mark_just_behind_the_seam_begins_no_second_turn(late: int) -> None:
 def test_a_mark_before_the_seam_ends_the_turn_once() -> None:
     found = marked(0 | BEGINS, 9_000, 18_000, 27_000, 35_000 | BEGINS, 10, 9_000, 18_000, 27_000, 34_900, 35_100)
     assert found == [(0, True), (4, True), (10, False)]
-
-
-def test_a_new_beginning_breaks_the_turn_wherever_it_stands() -> None:
-    found = Seam(TURN, 0).splits([30_000, 100, 9_000, 18_000, 20_000 | RESTARTS, 30_000, 100, 9_000])
-    assert found == [
-        Split(1, marked=False, broken=False),
-        Split(4, marked=False, broken=True),
-        Split(6, marked=False, broken=False),
-    ]
 
 
 @pytest.mark.long

@@ -21,7 +21,6 @@ from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.pipeline import Pipeline
 from lidario.scan import Scan
 from lidario.sector import Sector
-from tests.reference import damage
 from tests.support.cases import CASES, KINDS, Case, most_or_all
 from tests.support.harm import messes
 from tests.support.kept import arrivals
@@ -279,14 +278,6 @@ def test_what_passes_unseen_behind_the_first_revolution_is_counted_once() -> Non
     plain = assembled(case, raw, 64, arrivals(case, left))
     assert plain.stats.missed_scans > 1
     assert divided(case, raw, (8,), 64, arrivals(case, left)).stats == plain.stats
-
-
-@one_a_parser(KINDS, CASES)
-def test_flipped_bits(case: Case) -> None:
-    spoiled = damage.flip(case.raw, 2e-5, 3)
-    found = divided(case, spoiled.raw, (8,))
-    assert_sum(found, 8, stamps_ns=5e9)
-    assert found.stats == assembled(case, spoiled.raw).stats
 
 
 @pytest.mark.long

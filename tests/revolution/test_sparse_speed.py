@@ -89,14 +89,6 @@ def test_times_that_go_back_make_it_try_no_more_speeds() -> None:
     assert most < 1e6
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_some_dozen_packets_tell_it(seed: int) -> None:
-    turns = np.cumsum(np.random.default_rng(seed).uniform(0.6, 1.9, 30))
-    told = found(turns, turns * 90 * MS)
-    assert told[:11] == [0] * 11
-    assert told[14:] == pytest.approx([90 * MS] * 16, rel=1e-3)
-
-
 @pytest.mark.parametrize("reads", range(1, 10))
 def test_of_one_revolution_two_packets_are_taken(reads: int) -> None:
     """Each with the time at which it came: the last one of its read."""
