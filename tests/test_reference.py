@@ -7,7 +7,7 @@ vendors'. `tests.test_reference_rplidar` has what is beyond the golden streams.
 import numpy as np
 import pytest
 
-from tests.reference import damage, golden, ydlidar
+from tests.reference import golden, ydlidar
 from tests.support.cases import KINDS, Case, named
 
 
@@ -36,29 +36,3 @@ def test_ydlidar_revolutions(name: str) -> None:
 
 
 # ----------------------------------------------------------------------------------------------------- damage
-
-
-def test_damage_is_where_it_says_and_nowhere_else() -> None:
-    raw = bytes(range(256)) * 4
-    flipped, dropped, inserted = (
-        spoil(raw, 0.1, 1) for spoil in (damage.flip, damage.drop_bytes, damage.insert_bytes)
-    )
-    changed = {at: a ^ b for at, (a, b) in enumerate(zip(raw, flipped.raw, strict=True)) if a != b}
-    assert tuple(changed) == flipped.touched
-    assert {bits.bit_count() for bits in changed.values()} == {1}
-    assert dropped.raw == bytes(byte for at, byte in enumerate(raw) if at not in dropped.touched)
-    restored = bytearray(inserted.raw)
-    for at in inserted.touched:
-        del restored[at]
-    assert bytes(restored) == raw
-    assert all(60 < len(each.touched) < 150 for each in (flipped, dropped, inserted))
-
-
-def test_hit_packets() -> None:
-    packets = [b"aa", b"b", b"cccc"]
-    assert damage.hit_packets(damage.Damage(b"", (1, 3, 6), "byte"), packets) == {0, 2}
-    assert damage.hit_packets(damage.Damage(b"", (0, 1, 2, 3), "gap"), packets) == {0}
-
-
-def test_names() -> None:
-    assert sorted(path.stem for path in golden.DATA.glob("*.npz")) == sorted(golden.NAMES)

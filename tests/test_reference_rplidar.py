@@ -10,8 +10,6 @@ import pytest
 from tests.reference import golden, rplidar
 from tests.reference.samples import Sample, revolutions
 
-GRID_Q14 = 90 / 16384
-
 
 @cache
 def rplidar_stream(name: str) -> tuple[golden.Golden, int, list[bytes], list[Sample]]:
@@ -19,27 +17,6 @@ def rplidar_stream(name: str) -> tuple[golden.Golden, int, list[bytes], list[Sam
     assert stream.response_type is not None
     packets = rplidar.split(stream.response_type, stream.raw)
     return stream, stream.response_type, packets, rplidar.decode(stream.response_type, packets)
-
-
-@pytest.mark.parametrize("name", golden.names_of("rplidar"))
-def test_rplidar_angles_are_exact_once_rounded_alike(name: str) -> None:
-    """With the vendor's three roundings put on top of the reference not a single angle differs."""
-    stream, response_type, packets, samples = rplidar_stream(name)
-    expected = []
-    for sample in samples:
-        if response_type == 0x83:
-            expected.append(round(sample.angle_deg / GRID_Q14))
-            continue
-        if response_type == 0x81:
-            angle_q6 = int(sample.angle_deg * 64)
-        else:
-            first_q6 = rplidar.start_q6(response_type, packets[sample.packet])
-            way_q6 = (rplidar.start_q6(response_type, packets[sample.packet + 1]) - first_q6) % (360 * 64)
-            step_q16 = (way_q6 << 10) // rplidar.PACKET_SAMPLES[response_type]
-            correction_q16 = round((sample.raw_deg - sample.angle_deg) % 360 * 65536)
-            angle_q6 = ((first_q6 << 10) + sample.index * step_q16 - correction_q16 >> 10) % (360 * 64)
-        expected.append((angle_q6 << 8) // 90)
-    assert (stream.angle_deg.astype(np.float64) / GRID_Q14).tolist() == expected
 
 
 @pytest.mark.parametrize("name", golden.names_of("rplidar"))

@@ -2,21 +2,18 @@
 
 from itertools import cycle
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from lidario.wire.blocks import packet_offsets
 from lidario.wire.events import Packets
-from tests.reference import damage
 from tests.support.cases import KINDS, Case
 from tests.support.harm import messes
 from tests.support.samples import one_a_parser
-from tests.support.streams import assembled, cut_up, feed, open_stream
+from tests.support.streams import cut_up, feed, open_stream
 
 every_kind = one_a_parser(KINDS)
-HARM = {"flips": damage.flip, "lost bytes": damage.drop_bytes, "added bytes": damage.insert_bytes}
 
 
 @pytest.mark.long
@@ -97,29 +94,3 @@ def test_a_clean_stream_collected_from_reads_of_any_size(case: Case, read: int) 
             assert time == min(len(raw), -(-(at + end) // read) * read)
         at += len(event.data)
     assert at > 90_000
-
-
-@pytest.mark.long
-@every_kind
-@pytest.mark.parametrize("harm", HARM)
-def test_a_long_damaged_stream_gives_the_same_events(case: Case, harm: str) -> None:
-    """A hit every third packet; long enough that the link takes the stream in several slices."""
-    raw = HARM[harm](case.raw, 0.3 / max(len(case.packets[-1]), 80), seed=len(case.name)).raw[:40_000]
-    whole = feed(case, raw)
-    assert whole.stats.skipped_stretches > 1 or case.response_type == 0x83  # repairs most flips
-    for chunks in (1, 64, [3, 5, 700, 1, 20_000], len(raw) // 2 + 1):
-        assert feed(case, raw, chunks).events == whole.events, chunks
-
-
-@pytest.mark.long
-@every_kind
-def test_the_scans_are_the_same_too(case: Case) -> None:
-    raw = damage.drop_bytes(case.raw, 0.001, seed=5).raw
-    results = [assembled(case, raw, chunks, times=lambda _: 0) for chunks in (None, 3, 64)]
-    assert results[0].scans
-    for scans, stats, _ in results[1:]:
-        assert stats == results[0].stats
-        for scan, same in zip(scans, results[0].scans, strict=True):
-            np.testing.assert_array_equal(scan.device_angles, same.device_angles)
-            np.testing.assert_array_equal(scan.device_distances, same.device_distances)
-            assert (scan.lost_packets, scan.seq) == (same.lost_packets, same.seq)

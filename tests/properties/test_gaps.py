@@ -48,18 +48,6 @@ def test_losing_the_packets_at_zero_merges_no_turns(case: Case) -> None:
             assert len(turn) * 0.6 < len(scan) <= len(turn) + 1
 
 
-@one_a_parser(KINDS)
-@pytest.mark.parametrize(("begin", "end"), [(0.25, 0.75), (0.2, 0.95), (0.05, 0.6)])
-def test_most_of_a_turn_may_be_lost(case: Case, begin: float, end: float) -> None:
-    turn = case.turns[1]
-    packets = turn[-1].packet - turn[0].packet
-    lost = range(turn[0].packet + round(packets * begin), turn[0].packet + round(packets * end))
-    result = kept_without(case, lost)
-    assert result.broken == 0
-    assert result.moved.max() <= 2
-    assert result.scans[1].lost_packets == pytest.approx(result.missing, rel=0.05)
-
-
 @pytest.mark.long
 @one_a_parser(KINDS)
 def test_more_than_a_turn_lost_is_no_scan(case: Case) -> None:
@@ -93,13 +81,6 @@ def test_joining_in_mid_stream_delivers_no_partial_turn(case: Case) -> None:
             np.testing.assert_array_equal(scan.device_distances, [s.distance_mm for s in turn])
             assert scan.lost_packets == 0
         assert scans[0].seq == 0
-
-
-@most_or_all(CASES)
-def test_the_open_turn_at_the_end_is_not_delivered(case: Case) -> None:
-    end = len(b"".join(case.packets[: case.turns[-1][-1].packet - 1]))
-    scans, _, _ = assembled(case, case.raw[:end])
-    assert len(scans) == len(case.turns) - 1
 
 
 def with_mark(case: Case, number: int) -> bytes:

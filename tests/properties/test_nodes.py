@@ -88,44 +88,6 @@ def test_no_false_turn_and_hardly_a_node_of_wrong_phase(case: Case, harm: str, s
 
 @pytest.mark.long
 @every_case
-def test_what_a_single_lost_byte_costs(case: Case) -> None:
-    """The node it was lost from, and mostly none or one of its neighbours."""
-    cost, wrong_phase, before = Counter[int](), 0, 30
-    for place in range(5 * 200, len(case.raw) - 5 * 200, 73):
-        first = place // 5 - before
-        nodes = case.packets[first : first + 3 * before]
-        raw = b"".join(nodes)
-        raw = raw[: place - 5 * first] + raw[place - 5 * first + 1 :]
-        found = feed(case, raw).places(case, raw)
-        clean = {5 * n - (n > before): node for n, node in enumerate(nodes) if n != before}
-        cost[sum(found.get(at) != node for at, node in clean.items())] += 1
-        wrong_phase += len(set(found) - set(clean) - {5 * before})
-    trials = cost.total()
-    assert trials > 500
-    assert cost[0] + cost[1] >= 0.9 * trials
-    assert max(cost) <= 3
-    assert cost[3] <= trials // 250
-    assert wrong_phase <= trials // 200
-
-
-@every_case
-@pytest.mark.parametrize(
-    "extra", [b"\0", b"\xaa", b"\xa5\x5a", b"\x02\x01", bytes(5), b"\x02\x01\0\0\0", bytes(99)]
-)
-def test_bytes_put_between_two_nodes_cost_one_at_most(case: Case, extra: bytes) -> None:
-    around = 100
-    for number in range(around, len(case.packets) - around, 397):
-        before, behind = case.packets[number - around : number], case.packets[number : number + around]
-        raw = b"".join([*before, extra, *behind])
-        found = feed(case, raw).places(case, raw)
-        at = 5 * around + len(extra)
-        clean = dict(zip([*range(0, 5 * around, 5), *range(at, len(raw), 5)], before + behind, strict=True))
-        assert sum(found.get(place) != packet for place, packet in clean.items()) <= 1
-        assert len(set(found) - set(clean)) <= 1
-
-
-@pytest.mark.long
-@every_case
 def test_one_byte_in_a_thousand_flipped(case: Case) -> None:
     """A node's distance is guarded by nothing; but its angle is, and so are the turns."""
     for seed in range(12):

@@ -100,18 +100,6 @@ def test_next_to_nothing_is_held_back(case: Case, data: st.DataObject) -> None:
         assert link.buffered <= bound
 
 
-@pytest.mark.long
-@every_kind
-def test_a_megabyte_of_noise_leaves_no_trace(case: Case) -> None:
-    random = Random(7)
-    for noise in (random.randbytes(300_000), b"\xa5" * 200_000, b"\xaf\x5f" * 100_000, bytes(200_000)):
-        received = feed(case, noise, 50_000)
-        assert received.buffered <= 2 * case.make_format().longest + 104
-        assert received.stats.skipped_bytes + received.buffered + len(received.data) == len(noise)
-        lost = lost_behind(case, b"", noise[:5000], clean_behind(case, 10))
-        assert lost <= 2
-
-
 def test_what_passes_for_a_packet_and_overlaps_the_one_that_is_due_is_none() -> None:
     """Two start angles in a row look like headers, and the check value of a place between holds by chance."""
     case = next(case for case in CASES if case.name == "rplidar_a1_82")

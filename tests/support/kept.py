@@ -99,11 +99,7 @@ def arrivals(case: Case, left: Sequence[int]) -> Callable[[int], int]:
 
 
 def kept(
-    case: Case,
-    raw: bytes,
-    accepted: Sequence[int],
-    faulty: set[int],
-    times: Callable[[int], int] | None = None,
+    case: Case, raw: bytes, accepted: Sequence[int], faulty: set[int], times: Callable[[int], int] | None = None
 ) -> Kept:
     """Compare the scans of `raw` with the clean turns, none of which may be missing."""
     scans, stats, _ = assembled(case, raw, times=times)
