@@ -16,8 +16,7 @@ AT_ONCE = 20_000
 @pytest.mark.long
 @pytest.mark.discards("a device that is asked without end responds to some of it")
 @pytest.mark.parametrize(
-    ("model", "request_", "most"),
-    [("rplidar-s2", b"\xa5\x50", 27), ("ydlidar-4ros", b"\xa5\x90", 51_200 + 27)],
+    ("model", "request_", "most"), [("rplidar-s2", b"\xa5\x50", 27), ("ydlidar-4ros", b"\xa5\x90", 51_200 + 27)]
 )
 def test_responses_to_a_flood_of_requests_do_not_pile_up(model: str, request_: bytes, most: int) -> None:
     device = simulate(model, spin_up=0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -12,7 +11,7 @@ from lidario.families.rplidar.simulated.device import make_simulated as make_fir
 from lidario.families.ydlidar.simulated.device import make_simulated as make_second
 from lidario.sim.faults import parse_faults
 from lidario.sim.memory import MemoryLine
-from lidario.sim.trouble import ERROR_CODE, can_fail
+from lidario.sim.trouble import ERROR_CODE
 
 pytestmark = pytest.mark.discards("a device that boots or is frozen discards requests, which is tested here")
 
@@ -52,11 +51,6 @@ class Bench:
 
 
 @both
-def test_devices_can_fail(family: str) -> None:
-    assert can_fail(Bench(family, "").device)
-
-
-@both
 @pytest.mark.parametrize("fault", ["reboot:1s", "freeze:1s", "protect:1s", "wrong-response:50%,reboot:1s"])
 @pytest.mark.parametrize("step", [7 * MS + 1, 333 * MS])
 def test_the_steps_of_time_make_no_difference(family: str, fault: str, step: int) -> None:
@@ -69,14 +63,6 @@ def test_the_steps_of_time_make_no_difference(family: str, fault: str, step: int
     assert expected == data
     assert len(data) > 40_000
     assert not whole.device.scanning
-
-
-@both
-def test_a_request_after_the_event_finds_it_done_though_nobody_has_read(family: str) -> None:
-    bench = Bench(family, "protect:1s")
-    bench.line.write(bench.health, BEGIN + 2 * SECOND)
-    response = bench.line.read(BEGIN + 2 * SECOND + 20 * MS)[-3:]
-    assert response == b"\x02" + ERROR_CODE.to_bytes(2, "little")
 
 
 @both
@@ -111,27 +97,6 @@ def test_reboot_cuts_the_stream_and_obeys_nothing_until_it_has_booted(family: st
     assert len(bench.ask(bench.info, BEGIN + SECOND + 900 * MS)) == 27
     assert bench.status(BEGIN + 2 * SECOND) == (0, 0)
     assert bench.ask(bench.scan, BEGIN + 3 * SECOND)
-
-
-@both
-def test_reboot_cuts_a_packet_in_two(family: str) -> None:
-    size = {"rplidar": 5, "ydlidar": 90}[family]
-    cut = 0
-    for phase in range(10):
-        bench = Bench(family, f"reboot:{1000 + phase * 0.217}ms")
-        bench.device.boot_s = 600.0
-        cut += bool((len(bench.line.read(BEGIN + 2 * SECOND)) - 7) % size)
-    assert cut >= 4
-
-
-@both
-def test_reboot_forgets_the_half_of_a_request(family: str) -> None:
-    bench = Bench(family, "reboot:1s", scan=False)
-    bench.line.write(b"\xa5", BEGIN)
-    bench.line.read(BEGIN + 5 * SECOND)
-    bench.line.write(bench.info[1:], BEGIN + 5 * SECOND)
-    assert bench.line.read(BEGIN + 6 * SECOND) == b""
-    assert bench.device.log == []
 
 
 def test_reboot_forgets_protection_and_speed() -> None:
@@ -186,15 +151,6 @@ def test_a_garbled_response_is_as_long_and_the_next_one_is_right(family: str) ->
 
 
 @both
-def test_a_late_response_comes_when_it_is_due(family: str) -> None:
-    bench = Bench(family, "", scan=False)
-    bench.device.response_delay_s = 3.0
-    bench.line.write(bench.info, BEGIN)
-    assert bench.line.read(BEGIN + 3 * SECOND) == b""
-    assert len(bench.line.read(BEGIN + 3 * SECOND + MS)) == 27
-
-
-@both
 def test_mute_it_hears_and_obeys_but_what_it_says_is_lost(family: str) -> None:
     bench = Bench(family, "", scan=False)
     bench.device.mute = True
@@ -213,12 +169,3 @@ def test_a_wrong_answer_is_the_one_before(family: str) -> None:
     assert len(info) == 27  # there was none before
     assert bench.ask(bench.health, BEGIN + SECOND) == info
     assert len(bench.ask(bench.info, BEGIN + 2 * SECOND)) == 10
-
-
-@both
-def test_so_many_answers_are_wrong(family: str) -> None:
-    bench = Bench(family, "wrong-response:20%", scan=False)
-    got = [len(bench.ask((bench.info, bench.health)[k % 2], BEGIN + k * SECOND)) for k in range(400)]
-    wrong = sum(a == b for a, b in pairwise(got))
-    assert 0.1 * 400 < sum(size != (27, 10)[k % 2] for k, size in enumerate(got)) < 0.3 * 400
-    assert wrong

@@ -12,34 +12,6 @@ BYTE = 10_000  # ns, at 1 Mbaud
 US = 1_000
 
 
-def test_bytes_leave_one_by_one_at_ten_bits_each() -> None:
-    queue = TransmitQueue(1_000_000)
-    queue.push(b"abcdef", 1_000)
-    assert queue.take(1_000 + BYTE - 1) == b""
-    assert queue.take(1_000 + BYTE) == b"a"
-    assert queue.take(1_000 + 3 * BYTE + 5) == b"bc"
-    assert queue.take(1_000 + 100 * BYTE) == b"def"
-    assert queue.take(1_000 + 101 * BYTE) == b""
-
-
-def test_a_slow_line_takes_longer() -> None:
-    queue = TransmitQueue(115_200)
-    assert queue.airtime(1) == 86_806  # 10 / 115200 s = 86805.55… ns, rounded up
-    queue.push(b"ab", 0)
-    assert queue.take(86_805) == b""
-    assert queue.take(86_806) == b"a"
-    assert queue.take(173_611) == b""
-    assert queue.take(173_612) == b"b"
-
-
-def test_an_answer_waits_for_the_one_before_it() -> None:
-    queue = TransmitQueue(1_000_000)
-    queue.push(b"late", 1_000_000)
-    queue.push(b"early", 0)
-    assert queue.take(999_999) == b""
-    assert queue.take(1_000_000 + 5 * BYTE) == b"latee"
-
-
 def test_wakeup_is_when_the_next_packet_has_left() -> None:
     queue = TransmitQueue(1_000_000)
     assert queue.wakeup(7) is None
