@@ -5,23 +5,19 @@ No figure is looked at: a shared machine has none to rely on.
 
 import json
 import re
-from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
 import lidario
 from benchmarks import damage, decode, export, garbage, stages, vendor, view
-from benchmarks.contest import late_by, lost_scans
 from benchmarks.models import FORMATS
-from benchmarks.report import Setting, spread
-from benchmarks.streams import KINDS, RATES, capture, recording
+from benchmarks.report import Setting
+from benchmarks.streams import KINDS, capture
 from lidario.families.rplidar.simulated.device import make_simulated
 from lidario.revolution.pipeline import Pipeline
 from lidario.wire.blocks import packet_offsets
 from lidario.wire.envelope import DESCRIPTOR_SIZE
-from lidario.wire.formats import BEGINS
-from tests.support.streams import in_one_run
 
 
 @pytest.mark.long
@@ -63,38 +59,6 @@ def test_the_stages_of_a_turn_are_told_for_every_format() -> None:
     assert all(len(took) == 3 and min(took) > 0 for took in result.data["live"].values())
     assert re.fullmatch(r"\d+ calls of \d+ functions in \d+ files", session.rows[0][0])
     assert len(result.data["delivery"]["us"]) == 3
-
-
-@pytest.mark.parametrize("name", RATES)
-def test_recordings_repeat_whole_turns(name: str) -> None:
-    kind = RATES[name].kind
-    played = recording(kind)
-    wire = kind.make_format()
-    turns = {"4ROS": 7}.get(name, 10)
-    assert len(played.loop_ends) == turns
-    assert list(played.loop_ends) == sorted(set(played.loop_ends))
-    headings = [heading & (BEGINS - 1) for heading in wire.headings(in_one_run(wire, played.loop * 2))]
-    falls = sum(here < last - wire.full_turn // 2 for last, here in pairwise(headings))
-    assert falls == 2 * turns - 1
-
-
-def test_lost_scans_are_told_from_late_ones() -> None:
-    turns = [100, 200, 300, 400, 500]
-    assert lost_scans([103, 203, 303, 403], turns) == 0
-    assert lost_scans([103, 203, 403, 503], turns) == 1
-    assert lost_scans([150], turns) == 0
-    assert late_by([1_000_103], [100, 2_000_000]) == [pytest.approx(1.000003)]
-
-
-def test_spread_is_median_least_and_most() -> None:
-    assert spread([3.0, 1.0, 2.0]) == "2.0 (1.0–3.0)"
-    assert spread([]) == "–"
-
-
-def test_without_the_vendors_driver_its_table_says_so() -> None:
-    result = vendor.run(Setting(quick=True))
-    assert result.tables[0].rows == []
-    assert "left out" in result.tables[0].notes[0]
 
 
 @pytest.mark.parametrize(
@@ -174,15 +138,6 @@ def test_of_capsules_of_which_each_second_is_lost_from_the_start_half_of_the_poi
     assert (found.wrong, found.missing_scans, found.told_scans) == (0, 0, 0)
     assert found.kept == pytest.approx(found.samples / 2, rel=0.03)
     assert found.told == pytest.approx(found.missing, rel=0.01)
-
-
-@pytest.mark.long
-@pytest.mark.exhaustive("seed", sample=[2], full=range(1, 7))
-@pytest.mark.parametrize("name", ["0x82 express", "0x85 dense"])
-def test_where_most_packets_are_lost_no_more_is_told_than_is_missing(name: str, seed: int) -> None:
-    found = damage.outcome(KINDS[name], "2 bytes in 100 lost", seed=seed)
-    assert found.told == pytest.approx(found.missing, rel=0.03)
-    assert found.told_scans == pytest.approx(found.missing_scans, rel=0.1, abs=2)
 
 
 @pytest.mark.long

@@ -120,10 +120,7 @@ async def test_the_program_of_the_docs(router: Router, settings: Path, capsys: p
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("one", "two", "words"),
-    [
-        ("&fault=unplug:2s", "", "silent: (0,)"),
-        ("&fault=unplug:2s", "&fault=silent:2s", "both lidars are silent"),
-    ],
+    [("&fault=unplug:2s", "", "silent: (0,)"), ("&fault=unplug:2s", "&fault=silent:2s", "both lidars are silent")],
 )
 async def test_the_robot_of_the_docs_stands_where_a_lidar_has_failed(
     one: str, two: str, words: str, router: Router, settings: Path, capsys: pytest.CaptureFixture[str]
@@ -176,10 +173,7 @@ async def test_the_command_publishes_them_with_their_settings(
 
 @pytest.mark.long
 async def test_the_list_of_a_fleet_names_both_and_who_is_away(monkeypatch: pytest.MonkeyPatch) -> None:
-    async with (
-        lidario.open_lidar(ONE) as one,
-        lidario.open_lidar(TWO + "&fault=unplug:1s", reconnect=True) as two,
-    ):
+    async with lidario.open_lidar(ONE) as one, lidario.open_lidar(TWO + "&fault=unplug:1s", reconnect=True) as two:
         publisher, one_health = MergedPublisher([one, two], mounts=[Mount(), Mount()]), one.health
         info = publisher.status().about.info
         assert (info.model, info.serial) == (f"{one.info.model} and {two.info.model}", f"{'A' * 32} and {'B' * 32}")

@@ -182,13 +182,6 @@ def test_the_points_of_a_sorted_scan_are_those_of_the_scan() -> None:
         np.testing.assert_array_equal(made.points, wanted.points)
 
 
-@pytest.mark.parametrize("turns", [-1e6, -1, 1, 1e6])
-def test_a_lidar_that_is_turned_by_whole_turns_is_not_turned(turns: float) -> None:
-    made, wanted = pointcloud2(FOUR, mount_yaw=turns * math.tau).points, pointcloud2(FOUR).points
-    for axis in "xy":
-        np.testing.assert_allclose(made[axis], wanted[axis], atol=1e-5)
-
-
 def test_samples_without_a_return_are_no_points() -> None:
     silent = replace(FOUR, device_distances=np.where(FOUR.device_distances > 1500, 0, FOUR.device_distances))
     cloud = pointcloud2(silent)
@@ -228,14 +221,3 @@ def test_the_preset_of_the_vendors_turns_the_angles_and_keeps_the_times(order: A
     assert math.degrees(math.pi - theta) % 360 == pytest.approx(truth.angle_deg[0], abs=360 / 200)
     mounted = truth.scan.to_laserscan(200, order=order, preset="vendor", mount_yaw=-math.pi)
     np.testing.assert_array_equal(mounted.ranges, truth.scan.to_laserscan(200, order=order).ranges)
-
-
-def test_an_unknown_preset_is_refused() -> None:
-    with pytest.raises(ValueError, match="preset must be one of rep103, vendor"):
-        FOUR.to_laserscan(preset="rep105")  # type: ignore[arg-type]
-
-
-def test_what_the_driver_of_the_port_counts_is_among_the_diagnostics() -> None:
-    stats = Stats(overruns=3)
-    (status,) = diagnostics(0, "lidario: scan", INFO, Health(HealthStatus.OK, 0), stats=stats).status
-    assert dict(status.values)["line"] == stats.line_trouble != ""

@@ -15,7 +15,7 @@ with warnings.catch_warnings():
     # It imports what is deprecated in the newest Python; that is not ours.
     warnings.simplefilter("ignore")
     from zenoh_ros2_sdk import attachment as theirs_attachment
-    from zenoh_ros2_sdk import entity, keyexpr, qos
+    from zenoh_ros2_sdk import entity, keyexpr
 
 ZID = "c4f1b2"
 TYPES = {
@@ -46,18 +46,6 @@ def test_keys_and_tokens_are_those_of_another_implementation(node: Node, topic: 
     assert node.publisher_token(ZID, 1, full, LASERSCAN) == keyexpr.endpoint_liveliness_keyexpr(end)
 
 
-def test_the_lines_of_the_document() -> None:
-    node = Node()
-    assert node.data_key("/scan", LASERSCAN) == (
-        "0/scan/sensor_msgs::msg::dds_::LaserScan_/"
-        "RIHS01_64c191398013af96509d518dac71d5164f9382553fce5c1f8cca5be7924bd828"
-    )
-    assert node.node_token(ZID) == "@ros2_lv/0/c4f1b2/0/0/NN/%/%/lidario"
-    token = node.publisher_token(ZID, 1, "/scan", LASERSCAN)
-    assert token.startswith("@ros2_lv/0/c4f1b2/0/1/MP/%/%/lidario/%scan/sensor_msgs::msg::dds_::LaserScan_/RIHS01_")
-    assert token.endswith("/::,10:,:,:,,")
-
-
 def test_humble_has_a_word_in_the_place_of_the_hash() -> None:
     node = Node(distro="humble")
     assert node.data_key("/scan", LASERSCAN) == "0/scan/sensor_msgs::msg::dds_::LaserScan_/TypeHashNotSupported"
@@ -66,24 +54,12 @@ def test_humble_has_a_word_in_the_place_of_the_hash() -> None:
     )
 
 
-def test_the_quality_of_service_is_read_as_reliable_of_depth_ten() -> None:
-    read = qos.QosProfile.decode(RELIABLE_10)
-    assert read.reliability is qos.QosReliability.RELIABLE
-    assert read.durability is qos.QosDurability.VOLATILE
-    assert read.history_depth == 10
-
-
 def test_the_attachment_is_read_by_another_implementation() -> None:
     gid = gid_of("token")
     ours = Attachment(5, 1_700_000_000_000_000_123, gid).to_bytes()
     read = theirs_attachment.Attachment.from_bytes(ours)
     assert (read.sequence_id, read.timestamp_ns, read.gid) == (5, 1_700_000_000_000_000_123, gid)
     assert read.to_bytes() == ours
-
-
-def test_a_gid_tells_publishers_apart() -> None:
-    assert len(gid_of("a")) == 16
-    assert gid_of("a") == gid_of("a") != gid_of("b")
 
 
 @pytest.mark.parametrize(

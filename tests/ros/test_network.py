@@ -139,5 +139,5 @@ async def test_a_laserscan_of_somebody_elses_node_is_a_source(router: Router) ->
             await lidar.get_sample_rate()
         found = [each for each in await list_remote_lidars(router.address) if "urg" in each.source]
         assert [(each.source, each.robot, each.model, each.health) for each in found] == [
-            ("zenoh:3/urg/scan/*/*", "/robot1/urg", "", None),
+            ("zenoh:3/urg/scan/*/*", "/robot1/urg", "", None)
         ]

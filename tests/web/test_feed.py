@@ -96,12 +96,6 @@ async def test_the_first_opening_must_succeed() -> None:
         await Feed(S2 + "&fault=garbage").run()
 
 
-async def test_what_is_missing_is_said_at_once() -> None:
-    with pytest.raises(lidario.ConnectFailed) as caught:
-        await Feed("/dev/nosuchport").run()
-    assert caught.value.reason == "missing"
-
-
 class Away:
     """`open_lidar` on a port that goes away; what it was asked to open."""
 

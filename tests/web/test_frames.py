@@ -48,24 +48,11 @@ def test_every_value_is_where_the_page_looks_for_it() -> None:
     assert rest == bytes([1, 2, 3, 255])
 
 
-def test_without_intensities_and_without_a_speed() -> None:
-    head, _, _, rest = read(pack_scan(0, scan([1], [2], rpm=float("nan"))))
-    assert head[2] == 0
-    assert head[6] == 0.0
-    assert rest == b""
-
-
 def test_every_angle_comes_back_within_a_step() -> None:
     degrees = np.random.default_rng(1).uniform(0, 360, 5000).astype(np.float32)
     degrees[:2] = (0.0, np.nextafter(np.float32(360), np.float32(0)))
     _, angles, _, _ = read(pack_scan(0, scan(degrees.tolist(), [1000.0] * 5000)))
     assert np.abs((angles + degrees + 180) % 360 - 180).max() <= 360 / 65536
-
-
-def test_an_empty_scan() -> None:
-    head, angles, _, _ = read(pack_scan(0, scan([], [])))
-    assert head[3] == 0
-    assert len(angles) == 0
 
 
 def test_states_are_json_for_any_text() -> None:

@@ -148,13 +148,7 @@ async def test_a_change_of_state_is_told_and_a_time_is_sent_back() -> None:
 
 
 @pytest.mark.parametrize(
-    ("query", "origin"),
-    [
-        ("", "http://evil.example"),
-        ("", None),
-        ("?token=wrong", ""),
-        ("", ""),
-    ],
+    ("query", "origin"), [("", "http://evil.example"), ("", None), ("?token=wrong", ""), ("", "")]
 )
 async def test_strangers_are_refused(query: str, origin: str | None) -> None:
     async with serving(token="" if origin != "" else "right") as (server, _):
