@@ -57,10 +57,7 @@ NEEDS = {
     "test_release.py": "git",
 }
 """Test modules that are not run where a program is not installed; the summary says so."""
-NEEDS_PACKAGE = {
-    "test_example_dds.py": ("cyclonedds", "dds"),
-    "test_example_rerun.py": ("rerun", "rerun"),
-}
+NEEDS_PACKAGE = {"test_example_dds.py": ("cyclonedds", "dds"), "test_example_rerun.py": ("rerun", "rerun")}
 """Likewise, where a package is not: one has no wheel for some machines, one is too large for everybody."""
 NEEDS_LINUX = re.compile(
     r"^\s*(import|from) (pty|tty|termios|fcntl|resource)\b|PtyServer|/proc/"

@@ -54,7 +54,6 @@ SECTOR = make_sector([-0.1, -0.2], [1.0, 2.0])
 
 
 CLOUD = np.random.default_rng(1).uniform(-2.0, 2.0, (60, 2))
-LAID = lidario.Registration(lidario.Mount(), 0.01, 1.0, 0.0)
 EMPTY = np.zeros((0, 2), np.float32)
 SEEN = Merged(lidario.merge(), 0, 0, 0.1, (), 12.0, EMPTY, EMPTY)
 TWO: dict[str, Any] = {"angles": [0.1, 0.2], "ranges": [1.0, 2.0]}
@@ -244,17 +243,6 @@ async def test_no_foreign_exception_leaves_a_session(family: str) -> None:
         assert left == []
         # It has done no harm.
         assert len(await take(lidar, 1)) == 1
-
-
-@driven
-async def test_whole_numbers_of_numpy_are_whole_numbers() -> None:
-    rig = make_rig("rplidar")
-    async with rig.open() as lidar:
-        first = (await lidar.get_modes())[0]
-        scan = await lidar.scan(np.int64(first.id))  # type: ignore[arg-type]
-        assert scan.mode == first.name
-        assert lidar.scans(depth=np.int32(3)) is not None  # type: ignore[arg-type]
-        assert scan.to_laserscan(np.uint16(90)).ranges.shape == (90,)
 
 
 def test_a_function_that_was_not_called_is_no_program() -> None:

@@ -19,14 +19,6 @@ from lidario.rotor import follow_rotor, times_of
 from tests.support.sweep import EVERY_MS, ORDERS, check, sweep
 
 
-@pytest.mark.parametrize("order", ORDERS)
-@pytest.mark.parametrize("beams", [None, 90, 400])
-@pytest.mark.exhaustive("hertz", sample=[5, 12], full=[5, 7, 10, 12, 15])
-def test_every_beam_has_the_time_of_its_samples(hertz: float, beams: int | None, order: BeamOrder) -> None:
-    truth = sweep(hertz=hertz, sample_us=500, phase=0.4)
-    check(truth.scan.to_laserscan(beams, order=order), truth)
-
-
 # Exactly one sample lost, and not enough to be seen in the duration.
 @pytest.mark.long
 @example(6.0, 1000.0, 15.3, False, 0.0, 0.0, [(0.25, 0.0078125)], 0.0, None, 0.0, "counter-clockwise")
@@ -98,27 +90,12 @@ def test_a_seam_that_was_not_told_moves_the_grid() -> None:
     assert laser.angle_min == pytest.approx(math.radians(0.25 - 20.0), abs=1e-6)
 
 
-@pytest.mark.long
-def test_lost_packets_at_the_seam_do_not_change_the_speed() -> None:
-    """The scan that begins late has too short a duration, and the one before it too long a one."""
-    late = sweep(hertz=10, sample_us=500, gaps=[(0.0, 0.08)])
-    assert late.scan.duration_ns == pytest.approx(92e6, rel=0.01)
-    early = sweep(hertz=10, sample_us=500, gaps=[(0.9, 0.1)], miscounted=0.08)
-    assert early.scan.duration_ns == pytest.approx(108e6, rel=0.01)
-    for truth in (late, early):
-        laser = truth.scan.to_laserscan(720)
-        assert laser.scan_time == pytest.approx(0.1, rel=1e-3)
-        check(laser, truth)
-
-
 def test_samples_that_a_user_took_out_do_not_change_the_times() -> None:
     truth = sweep(hertz=10, sample_us=500)
     angles = truth.scan.device_angles
     outside = (angles < 100) | (angles > 140)
     thinned = replace(
-        truth.scan,
-        device_angles=angles[outside],
-        device_distances=truth.scan.device_distances[outside],
+        truth.scan, device_angles=angles[outside], device_distances=truth.scan.device_distances[outside]
     )
     check(thinned.to_laserscan(360), replace(truth, scan=thinned))
 

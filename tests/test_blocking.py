@@ -12,7 +12,6 @@ import threading
 import time
 from collections.abc import Generator
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -97,18 +96,6 @@ def test_a_reader_that_computes_gets_the_latest_scan() -> None:
         assert not lidar.is_scanning
 
 
-@pytest.mark.long
-def test_a_recording_can_be_played(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
-    with open_sync(make_rig("rplidar").device) as lidar:
-        with lidar.record(path) as recording:
-            live = [scan.seq for scan, _ in zip(lidar.scans(depth=4), range(3), strict=False)]
-            assert recording.is_running
-        assert recording.error is None
-    with open_sync(f"{path}?rate=0") as played:
-        assert {scan.seq for scan in played.scans()} >= set(live)
-
-
 def test_errors_are_those_of_the_session() -> None:
     with pytest.raises(lidario.ConnectFailed, match="no such"):
         open_sync("/dev/there-is-none")
@@ -121,14 +108,6 @@ def test_errors_are_those_of_the_session() -> None:
             lidar.scans(depth=0)
         with pytest.raises(lidario.InvalidValue):
             lidar.set_scan_frequency(float("nan"))
-
-
-def test_where_a_loop_runs_already() -> None:
-    async def notebook() -> int:
-        with open_sync(SimulatedLidar(pace=100)) as lidar:
-            return len(lidar.scan())
-
-    assert asyncio.run(notebook()) > 1000
 
 
 @pytest.mark.long
@@ -342,9 +321,3 @@ def test_a_program_that_ends_without_closing(ending: tuple[str, int | None]) -> 
         assert process.returncode == (-signal.SIGINT if code is None else code), said
         assert was_stopped(server)
         assert is_still(server)
-
-
-def test_arguments_are_passed_on() -> None:
-    arguments: dict[str, Any] = {"latency": 0.02, "family": "rplidar"}
-    with open_sync(SimulatedLidar(pace=100), **arguments) as lidar:
-        assert lidar.scan().lost_packets == 0

@@ -8,7 +8,6 @@ from itertools import chain
 import numpy as np
 import pytest
 
-import lidario
 from lidario.filters import RangeFilter
 from lidario.laserscan import LaserScan
 from lidario.laserscans import MOST_WAITING, LaserScans
@@ -103,13 +102,6 @@ def test_what_waits_is_not_lost_at_the_end() -> None:
     assert not list(messages.rest())
 
 
-def test_with_a_number_of_beams_nothing_waits() -> None:
-    messages = LaserScans(beams=90)
-    for scan in turning(3.0, 10.0):
-        ((_, message),) = messages.take(scan)
-        assert len(message.ranges) == messages.beams == 90
-
-
 def test_empty_and_sorted_scans() -> None:
     messages = LaserScans()
     scan, again = turning(10.0, 10.0)
@@ -123,11 +115,3 @@ def test_a_scan_that_states_no_time_of_its_samples() -> None:
     (scan,) = turning(10.0)
     list(messages.take(replace(scan, time_increment_ns=0)))
     assert [len(message.ranges) for _, message in messages.rest()] == [len(scan)]
-
-
-@pytest.mark.parametrize(
-    "wrong", [{"beams": 0}, {"order": "up"}, {"frame_id": 3}, {"mount_yaw": np.nan}, {"preset": ""}]
-)
-def test_wrong_options_are_told_before_the_first_scan(wrong: dict[str, object]) -> None:
-    with pytest.raises(lidario.InvalidValue):
-        LaserScans(**wrong)  # type: ignore[arg-type]

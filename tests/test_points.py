@@ -1,7 +1,6 @@
 """Points of scans on a robot: mounted, moving, merged; each against the plain formula, a point at a time."""
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from lidario.errors import InvalidValue
-from lidario.points import Motion, Mount, Points, Velocity, merge
+from lidario.points import Motion, Mount, Velocity, merge
 from lidario.scan import Scan
 from tests.test_model import FOUR, scan
 
@@ -38,16 +37,6 @@ def expected(made: Scan, mount: Mount, pose: tuple[float, float, float], index: 
         pose[0] + x * math.cos(pose[2]) - y * math.sin(pose[2]),
         pose[1] + x * math.sin(pose[2]) + y * math.cos(pose[2]),
     )
-
-
-def test_samples_without_a_return_are_left_out() -> None:
-    points = FOUR.points()
-    assert len(points) == 3
-    np.testing.assert_allclose(points.xy, [[1, 0], [0, -2], [0, 4]], atol=1e-6)
-    assert points.xy.dtype == np.float32
-    assert points.intensities is not None
-    assert points.intensities.tolist() == [10, 20, 40]
-    assert points.source.tolist() == [0, 0, 0]
 
 
 @given(NEAR, NEAR, st.floats(-7, 7))
@@ -150,10 +139,6 @@ def test_merged() -> None:
     assert both.intensities.tolist() == [10, 20, 40] * 2
 
 
-def test_merged_with_one_that_sends_no_intensities() -> None:
-    assert merge(FOUR.points(), scan([0], [1]).points()).intensities is None
-
-
 def test_merged_of_none_and_of_too_many() -> None:
     assert len(merge()) == 0
     assert merge().xy.shape == (0, 2)
@@ -161,8 +146,3 @@ def test_merged_of_none_and_of_too_many() -> None:
     assert len(merge(*[empty] * 256)) == 0
     with pytest.raises(InvalidValue, match="at most 256"):
         merge(*[empty] * 257)
-
-
-def test_a_cloud_can_be_made_by_hand() -> None:
-    made: dict[str, Any] = {"intensities": None, "source": np.zeros(1, np.uint8)}
-    assert len(Points(np.zeros((1, 2), np.float32), np.zeros(1, np.int64), **made)) == 1

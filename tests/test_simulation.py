@@ -55,28 +55,6 @@ async def test_a_list_of_walls_is_a_world() -> None:
         np.testing.assert_allclose(np.maximum(np.abs(x) / 2, np.abs(y)), 1.0, atol=0.02)
 
 
-@driven
-async def test_a_world_of_ones_own() -> None:
-    world = Seen(1500.0)
-    device = lidario.simulate(world=world, spin_up=0)
-    assert world.calls == 1
-    async with lidario.open_lidar(device) as lidar:
-        scan = await lidar.scan()
-    np.testing.assert_allclose(scan.ranges, 1.5, atol=0.001)
-
-
-def test_the_seed_decides() -> None:
-    one, same, other = (lidario.simulate(seed=seed) for seed in (1, 1, np.int64(2)))
-    assert one.serial == same.serial != other.serial  # type: ignore[attr-defined]
-    given = lidario.simulate(serial="00112233445566778899AABBCCDDEEFF")
-    assert given.serial == bytes.fromhex("00112233445566778899AABBCCDDEEFF")  # type: ignore[attr-defined]
-
-
-def test_the_time_to_spin_up() -> None:
-    assert lidario.simulate(spin_up=0).spin_up_s == 0.0  # type: ignore[attr-defined]
-    assert lidario.simulate("ydlidar-4ros-slow").spin_up_s == 2.5  # type: ignore[attr-defined]
-
-
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
@@ -134,10 +112,3 @@ def test_a_world_that_is_replaced_is_checked_too() -> None:
     assert device.world is circle
     with pytest.raises(ValueError, match="ranges_mm"):
         device.world = "circle"
-
-
-def test_the_function_is_not_hidden_by_a_module() -> None:
-    """A submodule of the same name would replace it as soon as anything imports the module."""
-    import lidario.simulation
-
-    assert callable(lidario.simulate)

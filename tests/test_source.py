@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidario import ConnectFailed, InvalidValue, open_lidar
-from lidario.families.registry import FAMILIES, check_source
+from lidario.families.registry import check_source
 from lidario.port.simulated import make_device
 from lidario.source import Source, parse_source
 
@@ -46,14 +46,6 @@ def test_sources(text: str, kind: str, address: str, options: dict[str, str] | N
         assert source.options == {"world": "room", "fault": "drop:1%,flip:0.1%"}
     else:
         assert source.options == options
-
-
-def test_what_a_source_says() -> None:
-    source = parse_source("serial:///dev/x?baud=512000&family=some")
-    assert (source.baudrate, source.family) == (512000, "some")
-    assert parse_source("/dev/x").baudrate is None
-    assert parse_source("tcp://[::1]:2000").host_and_port == ("::1", 2000)
-    assert Source("x", "serial", "x").options == {}
 
 
 # ------------------------------------------------------------------------------ whatever text is given
@@ -184,21 +176,6 @@ def test_a_long_unprintable_word_makes_no_long_text(form: str) -> None:
         make_device(parse_source(form.format("\udcff" * 5000)))
     assert caught.value.reason == "source"
     assert len(str(caught.value)) < 2000
-
-
-def test_models_are_listed_by_family() -> None:
-    with pytest.raises(ConnectFailed) as caught:
-        open_lidar("sim://nonesuch")
-    lists = str(caught.value).splitlines()[1:]
-    assert [line.partition(":")[0].strip() for line in lists] == [family.title for family in FAMILIES]
-    for family, line in zip(FAMILIES, lists, strict=True):
-        assert line.partition(": ")[2] == ", ".join(family.simulated)
-
-
-def test_a_family_given_beside_the_source_must_be_known_too() -> None:
-    with pytest.raises(ConnectFailed, match="velodyne") as caught:
-        open_lidar("auto", family="velodyne")
-    assert caught.value.reason == "source"
 
 
 @pytest.mark.parametrize(
