@@ -46,6 +46,11 @@ def test_the_walker_hides_what_is_behind() -> None:
     assert ranges[3] < 2000.0
 
 
+def test_a_wall_hides_the_walker() -> None:
+    world = World(cast([(-9, -1, 9, -1)]), walker=Walker((0.0, -2.0), (0.0, 0.0)))
+    assert world.ranges_mm(90.0, 0.0)[0] == pytest.approx(1000.0)
+
+
 def test_the_walker_moves_and_comes_back() -> None:
     world = World(np.zeros(32768), walker=Walker((3.0, 0.0), (0.5, 1.0), period_s=10.0))
     for t in (0.0, 1.25, 2.5, 7.0, 12.5):
@@ -53,6 +58,17 @@ def test_the_walker_moves_and_comes_back() -> None:
         x, y = 3.0 + 0.5 * np.cos(2 * np.pi * t / 10.0), np.sin(2 * np.pi * t / 10.0)
         towards = np.degrees(np.arctan2(-y, x))
         assert world.ranges_mm(towards, t)[0] == pytest.approx(1000.0 * np.hypot(x, y) - 250.0, abs=0.1)
+
+
+def test_each_beam_has_its_own_time() -> None:
+    walker = Walker((3.0, 0.0), (0.5, 1.0), period_s=10.0)
+    world = World(np.zeros(32768), walker=walker)
+    times = np.linspace(0.0, 9.0, 40)
+    angles = np.linspace(-30.0, 30.0, 40)
+    together = world.ranges_mm(angles, times)
+    alone = [world.ranges_mm(a, t)[0] for a, t in zip(angles, times, strict=True)]
+    np.testing.assert_array_equal(together, alone)
+    assert 0 < np.count_nonzero(together) < 40
 
 
 def test_the_walker_must_not_walk_over_the_scanner() -> None:

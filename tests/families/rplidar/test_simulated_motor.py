@@ -9,11 +9,14 @@ import pytest
 from tests.support.simulated_rplidar import (
     BOARD,
     DUTY_0,
+    DUTY_660,
     EXPRESS_1,
     FORCE_SCAN,
+    MOTOR_600,
     MOTOR_OFF,
     MS,
     SECOND,
+    STOP,
     Bench,
     express,
     framed,
@@ -28,6 +31,12 @@ class TestMotor:
     def test_speed_is_clamped_to_what_it_can_do(self, bench: Bench, rpm: int, actual: int) -> None:
         bench.send(framed(0xA8, struct.pack("<H", rpm)))
         assert bench.device.motor.target_rpm == actual
+
+    def test_off_ends_the_stream(self, bench: Bench) -> None:
+        bench.ask(EXPRESS_1, 100 * MS)
+        bench.ask(MOTOR_OFF)
+        assert not bench.device.scanning
+        assert not bench.device.motor_on
 
     def test_samples_are_withheld_until_it_is_stable(self) -> None:
         bench = Bench(spin_up_s=1.0)
@@ -63,6 +72,22 @@ class TestBoard:
         assert bench.ask(BOARD) == b""
         assert bench.why == "unknown to this device"
 
+    def test_there_is_no_packet_before_the_duty_was_set(self) -> None:
+        bench = Bench("rplidar-a2")
+        assert len(bench.ask(express(3), 5 * SECOND)) == 7
+        states = [bench.device.scanning]
+        bench.ask(STOP)
+        assert [*states, bench.device.scanning] == [True, False]
+        bench.send(DUTY_660)
+        assert bench.device.motor.target_rpm == 600
+        assert len(bench.ask(express(3), SECOND)) > 20_000
+
+    def test_it_obeys_no_other_motor_request(self) -> None:
+        bench = Bench("rplidar-a2")
+        bench.send(MOTOR_600)
+        assert bench.why == "unknown to this device"
+        assert not bench.device.motor_on
+
     @pytest.mark.parametrize(("duty", "rpm"), [(0, 0), (330, 300), (2000, 600 * 1023 / 660)])
     def test_the_speed_follows_from_the_duty(self, duty: int, rpm: float) -> None:
         bench = Bench("rplidar-a2")
@@ -82,3 +107,10 @@ class TestControlLine:
         assert bench.device.scanning
         bench.device.set_dtr(False, bench.now)
         assert len(bench.run(SECOND)) > 9_000
+
+    def test_to_the_others_it_means_nothing(self) -> None:
+        bench = Bench("rplidar-s2")
+        bench.ask(EXPRESS_1, 100 * MS)
+        bench.device.set_dtr(True, bench.now)
+        assert bench.device.motor_on
+        assert len(bench.run(100 * MS)) > 5_000

@@ -15,6 +15,7 @@ from tests.support.simulated_rplidar import (
     SOLD,
     Bench,
     conf,
+    framed,
 )
 
 pytestmark = pytest.mark.discards("what the simulated device discards is tested here")
@@ -134,3 +135,10 @@ class TestAnswers:
         assert bench.device.wakeup(bench.now) == bench.now + 17 * 10_000
         assert len(bench.run(170_000)) == 17
         assert bench.device.wakeup(bench.now) is None
+
+
+class TestRarerRequests:
+    def test_hq_scan(self) -> None:
+        request = framed(0x83, bytes(33))
+        assert Bench("rplidar-hq").ask(request)[:7] == bytes.fromhex("a55a0d03004083")
+        assert Bench("rplidar-s2").ask(request) == b""

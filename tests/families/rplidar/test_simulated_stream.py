@@ -19,11 +19,13 @@ from tests.support.simulated_rplidar import (
     MS,
     ONE_A_FORMAT,
     RESET,
+    SCAN,
     SECOND,
     STOP,
     Bench,
     begin,
     conf,
+    express,
     framed,
     packets_of,
 )
@@ -50,6 +52,58 @@ class TestStream:
         np.testing.assert_allclose(distances, scene.ranges_mm(angles, 0.0), atol=6.0)
         assert np.ptp(angles) > 355.0
 
+    @pytest.mark.parametrize(
+        ("model", "mode_id", "samples"),
+        [
+            ("rplidar-s2", 1, 3200),
+            ("rplidar-s2", 0, 1600),
+            ("rplidar-s1", 1, 100_000 / 108),
+            ("rplidar-hq", 1, 1000),
+        ],
+    )
+    def test_a_turn_takes_what_the_motor_says(self, model: str, mode_id: int, samples: float) -> None:
+        bench = Bench(model)
+        mode = bench.mode(mode_id)
+        for rpm in (600, 750):
+            bench.send(framed(0xA8, struct.pack("<H", rpm)))
+            bench.run(20 * MS)
+            stream = bench.ask(begin(mode), 600 * MS)
+            packets = packets_of(mode.format, stream[stream.index(b"\xa5\x5a") + 7 :])
+            turns = revolutions(rplidar.decode(mode.format, packets))
+            assert len(turns) >= 3
+            for turn in turns:
+                assert len(turn) == pytest.approx(samples * 600 / rpm, abs=1.5)
+
+    def test_standard_marks_the_first_sample_of_each_turn(self, bench: Bench) -> None:
+        packets = packets_of(0x81, bench.ask(SCAN, SECOND)[7:])
+        marked = [i for i, packet in enumerate(packets) if packet[0] & 1]
+        np.testing.assert_allclose(np.diff(marked), 1600, atol=1)
+        assert len(marked) >= 9
+        for i in marked:
+            before, at = rplidar.decode(0x81, packets[i - 1 : i + 1])
+            assert before.angle_deg > 359.5
+            assert at.angle_deg < 0.5
+
+    @pytest.mark.parametrize(
+        ("model", "mode_id"),
+        [("rplidar-s2", 1), ("rplidar-express", 1), ("rplidar-ultra", 2), ("rplidar-ultradense", 1)],
+    )
+    def test_only_the_first_packet_of_a_stream_is_new(self, model: str, mode_id: int) -> None:
+        bench = Bench(model)
+        mode = bench.mode(mode_id)
+        for _ in range(2):
+            packets = packets_of(mode.format, bench.ask(express(mode_id), 400 * MS)[7:])
+            new = [rplidar.is_reset(mode.format, packet) for packet in packets]
+            assert new == [True] + [False] * (len(packets) - 1)
+            bench.ask(STOP)
+
+    def test_streams_begin_anywhere(self) -> None:
+        starts = set()
+        for seed in range(5):
+            stream = Bench(seed=seed).ask(EXPRESS_1)
+            starts.add(rplidar.start_q6(0x85, stream[7:91]))
+        assert len(starts) == 5
+
     def test_the_stream_leaves_at_the_samples_pace(self, bench: Bench) -> None:
         bench.send(EXPRESS_1)
         bench.run(1_500_000 + 70_000)  # the descriptor
@@ -59,6 +113,14 @@ class TestStream:
         assert bench.run(made - bench.now) == b""
         assert len(bench.run(840_000)) == 84
         assert len(bench.run(1_250_000 * 8)) == 84 * 8
+
+    def test_beyond_its_reach_nothing_returns(self) -> None:
+        bench = Bench("rplidar-s2", world=World(np.full(32768, 30_500.0)))  # it sees 30 m
+        packets = packets_of(0x85, bench.ask(EXPRESS_1, 50 * MS)[7:])
+        assert not any(sample.distance_mm for sample in rplidar.decode(0x85, packets))
+        far = Bench("rplidar-s3", world=World(np.full(32768, 30_500.0)))  # it sees 40 m
+        packets = packets_of(0x85, far.ask(EXPRESS_1, 50 * MS)[7:])
+        assert {sample.distance_mm for sample in rplidar.decode(0x85, packets)} == {30_500.0}
 
 
 class TestEndOfStream:

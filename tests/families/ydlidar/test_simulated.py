@@ -3,12 +3,16 @@
 import pytest
 
 from lidario.families.ydlidar.simulated.device import Simulated4Ros, make_simulated
+from lidario.families.ydlidar.simulated.packers import SCAN_HEADER
 from lidario.sim.rooms import make_world
+from lidario.sim.serve import MemoryLine
+from tests.reference import ydlidar
 from tests.support.simulated_4ros import (
     BEGIN,
     FASTER,
     FASTER_FINE,
     HEALTH,
+    HEALTH_92,
     INFO,
     MS,
     OFFSET,
@@ -61,6 +65,16 @@ def test_a_stop_before_the_header_has_left_is_remarked_and_a_keepalive_is_not(de
     assert not device.scanning
 
 
+@pytest.mark.parametrize(
+    ("model", "known", "unknown"), [("ydlidar-4ros", HEALTH, HEALTH_92), ("ydlidar-4ros-92", HEALTH_92, HEALTH)]
+)
+def test_one_of_the_health_requests_is_answered(model: str, known: bytes, unknown: bytes) -> None:
+    device = make_simulated(model)
+    assert asked(device, unknown, BEGIN) == b""
+    assert why(device) == "unknown to this device"
+    assert len(asked(device, known, BEGIN + S)) == 10
+
+
 @pytest.mark.parametrize("command", [0x01, 0x50, 0x61, 0x98, 0xD0, 0xD1, 0xFF])
 def test_unknown_requests_are_not_answered(device: Simulated4Ros, command: int) -> None:
     assert asked(device, bytes((0xA5, command)), BEGIN) == b""
@@ -97,6 +111,16 @@ def test_nothing_else_is_heard_while_scanning(device: Simulated4Ros, request_: b
     assert whole(device.transmit(BEGIN + 2 * S)[7:])
 
 
+def test_a_repeated_scan_is_not_answered(device: Simulated4Ros) -> None:
+    data = stream_of(device, 0.5)
+    device.receive(SCAN, BEGIN + S // 2)
+    assert why(device) == ""
+    data += device.transmit(BEGIN + S)
+    assert SCAN_HEADER not in data
+    turning = [packet for packet in whole(data) if ydlidar.is_start(packet)]
+    assert len(turning) in (6, 7)
+
+
 def test_requests_right_after_a_stop_are_discarded(device: Simulated4Ros) -> None:
     device.receive(STOP, BEGIN)
     assert asked(device, INFO, BEGIN + 4 * MS) == b""
@@ -127,6 +151,23 @@ def test_some_tell_unasked_what_they_are_after_a_reset() -> None:
     device.receive(RESET, BEGIN)
     told = device.transmit(BEGIN + 3 * S)
     assert told == asked(device, INFO, BEGIN + 4 * S) != b""
+
+
+def test_protection_outlives_the_program_that_switched_it_on() -> None:
+    """It is a state of the device: the next connection finds it on, and only a reset makes it forget."""
+    device = make_simulated("ydlidar-4ros", world=make_world("circle"))
+    device.spin_up_s = 0.0
+    first = MemoryLine(device)
+    first.write(PROTECTION, BEGIN)
+    assert first.read(BEGIN + 10 * MS)[-1] == 0
+    second = MemoryLine(device)
+    second.write(SCAN, BEGIN + S)
+    assert len(second.read(BEGIN + 60 * S)) == pytest.approx(3 * 45_100, rel=0.01)
+    assert (device.scanning, device.lapses) == (False, 1)
+    second.write(RESET, BEGIN + 61 * S)
+    second.read(BEGIN + 63 * S)
+    second.write(SCAN, BEGIN + 63 * S)
+    assert len(second.read(BEGIN + 73 * S)) == pytest.approx(10 * 45_100, rel=0.01)
 
 
 def test_seeds_and_serials() -> None:
