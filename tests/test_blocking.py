@@ -110,6 +110,14 @@ def test_errors_are_those_of_the_session() -> None:
             lidar.set_scan_frequency(float("nan"))
 
 
+def test_where_a_loop_runs_already() -> None:
+    async def notebook() -> int:
+        with open_sync(SimulatedLidar(pace=100)) as lidar:
+            return len(lidar.scan())
+
+    assert asyncio.run(notebook()) > 1000
+
+
 @pytest.mark.long
 def test_several_threads_share_it() -> None:
     rig = make_rig("rplidar")

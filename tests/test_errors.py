@@ -12,7 +12,14 @@ import pytest
 
 import lidario
 from lidario import errors
-from lidario.errors import ConnectFailed, ConnectReason, DeviceFault, LidarError, ResponseTimeout
+from lidario.errors import (
+    ConnectFailed,
+    ConnectReason,
+    DeviceFault,
+    InvalidValue,
+    LidarError,
+    ResponseTimeout,
+)
 from lidario.model import Health, HealthStatus
 
 
@@ -62,3 +69,18 @@ def test_every_error_is_exported_and_drawn_where_it_stands() -> None:
 def test_every_reason_is_explained() -> None:
     for reason in get_args(ConnectReason):
         assert f"* ``{reason}``:" in (ConnectFailed.__doc__ or "")
+
+
+def test_what_an_error_tells() -> None:
+    silent = ResponseTimeout("GET_INFO", 0.5)
+    assert str(silent) == "no response to GET_INFO within 0.5 s: nothing arrived"
+    assert (silent.request, silent.timeout, silent.noise) == ("GET_INFO", 0.5, 0)
+    assert isinstance(silent, TimeoutError)
+    assert ConnectFailed("x").reason == "silent"
+    assert ConnectFailed("x", reason="busy").reason == "busy"
+    assert "17 bytes arrived that are no response" in str(made(ResponseTimeout))
+    fault = made(DeviceFault)
+    assert str(fault) == "the device reports an error"
+    assert isinstance(fault, DeviceFault)
+    assert fault.health.code == 0x8001
+    assert isinstance(InvalidValue("x"), ValueError)

@@ -115,6 +115,10 @@ def test_evenly_spaced_samples_have_a_beam_each(count: int, begin: float) -> Non
     assert np.isnan(even.to_laserscan(2 * count, order="measured").ranges[1::2]).all()
 
 
+def test_formats_without_intensity_have_none_in_ros() -> None:
+    assert scan([0], [1]).to_laserscan().intensities.shape == (0,)
+
+
 @pytest.mark.parametrize("count", [0, 1, 2])
 def test_scans_of_hardly_any_samples(count: int) -> None:
     laser = scan([-10.0, -20.0][:count], [1.0, 2.0][:count]).to_laserscan(72)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import lidario
-from lidario import InvalidValue, Mount
+from lidario import InvalidValue, Mount, Velocity
 from lidario.filters import AngularBoundsFilter
 from lidario.merging import Merged, MergedScans
 from lidario.testing import SimulatedLidar, make_scan, room
@@ -56,6 +56,13 @@ def test_one_that_is_slow_holds_nobody_up_and_one_that_is_silent_is_told() -> No
     assert [each.missing for each in made][-2:] == [(1,), (1,)]
     assert len(made) >= 3
     assert set(made[-1].points.source.tolist()) == {0}
+
+
+def test_the_robot_moves_meanwhile() -> None:
+    scans = MergedScans([Mount(), Mount()], Velocity(x=1.0))
+    found = pair(scans, at(0), at(50))
+    first = make_scan(ALL, 2.0, stamp_ns=900 * MS).points(Mount(), motion=Velocity(x=1.0), at_ns=1050 * MS)
+    assert found.points.xy[found.points.source == 0] == pytest.approx(first.xy)
 
 
 @pytest.mark.parametrize("beams", [1, 7, 360, 720, 1000])
@@ -113,6 +120,15 @@ def test_nothing_came_back_is_not_nobody_looked() -> None:
         assert message.ranges[abs(turned) < 0.79] == pytest.approx(2.0)
         post = message.ranges[(turned > -0.99) & (turned < -0.81)]
         np.testing.assert_array_equal(post, np.full(len(post), left, np.float32))
+
+
+def test_a_wall_has_no_holes_between_samples() -> None:
+    """Where a grid is finer than the samples, what lies between two returns is unknown, and not free."""
+    found = MergedScans([Mount()]).take(0, make_scan(ALL, 2.0))
+    assert found is not None
+    message = found.to_laserscan(720)
+    assert np.isnan(message.ranges).sum() == 360
+    assert not np.isinf(message.ranges).any()
 
 
 def test_what_cannot_be(tmp_path: object) -> None:
@@ -183,6 +199,25 @@ async def test_where_the_reader_is_slow_none_is_missing_and_the_latest_scans_win
             assert cloud.missing == ()
         # Each time the next one would be half a second in all.
         assert cloud.at_ns - first.at_ns > 1_500_000_000
+
+
+@pytest.mark.long
+async def test_a_reader_that_leaves_stops_the_motors() -> None:
+    one, two = SimulatedLidar(), SimulatedLidar()
+    mounts = [Mount(), Mount()]
+    async with lidario.open_lidar(one) as front, lidario.open_lidar(two) as rear:
+        async for _ in lidario.merged(front, rear, mounts=mounts):
+            break
+        async with asyncio.timeout(30):
+            while not (one.is_still and two.is_still):
+                await asyncio.sleep(0.05)
+        stream = lidario.merged(front, rear, mounts=mounts)
+        assert await anext(stream) is not None
+        await front.stop()
+        assert [cloud async for cloud in stream if False] == []
+        with pytest.raises(StopAsyncIteration):
+            await anext(stream)
+        assert one.is_still
 
 
 async def test_a_reader_ends_when_another_task_closes_its_stream() -> None:

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidario.errors import InvalidValue
+from lidario.model import Health, HealthStatus, ScanMode
 from lidario.scan import Scan
 
 
@@ -87,6 +88,16 @@ def test_radians_and_metres_are_made_once_of_the_devices_own_figures() -> None:
 
 
 # ---------------------------------------------------------------------------------------------------- records
+
+
+def test_health() -> None:
+    assert [Health(status, 0).ok for status in HealthStatus] == [True, True, False]
+    assert [status.value for status in HealthStatus] == ["ok", "warning", "error"]
+
+
+def test_a_mode_knows_its_rate() -> None:
+    assert ScanMode(1, "D", 31.25, 30.0, 0x85).samples_per_second == 32_000
+    assert math.isnan(ScanMode(1, "D", 0.0, 30.0, 0x85).samples_per_second)
 
 
 class TestTimes:

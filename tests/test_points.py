@@ -139,6 +139,10 @@ def test_merged() -> None:
     assert both.intensities.tolist() == [10, 20, 40] * 2
 
 
+def test_merged_with_one_that_sends_no_intensities() -> None:
+    assert merge(FOUR.points(), scan([0], [1]).points()).intensities is None
+
+
 def test_merged_of_none_and_of_too_many() -> None:
     assert len(merge()) == 0
     assert merge().xy.shape == (0, 2)

@@ -55,6 +55,13 @@ async def test_a_list_of_walls_is_a_world() -> None:
         np.testing.assert_allclose(np.maximum(np.abs(x) / 2, np.abs(y)), 1.0, atol=0.02)
 
 
+def test_the_seed_decides() -> None:
+    one, same, other = (lidario.simulate(seed=seed) for seed in (1, 1, np.int64(2)))
+    assert one.serial == same.serial != other.serial  # type: ignore[attr-defined]
+    given = lidario.simulate(serial="00112233445566778899AABBCCDDEEFF")
+    assert given.serial == bytes.fromhex("00112233445566778899AABBCCDDEEFF")  # type: ignore[attr-defined]
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
@@ -112,3 +119,10 @@ def test_a_world_that_is_replaced_is_checked_too() -> None:
     assert device.world is circle
     with pytest.raises(ValueError, match="ranges_mm"):
         device.world = "circle"
+
+
+def test_the_function_is_not_hidden_by_a_module() -> None:
+    """A submodule of the same name would replace it as soon as anything imports the module."""
+    import lidario.simulation
+
+    assert callable(lidario.simulate)

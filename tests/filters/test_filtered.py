@@ -134,6 +134,16 @@ def test_a_selection_and_a_copy_know_what_was_filtered() -> None:
     assert nearest.range >= 1.5
 
 
+def test_a_selection_that_is_filtered_keeps_the_times_of_the_whole_scan() -> None:
+    """Its own angles no longer tell them."""
+    part = room().select(between=(0.5, 0.8))
+    made = part.filtered(RangeFilter(0.0, 2.9))
+    assert made.left_out.any()
+    np.testing.assert_array_equal(made.times_ns, part.times_ns)
+    before, after = part.to_laserscan(90), made.to_laserscan(90)
+    assert (after.stamp_ns, after.time_increment) == (before.stamp_ns, before.time_increment)
+
+
 def test_a_scan_of_another_machine_tells_it_too() -> None:
     for scan in (room(), room(361), make_scan([0.1], [1.0]), make_scan([], [])):
         sent = scan.filtered(RangeFilter(1.5))

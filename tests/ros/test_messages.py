@@ -221,3 +221,9 @@ def test_the_preset_of_the_vendors_turns_the_angles_and_keeps_the_times(order: A
     assert math.degrees(math.pi - theta) % 360 == pytest.approx(truth.angle_deg[0], abs=360 / 200)
     mounted = truth.scan.to_laserscan(200, order=order, preset="vendor", mount_yaw=-math.pi)
     np.testing.assert_array_equal(mounted.ranges, truth.scan.to_laserscan(200, order=order).ranges)
+
+
+def test_what_the_driver_of_the_port_counts_is_among_the_diagnostics() -> None:
+    stats = Stats(overruns=3)
+    (status,) = diagnostics(0, "lidario: scan", INFO, Health(HealthStatus.OK, 0), stats=stats).status
+    assert dict(status.values)["line"] == stats.line_trouble != ""

@@ -41,6 +41,11 @@ def test_setting_it() -> None:
         drive(identified(S2).set_network_address(ADDRESS), {})
 
 
+def test_the_address_zero_means_dhcp() -> None:
+    request = set_lidar_conf(Conf.NETWORK_ADDRESS, bytes(12)).data
+    drive(identified(S2).set_network_address(NetworkAddress("0.0.0.0")), {request: TYPE + bytes(4)})
+
+
 @pytest.mark.parametrize(
     "wrong",
     [
