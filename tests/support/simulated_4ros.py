@@ -1,5 +1,8 @@
 """A simulated 4ROS by itself: requests as bytes, and what comes back."""
 
+from functools import reduce
+from operator import xor
+
 from lidario.families.ydlidar.simulated.device import Simulated4Ros
 from lidario.families.ydlidar.simulated.packers import SCAN_HEADER
 from tests.reference import ydlidar
@@ -11,6 +14,7 @@ SCAN, STOP, FORCED_STOP, RESET = b"\xa5\x60", b"\xa5\x65", b"\xa5\x00", b"\xa5\x
 INFO, HEALTH, HEALTH_92, OFFSET, SPEED = b"\xa5\x90", b"\xa5\x91", b"\xa5\x92", b"\xa5\x93", b"\xa5\x0d"
 FASTER_FINE, SLOWER_FINE, FASTER, SLOWER = b"\xa5\x09", b"\xa5\x0a", b"\xa5\x0b", b"\xa5\x0c"
 PROTECTION = b"\xa5\xd9"
+STAMPED = "ydlidar-4ros-stamps"
 
 
 def asked(device: Simulated4Ros, request: bytes, now: int) -> bytes:
@@ -46,3 +50,16 @@ def whole(data: bytes, kind: ydlidar.Kind = ydlidar.FOUR_ROS) -> list[bytes]:
         except ValueError:
             data = data[: data.rindex(b"\xaa\x55")]
     return []
+
+
+def unstamped(data: bytes) -> tuple[list[int], list[bytes]]:
+    """Times of the stamps in ms, and the packets, of a stream with a time stamp record before each packet."""
+    stamps, packets = [], []
+    while len(data) >= 8 + 10:
+        assert data[:2] == b"\xaa\x66"
+        assert reduce(xor, data[:8]) == 0
+        size = 8 + 10 + 2 * data[8 + 3]
+        stamps.append(int.from_bytes(data[3:7], "little"))
+        packets.append(data[8:size])
+        data = data[size:]
+    return stamps, packets

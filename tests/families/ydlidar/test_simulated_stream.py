@@ -12,9 +12,12 @@ from tests.support.simulated_4ros import (
     BEGIN,
     PROTECTION,
     SCAN,
+    STAMPED,
+    STOP,
     S,
     asked,
     stream_of,
+    unstamped,
     whole,
 )
 
@@ -63,6 +66,26 @@ def test_protection_stops_a_scan_that_nobody_keeps_alive(device: Simulated4Ros) 
     assert len(rest) < 200
     # From standstill a scan is answered again.
     assert asked(device, SCAN, BEGIN + 21 * S)[:7] == SCAN_HEADER
+
+
+def test_time_stamps_between_the_packets() -> None:
+    plain, stamped = (make_simulated(name, world=make_world("circle")) for name in ("ydlidar-4ros", STAMPED))
+    expected, got = whole(stream_of(plain, 1.0)), stream_of(stamped, 1.0)
+    stamps, packets = unstamped(got)
+    assert packets[: len(expected) - 2] == expected[: len(expected) - 2]
+    assert len(stamps) > 500
+    # In ms; a packet of 40 samples lasts 2 ms.
+    assert all(0 <= later - former <= 3 for former, later in pairwise(stamps))
+    assert stamps[500] - stamps[0] == pytest.approx(sum(each[3] for each in packets[:500]) * 0.05, abs=1.5)
+
+
+def test_the_last_packet_with_a_stamp_leaves_whole() -> None:
+    device = make_simulated(STAMPED, world=make_world("circle"))
+    data = stream_of(device, 1.0)
+    device.receive(STOP, BEGIN + S)
+    data += device.transmit(BEGIN + 2 * S)
+    assert data[: data.rindex(b"\xaa\x66")].count(b"\xaa\x66") > 500
+    assert len(ydlidar.split(data[data.rindex(b"\xaa\x66") + 8 :])) == 1
 
 
 def packets_of(model: str, seconds: float = 3.0, spin_up_s: float = 0.0) -> list[bytes]:
