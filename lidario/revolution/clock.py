@@ -58,7 +58,7 @@ class Beginning:
         packets_before: Packets that came, or are counted as lost, before it.
         ordinary: Whether `packet_ns` is that of an ordinary packet. If not, only short ones came, and it is that of
             the longest packet of the format.
-        own: Whether each of its packets tells the speed.
+        own: Whether each of its packets tells the speed, and some came.
         borrowed: Whether its speed is that of a revolution before, since its own is not known.
         spanned_ns: What its samples took, and those that are known to be missing; 0 when that is not known.
         reads_ns: When the last packet before it came, then each read from that of its beginning to that of its end;
@@ -321,7 +321,7 @@ class RevolutionClock:
         """
         sure = self._sure
         alike = sure is not None and 1 / ALIKE < here.revolution_ns / sure.revolution_ns < ALIKE
-        enough = alike or here.own or (here.packets >= FEWEST_PACKETS and here.lost <= here.packets)
+        enough = alike or (here.lost <= here.packets and (here.own or here.packets >= FEWEST_PACKETS))
         if here.revolution_ns and not here.broken and enough:
             if last is None:
                 confirmed = sure is None or alike

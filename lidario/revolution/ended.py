@@ -149,9 +149,12 @@ class EndedRevolution:
         """What it tells for counting; it must be dated. The arguments are as in `Beginning`."""
         packets, samples = self.packets, self.samples
         packet_ns, revolution_packets, ordinary = packet_time(wire, packets, samples, self.sample_ns)
+        over = share_before(wire, self.partial, samples)
+        longest = wire.samples_in((Block(wire.longest, 1),))
+        is_one = samples.certain and abs(self.spanned_ns / self.turn_ns - (1 - over)) < NOISE
         return Beginning(
             self.start_ns,
-            over=share_before(wire, self.partial, samples),
+            over=over,
             revolution_ns=self.turn_ns if samples.certain else 0.0,
             revolution_packets=revolution_packets,
             packet_ns=packet_ns,
@@ -161,8 +164,8 @@ class EndedRevolution:
             number=number,
             packets_before=packets_before,
             ordinary=ordinary,
-            own=wire.own_angles,
-            spanned_ns=self.spanned_ns if samples.certain and self.told else 0.0,
+            own=wire.own_angles and longest > 1 and packets.count >= _FEWEST_PACKETS,
+            spanned_ns=self.spanned_ns if is_one and self.told else 0.0,
             reads_ns=self.partial.reads_ns(packets),
         )
 
