@@ -20,18 +20,19 @@ from lidario.wire.formats import StreamFormat
 
 
 def dated_within(
-    packets: Packets, ends: Sequence[int], decoder: Decoder, wire: StreamFormat, sample_ns: float
+    packets: Packets, ends: Sequence[int], before_ns: int, decoder: Decoder, wire: StreamFormat, sample_ns: float
 ) -> Packets:
     """The same packets, dated also where revolutions end in a read that holds several of these ends.
 
     Args:
         packets: The packets.
         ends: How many of them come before the end of each revolution; ascending.
+        before_ns: When the packet before them came.
         decoder: The decoder of the stream.
         wire: Their format.
         sample_ns: Nanoseconds a sample; 0 where that is not known, and then nothing is dated.
     """
-    found, begin, last_ns = list[Arrival](), 0, -(1 << 63)
+    found, begin, last_ns = list[Arrival](), 0, before_ns
     for complete, at_ns in packets.arrivals:
         inside = ends[bisect_right(ends, begin) : bisect_left(ends, complete)]
         if len(inside) > 1 and sample_ns:
