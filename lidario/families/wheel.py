@@ -59,8 +59,6 @@ _TELLING: Final = TRUSTED_GAP + 1.5
 """Arcs up to which a span tells whether it is a whole number of them."""
 REMEMBERED: Final = 64
 """Spans that are kept while the speed is not sure."""
-SPARE: Final = 1
-"""Packets by which the time from read to read may be off: each read may end in the midst of one."""
 _HALFWAY: Final = 1.5
 _FITTING: Final = 0.75
 """Share of the spans that must be a whole number of arcs: where whole turns hide in them, fewer are, by chance."""
@@ -284,10 +282,9 @@ class Wheel(PacedTurning):
         points = [(at_ns / self._packet_ns, passed[count - 1]) for count, at_ns in arrivals]
         begin, end = points[0], points[-1]
         middle = min(points[1:-1], key=lambda point: abs(2 * point[0] - begin[0] - end[0]))
-        return all(
-            after[0] - before[0] + SPARE < (1 - OFF) * (after[1] - before[1])
-            for before, after in ((begin, middle), (middle, end))
-        )
+        halves = (begin, middle), (middle, end)
+        # Each read may end in the midst of a packet: by one, the time may be off.
+        return all(after[0] - before[0] + 1 < (1 - OFF) * (after[1] - before[1]) for before, after in halves)
 
     def _learn(self, *, anew: bool) -> tuple[int, int]:
         """Find the arc from what is remembered: the largest group of spans that agree, and what time says of it.

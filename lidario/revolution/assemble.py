@@ -182,7 +182,7 @@ class Assembler(SteadyAssembler):
     def _end(self, split: Split, following: bytes) -> Scan | None:
         """End the revolution in the making before the packet `following`, and begin the next."""
         partial = self.partial
-        self.partial = PartialRevolution(
+        self.partial: PartialRevolution = PartialRevolution(
             whole=not split.broken, moved=split.moved, seam=split.seam, carried_ns=partial.last_ns
         )
         ended = self._ended(partial, split, following)

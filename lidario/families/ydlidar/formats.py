@@ -196,7 +196,7 @@ class PointCloud3(PointCloud):
 
     response_type = 0xA6
     sample_size = 3
-    worth_an_array = math.inf
+    worth_an_array: float = math.inf
     shortest = HEADER_SIZE + 3
     longest = HEADER_SIZE + 3 * MOST_SAMPLES
 
