@@ -180,12 +180,12 @@ class Wheel(PacedTurning):
             begin = self._arc
             walk = self._walk(plain, followed=followed)
         if self._certain and self._is_too_much(walk.missing, arrivals):
-            # What came before tells nothing of it.
-            self._arc, self._confirmed, self._spans = begin, False, told
+            self._arc, self._confirmed, self._spans = begin, False, told  # What came before tells nothing of it.
             self._pace.clear()
             self._pace.add(told, arrivals)
-            # The arc of the packet before was too short, so what it measured is not used.
-            revoked = max(self._learn(anew=True), (1, 0))
+            # The arc of the packet before was too short: what it measured is not used.
+            self._learn(anew=True)
+            revoked = 1, 0
             walk = self._walk(plain, followed=followed)
         arc, missing, self._fits = walk.arcs, walk.missing, walk.fitting == walk.known
         passed = len(arc) + sum(missing)

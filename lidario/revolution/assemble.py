@@ -283,7 +283,7 @@ class Assembler(SteadyAssembler):
             before = self.stats.all_packets - packets.count - told
             beginning = ended.beginning(wire, broken=broken, number=number, packets_before=before)
             passed = self._clock.follow(beginning)
-            if (passed.unseen or self._clock.is_late) and not samples.fits:
+            if (passed.unseen > 0 or self._clock.is_late) and not samples.fits:
                 # Its angles show that what passed unseen passed in it.
                 broken = beginning.broken = True
             if passed.unseen < 0 and self._told_seq is None:

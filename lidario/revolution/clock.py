@@ -58,7 +58,7 @@ class Beginning:
         packets_before: Packets that came, or are counted as lost, before it.
         ordinary: Whether `packet_ns` is that of an ordinary packet. If not, only short ones came, and it is that of
             the longest packet of the format.
-        own: Whether each of its packets tells the speed, and some came.
+        own: Whether each of its packets tells the speed, and three came at least.
         borrowed: Whether its speed is that of a revolution before, since its own is not known.
         spanned_ns: What its samples took, and those that are known to be missing; 0 when that is not known.
         reads_ns: When the last packet before it came, then each read from that of its beginning to that of its end;

@@ -202,9 +202,9 @@ class Fleet(Entered):
 class WaitingScans:
     """Scans of many lidars that wait for one reader, so many of each; in the order in which they came.
 
-    Each lidar has its own room, so that many at once push out nobody's scans. What is dropped is counted in the
-    next scan of the same lidar. All together they are bounded in bytes: how many lidars there are is for the
-    network to say.
+    Each lidar has its own room: a lidar with many scans does not push out those of another. What is dropped is
+    counted in the next scan of the same lidar. All together they are bounded in bytes: how many lidars there are is
+    for the network to say.
     """
 
     def __init__(self, depth: int) -> None:

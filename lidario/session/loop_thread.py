@@ -77,7 +77,7 @@ class LoopThread:
             self._not_started(error)
 
     def _not_started(self, error: RuntimeError) -> None:
-        """The system allows no more threads: nobody waits for this one."""
+        """The system allows no more threads. Those who wait for this one are told so."""
         self._unstarted.clear()
         self._error = ConnectFailed(NO_THREADS, reason="missing")
         self._error.__cause__ = error
