@@ -15,6 +15,7 @@ nothing is judged.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from operator import sub
 from typing import Final
 
 import numpy as np
@@ -89,17 +90,17 @@ class FalsePackets:
                 return None
             passing, advances, last = back.tolist(), steps[-MEASURED:].tolist(), int(plain[-1])
         else:
-            passing, advances = [], []
-            for at, heading in enumerate(headings):
-                here = heading & HEADING_MASK
-                advance = here - last
-                if advance < 0:
-                    advance += full_turn
-                    passing.append(at)
-                if not least < advance <= most:
-                    return None
-                advances.append(advance)
-                last = here
+            # Some dozen packets, once a revolution: built-in functions take a tenth of what a loop takes.
+            few = headings if max(headings) <= HEADING_MASK else [heading & HEADING_MASK for heading in headings]
+            advances, passing = list(map(sub, few, (last, *few[:-1]))), []
+            while (least_here := min(advances)) < 0:
+                at = advances.index(least_here)
+                advances[at] += full_turn
+                passing.append(at)
+            if not least < least_here <= max(advances) <= most:
+                return None
+            passing.sort()
+            last = few[-1]
         self._last = last
         self._advances += advances
         self._measure()
