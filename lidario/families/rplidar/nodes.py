@@ -195,10 +195,13 @@ class NodeFormat(StreamFormat):
         return self._last is None or step_between(self._last, angle_at(data, at)) <= FORWARD_Q6
 
     def _repeats(self, data: bytearray, at: int) -> bool:
-        """Whether the node that ended the run is marked where the last one was that was not believed."""
-        angle = angle_at(data, at)
-        if not data[at] & 1 or self._last is None or not self._goes_on(data, at) or fits(angle, self._mark):
+        """Whether the node that ended the run is marked where the last one was that was not believed.
+
+        One that goes on ends it by its mark alone.
+        """
+        if self._last is None or not self._goes_on(data, at):
             return False
+        angle = angle_at(data, at)
         again = apart(angle, self._other_mark) <= BACKWARD_Q6
         self._other_mark = angle
         if again:
