@@ -49,7 +49,13 @@ def test_what_begins_no_frame_is_not_waited_for(at: int) -> None:
 
 @pytest.mark.parametrize("count", [0, 81, 300])
 def test_no_others(count: int) -> None:
-    assert counted(pack_measurement(0, [100.0] * count, [9] * count))[0] == 0
+    other = pack_measurement(0, [100.0] * count, [9] * count)
+    assert counted(b"".join([PACKETS[0], other, *PACKETS[1:4]])) == (4, 0, len(other))
+
+
+def test_the_data_of_a_frame_are_whole_samples() -> None:
+    cut = pack_frame(0xAD, PACKETS[0][8:-4])
+    assert counted(b"".join([PACKETS[0], cut, *PACKETS[1:4]])) == (4, 0, len(cut))
 
 
 def test_other_frames_are_records() -> None:
