@@ -158,12 +158,25 @@ def test_it_changes_none_where_packets_are_lost(marks: list[tuple[int, bool]], f
         assert_the_same_in_any_pieces(sent)
 
 
+def nodes(first: int, end: int, marks: Sequence[int]) -> list[Sent]:
+    """One node a degree, marked at these."""
+    degrees = np.arange(first, end)
+    raw = pack_standard(degrees % 360 * 64, np.full(len(degrees), 4000), 47, np.isin(degrees, marks))
+    return [Sent(raw[5 * number : 5 * number + 5], number + 1) for number in range(len(degrees))]
+
+
 @pytest.mark.parametrize("together", [1, 5, 10_000])
 def test_the_first_part_of_a_stream_is_measured_from_the_seam_at_its_end(together: int) -> None:
     """Not from the place where a mark stands that comes later: nodes from 18 degrees on, marked at 40."""
-    degrees = np.arange(18, 4 * 360)
-    marked = np.isin(degrees, [2 * 360 + 40, 3 * 360 + 40])
-    raw = pack_standard(degrees % 360 * 64, np.full(len(degrees), 4000), 47, marked)
-    sent = [Sent(raw[5 * number : 5 * number + 5], number + 1) for number in range(len(degrees))]
+    sent = nodes(18, 4 * 360, [2 * 360 + 40, 3 * 360 + 40])
     found = made(runs_of(sent, together, at_once=False), case=NODES)
     assert [scan.rpm for scan in found.scans] == pytest.approx([60e9 / 360 / SAMPLE_NS] * 2)
+
+
+@pytest.mark.parametrize("together", [1, 5, 10_000])
+def test_the_first_mark_may_stand_elsewhere_by_right(together: int) -> None:
+    """What began at 0 until it came was no revolution: nothing is broken. Nodes from 350 degrees on."""
+    sent = nodes(350, 4 * 360, [360 + 270, 2 * 360 + 270, 3 * 360 + 270])
+    found = made(runs_of(sent, together, at_once=False), case=NODES)
+    assert [(len(scan), scan.device_angles[0]) for scan in found.scans] == [(360, 270)] * 2
+    assert found.stats.broken_scans == 0

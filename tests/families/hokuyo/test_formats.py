@@ -108,6 +108,8 @@ def test_a_block_without_data_is_a_record() -> None:
     for size in (1, 50, 9999):
         found, skipped, records = parsed(DistanceFormat(GEOMETRY), BLOCKS[0] + unstable + BLOCKS[1], [size])
         assert (found, skipped, records) == (BLOCKS[:2], 0, len(unstable))
+    promised = b"MD0044072501000\n99" + bytes((check_of(b"99"),)) + b"\n\n"
+    assert DistanceFormat(GEOMETRY).other_record(bytearray(promised), 0) == NO_PACKET
 
 
 def test_blocks_of_another_range_are_not_of_this_stream() -> None:

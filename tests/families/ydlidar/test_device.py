@@ -117,7 +117,8 @@ def test_one_that_sends_more_a_revolution_than_any_that_only_talks_is_none_of_th
         return b"" if request.expects is None else None
 
     if is_known:
-        assert played(YdlidarDevice().overhear(), talks).model == "YDLIDAR X2, X3 or alike"
+        info = played(YdlidarDevice().overhear(), talks)
+        assert (info.model, info.firmware, info.hardware, info.serial) == ("YDLIDAR X2, X3 or alike", "", 0, "")
     else:
         with pytest.raises(ResponseTimeout):
             played(YdlidarDevice().overhear(), talks)
