@@ -160,3 +160,16 @@ def test_a_pause_changes_no_sample_time_of_a_device_that_tells_none(name: str, p
     assert (stats.lost_packets, stats.missed_scans, stats.broken_scans) == (0, 0, 0)
     assert [scan.seq for scan in scans] == list(range(len(scans)))
     assert all(scan.time_increment_ns == pytest.approx(kind.stream().sample_ns, rel=0.1) for scan in scans[1:])
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.25])
+def test_what_a_stream_measures_of_a_wrong_time_counts_from_then_on(factor: float) -> None:
+    kind, scans = KINDS["0x84 ultra"], list[Scan]()
+    true_ns = kind.stream().sample_ns
+    pipeline = Pipeline(replace(kind.stream(), sample_ns=factor * true_ns))
+    raw = capture(kind, 8.0)[DESCRIPTOR_SIZE:]
+    for number, (begin, end) in enumerate(pairwise(range(0, len(raw), len(raw) // 800)), 1):
+        scans += pipeline.receive(raw[begin:end], number * 10_000_000)
+    assert scans[0].time_increment_ns == pytest.approx(factor * true_ns, rel=0.001)
+    assert scans[-1].time_increment_ns == pytest.approx(true_ns, rel=0.01)
+    assert (pipeline.stats.missed_scans, pipeline.stats.broken_scans) == (0, 0)
