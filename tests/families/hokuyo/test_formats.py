@@ -103,6 +103,17 @@ def test_no_more_is_waited_for_than_a_response_has(request_: Request, longest: i
             assert link.state is (LinkState.IDLE if answered else LinkState.AWAIT_RESPONSE)
 
 
+@pytest.mark.parametrize(
+    ("before", "is_found"), [(b"", True), (b"end of a line\n", True), (b"no end of a line", False)]
+)
+def test_a_response_begins_with_a_line(before: bytes, is_found: bool) -> None:
+    link, request = Link(), next(ask("VV"))
+    link.send_request(request)
+    link.receive_data(before + request.data.lstrip(b"\n") + b"00P\n\n", 1)
+    assert bool(link.events_received()) == is_found
+    assert link.stats.stray_bytes == len(before) if is_found else link.state is LinkState.AWAIT_RESPONSE
+
+
 def test_a_block_without_data_is_a_record() -> None:
     unstable = b"MD0044072501000\n0M" + bytes((check_of(b"0M"),)) + b"\n\n"
     for size in (1, 50, 9999):
