@@ -46,6 +46,15 @@ async def test_a_query_interrupts_the_stream_and_lets_it_go_on(rig: Rig) -> None
         assert lidar.is_scanning
 
 
+async def test_a_question_behind_the_last_reader_starts_no_stream_again(rplidar: Rig) -> None:
+    async with rplidar.open() as lidar:
+        await lidar.scan()
+        before = names(rplidar)
+        await lidar.get_health()
+        await asyncio.sleep(0.5)
+        assert names(rplidar)[len(before) :] == ["stop", "get_health"]
+
+
 async def test_every_question_has_an_answer_in_every_state(rig: Rig) -> None:
     async with rig.open() as lidar:
         for scanning in (False, True):
