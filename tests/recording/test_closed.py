@@ -1,9 +1,10 @@
-"""A replay holds its file only for as long as its session."""
+"""A replay holds its file only for as long as its session, and a session a recording until that has ended."""
 
 from __future__ import annotations
 
 import contextlib
 import gc
+import weakref
 from pathlib import Path
 
 import lidario
@@ -26,6 +27,20 @@ def test_the_file_is_closed_with_the_session(tmp_path: Path) -> None:
         run_driven(main)
     finally:
         gc.enable()
+
+
+def test_a_recording_that_has_ended_is_let_go(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with lidario.open_lidar("sim://ydlidar-4ros?via=memory") as lidar, lidar.scans() as stream:
+            async with lidar.record(tmp_path / "a.mcap") as recording:
+                await anext(stream)
+            ended = weakref.ref(recording)
+            del recording
+            gc.collect()
+            assert ended() is None
+            await anext(stream)
+
+    run_driven(main)
 
 
 def open_files() -> set[Path]:
