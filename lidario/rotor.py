@@ -48,20 +48,15 @@ _LAG_SHARE_PER_GAP = 8
 
 @dataclass(frozen=True, slots=True)
 class Rotor:
-    """How the rotor turned during a scan: evenly.
+    """How the rotor turned during a scan: evenly."""
 
-    Attributes:
-        begin_deg: Device angle where the revolution begins, degrees clockwise.
-        begin_ns: When the rotor passed that angle, nanoseconds after the first sample of the scan; negative where
-            samples at the begin are missing.
-        period_ns: Time of a full revolution, nanoseconds.
-        field_deg: How much of it the device sees, from `begin_deg` on, degrees; negative where the rotor turns
-            counter-clockwise.
-    """
-
-    begin_deg: float
+    begin_deg: float  # device angle where the revolution begins, degrees clockwise
+    # When the rotor passed that angle, nanoseconds after the first sample of the scan; negative where samples at
+    # the begin are missing.
     begin_ns: float
-    period_ns: float
+    period_ns: float  # time of a full revolution, nanoseconds
+    # How much of it the device sees, from `begin_deg` on, degrees; negative where the rotor turns
+    # counter-clockwise.
     field_deg: float = 360.0
 
     def beginning_at(self, begin_deg: float) -> Rotor:

@@ -67,21 +67,13 @@ _SHOWN = 120
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A source, parsed.
+    """A source, parsed."""
 
-    Attributes:
-        text: As the user wrote it.
-        kind: ``auto``, ``serial``, ``tcp``, ``udp``, ``sim``, ``id``, ``file`` or ``zenoh``.
-        address: Path, ``host:port``, model, serial number or key; empty for ``auto``.
-        options: The options after the question mark.
-        device: A simulated device to connect to in memory; its kind is ``device``.
-    """
-
-    text: str
-    kind: str
-    address: str = ""
-    options: Mapping[str, str] = field(default_factory=dict)
-    device: SimulatedDevice | None = None
+    text: str  # as the user wrote it
+    kind: str  # ``auto``, ``serial``, ``tcp``, ``udp``, ``sim``, ``id``, ``file`` or ``zenoh``
+    address: str = ""  # path, ``host:port``, model, serial number or key; empty for ``auto``
+    options: Mapping[str, str] = field(default_factory=dict)  # the options after the question mark
+    device: SimulatedDevice | None = None  # a simulated device to connect to in memory; its kind is ``device``
 
     @property
     def baudrate(self) -> int | None:

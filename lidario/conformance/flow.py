@@ -34,27 +34,16 @@ SCANS = 8
 
 @dataclass(slots=True, eq=False)
 class Flow:
-    """The packets of one stream, as the line brought them.
-
-    Attributes:
-        mode: The scan mode.
-        stream: What is known of it.
-        stats: The counters of the line.
-        began: When its start was asked for, seconds of the event loop's clock.
-        announced_s: Seconds until the device had responded to the start.
-        first_s: Seconds until the first packet.
-        first: Set with the first packet.
-        packets: What has come.
-    """
+    """The packets of one stream, as the line brought them."""
 
     mode: ScanMode
-    stream: Stream
-    stats: LinkStats
-    began: float
-    announced_s: float
-    first_s: float = 0.0
-    first: asyncio.Event = field(default_factory=asyncio.Event)
-    packets: list[Packets] = field(default_factory=list)
+    stream: Stream  # what is known of it
+    stats: LinkStats  # the counters of the line
+    began: float  # when its start was asked for, seconds of the event loop's clock
+    announced_s: float  # seconds until the device had responded to the start
+    first_s: float = 0.0  # seconds until the first packet
+    first: asyncio.Event = field(default_factory=asyncio.Event)  # set with the first packet
+    packets: list[Packets] = field(default_factory=list)  # what has come
     _skipped: tuple[int, int] = (0, 0)
 
     def take(self, packets: Packets) -> tuple[None, ...]:
@@ -106,16 +95,11 @@ class Flow:
 
 @dataclass(slots=True)
 class Watch:
-    """One scan mode, looked at: its packets, then scans of it in a row, with the counters before and behind these.
-
-    Attributes:
-        error: Why there is nothing to see, if so.
-        unknown: Whether that is because its format is not known here.
-    """
+    """One scan mode, looked at: its packets, then scans in a row, with the counters before and behind these."""
 
     mode: ScanMode
-    error: str = ""
-    unknown: bool = False
+    error: str = ""  # why there is nothing to see, if so
+    unknown: bool = False  # whether that is because its format is not known here
     flow: Flow | None = None
     scans: list[Scan] = field(default_factory=list)
     before: Stats = field(default_factory=Stats)

@@ -27,19 +27,12 @@ Floats = NDArray[np.float32]
 
 @dataclass(slots=True, eq=False)
 class Output:
-    """Where samples are written: arrays of shape (packets, samples) where all packets have as many, else flat.
+    """Where samples are written: arrays of shape (packets, samples) where all packets have as many, else flat."""
 
-    Attributes:
-        angle: Degrees.
-        distance: Millimetres.
-        intensity: Not looked at where the format carries none.
-        last: What the next packets need of these.
-    """
-
-    angle: Floats
-    distance: Floats
-    intensity: NDArray[np.uint8]
-    last: float = 0.0
+    angle: Floats  # degrees
+    distance: Floats  # millimetres
+    intensity: NDArray[np.uint8]  # not looked at where the format carries none
+    last: float = 0.0  # what the next packets need of these
 
 
 class ArcDecoder(ABC):
@@ -48,12 +41,9 @@ class ArcDecoder(ABC):
     Args:
         full_turn: 360 degrees in the unit of the headings.
         turning: Follows the rotor.
-
-    Attributes:
-        has_intensity: Whether the format carries intensities.
     """
 
-    has_intensity: bool = True
+    has_intensity: bool = True  # whether the format carries intensities
 
     def __init__(self, full_turn: int, turning: Turning) -> None:
         self._full_turn = full_turn

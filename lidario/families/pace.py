@@ -23,17 +23,11 @@ _FEWEST: Final = 8.0
 
 
 class _Point(NamedTuple):
-    """What was known when a read came.
+    """What was known when a read came."""
 
-    Attributes:
-        at_ns: When.
-        turned: How far the rotor had turned at the beginning of its last packet, in heading units.
-        came: Packets up to that one.
-    """
-
-    at_ns: int
-    turned: int
-    came: int
+    at_ns: int  # when
+    turned: int  # how far the rotor had turned at the beginning of its last packet, in heading units
+    came: int  # packets up to that one
 
 
 class Pace:

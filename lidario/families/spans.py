@@ -24,21 +24,13 @@ array 2.5 us; live, where numpy is cold once a revolution, they take 11 and 29 u
 
 
 class Heads(NamedTuple):
-    """Where packets that follow each other stand, in heading units; arrays of shape (packets,).
+    """Where packets that follow each other stand, in heading units; arrays of shape (packets,)."""
 
-    Attributes:
-        first: The angle of the first sample of each.
-        following: That of the packet behind them; None where it is not known.
-        counts: Samples of each; one number where all packets have as many.
-        way: From the first sample of each to its last, where packets tell that; else None.
-        read: What else the decoder has read of them.
-    """
-
-    first: Ints
-    following: int | None
-    counts: Ints | int
-    way: Ints | None = None
-    read: Any = None
+    first: Ints  # the angle of the first sample of each
+    following: int | None  # that of the packet behind them; None where it is not known
+    counts: Ints | int  # samples of each; one number where all packets have as many
+    way: Ints | None = None  # from the first sample of each to its last, where packets tell that; else None
+    read: Any = None  # what else the decoder has read of them
 
     @property
     def samples(self) -> int:
@@ -53,28 +45,22 @@ class Heads(NamedTuple):
 
 
 class Arcs(NamedTuple):
-    """What is known of packets that follow each other.
+    """What is known of packets that follow each other."""
 
-    Attributes:
-        arc: Rotation during each packet, in heading units: up to the first sample of the next one, or, where
-            packets tell their own, up to the last sample.
-        skipped: Samples missing behind each, an array; None when none is.
-        step: The mean rotation from sample to sample, in heading units; 0 when nothing is known. Of several
-            revolutions, that of the last one.
-        certain: Whether the speed is sure.
-        revoked: How many packets are missing behind each of so many before, which were told to follow each other,
-            as time tells now; ``(1, 0)`` where only what the last one measured is not to be used.
-        fits: Whether each span is a whole number of arcs, as far as it tells; where one is not, a turn may hide.
-        steps: The mean step of each revolution, where `Turning.steady` tells of several.
-    """
-
+    # Rotation during each packet, in heading units: up to the first sample of the next one, or, where packets tell
+    # their own, up to the last sample.
     arc: Arc
-    skipped: NDArray[np.intp] | None
+    skipped: NDArray[np.intp] | None  # samples missing behind each, an array; None when none is
+    # The mean rotation from sample to sample, in heading units; 0 when nothing is known. Of several revolutions,
+    # that of the last one.
     step: float
-    certain: bool
+    certain: bool  # whether the speed is sure
+    # How many packets are missing behind each of so many before, which were told to follow each other, as time
+    # tells now; ``(1, 0)`` where only what the last one measured is not to be used.
     revoked: tuple[int, int] = (0, 0)
+    # Whether each span is a whole number of arcs, as far as it tells; where one is not, a turn may hide.
     fits: bool = True
-    steps: Sequence[float] = ()
+    steps: Sequence[float] = ()  # the mean step of each revolution, where `Turning.steady` tells of several
 
 
 class Turning(ABC):

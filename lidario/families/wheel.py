@@ -67,19 +67,12 @@ _STRANGE: Final = 4
 
 
 class _Walk(NamedTuple):
-    """What is found from span to span.
+    """What is found from span to span."""
 
-    Attributes:
-        arcs: The arc of each packet.
-        missing: How many are missing behind it.
-        fitting: How many spans are a whole number of arcs, each held against the arc before it.
-        known: How many are so short that this can be told.
-    """
-
-    arcs: list[float]
-    missing: list[int]
-    fitting: int
-    known: int
+    arcs: list[float]  # the arc of each packet
+    missing: list[int]  # how many are missing behind it
+    fitting: int  # how many spans are a whole number of arcs, each held against the arc before it
+    known: int  # how many are so short that this can be told
 
 
 class Wheel(PacedTurning):

@@ -16,23 +16,14 @@ from lidario.scan import Scan, read_only
 
 
 class DatedRevolution(NamedTuple):
-    """A revolution whose samples and times are known.
+    """A revolution whose samples and times are known."""
 
-    Attributes:
-        arrays: Its samples, with the zero-angle offset.
-        start_ns: When the first of them was measured.
-        spanned_ns: How long they took.
-        revolution_ns: What a whole one takes, by the step of its angle; NaN or 0 where that is not known.
-        reported_rpm: The speed that its packets tell; NaN where they tell none.
-        gaps: Where samples are missing among its own, and how many: as `Samples.gaps`. None where that is not
-            certain.
-    """
-
-    arrays: SampleArrays
-    start_ns: int
-    spanned_ns: float
-    revolution_ns: float
-    reported_rpm: float
+    arrays: SampleArrays  # its samples, with the zero-angle offset
+    start_ns: int  # when the first of them was measured
+    spanned_ns: float  # how long they took
+    revolution_ns: float  # what a whole one takes, by the step of its angle; NaN or 0 where that is not known
+    reported_rpm: float  # the speed that its packets tell; NaN where they tell none
+    # Where samples are missing among its own, and how many: as `Samples.gaps`. None where that is not certain.
     gaps: Gaps | None = ()
 
 

@@ -43,42 +43,27 @@ NEARLY_ALL: Final = 0.9
 
 @dataclass(slots=True)
 class Beginning:
-    """What is known of a revolution when it has ended.
+    """What is known of a revolution when it has ended."""
 
-    Attributes:
-        start_ns: When its first sample was measured.
-        over: Share of the revolution that was over by then: 0, unless its beginning was lost.
-        revolution_ns: What a whole revolution takes at its speed; 0 when that is not known.
-        revolution_packets: How many packets a whole revolution has; 0 when that is not known.
-        packet_ns: What a packet takes on average; 0 when that is not known.
-        packets: How many came.
-        lost: How many are known to be missing in it or right behind it.
-        broken: Whether parts of several revolutions may have met in it, so that `lost` is not all.
-        number: Its number, by what was counted until then; where it is only a part, that of the one before.
-        packets_before: Packets that came, or are counted as lost, before it.
-        ordinary: Whether `packet_ns` is that of an ordinary packet. If not, only short ones came, and it is that of
-            the longest packet of the format.
-        own: Whether each of its packets tells the speed, and three came at least.
-        borrowed: Whether its speed is that of a revolution before, since its own is not known.
-        spanned_ns: What its samples took, and those that are known to be missing; 0 when that is not known.
-        reads_ns: When the last packet before it came, then each read from that of its beginning to that of its end;
-            none when that is not known.
-    """
-
-    start_ns: int
-    over: float
-    revolution_ns: float
-    revolution_packets: float
-    packet_ns: float
-    packets: int
-    lost: int
-    broken: bool
-    number: int = 0
-    packets_before: int = 0
+    start_ns: int  # when its first sample was measured
+    over: float  # share of the revolution that was over by then: 0, unless its beginning was lost
+    revolution_ns: float  # what a whole revolution takes at its speed; 0 when that is not known
+    revolution_packets: float  # how many packets a whole revolution has; 0 when that is not known
+    packet_ns: float  # what a packet takes on average; 0 when that is not known
+    packets: int  # how many came
+    lost: int  # how many are known to be missing in it or right behind it
+    broken: bool  # whether parts of several revolutions may have met in it, so that `lost` is not all
+    number: int = 0  # its number, by what was counted until then; where it is only a part, that of the one before
+    packets_before: int = 0  # packets that came, or are counted as lost, before it
+    # Whether `packet_ns` is that of an ordinary packet. If not, only short ones came, and it is that of the longest
+    # packet of the format.
     ordinary: bool = True
-    own: bool = False
-    borrowed: bool = False
+    own: bool = False  # whether each of its packets tells the speed, and three came at least
+    borrowed: bool = False  # whether its speed is that of a revolution before, since its own is not known
+    # What its samples took, and those that are known to be missing; 0 when that is not known.
     spanned_ns: float = 0.0
+    # When the last packet before it came, then each read from that of its beginning to that of its end; none when
+    # that is not known.
     reads_ns: Sequence[int] = ()
 
     @property
@@ -100,15 +85,10 @@ class Beginning:
 
 
 class Passed(NamedTuple):
-    """What lay between two beginnings.
+    """What lay between two beginnings."""
 
-    Attributes:
-        unseen: Whole revolutions of which nothing came; -1 where this is none, but a part of the one before.
-        lost: Packets that are missing beyond those that the angles told.
-    """
-
-    unseen: int
-    lost: int
+    unseen: int  # whole revolutions of which nothing came; -1 where this is none, but a part of the one before
+    lost: int  # packets that are missing beyond those that the angles told
 
 
 class RevolutionClock:

@@ -42,103 +42,60 @@ def ends_of(full_turn: int, parts: tuple[int, ...]) -> tuple[tuple[int, tuple[in
 
 @dataclass(slots=True)
 class OpenSector:
-    """A sector in the making, of one size.
+    """A sector in the making, of one size."""
 
-    Attributes:
-        index: Which one.
-        begin: Samples of the revolution before it.
-        lost: Packets of the revolution that were lost before it.
-        first: Number of the first of its pieces.
-    """
-
-    index: int = 0
-    begin: int = 0
-    lost: int = 0
-    first: int = 0
+    index: int = 0  # which one
+    begin: int = 0  # samples of the revolution before it
+    lost: int = 0  # packets of the revolution that were lost before it
+    first: int = 0  # number of the first of its pieces
 
 
 @dataclass(slots=True, eq=False)
 class DividedRevolution:
-    """The revolution in the making, as far as it was divided.
+    """The revolution in the making, as far as it was divided."""
 
-    Attributes:
-        partial: What is known of it.
-        began: Heading at which it began.
-        wire: The format of its packets.
-        parts: How many sectors it is divided into, of each size.
-        decoder: Decodes its pieces.
-        usual_ns: What a revolution takes; 0 where that is not known.
-        offset_deg: Zero-angle offset of all its sectors.
-        usual_samples: What it has, by the latest speed that was certain; 0 where that is not known.
-        by_speed_ns: Nanoseconds a sample, where the speed decides that; else 0.
-        ends: Where sectors end, as `ends_of`; `at` is the next one.
-        open: The sectors in the making, by how many a revolution has.
-        waiting: Packets that were not decoded.
-        waiting_at: How far behind the seam the last of them begins.
-        rest: Samples that were decoded and belong to no sector yet.
-        decoded: What was decoded so far.
-        pieces: The samples before `rest`, those that were carried over first, divided where a sector ends.
-        passed: How far behind the seam the headings have come.
-        last: How far behind the seam the last packet that was decoded begins.
-        last_samples: Its samples.
-        last_arc: How far the rotor turned during it.
-        given: Samples in these pieces.
-        lost: Packets known to be missing so far.
-        gaps: Where samples are missing so far: how many came before, and how many are missing there.
-        lost_behind: Those that are missing behind the last packet that was decoded, and belong to no sector yet.
-        samples: Samples that have come.
-        longest: Bytes of the longest packet.
-        most_samples: Its samples.
-        packets: How many packets they are.
-        sample_ns: Nanoseconds a sample, as far as that is known.
-        first_ns: Earliest estimate of when the first sample arrived; infinite when there is none.
-        gap: Whether a gap is known, so that the number of samples tells no time any more.
-        certain: Whether the angles of all that was decoded are, and no turn passed unseen among it.
-        seq: Its number, once told.
-        unseen: Revolutions before it that were counted as missing when that was told.
-        is_finished: Whether it has ended, and all of it was decoded.
-        crossed: How many samples of `rest` belong to it then; the others lie behind the seam.
-        before_seam: How many samples of its packets do.
-    """
-
-    partial: PartialRevolution
-    began: int
-    wire: StreamFormat
-    parts: InitVar[tuple[int, ...]]
-    decoder: Decoder
-    usual_ns: float
-    offset_deg: float
-    usual_samples: float = 0.0
-    by_speed_ns: float = 0.0
-    ends: tuple[tuple[int, tuple[int, ...]], ...] = ()
+    partial: PartialRevolution  # what is known of it
+    began: int  # heading at which it began
+    wire: StreamFormat  # the format of its packets
+    parts: InitVar[tuple[int, ...]]  # how many sectors it is divided into, of each size
+    decoder: Decoder  # decodes its pieces
+    usual_ns: float  # what a revolution takes; 0 where that is not known
+    offset_deg: float  # zero-angle offset of all its sectors
+    usual_samples: float = 0.0  # what it has, by the latest speed that was certain; 0 where that is not known
+    by_speed_ns: float = 0.0  # nanoseconds a sample, where the speed decides that; else 0
+    ends: tuple[tuple[int, tuple[int, ...]], ...] = ()  # where sectors end, as `ends_of`; `at` is the next one
     at: int = 0
+    # The sectors in the making, by how many a revolution has.
     open: dict[int, OpenSector] = field(default_factory=dict)
-    waiting: list[Packets] = field(default_factory=list)
-    waiting_at: int = 0
-    rest: SampleArrays | None = None
-    decoded: list[Samples] = field(default_factory=list)
+    waiting: list[Packets] = field(default_factory=list)  # packets that were not decoded
+    waiting_at: int = 0  # how far behind the seam the last of them begins
+    rest: SampleArrays | None = None  # samples that were decoded and belong to no sector yet
+    decoded: list[Samples] = field(default_factory=list)  # what was decoded so far
+    # The samples before `rest`, those that were carried over first, divided where a sector ends.
     pieces: list[SampleArrays] = field(default_factory=list)
-    passed: int = 0
-    last: int = 0
-    last_samples: int = 0
-    last_arc: float = 0.0
-    given: int = 0
-    lost: int = 0
+    passed: int = 0  # how far behind the seam the headings have come
+    last: int = 0  # how far behind the seam the last packet that was decoded begins
+    last_samples: int = 0  # its samples
+    last_arc: float = 0.0  # how far the rotor turned during it
+    given: int = 0  # samples in these pieces
+    lost: int = 0  # packets known to be missing so far
+    # Where samples are missing so far: how many came before, and how many are missing there.
     gaps: list[tuple[int, int]] = field(default_factory=list)
+    # Those that are missing behind the last packet that was decoded, and belong to no sector yet.
     lost_behind: int = 0
-    samples: int = 0
-    longest: int = 0
-    most_samples: int = 0
-    packets: int = 0
-    sample_ns: float = 0.0
-    first_ns: float = math.inf
-    gap: bool = False
-    certain: bool = True
-    seq: int | None = None
-    unseen: int = 0
-    is_finished: bool = False
-    crossed: int = 0
-    before_seam: int = 0
+    samples: int = 0  # samples that have come
+    longest: int = 0  # bytes of the longest packet
+    most_samples: int = 0  # its samples
+    packets: int = 0  # how many packets they are
+    sample_ns: float = 0.0  # nanoseconds a sample, as far as that is known
+    first_ns: float = math.inf  # earliest estimate of when the first sample arrived; infinite when there is none
+    gap: bool = False  # whether a gap is known, so that the number of samples tells no time any more
+    certain: bool = True  # whether the angles of all that was decoded are, and no turn passed unseen among it
+    seq: int | None = None  # its number, once told
+    unseen: int = 0  # revolutions before it that were counted as missing when that was told
+    is_finished: bool = False  # whether it has ended, and all of it was decoded
+    crossed: int = 0  # how many samples of `rest` belong to it then; the others lie behind the seam
+    before_seam: int = 0  # how many samples of its packets do
 
     def __post_init__(self, parts: tuple[int, ...]) -> None:
         self.ends = ends_of(self.wire.full_turn, parts)

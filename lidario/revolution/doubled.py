@@ -38,17 +38,13 @@ class DoubledPackets:
         wire: The format.
         sample_ns: Nanoseconds a sample; 0 where the device does not say.
         stats: Where they are counted.
-
-    Attributes:
-        before: The packets that came last; None at the beginning.
-        alike: How many at their end are alike.
     """
 
     def __init__(self, wire: StreamFormat, sample_ns: float, stats: AssemblerStats) -> None:
         self._wire, self._sample_ns, self._stats = wire, sample_ns, stats
         self._can_tell = wire.shortest != wire.longest or wire.samples > 1
-        self.before: Packets | None = None
-        self.alike: int = 1
+        self.before: Packets | None = None  # the packets that came last; None at the beginning
+        self.alike: int = 1  # how many at their end are alike
 
     def tell_time(self, sample_ns: float) -> None:
         """A sample takes so many nanoseconds from now on."""

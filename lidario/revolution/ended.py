@@ -36,35 +36,23 @@ _BEFORE_SEAM: Final = 1 / 12
 # Not frozen: with so many fields that would cost as much as a call of numpy, once a revolution.
 @dataclass(slots=True, eq=False)
 class EndedRevolution:
-    """What is known of a revolution when it has ended. It has no times until it is dated.
+    """What is known of a revolution when it has ended. It has no times until it is dated."""
 
-    Attributes:
-        partial: What was known of it before.
-        packets: Its packets.
-        samples: What they were decoded to.
-        arrays: Its own samples, from the seam at its beginning to the seam at its end; at least one.
-        lost: Packets that are missing in it.
-        gaps: Where its own samples are missing, as `PartialRevolution.gaps` tells it.
-        revoked: Of the packets that are missing, those right before its first one that were not known to be missing
-            when the samples before them were carried over.
-        start_ns: When its first sample was measured.
-        sample_ns: Nanoseconds a sample.
-        spanned_ns: Time that its samples take, and those that are known to be missing.
-        revolution_ns: What a whole one takes; NaN or 0 unless the times of others confirm it.
-        told: Whether the device says how long a sample takes. If not, it is measured: `spanned_ns` proves nothing.
-    """
-
-    partial: PartialRevolution
-    packets: Packets
-    samples: Samples
-    arrays: SampleArrays
-    lost: int
-    gaps: list[tuple[int, int]] | None
+    partial: PartialRevolution  # what was known of it before
+    packets: Packets  # its packets
+    samples: Samples  # what they were decoded to
+    arrays: SampleArrays  # its own samples, from the seam at its beginning to the seam at its end; at least one
+    lost: int  # packets that are missing in it
+    gaps: list[tuple[int, int]] | None  # where its own samples are missing, as `PartialRevolution.gaps` tells it
+    # Of the packets that are missing, those right before its first one that were not known to be missing when the
+    # samples before them were carried over.
     revoked: int
-    start_ns: int = field(init=False)
-    sample_ns: float = field(init=False)
-    spanned_ns: float = field(init=False)
+    start_ns: int = field(init=False)  # when its first sample was measured
+    sample_ns: float = field(init=False)  # nanoseconds a sample
+    spanned_ns: float = field(init=False)  # time that its samples take, and those that are known to be missing
+    # Whether the device says how long a sample takes. If not, it is measured: `spanned_ns` proves nothing.
     told: bool = field(init=False)
+    # What a whole one takes; NaN or 0 unless the times of others confirm it.
     revolution_ns: float = field(init=False, default=math.nan)
 
     @property

@@ -34,15 +34,12 @@ class Incoming:
         stream: The stream.
         stats: Where packets are counted that came twice, and false ones.
         clock: What dates the packets; by default the device's clock, where they carry one.
-
-    Attributes:
-        time: How long a sample takes.
-        passing: As `FalsePackets.passing`, of the latest packets.
     """
 
     def __init__(self, stream: Stream, stats: AssemblerStats, clock: Clock | None = None) -> None:
+        # How long a sample takes.
         self.time: SampleTime = SampleTime(stream.sample_ns, stream.may_take_ns, timed=stream.timed)
-        self.passing: list[int] | None = None
+        self.passing: list[int] | None = None  # as `FalsePackets.passing`, of the latest packets
         self._format = stream.format
         self._doubled = DoubledPackets(stream.format, stream.sample_ns, stats)
         self._false = FalsePackets(stream, stats)

@@ -27,17 +27,11 @@ MOST_IN_A_PART: Final = 2048
 
 @dataclass(slots=True, eq=False)
 class SampleArrays:
-    """Samples in measuring order; shape (n,) each.
+    """Samples in measuring order; shape (n,) each."""
 
-    Attributes:
-        angle: Degrees clockwise, float32, as the device counts them.
-        distance: Millimetres, float32; 0 where nothing came back.
-        intensity: uint8, or None where the format carries none.
-    """
-
-    angle: NDArray[np.float32]
-    distance: NDArray[np.float32]
-    intensity: NDArray[np.uint8] | None
+    angle: NDArray[np.float32]  # degrees clockwise, float32, as the device counts them
+    distance: NDArray[np.float32]  # millimetres, float32; 0 where nothing came back
+    intensity: NDArray[np.uint8] | None  # uint8, or None where the format carries none
 
     def __len__(self) -> int:
         return len(self.angle)

@@ -33,11 +33,6 @@ class Pipeline:
         stats: Counters to add to; fresh ones by default.
         link: The parser; by default one to which the packets come at once, without a descriptor.
         clock: What dates packets that were stored without times, as for `Incoming`.
-
-    Attributes:
-        stream: The stream.
-        link: The parser.
-        assembler: Builds the scans, and their sectors.
     """
 
     def __init__(
@@ -51,9 +46,10 @@ class Pipeline:
         clock: Clock | None = None,
     ) -> None:
         self.stream: Stream = stream
-        self.link: Link = link or Link()
+        self.link: Link = link or Link()  # the parser
         if link is None:
             self.link.enter_stream(stream.format)
+        # Builds the scans, and their sectors.
         self.assembler: SectorAssembler = assembler_of(stream, baudrate, wall_offset_ns, stats, clock)
         self._is_stored = clock is not None
 

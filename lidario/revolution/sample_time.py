@@ -35,14 +35,11 @@ class SampleTime:
         told_ns: Nanoseconds that the device tells; 0 where it tells none.
         may_be_ns: Those of which one holds, where the device tells none.
         timed: As `Stream.timed`. Times that were made from the sample time cannot speak against it.
-
-    Attributes:
-        ns: What counts; 0 while nothing is told or sure.
-        measured_ns: While that is 0, what it takes in most of the last revolutions; 0 before the first.
     """
 
     def __init__(self, told_ns: float, may_be_ns: Sequence[float] = (), *, timed: bool = True) -> None:
-        self.ns: float = told_ns
+        self.ns: float = told_ns  # what counts; 0 while nothing is told or sure
+        # While that is 0, what it takes in most of the last revolutions; 0 before the first.
         self.measured_ns: float = 0.0
         self._note = ""
         self._likely_ns = [told_ns] if told_ns else [*may_be_ns]

@@ -37,21 +37,14 @@ _UNSTEADY = 0.3
 
 
 class Split(NamedTuple):
-    """A revolution begins at or inside a packet.
+    """A revolution begins at or inside a packet."""
 
-    Attributes:
-        packet: The packet, counted in the headings given.
-        marked: The device said so, and the packet is the first of the revolution.
-        broken: The stream began anew here: what came before is no revolution.
-        moved: The device marks its revolutions elsewhere than was known: what came before is only part of one.
-        seam: Heading at which the revolution that begins here should begin; 0 while none is known.
-    """
-
-    packet: int
-    marked: bool
-    broken: bool
+    packet: int  # the packet, counted in the headings given
+    marked: bool  # the device said so, and the packet is the first of the revolution
+    broken: bool  # the stream began anew here: what came before is no revolution
+    # The device marks its revolutions elsewhere than was known: what came before is only part of one.
     moved: bool = False
-    seam: int = 0
+    seam: int = 0  # heading at which the revolution that begins here should begin; 0 while none is known
 
 
 class Seam:

@@ -13,34 +13,25 @@ class AssemblerStats:
 
     Every packet that was added is counted in exactly one of the fields that end in ``_packets``, but for
     `lost_packets`. A packet at the seam is counted with the revolution that it begins in.
-
-    Attributes:
-        scans: Revolutions delivered.
-        broken_scans: Revolutions discarded.
-        lost_packets: Packets missing, also those of revolutions not delivered, and of those of which nothing came.
-        missed_scans: Revolutions that are missing between the delivered ones: the broken ones, and those of which
-            nothing came, and, by the speed before, those that passed while the device was away.
-        scan_packets: Packets of revolutions delivered.
-        discarded_packets: Packets of revolutions not delivered: broken ones, and the parts of one at the beginning
-            and the end of each stream.
-        doubled_packets: Packets that came once more, right behind themselves, and were dropped.
-        false_packets: Noise that passed for a packet, as its angle shows.
-        waiting_packets: Packets that wait until it is known whether they are false.
-        unfinished_packets: Packets of the revolution in the making.
-        left_off: Stamp and length in nanoseconds of the last revolution before the device went away, until the
-            first one after it is back. Not a counter.
     """
 
-    scans: int = 0
-    broken_scans: int = 0
+    scans: int = 0  # revolutions delivered
+    broken_scans: int = 0  # revolutions discarded
+    # Packets missing, also those of revolutions not delivered, and of those of which nothing came.
     lost_packets: int = 0
+    # Revolutions that are missing between the delivered ones: the broken ones, and those of which nothing came,
+    # and, by the speed before, those that passed while the device was away.
     missed_scans: int = 0
-    scan_packets: int = 0
+    scan_packets: int = 0  # packets of revolutions delivered
+    # Packets of revolutions not delivered: broken ones, and the parts of one at the beginning and the end of each
+    # stream.
     discarded_packets: int = 0
-    doubled_packets: int = 0
-    false_packets: int = 0
-    waiting_packets: int = 0
-    unfinished_packets: int = 0
+    doubled_packets: int = 0  # packets that came once more, right behind themselves, and were dropped
+    false_packets: int = 0  # noise that passed for a packet, as its angle shows
+    waiting_packets: int = 0  # packets that wait until it is known whether they are false
+    unfinished_packets: int = 0  # packets of the revolution in the making
+    # Stamp and length in nanoseconds of the last revolution before the device went away, until the first one after
+    # it is back. Not a counter.
     left_off: tuple[int, float] | None = None
 
     @property

@@ -54,13 +54,6 @@ class Broadcast(Entered):
         lidar: An open lidar.
         router: Address of the zenoh router.
         robot: Name of this robot, for the list of a fleet; None for the name of this machine.
-
-    Attributes:
-        on_change: Called when the router is not there at the start or is lost (False), and when it comes (True);
-            None to log `news` as a warning.
-        news: What has happened last to the router, as a sentence; empty before anything has.
-        scans: Scans published so far.
-        unsent: Scans that were not sent, because there was no router.
     """
 
     form: str
@@ -72,10 +65,12 @@ class Broadcast(Entered):
         self.router = router
         named = "" if robot is None else text_of(robot, "the name of a robot")
         self.robot: str = named or platform.node() or "unknown"
+        # Called when the router is not there at the start or is lost (False), and when it comes (True); None to log
+        # `news` as a warning.
         self.on_change: Callable[[bool], None] | None = None
-        self.news: str = ""
-        self.scans: int = 0
-        self.unsent: int = 0
+        self.news: str = ""  # what has happened last to the router, as a sentence; empty before anything has
+        self.scans: int = 0  # scans published so far
+        self.unsent: int = 0  # scans that were not sent, because there was no router
         self._closed = False
         self._bus: Bus | None = None
         self._connecting: asyncio.Task[None] | None = None

@@ -39,15 +39,10 @@ _LONGEST: Final = 200
 
 @dataclass(frozen=True, slots=True)
 class MessageType:
-    """One type of message.
+    """One type of message."""
 
-    Attributes:
-        dds: Its name in keys.
-        hash: Its hash in keys.
-    """
-
-    dds: str
-    hash: str
+    dds: str  # its name in keys
+    hash: str  # its hash in keys
 
     def part(self, distro: Distro) -> str:
         """Both, as they stand in a key."""

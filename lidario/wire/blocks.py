@@ -13,15 +13,10 @@ from typing import NamedTuple
 
 
 class Block(NamedTuple):
-    """Packets of one size that follow each other.
+    """Packets of one size that follow each other."""
 
-    Attributes:
-        size: Bytes of each.
-        packets: How many there are.
-    """
-
-    size: int
-    packets: int
+    size: int  # bytes of each
+    packets: int  # how many there are
 
 
 def join_blocks(into: list[Block], more: Iterable[Block]) -> None:

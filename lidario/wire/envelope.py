@@ -37,27 +37,20 @@ _LINE_END = 0x0A
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """The response a request asks for; anything else on the line is noise.
+    """The response a request asks for; anything else on the line is noise."""
 
-    Attributes:
-        type: Response type of the descriptor.
-        size: Smallest length that is plausible, in bytes.
-        largest: Largest plausible length; 0 means exactly `size`. No claim beyond it is ever waited for.
-        continuous: True when a stream is expected.
-        prefix: Bytes the payload must begin with (an echo of the request), so that a late response to an
-            earlier request is not taken for this one.
-        lines: True where the response is lines of text that no descriptor announces: the echo `prefix`, and all
-            up to the next empty line, `largest` bytes at most. Where it is `accepted`, a stream follows.
-        accepted: What stands between the echo and the empty line where a request for a stream is obeyed.
-    """
-
-    type: int
-    size: int
+    type: int  # response type of the descriptor
+    size: int  # smallest length that is plausible, in bytes
+    # Largest plausible length; 0 means exactly `size`. No claim beyond it is ever waited for.
     largest: int = 0
-    continuous: bool = False
+    continuous: bool = False  # True when a stream is expected
+    # Bytes the payload must begin with (an echo of the request), so that a late response to an earlier request is
+    # not taken for this one.
     prefix: bytes = b""
+    # True where the response is lines of text that no descriptor announces: the echo `prefix`, and all up to the
+    # next empty line, `largest` bytes at most. Where it is `accepted`, a stream follows.
     lines: bool = False
-    accepted: bytes = b""
+    accepted: bytes = b""  # what stands between the echo and the empty line where a request for a stream is obeyed
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,17 +149,11 @@ def parse_descriptor(data: bytes | bytearray) -> Descriptor | None:
 
 
 class Lines(NamedTuple):
-    """A response of text, as far as it was found.
+    """A response of text, as far as it was found."""
 
-    Attributes:
-        stray: Bytes before the response, which belong to none.
-        size: Bytes of the response behind them, with echo and empty line.
-        payload: What stands between these two; None where the response is not complete.
-    """
-
-    stray: int
-    size: int = 0
-    payload: bytes | None = None
+    stray: int  # bytes before the response, which belong to none
+    size: int = 0  # bytes of the response behind them, with echo and empty line
+    payload: bytes | None = None  # what stands between these two; None where the response is not complete
 
 
 def find_lines(data: bytearray, expected: Expected) -> Lines:

@@ -19,28 +19,19 @@ Arrival: TypeAlias = tuple[int, int]
 
 @dataclass(frozen=True, slots=True)
 class Descriptor:
-    """The device announced a measurement stream; packets follow until it is stopped.
+    """The device announced a measurement stream; packets follow until it is stopped."""
 
-    Attributes:
-        type: Response type, e.g. 0x85.
-        size: Length of one packet in bytes, as the device claims it.
-        continuous: True for a stream, False for a single response.
-    """
-
+    # Response type, e.g. 0x85.
     type: int
-    size: int
-    continuous: bool
+    size: int  # length of one packet in bytes, as the device claims it
+    continuous: bool  # True for a stream, False for a single response
 
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """The single response to the pending request.
+    """The single response to the pending request."""
 
-    Attributes:
-        payload: The bytes after the descriptor.
-    """
-
-    payload: bytes
+    payload: bytes  # the bytes after the descriptor
 
 
 # Not frozen: creating a frozen one takes three times as long, and one is created for every read.
@@ -49,25 +40,21 @@ class Packets:
     """At least one intact packet of the stream's format; several of them follow each other on the wire.
 
     Nobody changes one that was made.
-
-    Attributes:
-        data: The packets, back to back.
-        blocks: Their sizes: neighbours of one size together.
-        arrivals: When they came: pairs ``(packets, at_ns)``, so many of them were complete at that time; ascending,
-            the last pair is for all of them. More than one pair only when they were collected from several reads.
-        skips: Where bytes stand that belong to no packet: pairs ``(number, bytes)``, so many right before packet
-            `number`; ascending. Behind the first packet only where several runs were joined.
-        apart: True when the first one was complete with one read, and told only with a later one: by the bytes
-            behind it, since damage stands before it. What was read with it was dated without it.
-        cut: True when others came with the last of them. When those here were complete is then reckoned, as if
-            nothing were missing between.
     """
 
-    data: bytes
-    blocks: tuple[Block, ...]
+    data: bytes  # the packets, back to back
+    blocks: tuple[Block, ...]  # their sizes: neighbours of one size together
+    # When they came: pairs ``(packets, at_ns)``, so many of them were complete at that time; ascending, the last
+    # pair is for all of them. More than one pair only when they were collected from several reads.
     arrivals: tuple[Arrival, ...]
+    # Where bytes stand that belong to no packet: pairs ``(number, bytes)``, so many right before packet `number`;
+    # ascending. Behind the first packet only where several runs were joined.
     skips: tuple[tuple[int, int], ...] = ()
+    # True when the first one was complete with one read, and told only with a later one: by the bytes behind it,
+    # since damage stands before it. What was read with it was dated without it.
     apart: bool = False
+    # True when others came with the last of them. When those here were complete is then reckoned, as if nothing
+    # were missing between.
     cut: bool = False
 
     @property

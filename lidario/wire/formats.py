@@ -49,67 +49,44 @@ Headings: TypeAlias = Sequence[int] | NDArray[np.integer[Any]]
 
 
 class Ticks(NamedTuple):
-    """How a device's clock counts that stands in its packets.
+    """How a device's clock counts that stands in its packets."""
 
-    Attributes:
-        tick_ns: Nanoseconds from one number to the next.
-        wrap: The number that is never reached: 0 stands in its place.
-    """
-
-    tick_ns: int
-    wrap: int
+    tick_ns: int  # nanoseconds from one number to the next
+    wrap: int  # the number that is never reached: 0 stands in its place
 
 
 class Stretch(NamedTuple):
-    """The next part of a stream: packets, and the noise or record behind them.
+    """The next part of a stream: packets, and the noise or record behind them."""
 
-    Attributes:
-        packets: Sizes of the intact packets that begin at the place asked about; empty when there is none.
-        middle: Where they end.
-        end: End of the noise, or of the record that is no measurement, behind them; `middle` when there is none.
-    """
-
+    # Sizes of the intact packets that begin at the place asked about; empty when there is none.
     packets: tuple[Block, ...]
-    middle: int
-    end: int
+    middle: int  # where they end
+    end: int  # end of the noise, or of the record that is no measurement, behind them; `middle` when there is none
 
 
 class StreamFormat(ABC):
-    """One measurement format, following one stream.
+    """One measurement format, following one stream."""
 
-    Attributes:
-        name: The documents' name of the format.
-        response_type: The type byte of the descriptor that announces it.
-        header: Pattern of the first byte of a packet, or of two: of a longer one, what stands at the end of the
-            bytes at hand would be missed. `measure` looks at the rest.
-        shortest: Bytes of the shortest packet; with fewer at hand, nothing can be decided.
-        longest: Bytes of the longest packet.
-        samples: Samples in one packet, where every packet has as many; 1 elsewhere.
-        full_turn: 360 degrees in the unit of `headings`.
-        first_seam: Heading at which revolutions begin; None when only marked packets (`BEGINS`) tell.
-        self_evident: True when the check value is strong enough to need no second proof.
-        ticks: How the clock counts that its packets carry (`stamps`); None where they carry none.
-        own_angles: Whether each packet tells the angles of all its samples. If not, only the packets behind it tell
-            how far the rotor turned during it.
-        whole: Whether each packet is a whole scan: what the device sees of one revolution, which may be less than
-            360 degrees.
-        begin_deg: Where such a scan begins, degrees clockwise.
-        field_deg: How far it reaches from there, degrees; negative where the rotor turns counter-clockwise.
-    """
-
-    name: str
-    response_type: int
+    name: str  # the documents' name of the format
+    response_type: int  # the type byte of the descriptor that announces it
+    # Pattern of the first byte of a packet, or of two: of a longer one, what stands at the end of the bytes at hand
+    # would be missed. `measure` looks at the rest.
     header: re.Pattern[bytes]
-    shortest: int
-    longest: int
-    samples: int
-    full_turn: int
-    first_seam: int | None = 0
-    self_evident: bool = False
-    ticks: Ticks | None = None
+    shortest: int  # bytes of the shortest packet; with fewer at hand, nothing can be decided
+    longest: int  # bytes of the longest packet
+    samples: int  # samples in one packet, where every packet has as many; 1 elsewhere
+    full_turn: int  # 360 degrees in the unit of `headings`
+    first_seam: int | None = 0  # heading at which revolutions begin; None when only marked packets (`BEGINS`) tell
+    self_evident: bool = False  # True when the check value is strong enough to need no second proof
+    ticks: Ticks | None = None  # how the clock counts that its packets carry (`stamps`); None where they carry none
+    # Whether each packet tells the angles of all its samples. If not, only the packets behind it tell how far the
+    # rotor turned during it.
     own_angles: bool = True
+    # Whether each packet is a whole scan: what the device sees of one revolution, which may be less than 360
+    # degrees.
     whole: bool = False
-    begin_deg: float = 0.0
+    begin_deg: float = 0.0  # where such a scan begins, degrees clockwise
+    # How far it reaches from there, degrees; negative where the rotor turns counter-clockwise.
     field_deg: float = 360.0
 
     def __init__(self) -> None:

@@ -38,17 +38,11 @@ class Link:
 
     Args:
         slice_size: Bytes of a long read that are parsed at a time; the buffer holds at most twice as many.
-
-    Attributes:
-        state: What arriving bytes mean at the moment.
-        stats: Running totals.
-        fed: Bytes fed so far: all that were received, but for those of `discard_data`.
-        stream_at: Place in the bytes fed where the packets of the latest stream begin: behind its descriptor.
     """
 
     def __init__(self, slice_size: int = _SLICE) -> None:
-        self.state: LinkState = LinkState.IDLE
-        self.stats: LinkStats = LinkStats()
+        self.state: LinkState = LinkState.IDLE  # what arriving bytes mean at the moment
+        self.stats: LinkStats = LinkStats()  # running totals
         self._slice_size = slice_size
         self._buffer = bytearray()
         self._events: list[Event] = []
@@ -57,8 +51,9 @@ class Link:
         self._abandoned = False
         self._unasked = False
         self._noise = 0
-        self.fed: int = 0
+        self.fed: int = 0  # bytes fed so far: all that were received, but for those of `discard_data`
         self._arrivals = ArrivedBytes()
+        # Place in the bytes fed where the packets of the latest stream begin: behind its descriptor.
         self.stream_at: int = 0
         self._heard, self._heard_packets = b"", 0
 

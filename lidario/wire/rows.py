@@ -24,13 +24,10 @@ from lidario.wire.formats import HEADINGS_WORTH_AN_ARRAY, NO_PACKET, Headings, S
 
 
 class RowFormat(StreamFormat):
-    """A format whose packets all have the size `shortest`.
+    """A format whose packets all have the size `shortest`."""
 
-    Attributes:
-        worth_an_array: Packets from which they are checked as one array. Measured: 2 to 4 us a packet one by one, 5
-            to 12 us for up to 12 as an array. Live, a poll brings about 10; a port that is not polled one or two.
-    """
-
+    # Packets from which they are checked as one array. Measured: 2 to 4 us a packet one by one, 5 to 12 us for up
+    # to 12 as an array. Live, a poll brings about 10; a port that is not polled one or two.
     worth_an_array: int = 4
 
     def run(self, data: bytearray, at: int) -> Stretch:
@@ -66,22 +63,15 @@ class LayoutFormat(RowFormat):
 
     A packet may also say that the rotor is not up to speed, and tell no angles then: such ones are records, and no
     lost packets of a healthy stream (`_turns`).
-
-    Attributes:
-        layout: What stands where: an angle ``start``, mostly, and ``samples``.
-        marks: How a packet begins: the values that each of its first bytes may have, two bytes at least.
-        check: Its check value.
-        told_by: Bytes by which it is known whether one begins; 0 for all of a packet.
-        zero: What angles are counted from.
-        an_rpm: What a revolution a minute is in the unit of the field ``speed``.
     """
 
-    layout: np.dtype[Any]
+    layout: np.dtype[Any]  # what stands where: an angle ``start``, mostly, and ``samples``
+    # How a packet begins: the values that each of its first bytes may have, two bytes at least.
     marks: tuple[bytes, ...]
-    check: Check
-    told_by: int = 2
-    zero: int = 0
-    an_rpm: float
+    check: Check  # its check value
+    told_by: int = 2  # bytes by which it is known whether one begins; 0 for all of a packet
+    zero: int = 0  # what angles are counted from
+    an_rpm: float  # what a revolution a minute is in the unit of the field ``speed``
 
     def __init__(self) -> None:
         super().__init__()

@@ -15,37 +15,24 @@ class LinkStats:
 
     After every call: ``bytes_received == packet_bytes + record_bytes + skipped_bytes + response_bytes + stray_bytes
     + drained_bytes + discarded_bytes + Link.buffered``.
-
-    Attributes:
-        bytes_received: All bytes that came in.
-        packets: Intact measurement packets.
-        packet_bytes: Their bytes.
-        records: Known records between packets that carry no measurement.
-        record_bytes: Their bytes.
-        skipped_bytes: Bytes of a stream that belong to no packet and no record.
-        skipped_stretches: Stretches of such bytes that ended with a packet.
-        response_bytes: Responses to a pending request, with their descriptors, and the descriptors of streams.
-        stray_bytes: Bytes outside a stream that are no response.
-        drained_bytes: Bytes thrown away after a STOP.
-        discarded_bytes: Bytes that were received but thrown away unparsed, because the host was too slow.
-        late_reads: Reads before which bytes may have been lost, because the host was too slow.
-        unread_packets: Of `packets`, those that nobody has taken: what came before its reader, or behind it; those
-            that are taken late leave this count again.
-        late_responses: Responses nobody waits for: those of an abandoned request, and those that match the pending
-            request in type and size but begin with the echo of another one. The bytes of the second kind are stray.
     """
 
-    bytes_received: int = 0
-    packets: int = 0
-    packet_bytes: int = 0
-    records: int = 0
-    record_bytes: int = 0
-    skipped_bytes: int = 0
-    skipped_stretches: int = 0
+    bytes_received: int = 0  # all bytes that came in
+    packets: int = 0  # intact measurement packets
+    packet_bytes: int = 0  # their bytes
+    records: int = 0  # known records between packets that carry no measurement
+    record_bytes: int = 0  # their bytes
+    skipped_bytes: int = 0  # bytes of a stream that belong to no packet and no record
+    skipped_stretches: int = 0  # stretches of such bytes that ended with a packet
+    # Responses to a pending request, with their descriptors, and the descriptors of streams.
     response_bytes: int = 0
-    stray_bytes: int = 0
-    drained_bytes: int = 0
-    discarded_bytes: int = 0
-    late_reads: int = 0
+    stray_bytes: int = 0  # bytes outside a stream that are no response
+    drained_bytes: int = 0  # bytes thrown away after a STOP
+    discarded_bytes: int = 0  # bytes that were received but thrown away unparsed, because the host was too slow
+    late_reads: int = 0  # reads before which bytes may have been lost, because the host was too slow
+    # Of `packets`, those that nobody has taken: what came before its reader, or behind it; those that are taken
+    # late leave this count again.
     unread_packets: int = 0
+    # Responses nobody waits for: those of an abandoned request, and those that match the pending request in type
+    # and size but begin with the echo of another one. The bytes of the second kind are stray.
     late_responses: int = 0

@@ -55,15 +55,10 @@ FIRST_ANGLE: Final = 9
 
 
 class CapsuleDecoder(ArcDecoder):
-    """What the four capsule formats have in common: samples at equal steps from the start angle.
+    """What the four capsule formats have in common: samples at equal steps from the start angle."""
 
-    Attributes:
-        wire: Their format.
-        corrected: Whether samples have corrections, which may take an angle back over 0.
-    """
-
-    wire: ClassVar[type[CapsuleFormat]]
-    corrected: ClassVar[bool] = False
+    wire: ClassVar[type[CapsuleFormat]]  # their format
+    corrected: ClassVar[bool] = False  # whether samples have corrections, which may take an angle back over 0
 
     def __init__(self) -> None:
         super().__init__(FULL_TURN_Q6, Wheel(FULL_TURN_Q6, self.wire.samples))

@@ -50,26 +50,16 @@ SLACK_SAMPLES: Final = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """How the samples of some models are to be read.
+    """How the samples of some models are to be read."""
 
-    Attributes:
-        response_type: Number of this kind in scan modes and recordings. On the wire it is always 0x81; all others
-            are our own.
-        wire: The format of the packets.
-        unit: The distance word counts so many parts of a millimetre.
-        flags: Whether its low two bits are none of the distance.
-        bits: Of the intensity; 0 where there is none.
-        triangle: Whether the angle depends on the distance.
-        speed_base: Tenths of Hz that the speed 0 stands for.
-    """
-
+    # Number of this kind in scan modes and recordings. On the wire it is always 0x81; all others are our own.
     response_type: int
-    wire: type[PointCloud] = PointCloud
-    unit: int = 4
-    flags: bool = False
-    bits: int = 0
-    triangle: bool = True
-    speed_base: int = 0
+    wire: type[PointCloud] = PointCloud  # the format of the packets
+    unit: int = 4  # the distance word counts so many parts of a millimetre
+    flags: bool = False  # whether its low two bits are none of the distance
+    bits: int = 0  # of the intensity; 0 where there is none
+    triangle: bool = True  # whether the angle depends on the distance
+    speed_base: int = 0  # tenths of Hz that the speed 0 stands for
 
     def decoder(self) -> PointCloudDecoder:
         """A fresh decoder."""
@@ -90,19 +80,12 @@ KINDS: Final = {
 
 
 class Control(NamedTuple):
-    """What else stands before the samples of packets.
-
-    Attributes:
-        packets: The packets.
-        words: (packets,): the number of samples, the mark of a start packet, and there the speed.
-        marked: Which of them are start packets.
-        is_following_marked: Whether the packet behind them is one.
-    """
+    """What else stands before the samples of packets."""
 
     packets: Packets
-    words: NDArray[np.uint16]
-    marked: list[int]
-    is_following_marked: bool
+    words: NDArray[np.uint16]  # (packets,): the number of samples, the mark of a start packet, and there the speed
+    marked: list[int]  # which of them are start packets
+    is_following_marked: bool  # whether the packet behind them is one
 
 
 class PointCloudDecoder(ArcDecoder):
