@@ -21,23 +21,15 @@ KEEP_BRLTTY_OFF: Final = 'ENV{SYSTEMD_WANTS}=""'
 
 @dataclass(frozen=True, slots=True)
 class Usb:
-    """A USB device, as the system knows it.
+    """A USB device, as the system knows it."""
 
-    Attributes:
-        vendor: Vendor number, four hexadecimal digits.
-        product: Product number, four hexadecimal digits.
-        serial: The serial number of the adapter; empty where it has none.
-        place: Where it is plugged in, such as ``1-1.4``.
-        latency_ms: For how long it gathers bytes before it sends them to the host; None where it does not tell.
-        sleeps: Whether the system may let it sleep while no program has it open (autosuspend).
-    """
-
-    vendor: str
-    product: str
-    serial: str
-    place: str
+    vendor: str  # vendor number, four hexadecimal digits
+    product: str  # product number, four hexadecimal digits
+    serial: str  # the serial number of the adapter; empty where it has none
+    place: str  # where it is plugged in, such as ``1-1.4``
+    # For how long it gathers bytes before it sends them to the host; None where it does not tell.
     latency_ms: int | None
-    sleeps: bool
+    sleeps: bool  # whether the system may let it sleep while no program has it open (autosuspend)
 
 
 @dataclass(frozen=True, slots=True)

@@ -41,21 +41,13 @@ _BAR_CELLS: Final = 14
 
 @dataclass(frozen=True, slots=True)
 class _Grid:
-    """The scan on cells.
+    """The scan on cells."""
 
-    Attributes:
-        dots: Braille pattern of each cell, shape (rows, columns).
-        nearest: Range of the nearest return in each cell; infinite where there is none.
-        cell_m: Width of a cell in metres; it is twice as high.
-        farthest_m: Range of the farthest return on the picture.
-        outside: Returns that lie beyond its edges.
-    """
-
-    dots: NDArray[np.uint8]
-    nearest: NDArray[np.float64]
-    cell_m: float
-    farthest_m: float
-    outside: int
+    dots: NDArray[np.uint8]  # braille pattern of each cell, shape (rows, columns)
+    nearest: NDArray[np.float64]  # range of the nearest return in each cell; infinite where there is none
+    cell_m: float  # width of a cell in metres; it is twice as high
+    farthest_m: float  # range of the farthest return on the picture
+    outside: int  # returns that lie beyond its edges
 
 
 def picture(scan: Scan, target: Console, *, size: tuple[int, int] | None = None) -> Text:

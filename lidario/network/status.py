@@ -27,27 +27,16 @@ AWAY: Final = "the lidar is away from its publisher"
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """How a lidar is.
+    """How a lidar is."""
 
-    Attributes:
-        form: ``scan``, ``raw`` or ``ros``.
-        robot: Name of the robot or machine.
-        about: What the device said of itself; the responses it gave only where it was asked for.
-        modes: Its scan modes, as far as they are known.
-        mode: The one that runs, or None.
-        rate: Scans a second at the moment.
-        lost: Why the lidar is away from its publisher; empty while it is there.
-        sender: What tells this publisher from others under the same key; empty where it does not say.
-    """
-
-    form: str
-    robot: str
-    about: About
-    modes: tuple[ScanMode, ...] = ()
-    mode: ScanMode | None = None
-    rate: float = 0.0
-    lost: str = ""
-    sender: str = ""
+    form: str  # ``scan``, ``raw`` or ``ros``
+    robot: str  # name of the robot or machine
+    about: About  # what the device said of itself; the responses it gave only where it was asked for
+    modes: tuple[ScanMode, ...] = ()  # its scan modes, as far as they are known
+    mode: ScanMode | None = None  # the one that runs, or None
+    rate: float = 0.0  # scans a second at the moment
+    lost: str = ""  # why the lidar is away from its publisher; empty while it is there
+    sender: str = ""  # what tells this publisher from others under the same key; empty where it does not say
 
     def to_bytes(self, *, whole: bool) -> bytes:
         """As JSON; `whole` with everything that the device has responded, else with the stream that runs alone."""

@@ -23,18 +23,13 @@ latest, on the monotonic clock."""
 
 
 class Guarded:
-    """The base of `Port`: its taps and its guard.
-
-    Attributes:
-        name: What was opened, for messages.
-        taps: Who sees the chunks, in the order in which they were added.
-        is_forked: Whether this process is a child of the one that opened the port: then the port is the parent's.
-    """
+    """The base of `Port`: its taps and its guard."""
 
     def __init__(self, name: str) -> None:
-        self.name: str = name
-        self.taps: tuple[Tap, ...] = ()
+        self.name: str = name  # what was opened, for messages
+        self.taps: tuple[Tap, ...] = ()  # who sees the chunks, in the order in which they were added
         self._line: Line | None = None
+        # Whether this process is a child of the one that opened the port: then the port is the parent's.
         self.is_forked: bool = False
         self._guard: Guard | None = None
         self._stops: Stops | None = None

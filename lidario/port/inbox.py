@@ -59,32 +59,21 @@ def make_read() -> Read:
 
 @dataclass(slots=True)
 class Late:
-    """What was lost, or may have been, because this computer read a line too late.
+    """What was lost, or may have been, because this computer read a line too late."""
 
-    Attributes:
-        overflow_bytes: Bytes that were read and dropped, because the program did not take them for too long.
-        full_reads: Reads that found the system's buffer full: bytes that came since may be lost.
-    """
-
-    overflow_bytes: int = 0
-    full_reads: int = 0
+    overflow_bytes: int = 0  # bytes that were read and dropped, because the program did not take them for too long
+    full_reads: int = 0  # reads that found the system's buffer full: bytes that came since may be lost
 
 
 class Inbox:
-    """Reads a terminal, whose descriptor does not block, and keeps what came; any thread may call it.
-
-    Attributes:
-        last_ns: When it was read last, whether or not anything was there.
-        size: Bytes kept.
-        first_ns: When the first bytes that are kept were read; 0 when there are none.
-    """
+    """Reads a terminal, whose descriptor does not block, and keeps what came; any thread may call it."""
 
     def __init__(
         self, handle: int, clock: Callable[[], int], read: Read | None = None, late: Late | None = None
     ) -> None:
-        self.last_ns: int = clock()
-        self.size: int = 0
-        self.first_ns: int = 0
+        self.last_ns: int = clock()  # when it was read last, whether or not anything was there
+        self.size: int = 0  # bytes kept
+        self.first_ns: int = 0  # when the first bytes that are kept were read; 0 when there are none
         self._late = late or Late()
         self._handle = handle
         self._clock = clock

@@ -63,12 +63,9 @@ class Line(ABC):
     """What carries the bytes of a `Port`: an asyncio transport, or something that behaves like one.
 
     It calls `Port.connection_made` first and `Port.connection_lost` last, both once.
-
-    Attributes:
-        repeat: What a thread writes where the loop is late with it; None where no thread can.
     """
 
-    repeat: Repeat | None = None
+    repeat: Repeat | None = None  # what a thread writes where the loop is late with it; None where no thread can
 
     @abstractmethod
     def is_closing(self) -> bool:

@@ -31,15 +31,11 @@ class Repeat:
     Args:
         write: Writes to the line; it never blocks.
         clock: The time in nanoseconds.
-
-    Attributes:
-        request: The bytes that are written now; none for nothing.
-        count: How often the thread has written.
     """
 
     def __init__(self, write: Callable[[bytes], object], clock: Callable[[], int] = time.monotonic_ns) -> None:
-        self.request: bytes = b""
-        self.count: int = 0
+        self.request: bytes = b""  # the bytes that are written now; none for nothing
+        self.count: int = 0  # how often the thread has written
         self._write = write
         self._clock = clock
         self._unshown: deque[tuple[str, bytes, int]] = deque(maxlen=_UNSHOWN)

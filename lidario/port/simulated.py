@@ -66,16 +66,13 @@ class Simulation:
         source: A ``sim://`` source.
         lasting: Whether it goes on until `end` while ports to it are closed and opened again. Else it ends with its
             only port, or when that cannot be opened.
-
-    Attributes:
-        server: What serves it; None in memory.
     """
 
     def __init__(self, source: Source, *, lasting: bool) -> None:
         self._name = source.text
         self._ended = not lasting
         self._device, self._faults = make_device(source)
-        self.server: PtyServer | TcpServer | UdpServer | None = None
+        self.server: PtyServer | TcpServer | UdpServer | None = None  # what serves it; None in memory
         self._ports = 0
         way = source.options.get("via") or usual_way(self._device)
         if way != "memory":

@@ -98,13 +98,10 @@ class Watched:
     """One port that the thread reads.
 
     `on_error` is called in the thread each time the port cannot be read; it must not block or raise.
-
-    Attributes:
-        interval: May be changed at any time, from any thread.
     """
 
     def __init__(self, inbox: Inbox, interval: float, on_error: Callable[[], None]) -> None:
-        self.interval: float = interval
+        self.interval: float = interval  # may be changed at any time, from any thread
         self.inbox: Inbox = inbox
         self._on_error = on_error
         self._next_at = 0.0
@@ -134,16 +131,13 @@ class ReadingThread:
 
     Args:
         clock: The time in seconds.
-
-    Attributes:
-        ports: Those that it serves now; `add` and `remove` change that.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
         # Reentrant: the garbage collector may call `remove` during `add`.
         self._lock = threading.RLock()
-        self.ports: list[Served] = []
+        self.ports: list[Served] = []  # those that it serves now; `add` and `remove` change that
         self._thread: threading.Thread | None = None
         self._late = 0.0
         # Released to wake the thread; a lock wakes it more cheaply and more exactly than an Event or a pipe.

@@ -31,17 +31,14 @@ class Turns:
         now: The time in nanoseconds. Where it stands still all is done at once.
         failed: Called with what a step raised.
         turn_ns: Nanoseconds of each turn.
-
-    Attributes:
-        waiting: The work that waits, and its size as it was given to `add`.
-        size: Of all that waits.
     """
 
     def __init__(self, now: Callable[[], int], failed: Callable[[Exception], None], turn_ns: int = TURN_NS) -> None:
-        self.size: int = 0
+        self.size: int = 0  # of all that waits
         self._now = now
         self._failed = failed
         self._turn_ns = turn_ns
+        # The work that waits, and its size as it was given to `add`.
         self.waiting: deque[tuple[Iterator[None], int]] = deque()
         # Whether it is being done, or a turn of the loop is asked for that goes on with it.
         self._busy = False

@@ -24,30 +24,18 @@ NOT_TOLD = Health(HealthStatus.WARNING, 0, "the recording does not tell")
 
 @dataclass(frozen=True, slots=True)
 class About:
-    """The beginning of a recording.
+    """The beginning of a recording."""
 
-    Attributes:
-        info: What the device said it is.
-        health: What it last said of its state before the recording began.
-        source: The source it was opened from.
-        baudrate: Speed of the line; 0 where bytes take no time.
-        clock_offset_ns: What is added to the monotonic clock to get the time stamps of the file.
-        received_before: Bytes received since the port was opened, before the first one of the file.
-        lidario: Version that wrote it.
-        recording: Digits that all files of one recording have in common; empty in those of older versions.
-        began_ns: When the file was begun, on the clock of the file; 0 where that is not told.
-        events: What the device had responded by then, and the stream that ran, if one did.
-    """
-
-    info: DeviceInfo
-    health: Health = NOT_TOLD
-    source: str = ""
-    baudrate: int = 0
-    clock_offset_ns: int = 0
-    received_before: int = 0
-    lidario: str = ""
-    recording: str = ""
-    began_ns: int = 0
+    info: DeviceInfo  # what the device said it is
+    health: Health = NOT_TOLD  # what it last said of its state before the recording began
+    source: str = ""  # the source it was opened from
+    baudrate: int = 0  # speed of the line; 0 where bytes take no time
+    clock_offset_ns: int = 0  # what is added to the monotonic clock to get the time stamps of the file
+    received_before: int = 0  # bytes received since the port was opened, before the first one of the file
+    lidario: str = ""  # version that wrote it
+    recording: str = ""  # digits that all files of one recording have in common; empty in those of older versions
+    began_ns: int = 0  # when the file was begun, on the clock of the file; 0 where that is not told
+    # What the device had responded by then, and the stream that ran, if one did.
     events: tuple[StreamEvent, ...] = field(default=())
 
     @property

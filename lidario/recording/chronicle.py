@@ -35,32 +35,19 @@ LONGEST_EVENT = 1 << 16
 
 @dataclass(frozen=True, slots=True)
 class StreamBegan:
-    """A stream was started, or had been started before the recording began.
+    """A stream was started, or had been started before the recording began."""
 
-    Attributes:
-        at: Place of the first byte behind its descriptor.
-        request: The request that started it.
-        mode: The scan mode.
-        packet_size: Length that its descriptor states.
-        sample_ns: Nanoseconds a sample; 0 where the device does not say.
-        slowest_turn_s: Longest time one revolution may take.
-        baudrate: Speed of the line in bits a second; 0 where bytes take no time.
-        wall_offset_ns: What was added to the monotonic clock to get the wall clock.
-        zero_offset_deg: Degrees that were added to every device angle.
-        may_take_ns: As in `Stream`.
-        continues: Whether it goes on where the one before had failed: what passed since then is counted as missed.
-    """
-
-    at: int
-    request: bytes
+    at: int  # place of the first byte behind its descriptor
+    request: bytes  # the request that started it
     mode: ScanMode
-    packet_size: int
-    sample_ns: float
-    slowest_turn_s: float
-    baudrate: int
-    wall_offset_ns: int
-    zero_offset_deg: float
-    may_take_ns: tuple[float, ...] = ()
+    packet_size: int  # length that its descriptor states
+    sample_ns: float  # nanoseconds a sample; 0 where the device does not say
+    slowest_turn_s: float  # longest time one revolution may take
+    baudrate: int  # speed of the line in bits a second; 0 where bytes take no time
+    wall_offset_ns: int  # what was added to the monotonic clock to get the wall clock
+    zero_offset_deg: float  # degrees that were added to every device angle
+    may_take_ns: tuple[float, ...] = ()  # as in `Stream`
+    # Whether it goes on where the one before had failed: what passed since then is counted as missed.
     continues: bool = False
 
     @classmethod
@@ -85,86 +72,56 @@ class StreamBegan:
 
 @dataclass(frozen=True, slots=True)
 class StreamEnded:
-    """The stream was stopped, or interrupted to ask something.
+    """The stream was stopped, or interrupted to ask something."""
 
-    Attributes:
-        at: Place behind the last byte that was used.
-    """
-
-    at: int
+    at: int  # place behind the last byte that was used
 
 
 @dataclass(frozen=True, slots=True)
 class ZeroOffsetSet:
-    """Another zero-angle offset was chosen for the stream that runs.
+    """Another zero-angle offset was chosen for the stream that runs."""
 
-    Attributes:
-        at: Place behind the last byte that had been parsed. The first revolution that ends behind it has the new
-            offset.
-        zero_offset_deg: Degrees that are added to every device angle from then on.
-        behind: Whether only the revolution behind that one has it, because sectors of it were handed out.
-    """
-
+    # Place behind the last byte that had been parsed. The first revolution that ends behind it has the new offset.
     at: int
-    zero_offset_deg: float
+    zero_offset_deg: float  # degrees that are added to every device angle from then on
+    # Whether only the revolution behind that one has it, because sectors of it were handed out.
     behind: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Responded:
-    """The device responded to a request.
-
-    Attributes:
-        request: The bytes of the request.
-        kind: Its type.
-        payload: The response without its descriptor.
-    """
+    """The device responded to a request."""
 
     request: bytes
-    kind: int
-    payload: bytes
+    kind: int  # its type
+    payload: bytes  # the response without its descriptor
 
 
 @dataclass(frozen=True, slots=True)
 class Placed:
-    """Only in files: what stands where bytes and events before it may be missing.
+    """Only in files: what stands where bytes and events before it may be missing."""
 
-    Attributes:
-        at: Place of the next received byte.
-        running: The stream that runs, with the latest zero-angle offset, or None.
-    """
-
-    at: int
-    running: StreamBegan | None = None
+    at: int  # place of the next received byte
+    running: StreamBegan | None = None  # the stream that runs, with the latest zero-angle offset, or None
 
 
 @dataclass(frozen=True, slots=True)
 class LineChanged:
-    """Only in files: the line to the device was lost, and the session came back over another one.
+    """Only in files: the line to the device was lost, and the session came back over another one."""
 
-    Attributes:
-        at: Place of the next received byte, the first of the new line.
-        away_ns: Time since the last byte before that.
-    """
-
-    at: int
-    away_ns: int
+    at: int  # place of the next received byte, the first of the new line
+    away_ns: int  # time since the last byte before that
 
 
 StreamEvent = StreamBegan | StreamEnded | ZeroOffsetSet | Responded | Placed | LineChanged
 
 
 class EventState:
-    """What events add up to.
-
-    Attributes:
-        responses: The latest response to each request.
-        running: The stream that runs, with the latest zero-angle offset, or None.
-    """
+    """What events add up to."""
 
     def __init__(self, events: Iterable[StreamEvent] = ()) -> None:
-        self.responses: dict[bytes, Responded] = {}
-        self.running: StreamBegan | None = None
+        self.responses: dict[bytes, Responded] = {}  # the latest response to each request
+        self.running: StreamBegan | None = None  # the stream that runs, with the latest zero-angle offset, or None
         for event in events:
             self.follow(event)
 

@@ -69,14 +69,11 @@ class Metadata(NamedTuple):
 
 
 class Damage(NamedTuple):
-    """Something cannot be read, or was changed.
+    """Something cannot be read, or was changed."""
 
-    Attributes:
-        why: What is wrong, in words. There are few of them, whatever the file.
-        missing: Whether messages may be missing here. Those that follow it are whole.
-    """
-
+    # What is wrong, in words. There are few of them, whatever the file.
     why: str
+    # Whether messages may be missing here. Those that follow it are whole.
     missing: bool = True
 
 

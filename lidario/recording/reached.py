@@ -49,21 +49,15 @@ class StoredChunk(NamedTuple):
 
 
 class Reached:
-    """How far a file was gone through.
-
-    Attributes:
-        about: The beginning of the first file; None before that.
-        place: Place of the next received byte.
-        is_known: Whether place and stream are known: behind a chunk that is missing they are not, until the next
-            one tells them.
-        jumped: Set where a time jumps, which is told and cleared by the caller.
-    """
+    """How far a file was gone through."""
 
     def __init__(self) -> None:
-        self.about: About | None = None
-        self.place: int = 0
+        self.about: About | None = None  # the beginning of the first file; None before that
+        self.place: int = 0  # place of the next received byte
+        # Whether place and stream are known: behind a chunk that is missing they are not, until the next one tells
+        # them.
         self.is_known: bool = True
-        self.jumped: bool = False
+        self.jumped: bool = False  # set where a time jumps, which is told and cleared by the caller
         self._state = EventState()
         self._last_ns: int | None = None
         self._shift_ns = 0

@@ -56,42 +56,26 @@ Copy = tuple[int, Callable[[FileWriter], None]]
 
 
 class Piece(NamedTuple):
-    """Bytes of one read.
+    """Bytes of one read."""
 
-    Attributes:
-        stream: Number of the stream that they belong to.
-        at_ns: When they were read, on the clock of the recording.
-        data: The bytes.
-        zero_offset_deg: The zero-angle offset that holds from the first revolution on that ends in them or later.
-        behind: Whether it holds only from the revolution behind that one.
-        place: Place of the first of them among all that were received.
-    """
-
-    stream: int
-    at_ns: int
+    stream: int  # number of the stream that they belong to
+    at_ns: int  # when they were read, on the clock of the recording
     data: bytes
+    # The zero-angle offset that holds from the first revolution on that ends in them or later.
     zero_offset_deg: float
-    behind: bool = False
-    place: int = 0
+    behind: bool = False  # whether it holds only from the revolution behind that one
+    place: int = 0  # place of the first of them among all that were received
 
 
 @dataclass(frozen=True, slots=True)
 class StoredStream:
-    """One stream of a recording.
+    """One stream of a recording."""
 
-    Attributes:
-        family: Whose packets it has.
-        began: What is known of it.
-        end: Place behind its last byte; None where the recording ends in its midst.
-        offsets: Where its zero-angle offset changed, in order.
-        timed: Whether it tells when its bytes came.
-    """
-
-    family: Family
-    began: StreamBegan
-    end: int | None = None
-    offsets: tuple[ZeroOffsetSet, ...] = ()
-    timed: bool = True
+    family: Family  # whose packets it has
+    began: StreamBegan  # what is known of it
+    end: int | None = None  # place behind its last byte; None where the recording ends in its midst
+    offsets: tuple[ZeroOffsetSet, ...] = ()  # where its zero-angle offset changed, in order
+    timed: bool = True  # whether it tells when its bytes came
 
     def open(self) -> Stream:
         """A fresh format and decoder for it, and all that a session must know.
@@ -122,30 +106,20 @@ class StoredStream:
 
 
 class StoredStreams(ABC):
-    """What can be played.
+    """What can be played."""
 
-    Attributes:
-        path: The file.
-        about: What stands at its beginning.
-        responses: Request -> the latest response to it.
-        streams: The streams, in order; never empty.
-        damage: What of the file is missing or was changed, as far as that can be told; empty where nothing is.
-        size: Bytes of the file.
-        duration_ns: Time from the first byte of the first stream to the last byte.
-        timed: Whether it is known when each byte was read.
-        away_ns: How long the device was away, each time that it was lost and the recording went on.
-    """
-
-    about: About
-    streams: tuple[StoredStream, ...]
+    about: About  # what stands at its beginning
+    streams: tuple[StoredStream, ...]  # the streams, in order; never empty
 
     def __init__(self, path: Path, *, timed: bool = True) -> None:
-        self.path: Path = path
-        self.timed: bool = timed
-        self.responses: dict[bytes, Responded] = {}
+        self.path: Path = path  # the file
+        self.timed: bool = timed  # whether it is known when each byte was read
+        self.responses: dict[bytes, Responded] = {}  # request -> the latest response to it
+        # What of the file is missing or was changed, as far as that can be told; empty where nothing is.
         self.damage: str = ""
-        self.size: int = 0
-        self.duration_ns: int = 0
+        self.size: int = 0  # bytes of the file
+        self.duration_ns: int = 0  # time from the first byte of the first stream to the last byte
+        # How long the device was away, each time that it was lost and the recording went on.
         self.away_ns: tuple[int, ...] = ()
 
     @abstractmethod

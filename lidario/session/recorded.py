@@ -23,20 +23,16 @@ _ID_BYTES = 8
 
 
 class RecordedSession:
-    """Implements `Recorded`.
-
-    Attributes:
-        sends_bytes: Whether the device sends bytes that can be kept; else whole scans arrive.
-        running: The recordings that are handed everything.
-    """
+    """Implements `Recorded`."""
 
     def __init__(self, at: At, scanner: Scanner, source: str, filters: tuple[Filter, ...] = ()) -> None:
+        # Whether the device sends bytes that can be kept; else whole scans arrive.
         self.sends_bytes: bool = at.dialogue.device.sends_bytes
         self._at = at
         self._scanner = scanner
         self._source = source
         self._filters = filters
-        self.running: dict[Recording, _Watcher] = {}
+        self.running: dict[Recording, _Watcher] = {}  # the recordings that are handed everything
         # The thread of a recording holds it until its file is complete.
         self._begun: WeakSet[Recording] = WeakSet()
 

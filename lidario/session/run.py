@@ -93,14 +93,10 @@ def _loop_runs() -> bool:
 
 
 class _Signals:
-    """What signals do while `run` runs: they cancel the main task.
-
-    Attributes:
-        caught: Those that came.
-    """
+    """What signals do while `run` runs: they cancel the main task."""
 
     def __init__(self) -> None:
-        self.caught: list[int] = []
+        self.caught: list[int] = []  # those that came
         self._ending = _ending_signals()
         self._before = {number: signal.getsignal(number) for number in (signal.SIGINT, *self._ending)}
         self._taken: dict[int, Any] = {}

@@ -34,17 +34,13 @@ class _Burst:
 
 
 class TransmitQueue:
-    """First in, first out, at the speed of the line: a byte takes ten bits.
-
-    Attributes:
-        free_at: When the last byte queued so far will have left, or has left.
-    """
+    """First in, first out, at the speed of the line: a byte takes ten bits."""
 
     def __init__(self, baudrate: int) -> None:
         self.baudrate = baudrate
         self._bursts: deque[_Burst] = deque()
         self._left = b""  # what left before a `cut` and was not fetched yet
-        self.free_at: int = 0
+        self.free_at: int = 0  # when the last byte queued so far will have left, or has left
 
     def airtime(self, count: int) -> int:
         """Nanoseconds that `count` bytes need on the line, rounded up."""

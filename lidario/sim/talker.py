@@ -32,38 +32,22 @@ _SLOWEST_RPM: Final = 0.01
 
 @dataclass(frozen=True, slots=True)
 class TalkerProfile:
-    """What kind of device it is; a family derives its own where there is more to tell.
+    """What kind of device it is; a family derives its own where there is more to tell."""
 
-    Attributes:
-        name: Its name in ``sim://`` sources.
-        model: Decides what is random.
-        baudrate: Speed of its line.
-        hertz: Revolutions a second.
-        rate: Samples a second.
-        slots: Packets of a revolution, of one that measures at angles.
-        samples: Samples of a packet, where it has as many at any speed.
-        reach_mm: Nearest and farthest distance.
-        commands: Whether it hears requests.
-        waits: Whether it is silent until it is started.
-        back: Whether it turns counter-clockwise.
-        note: What else is to be told of it, for people.
-        follows: Which recording of a real device it follows, for people; empty where there is none.
-    """
-
-    name: str
-    model: int
+    name: str  # its name in ``sim://`` sources
+    model: int  # decides what is random
     _: KW_ONLY
-    baudrate: int = 115_200
-    hertz: float = 5.0
-    rate: float = 1800.0
-    slots: int = 0
-    samples: int = 0
-    reach_mm: tuple[float, float] = (100.0, 8000.0)
-    commands: bool = False
-    waits: bool = False
-    back: bool = False
-    note: str = ""
-    follows: str = ""
+    baudrate: int = 115_200  # speed of its line
+    hertz: float = 5.0  # revolutions a second
+    rate: float = 1800.0  # samples a second
+    slots: int = 0  # packets of a revolution, of one that measures at angles
+    samples: int = 0  # samples of a packet, where it has as many at any speed
+    reach_mm: tuple[float, float] = (100.0, 8000.0)  # nearest and farthest distance
+    commands: bool = False  # whether it hears requests
+    waits: bool = False  # whether it is silent until it is started
+    back: bool = False  # whether it turns counter-clockwise
+    note: str = ""  # what else is to be told of it, for people
+    follows: str = ""  # which recording of a real device it follows, for people; empty where there is none
 
     @property
     def about(self) -> str:

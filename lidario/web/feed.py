@@ -51,18 +51,6 @@ class Feed:
         config: The file of settings; None for none. It is read at each opening.
         mount: Where it is mounted; None for what its settings say, or else the origin.
         colour: As ``#rrggbb``; empty for one that the page chooses.
-
-    Attributes:
-        state: ``connecting`` until the first scan, then ``scanning``, or ``lost`` while it is away; ``ended``
-            behind the end of a recording.
-        reason: Why it was lost, or what the last attempt said; empty while it scans.
-        latest: The latest scan; it stays when the lidar is lost.
-        line: What the line carried in the last second.
-        length_s: Seconds that a recording lasts; None of a lidar, and before it was opened.
-        keeper: Records it; None where it may not be recorded, as a recording.
-        saved: The filters of its settings.
-        drawn: Filters that viewers have added, and have not saved.
-        removed: Filters, among both, that viewers have taken away, and have not saved.
     """
 
     def __init__(
@@ -80,25 +68,29 @@ class Feed:
         self.source = source
         self.mode = mode
         self._guard = guard
+        # ``connecting`` until the first scan, then ``scanning``, or ``lost`` while it is away; ``ended`` behind the
+        # end of a recording.
         self.state: FeedState = "connecting"
-        self.reason: str = ""
+        self.reason: str = ""  # why it was lost, or what the last attempt said; empty while it scans
         self.info: DeviceInfo | None = None
         self.config: LidarConfig = LidarConfig()
-        self.saved: tuple[Filter, ...] = ()
-        self.drawn: list[Filter] = []
-        self.removed: list[Filter] = []
+        self.saved: tuple[Filter, ...] = ()  # the filters of its settings
+        self.drawn: list[Filter] = []  # filters that viewers have added, and have not saved
+        self.removed: list[Filter] = []  # filters, among both, that viewers have taken away, and have not saved
         self.colour = colour
         self._mount = mount
         self._config = config
-        self.latest: Scan | None = None
-        self.line: Traffic | None = None
+        self.latest: Scan | None = None  # the latest scan; it stays when the lidar is lost
+        self.line: Traffic | None = None  # what the line carried in the last second
         self.scans: int = 0
         self.losses: int = 0
         self.on_scan: Callable[[Feed], object] = lambda _: None
         self.on_change: Callable[[Feed], object] = lambda _: None
+        # Seconds that a recording lasts; None of a lidar, and before it was opened.
         self.length_s: float | None = None
         options = dict(parse_qsl(source.partition("?")[2]))
         self.rate: float = _number(options.get("rate"), 1.0)
+        # Records it; None where it may not be recorded, as a recording.
         self.keeper: Keeper | None = None if folder is None else Keeper(folder, lambda: self.on_change(self))
         self._stays = stays
         self._attempts = 0

@@ -106,10 +106,6 @@ class LiveServer:
         port: 0 for any.
         token: What everyone must know who connects; empty for none.
         config: The file of settings that viewers may write; None for none.
-
-    Attributes:
-        url: The address to open, with the token where one is needed.
-        sent: Scans sent, over all viewers.
     """
 
     def __init__(
@@ -121,8 +117,8 @@ class LiveServer:
         token: str = "",
         config: str | None = None,
     ) -> None:
-        self.url: str = ""
-        self.sent: int = 0
+        self.url: str = ""  # the address to open, with the token where one is needed
+        self.sent: int = 0  # scans sent, over all viewers
         self._feeds = list(feeds)
         self._host, self._port = host, port
         self._token = token

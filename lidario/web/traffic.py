@@ -16,15 +16,11 @@ _MOST_LOAD: Final = 1.1
 
 @dataclass(frozen=True, slots=True)
 class Traffic(Stats):
-    """The line during some seconds: the counters of that time, and two rates.
+    """The line during some seconds: the counters of that time, and two rates."""
 
-    Attributes:
-        bytes_a_second: Bytes received a second.
-        load: Share of what the line can carry, 0 to 1. None where the line has no speed, or carries more than that
-            speed allows: a lidar that is a USB device itself has none, whatever the port is set to.
-    """
-
-    bytes_a_second: float = 0.0
+    bytes_a_second: float = 0.0  # bytes received a second
+    # Share of what the line can carry, 0 to 1. None where the line has no speed, or carries more than that speed
+    # allows: a lidar that is a USB device itself has none, whatever the port is set to.
     load: float | None = None
 
     @property

@@ -34,19 +34,12 @@ QUICK_S = 0.05
 
 
 class Attempt(NamedTuple):
-    """Whom to ask, and how fast.
+    """Whom to ask, and how fast."""
 
-    Attributes:
-        family: Whose question is asked.
-        baudrate: Speed of the line; 0 where it has none.
-        model: The model, where it is known.
-        is_guess: Whether family or model are only supposed.
-    """
-
-    family: Family
-    baudrate: int
-    model: str | None = None
-    is_guess: bool = False
+    family: Family  # whose question is asked
+    baudrate: int  # speed of the line; 0 where it has none
+    model: str | None = None  # the model, where it is known
+    is_guess: bool = False  # whether family or model are only supposed
 
 
 class Woken:

@@ -26,18 +26,13 @@ class Connection:
     Ctrl-C is raised wherever the interpreter is, also between two statements that belong together. So this is made
     before anything is written, and lives in the frames that open the device; when they are gone, its finalizer
     writes the stop requests. The session lets go of it as soon as it has a finalizer of its own.
-
-    Attributes:
-        family: Whose dialect the device speaks.
-        dialogue: The conversation with it.
-        info: What it says it is; there once it has responded.
     """
 
-    info: DeviceInfo
+    info: DeviceInfo  # what it says it is; there once it has responded
 
     def __init__(self, family: Family, dialogue: Dialogue) -> None:
-        self.family: Family = family
-        self.dialogue: Dialogue = dialogue
+        self.family: Family = family  # whose dialect the device speaks
+        self.dialogue: Dialogue = dialogue  # the conversation with it
         self._finalizer = weakref.finalize(self, dialogue.abandon)
 
     def release(self) -> None:

@@ -50,15 +50,11 @@ _MOSTLY = 0.9
 
 
 class Heard(NamedTuple):
-    """What listening told.
+    """What listening told."""
 
-    Attributes:
-        stream: Whose packets came, and at which speed (0 where the line has none); None where none were recognised.
-        silent: Nothing came at all.
-    """
-
+    # Whose packets came, and at which speed (0 where the line has none); None where none were recognised.
     stream: tuple[Family, int] | None
-    silent: bool
+    silent: bool  # nothing came at all
 
 
 async def listen(port: Port, speeds: Sequence[int], families: Sequence[Family]) -> Heard:
@@ -143,14 +139,10 @@ def adapter_of(path: str) -> str | None:
 
 
 class ReceivedInSilence:
-    """A tap that keeps the first bytes received while no response arrives.
-
-    Attributes:
-        total: Bytes received.
-    """
+    """A tap that keeps the first bytes received while no response arrives."""
 
     def __init__(self) -> None:
-        self.total: int = 0
+        self.total: int = 0  # bytes received
         self._kept = bytearray()
 
     def see(self, direction: str, data: bytes, now: int) -> None:  # noqa: ARG002

@@ -31,15 +31,11 @@ One that was unplugged and is back is another one."""
 
 
 class Places:
-    """The places of one device, whose source is neither ``auto`` nor ``id``.
-
-    Attributes:
-        last: Where it was last.
-    """
+    """The places of one device, whose source is neither ``auto`` nor ``id``."""
 
     def __init__(self, source: Source) -> None:
         self._named = source
-        self.last: Source = source
+        self.last: Source = source  # where it was last
         self._always: set[_Port] = set()
         self._in_vain: dict[_Port, int] = {}
 

@@ -76,19 +76,11 @@ class Reconnect:
 
 
 class Reconnector:
-    """Brings one session back, as often as it is needed.
-
-    Attributes:
-        count: How often the session has come back.
-        settings: What the user has set, in the order of setting: each makes the script that sets it again.
-        proven: Whether the session works: then the next loss is a new one.
-        adopt: Returns the function that takes over a new line; None when the session is gone.
-        gave_up: Called with the error that ends the session, unless `cancel` or `abandon` came before.
-        unused: Returns when nobody uses the line that was lost.
-    """
+    """Brings one session back, as often as it is needed."""
 
     def __init__(self, policy: Reconnect, source: Source) -> None:
-        self.count: int = 0
+        self.count: int = 0  # how often the session has come back
+        # What the user has set, in the order of setting: each makes the script that sets it again.
         self.settings: dict[str, Callable[[Device], Script[object]]] = {}
         self._policy = policy
         self._places = Places(source)
@@ -103,11 +95,13 @@ class Reconnector:
         self._attempts = 0
         self._first: LidarError | None = None
         self._told = ""
-        self.proven: bool = True
+        self.proven: bool = True  # whether the session works: then the next loss is a new one
         self._scans = 0
+        # Returns the function that takes over a new line; None when the session is gone.
         self.adopt: Callable[[], Callable[[Connection, Health], None] | None] = lambda: None
+        # Called with the error that ends the session, unless `cancel` or `abandon` came before.
         self.gave_up: Callable[[LidarError], None] | None = None
-        self.unused: Callable[[], Awaitable[None]] | None = None
+        self.unused: Callable[[], Awaitable[None]] | None = None  # returns when nobody uses the line that was lost
 
     async def connect(self, source: Source, family: str | None, baudrate: int | None, *, guard: bool) -> Connection:
         """Connect for the first time, and note which device it is, as `lidario.session.finding.connect.connect`."""

@@ -33,30 +33,20 @@ class NotWanted(LidarError):
 
 
 class StreamControl:
-    """The stream of one device.
-
-    Attributes:
-        totals: What was counted since the session was opened.
-        state: What becomes of the stream at the moment.
-        wanted: The stream that ought to run, or the one that ran last and is wanted again.
-        usual_mode: Scan mode for readers that ask for none while none runs; None for the typical one.
-        modes: The scan modes of the device, once it was asked.
-        failure: What is known of a stream that has failed, until the device was asked.
-        ran: Whether a stream has run since one was wanted.
-        ran_until: When the last stream was left off, seconds of the loop's clock.
-        running: The stream that runs, if one does.
-        starting: Whether the operation in progress is a start: it ends when no stream is wanted any more.
-    """
+    """The stream of one device."""
 
     def __init__(self, at: At, latency: float, hub: Hub, failed: Callable[[Failure], None]) -> None:
-        self.totals: Totals = Totals(AssemblerStats())
-        self.state: State = State.IDLE
+        self.totals: Totals = Totals(AssemblerStats())  # what was counted since the session was opened
+        self.state: State = State.IDLE  # what becomes of the stream at the moment
+        # The stream that ought to run, or the one that ran last and is wanted again.
         self.wanted: Wanted | None = None
+        # Scan mode for readers that ask for none while none runs; None for the typical one.
         self.usual_mode: str | int | None = None
-        self.modes: tuple[ScanMode, ...] = ()
-        self.failure: Failure | None = None
-        self.ran: bool = False
-        self.ran_until: float = -math.inf
+        self.modes: tuple[ScanMode, ...] = ()  # the scan modes of the device, once it was asked
+        self.failure: Failure | None = None  # what is known of a stream that has failed, until the device was asked
+        self.ran: bool = False  # whether a stream has run since one was wanted
+        self.ran_until: float = -math.inf  # when the last stream was left off, seconds of the loop's clock
+        # Whether the operation in progress is a start: it ends when no stream is wanted any more.
         self.starting: bool = False
         self._at = at
         self._latency = latency
@@ -64,7 +54,7 @@ class StreamControl:
         self._failed = failed
         hub.on_parts = self._divide
         self._loop = asyncio.get_running_loop()
-        self.running: Running | None = None
+        self.running: Running | None = None  # the stream that runs, if one does
         at.dialogue.on_still = self._still
 
     @property

@@ -62,22 +62,18 @@ _CURABLE = (DeviceLost, StreamFailed, ResponseTimeout, DeviceFault, RemoteProtoc
 
 
 class Failures:
-    """Judges what has failed, and asks the device what is wrong with it.
-
-    Attributes:
-        health: What the device last said.
-        come_back: Called with the reason, and the number of scans so far, when the line to the device is no good
-            any more. None where such an error ends the streams or the session.
-    """
+    """Judges what has failed, and asks the device what is wrong with it."""
 
     def __init__(self, control: StreamControl, at: At, hub: Hub, line: LineWatch) -> None:
+        # Called with the reason, and the number of scans so far, when the line to the device is no good any more.
+        # None where such an error ends the streams or the session.
         self.come_back: Callable[[LidarError, int], None] | None = None
         self._control = control
         self._at = at
         self._hub = hub
         self._line = line
         self._doubtful = False
-        self.health: Health = Health(HealthStatus.OK, 0)
+        self.health: Health = Health(HealthStatus.OK, 0)  # what the device last said
         self._well_at = -math.inf
         self._loop = asyncio.get_running_loop()
         self._reset_at: float | None = None

@@ -14,15 +14,10 @@ from lidario.session.streaming.pace import BITS_A_BYTE
 
 
 class Wanted(NamedTuple):
-    """A stream that ought to run.
-
-    Attributes:
-        mode: The scan mode.
-        force: Whether the device shall measure even when the motor is not up to speed.
-    """
+    """A stream that ought to run."""
 
     mode: ScanMode
-    force: bool
+    force: bool  # whether the device shall measure even when the motor is not up to speed
 
 
 def does_not_fit(device: Device, modes: tuple[ScanMode, ...], mode: ScanMode, baudrate: int) -> str:

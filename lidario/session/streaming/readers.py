@@ -35,25 +35,19 @@ class Hub:
     """The readers of one device's stream; `deserted` is called when nobody has read for `LINGER_S`.
 
     Every scan is handed to every mailbox for scans, and every sector to those for sectors of its size.
-
-    Attributes:
-        latest: The last scan, or None.
-        joining: Those who wait to be let in, the first one first.
-        dropped: Scans that slow readers missed, summed over all of them.
-        parts: The numbers of sectors that revolutions have for the readers here.
-        on_parts: Called when that has changed.
-        on_taken: Called each time a reader has taken a scan or has left. Where it is set, no scan is dropped.
     """
 
     def __init__(self, deserted: Callable[[], None]) -> None:
-        self.latest: Scan | None = None
-        self.joining: list[Joining] = []
-        self.dropped: int = 0
+        self.latest: Scan | None = None  # the last scan, or None
+        self.joining: list[Joining] = []  # those who wait to be let in, the first one first
+        self.dropped: int = 0  # scans that slow readers missed, summed over all of them
+        # The numbers of sectors that revolutions have for the readers here.
         self.parts: frozenset[int] = frozenset()
-        self.on_parts: Callable[[], None] | None = None
+        self.on_parts: Callable[[], None] | None = None  # called when that has changed
         # In the order in which they came: a run is repeated exactly.
         self._mailboxes: dict[Mailbox[Any], None] = {}
         self._watchers: list[Callable[[Scan], None]] = []
+        # Called each time a reader has taken a scan or has left. Where it is set, no scan is dropped.
         self.on_taken: Callable[[], None] | None = None
         self._deserted = deserted
         self._loop = asyncio.get_running_loop()

@@ -53,40 +53,27 @@ _NAMES = {each.name for each in fields(Stats)}
 
 @dataclass(slots=True)
 class Totals:
-    """What outlives a single stream: counters, which only grow, as `Stats` tells them; and the last scan.
-
-    Attributes:
-        continued: The last scan of a stream that goes on: what passes until its next one is counted as missed.
-    """
+    """What outlives a single stream: counters, which only grow, as `Stats` tells them; and the last scan."""
 
     assembled: AssemblerStats
     interruptions: int = 0
     keepalives: int = 0
     restarts: int = 0
+    # The last scan of a stream that goes on: what passes until its next one is counted as missed.
     continued: Scan | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """What is known of a stream that brings no scans, before the device was asked.
+    """What is known of a stream that brings no scans, before the device was asked."""
 
-    Attributes:
-        what: It in words, as the beginning of a sentence.
-        cause: The likeliest cause, as a question, if the device turns out to be well.
-        noise: Whether bytes arrive that are no packets.
-        sends: Whether packets arrive that are understood, and measure nothing.
-        restart: Whether it is worth starting the stream again, if the device turns out to be well.
-        lasted_s: Seconds from its start to its last packet; 0 when there was none.
-        error: What its start failed with, if it did not even begin.
-    """
-
-    what: str
-    cause: str
-    noise: bool = False
-    sends: bool = False
-    restart: bool = False
-    lasted_s: float = 0.0
-    error: LidarError | None = None
+    what: str  # what is known, in words, as the beginning of a sentence
+    cause: str  # the likeliest cause, as a question, if the device turns out to be well
+    noise: bool = False  # whether bytes arrive that are no packets
+    sends: bool = False  # whether packets arrive that are understood, and measure nothing
+    restart: bool = False  # whether it is worth starting the stream again, if the device turns out to be well
+    lasted_s: float = 0.0  # seconds from its start to its last packet; 0 when there was none
+    error: LidarError | None = None  # what its start failed with, if it did not even begin
 
 
 class Running:

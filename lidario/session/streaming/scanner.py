@@ -48,17 +48,13 @@ LEAVE_TIMEOUT_S = 2.0
 
 
 class Scanner:
-    """The stream of one device, and all that belongs to it.
-
-    Attributes:
-        rests: Whether a device that nobody reads is stopped soon.
-    """
+    """The stream of one device, and all that belongs to it."""
 
     def __init__(self, at: At, latency: float) -> None:
         self.hub: Hub = Hub(self._deserted)
         self.control: StreamControl = StreamControl(at, latency, self.hub, self._suspect)
         self.totals: Totals = self.control.totals
-        self.rests: bool = True
+        self.rests: bool = True  # whether a device that nobody reads is stopped soon
         self.line: LineWatch = LineWatch()
         self._at = at
         self._lock = asyncio.Lock()

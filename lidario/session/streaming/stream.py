@@ -40,13 +40,10 @@ class _Hold:
     Only a timer of the event loop holds this object. A finalizer reaches the mailbox, and must not reach the frames
     of a task: else, where Ctrl-C ends the loop of a plain program, the session is no garbage, and the device goes
     on. One timer a minute, and not one for each scan: cancelled ones would slow down every other timer.
-
-    Attributes:
-        waiter: What the reader waits for.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
-        self.waiter: asyncio.Future[None] | None = None
+        self.waiter: asyncio.Future[None] | None = None  # what the reader waits for
         self._loop = loop
         self._timer = loop.call_later(_HOLD_S, self._stay)
 
@@ -63,28 +60,22 @@ class Mailbox(Generic[T]):
     """Holds the latest scans for one reader, or the latest sectors, or what else comes by and by.
 
     At most `depth` are kept.
-
-    Attributes:
-        parts: How many sectors a revolution has for this reader; 0 for a reader of scans.
-        dropped: Scans dropped since the reader was last told of it.
-        total_dropped: Scans dropped altogether.
-        ended: Whether no more scans will come.
-        on_taken: Called when the reader has taken a scan. Where it is set, no scan is dropped: who has set it puts
-            more only when the reader has taken all.
     """
 
     def __init__(self, depth: int, parts: int = 0) -> None:
         depth = whole(depth, "depth")
         if depth < 1:
             raise InvalidValue(f"a reader keeps at least one {'sector' if parts else 'scan'}, not {shown(depth)}")
-        self.parts: int = parts
-        self.dropped: int = 0
-        self.total_dropped: int = 0
+        self.parts: int = parts  # how many sectors a revolution has for this reader; 0 for a reader of scans
+        self.dropped: int = 0  # scans dropped since the reader was last told of it
+        self.total_dropped: int = 0  # scans dropped altogether
         self._depth = depth
         self._scans: deque[T] = deque()
         self._hold: weakref.ref[_Hold] | None = None
-        self.ended: bool = False
+        self.ended: bool = False  # whether no more scans will come
         self._error: LidarError | None = None
+        # Called when the reader has taken a scan. Where it is set, no scan is dropped: who has set it puts more
+        # only when the reader has taken all.
         self.on_taken: Callable[[], None] | None = None
 
     @property

@@ -63,37 +63,29 @@ async def play(script: Script[T], ask: Callable[[Request], Awaitable[bytes]], fi
 
 
 class Dialogue(Intake, Waiting):
-    """Talks to one device over one port.
-
-    Attributes:
-        device: The device as its family sees it.
-        timing: How long the device takes for what.
-        stopper: Writes the stop requests.
-        on_lost: Called once, with the error, when the dialogue is over for good before it was closed.
-        on_still: Called each time the device is seen still.
-        protection_stops: Times the device was found to have stopped to protect itself.
-        reset_at: When the device was told to restart, on the loop's clock; None if it has responded since. A device
-            that boots discards what it is sent.
-        dtr: The state in which the control line DTR was put last; None while it is as it was opened.
-    """
+    """Talks to one device over one port."""
 
     def __init__(self, port: Port, device: Device, timing: Timing) -> None:
         Intake.__init__(self, port)
         Waiting.__init__(self)
-        self.timing: Timing = timing
+        self.timing: Timing = timing  # how long the device takes for what
+        # Called once, with the error, when the dialogue is over for good before it was closed.
         self.on_lost: Callable[[LidarError], None] | None = None
-        self.on_still: Callable[[], None] | None = None
-        self.protection_stops: int = 0
+        self.on_still: Callable[[], None] | None = None  # called each time the device is seen still
+        self.protection_stops: int = 0  # times the device was found to have stopped to protect itself
+        # When the device was told to restart, on the loop's clock; None if it has responded since. A device that
+        # boots discards what it is sent.
         self.reset_at: float | None = None
+        # The state in which the control line DTR was put last; None while it is as it was opened.
         self.dtr: bool | None = None
-        self.device: Device = device
+        self.device: Device = device  # the device as its family sees it
         self._longest = self._until = math.inf
         # When bytes came last while no response was outstanding.
         self._heard_at = 0.0
         # What has woken the device for the operation in progress.
         self._wake: Request | None = None
         self._readiness = Readiness(self.link)
-        self.stopper: Stopper = Stopper(self, self._readiness, device, timing.quiet_s)
+        self.stopper: Stopper = Stopper(self, self._readiness, device, timing.quiet_s)  # writes the stop requests
         port.attach(self, self.stopper.unseen)
 
     # ------------------------------------------------------------------------------------------------ receiving

@@ -35,20 +35,13 @@ TakePackets: TypeAlias = Callable[[Packets], Iterable[None]]
 
 
 class Intake(ABC):
-    """A line to a device, with what becomes of its bytes; the base of `Dialogue`.
-
-    Attributes:
-        port: The open port.
-        link: The parser of what it receives.
-        stats: Its counters, also of packets that nobody has read.
-        chronicle: What happened so far, for recordings.
-    """
+    """A line to a device, with what becomes of its bytes; the base of `Dialogue`."""
 
     def __init__(self, port: Port) -> None:
-        self.port: Port = port
-        self.link: Link = Link()
-        self.stats: LinkStats = self.link.stats
-        self.chronicle: Chronicle = Chronicle()
+        self.port: Port = port  # the open port
+        self.link: Link = Link()  # the parser of what it receives
+        self.stats: LinkStats = self.link.stats  # its counters, also of packets that nobody has read
+        self.chronicle: Chronicle = Chronicle()  # what happened so far, for recordings
         self._turns = Turns(port.now, self.mistaken)
         self._early: deque[Packets] = deque()
         self._errors_before = port.errors

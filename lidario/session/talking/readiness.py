@@ -25,24 +25,19 @@ _MARGIN_S = 0.005
 
 
 class Readiness:
-    """What is known of one device's readiness to hear.
-
-    Attributes:
-        listens_at: When the pause is over that the last request demands, on the loop's clock.
-        late_until: Until when a response that was given up may still come, on the loop's clock; 0 for none.
-        has_responded: Whether the device has ever responded.
-        measures_speed: Whether it measures another speed of the line: until that has been decided, it is not known
-            at which speed it hears.
-    """
+    """What is known of one device's readiness to hear."""
 
     def __init__(self, link: Link) -> None:
         self._link = link
         self._loop = asyncio.get_running_loop()
-        self.listens_at: float = 0.0
+        self.listens_at: float = 0.0  # when the pause is over that the last request demands, on the loop's clock
         self._asked_at = 0.0
         self._due = 0.0
+        # Until when a response that was given up may still come, on the loop's clock; 0 for none.
         self.late_until: float = 0.0
-        self.has_responded: bool = False
+        self.has_responded: bool = False  # whether the device has ever responded
+        # Whether it measures another speed of the line: until that has been decided, it is not known at which speed
+        # it hears.
         self.measures_speed: bool = False
 
     @property

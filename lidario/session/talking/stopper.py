@@ -43,19 +43,15 @@ ATTEMPTS = 3
 
 
 class Stopper:
-    """Writes the stop requests of one device, until it is seen that they were heard.
-
-    Attributes:
-        keep_spinning: Whether they leave the motor on.
-        still: Whether the device was seen still, and nothing was sent since that could set it in motion.
-        wanted: Whether they are still to be written, or it is not seen yet that they were heard.
-    """
+    """Writes the stop requests of one device, until it is seen that they were heard."""
 
     def __init__(self, dialogue: Dialogue, hearing: Readiness, device: Device, quiet_s: float) -> None:
-        self.keep_spinning: bool = False
+        self.keep_spinning: bool = False  # whether they leave the motor on
+        # Whether the device was seen still, and nothing was sent since that could set it in motion.
         self.still: bool = False
         # Since the stop requests were written last.
         self._moved = False
+        # Whether they are still to be written, or it is not seen yet that they were heard.
         self.wanted: bool = False
         self._dialogue = dialogue
         self._port = dialogue.port

@@ -24,14 +24,10 @@ class Awaited(Enum):
 
 
 class Waiting:
-    """The one future of the operation in progress; a base of `Dialogue`.
-
-    Attributes:
-        fatal: What ended all operations for good, or None.
-    """
+    """The one future of the operation in progress; a base of `Dialogue`."""
 
     def __init__(self) -> None:
-        self.fatal: LidarError | None = None
+        self.fatal: LidarError | None = None  # what ended all operations for good, or None
         self._loop = asyncio.get_running_loop()
         # Held by its task and its timer. A finalizer reaches this object, and must not reach the frames of a task.
         self._waiter: weakref.ref[asyncio.Future[bytes | None]] | None = None
