@@ -16,48 +16,38 @@ from lidario.wire.events import Packets
 # Not frozen: with so many fields that would cost as much as a call of numpy, once a revolution.
 @dataclass(slots=True, eq=False)
 class Samples:
-    """The decoded packets of one stretch of stream; arrays of shape (room + n,), in measuring order.
+    """The decoded packets of one stretch of stream; arrays of shape (room + n,), in measuring order."""
 
-    Attributes:
-        angle_deg: Where the beam went, float32 degrees clockwise, in [0, 360); corrections applied.
-        distance_mm: Millimetres, float32; 0 where nothing came back.
-        intensity: uint8, or None where the format carries none.
-        before_seam: How many of the samples were measured before the rotor passed the seam in the last packet;
-            all of them where it did not.
-        ends: Samples up to and including each packet, shape (packets,).
-        lost: Packets missing between these ones and before the one that follows.
-        unbroken: Leading packets before the first gap.
-        lost_behind: How many of the lost ones stood behind the last packet.
-        revolution_packets: How many packets a whole revolution has at the present speed; 0 when that is not known.
-        revolution_samples: The same, samples.
-        reported_rpm: The speed that the packets tell, in revolutions a minute; NaN where they tell none.
-        gaps: Where packets are missing: how many of these samples come before, and how many samples are missing
-            there, by the angles of the rotor, which no correction has moved.
-        certain: Whether the angle that a packet covers is known for sure. Where it is not, as when nearly all
-            packets are missing, neither the angles nor `lost` can be relied on.
-        revoked: How many packets are missing behind each of so many before these, which were told to follow each
-            other, as time tells now; ``(1, 0)`` where only what the last one measured is not to be used.
-        fits: Whether all headings are as far apart as packets are, or a whole number of them: where not, a turn may
-            have passed unseen.
-        sample_ns: How long each of them took, nanoseconds, where the device measures at angles and tells its speed;
-            0 where that is the same at any speed.
-    """
-
+    # Where the beam went, float32 degrees clockwise, in [0, 360); corrections applied.
     angle_deg: NDArray[np.float32]
-    distance_mm: NDArray[np.float32]
-    intensity: NDArray[np.uint8] | None
+    distance_mm: NDArray[np.float32]  # millimetres, float32; 0 where nothing came back
+    intensity: NDArray[np.uint8] | None  # uint8, or None where the format carries none
+    # How many of the samples were measured before the rotor passed the seam in the last packet; all of them where
+    # it did not.
     before_seam: int
-    ends: Sequence[int]
-    lost: int
-    unbroken: int
+    ends: Sequence[int]  # samples up to and including each packet, shape (packets,)
+    lost: int  # packets missing between these ones and before the one that follows
+    unbroken: int  # leading packets before the first gap
+    # How many packets a whole revolution has at the present speed; 0 when that is not known.
     revolution_packets: float
-    revolution_samples: float
-    lost_behind: int = 0
+    revolution_samples: float  # the same, samples
+    lost_behind: int = 0  # how many of the lost ones stood behind the last packet
+    # Whether the angle that a packet covers is known for sure. Where it is not, as when nearly all packets are
+    # missing, neither the angles nor `lost` can be relied on.
     certain: bool = True
+    # The speed that the packets tell, in revolutions a minute; NaN where they tell none.
     reported_rpm: float = math.nan
+    # Where packets are missing: how many of these samples come before, and how many samples are missing there, by
+    # the angles of the rotor, which no correction has moved.
     gaps: Sequence[tuple[int, int]] = ()
+    # How many packets are missing behind each of so many before these, which were told to follow each other, as
+    # time tells now; ``(1, 0)`` where only what the last one measured is not to be used.
     revoked: tuple[int, int] = (0, 0)
+    # Whether all headings are as far apart as packets are, or a whole number of them: where not, a turn may have
+    # passed unseen.
     fits: bool = True
+    # How long each of them took, nanoseconds, where the device measures at angles and tells its speed; 0 where that
+    # is the same at any speed.
     sample_ns: float = 0.0
 
     @property
@@ -68,28 +58,18 @@ class Samples:
 
 @dataclass(slots=True, eq=False)
 class SteadySamples:
-    """The decoded packets of several revolutions without a gap; arrays of shape (room + n,), in measuring order.
+    """The decoded packets of several revolutions without a gap; arrays of shape (room + n,), in measuring order."""
 
-    Attributes:
-        angle_deg: As in `Samples`.
-        distance_mm: As in `Samples`.
-        intensity: As in `Samples`.
-        ends: Samples up to the end of each packet, without the free elements.
-        before_seam: Samples up to where the rotor passed the seam in the last packet of each revolution.
-        revolution_packets: How many packets a whole revolution has at its speed, of each revolution.
-        revolution_samples: The same, samples.
-        reported_rpm: The speed that the packets of each revolution tell; None where they tell none.
-        settle: Makes the decoder remember these packets, as `Decoder.decode` does at once.
-    """
-
-    angle_deg: NDArray[np.float32]
-    distance_mm: NDArray[np.float32]
-    intensity: NDArray[np.uint8] | None
-    ends: Sequence[int]
+    angle_deg: NDArray[np.float32]  # as in `Samples`
+    distance_mm: NDArray[np.float32]  # as in `Samples`
+    intensity: NDArray[np.uint8] | None  # as in `Samples`
+    ends: Sequence[int]  # samples up to the end of each packet, without the free elements
+    # Samples up to where the rotor passed the seam in the last packet of each revolution.
     before_seam: Sequence[int]
-    revolution_packets: Sequence[float]
-    revolution_samples: Sequence[float]
-    settle: Callable[[], None]
+    revolution_packets: Sequence[float]  # how many packets a whole revolution has at its speed, of each revolution
+    revolution_samples: Sequence[float]  # the same, samples
+    settle: Callable[[], None]  # makes the decoder remember these packets, as `Decoder.decode` does at once
+    # The speed that the packets of each revolution tell; None where they tell none.
     reported_rpm: Sequence[float] | None = None
 
 

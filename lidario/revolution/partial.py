@@ -52,43 +52,27 @@ class SampleArrays:
 
 @dataclass(slots=True, eq=False)
 class PartialRevolution:
-    """The revolution in the making.
+    """The revolution in the making."""
 
-    Attributes:
-        whole: Whether it began at the seam, so that it can become a scan.
-        moved: Whether it began at a mark that stood elsewhere than the one before.
-        seam: Heading at which it should have begun; None where no split began it.
-        behind_gap: Whether packets may be missing right before its first one.
-        even: Whether nothing was missing in the revolution before, and each packet since is as close behind the one
-            before as they were there: then nothing is missing in this one.
-        carried: Samples from the packet that crossed the seam at its beginning, if any.
-        carried_ns: Arrival of the last packet before it; 0 when there was none.
-        lost_behind_carried: Packets missing right behind that packet.
-        skipped_behind_carried: The samples of those.
-        carried_packets: Packets that a whole revolution has, as far as was known when that packet was decoded; 0
-            where that was certain.
-        begun_ns: When the read was completed that brought its beginning; 0 when that is not known.
-        ended_ns: The same of its end.
-        runs: The packets since, as they were reported.
-        size: Their bytes.
-        divided: What of it was divided into sectors, where somebody reads these.
-    """
-
-    whole: bool
-    moved: bool = False
-    seam: int | None = None
-    behind_gap: bool = True
+    whole: bool  # whether it began at the seam, so that it can become a scan
+    moved: bool = False  # whether it began at a mark that stood elsewhere than the one before
+    seam: int | None = None  # heading at which it should have begun; None where no split began it
+    behind_gap: bool = True  # whether packets may be missing right before its first one
+    # Whether nothing was missing in the revolution before, and each packet since is as close behind the one before
+    # as they were there: then nothing is missing in this one.
     even: bool = False
-    carried: SampleArrays | None = None
-    carried_ns: int = 0
-    lost_behind_carried: int = 0
-    skipped_behind_carried: int = 0
+    carried: SampleArrays | None = None  # samples from the packet that crossed the seam at its beginning, if any
+    carried_ns: int = 0  # arrival of the last packet before it; 0 when there was none
+    lost_behind_carried: int = 0  # packets missing right behind that packet
+    skipped_behind_carried: int = 0  # the samples of those
+    # Packets that a whole revolution has, as far as was known when that packet was decoded; 0 where that was
+    # certain.
     carried_packets: float = 0.0
-    begun_ns: int = 0
-    ended_ns: int = 0
-    runs: list[Packets] = field(default_factory=list)
-    size: int = 0
-    divided: DividedRevolution | None = None
+    begun_ns: int = 0  # when the read was completed that brought its beginning; 0 when that is not known
+    ended_ns: int = 0  # the same of its end
+    runs: list[Packets] = field(default_factory=list)  # the packets since, as they were reported
+    size: int = 0  # their bytes
+    divided: DividedRevolution | None = None  # what of it was divided into sectors, where somebody reads these
 
     def packets(self) -> Packets | None:
         """All its packets, as if they had been reported together; None when it has none."""

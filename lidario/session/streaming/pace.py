@@ -49,16 +49,12 @@ class Pace:
         latency: How long a complete revolution may wait. Below `EAGER_S` a revolution is due at the first moment
             at which it can be complete; else at the first at which it most probably is, which saves polls.
         received: Bytes received before the stream began.
-
-    Attributes:
-        latency: The same.
-        due: When the revolution in progress, or the next sector that is read, is expected to be complete; 0 when
-            nothing is known.
-        interval: Longest time for which the port may stay unread, so that the kernel's buffer never fills.
     """
 
     def __init__(self, stream: Stream, baudrate: int, latency: float, received: int = 0) -> None:
-        self.latency: float = latency
+        self.latency: float = latency  # how long a complete revolution may wait
+        # When the revolution in progress, or the next sector that is read, is expected to be complete; 0 when
+        # nothing is known.
         self.due: float = 0.0
         # 0 where nothing is known of it, or nobody reads sectors.
         self._revolution_due = self._sector_due = 0.0
@@ -73,6 +69,7 @@ class Pace:
         self._last = math.inf
         # No stream is faster than its line.
         self._least_buffer_s = BUFFER_BYTES * BITS_A_BYTE / baudrate if baudrate else UNKNOWN_BUFFER_S
+        # Longest time for which the port may stay unread, so that the kernel's buffer never fills.
         self.interval: float = BUFFER_SHARE * self._least_buffer_s
 
     def turned(self, scan: Scan, received: int, now: float) -> None:
