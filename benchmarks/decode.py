@@ -23,7 +23,7 @@ from benchmarks.models import FORMATS
 from benchmarks.peers import package_of
 from benchmarks.processes import Failed
 from benchmarks.report import Result, Setting, Table, median, ratio, spread
-from benchmarks.streams import KINDS, Kind, capture, recording
+from benchmarks.streams import KINDS, Kind, capture
 from lidario.revolution.pipeline import Pipeline
 from lidario.wire.link import Link
 
@@ -43,7 +43,8 @@ VENDOR_MB_PER_S = {
 """What the vendors' C++ unpackers took, measured outside of this project and at another time, from slowest to
 fastest run. They are constants: no package on PyPI lets the unpackers be called, so no run of this benchmark can
 measure them."""
-_FILE_BYTES = 3_000_000
+_FILE_S = 30.0
+"""Of stream in a file. Not a loop: at its end the angle would leap, which no rotor does."""
 CONVERTED = "4096, converted"
 
 _PEERS = {
@@ -72,15 +73,14 @@ def run(setting: Setting) -> Result:
                     # Small chunks take long, so they get less of the stream.
                     length = seconds if chunk is None or chunk >= 64 else max(seconds / 8, 0.6)
                     own[kind.name].setdefault(_label(chunk), []).append(_timed(kind, length, chunk))
-                size = _FILE_BYTES // 10 if setting.quick else _FILE_BYTES
-                own[kind.name].setdefault(FILE, []).append(_file(kind, size))
+                length = _FILE_S / 10 if setting.quick else _FILE_S
+                own[kind.name].setdefault(FILE, []).append(_file(kind, length))
                 own[kind.name].setdefault(CONVERTED, []).append(_timed(kind, seconds, BASELINE, convert=True))
                 if setting.peers is not None and number < _PEER_ROUNDS:
                     _peers(setting, kind, Path(folder), seconds / 2, theirs[kind.name], absent)
             for kind in FORMATS.values():
-                size = _FILE_BYTES // (10 if setting.quick else 3)
                 more[kind.name].setdefault(str(BASELINE), []).append(_timed(kind, 4 * seconds, BASELINE))
-                more[kind.name].setdefault(FILE, []).append(_file(kind, size))
+                more[kind.name].setdefault(FILE, []).append(_file(kind, length))
     data = {
         "lidario": own,
         "relatives": more,
@@ -115,10 +115,9 @@ def _timed(kind: Kind, seconds: float, chunk: int | None, *, convert: bool = Fal
     return _figures(took, len(raw), scans, samples)
 
 
-def _file(kind: Kind, size: int) -> dict[str, float]:
-    """Decode a file of about so many bytes as a user would."""
-    played = recording(kind)
-    raw = played.descriptor + played.head + played.loop * max(1, size // len(played.loop))
+def _file(kind: Kind, seconds: float) -> dict[str, float]:
+    """Decode a file that holds `seconds` of stream, as a user would."""
+    raw = capture(kind, seconds)
     scans = samples = 0
     start = time.perf_counter()
     for scan in lidario.decode(raw, family=kind.family):
