@@ -62,11 +62,15 @@ class Assembler(SteadyAssembler):
         super().__init__(stream, baudrate, wall_offset_ns, stats, clock)
         self._seam = Seam(stream.format.full_turn, stream.format.first_seam)
         self._most_ns, self._most_bytes = stream.most_ns, stream.most_bytes
-        self._by_blocks = True
         self._earlier_scans = self.stats.scans
         self._next_offset_deg: float | None = None
         self.ended: int = 0
         self._ended_at: tuple[Packets, int, int] | None = None
+
+    @property
+    def _by_blocks(self) -> bool:
+        """Whether several revolutions that come together may be kept, and ended, as one block."""
+        return True
 
     def set_zero_offset(self, degrees: float, *, behind: bool = False) -> None:
         """Add another zero-angle offset, clockwise degrees, from the next scan on, or the one `behind` that."""

@@ -64,7 +64,11 @@ class SectorAssembler(Assembler):
             publish: Called with how many sectors of its size a revolution has, and the sector.
         """
         self._parts, self._publish_sector = tuple(sorted(parts)), publish
-        self._by_blocks = not self._parts
+
+    @property
+    def _by_blocks(self) -> bool:
+        # One that was begun in pieces ends so, also where nobody reads sectors any more.
+        return not self._parts and self.partial.divided is None
 
     @property
     def next_ns(self) -> float:

@@ -121,6 +121,26 @@ def test_sectors_are_the_scan(case: Case, chunks: Chunks) -> None:
 
 @pytest.mark.long
 @one_a_parser(KINDS)
+def test_the_scan_in_which_the_last_reader_of_sectors_leaves_is_whole(case: Case) -> None:
+    raw = case.raw[:30_000]
+    for left_at in range(1000, len(raw) // 2, 1700):
+        chunks = [50] * (left_at // 50) + [3000] * (len(raw) // 3000)
+        pipeline = Pipeline(described(case), link=open_stream(case))
+        pipeline.assembler.divide((8,), lambda *_: None)
+        scans: list[Scan] = []
+        at = 0
+        for number, chunk in enumerate(cut_up(raw, chunks)):
+            if number == left_at // 50:
+                pipeline.assembler.divide((), lambda *_: None)
+            at += len(chunk)
+            scans += pipeline.receive(chunk, round(at * case.byte_ns))
+        plain = assembled(case, raw, chunks)
+        assert [(len(scan), scan.seq) for scan in scans] == [(len(scan), scan.seq) for scan in plain.scans]
+        assert pipeline.stats == plain.stats
+
+
+@pytest.mark.long
+@one_a_parser(KINDS)
 @pytest.mark.exhaustive("parts", sample=[(3, 8)], full=[(1,), (3, 8), (2, 36, 72)])
 def test_sizes_do_not_disturb_each_other(case: Case, parts: tuple[int, ...]) -> None:
     found = divided(case, case.raw, parts)
