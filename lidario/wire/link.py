@@ -76,24 +76,25 @@ class Link:
         """
         self.stats.bytes_received += len(data)
         self._arrivals += [(self.fed + size, at_ns) for size, at_ns in arrivals]
-        view, buffer = memoryview(data), self._buffer
+        view = memoryview(data)
         for start in range(0, len(view), self._slice_size):
             piece = view[start : start + self._slice_size]
             self.fed += len(piece)
-            if len(buffer) + len(piece) > 2 * self._slice_size:
+            if self.buffered + len(piece) > 2 * self._slice_size:
                 # A mistake in the parser, which shows here and not as growing memory.
-                raise OverflowError(f"{len(piece)} bytes do not fit behind {len(buffer)} that nobody took")
-            buffer += piece
+                raise OverflowError(f"{len(piece)} bytes do not fit behind {self.buffered} that nobody took")
+            # Another one, as in `_drop`.
+            self._buffer = self._buffer + piece
             if self.state is _AWAIT_RESPONSE:
                 self._await_response()
             if self.state is _STREAMING:
                 self._stream(now)
             elif self.state is not _AWAIT_RESPONSE:
                 if self.state is LinkState.DRAINING or self._unasked:
-                    self.stats.drained_bytes += len(buffer)
+                    self.stats.drained_bytes += self.buffered
                 else:
-                    self.stats.stray_bytes += len(buffer)
-                buffer.clear()
+                    self.stats.stray_bytes += self.buffered
+                self._drop(self.buffered)
         if self._format is not None and len(self._buffer) >= self._format.shortest:
             # Behind damage, what follows decides whether it is a packet: then it came before that.
             self._arrivals.keep(self.fed - len(self._buffer), self.fed, now)
@@ -147,8 +148,7 @@ class Link:
     def forget(self) -> None:
         """The pending response is not expected any more; should it still come, its bytes are stray."""
         if self.state is LinkState.AWAIT_RESPONSE:
-            self.stats.stray_bytes += len(self._buffer)
-            self._buffer.clear()
+            self._stray(self.buffered)
             self._end_waiting()
 
     def abandon(self) -> None:
@@ -172,7 +172,7 @@ class Link:
 
     def _await_response(self) -> None:
         """Search for the response to the pending request: packets, lines, or what the one descriptor announces."""
-        request, buffer = self._pending, self._buffer
+        request = self._pending
         if request is None or request.expects is None:
             return
         if self._format is not None:
@@ -182,9 +182,10 @@ class Link:
             self._await_lines(request, request.expects)
             return
         while True:
-            stray, descriptor = find_descriptor(buffer, request)
+            stray, descriptor = find_descriptor(self._buffer, request)
             if stray:
                 self._stray(stray)
+            buffer = self._buffer
             if descriptor is None:
                 return
             if descriptor.continuous:
@@ -221,7 +222,7 @@ class Link:
                 self._heard_packets += sum(packets for _, packets in blocks)
                 self.stats.response_bytes += middle - at
             if self._heard_packets >= request.packets:
-                del self._buffer[:middle]
+                self._drop(middle)
                 self._unasked = True
                 if self._abandoned:
                     self.stats.late_responses += 1
@@ -234,7 +235,7 @@ class Link:
             self.stats.stray_bytes += end - middle
             at = end
         if at:
-            del self._buffer[:at]
+            self._drop(at)
 
     def _take_response(self, payload: bytes, size: int) -> None:
         """The first `size` bytes of the buffer are the response."""
@@ -242,13 +243,13 @@ class Link:
             self.stats.late_responses += 1
         else:
             self._events.append(Response(payload))
-        del self._buffer[:size]
+        self._drop(size)
         self.stats.response_bytes += size
         self._end_waiting()
 
     def _enter_stream(self, request: Request, descriptor: Descriptor, size: int) -> None:
         """A stream was announced by the first `size` bytes of the buffer."""
-        del self._buffer[:size]
+        self._drop(size)
         self.stats.response_bytes += size
         self.stream_at = self.fed - len(self._buffer)
         if self._abandoned:
@@ -268,8 +269,8 @@ class Link:
 
     def _drain(self) -> None:
         self._end_waiting()
-        self.stats.drained_bytes += len(self._buffer)
-        self._buffer.clear()
+        self.stats.drained_bytes += self.buffered
+        self._drop(self.buffered)
         self._noise = 0
         self.state = LinkState.DRAINING
 
@@ -313,7 +314,7 @@ class Link:
                 self._skip(wire, data, middle, end)
             at = end
         if at:
-            del self._buffer[:at]
+            self._drop(at)
 
     def _skip(self, wire: StreamFormat, data: bytearray, start: int, end: int) -> None:
         if (wire.self_evident or not self._noise) and wire.other_record(data, start) == end - start:
@@ -325,4 +326,9 @@ class Link:
 
     def _stray(self, size: int) -> None:
         self.stats.stray_bytes += size
-        del self._buffer[:size]
+        self._drop(size)
+
+    def _drop(self, size: int) -> None:
+        """The first bytes of the buffer are understood."""
+        # They are not cut off: it may have views, held by who keeps frames of the parsers, as a profiler or a hook.
+        self._buffer = self._buffer[size:]

@@ -1,18 +1,22 @@
 """The state machine while packets flow, and how a stream begins and ends."""
 
 import re
+import sys
 from dataclasses import replace
 from pathlib import Path
+from types import FrameType
 
 import pytest
 
 from lidario.families.rplidar import commands
 from lidario.families.rplidar.formats import DenseFormat, ExpressFormat
+from lidario.session.finding.listening import family_of_stream
 from lidario.wire.events import Descriptor, Packets, Response
 from lidario.wire.link import Link
 from lidario.wire.states import LinkState
+from tests.support.cases import CASES, Case
 from tests.support.links import DENSE, INFO, INFO_ANSWER, PACKETS, receive, streaming, waiting
-from tests.support.streams import arrived
+from tests.support.streams import arrived, open_stream
 
 
 @pytest.mark.parametrize("size", [None, 1, 50, 1000])
@@ -127,6 +131,24 @@ def test_a_large_chunk_is_taken_in_slices() -> None:
     assert b"".join(event.data for event in events if isinstance(event, Packets)) == data
     assert link.buffered == 0
     assert link.stats.packets == 1200
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_who_keeps_the_frames_of_the_parsers_ends_no_stream(case: Case) -> None:
+    """As a profiler does, or a hook that keeps the traceback of a failed finalizer: they hold views of the buffer."""
+    link, kept = open_stream(case), list[FrameType]()
+    before = sys.getprofile()
+    sys.setprofile(lambda frame, *_: kept.append(frame))
+    try:
+        for begin in range(0, 4000, 700):
+            link.receive_data(case.raw[begin : begin + 700], begin)
+            heard = bytearray(case.raw[: begin + 700])
+            family_of_stream(heard)
+            heard += b"more"
+    finally:
+        sys.setprofile(before)
+    assert link.stats.packets
+    assert kept
 
 
 def test_its_buffer_holds_no_more_than_the_table_of_bounds_says(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -105,7 +105,8 @@ def family_of_stream(data: bytearray, families: Sequence[Family] = FAMILIES) -> 
     Where each packet is a whole scan, one will do.
     """
     best, family = _SHARE, None
-    latest = data[-KEPT:]
+    # Copies: it grows, and parsers have views of what they read, which others may keep, as `Link` knows.
+    data, latest = data.copy(), data[-KEPT:]
     for each in families:
         for kind in each.formats:
             wire = kind()
