@@ -89,3 +89,33 @@ async def test_a_session_that_another_thread_uses(rig: Rig) -> None:
         assert all("run_coroutine_threadsafe" in text for text in refused)
         async with asyncio.timeout(PATIENCE_S):
             await anext(stream)
+
+
+async def test_a_stream_that_a_loop_of_another_thread_leaves_goes_on(rig: Rig) -> None:
+    refused: list[str] = []
+
+    async def misuse(call: Callable[[], Awaitable[Any]]) -> None:
+        async with asyncio.timeout(PATIENCE_S):
+            await call()
+
+    async with rig.read() as (lidar, stream):
+        changes = lidar.line_changes()
+
+        async def release() -> None:
+            stream.release()
+
+        def other() -> None:
+            for call in (stream.aclose, release, lambda: anext(stream), lambda: anext(changes)):
+                try:
+                    asyncio.run(misuse(call))
+                except LocalProtocolError as error:
+                    refused.append(str(error))
+
+        thread = threading.Thread(target=other)
+        thread.start()
+        thread.join()
+        assert len(refused) == 4
+        assert all("another event loop" in text for text in refused)
+        async with asyncio.timeout(PATIENCE_S):
+            await anext(stream)
+            assert (await anext(changes)).state == "connected"

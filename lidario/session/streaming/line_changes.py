@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final, Literal, Self, TypeAlias
 
-from lidario.session.streaming.stream import Mailbox
+from lidario.session.streaming.stream import Mailbox, check_loop
 
 LineState: TypeAlias = Literal["connected", "away", "back", "ended"]
 
@@ -43,7 +43,8 @@ class LineChanges:
     open, and needs no end of its own.
     """
 
-    def __init__(self, first: LineChange | None) -> None:
+    def __init__(self, first: LineChange | None, loop: asyncio.AbstractEventLoop) -> None:
+        self._loop = loop
         self._mailbox: Mailbox[LineChange] = Mailbox(MOST)
         self.put(first)
 
@@ -55,7 +56,9 @@ class LineChanges:
 
         Raises:
             Busy: Another task is waiting already.
+            LocalProtocolError: It was called in another event loop than that of the session.
         """
+        check_loop(self._loop, "the lidar was opened")
         return await self._mailbox.get()
 
     def put(self, change: LineChange | None) -> None:
@@ -77,7 +80,8 @@ class LineWatch:
     def read(self) -> LineChanges:
         """A new reader, which begins with how it is now; nothing comes where the session is over."""
         now = self._now
-        changes = LineChanges(now if now is None or now.state == "away" else self._change("connected", ""))
+        first = now if now is None or now.state == "away" else self._change("connected", "")
+        changes = LineChanges(first, self._loop)
         self._readers.add(changes)
         return changes
 

@@ -151,6 +151,12 @@ class Mailbox(Generic[T]):
             waiter.set_result(None)
 
 
+def check_loop(loop: asyncio.AbstractEventLoop | None, what: str = "the stream was begun") -> None:
+    """Raise LocalProtocolError where another event loop runs than this one, RuntimeError where none does."""
+    if asyncio.get_running_loop() is not loop:
+        raise LocalProtocolError(f"{what} in another event loop, and what it reads comes only there")
+
+
 class ReaderStream(AsyncOnly, Generic[T]):
     """What `ScanStream` and `SectorStream` are: one reader, and the mailbox that is handed what it reads."""
 
@@ -208,8 +214,8 @@ class ReaderStream(AsyncOnly, Generic[T]):
             # Run by the garbage collector, perhaps in another thread.
             self._let_go = weakref.finalize(self, _let_go, self._loop, self._source, self._mailbox)
             self._let_go.atexit = False
-        elif self._loop is not asyncio.get_running_loop():
-            raise LocalProtocolError("the stream was begun in another event loop, and its scans come only there")
+        else:
+            check_loop(self._loop)
 
     async def __aenter__(self) -> Self:
         self._check_open()
@@ -225,6 +231,10 @@ class ReaderStream(AsyncOnly, Generic[T]):
 
         The stop requests are written before anything is awaited, or, where the device does not listen at that
         moment, by a timer. Cancelling ends only the waiting for that.
+
+        Raises:
+            LocalProtocolError: It was called in another event loop, such as one of another thread. The stream goes
+                on.
         """
         if self._leave():
             self._source.leave(self._mailbox)
@@ -236,6 +246,10 @@ class ReaderStream(AsyncOnly, Generic[T]):
             self._source.leave(self._mailbox, lingers=True)
 
     def _leave(self) -> bool:
+        if self._loop is not None and not self._loop.is_closed():
+            # Where none runs, a coroutine is being collected.
+            with suppress(RuntimeError):
+                check_loop(self._loop)
         left, self._left = self._left, True
         return self._let_go is not None and not left
 
