@@ -12,6 +12,7 @@ import sys
 
 from lidario.cli.streams import CannotWrite, ReaderGone, emit, finish, message, nowhere
 
+UNEXPECTED = 1
 NO_STDOUT = 2
 CANNOT_WRITE = 4
 NEEDED = ("click", "rich")
@@ -59,12 +60,28 @@ def _verb() -> int:
         from lidario.cli.main import cli
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in NEEDED:
-            raise
+            return _cannot_load(error)
         message(
             f"error: the command needs {error.name}, which is not installed: pip install click rich websockets mcap"
         )
         return MISSING_EXTRA
+    except Exception as error:
+        return _cannot_load(error)
     return cli.run(sys.argv[1:])
+
+
+def _cannot_load(error: BaseException) -> int:
+    """Tell in a line what numpy tells in a page: a package is damaged, or there is no memory to load it."""
+    if "--traceback" in sys.argv:
+        raise error
+    while error.__cause__ is not None:
+        error = error.__cause__
+    what = " ".join(str(error).split()) or type(error).__name__
+    message(
+        f"error: the command cannot be loaded: {what}. Is enough memory left (`ulimit -v`), and everything "
+        "installed? --traceback shows where"
+    )
+    return UNEXPECTED
 
 
 def _standard_streams() -> bool:

@@ -33,10 +33,12 @@ OF_SESSION = ("talking", "finding", "streaming", "")
 SANS_IO = {"asyncio", "anyio", "serial", "serial_asyncio", "socket", "select", "termios", "threading", "subprocess"}
 OF_SYSTEM = {*SANS_IO, "io", "logging", "os", "pathlib", "random", "sys", "tempfile", "time"}
 BESIDE_THE_PUBLIC_NAMES = {
-    "cli": ("cli", "conformance", "families.adapters", "families.registry", "recording", "ros", "sim", "web"),
+    "cli": (
+        "cli", "conformance", "families.adapters", "families.registry", "recording", "ros", "sim", "system", "web",
+    ),
     "web": ("filters", "web"),
     "testing": ("arguments", "conformance", "loading", "sim", "testing"),
-}
+}  # fmt: skip
 """What may be imported by those that else use the names that a user would."""
 NAMES_OF_VENDORS = re.compile(
     "|".join((r"rp[ _-]?lidar|yd[ _-]?lidar|slamtec|(?<![a-z])4ros|yahboom|eai\b", *map(re.escape, VENDORS))),

@@ -57,7 +57,7 @@ def test_a_session_without_await_needs_an_event_loop(monkeypatch: pytest.MonkeyP
         raise OSError(errno.EMFILE, "Too many open files")
 
     monkeypatch.setattr(asyncio.events, "new_event_loop", full)
-    with pytest.raises(ConnectFailed, match=r"no event loop: .*Too many open files"):
+    with pytest.raises(ConnectFailed, match=r"no event loop: this program may open no more files"):
         open_sync(make_rig("rplidar").device)
 
 

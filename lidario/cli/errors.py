@@ -28,6 +28,7 @@ from lidario import (
     Unsupported,
 )
 from lidario.cli.streams import CannotWrite, ReaderGone, message
+from lidario.system import cause_of, is_exhausted
 
 _PREFIX = "error: "
 
@@ -98,7 +99,7 @@ def cannot_listen(where: str, error: OSError, any_free: str) -> ConnectFailed:
     """The error of a server that cannot listen there; `any_free` is the option that takes any free port."""
     reasons: dict[int | None, ConnectReason] = {errno.EADDRINUSE: "busy", errno.EACCES: "permission"}
     cure = f". {any_free} takes any free port" if error.errno == errno.EADDRINUSE else ""
-    what = (error.strerror or str(error)).partition(" (while")[0]
+    what = cause_of(error).partition(" (while")[0]
     return ConnectFailed(f"cannot listen on {where}: {what}{cure}", reason=reasons.get(error.errno, "source"))
 
 
@@ -140,5 +141,7 @@ def _words(error: BaseException) -> str:
         return message[:1].lower() + message[1:] + help_line
     if isinstance(error, Stopped | ReaderGone | click.Abort | KeyboardInterrupt):
         return ""
+    if is_exhausted(error):
+        return cause_of(error)
     what = " ".join(str(error).split())
     return f"unexpected {type(error).__name__}{f': {what}' if what else ''} (--traceback shows where)"

@@ -17,6 +17,7 @@ import click
 from lidario.cli.errors import ExitCode, cannot_listen
 from lidario.cli.parameters import WholeRange
 from lidario.cli.streams import emit, message
+from lidario.system import cause_of
 
 if TYPE_CHECKING:
     from lidario.sim.device import SimulatedDevice
@@ -127,7 +128,7 @@ def server_of(
         return PtyServer(device, faults=faults)
     except OSError as error:
         raise ConnectFailed(
-            f"no pseudo-terminal is available: {error}. --tcp :0 needs none", reason="missing"
+            f"no pseudo-terminal is available: {cause_of(error)}. --tcp :0 needs none", reason="missing"
         ) from error
 
 

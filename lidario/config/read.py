@@ -18,6 +18,7 @@ from lidario.arguments import finite, path_of, shown, text_of
 from lidario.errors import InvalidValue
 from lidario.filters.base import Filter
 from lidario.points import Mount
+from lidario.system import cause_of
 
 MOST_BYTES: Final = 1 << 20
 ENCODING: Final = "utf-8-sig"
@@ -82,7 +83,7 @@ def read_config(path: str | os.PathLike[str]) -> Config:
         with open(name, "rb") as file:
             data = file.read(MOST_BYTES + 1)
     except OSError as error:
-        raise InvalidValue(f"{name}: the file of settings cannot be read: {error.strerror or error}") from error
+        raise InvalidValue(f"{name}: the file of settings cannot be read: {cause_of(error)}") from error
     return config_of(tables_of(data, name), name)
 
 

@@ -15,6 +15,7 @@ from lidario.config.read import ENCODING, FILTERS, config_of, parse_filter, read
 from lidario.errors import InvalidValue, Unsupported
 from lidario.filters.base import Filter
 from lidario.points import Mount
+from lidario.system import cause_of
 from lidario.whole_file import whole_file
 
 _CANNOT: Final = (
@@ -204,4 +205,4 @@ def _replace(path: Path, data: bytes) -> None:
                 file.flush()
                 os.fsync(file.fileno())
     except OSError as error:
-        raise InvalidValue(f"{path}: the settings cannot be written: {error.strerror or error}") from error
+        raise InvalidValue(f"{path}: the settings cannot be written: {cause_of(error)}") from error

@@ -15,6 +15,7 @@ from pathlib import Path
 from lidario.errors import ConnectFailed
 from lidario.families.registry import FAMILIES
 from lidario.port.guard import NAME as GUARD
+from lidario.system import cause_of
 
 _GONE = (errno.ENOENT, errno.ENXIO, errno.ENODEV, errno.EIO, errno.ENOTDIR, errno.ENAMETOOLONG, errno.ELOOP)
 _NOT_SERIAL = (errno.ENOTTY, errno.EINVAL, errno.EISDIR)
@@ -92,6 +93,8 @@ def why_not_opened(path: str, error: Exception) -> ConnectFailed:
         return ConnectFailed(f"{path} {_instead(path, why)}. `lidario devices` lists the ports", reason="missing")
     if code in _GONE or "FileNotFoundError" in text or "\0" in path:
         return ConnectFailed(f"no such port: {path!r}. {_meant(path)}", reason="missing")
+    if code:
+        text = cause_of(OSError(code, os.strerror(code)))
     return ConnectFailed(f"could not open {path!r}: {text}", reason="missing")
 
 

@@ -33,6 +33,7 @@ from lidario.port.inbox import Late
 from lidario.port.line import Line, Receiver, Schedule
 from lidario.port.wall_clock import WallClock
 
+from lidario.system import cause_of
 _log = logging.getLogger("lidario")
 
 CLOSE_TIMEOUT_S = 1.0
@@ -295,7 +296,8 @@ class Port(Guarded, WallClock, asyncio.Protocol):
         if error is None and self.explain_loss is not None:
             error = self.explain_loss()
         if error is None and not self.is_closing:
-            error = DeviceLost(f"{self.name} is gone: {exc or 'the other end closed it'}. {self.likely_loss}")
+            why = cause_of(exc) if isinstance(exc, OSError) else exc or "the other end closed it"
+            error = DeviceLost(f"{self.name} is gone: {why}. {self.likely_loss}")
             error.__cause__ = exc
         if error is not None:
             _log.debug("%s is lost: %s", self.name, error)

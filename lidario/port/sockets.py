@@ -21,6 +21,7 @@ from lidario.port.guard import wait_for_guard
 from lidario.port.line import Line
 from lidario.port.port import Port
 from lidario.port.repeat import Repeat
+from lidario.system import cause_of
 
 T = TypeVar("T", bound=asyncio.Transport | asyncio.DatagramTransport)
 _UNREACHABLE = (errno.EHOSTUNREACH, errno.ENETUNREACH)
@@ -82,7 +83,7 @@ def _why(error: Exception, unreachable: str) -> str:
     if isinstance(error, socket.gaierror):
         return f"{error.strerror}. Is the name of the host right?"
     code = error.errno
-    text = os.strerror(code) if code else str(error)
+    text = cause_of(OSError(code, os.strerror(code))) if code else str(error)
     if code == errno.ECONNREFUSED:
         return f"{text}. Is the server running, and is the port number right?"
     return f"{text}. {unreachable}" if code in _UNREACHABLE else text

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Self
 
 from lidario.errors import RecordingError
+from lidario.system import cause_of
 from lidario.whole_file import kind_of
 
 
@@ -103,5 +104,4 @@ class StoredFile:
 
 
 def _unreadable(path: Path, error: OSError) -> RecordingError:
-    why = error.strerror or str(error)
-    return RecordingError(f"{path} cannot be read: {why[:1].lower()}{why[1:]}")
+    return RecordingError(f"{path} cannot be read: {cause_of(error)}")

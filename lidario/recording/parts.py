@@ -22,6 +22,7 @@ from lidario.arguments import finite, shown, whole
 from lidario.errors import InvalidValue
 from lidario.recording.about import About
 from lidario.recording.write import FileWriter
+from lidario.system import cause_of
 
 _log = logging.getLogger("lidario")
 
@@ -127,7 +128,7 @@ class Parts:
             except FileNotFoundError:
                 pass
             except OSError as error:
-                _log.warning("%s is too old to keep, and cannot be removed: %s", oldest, error.strerror or error)
+                _log.warning("%s is too old to keep, and cannot be removed: %s", oldest, cause_of(error))
 
 
 def pattern_of(path: Path) -> str:

@@ -26,7 +26,7 @@ from lidario.laserscans import LaserScans
 from lidario.port.thread import NO_THREADS, start_thread
 from lidario.recording.about import About
 from lidario.recording.parts import Parts, Split, pattern_of
-from lidario.recording.write import FileWriter
+from lidario.recording.write import FileWriter, cannot_write
 from lidario.scan import Scan
 
 _log = logging.getLogger("lidario")
@@ -256,6 +256,8 @@ class Recording(Entered):
                 self._parts.writer.abandon()
             self._lost_there += self._at_risk
             while self._entries:
+        except (OSError, MemoryError) as error:
+            self._fail(cannot_write(self.path, error))
                 self._lost_there += self._entries.popleft()[1] - _ITEM_BYTES
 
     def _write(self, parts: Parts) -> None:

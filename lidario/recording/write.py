@@ -34,6 +34,7 @@ from lidario.recording.ros_messages import (
     encode_text,
 )
 from lidario.scan import Scan
+from lidario.system import cause_of
 from lidario.whole_file import not_a_file
 
 RAW_TOPIC = "/lidar/raw"
@@ -243,9 +244,8 @@ def _sync_folder(path: Path) -> None:
             os.close(folder)
 
 
-def cannot_write(path: Path, error: OSError) -> CannotRecord:
+def cannot_write(path: Path, error: OSError | MemoryError) -> CannotRecord:
     """What is told of a file that is there already, or cannot be written."""
     if isinstance(error, FileExistsError):
         return CannotRecord(f"{path} exists already: overwrite=True, or --force, replaces it")
-    why = error.strerror or str(error)
-    return CannotRecord(f"{path} cannot be written: {why[:1].lower()}{why[1:]}")
+    return CannotRecord(f"{path} cannot be written: {cause_of(error)}")

@@ -26,6 +26,7 @@ from lidario.latch import Latch
 from lidario.port.thread import NO_THREADS
 from lidario.session.lidar import Lidar
 from lidario.session.opening import OpenLidar
+from lidario.system import cause_of
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -92,7 +93,7 @@ class LoopThread:
         except BaseException as error:
             self._error = error
             if self._loop is None and isinstance(error, OSError):
-                self._error = ConnectFailed(f"the system allows no event loop: {error}", reason="missing")
+                self._error = ConnectFailed(f"the system allows no event loop: {cause_of(error)}", reason="missing")
                 self._error.__cause__ = error
         finally:
             atexit.unregister(self.end)

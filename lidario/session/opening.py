@@ -23,6 +23,7 @@ from lidario.session.finding.reconnect import Reconnect, Reconnector
 from lidario.session.lidar import Lidar
 from lidario.session.talking.handshake import healthy
 from lidario.source import MOST_BAUD, Source, as_source
+from lidario.system import cause_of, is_exhausted
 
 if TYPE_CHECKING:
     from lidario.sim.device import SimulatedDevice
@@ -87,6 +88,15 @@ class OpenLidar(AsyncOnly):
         raise LocalProtocolError(f"the lidar is not open yet: {_WRITE}, then `async for scan in lidar.scans():`")
 
     async def _open(self) -> Lidar:
+        try:
+            return await self._open_asked()
+        except (OSError, MemoryError) as error:
+            # Modules are loaded at their first use, too: that may be what finds nothing left.
+            if not is_exhausted(error):
+                raise
+            raise ConnectFailed(f"{self._asked.source.text}: {cause_of(error)}", reason="missing") from error
+
+    async def _open_asked(self) -> Lidar:
         asked = self._asked
         try:
             asyncio.get_running_loop()

@@ -97,7 +97,7 @@ def test_a_mistake_is_told_with_its_place(tmp_path: Path, text: str, words: str)
 
 
 def test_what_is_no_text_or_not_there(tmp_path: Path) -> None:
-    with pytest.raises(InvalidValue, match="cannot be read: No such file"):
+    with pytest.raises(InvalidValue, match="cannot be read: no such file"):
         read_config(tmp_path / "none.toml")
     path = tmp_path / "bytes.toml"
     path.write_bytes(b"x = '\xff'")

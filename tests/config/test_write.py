@@ -104,7 +104,7 @@ def test_it_is_replaced_in_one_step_and_is_as_readable_as_before(
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "replace", fail)
-    with pytest.raises(InvalidValue, match="cannot be written: No space left"):
+    with pytest.raises(InvalidValue, match="cannot be written: no space left"):
         save_config(path, "a", mount=Mount(3.0))
     monkeypatch.setattr(os, "replace", replace)
     assert path.read_bytes() == before

@@ -107,7 +107,7 @@ def test_abandoned_after_the_loop_was_closed() -> None:
 async def test_a_refused_connection_says_what_to_do() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         host, number = server.getsockname()
-    with pytest.raises(ConnectFailed, match=r"Connection refused\. Is the server running") as caught:
+    with pytest.raises(ConnectFailed, match=r"connection refused\. Is the server running") as caught:
         await open_lidar(f"tcp://{host}:{number}")
     assert caught.value.reason == "refused"
 

@@ -12,6 +12,7 @@ import time
 from typing import TypeVar
 
 from lidario.errors import InternalError, LidarError
+from lidario.system import cause_of
 
 ErrorT = TypeVar("ErrorT", bound=LidarError)
 _log = logging.getLogger("lidario")
@@ -47,8 +48,11 @@ def to_be_kept(error: LidarError) -> None:
 
 def mistake_of_ours(what: str, error: Exception) -> InternalError:
     """Log that lidario itself has failed, and return the error that says so."""
-    _log.error("%s", what, exc_info=error)
-    failure = InternalError(f"{what} ({error!r}); please report this")
+    if isinstance(error, MemoryError):
+        failure = InternalError(f"{what}: {cause_of(error)}")
+    else:
+        _log.error("%s", what, exc_info=error)
+        failure = InternalError(f"{what} ({error!r}); please report this")
     failure.__cause__ = error
     return failure
 

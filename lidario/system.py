@@ -1,0 +1,23 @@
+"""What the operating system says of a failure, as the end of a sentence, with the cure where it is not plain."""
+
+from __future__ import annotations
+
+import errno
+from typing import Final, TypeGuard
+
+NO_FILES: Final = "this program may open no more files: `ulimit -n`, or LimitNOFILE of its service, says how many"
+
+
+def is_exhausted(error: BaseException) -> TypeGuard[OSError | MemoryError]:
+    """Whether the system gives this program no more files, or no more memory."""
+    return isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.EMFILE)
+
+
+def cause_of(error: OSError | MemoryError) -> str:
+    """Why it could not be done."""
+    if isinstance(error, MemoryError):
+        return "no memory is left"
+    if is_exhausted(error):
+        return NO_FILES
+    text = error.strerror or str(error)
+    return text[:1].lower() + text[1:]
