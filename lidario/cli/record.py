@@ -10,6 +10,7 @@ import asyncio
 import time
 from collections.abc import Callable
 from datetime import datetime
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -87,11 +88,8 @@ def record(
 
     only_with("--scans", of_scans, scans)
     path = datetime.now().strftime("lidar-%Y%m%d-%H%M%S.mcap") if output is None else output
-    if keep is not None and split is None:
-        raise click.BadParameter(
-            "whole files are removed: --split says when the next one begins", param_hint="--keep"
-        )
     told, (split_s, split_bytes) = _Told(), split or (None, None)
+    _check(path, split_s, split_bytes, keep)
     laserscans_of(of_scans)
     config = settings_of_file()
 
@@ -119,6 +117,22 @@ def record(
         raise told.recording.error
     emit(f"{path if told.recording is None else told.recording.source}\n")
     return ExitCode.OK
+
+
+def _check(path: str, split_s: float | None, split_bytes: int | None, keep: int | None) -> None:
+    """Refuse what cannot be before the lidar is opened, by the names of the options."""
+    from lidario import InvalidValue
+    from lidario.recording.files import file_source
+    from lidario.recording.parts import Split
+
+    named = file_source(path)
+    if named is None or str(named.path) != str(Path(path)):
+        raise click.UsageError(f"{path!r} means something else as a SOURCE: give the file another name")
+    try:
+        Split(split_s, split_bytes, keep)
+    except InvalidValue as error:
+        text = str(error).replace("split_s or split_bytes", "--split").replace("keep_bytes", "--keep")
+        raise click.UsageError(text.replace("split_s", "--split").replace("split_bytes", "--split")) from None
 
 
 async def _follow(

@@ -52,14 +52,14 @@ class Split:
 
     def __post_init__(self) -> None:
         if self.seconds is not None and not LEAST_S <= finite(self.seconds, "split_s") <= MOST_S:
-            raise InvalidValue(f"split_s is {LEAST_S:g} or more seconds, not {shown(self.seconds)}")
+            raise InvalidValue(f"split_s is {LEAST_S:g} to {MOST_S:.0f} seconds, not {shown(self.seconds)}")
         if self.size is not None and whole(self.size, "split_bytes") < LEAST_BYTES:
-            raise InvalidValue(f"split_bytes is {LEAST_BYTES} or more, not {shown(self.size)}")
+            raise InvalidValue(f"split_bytes is {LEAST_BYTES} bytes or more, not {shown(self.size)}")
         if self.keep is None:
             return
         least = 2 * (self.size or LEAST_BYTES)
         if whole(self.keep, "keep_bytes") < least:
-            raise InvalidValue(f"keep_bytes is {least} or more, two files, not {shown(self.keep)}")
+            raise InvalidValue(f"keep_bytes is {least} bytes or more, two files, not {shown(self.keep)}")
         if not self:
             raise InvalidValue(
                 "keep_bytes removes whole files: split_s or split_bytes says when the next one begins"

@@ -65,7 +65,7 @@ REFUSED = {
     f"record {S2} -o a.mcap --keep 1GB": "--split says when the next one begins",
     f"record {S2} -o a.mcap --split 5": "neither a time nor a size",
     f"record {S2} -o a.mcap --split 5s --keep 20": "is not a size",
-    f"record {S2} -o a.mcap --split 0.1s": "1 or more seconds",
+    f"record {S2} -o a.mcap --split 0.1s": "--split is 1 to 1000000000 seconds",
     f"record {S2} --beams 90": "--beams belongs to --scans",
     "export run.mcap run.npz --order measured": "--order belongs to an OUT that ends with .mcap",
     "export a.mcap a.txt": "does not end in .npz, .csv, .mcap",

@@ -236,11 +236,11 @@ def test_recordings_of_the_same_time_are_not_one(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        ({"split_s": 0.5}, "split_s is 1 or more"),
+        ({"split_s": 0.5}, "split_s is 1 to 1000000000 seconds"),
         ({"split_s": float("nan")}, "split_s"),
-        ({"split_bytes": 1000}, "split_bytes is 100000 or more"),
+        ({"split_bytes": 1000}, "split_bytes is 100000 bytes or more"),
         ({"keep_bytes": 10**9}, "split_s or split_bytes"),
-        ({"keep_bytes": 10**6, "split_bytes": 10**6}, "keep_bytes is 2000000 or more"),
+        ({"keep_bytes": 10**6, "split_bytes": 10**6}, "keep_bytes is 2000000 bytes or more"),
     ],
 )
 @driven
