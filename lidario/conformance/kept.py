@@ -36,6 +36,7 @@ class Kept:
     """
 
     sends_bytes: bool = True
+    files: tuple[Path, ...] = ()
 
     def __init__(self, bench: Bench, path: Path, source: str, *, overwrite: bool) -> None:
         self._dialogue = bench.connection.dialogue

@@ -23,6 +23,7 @@ import asyncio
 import logging
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 from lidario.errors import DeviceLost
@@ -32,8 +33,8 @@ from lidario.port.guarded import Guarded, Stops
 from lidario.port.inbox import Late
 from lidario.port.line import Line, Receiver, Schedule
 from lidario.port.wall_clock import WallClock
-
 from lidario.system import cause_of
+
 _log = logging.getLogger("lidario")
 
 CLOSE_TIMEOUT_S = 1.0
@@ -57,6 +58,7 @@ class Port(Guarded, WallClock, asyncio.Protocol):
         is_real_time: Whether the event loop's clock is that of the system.
         is_live: Whether a device is at the other end, which can fall silent; a recording cannot.
         length_s: As `Lidar.length_s`.
+        files: Those of the recording that is played.
         on_close: Called once after the port was closed, e.g. to end a simulated device.
         explain_loss: Asked why the line died; a simulated device knows more about it than the system.
         likely_loss: What an error asks its reader to check, when the cause of the loss is not known.
@@ -79,6 +81,7 @@ class Port(Guarded, WallClock, asyncio.Protocol):
         self.is_closing: bool = False
         self.is_live: bool = True
         self.length_s: float | None = None
+        self.files: tuple[Path, ...] = ()
         self._closed = self._loop.create_future()
         self._close_timer: asyncio.TimerHandle | None = None
         self.on_close: Callable[[], None] | None = None

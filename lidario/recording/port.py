@@ -17,6 +17,7 @@ import asyncio
 import logging
 from collections.abc import Callable, Iterator
 from itertools import chain
+from pathlib import Path
 
 from lidario.errors import DeviceLost, RecordingError
 from lidario.recording.fed import Audience, FedPort
@@ -66,6 +67,7 @@ class ReplayPort(FedPort):
         self._offset_deg = 0.0
         self._scans_before = self._in_vain = 0
         super().__init__(str(recording.path), recording.streams[0].began.baudrate)
+        self.files: tuple[Path, ...] = recording.paths
         self.length_s: float | None = recording.duration_ns * 1e-9 if recording.timed else None
 
     @property

@@ -112,7 +112,8 @@ class StoredStreams(ABC):
     streams: tuple[StoredStream, ...]  # the streams, in order; never empty
 
     def __init__(self, path: Path, *, timed: bool = True) -> None:
-        self.path: Path = path  # the file
+        self.path: Path = path  # the file, or what names its files
+        self.paths: tuple[Path, ...] = (path,)  # its files
         self.timed: bool = timed  # whether it is known when each byte was read
         self.responses: dict[bytes, Responded] = {}  # request -> the latest response to it
         # What of the file is missing or was changed, as far as that can be told; empty where nothing is.

@@ -17,6 +17,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
@@ -54,6 +55,11 @@ class Recorded(Protocol):
     @property
     def sends_bytes(self) -> bool:
         """Whether the device sends bytes, which can be recorded; else whole scans."""
+        ...
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Those of the recording that is played; none of a device."""
         ...
 
     def begin_recording(self, recording: Recording) -> About:
@@ -154,6 +160,9 @@ class Recording(Entered):
                 "whole scans arrive from there, and a recording keeps bytes, so nothing would be kept. Publish the "
                 "lidar with --raw (raw=True), or record with --scans (scans=True): LaserScan for other programs"
             )
+        replaces = self._overwrite and not self._split
+        if replaces and any(_is_same(each, self.path) for each in self._session.files):
+            raise CannotRecord(f"{self.path} is read meanwhile, so it cannot be replaced: name another file")
         try:
             self._about = self._session.begin_recording(self)
             self._offset_ns = self._about.clock_offset_ns
@@ -247,6 +256,8 @@ class Recording(Entered):
             self._parts.writer.close()
         except CannotRecord as error:
             self._fail(error)
+        except (OSError, MemoryError) as error:
+            self._fail(cannot_write(self.path, error))
         except Exception as error:
             failure = CannotRecord(f"lidario failed when it wrote {self.path} ({error!r}); please report this")
             failure.__cause__ = error
@@ -256,8 +267,6 @@ class Recording(Entered):
                 self._parts.writer.abandon()
             self._lost_there += self._at_risk
             while self._entries:
-        except (OSError, MemoryError) as error:
-            self._fail(cannot_write(self.path, error))
                 self._lost_there += self._entries.popleft()[1] - _ITEM_BYTES
 
     def _write(self, parts: Parts) -> None:
@@ -283,6 +292,12 @@ class Recording(Entered):
                 first_ns, flushed, self._at_risk = None, time.monotonic(), 0
             if ending:
                 return
+
+
+def _is_same(one: Path, other: Path) -> bool:
+    with suppress(OSError):
+        return one.samefile(other)
+    return False
 
 
 async def _until(condition: Callable[[], bool], seconds: float) -> None:

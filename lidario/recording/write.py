@@ -102,6 +102,8 @@ class FileWriter:
         self._pending: int = 0
         try:
             self._file = _opened(path, overwrite)
+            # A file that is to get its name later has none.
+            self._has_name = os.fstat(self._file.fileno()).st_nlink > 0
         except OSError as error:
             raise cannot_write(self.path, error) from error
         if sync:
@@ -214,9 +216,18 @@ class FileWriter:
             if error.errno not in (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS):
                 raise cannot_write(self.path, error) from error
 
+    def _must_be_ours(self) -> None:
+        """Refuse to go on where the file was taken away, or another program writes to it, too."""
+        now = os.fstat(self._file.fileno())
+        if self._has_name and not now.st_nlink:
+            raise CannotRecord(f"{self.path} was removed while it was written, so nothing of it is left")
+        if now.st_size != self.size:
+            raise CannotRecord(f"{self.path} was changed by another program while it was written")
+
     def _write_out(self) -> None:
         data = memoryview(self._sink.take())
         try:
+            self._must_be_ours()
             while data:
                 data = data[self._file.write(data) :]
         except OSError as error:
@@ -228,9 +239,8 @@ class FileWriter:
 
 def _opened(path: Path, overwrite: bool) -> io.FileIO:
     """A file to be written, new or replaced; what is no regular file is neither waited for nor written to."""
-    kind = not_a_file(path) if overwrite else ""
-    if kind:
-        raise CannotRecord(f"{path} cannot be written: it is {kind}, and a recording is a file")
+    if overwrite and not_a_file(path):
+        raise FileExistsError
     return open(path, "wb" if overwrite else "xb", buffering=0)
 
 
@@ -246,6 +256,9 @@ def _sync_folder(path: Path) -> None:
 
 def cannot_write(path: Path, error: OSError | MemoryError) -> CannotRecord:
     """What is told of a file that is there already, or cannot be written."""
+    kind = not_a_file(path)
+    if kind:
+        return CannotRecord(f"{path} cannot be written: it is {kind}, which is not replaced by a file")
     if isinstance(error, FileExistsError):
         return CannotRecord(f"{path} exists already: overwrite=True, or --force, replaces it")
     return CannotRecord(f"{path} cannot be written: {cause_of(error)}")

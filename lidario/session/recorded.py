@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+from pathlib import Path
 from typing import TYPE_CHECKING
 from weakref import WeakSet
 
@@ -28,6 +29,8 @@ class RecordedSession:
     def __init__(self, at: At, scanner: Scanner, source: str, filters: tuple[Filter, ...] = ()) -> None:
         # Whether the device sends bytes that can be kept; else whole scans arrive.
         self.sends_bytes: bool = at.dialogue.device.sends_bytes
+        # Those of the recording that is played; none of a device.
+        self.files: tuple[Path, ...] = at.dialogue.port.files
         self._at = at
         self._scanner = scanner
         self._source = source

@@ -267,13 +267,14 @@ def test_a_file_that_cannot_be_written_is_refused_before_the_device_is_touched(t
 
 
 def test_a_file_that_is_taken_away_meanwhile_hides_nothing(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It was an unexpected FileNotFoundError in place of the page, and of a Ctrl-C."""
+    """It was an unexpected FileNotFoundError in place of the page."""
 
     async def taken_away(*_: object, **__: object) -> None:
         os.unlink(path)
 
     monkeypatch.setattr(Reporter, "run", taken_away)
     result = invoke_driven("report", LD19, "-o", str(path))
-    assert result.exit_code == 0, result.stderr
+    assert result.exit_code == 4, result.stderr
+    assert f"{path} was removed while it was written" in result.stderr
     assert "wrote" not in result.stderr
     assert result.stdout.startswith("lidar")

@@ -243,6 +243,20 @@ def test_a_recording_is_cut_while_it_is_used(tmp_path: Path, live: Live) -> None
     assert device.finished
 
 
+def test_a_recording_does_not_replace_what_it_is_made_of(tmp_path: Path, live: Live) -> None:
+    (tmp_path / "link.mcap").symlink_to(live.path)
+    before = live.path.read_bytes()
+
+    async def main() -> None:
+        async with lidario.open_lidar(live.path) as lidar:
+            for name in (live.path, tmp_path / "link.mcap"):
+                with pytest.raises(lidario.CannotRecord, match="is read meanwhile"):
+                    await lidar.record(name, overwrite=True).start()
+
+    run_driven(main)
+    assert live.path.read_bytes() == before
+
+
 def test_what_grows_while_it_is_read_has_an_end(tmp_path: Path) -> None:
     golden = load("ydlidar_4ros_room10")
     path = tmp_path / "raw.bin"
