@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import gc
 import socket
+import struct
 import threading
 from asyncio.trsock import TransportSocket
 from collections.abc import AsyncIterator
@@ -65,6 +66,15 @@ async def test_a_peer_that_ends_is_noticed() -> None:
         assert "unplugged" not in said
         port.write(b"ignored")
         await port.close()
+
+
+@on_both_loops
+async def test_a_peer_that_resets_is_told_in_words() -> None:
+    async with connected() as (_, sink, peer):
+        peer.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        peer.close()
+        said = str(await sink.until_lost())
+        assert said.startswith("tcp://x is gone: connection reset by peer. Was it switched off")
 
 
 @on_both_loops
