@@ -7,7 +7,6 @@ import json
 import sys
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +19,7 @@ from rosbags.typesys.msg import get_types_from_msg
 from rosbags.typesys.store import Typestore
 
 import lidario
-from lidario.model import DeviceInfo
 from lidario.recording import record as record_module
-from lidario.recording.about import About
 from lidario.recording.files import open_stored
 from lidario.recording.ros_messages import LASERSCAN_DEFINITION, LASERSCAN_TYPE, RAW_DEFINITION, RAW_TYPE
 from lidario.recording.write import EVENTS_TOPIC, RAW_TOPIC, SCAN_TOPIC, FileWriter
@@ -183,46 +180,6 @@ def test_a_full_disk_ends_the_recording_in_order(tmp_path: Path) -> None:
     kept = sum(len(piece.data) for piece in open_stored(path).pieces())
     # But for requests, responses and events, which are a few hundred.
     assert lost == pytest.approx(received - kept, abs=1000)
-
-
-def removed(path: Path) -> None:
-    path.unlink()
-
-
-def emptied(path: Path) -> None:
-    path.write_bytes(b"")
-
-
-def begun_again(path: Path) -> None:
-    """As a second recorder does."""
-    FileWriter(path, About(DeviceInfo("", "", 0, "", 0, "")), overwrite=True).close()
-
-
-@pytest.mark.parametrize(
-    ("harm", "why"),
-    [
-        (removed, "was removed while it was written"),
-        (emptied, "was changed by another program"),
-        (begun_again, "was changed by another program"),
-    ],
-    ids=["removed", "emptied", "begun again"],
-)
-@driven
-async def test_a_file_that_others_take_away_ends_the_recording(
-    tmp_path: Path, harm: Callable[[Path], None], why: str
-) -> None:
-    """Nothing is written to what is another program's file by then."""
-    path = tmp_path / "a.mcap"
-    async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
-        async with lidar.record(path) as recording, lidar.scans() as stream:
-            await anext(stream)
-            harm(path)
-            before = path.read_bytes() if path.exists() else None
-            await recording.close()
-        assert recording.error is not None
-        assert why in str(recording.error)
-        assert recording.lost_bytes > 0
-    assert (path.read_bytes() if path.exists() else None) == before
 
 
 @pytest.mark.parametrize(
