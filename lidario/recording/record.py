@@ -221,7 +221,7 @@ class Recording(Entered):
     def _add(self, now: int, size: int, write: Callable[[FileWriter, int], None]) -> bool:
         size += _ITEM_BYTES
         if not self._over and self._put + size - self._taken > QUEUE_BYTES:
-            self._fail(CannotRecord(f"{self.path}: the disk is too slow for what arrives, so the recording ends here"))
+            self._fail(CannotRecord(f"{self.path}: the disk is too slow for what arrives, so it ends here"))
         if self._over:
             self._lost_here += size - _ITEM_BYTES
             return False

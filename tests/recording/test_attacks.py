@@ -18,8 +18,6 @@ import pytest
 from mcap.reader import make_reader
 
 import lidario
-from lidario.model import DeviceInfo
-from lidario.recording.about import About
 from lidario.recording.decode_file import FileDecoder
 from lidario.recording.export import export_mcap
 from lidario.recording.files import open_stored
@@ -29,7 +27,7 @@ from lidario.session.lidar import Lidar
 from tests.fuzz.forged import ATTACKS, forge
 from tests.reference.golden import load
 from tests.support.children import ended
-from tests.support.loop import driven, run_driven
+from tests.support.loop import run_driven
 from tests.support.recorded import Live, record, take_scans
 
 MOST_BYTES = 64 << 20
@@ -243,60 +241,6 @@ def test_a_recording_is_cut_while_it_is_used(tmp_path: Path, live: Live) -> None
         device.wakeup(now)
     assert "was cut" in str(device.error)
     assert device.finished
-
-
-def removed(path: Path) -> None:
-    path.unlink()
-
-
-def emptied(path: Path) -> None:
-    path.write_bytes(b"")
-
-
-def begun_again(path: Path) -> None:
-    """As a second recorder does."""
-    FileWriter(path, About(DeviceInfo("", "", 0, "", 0, "")), overwrite=True).close()
-
-
-@pytest.mark.parametrize(
-    ("harm", "why"),
-    [
-        (removed, "was removed while it was written"),
-        (emptied, "was changed by another program"),
-        (begun_again, "was changed by another program"),
-    ],
-    ids=["removed", "emptied", "begun again"],
-)
-@driven
-async def test_a_file_that_others_take_away_ends_the_recording(
-    tmp_path: Path, harm: Callable[[Path], None], why: str
-) -> None:
-    """Nothing is written to what is another program's file by then."""
-    path = tmp_path / "a.mcap"
-    async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
-        async with lidar.record(path) as recording, lidar.scans() as stream:
-            await anext(stream)
-            harm(path)
-            before = path.read_bytes() if path.exists() else None
-            await recording.close()
-        assert recording.error is not None
-        assert why in str(recording.error)
-        assert recording.lost_bytes > 0
-    assert (path.read_bytes() if path.exists() else None) == before
-
-
-def test_a_recording_does_not_replace_what_it_is_made_of(tmp_path: Path, live: Live) -> None:
-    (tmp_path / "link.mcap").symlink_to(live.path)
-    before = live.path.read_bytes()
-
-    async def main() -> None:
-        async with lidario.open_lidar(live.path) as lidar:
-            for name in (live.path, tmp_path / "link.mcap"):
-                with pytest.raises(lidario.CannotRecord, match="is read meanwhile"):
-                    await lidar.record(name, overwrite=True).start()
-
-    run_driven(main)
-    assert live.path.read_bytes() == before
 
 
 def test_what_grows_while_it_is_read_has_an_end(tmp_path: Path) -> None:
