@@ -81,8 +81,8 @@ class Worker:
 class Writer(Worker):
     """Writes to stdout from a thread, one piece at a time."""
 
-    def __init__(self) -> None:
-        super().__init__("lidario: stdout", GRACE_S)
+    def __init__(self, grace_s: float = GRACE_S) -> None:
+        super().__init__("lidario: stdout", grace_s)
 
     async def write(self, text: str) -> None:
         """Write `text` as `emit` does, and return when the reader has taken it or there is room for it.
@@ -109,6 +109,15 @@ class Writer(Worker):
 
         self.put(called)
         await asyncio.wrap_future(done)
+
+
+async def emit_beside(text: str) -> None:
+    """As `emit`, in an event loop: a reader that takes nothing holds up neither the loop nor a signal."""
+    writer = Writer(grace_s=0.0)
+    try:
+        await writer.write(text)
+    finally:
+        writer.close()
 
 
 def dump(value: object) -> None:

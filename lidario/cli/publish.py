@@ -13,9 +13,10 @@ import click
 
 from lidario.cli.errors import ExitCode, need
 from lidario.cli.laserscans import arguments_of, is_given, laserscan_options, only_with
+from lidario.cli.output import emit_beside
 from lidario.cli.parameters import WholeRange, as_duration, as_place, complete_source, guard_option, mode_option
 from lidario.cli.settings import config_option, settings_of_file
-from lidario.cli.streams import ReaderGone, emit, message
+from lidario.cli.streams import ReaderGone, message
 
 if TYPE_CHECKING:
     from lidario import Lidar
@@ -157,7 +158,7 @@ async def _publish(
         told.append(publisher)
         # Robots need the scans, whether or not somebody reads the key here.
         with suppress(ReaderGone, OSError):
-            emit(f"{publisher.key}\n")
+            await emit_beside(f"{publisher.key}\n")
         message(began)
         checking = asyncio.create_task(_check(publisher, there))
         try:

@@ -9,7 +9,8 @@ from ipaddress import ip_address
 import click
 
 from lidario.cli.errors import ExitCode
-from lidario.cli.streams import emit, message
+from lidario.cli.output import emit_beside
+from lidario.cli.streams import message
 
 OF_THIS_MACHINE = ("unixsock-stream", "unixpipe")
 """Protocols between programs of one machine."""
@@ -33,7 +34,7 @@ def router(addresses: tuple[str, ...], config: str | None) -> int:
 
         async with await Router.open(*addresses, config=config) as served:
             for address in served.addresses:
-                emit(f"{address}\n")
+                await emit_beside(f"{address}\n")
             message("a zenoh router, until Ctrl-C; for instance")
             message("  lidario publish --zenoh robots/r7/scan")
             open_to_all = [each for each in served.addresses if not config and not is_private(each)]

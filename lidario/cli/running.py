@@ -2,9 +2,10 @@
 
 The verbs have their own exit codes, so here a signal becomes an exception of the command.
 
-Meanwhile a thread writes what is logged to stderr. `logging` writes where it is called, and that is mostly the
-event loop. A terminal that takes no output (Ctrl-S, a dead line) would hold up the loop, and with it the port and
-the handling of signals. Where the program has chosen a handler of its own, nothing changes.
+Meanwhile a thread writes messages, and what is logged, to stderr. Both come up mostly in the event loop. A terminal
+that takes no output (Ctrl-S, a dead line), or a pipe that nobody reads, would hold up the loop, with it the port
+and the handling of signals. Where the program has chosen a handler of its own, that one has the log. Once a signal
+has come, nothing waits for long until it is taken.
 """
 
 from __future__ import annotations
@@ -14,13 +15,12 @@ import signal
 import sys
 from collections.abc import Callable, Coroutine, Iterator
 from contextlib import contextmanager
-from functools import partial
 from typing import Any, TypeVar
 
 import lidario
 from lidario.cli.errors import Stopped
-from lidario.cli.output import PROGRESS_GRACE_S, Worker
-from lidario.cli.streams import message
+from lidario.cli.output import GRACE_S, Worker
+from lidario.cli.streams import hurry, message, messages_by
 
 T = TypeVar("T")
 _BY_SIGNAL = 128
@@ -44,34 +44,28 @@ def run(work: Callable[[], Coroutine[Any, Any, T]]) -> T:
     Raises:
         Stopped: SIGINT, SIGTERM or SIGHUP ended it.
     """
+    hurry(False)
     try:
-        with log_beside():
+        with _told_beside():
             return lidario.run(work())
     except KeyboardInterrupt:
+        hurry(True)
         raise Stopped(signal.SIGINT) from None
     except SystemExit as ended:
         if isinstance(ended.code, int) and ended.code > _BY_SIGNAL:
+            hurry(True)
             raise Stopped(ended.code - _BY_SIGNAL) from None
         raise
 
 
-class _Beside(logging.Handler):
-    """Writes each record from a thread."""
-
-    def __init__(self) -> None:
-        super().__init__(logging.WARNING)
-        self._worker = Worker("lidario: log", PROGRESS_GRACE_S)
+class _Log(logging.Handler):
+    """Tells each record as a message."""
 
     def emit(self, record: logging.LogRecord) -> None:
         try:
-            self._worker.put(partial(message, self.format(record)))
+            message(self.format(record))
         except Exception:
             self.handleError(record)
-
-    def close(self) -> None:
-        """Let the thread write what is left, for at most `PROGRESS_GRACE_S`."""
-        super().close()
-        self._worker.close()
 
 
 @contextmanager
@@ -87,16 +81,16 @@ def nothing_logged() -> Iterator[None]:
 
 
 @contextmanager
-def log_beside() -> Iterator[None]:
-    """Have a thread write what is logged in the block; changes nothing where there is a handler already."""
-    root = logging.getLogger()
-    if logging.getLogger("lidario").hasHandlers():
-        yield
-        return
-    handler = _Beside()
-    root.addHandler(handler)
+def _told_beside() -> Iterator[None]:
+    """Have a thread write messages in the block, and the log where that has no handler."""
+    root, handler = logging.getLogger(), _Log(logging.WARNING)
+    is_ours = not logging.getLogger("lidario").hasHandlers()
+    worker = Worker("lidario: messages", GRACE_S)
+    if is_ours:
+        root.addHandler(handler)
     try:
-        yield
+        with messages_by(worker.put):
+            yield
     finally:
         root.removeHandler(handler)
-        handler.close()
+        worker.close()

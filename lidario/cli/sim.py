@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Final, TypeVar
 import click
 
 from lidario.cli.errors import ExitCode, cannot_listen
+from lidario.cli.output import emit_beside
 from lidario.cli.parameters import WholeRange
 from lidario.cli.streams import emit, message
 from lidario.system import cause_of
@@ -196,7 +197,7 @@ async def _until_unplugged(server: PtyServer | TcpServer | UdpServer) -> None:
             plugged = not plugged
             message("plugged in again:" if plugged else "the cable is out, as --fault asks")
             if plugged:
-                emit(f"{name_of(server)}\n")
+                await emit_beside(f"{name_of(server)}\n")
         await asyncio.sleep(POLL_S)  # the server is a thread, and has no event to await
 
 

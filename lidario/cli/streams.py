@@ -11,13 +11,28 @@ from __future__ import annotations
 
 import codecs
 import os
+import select
 import sys
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from typing import Final, TextIO, cast
 
 _AS_GIVEN: Final = "lidario-as-given"
 _INSTEAD: Final = {"\u2026": "...", "\u2192": "->", "\u00b0": "deg", "\u00b5": "u"}
 """For what the verbs write beside ASCII."""
+
+
+TAKEN_S: Final = 1.0
+"""How soon somebody must take what is written behind `hurry`."""
+_ROOM: Final = 4096
+"""Bytes that a pipe takes without waiting, where it takes any."""
+
+
+class _Now:
+    """How text is written at the moment: a message by whom, and how long anything waits to be taken, in seconds."""
+
+    beside: Callable[[Callable[[], object]], None] | None = None
+    patience_s: float | None = None
 
 
 class CannotWrite(OSError):
@@ -46,8 +61,31 @@ def emit(text: str) -> None:
 
 def message(text: str) -> None:
     """Write a line to stderr; where it cannot be written, as on a full disk, the work goes on without it."""
-    with suppress(OSError, ReaderGone):
-        write(sys.stderr, text + "\n")
+
+    def written() -> None:
+        with suppress(OSError, ReaderGone):
+            write(sys.stderr, text + "\n")
+
+    (_Now.beside or _call)(written)
+
+
+def _call(work: Callable[[], object]) -> None:
+    work()
+
+
+@contextmanager
+def messages_by(put: Callable[[Callable[[], object]], None]) -> Iterator[None]:
+    """Hand what writes a message to `put` in the block; with that nothing that writes one waits."""
+    _Now.beside = put
+    try:
+        yield
+    finally:
+        _Now.beside = None
+
+
+def hurry(wanted: bool) -> None:
+    """Leave out what nobody takes within `TAKEN_S`, or not: the command was told to end."""
+    _Now.patience_s = TAKEN_S if wanted else None
 
 
 def write(stream: TextIO, text: str) -> None:
@@ -72,7 +110,7 @@ def write(stream: TextIO, text: str) -> None:
             stream.flush()
             return
         while data:
-            data = data[os.write(handle, data) :]
+            data = data[os.write(handle, data if _may_wait(handle) else data[:_ROOM]) :]
     except BrokenPipeError as error:
         raise ReaderGone from error
 
@@ -112,6 +150,18 @@ def _as_given(error: UnicodeError) -> tuple[bytes, int]:
 
 
 codecs.register_error(_AS_GIVEN, _as_given)
+
+
+def _may_wait(handle: int) -> bool:
+    """Whether writing may take any time; where it may not, and nobody takes anything, `ReaderGone` is raised."""
+    if _Now.patience_s is None:
+        return True
+    poll = select.poll()
+    poll.register(handle, select.POLLOUT)
+    if not poll.poll(_Now.patience_s * 1000):
+        _Now.patience_s = 0.0
+        raise ReaderGone
+    return False
 
 
 def _handle(stream: TextIO) -> int | None:

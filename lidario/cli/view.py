@@ -19,10 +19,10 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from lidario.cli.errors import ExitCode, cannot_listen, need
-from lidario.cli.output import progress
+from lidario.cli.output import emit_beside, progress
 from lidario.cli.parameters import WholeRange, as_place, complete_source, guard_option, mode_option
 from lidario.cli.settings import FILE, config_file, config_option
-from lidario.cli.streams import emit, message
+from lidario.cli.streams import message
 
 if TYPE_CHECKING:
     from lidario import Mount
@@ -123,7 +123,7 @@ async def _serve(feeds: list[Feed], port: int, lan: bool, config: str | None) ->
                 _raise_of(reading)
         for feed in feeds:
             feed.on_scan, feed.on_change = server.publish_scan, server.publish_states
-        _announce(server, lan)
+        await _announce(server, lan)
         left = set(reading)
         while left:
             _, left = await asyncio.wait(left, return_when=asyncio.FIRST_COMPLETED)
@@ -146,10 +146,10 @@ def _raise_of(reading: list[asyncio.Task[None]]) -> None:
             task.result()
 
 
-def _announce(server: LiveServer, lan: bool) -> None:
+async def _announce(server: LiveServer, lan: bool) -> None:
     """The address on stdout, for people and for scripts; everything else on stderr."""
     url = server.url.replace("//0.0.0.0:", f"//{_own_address()}:")
-    emit(f"{url}\n")
+    await emit_beside(f"{url}\n")
     if lan:
         message("open to the network, for those who have this address; unencrypted")
     connection = os.environ.get("SSH_CONNECTION", "").split()

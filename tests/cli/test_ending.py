@@ -121,11 +121,33 @@ def test_a_reader_that_reads_nothing_keeps_no_signal_from_stopping_the_motor() -
         until(lambda: was_stopped(server))
 
 
-def hangs_in_a_write(pid: int) -> bool:
-    """Whether a thread of that process is in a system call on its stdout."""
+@pytest.mark.long
+@pytest.mark.parametrize("stream", ["stdout", "stderr"])
+@pytest.mark.parametrize("verb", ["view --port 0", "record -o run.mcap", "scan -n 0 --json"])
+def test_a_pipe_that_nobody_reads_keeps_no_verb_from_its_end(verb: str, stream: str, tmp_path: Path) -> None:
+    """The address of the page was written by the event loop, which then obeyed nothing but SIGKILL."""
+    words = verb.replace("run.mcap", str(tmp_path / "run.mcap")).split()
+    with served(FIRST) as server:
+        with started(words[0], server.path, *words[1:]) as process:
+            pipe = getattr(process, stream).fileno()
+            filler = os.open(f"/proc/self/fd/{pipe}", os.O_WRONLY | os.O_NONBLOCK)
+            with suppress(BlockingIOError):
+                while True:
+                    os.write(filler, b" " * 4096)
+            os.close(filler)
+            writes_at_once = words[0] == "view" or (words[0], stream) == ("scan", "stdout")
+            number = "0x1" if stream == "stdout" else "0x2"
+            until(lambda: server.device.scanning and (not writes_at_once or hangs_in_a_write(process.pid, number)))
+            process.send_signal(signal.SIGTERM)
+            assert process.wait(BOUND) == 0
+        until(lambda: was_stopped(server))
+
+
+def hangs_in_a_write(pid: int, number: str = "0x1") -> bool:
+    """Whether a thread of that process is in a system call on that stream of its own, stdout by default."""
     for path in Path(f"/proc/{pid}/task").glob("*/syscall"):
         with suppress(FileNotFoundError, ProcessLookupError):  # a thread that has just ended
-            if path.read_text().split()[1:2] == ["0x1"]:
+            if path.read_text().split()[1:2] == [number]:
                 return True
     return False
 
