@@ -56,9 +56,12 @@ def play(file: str, rate: float, loop: bool, pty: bool, tcp: str | None) -> int:
 def _serve(server: PtyServer | TcpServer | UdpServer, device: PlayedDevice, file: str) -> int:
     from lidario.cli.running import run_until_stopped
 
+    async def work() -> None:
+        await announce(server, f"{file} at {device.baudrate} baud, until its end or Ctrl-C")
+        await _until_finished(device)
+
     with server:
-        announce(server, f"{file} at {device.baudrate} baud, until its end or Ctrl-C")
-        if run_until_stopped(lambda: _until_finished(device)):
+        if run_until_stopped(work):
             if device.error is not None:
                 raise device.error
             message("the recording is at its end")

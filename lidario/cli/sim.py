@@ -162,18 +162,22 @@ def _serve(server: PtyServer | TcpServer | UdpServer, model: str) -> int:
     from lidario.sim.serve import UdpServer
 
     began, turned = time.monotonic(), server.device.motor_on
+    at = "" if isinstance(server, UdpServer) else f" at {server.device.baudrate} baud"
+
+    async def work() -> None:
+        await announce(server, f"a simulated {model}{at}, until Ctrl-C")
+        await _until_unplugged(server)
+
     with server:
-        at = "" if isinstance(server, UdpServer) else f" at {server.device.baudrate} baud"
-        announce(server, f"a simulated {model}{at}, until Ctrl-C")
-        if run_until_stopped(lambda: _until_unplugged(server)):
+        if run_until_stopped(work):
             message("the line was unplugged, as --fault asks")
     sum_up(server, time.monotonic() - began, turned=turned)
     return ExitCode.OK
 
 
-def announce(server: PtyServer | TcpServer | UdpServer, what: str) -> None:
+async def announce(server: PtyServer | TcpServer | UdpServer, what: str) -> None:
     """What a client opens on stdout, for scripts; what is served, and how it is opened, on stderr."""
-    emit(f"{name_of(server)}\n")
+    await emit_beside(f"{name_of(server)}\n")
     message(f"{what}; for instance")
     message(f"  lidario scan {name_of(server)}")
 

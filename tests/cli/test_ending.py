@@ -10,6 +10,7 @@ import os
 import signal
 from contextlib import suppress
 from pathlib import Path
+from typing import IO
 
 import pytest
 
@@ -129,18 +130,33 @@ def test_a_pipe_that_nobody_reads_keeps_no_verb_from_its_end(verb: str, stream: 
     words = verb.replace("run.mcap", str(tmp_path / "run.mcap")).split()
     with served(FIRST) as server:
         with started(words[0], server.path, *words[1:]) as process:
-            pipe = getattr(process, stream).fileno()
-            filler = os.open(f"/proc/self/fd/{pipe}", os.O_WRONLY | os.O_NONBLOCK)
-            with suppress(BlockingIOError):
-                while True:
-                    os.write(filler, b" " * 4096)
-            os.close(filler)
+            fill(getattr(process, stream))
             writes_at_once = words[0] == "view" or (words[0], stream) == ("scan", "stdout")
             number = "0x1" if stream == "stdout" else "0x2"
             until(lambda: server.device.scanning and (not writes_at_once or hangs_in_a_write(process.pid, number)))
             process.send_signal(signal.SIGTERM)
             assert process.wait(BOUND) == 0
         until(lambda: was_stopped(server))
+
+
+@pytest.mark.long
+def test_a_pipe_that_nobody_reads_keeps_no_simulator_from_its_end() -> None:
+    with started("sim", FIRST, "--tcp", ":0") as process:
+        fill(process.stderr)
+        line_of(process.stdout)
+        until(lambda: hangs_in_a_write(process.pid, "0x2"))
+        process.send_signal(signal.SIGINT)
+        assert process.wait(BOUND) == 0
+
+
+def fill(pipe: IO[str] | None) -> None:
+    """Write to a pipe from which this process reads until it takes no more."""
+    assert pipe is not None
+    filler = os.open(f"/proc/self/fd/{pipe.fileno()}", os.O_WRONLY | os.O_NONBLOCK)
+    with suppress(BlockingIOError):
+        while True:
+            os.write(filler, b" " * 4096)
+    os.close(filler)
 
 
 def hangs_in_a_write(pid: int, number: str = "0x1") -> bool:
