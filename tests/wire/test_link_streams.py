@@ -135,7 +135,7 @@ def test_a_large_chunk_is_taken_in_slices() -> None:
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 def test_who_keeps_the_frames_of_the_parsers_ends_no_stream(case: Case) -> None:
-    """As a profiler does, or a hook that keeps the traceback of a failed finalizer: they hold views of the buffer."""
+    """As a profiler does, or a hook that keeps a failed finalizer's traceback: they hold views of the buffer."""
     link, kept = open_stream(case), list[FrameType]()
     before = sys.getprofile()
     sys.setprofile(lambda frame, *_: kept.append(frame))
