@@ -19,13 +19,13 @@ import os
 import queue
 import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Final, TextIO, cast
 
 from lidario import ConnectFailed
-from lidario.cli.streams import CannotWrite, ReaderGone, emit, write
+from lidario.cli.streams import CannotWrite, ReaderGone, beside, emit, write
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -81,8 +81,8 @@ class Worker:
 class Writer(Worker):
     """Writes to stdout from a thread, one piece at a time."""
 
-    def __init__(self, grace_s: float = GRACE_S) -> None:
-        super().__init__("lidario: stdout", grace_s)
+    def __init__(self) -> None:
+        super().__init__("lidario: stdout", GRACE_S)
 
     async def write(self, text: str) -> None:
         """Write `text` as `emit` does, and return when the reader has taken it or there is room for it.
@@ -96,28 +96,32 @@ class Writer(Worker):
 
         Cancelling ends the waiting only; `work` may still be called.
         """
-        done = Future[None]()
-
-        def called() -> None:
-            try:
-                work()
-                done.set_result(None)
-            except Exception as error:
-                # Any exception: the caller waits until this piece is done. Nobody hears the error where it was
-                # cancelled, or its loop is closed.
-                done.set_exception(error)
-
-        self.put(called)
-        await asyncio.wrap_future(done)
+        await _done_by(self.put, work)
 
 
-async def emit_beside(text: str) -> None:
-    """As `emit`, in an event loop: a reader that takes nothing holds up neither the loop nor a signal."""
-    writer = Writer(grace_s=0.0)
-    try:
-        await writer.write(text)
-    finally:
-        writer.close()
+def emit_beside(text: str) -> Awaitable[None]:
+    """As `emit`, in an event loop, and in order with messages; what is returned raises as `emit` does.
+
+    A reader that takes nothing holds up neither the loop nor a signal.
+    """
+    return _done_by(beside, lambda: emit(text))
+
+
+def _done_by(put: Callable[[Callable[[], object]], None], work: Callable[[], object]) -> Awaitable[None]:
+    """Have a thread call `work`; what is returned waits for that, and raises as it does."""
+    done = Future[None]()
+
+    def called() -> None:
+        try:
+            work()
+            done.set_result(None)
+        except Exception as error:
+            # Any exception: the caller waits until this piece is done. Nobody hears the error where it was
+            # cancelled, or its loop is closed.
+            done.set_exception(error)
+
+    put(called)
+    return asyncio.wrap_future(done)
 
 
 def dump(value: object) -> None:

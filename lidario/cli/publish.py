@@ -13,10 +13,9 @@ import click
 
 from lidario.cli.errors import ExitCode, need
 from lidario.cli.laserscans import arguments_of, is_given, laserscan_options, only_with
-from lidario.cli.output import emit_beside
 from lidario.cli.parameters import WholeRange, as_duration, as_place, complete_source, guard_option, mode_option
 from lidario.cli.settings import config_option, settings_of_file
-from lidario.cli.streams import ReaderGone, message
+from lidario.cli.streams import ReaderGone, beside, emit, message
 
 if TYPE_CHECKING:
     from lidario import Lidar
@@ -151,14 +150,17 @@ async def _publish(
         if connected:
             there.set()
 
+    def named() -> None:
+        # Robots need the scans, whether or not somebody reads the key here.
+        with suppress(ReaderGone, OSError):
+            emit(f"{publisher.key}\n")
+
     publisher.on_change = changed
     async with publisher:
         if publisher.is_connected:
             there.set()
         told.append(publisher)
-        # Robots need the scans, whether or not somebody reads the key here.
-        with suppress(ReaderGone, OSError):
-            await emit_beside(f"{publisher.key}\n")
+        beside(named)
         message(began)
         checking = asyncio.create_task(_check(publisher, there))
         try:

@@ -33,13 +33,13 @@ def router(addresses: tuple[str, ...], config: str | None) -> int:
         from lidario.ros import Router
 
         async with await Router.open(*addresses, config=config) as served:
-            for address in served.addresses:
-                await emit_beside(f"{address}\n")
+            taken = emit_beside("".join(f"{address}\n" for address in served.addresses))
             message("a zenoh router, until Ctrl-C; for instance")
             message("  lidario publish --zenoh robots/r7/scan")
             open_to_all = [each for each in served.addresses if not config and not is_private(each)]
             if open_to_all:
                 message(f"everybody who reaches {open_to_all[0]} may publish and read: --config FILE names who may")
+            await taken
             await asyncio.Event().wait()
 
     run_until_stopped(work)

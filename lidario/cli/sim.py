@@ -177,9 +177,10 @@ def _serve(server: PtyServer | TcpServer | UdpServer, model: str) -> int:
 
 async def announce(server: PtyServer | TcpServer | UdpServer, what: str) -> None:
     """What a client opens on stdout, for scripts; what is served, and how it is opened, on stderr."""
-    await emit_beside(f"{name_of(server)}\n")
+    taken = emit_beside(f"{name_of(server)}\n")
     message(f"{what}; for instance")
     message(f"  lidario scan {name_of(server)}")
+    await taken
 
 
 def name_of(server: PtyServer | TcpServer | UdpServer) -> str:

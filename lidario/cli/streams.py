@@ -66,11 +66,15 @@ def message(text: str) -> None:
         with suppress(OSError, ReaderGone):
             write(sys.stderr, text + "\n")
 
-    (_Now.beside or _call)(written)
+    beside(written)
 
 
-def _call(work: Callable[[], object]) -> None:
-    work()
+def beside(work: Callable[[], object]) -> None:
+    """Have `work`, which writes, called in order by the thread of `messages_by`; at once where there is none."""
+    if _Now.beside is None:
+        work()
+    else:
+        _Now.beside(work)
 
 
 @contextmanager

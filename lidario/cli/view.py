@@ -149,7 +149,7 @@ def _raise_of(reading: list[asyncio.Task[None]]) -> None:
 async def _announce(server: LiveServer, lan: bool) -> None:
     """The address on stdout, for people and for scripts; everything else on stderr."""
     url = server.url.replace("//0.0.0.0:", f"//{_own_address()}:")
-    await emit_beside(f"{url}\n")
+    taken = emit_beside(f"{url}\n")
     if lan:
         message("open to the network, for those who have this address; unencrypted")
     connection = os.environ.get("SSH_CONNECTION", "").split()
@@ -158,6 +158,7 @@ async def _announce(server: LiveServer, lan: bool) -> None:
         message("on the machine you sit at, then open the address there:")
         message(f"  ssh -L {server.port}:127.0.0.1:{server.port} {here}")
     message("Ctrl-C ends it")
+    await taken
 
 
 def _user() -> str:
