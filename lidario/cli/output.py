@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Final, TextIO, cast
 
 from lidario import ConnectFailed
 from lidario.cli.streams import CannotWrite, ReaderGone, beside, emit, write
+from lidario.system import NO_THREADS
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -58,9 +59,7 @@ class Worker:
         try:
             self._thread.start()
         except RuntimeError as error:
-            raise ConnectFailed(
-                "the system allows no more threads: `ulimit -u` says how many", reason="missing"
-            ) from error
+            raise ConnectFailed(NO_THREADS, reason="missing") from error
 
     def put(self, work: Callable[[], object]) -> None:
         """Have `work` called after what was handed over before, without waiting."""

@@ -12,7 +12,8 @@ from functools import partial
 from typing import TypeVar
 
 from lidario.errors import ConnectFailed
-from lidario.port.thread import NO_THREADS, start_thread
+from lidario.port.thread import start_thread
+from lidario.system import NO_THREADS
 
 T = TypeVar("T")
 

@@ -49,8 +49,6 @@ JOIN_S = 0.1
 """Longest time for which ending the thread is waited for. It takes less than a tenth of a millisecond."""
 _FORGET = 0.95
 """Share of the greatest lateness that is remembered after another wake-up."""
-NO_THREADS = "the system allows no more threads: `ulimit -u`, or TasksMax of its service, says how many"
-"""What a user is told where `start_thread` fails."""
 
 
 def start_thread(work: Callable[[], None], name: str) -> threading.Thread:

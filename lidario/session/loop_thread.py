@@ -23,10 +23,9 @@ import anyio
 
 from lidario.errors import ConnectFailed, LocalProtocolError, SessionClosed
 from lidario.latch import Latch
-from lidario.port.thread import NO_THREADS
 from lidario.session.lidar import Lidar
 from lidario.session.opening import OpenLidar
-from lidario.system import cause_of
+from lidario.system import NO_THREADS, cause_of
 
 P = ParamSpec("P")
 T = TypeVar("T")
