@@ -80,7 +80,7 @@ class Link:
         for start in range(0, len(view), self._slice_size):
             piece = view[start : start + self._slice_size]
             self.fed += len(piece)
-            if self.buffered + len(piece) > 2 * self._slice_size:
+            if len(self._buffer) + len(piece) > 2 * self._slice_size:
                 # A mistake in the parser, which shows here and not as growing memory.
                 raise OverflowError(f"{len(piece)} bytes do not fit behind {self.buffered} that nobody took")
             # Another one, as in `_drop`.
@@ -314,7 +314,7 @@ class Link:
                 self._skip(wire, data, middle, end)
             at = end
         if at:
-            self._drop(at)
+            self._buffer = data[at:]  # as in `_drop`
 
     def _skip(self, wire: StreamFormat, data: bytearray, start: int, end: int) -> None:
         if (wire.self_evident or not self._noise) and wire.other_record(data, start) == end - start:
