@@ -91,10 +91,10 @@ class Link:
                 self._stream(now)
             elif self.state is not _AWAIT_RESPONSE:
                 if self.state is LinkState.DRAINING or self._unasked:
-                    self.stats.drained_bytes += self.buffered
+                    self.stats.drained_bytes += len(self._buffer)
                 else:
-                    self.stats.stray_bytes += self.buffered
-                self._drop(self.buffered)
+                    self.stats.stray_bytes += len(self._buffer)
+                self._buffer = bytearray()
         if self._format is not None and len(self._buffer) >= self._format.shortest:
             # Behind damage, what follows decides whether it is a packet: then it came before that.
             self._arrivals.keep(self.fed - len(self._buffer), self.fed, now)
@@ -269,8 +269,8 @@ class Link:
 
     def _drain(self) -> None:
         self._end_waiting()
-        self.stats.drained_bytes += self.buffered
-        self._drop(self.buffered)
+        self.stats.drained_bytes += len(self._buffer)
+        self._buffer = bytearray()
         self._noise = 0
         self.state = LinkState.DRAINING
 
