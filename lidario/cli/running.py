@@ -3,9 +3,9 @@
 The verbs have their own exit codes, so here a signal becomes an exception of the command.
 
 Meanwhile a thread writes messages, and what is logged, to stderr. Both come up mostly in the event loop. A terminal
-that takes no output (Ctrl-S, a dead line), or a pipe that nobody reads, would hold up the loop, with it the port
-and the handling of signals. Where the program has chosen a handler of its own, that one has the log. Once a signal
-has come, nothing waits for long until it is taken.
+that takes no output (Ctrl-S, a dead line), or a pipe that nobody reads, would stop the loop, and so the port and
+signals. Where the program has chosen a handler of its own, that one has the log. Behind a signal nothing waits for
+long until it is taken.
 """
 
 from __future__ import annotations

@@ -29,10 +29,11 @@ _ROOM: Final = 4096
 
 
 class _Now:
-    """How text is written at the moment: a message by whom, and how long anything waits to be taken, in seconds."""
+    """How text is written at the moment."""
 
+    # Has a thread call what writes a message; None where no thread does that.
     beside: Callable[[Callable[[], object]], None] | None = None
-    patience_s: float | None = None
+    patience_s: float | None = None  # how long a write waits for a reader; None for as long as it takes
 
 
 class CannotWrite(OSError):
@@ -88,7 +89,7 @@ def messages_by(put: Callable[[Callable[[], object]], None]) -> Iterator[None]:
 
 
 def hurry(wanted: bool) -> None:
-    """Leave out what nobody takes within `TAKEN_S`, or not: the command was told to end."""
+    """Whether the command was told to end: then text that nobody takes within `TAKEN_S` is left out."""
     _Now.patience_s = TAKEN_S if wanted else None
 
 
@@ -157,7 +158,7 @@ codecs.register_error(_AS_GIVEN, _as_given)
 
 
 def _may_wait(handle: int) -> bool:
-    """Whether writing may take any time; where it may not, and nobody takes anything, `ReaderGone` is raised."""
+    """Whether a write may take as long as it likes; if not, raises `ReaderGone` where nobody takes anything."""
     if _Now.patience_s is None:
         return True
     poll = select.poll()

@@ -52,7 +52,7 @@ def dated_within(
 
 
 def _is_whole(packets: Packets, decoder: Decoder, wire: StreamFormat, sample_ns: float) -> bool:
-    """Whether nothing is missing among packets, as mostly; to find that out takes a sixth of decoding them."""
+    """Whether nothing is missing among packets. Mostly it is so, and the long way of decoding takes longer."""
     last, offsets = packets.count - 1, packet_offsets(packets.blocks)
     before = part_of(packets, 0, last, offsets, wire, sample_ns)
     return decoder.decode_steady(before, packets.data[offsets[last] :], [last], 0, None) is not None

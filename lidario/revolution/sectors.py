@@ -67,7 +67,7 @@ class SectorAssembler(Assembler):
 
     @property
     def _by_blocks(self) -> bool:
-        # One that was begun in pieces ends so, also where nobody reads sectors any more.
+        # What was begun in pieces is ended in pieces, even if nobody reads sectors any more.
         return not self._parts and self.partial.divided is None
 
     @property
