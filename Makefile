@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 RUNS := $(VENV)/.runs
+TESTED := $(VENV)/.tested
 READY := $(VENV)/.ready
 # pyright asks the first `python` in PATH where the packages are. It has --pythonpath too, but --verifytypes ignores that.
 PYRIGHT := PATH="$(BIN):$$PATH" $(BIN)/pyright
@@ -22,15 +23,20 @@ FUZZ_S ?= 600
 .PHONY: demo test check lint covered docs bench faults soak fuzz floods package arm64 s390x release clean
 .DEFAULT_GOAL := demo
 
-# What the command needs is a fifth of what the tests and checks need.
+# What the command needs is a fifth of what the tests need, and the checks need half as much again.
 $(RUNS): pyproject.toml
 	@echo "Setting up $(VENV) for the command. Half a minute, the first time only."
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[cli]'
 	@touch $(RUNS)
 
-$(READY): $(RUNS)
-	@echo "Adding what the tests and checks need. A minute or two, the first time only."
+$(TESTED): $(RUNS)
+	@echo "Adding what the tests need. A minute, the first time only."
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test]'
+	@touch $(TESTED)
+
+$(READY): $(TESTED)
+	@echo "Adding what the checks need. Half a minute, the first time only."
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	@touch $(READY)
 
@@ -38,7 +44,7 @@ demo: $(RUNS)  ## live scans of a simulated lidar, as bytes through a real pseud
 	$(BIN)/lidario info sim://rplidar-s2
 	$(BIN)/lidario scan sim://rplidar-s2 -n $(SCANS)
 
-test: $(READY)  ## the quick tests; CI runs the long ones, too
+test: $(TESTED)  ## the quick tests; CI runs the long ones, too
 	$(BIN)/python -m pytest -n $(WORKERS)
 
 check: $(READY)  ## lint, types and workflows, beside the quick tests under coverage; TESTS=--long: all tests, as CI runs them
@@ -53,31 +59,31 @@ lint: $(READY)  ## lint, format, types, workflows
 	$(PYRIGHT) --verifytypes lidario --ignoreexternal
 	$(BIN)/zizmor --offline --quiet --pedantic .
 
-covered: $(READY)
+covered: $(TESTED)
 	$(BIN)/python -m pytest -n $(CHECK_WORKERS) $(TESTS) --cov --cov-report=term-missing:skip-covered
 
 docs: $(READY)  ## the documentation, in .site/; any warning is an error
 	$(BIN)/zensical build --strict --clean
 
-bench: $(READY)  ## the benchmarks, beside other drivers; see benchmarks/README.md
+bench: $(TESTED)  ## the benchmarks, beside other drivers; see benchmarks/README.md
 	$(BIN)/python -m benchmarks
 
-faults: $(READY)  ## what every fault costs, on fourteen devices, and what other drivers make of it; five minutes
+faults: $(TESTED)  ## what every fault costs, on fourteen devices, and what other drivers make of it; five minutes
 	$(BIN)/python -m benchmarks --only faults
 
-soak: $(READY)  ## a day of faults and users in driven time; half an hour
+soak: $(TESTED)  ## a day of faults and users in driven time; half an hour
 	$(BIN)/python -m benchmarks.soak --seed $(SEED) --hours $(HOURS)
 
-fuzz: $(READY)  ## ten minutes of any bytes for each target; see SECURITY.md
+fuzz: $(TESTED)  ## ten minutes of any bytes for each target; see SECURITY.md
 	$(BIN)/python -m tests.fuzz -max_total_time=$(FUZZ_S)
 
-floods: $(READY)  ## peers that send as fast as they can, from every source; four minutes
+floods: $(TESTED)  ## peers that send as fast as they can, from every source; four minutes
 	$(BIN)/python -m benchmarks.floods
 
 package:  ## the wheel and the sdist in dist/, each tried in an empty environment; half a minute
 	PYTHON="$(PYTHON)" .ci/package
 
-arm64 s390x: $(READY)  ## decoding as on a Raspberry Pi, and on a big-endian machine, under qemu; see CONTRIBUTING.md
+arm64 s390x: $(TESTED)  ## decoding as on a Raspberry Pi, and on a big-endian machine, under qemu; see CONTRIBUTING.md
 	.ci/emulate $@
 
 release:  ## `make release VERSION=1.2.3`: the version, the date in CHANGELOG.md, one commit, one tag; pushes nothing
