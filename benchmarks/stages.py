@@ -22,7 +22,7 @@ import lidario
 from benchmarks.report import Result, Setting, Table, median, spread
 from benchmarks.streams import KINDS, RATES, Kind, capture, recording
 from benchmarks.walk import walked
-from lidario.families.base import Decoder, Samples, SteadySamples, Stream
+from lidario.families.base import Decoder, Samples, Stream
 from lidario.port.port import Port
 from lidario.revolution.assemble import Assembler
 from lidario.revolution.pipeline import Pipeline
@@ -56,11 +56,11 @@ class _Timed:
         self.seconds += time.perf_counter() - start
         return samples
 
-    def decode_steady(
+    def decode_several(
         self, packets: Packets, following: bytes, ends: Sequence[int], room: int, seam: int | None
-    ) -> SteadySamples | None:
+    ) -> Samples | None:
         start = time.perf_counter()
-        samples = self._decoder.decode_steady(packets, following, ends, room, seam)
+        samples = self._decoder.decode_several(packets, following, ends, room, seam)
         self.seconds += time.perf_counter() - start
         return samples
 

@@ -17,7 +17,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.samples import Samples, SteadySamples
+from lidario.families.samples import DecodedRevolution, Samples
 from lidario.families.spans import Arc, Arcs, Heads, Ints, Turning
 from lidario.wire.copies import copy_of
 from lidario.wire.events import Packets
@@ -60,69 +60,46 @@ class ArcDecoder(ABC):
     def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
         heads = self._heads(packets, following)
         arcs = self._turning.follow(heads, packets.arrivals)
+        return self._samples(packets, heads, arcs, (len(heads.first),), room, seam)
+
+    def decode_several(
+        self, packets: Packets, following: bytes, ends: Sequence[int], room: int, seam: int | None
+    ) -> Samples | None:
+        heads = self._heads(packets, following)
+        arcs = self._turning.follow_several(heads, ends, packets.arrivals)
+        return None if arcs is None else self._samples(packets, heads, arcs, ends, room, seam)
+
+    def _samples(
+        self, packets: Packets, heads: Heads, arcs: Arcs, ends: Sequence[int], room: int, seam: int | None
+    ) -> Samples:
         if packets.cut:
             self._turning.doubt_time()
-        ends = self._ends(heads)
+        sample_ends, count = self._ends(heads), len(heads.first)
         gaps, lost = self._gaps(heads, arcs)
-        angle, distance, intensity, last = self._decoded(heads, arcs, ends, room)
+        angle, distance, intensity, last = self._decoded(heads, arcs, sample_ends, room)
         self._remember(heads, last)
-        count, turn = len(heads.first), self._full_turn / arcs.step if arcs.step else 0.0
-        rpm = self._reported_rpm(heads, 0, count)
+        revolutions, begin = list[DecodedRevolution](), 0
+        for end, step in zip(ends, arcs.steps or (arcs.step,), strict=True):
+            behind = 0 if seam is None else self._behind_seam(heads, arcs, end - 1, seam)
+            turn = self._full_turn / step if step else 0.0
+            a_turn = self._revolution_packets(heads, turn, begin, end) if turn else 0.0
+            rpm = self._reported_rpm(heads, begin, end)
+            revolutions.append(DecodedRevolution(sample_ends[end - 1] - behind, a_turn, turn, rpm))
+            begin = end
         return Samples(
             angle_deg=angle,
             distance_mm=distance,
             intensity=intensity,
-            before_seam=ends[-1] - (0 if seam is None else self._behind_seam(heads, arcs, count - 1, seam)),
-            ends=ends,
+            ends=sample_ends,
+            revolutions=revolutions,
             lost=sum(lost),
             unbroken=gaps[0] + 1 if gaps else count,
             lost_behind=lost[-1] if gaps and gaps[-1] == count - 1 else 0,
-            revolution_packets=self._revolution_packets(heads, turn, 0, count) if turn else 0.0,
-            revolution_samples=turn,
             certain=arcs.certain,
-            reported_rpm=rpm,
-            gaps=[] if arcs.skipped is None else [(ends[at], int(arcs.skipped[at])) for at in gaps],
+            gaps=[] if arcs.skipped is None else [(sample_ends[at], int(arcs.skipped[at])) for at in gaps],
             revoked=arcs.revoked,
             fits=arcs.fits,
             sample_ns=self._sample_ns(heads),
-        )
-
-    def decode_steady(
-        self, packets: Packets, following: bytes, ends: Sequence[int], room: int, seam: int | None
-    ) -> SteadySamples | None:
-        heads = self._heads(packets, following)
-        arcs = self._turning.steady(heads, ends, packets.arrivals)
-        if arcs is None:
-            return None
-        sample_ends = self._ends(heads)
-        angle, distance, intensity, last = self._decoded(heads, arcs, sample_ends, room)
-        before_seam, begin = list[int](), 0
-        revolution_packets, revolution_samples, reported_rpm = list[float](), list[float](), list[float]()
-        for end, step in zip(ends, arcs.steps, strict=True):
-            behind = 0 if seam is None else self._behind_seam(heads, arcs, end - 1, seam)
-            before_seam.append(sample_ends[end - 1] - behind)
-            turn = self._full_turn / step
-            revolution_samples.append(turn)
-            revolution_packets.append(self._revolution_packets(heads, turn, begin, end))
-            reported_rpm.append(self._reported_rpm(heads, begin, end))
-            begin = end
-
-        def settle() -> None:
-            self._turning.settle(arcs, packets.arrivals)
-            if packets.cut:
-                self._turning.doubt_time()
-            self._remember(heads, last)
-
-        return SteadySamples(
-            angle_deg=angle,
-            distance_mm=distance,
-            intensity=intensity,
-            ends=sample_ends,
-            before_seam=before_seam,
-            revolution_packets=revolution_packets,
-            revolution_samples=revolution_samples,
-            settle=settle,
-            reported_rpm=reported_rpm,
         )
 
     # ------------------------------------------------------------------------------------- what a format must tell

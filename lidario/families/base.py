@@ -16,7 +16,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar
 
 from lidario.errors import Unsupported
-from lidario.families.samples import Decoder, Samples, SteadySamples
+from lidario.families.samples import DecodedRevolution, Decoder, Samples
 from lidario.families.stream import Keepalive, Known, RawStream, Stream, raw_stream
 from lidario.model import DeviceInfo, Health, NetworkAddress, SampleRate, ScanMode
 from lidario.wire.envelope import Request, encode_descriptor
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from lidario.sim.world import WorldLike
 
 __all__ = [
+    "DecodedRevolution",
     "Decoder",
     "Device",
     "Family",
@@ -38,7 +39,6 @@ __all__ = [
     "RawStream",
     "Samples",
     "Script",
-    "SteadySamples",
     "Stream",
     "Timing",
     "raw_stream",

@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol, Self
+from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lidario.wire.events import Packets
+
+
+class DecodedRevolution(NamedTuple):
+    """What its packets tell of one revolution, or of a part of one."""
+
+    before_seam: int  # samples up to where the rotor passed the seam in its last packet; all where it did not
+    packets: float  # how many packets a whole one has at the present speed; 0 when that is not known
+    samples: float  # the same, samples
+    reported_rpm: float = math.nan  # the speed that they tell, revolutions a minute; NaN where they tell none
 
 
 # Not frozen: with so many fields that would cost as much as a call of numpy, once a revolution.
@@ -22,21 +31,14 @@ class Samples:
     angle_deg: NDArray[np.float32]
     distance_mm: NDArray[np.float32]  # millimetres, float32; 0 where nothing came back
     intensity: NDArray[np.uint8] | None  # uint8, or None where the format carries none
-    # How many of the samples were measured before the rotor passed the seam in the last packet; all of them where
-    # it did not.
-    before_seam: int
-    ends: Sequence[int]  # samples up to and including each packet, shape (packets,)
+    ends: Sequence[int]  # samples up to and including each packet, shape (packets,), without the free elements
+    revolutions: Sequence[DecodedRevolution]  # each of them; one, unless several were decoded together
     lost: int  # packets missing between these ones and before the one that follows
     unbroken: int  # leading packets before the first gap
-    # How many packets a whole revolution has at the present speed; 0 when that is not known.
-    revolution_packets: float
-    revolution_samples: float  # the same, samples
     lost_behind: int = 0  # how many of the lost ones stood behind the last packet
     # Whether the angle that a packet covers is known for sure. Where it is not, as when nearly all packets are
     # missing, neither the angles nor `lost` can be relied on.
     certain: bool = True
-    # The speed that the packets tell, in revolutions a minute; NaN where they tell none.
-    reported_rpm: float = math.nan
     # Where packets are missing: how many of these samples come before, and how many samples are missing there, by
     # the angles of the rotor, which no correction has moved.
     gaps: Sequence[tuple[int, int]] = ()
@@ -51,26 +53,20 @@ class Samples:
     sample_ns: float = 0.0
 
     @property
+    def last(self) -> DecodedRevolution:
+        """The last revolution, or the only one."""
+        return self.revolutions[-1]
+
+    @property
     def skipped_behind(self) -> int:
         """Samples that are missing behind the last packet."""
         return self.gaps[-1][1] if self.gaps and self.gaps[-1][0] == self.ends[-1] else 0
 
-
-@dataclass(slots=True, eq=False)
-class SteadySamples:
-    """The decoded packets of several revolutions without a gap; arrays of shape (room + n,), in measuring order."""
-
-    angle_deg: NDArray[np.float32]  # as in `Samples`
-    distance_mm: NDArray[np.float32]  # as in `Samples`
-    intensity: NDArray[np.uint8] | None  # as in `Samples`
-    ends: Sequence[int]  # samples up to the end of each packet, without the free elements
-    # Samples up to where the rotor passed the seam in the last packet of each revolution.
-    before_seam: Sequence[int]
-    revolution_packets: Sequence[float]  # how many packets a whole revolution has at its speed, of each revolution
-    revolution_samples: Sequence[float]  # the same, samples
-    settle: Callable[[], None]  # makes the decoder remember these packets, as `Decoder.decode` does at once
-    # The speed that the packets of each revolution tell; None where they tell none.
-    reported_rpm: Sequence[float] | None = None
+    @property
+    def is_steady(self) -> bool:
+        """Whether the speed is known, nothing is missing in them or before them, and all take the same time."""
+        odd = self.lost or self.revoked[0] or self.sample_ns or not (self.certain and self.fits)
+        return not odd and self.last.samples > 0
 
 
 class Decoder(Protocol):
@@ -86,8 +82,8 @@ class Decoder(Protocol):
                 neighbours.
             room: Elements to leave at the front of the arrays, for samples the caller has already: filling them
                 in is cheaper than joining arrays.
-            seam: Heading at which the revolution ends, so that `Samples.before_seam` can be told; None where no
-                packet lies across its end.
+            seam: Heading at which the revolution ends, so that `DecodedRevolution.before_seam` can be told; None
+                where no packet lies across its end.
         """
         ...
 
@@ -105,18 +101,18 @@ class Decoder(Protocol):
         """Another decoder, which goes on from here without changing what this one remembers."""
         return self
 
-    def decode_steady(
+    def decode_several(
         self,
         packets: Packets,  # noqa: ARG002
         following: bytes,  # noqa: ARG002
         ends: Sequence[int],  # noqa: ARG002
         room: int,  # noqa: ARG002
         seam: int | None,  # noqa: ARG002
-    ) -> SteadySamples | None:
+    ) -> Samples | None:
         """Decode several revolutions at once, where nothing is missing; None where something may be.
 
-        The samples are those that `decode` makes of one revolution after the other, to the last bit. Nothing is
-        remembered until `SteadySamples.settle` is called, so that `decode` may be used instead.
+        The samples are those that `decode` makes of one revolution after the other, to the last bit. Where there
+        are none, nothing is remembered.
 
         Args:
             packets: The packets of all revolutions.

@@ -60,7 +60,7 @@ class Arcs(NamedTuple):
     revoked: tuple[int, int] = (0, 0)
     # Whether each span is a whole number of arcs, as far as it tells; where one is not, a turn may hide.
     fits: bool = True
-    steps: Sequence[float] = ()  # the mean step of each revolution, where `Turning.steady` tells of several
+    steps: Sequence[float] = ()  # the mean step of each revolution, where several were followed
 
 
 class Turning(ABC):
@@ -80,17 +80,16 @@ class Turning(ABC):
     def follow(self, heads: Heads, arrivals: Sequence[Arrival] = ()) -> Arcs:
         """The arc of each of the next packets, and the gaps behind them; `arrivals` as in `Packets`."""
 
-    def steady(
+    def follow_several(
         self,
         heads: Heads,  # noqa: ARG002
         ends: Sequence[int],  # noqa: ARG002
         arrivals: Sequence[Arrival] = (),  # noqa: ARG002
     ) -> Arcs | None:
-        """The arcs of several revolutions, where `follow` would find nothing missing in any; else None.
+        """The arcs of several revolutions, where `follow` would find nothing missing in any.
 
-        None also where the times of several reads may yet tell how many packets an arc is.
-
-        Nothing is remembered before `settle`.
+        None otherwise, also where the times of several reads may yet tell how many packets an arc is. Then nothing
+        is remembered.
 
         Args:
             heads: Those of all packets; the packet behind them is known.
@@ -98,9 +97,6 @@ class Turning(ABC):
             arrivals: When they came, as in `Packets`.
         """
         return None
-
-    def settle(self, arcs: Arcs, arrivals: Sequence[Arrival] = ()) -> None:  # noqa: B027
-        """Remember revolutions that `steady` has told, as `follow` would have; the arrivals are the same."""
 
 
 def spans_between(heads: Heads, full_turn: int, retreat: int) -> tuple[Ints, int, int, int]:

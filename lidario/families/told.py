@@ -54,6 +54,8 @@ class ToldWheel(Turning):
         self._least = least
 
     def follow(self, heads: Heads, arrivals: Sequence[Arrival] = ()) -> Arcs:  # noqa: ARG002
+        if heads.following is not None and (arcs := self.follow_several(heads, (len(heads.first),))) is not None:
+            return arcs
         first, way, counts = heads.first, np.asarray(heads.way), heads.counts
         inner = heads.samples - len(first)
         turned = int(np.add.reduce(way)) if inner else 0
@@ -83,7 +85,7 @@ class ToldWheel(Turning):
         skipped = np.where(gaps, np.rint(jumps / step) - 1, 0).astype(np.intp)
         return Arcs(way, skipped, mean, certain=True)
 
-    def steady(
+    def follow_several(
         self,
         heads: Heads,
         ends: Sequence[int],

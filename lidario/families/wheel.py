@@ -100,7 +100,8 @@ class Wheel(PacedTurning):
         followed = heads.following is not None
         spans, shortest, longest, total = spans_between(heads, self._full_turn, self._retreat)
         known = spans if followed else spans[:-1]
-        if self._is_steady(known, shortest, longest):
+        is_alike = self._certain and _are_alike(self._arc, shortest, longest)
+        if is_alike or self._is_steady(known, longest, shortest > 0):
             if not followed:
                 spans[-1] = spans[-2]
                 total += int(spans[-1])
@@ -112,40 +113,35 @@ class Wheel(PacedTurning):
             # One that stands tells of no arc.
             self._arc, self._certain, self._strange = float(spans[-1]) or self._arc, True, 0
             self._fits = True
-            if self._confirmed:
+            if self._confirmed and self._spans:
                 self._forget()
             return Arcs(spans, None, (total / len(spans) or self._arc) / self._samples, certain=True)
         self._remember(known.tolist(), arrivals)
         return self._among_gaps(spans, arrivals, followed=followed)
 
-    def steady(self, heads: Heads, ends: Sequence[int], arrivals: Sequence[Arrival] = ()) -> Arcs | None:
+    def follow_several(self, heads: Heads, ends: Sequence[int], arrivals: Sequence[Arrival] = ()) -> Arcs | None:
         if not (self._certain and (self._confirmed or len(arrivals) == 1)):
             return None
-        spans, *whole = spans_between(heads, self._full_turn, self._retreat)
+        spans, _, _, _ = spans_between(heads, self._full_turn, self._retreat)
         before, begin, steps = self._arc, 0, list[float]()
-        each = by_revolution(spans, ends) if len(ends) > 1 else [whole]
-        for end, (shortest, longest, total) in zip(ends, each, strict=True):
+        for end, (shortest, longest, total) in zip(ends, by_revolution(spans, ends), strict=True):
             if not _are_alike(before, shortest, longest):
                 return None
             before = float(spans[end - 1])
             steps.append(total / (end - begin) / self._samples)
             begin = end
-        return Arcs(spans, None, steps[-1], certain=True, steps=steps)
-
-    def settle(self, arcs: Arcs, arrivals: Sequence[Arrival] = ()) -> None:
-        self._arc, self._strange = float(arcs.arc[-1]), 0
+        self._arc, self._strange, self._fits = before, 0, True
         if not self._confirmed:
-            self._remember(arcs.arc.tolist(), arrivals)
+            self._remember(spans.tolist(), arrivals)
             self._is_confirmed()
-            self._note_close(len(arcs.arc))
+            self._note_close(len(spans))
         elif self._spans:
             self._forget()
+        return Arcs(spans, None, steps[-1], certain=True, steps=steps)
 
-    def _is_steady(self, spans: Ints, shortest: int, longest: int) -> bool:
-        """Whether each span is one arc: much like the last arc, or not much longer than the span before."""
-        if self._certain and _are_alike(self._arc, shortest, longest):
-            return True
-        if len(spans) < (1 if self._certain else AGREEING) or not (self._certain or shortest > 0):
+    def _is_steady(self, spans: Ints, longest: int, moves: bool) -> bool:
+        """Whether each span is one arc: not much longer than the span before. `moves`: whether none is 0."""
+        if len(spans) < (1 if self._certain else AGREEING) or not (self._certain or moves):
             return False
         earlier = np.empty_like(spans)
         earlier[0], earlier[1:] = round(self._arc) if self._certain else spans[0], spans[:-1]

@@ -15,7 +15,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from lidario.families.base import Samples, Stream
+from lidario.families.base import Stream
 from lidario.revolution.build import DatedRevolution, turned_by
 from lidario.revolution.ended import EndedRevolution
 from lidario.revolution.incoming import Clock
@@ -160,7 +160,8 @@ class Assembler(SteadyAssembler):
     def _discard(self) -> None:
         """What is missing in the revolution in the making is counted all the same."""
         if not self.partial.even and (packets := self.partial.packets()) is not None:
-            self.stats.lost_packets += self._decoder.decode(packets, None).lost
+            self.stats.lost_packets += (self._decoded or self._decoder.decode(packets, None)).lost
+        self._decoded = None
         self.stats.finish(self.stats.unfinished_packets, delivered=False)
         self.partial = PartialRevolution(whole=False)
 
@@ -214,7 +215,7 @@ class Assembler(SteadyAssembler):
             self._clock.learn_speed(dated_angles(self._stream.format, packets))
         carried, lost, revoked = partial.carried, partial.lost_behind_carried, 0
         room = 0 if carried is None else len(carried.angle)
-        samples = self._decode(partial, packets, split, following, room)
+        samples, self._decoded = self._decoded or self._decode(partial, packets, split, following, room), None
         self.incoming.measure(samples, packets)
         self.stats.lost_packets += samples.lost
         self.partial.behind_gap = samples.lost_behind > 0 or not samples.certain
@@ -228,7 +229,7 @@ class Assembler(SteadyAssembler):
             # The packet at its beginning was stretched over a gap: its samples are not used.
             revoked, partial.carried = each, None
             lost += revoked
-        crossed = room + samples.before_seam
+        crossed = room + samples.last.before_seam
         if crossed < len(here.angle):
             self.partial.carry(here.part(crossed), samples)
             lost -= samples.lost_behind
@@ -237,18 +238,6 @@ class Assembler(SteadyAssembler):
         if not len(arrays.angle):
             return None
         return EndedRevolution(partial, packets, samples, arrays, lost, gaps, revoked)
-
-    def _decode(
-        self,
-        ended: PartialRevolution,  # noqa: ARG002 - for those who decode parts of it before
-        packets: Packets,
-        split: Split,
-        following: bytes,
-        room: int,
-    ) -> Samples:
-        """Decode all packets of a revolution, with so many free elements before their samples."""
-        seam = None if split.marked or split.broken else split.seam
-        return self._decoder.decode(packets, None if split.broken else following, room, seam)
 
     def _scan(self, ended: EndedRevolution) -> Scan | None:
         """Date a revolution and build its scan; None when it is not whole, or parts of two have met in it."""
@@ -262,7 +251,7 @@ class Assembler(SteadyAssembler):
         number = self.stats.scans + self.stats.missed_scans - self._told_unseen - (not ended.partial.whole)
         if not self._is_whole(ended, number):
             return None
-        arrays, rpm = ended.arrays, ended.samples.reported_rpm
+        arrays, rpm = ended.arrays, ended.samples.last.reported_rpm
         arrays.angle = turned_by(arrays.angle, self._stream.zero_offset_deg)
         made = DatedRevolution(arrays, ended.start_ns, ended.spanned_ns, ended.revolution_ns, rpm, ended.gaps)
         return self._deliver(made, ended.sample_ns, ended.lost)

@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from lidario.families.base import Decoder, Samples, SteadySamples
+from lidario.families.base import DecodedRevolution, Decoder, Samples
 from lidario.revolution.ended import hides_a_turn
 from lidario.revolution.partial import PartialRevolution, SampleArrays, joined
 from lidario.revolution.timing import begins_of
@@ -154,7 +154,7 @@ class DividedRevolution:
                 found = [packets.arrivals[-1][1] - (earlier + samples.ends[-1] - 1) * self.sample_ns]
             self.first_ns = min(self.first_ns, *found)
             # Where whole turns passed unseen, these packets belong to another revolution, as in `EndedRevolution`.
-            turn_ns = self.usual_ns or samples.revolution_samples * self.sample_ns
+            turn_ns = self.usual_ns or samples.last.samples * self.sample_ns
             gap = self.gap or samples.lost > samples.lost_behind
             self.certain &= not (turn_ns and hides_a_turn(found[-1] - self.first_ns, turn_ns, gap=gap))
         else:
@@ -168,10 +168,10 @@ class DividedRevolution:
         ends = samples.ends
         self.last, self.last_samples = self.waiting_at, ends[-1] - (ends[-2] if len(ends) > 1 else 0)
         self.last_arc = (next_at - self.last) % self.wire.full_turn
-        if samples.certain and samples.revolution_samples:
-            self.usual_samples, self.by_speed_ns = samples.revolution_samples, samples.sample_ns
+        if samples.certain and samples.last.samples:
+            self.usual_samples, self.by_speed_ns = samples.last.samples, samples.sample_ns
             if samples.lost_behind:
-                self.last_arc = self.last_samples * self.wire.full_turn / samples.revolution_samples
+                self.last_arc = self.last_samples * self.wire.full_turn / samples.last.samples
         return samples
 
     def pass_end(self) -> tuple[int, ...]:
@@ -214,45 +214,32 @@ class DividedRevolution:
         first = Packets(following, (Block(len(following), 1),), ((1, 0),))
         behind = ((int(wire.headings(first)[0]) & HEADING_MASK) - self.began) % wire.full_turn
         last = self.decode_waiting(None if broken else following, wire.full_turn + behind, seam)
-        self.is_finished, self.crossed = True, left + last.before_seam
-        self.before_seam = sum([piece.ends[-1] for piece in self.decoded]) - last.ends[-1] + last.before_seam
+        self.is_finished, self.crossed = True, left + last.last.before_seam
+        self.before_seam = sum([piece.ends[-1] for piece in self.decoded]) - last.ends[-1] + last.last.before_seam
 
     def all_samples(self) -> SampleArrays:
         """All that was decoded, also what lies behind the seam in the last packet."""
         assert self.rest is not None
         return join_pieces([*self.pieces, self.rest]) if self.pieces else self.rest
 
-    def steady(
-        self,
-        packets: Packets,  # noqa: ARG002
-        following: bytes,
-        ends: Sequence[int],  # noqa: ARG002
-        room: int,  # noqa: ARG002
-        seam: int | None,
-    ) -> SteadySamples | None:
-        """As `Decoder.decode_steady`, of the whole revolution, whose pieces are decoded already."""
-        self.finish(following, seam)
-        if not self.certain or self.unseen or not all(_is_steady(piece) for piece in self.decoded):
+    def whole(self) -> Samples | None:
+        """As `Decoder.decode`, of the revolution, which has ended; None where its pieces do not tell all of it."""
+        if not self.certain or self.unseen or not all(piece.is_steady for piece in self.decoded):
             return None
         found, arrays = list[int](), self.all_samples()
         turns = sample_turns = told = told_rpm = 0.0
         for piece in self.decoded:
-            count, before = len(piece.ends), found[-1] if found else 0
+            (_, packets, samples, rpm), count, before = piece.last, len(piece.ends), found[-1] if found else 0
             found += [before + end for end in piece.ends]
-            turns += count / piece.revolution_packets
-            sample_turns += piece.ends[-1] / piece.revolution_samples
-            if not math.isnan(piece.reported_rpm):
-                told, told_rpm = told + count, told_rpm + count * piece.reported_rpm
-        return SteadySamples(
-            angle_deg=arrays.angle,
-            distance_mm=arrays.distance,
-            intensity=arrays.intensity,
-            ends=found,
-            before_seam=[self.before_seam],
-            revolution_packets=[len(found) / turns],
-            revolution_samples=[found[-1] / sample_turns],
-            settle=_settled,
-            reported_rpm=[told_rpm / told if told else math.nan],
+            turns += count / packets
+            sample_turns += piece.ends[-1] / samples
+            if not math.isnan(rpm):
+                told, told_rpm = told + count, told_rpm + count * rpm
+        of_all = DecodedRevolution(
+            self.before_seam, len(found) / turns, found[-1] / sample_turns, told_rpm / told if told else math.nan
+        )
+        return Samples(
+            arrays.angle, arrays.distance, arrays.intensity, found, [of_all], lost=0, unbroken=len(found)
         )
 
     def leave_rest(self) -> None:
@@ -274,13 +261,3 @@ def join_pieces(pieces: Sequence[SampleArrays]) -> SampleArrays:
         np.concatenate([piece.distance for piece in pieces]),
         np.concatenate(intensities) if intensities else None,
     )
-
-
-def _is_steady(piece: Samples) -> bool:
-    """Whether its speed is known, nothing is missing in it or before it, and all samples take as long."""
-    knows = piece.certain and piece.revolution_samples > 0
-    return knows and not (piece.lost or piece.revoked[0] or piece.sample_ns)
-
-
-def _settled() -> None:
-    """The decoder of the pieces remembers them already."""

@@ -69,7 +69,7 @@ class EndedRevolution:
     def turn_ns(self) -> float:
         """What a whole one takes, by the step of its angle; infinite where that is not sure."""
         samples = self.samples
-        return samples.revolution_samples * self.sample_ns if samples.certain else math.inf
+        return samples.last.samples * self.sample_ns if samples.certain else math.inf
 
     @property
     def measured_sample_ns(self) -> float:
@@ -107,13 +107,13 @@ class EndedRevolution:
         if not samples.certain:
             return not wire.own_angles or self.packets.count < _FEWEST_PACKETS
         # More than one revolution by its angles: they went back by so little that it looked like jitter.
-        return passed > UNEVEN * samples.revolution_samples
+        return passed > UNEVEN * samples.last.samples
 
     @property
     def is_false_part(self) -> bool:
         """Whether so little of a revolution lies between two splits that one of them was false."""
         samples = self.samples
-        return samples.certain and self.count < FALSE_PART * samples.revolution_samples
+        return samples.certain and self.count < FALSE_PART * samples.last.samples
 
     def least_ns(self, wire: StreamFormat, usual_ns: float) -> float:
         """The time below which this is only a part of a revolution; 0 where enough of one came. It must be dated.
@@ -176,8 +176,8 @@ def packet_time(
     wire: StreamFormat, packets: Packets, samples: Samples, sample_ns: float
 ) -> tuple[float, float, bool]:
     """What a packet takes, how many a revolution has, and whether an ordinary one came: as in `Beginning`."""
-    revolution_ns = samples.revolution_samples * sample_ns if samples.certain else 0.0
-    revolution_packets = samples.revolution_packets
+    revolution_ns = samples.last.samples * sample_ns if samples.certain else 0.0
+    revolution_packets = samples.last.packets
     most = wire.samples_in((Block(wire.ordinary, 1),))
     longest = wire.samples_in((Block(max([size for size, _ in packets.blocks]), 1),))
     if longest < most * _ORDINARY:
@@ -198,5 +198,5 @@ def share_before(wire: StreamFormat, revolution: PartialRevolution, samples: Sam
     first = Packets(run.data[: blocks[0].size], blocks, ((1, 0),))
     heading = int(wire.headings(first)[0]) & HEADING_MASK
     over = (heading - (revolution.seam or 0)) % wire.full_turn / wire.full_turn
-    behind = over * samples.revolution_packets
+    behind = over * samples.last.packets
     return over if behind > _FIRST_PACKETS and over < 1 - _BEFORE_SEAM else 0.0

@@ -43,10 +43,9 @@ class Incoming:
         self._format = stream.format
         self._doubled = DoubledPackets(stream.format, stream.sample_ns, stats)
         self._false = FalsePackets(stream, stats)
-        self._is_live = clock is None and stream.timed
+        self.is_live: bool = clock is None and stream.timed  # whether time goes on while packets are missing
         self._is_timed = stream.timed
         self._clock: Clock = clock or DeviceClock(stream)
-        self._tell_time(stream)
 
     def take(self, event: Packets) -> tuple[Packets, Headings] | None:
         """The next packets and their headings: none false, none twice, and dated. None where none is left."""
@@ -78,7 +77,7 @@ class Incoming:
         if samples.certain and not samples.sample_ns:
             measured = samples.ends[-1] + sum([skipped for _, skipped in samples.gaps])
             self.time.add(measured, packets.arrivals[-1][1])
-            self.time.suppose(samples.revolution_samples, samples.reported_rpm)
+            self.time.suppose(samples.last.samples, samples.last.reported_rpm)
         else:
             self.time.restart()
 
@@ -86,9 +85,5 @@ class Incoming:
         """A sample takes as long as this stream says from now on."""
         self._doubled.tell_time(stream.sample_ns)
         self._false.tell_time(stream.sample_ns)
-        if self._is_live:
+        if self.is_live:
             self._clock = DeviceClock(stream)
-        self._tell_time(stream)
-
-    def _tell_time(self, stream: Stream) -> None:
-        stream.decoder.tell_time(stream.sample_ns, passes=self._is_live)

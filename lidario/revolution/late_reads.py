@@ -55,7 +55,7 @@ def _is_whole(packets: Packets, decoder: Decoder, wire: StreamFormat, sample_ns:
     """Whether nothing is missing among packets. Mostly it is so, and the long way of decoding takes longer."""
     last, offsets = packets.count - 1, packet_offsets(packets.blocks)
     before = part_of(packets, 0, last, offsets, wire, sample_ns)
-    return decoder.decode_steady(before, packets.data[offsets[last] :], [last], 0, None) is not None
+    return decoder.fork().decode_several(before, packets.data[offsets[last] :], [last], 0, None) is not None
 
 
 def _measured_behind(samples: Samples, places: Sequence[int]) -> list[int]:

@@ -88,7 +88,7 @@ class PartialRevolution:
         self.carried = arrays
         self.lost_behind_carried = samples.lost_behind
         self.skipped_behind_carried = samples.skipped_behind
-        self.carried_packets = 0.0 if samples.certain else samples.revolution_packets
+        self.carried_packets = 0.0 if samples.certain else samples.last.packets
 
     def gaps(self, samples: Samples, room: int, crossed: int, *, revoked: bool) -> list[tuple[int, int]] | None:
         """Where samples are missing in it: how many of its own come before, and how many are missing there.

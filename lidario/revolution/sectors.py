@@ -35,7 +35,6 @@ from lidario.revolution.divided import (
 from lidario.revolution.ended import share_before
 from lidario.revolution.partial import PartialRevolution, part_of
 from lidario.revolution.seam import Split
-from lidario.revolution.steady import DecodeSteady
 from lidario.revolution.timing import earliest_ns
 from lidario.samples import read_only
 from lidario.scan import Scan
@@ -209,7 +208,7 @@ class SectorAssembler(Assembler):
         if self._clock.last is not None and here.decoded:
             samples = here.decoded[0]
             over = share_before(here.wire, partial, samples)
-            turn_ns = samples.revolution_samples * here.sample_ns
+            turn_ns = samples.last.samples * here.sample_ns
             from_end_ns = round(partial.last_ns - (here.passed / here.wire.full_turn - over) * turn_ns)
             # A read that was completed only behind a gap dates what came before it too late, as in `beginning_of`.
             late = samples.certain and start_ns - from_end_ns > NOISE * turn_ns
@@ -219,7 +218,7 @@ class SectorAssembler(Assembler):
                     from_end_ns if late else start_ns,
                     over=over,
                     revolution_ns=turn_ns if samples.certain else 0.0,
-                    revolution_packets=samples.revolution_packets,
+                    revolution_packets=samples.last.packets,
                     packet_ns=0.0,
                     packets=here.packets,
                     lost=0,
@@ -234,18 +233,11 @@ class SectorAssembler(Assembler):
 
     # ------------------------------------------------------------------------------------------------ the end
 
-    def add_block(
-        self,
-        event: Packets,
-        offsets: Sequence[int],
-        splits: Sequence[Split],
-        first: int,
-        decode: DecodeSteady | None = None,
-    ) -> list[Scan]:
+    def add_block(self, event: Packets, offsets: Sequence[int], splits: Sequence[Split], first: int) -> list[Scan]:
         here = self.partial.divided
-        made = super().add_block(event, offsets, splits, first, decode if here is None else here.steady)
+        made = super().add_block(event, offsets, splits, first)
         if made and here is not None:
-            self._decoder, here.seq = here.decoder, made[0].seq
+            here.seq, self._told_seq = made[0].seq, None
             self._finish_all(here)
         return made
 
@@ -272,11 +264,15 @@ class SectorAssembler(Assembler):
         seam = None if split.marked or split.broken else split.seam
         here.finish(following, seam, broken=split.broken)
         self._told_seq, self._told_unseen = here.seq, here.unseen
+        if not split.broken and (whole := here.whole()) is not None:
+            self._decoder = here.decoder
+            return whole
         found = self._decoder.decode(packets, None if split.broken else following, room, seam)
         if here.certain:
             # What its pieces could not know, as behind one sample alone, is told with the last sector.
             here.lost += max(0, found.lost - sum([piece.lost for piece in here.decoded]))
-            arrays, found.before_seam = here.all_samples(), here.before_seam
+            arrays = here.all_samples()
+            found.revolutions = [found.last._replace(before_seam=here.before_seam)]
             found.angle_deg, found.distance_mm, found.intensity = arrays.angle, arrays.distance, arrays.intensity
         return found
 

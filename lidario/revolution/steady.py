@@ -12,14 +12,13 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from operator import itemgetter
-from typing import TypeAlias
 
-from lidario.families.base import SteadySamples, Stream
+from lidario.families.base import Samples, Stream
 from lidario.revolution.build import DatedRevolution, build_scan, turned_by
-from lidario.revolution.clock import NOISE, Beginning, RevolutionClock
+from lidario.revolution.clock import FEWEST_PACKETS, NOISE, Beginning, RevolutionClock
 from lidario.revolution.ended import FALSE_PART, UNEVEN, hides_a_turn
 from lidario.revolution.incoming import Clock, Incoming
 from lidario.revolution.partial import PartialRevolution, SampleArrays, joined, part_of
@@ -29,8 +28,6 @@ from lidario.revolution.timing import byte_ns_at, earliest_ns
 from lidario.scan import Scan
 from lidario.wire.blocks import packet_offsets, some_blocks
 from lidario.wire.events import Packets
-
-DecodeSteady: TypeAlias = Callable[[Packets, bytes, Sequence[int], int, int | None], SteadySamples | None]
 
 
 class SteadyAssembler:
@@ -49,20 +46,16 @@ class SteadyAssembler:
         self._byte_ns = byte_ns_at(baudrate)
         self.wall_offset_ns: int = wall_offset_ns
         self.incoming: Incoming = Incoming(stream, self.stats, clock)
+        self._tell_time()
         self.partial: PartialRevolution = PartialRevolution(whole=False)
         self._clock = self._new_clock()
         # The number of the revolution that ends, where it was told before, and how many were missing by then.
         self._told_seq: int | None = None
         self._told_unseen = 0
+        # What a revolution was decoded to that turned out to be no steady one.
+        self._decoded: Samples | None = None
 
-    def add_block(
-        self,
-        event: Packets,
-        offsets: Sequence[int],
-        splits: Sequence[Split],
-        first: int,
-        decode: DecodeSteady | None = None,
-    ) -> list[Scan]:
+    def add_block(self, event: Packets, offsets: Sequence[int], splits: Sequence[Split], first: int) -> list[Scan]:
         """All revolutions up to the last split, decoded at once; none where something may be missing in any.
 
         Args:
@@ -70,7 +63,6 @@ class SteadyAssembler:
             offsets: Where each of them begins (`packet_offsets`).
             splits: Where revolutions end in it; at least one.
             first: The first packet of the event that was not kept yet.
-            decode: As `Decoder.decode_steady`; by default that of the stream's decoder.
         """
         stream, partial, clock, stats = self._stream, self.partial, self._clock, self.stats
         sure = partial.whole and not (partial.moved or partial.behind_gap or partial.carried_packets)
@@ -96,9 +88,16 @@ class SteadyAssembler:
         ends = [before + split.packet for split in splits]
         room = 0 if partial.carried is None else len(partial.carried.angle)
         following = event.data[offsets[last] : offsets[last + 1]]
-        decode = decode or self._decoder.decode_steady
-        samples = decode(packets, following, ends, room, None if marked else seam)
-        if samples is None:
+        if len(splits) > 1:
+            decoder = self._decoder.fork()
+            samples = decoder.decode_several(packets, following, ends, room, None if marked else seam)
+        else:
+            # Where it is no steady one, `Assembler` ends it with the same samples.
+            samples = self._decoded = self._decode(partial, packets, splits[0], following, room)
+            decoder = self._decoder
+        # Of a few packets of any size, even the longest one may be short.
+        is_little = packets.count < FEWEST_PACKETS and stream.format.shortest != stream.format.longest
+        if samples is None or not samples.is_steady or is_little:
             return []
         reads = [(room + samples.ends[complete - 1], at_ns) for complete, at_ns in packets.arrivals]
         if last > first:
@@ -113,7 +112,7 @@ class SteadyAssembler:
         revolutions, last_ns = _dated(stream, here, samples, ends, reads, offsets, self._byte_ns, clock.usual_ns)
         if not revolutions or not clock.is_followed(revolutions):
             return []
-        samples.settle()
+        self._decoder, self._decoded = decoder, None
         latest, of_latest = revolutions[-1], ends[-1] - (ends[-2] if len(ends) > 1 else 0)
         stats.unfinished_packets += last - first
         clock.settle(
@@ -121,8 +120,8 @@ class SteadyAssembler:
                 latest.start_ns,
                 over=0.0,
                 revolution_ns=latest.revolution_ns,
-                revolution_packets=samples.revolution_packets[-1],
-                packet_ns=latest.revolution_ns / samples.revolution_packets[-1],
+                revolution_packets=samples.revolutions[-1].packets,
+                packet_ns=latest.revolution_ns / samples.revolutions[-1].packets,
                 packets=of_latest,
                 lost=0,
                 broken=False,
@@ -135,13 +134,25 @@ class SteadyAssembler:
         self.partial = PartialRevolution(
             whole=True, seam=splits[-1].seam, behind_gap=False, even=True, carried_ns=last_ns
         )
-        used = room + samples.before_seam[-1]
+        used = room + samples.revolutions[-1].before_seam
         if used < len(here.angle):
             self.partial.carried = here.part(used)
         self.incoming.time.add(samples.ends[-1], last_ns)
         scans = [self._deliver(each, stream.sample_ns, 0) for each in revolutions]
         self._keep_time()
         return scans
+
+    def _decode(
+        self,
+        ended: PartialRevolution,  # noqa: ARG002 - for those who decode parts of it before
+        packets: Packets,
+        split: Split,
+        following: bytes,
+        room: int,
+    ) -> Samples:
+        """Decode all packets of a revolution, with so many free elements before their samples."""
+        seam = None if split.marked or split.broken else split.seam
+        return self._decoder.decode(packets, None if split.broken else following, room, seam)
 
     def _deliver(self, made: DatedRevolution, sample_ns: float, lost: int) -> Scan:
         self.stats.resume(made.start_ns)
@@ -155,8 +166,12 @@ class SteadyAssembler:
         if (sample_ns := self.incoming.time.ns) != self._stream.sample_ns:
             self._stream = replace(self._stream, sample_ns=sample_ns)
             self.incoming.use_time_of(self._stream)
+            self._tell_time()
             # What is remembered of the revolutions before was reckoned by the other time.
             self._clock = self._new_clock()
+
+    def _tell_time(self) -> None:
+        self._decoder.tell_time(self._stream.sample_ns, passes=self.incoming.is_live)
 
     def _new_clock(self) -> RevolutionClock:
         return RevolutionClock(1e9 * self._stream.slowest_turn_s, exact=self.incoming.is_exact)
@@ -165,7 +180,7 @@ class SteadyAssembler:
 def _dated(
     stream: Stream,
     here: SampleArrays,
-    samples: SteadySamples,
+    samples: Samples,
     ends: Sequence[int],
     reads: Sequence[tuple[int, int]],
     offsets: Sequence[int],
@@ -188,13 +203,13 @@ def _dated(
         The revolutions, and when the last packet of them came. None where one came late, or took more or less time
         than its angles tell: `Assembler` decides about those.
     """
-    sample_ns, rpms = stream.sample_ns, samples.reported_rpm
+    sample_ns = stream.sample_ns
     turned = SampleArrays(turned_by(here.angle, stream.zero_offset_deg), here.distance, here.intensity)
     found: list[DatedRevolution] = []
     (there, at_ns), read = reads[0], 1
     room, begin, packet = there, 0, 0
-    for number, end in enumerate(ends):
-        seam_at, stop = room + samples.before_seam[number], room + samples.ends[end - 1]
+    for end, (before_seam, _, turn, rpm) in zip(ends, samples.revolutions, strict=True):
+        seam_at, stop = room + before_seam, room + samples.ends[end - 1]
         earliest = at_ns - (there - 1 - begin) * sample_ns if there > begin else math.inf
         while reads[read][0] < stop:
             there, at_ns = reads[read]
@@ -206,14 +221,13 @@ def _dated(
         earliest = min(earliest, at_ns - (stop - 1 - begin) * sample_ns)
         wire_ns = (offsets[end] - offsets[packet]) / (end - packet) * byte_ns if offsets else 0.0
         start_ns = earliest_ns(earliest, sample_ns, wire_ns)
-        spanned_ns, turn_ns = (seam_at - begin) * sample_ns, samples.revolution_samples[number] * sample_ns
+        spanned_ns, turn_ns = (seam_at - begin) * sample_ns, turn * sample_ns
         if (
             hides_a_turn(at_ns - start_ns - spanned_ns, usual_ns, gap=False)
             or not FALSE_PART * turn_ns <= spanned_ns <= UNEVEN * turn_ns
             or start_ns - round(at_ns - spanned_ns) > NOISE * turn_ns
         ):
             return [], 0
-        rpm = rpms[number] if rpms else math.nan
         found.append(DatedRevolution(turned.part(begin, seam_at), start_ns, spanned_ns, turn_ns, rpm))
         begin, packet, usual_ns = seam_at, end, turn_ns
     return found, at_ns

@@ -94,7 +94,7 @@ class WholeAssembler(SectorAssembler):
         arrays = SampleArrays(
             turned_by(samples.angle_deg, stream.zero_offset_deg), samples.distance_mm, samples.intensity
         )
-        made = DatedRevolution(arrays, start_ns, count * sample_ns, interval_ns, samples.reported_rpm)
+        made = DatedRevolution(arrays, start_ns, count * sample_ns, interval_ns, samples.last.reported_rpm)
         scan = self._deliver(made, sample_ns, 0)
         if self._next_offset_deg is not None:
             self.set_zero_offset(self._next_offset_deg)

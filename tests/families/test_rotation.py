@@ -66,5 +66,5 @@ def test_how_many_packets_a_revolution_has(case: Case) -> None:
         raw = b"".join(case.packets[n] for n in left)
         samples = case.make_decoder().decode(in_one_run(case.make_format(), raw), case.packets[end])
         assert samples.certain
-        assert samples.revolution_packets == pytest.approx(end - begin, abs=1.1)
-        assert samples.revolution_samples == pytest.approx(len(case.turns[0]), rel=0.02)
+        assert samples.last.packets == pytest.approx(end - begin, abs=1.1)
+        assert samples.last.samples == pytest.approx(len(case.turns[0]), rel=0.02)

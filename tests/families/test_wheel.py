@@ -207,17 +207,16 @@ def test_revolutions_are_steady_where_each_goes_on_as_the_one_before_ended(speed
     wheel, arrivals = Wheel(TURN), [(20 * len(speeds), 1000)]
     spans = [speed for speed in speeds for _ in range(20)]
     ends = range(20, len(spans) + 1, 20)
-    assert wheel.steady(heads(*turning(*spans)), ends, arrivals) is None
+    assert wheel.follow_several(heads(*turning(*spans)), ends, arrivals) is None
     wheel.follow(heads(*turning(*[500] * 20)))
-    arcs = wheel.steady(heads(*turning(*spans)), ends, arrivals)
-    assert arcs is not None
-    assert (arcs.steps, np.asarray(arcs.arc).tolist()) == (list(speeds), spans)
     before = (500, *speeds)[-2]
     for odd in (before * 5 // 4, before * 3 // 4):
-        assert wheel.steady(heads(*turning(*spans[:-1], odd)), ends, arrivals) is None
+        assert wheel.follow_several(heads(*turning(*spans[:-1], odd)), ends, arrivals) is None
     # Several reads may yet tell that an arc is of two packets.
-    assert wheel.steady(heads(*turning(*spans)), ends, [(5, 900), *arrivals]) is None
-    # Nothing is remembered before it is settled.
+    assert wheel.follow_several(heads(*turning(*spans)), ends, [(5, 900), *arrivals]) is None
+    # Where there are none, nothing is remembered.
     assert lost(wheel.copy().follow(heads(*turning(1500)))) == 2
-    wheel.settle(arcs, arrivals)
+    arcs = wheel.follow_several(heads(*turning(*spans)), ends, arrivals)
+    assert arcs is not None
+    assert (arcs.steps, np.asarray(arcs.arc).tolist()) == (list(speeds), spans)
     assert lost(wheel.follow(heads(*turning(3 * speeds[-1])))) == 2

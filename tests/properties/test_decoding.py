@@ -74,8 +74,8 @@ def test_the_seam_is_found_where_the_scalar_reference_passes_it(
     for seam in (inside % case.make_format().full_turn, somewhere):
         samples = case.make_decoder().decode(raw, following, 0, seam)
         if samples.lost == 0:
-            assert samples.before_seam == before_seam(case, reference, count, seam)
-    assert case.make_decoder().decode(raw, following).before_seam == len(samples.distance_mm)
+            assert samples.last.before_seam == before_seam(case, reference, count, seam)
+    assert case.make_decoder().decode(raw, following).last.before_seam == len(samples.distance_mm)
 
 
 @one_a_parser(KINDS)
@@ -92,7 +92,7 @@ def test_room_is_left_at_the_front_of_every_array(case: Case, seed: int, count: 
         if one is not None and other is not None:
             assert one.dtype == other.dtype
             np.testing.assert_array_equal(other[room:], one)
-    assert (list(roomy.ends), roomy.before_seam) == (list(plain.ends), plain.before_seam)
+    assert (list(roomy.ends), roomy.last.before_seam) == (list(plain.ends), plain.last.before_seam)
 
 
 @one_a_parser(KINDS)

@@ -1,13 +1,13 @@
 """What a revolution that has ended tells, of which something is missing."""
 
 from dataclasses import replace
-from math import inf, nan
+from math import inf
 from typing import Any
 
 import numpy as np
 import pytest
 
-from lidario.families.base import Samples
+from lidario.families.base import DecodedRevolution, Samples
 from lidario.families.rplidar.formats import DenseFormat
 from lidario.families.rplidar.nodes import NodeFormat
 from lidario.families.rplidar.simulated.packers import pack_dense
@@ -30,13 +30,10 @@ def decoded(packets: int, revolution_packets: float, **changes: Any) -> Samples:
             NOTHING,
             NOTHING,
             None,
-            before_seam=packets * EACH,
             ends=range(EACH, packets * EACH + 1, EACH),
+            revolutions=[DecodedRevolution(packets * EACH, revolution_packets, revolution_packets * EACH)],
             lost=0,
             unbroken=packets,
-            revolution_packets=revolution_packets,
-            revolution_samples=revolution_packets * EACH,
-            reported_rpm=nan,
         ),
         **changes,
     )
@@ -180,7 +177,7 @@ def test_of_short_packets_nobody_knows_what_an_ordinary_one_takes(
     """But not more than the longest one there is, of 80 samples."""
     sizes = (10 + 2 * 7, 10 + 2 * longest)
     packets = Packets(bytes(sum(sizes)), tuple(Block(size, 1) for size in sizes), ((2, END_NS),))
-    samples = decoded(2, 20.0, revolution_samples=800.0, certain=certain)
+    samples = decoded(2, 20.0, certain=certain)
     packet_ns, count, known = packet_time(PointCloud(), packets, samples, SAMPLE_NS)
     assert known is ordinary
     if not ordinary:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lidario.families.base import Samples
+from lidario.families.base import DecodedRevolution, Samples
 from lidario.families.rplidar.formats import DenseFormat
 from lidario.families.ydlidar.formats import PointCloud
 from lidario.revolution.partial import PartialRevolution, SampleArrays, joined, part_of
@@ -16,7 +16,9 @@ from lidario.wire.formats import StreamFormat
 
 NOTHING = np.empty(0, np.float32)
 SOME = SampleArrays(np.zeros(20, np.float32), np.zeros(20, np.float32), None)
-DECODED = Samples(NOTHING, NOTHING, None, 200, range(40, 201, 40), 1, 2, 80.0, 3200.0, gaps=[(80, 40)])
+DECODED = Samples(
+    NOTHING, NOTHING, None, range(40, 201, 40), [DecodedRevolution(200, 80.0, 3200.0)], 1, 2, gaps=[(80, 40)]
+)
 
 
 def test_where_samples_are_missing() -> None:

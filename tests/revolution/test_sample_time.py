@@ -6,15 +6,19 @@ import math
 from collections.abc import Iterable
 from dataclasses import replace
 from itertools import pairwise
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
 from benchmarks.streams import KINDS, capture
+from lidario.families.rplidar.decode import DenseDecoder
+from lidario.families.spans import Heads
 from lidario.revolution.pipeline import Pipeline
 from lidario.revolution.sample_time import SampleTime
 from lidario.scan import Scan
 from lidario.wire.envelope import DESCRIPTOR_SIZE
+from lidario.wire.events import Packets
 
 MS = 1_000_000
 TOLD_NS = 100_000.0
@@ -173,3 +177,32 @@ def test_what_a_stream_measures_of_a_wrong_time_counts_from_then_on(factor: floa
     assert scans[0].time_increment_ns == pytest.approx(factor * true_ns, rel=0.001)
     assert scans[-1].time_increment_ns == pytest.approx(true_ns, rel=0.01)
     assert (pipeline.stats.missed_scans, pipeline.stats.broken_scans) == (0, 0)
+
+
+class Told(DenseDecoder):
+    """Remembers what it was told of the time; what is decoded by which time stands in `used`."""
+
+    used: ClassVar[list[float]] = []
+    told = 0.0
+
+    def tell_time(self, sample_ns: float, *, passes: bool = True) -> None:
+        self.told = sample_ns
+        super().tell_time(sample_ns, passes=passes)
+
+    def _heads(self, packets: Packets, following: bytes | None) -> Heads:
+        self.used.append(self.told)
+        return super()._heads(packets, following)
+
+
+@pytest.mark.parametrize("sectors", [(), (8,)])
+def test_the_decoder_goes_on_by_the_time_that_was_measured(sectors: tuple[int, ...]) -> None:
+    """So it does where it was another one meanwhile: for revolutions that came together, or in pieces."""
+    kind = KINDS["0x85 dense"]
+    true_ns, raw = kind.stream().sample_ns, capture(kind, 8.0)[DESCRIPTOR_SIZE:]
+    pipeline = Pipeline(replace(kind.stream(), sample_ns=0.8 * true_ns, decoder=Told()))
+    pipeline.assembler.divide(sectors, lambda count, sector: None)
+    reads = [0, 0.5, *(each / 100 for each in range(51, 700)), 7.5, 7.6, 7.7]
+    for begin_s, end_s in pairwise(reads):
+        begin, end = (round(len(raw) * each / 8) for each in (begin_s, end_s))
+        pipeline.receive(raw[begin:end], round(end_s * 1e9))
+    assert Told.used[-1] == pytest.approx(true_ns, rel=0.01)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lidario.families.base import Samples
+from lidario.families.base import DecodedRevolution, Samples
 from lidario.families.rplidar.formats import DenseFormat
 from lidario.revolution.assemble import Assembler
 from lidario.revolution.clock import Beginning, RevolutionClock
@@ -43,9 +43,8 @@ def test_the_time_of_the_first_sample(delays: list[int], carried: int, byte_ns: 
         latest = max(latest, at_ns + delay)
         arrivals.append((number + 1, latest))
     run = Packets(bytes(84 * packets), (Block(84, packets),), tuple(arrivals))
-    samples = Samples(
-        NOTHING, NOTHING, None, packets * each, range(each, packets * each + 1, each), 0, packets, 0.0, 0.0
-    )
+    decoded = DecodedRevolution(packets * each, 0.0, 0.0)
+    samples = Samples(NOTHING, NOTHING, None, range(each, packets * each + 1, each), [decoded], 0, packets)
     some = np.zeros(carried, np.float32)
     found = []
     # Where the angles are not certain, too.

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from lidario.families.arcs import write_degrees
-from lidario.families.base import Decoder, Samples
+from lidario.families.base import DecodedRevolution, Decoder, Samples
 from lidario.families.hokuyo.formats import DistanceFormat, characters, range_of, values
 from lidario.families.hokuyo.geometry import Geometry
 from lidario.wire.blocks import packet_offsets
@@ -53,10 +53,8 @@ class BlockDecoder(Decoder):
             angle_deg=angle,
             distance_mm=distance,
             intensity=strength,
-            before_seam=ends[-1],
             ends=ends,
+            revolutions=[DecodedRevolution(ends[-1], packets=1.0, samples=float(of.turn))],
             lost=0,
             unbroken=len(blocks),
-            revolution_packets=1.0,
-            revolution_samples=float(of.turn),
         )

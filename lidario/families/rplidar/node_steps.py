@@ -78,7 +78,7 @@ class NodeSteps(PacedTurning):
         step = float(steps.mean()) or self._typical
         return Arcs(spans, skipped, step, self._certain, self._revoked(times))
 
-    def steady(
+    def follow_several(
         self,
         heads: Heads,
         ends: Sequence[int],
@@ -93,11 +93,9 @@ class NodeSteps(PacedTurning):
                 return None
             typical, begin = total / (end - begin), end
             steps.append(typical)
-        return Arcs(spans, None, typical, certain=True, steps=steps)
-
-    def settle(self, arcs: Arcs, arrivals: Sequence[Arrival] = ()) -> None:  # noqa: ARG002
-        self._typical, self._strange = arcs.step, 0
+        self._typical, self._strange = typical, 0
         self._pace.clear()
+        return Arcs(spans, None, typical, certain=True, steps=steps)
 
     @staticmethod
     def _is_ordinary(typical: float, shortest: int, longest: int) -> bool:

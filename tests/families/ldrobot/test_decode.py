@@ -58,7 +58,7 @@ def test_a_wrong_last_angle_loses_no_packets(turned: int) -> None:
     # The points of that packet alone stand elsewhere.
     moved = np.flatnonzero(np.abs(found.angle_deg - clean.angle_deg) > 0.02)
     assert 8 * 12 <= moved.min() <= moved.max() < 9 * 12
-    assert found.revolution_samples == pytest.approx(clean.revolution_samples, rel=0.001)
+    assert found.last.samples == pytest.approx(clean.last.samples, rel=0.001)
 
 
 def test_of_packets_that_are_missing_beside_a_wrong_angle_none_is_told_twice() -> None:

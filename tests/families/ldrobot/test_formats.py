@@ -48,7 +48,7 @@ def test_the_manuals_example_and_its_check_value() -> None:
     assert samples.intensity is not None
     assert samples.intensity.tolist()[:3] == [228, 226, 229]
     assert (samples.angle_deg[0], samples.angle_deg[-1]) == (pytest.approx(324.27), pytest.approx(334.7))
-    assert samples.reported_rpm == pytest.approx(0x0868 / 6)
+    assert samples.last.reported_rpm == pytest.approx(0x0868 / 6)
 
 
 @pytest.mark.exhaustive("chunk", sample=[None, 7], full=[None, 1, 7, 47, 64])
@@ -102,14 +102,13 @@ def test_the_correction_before_holds_where_nothing_came_back_also_across_packets
     for each in (decoder, second):
         after = each.decode(in_one_run(TriangleFormat(), nothing), None)
         np.testing.assert_allclose(after.angle_deg[[0, 11]], [19.6 - shift, 28.4 - shift], atol=2e-5)
-    # A block that is not taken is not remembered.
-    steady = decoder.decode_steady(in_one_run(TriangleFormat(), CLEAN[0] + CLEAN[1]), CLEAN[2], [1, 2], 0, None)
-    assert steady is not None
-    again = decoder.decode(in_one_run(TriangleFormat(), nothing), None)
+    # Of several revolutions the last return counts, too.
+    both = in_one_run(TriangleFormat(), CLEAN[0] + CLEAN[1])
+    assert decoder.decode_several(both, CLEAN[2], [1, 2], 0, None) is not None
+    again = second.decode(in_one_run(TriangleFormat(), nothing), None)
     assert again.angle_deg[0] == pytest.approx(19.6 - shift, abs=2e-5)
-    steady.settle()
-    settled = decoder.decode(in_one_run(TriangleFormat(), nothing), None)
-    assert settled.angle_deg[0] == pytest.approx(19.6 - ldrobot.shift_deg(1012), abs=2e-5)
+    behind = decoder.decode(in_one_run(TriangleFormat(), nothing), None)
+    assert behind.angle_deg[0] == pytest.approx(19.6 - ldrobot.shift_deg(1012), abs=2e-5)
 
 
 # ------------------------------------------------------------------------------------------ packets as a response

@@ -68,7 +68,7 @@ def test_the_wikis_example() -> None:
     samples = PacketDecoder(PacketFormat).decode(in_one_run(PacketFormat(), packet), None)
     assert samples.angle_deg.tolist() == [312, 313, 314, 315]
     assert samples.distance_mm.tolist() == [484, 474, 0, 456]
-    assert samples.reported_rpm == 296.875
+    assert samples.last.reported_rpm == 296.875
 
 
 def run_down() -> bytes:

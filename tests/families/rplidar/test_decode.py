@@ -76,7 +76,7 @@ def test_the_seam_may_lie_anywhere_in_a_packet_of_whole_nodes(first: int) -> Non
     for before in range(97):
         samples = DECODERS[0x83]().decode(packet, None, seam=(first + 100 * before - 50) % 65536)
         # One that the rotor passed just before the packet, it passes again a revolution later.
-        assert samples.before_seam == (before or 96)
+        assert samples.last.before_seam == (before or 96)
 
 
 # ----------------------------------------------------------------------------------------------------- gaps

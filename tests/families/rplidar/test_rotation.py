@@ -27,16 +27,10 @@ def nodes_of(step: int, count: int = 140) -> Heads:
     return heads(headings(*(step * at for at in range(count))), step * count % TURN)
 
 
-def settled(rotation: NodeSteps) -> None:
-    arcs = rotation.steady(nodes_of(7), [140])
-    assert arcs is not None
-    rotation.settle(arcs)
-
-
 ORDINARY: dict[str, Callable[[NodeSteps], object]] = {
     "all there": lambda rotation: rotation.follow(nodes_of(7)),
     "one missing": lambda rotation: rotation.follow(heads(headings(0, *range(14, 300, 7)), 301)),
-    "a whole revolution": settled,
+    "a whole revolution": lambda rotation: rotation.follow_several(nodes_of(7), [140]),
 }
 
 
@@ -91,10 +85,10 @@ def test_what_was_told_before_time_tells_is_revoked(followed: bool) -> None:
 
 def test_several_revolutions_are_steady_where_each_is() -> None:
     rotation = NodeSteps(TURN)
-    assert rotation.steady(nodes_of(7, 280), [140, 280]) is None
+    assert rotation.follow_several(nodes_of(7, 280), [140, 280]) is None
     rotation.follow(nodes_of(7))
     for second, steps in ((7, [7, 7]), (10, [7, 10]), (14, None)):
-        arcs = rotation.steady(steps_of(*[7] * 140, *[second] * 140), [140, 280])
+        arcs = rotation.copy().follow_several(steps_of(*[7] * 140, *[second] * 140), [140, 280])
         assert (None if arcs is None else arcs.steps) == steps
     twin = rotation.copy()
     twin.follow(nodes_of(10))

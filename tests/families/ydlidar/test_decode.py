@@ -78,7 +78,7 @@ def test_where_mostly_short_packets_came_no_more_are_told_than_are_missing(kept:
     decoder.decode(run_of(turns[0]), turn[0])
     samples = decoder.decode(run_of([turn[number] for number in kept]), turns[2][0])
     assert samples.lost == len(turn) - kept[0] - len(kept)
-    assert samples.revolution_packets == pytest.approx(len(turn), abs=1)
+    assert samples.last.packets == pytest.approx(len(turn), abs=1)
 
 
 @pytest.mark.parametrize(("count", "ordinary"), [(5, 40), (6, 20)])
@@ -88,7 +88,7 @@ def test_of_six_packets_the_longest_one_is_an_ordinary_one(count: int, ordinary:
     decoder = PointCloudDecoder()
     decoder.decode(run_of(longer), shorter[0])
     samples = decoder.decode(run_of(shorter[:count]), shorter[count])
-    assert samples.revolution_packets == 1 + 480 // ordinary
+    assert samples.last.packets == 1 + 480 // ordinary
 
 
 def test_revolutions_of_few_packets_have_as_many_together_as_one_by_one() -> None:
@@ -96,9 +96,9 @@ def test_revolutions_of_few_packets_have_as_many_together_as_one_by_one() -> Non
     long, short = turn_of([1, 160, 160, 159]), turn_of([1, 120, 120, 120, 119])
     decoder = PointCloudDecoder()
     alone = [decoder.decode(run_of(turn), other[0]) for turn, other in ((long, short), (short, long))]
-    assert [each.revolution_packets for each in alone] == [4, 4]
-    together = PointCloudDecoder().decode_steady(run_of(long + short), long[0], [4, 9], 0, None)
-    assert together is None or together.revolution_packets == [4, 4]
+    assert [each.last.packets for each in alone] == [4, 4]
+    together = PointCloudDecoder().decode_several(run_of(long + short), long[0], [4, 9], 0, None)
+    assert together is None or [each.packets for each in together.revolutions] == [4, 4]
 
 
 def test_what_the_angles_cannot_tell_is_not_counted() -> None:
@@ -137,8 +137,8 @@ def test_a_short_packet_that_is_damaged_costs_nothing_else(counts: list[int], ra
         turn[at] = damaged(turn[at], off_q6)
         samples = decoded(turn, turn[0])
         assert (samples.lost, list(samples.gaps)) == (0, []), off_q6
-        assert samples.revolution_samples == pytest.approx(480, rel=0.01)
-        assert samples.revolution_packets == 13
+        assert samples.last.samples == pytest.approx(480, rel=0.01)
+        assert samples.last.packets == 13
 
 
 @pytest.mark.parametrize("gone", [[], [3], [8, 9]], ids=str)
@@ -150,7 +150,7 @@ def test_a_long_packet_that_is_damaged_does_not_look_like_lost_ones(gone: list[i
         samples = decoded([packet for at, packet in enumerate(turn) if at not in gone], turn[0])
         skipped = [count for _, count in samples.gaps]
         assert (samples.lost, skipped) == (len(gone), [43 * len(gone)] * bool(gone)), off_q6
-        assert samples.revolution_samples == pytest.approx(480, rel=0.01)
+        assert samples.last.samples == pytest.approx(480, rel=0.01)
 
 
 def test_most_packets_may_reach_over_no_angle() -> None:
@@ -158,6 +158,6 @@ def test_most_packets_may_reach_over_no_angle() -> None:
     short = [pack_points([1000] * 2, 13000, 13000)] * 3
     long = [pack_points([1000] * 80, first, first + 3950) for first in (0, 8000)]
     samples = decoded([*long, *short], long[0])
-    assert samples.revolution_samples == pytest.approx(23040 / 50, rel=0.02)
+    assert samples.last.samples == pytest.approx(23040 / 50, rel=0.02)
     assert samples.gaps[0] == (80, 80)
     assert decoded([long[1], *short], long[1]).gaps[0] == (80, 1050 // 50 - 1)
