@@ -75,7 +75,7 @@ class ArcDecoder(ABC):
         if packets.cut:
             self._turning.doubt_time()
         sample_ends, count = self._ends(heads), len(heads.first)
-        gaps, lost = self._gaps(heads, arcs)
+        gaps, lost = ([], []) if arcs.skipped is None else self._gaps(heads, arcs, arcs.skipped)
         angle, distance, intensity, last = self._decoded(heads, arcs, sample_ends, room)
         self._remember(heads, last)
         revolutions, begin = list[DecodedRevolution](), 0
@@ -93,13 +93,12 @@ class ArcDecoder(ABC):
             ends=sample_ends,
             revolutions=revolutions,
             lost=sum(lost),
-            unbroken=gaps[0] + 1 if gaps else count,
-            lost_behind=lost[-1] if gaps and gaps[-1] == count - 1 else 0,
+            unbroken=gaps[0][0] + 1 if gaps else count,
+            lost_behind=lost[-1] if gaps and gaps[-1][0] == count - 1 else 0,
             certain=arcs.certain,
-            gaps=[] if arcs.skipped is None else [(sample_ends[at], int(arcs.skipped[at])) for at in gaps],
+            gaps=[(sample_ends[at], skipped) for at, skipped in gaps],
             revoked=arcs.revoked,
             fits=arcs.fits,
-            sample_ns=self._sample_ns(heads),
         )
 
     # ------------------------------------------------------------------------------------- what a format must tell
@@ -126,10 +125,6 @@ class ArcDecoder(ABC):
     def _reported_rpm(self, heads: Heads, begin: int, end: int) -> float:  # noqa: ARG002
         """The speed that the packets from `begin` to `end` state, in revolutions a minute. Here none: NaN."""
         return math.nan
-
-    def _sample_ns(self, heads: Heads) -> float:  # noqa: ARG002
-        """How long each sample took, nanoseconds, where packets tell a speed that decides it. Here 0: none does."""
-        return 0.0
 
     def _behind_seam(self, heads: Heads, arcs: Arcs, at: int, seam: int) -> int:
         """How many samples of packet `at` were measured when the rotor had passed `seam`."""
@@ -167,15 +162,13 @@ class ArcDecoder(ABC):
         ends: list[int] = np.add.accumulate(counts).tolist()
         return ends
 
-    def _gaps(self, heads: Heads, arcs: Arcs) -> tuple[list[int], list[int]]:
-        """Behind which packets others are missing, and how many in each place."""
-        if arcs.skipped is None:
-            return [], []
+    def _gaps(self, heads: Heads, arcs: Arcs, skipped: NDArray[np.intp]) -> tuple[list[tuple[int, int]], list[int]]:
+        """Behind which packets others are missing, with the samples of those, and how many in each place."""
         found = [
-            (at, self._lost(heads, at, int(arcs.skipped[at]), arcs.step))
-            for at in arcs.skipped.nonzero()[0].tolist()
+            (at, each, self._lost(heads, at, each, arcs.step))
+            for at, each in zip(skipped.nonzero()[0].tolist(), skipped[skipped != 0].tolist(), strict=True)
         ]
-        return [at for at, lost in found if lost], [lost for _, lost in found if lost]
+        return [(at, each) for at, each, lost in found if lost], [lost for _, _, lost in found if lost]
 
 
 def at_equal_steps(first: Ints, arc: Arc, steps: int, into: Floats) -> None:

@@ -66,7 +66,7 @@ class Samples:
     def is_steady(self) -> bool:
         """Whether the speed is known, nothing is missing in them or before them, and all take the same time."""
         odd = self.lost or self.revoked[0] or self.sample_ns or not (self.certain and self.fits)
-        return not odd and self.last.samples > 0
+        return not odd and self.revolutions[-1].samples > 0
 
 
 class Decoder(Protocol):

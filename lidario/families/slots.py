@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.arcs import ArcDecoder, Output
+from lidario.families.samples import Samples
 from lidario.families.spans import Arcs, Heads, Ints, Turning, spans_between
 from lidario.wire.events import Arrival, Packets
 from lidario.wire.rows import LayoutFormat
@@ -72,12 +73,16 @@ class SlotDecoder(ArcDecoder):
     def _reported_rpm(self, heads: Heads, begin: int, end: int) -> float:
         return float(self._rpm(heads)[begin:end].mean())
 
-    def _sample_ns(self, heads: Heads) -> float:
+    def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
+        samples = super().decode(packets, following, room, seam)
+        turn = float(self._speeds.mean()) * float(self._counts.mean()) * self._slots
+        samples.sample_ns = 60e9 / turn if turn else 0.0
+        return samples
+
+    def _remember(self, heads: Heads, last: float) -> None:  # noqa: ARG002
         count = len(heads.first)
         self._speeds = np.concatenate((self._speeds, self._rpm(heads)))[-max(count, self._slots) :]
         self._counts = np.concatenate((self._counts, np.broadcast_to(heads.counts, count)))[-len(self._speeds) :]
-        turn = float(self._speeds.mean()) * float(self._counts.mean()) * self._slots
-        return 60e9 / turn if turn else 0.0
 
 
 class DegreeFormat(LayoutFormat):

@@ -5,7 +5,8 @@ little more than one of each: most of the cost is in the calls of numpy, not in 
 into the arrays of the block.
 
 What is found is what `Assembler` finds with one revolution after the other, to the last bit. Whatever may be a gap,
-a restart, or a late arrival is not judged here: then `add_block` makes no scan and changes nothing.
+a restart, or a late arrival is not judged here: then `add_block` makes no scan. Of one revolution it leaves what it
+decoded to `Assembler`; several have changed nothing.
 """
 
 from __future__ import annotations
