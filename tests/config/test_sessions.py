@@ -78,6 +78,16 @@ async def test_the_mode_is_that_of_each_reader_that_asks_for_none(settings: Path
     assert [scan.mode for scan in scans] == ["Standard"] * 3
 
 
+async def test_where_it_is_mounted_is_known_to_those_who_merge(tmp_path: Path) -> None:
+    path = tmp_path / "x.toml"
+    path.write_text("[default]\nmount = { x = 100.0 }\n")
+    lidar = SimulatedLidar("rplidar-s2")
+    async with lidario.open_lidar(lidar, config=path) as session, lidario.merged(session) as clouds:
+        cloud = await anext(clouds)
+    assert len(cloud)
+    assert cloud.points.xy[:, 0].min() > 50
+
+
 async def test_another_lidar_is_left_as_it_is(settings: Path) -> None:
     async with lidario.open_lidar(SimulatedLidar("rplidar-s2", serial="CD" * 16), config=settings) as session:
         scan = await session.scan()

@@ -175,6 +175,7 @@ def test_a_block_of_a_ust_is_known_by_its_steps() -> None:
     found = find_stream(memoryview(block), Known())
     assert found is not None
     assert found.title == "Hokuyo UST-10LX, UST-20LX or UTM-30LX"
+    assert found.stream.format.field_deg == pytest.approx(-270, abs=1)
 
 
 def test_the_speed_is_what_the_device_tells() -> None:
