@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from lidario.families.base import DecodedRevolution, Decoder, Samples
-from lidario.revolution.ended import hides_a_turn
+from lidario.revolution.ended import FALSE_PART, UNEVEN, hides_a_turn
 from lidario.revolution.partial import PartialRevolution, SampleArrays, joined
 from lidario.revolution.timing import begins_of
 from lidario.wire.blocks import Block, some_blocks
@@ -235,6 +235,9 @@ class DividedRevolution:
             sample_turns += piece.ends[-1] / samples
             if not math.isnan(rpm):
                 told, told_rpm = told + count, told_rpm + count * rpm
+        if not FALSE_PART <= sample_turns <= UNEVEN:
+            # What stands tells of no step, and a false seam ends what is none.
+            return None
         of_all = DecodedRevolution(
             self.before_seam, len(found) / turns, found[-1] / sample_turns, told_rpm / told if told else math.nan
         )

@@ -146,7 +146,7 @@ class SectorAssembler(Assembler):
         if here.samples:
             here.first_ns = partial.carried_ns - (here.samples - 1) * sample_ns
             # The packet that crossed the seam ends where the first one begins, unless others are missing between.
-            here.last_arc = (first - began) % wire.full_turn
+            here.last_arc = ((first & HEADING_MASK) - began) % wire.full_turn
             if here.gap and here.usual_samples:
                 here.last_arc = here.samples * wire.full_turn / here.usual_samples
             if here.last_arc > wire.full_turn - wire.full_turn // RETREAT_PART:
