@@ -65,73 +65,46 @@ class SteadyAssembler:
             splits: Where revolutions end in it; at least one.
             first: The first packet of the event that was not kept yet.
         """
-        stream, partial, clock, stats = self._stream, self.partial, self._clock, self.stats
-        sure = partial.whole and not (partial.moved or partial.behind_gap or partial.carried_packets)
-        marked, seam, last = splits[0].marked, splits[0].seam, splits[-1].packet
-        # Enough must be known of the revolution in the making, and of the one before.
-        if (
-            not sure
-            or stream.sample_ns <= 0
-            or clock.last is None
-            or not (partial.runs or splits[0].packet > first)
-        ):
+        if not self._may_be_steady(splits, first):
             return []
-        for split in splits:
-            # A mark that ended no revolution moved the seam: the decoder takes only one.
-            other_seam = not marked and split.seam != seam
-            if split.broken or split.moved or split.marked != marked or other_seam:
-                return []
-        runs = partial.runs
+        stream, partial, last = self._stream, self.partial, splits[-1].packet
+        wire, runs = stream.format, partial.runs
         if last > first:
-            runs = [*runs, part_of(event, first, last, offsets, stream.format, stream.sample_ns)]
+            runs = [*runs, part_of(event, first, last, offsets, wire, stream.sample_ns)]
         packets = joined(runs)
         before = packets.count - last
         ends = [before + split.packet for split in splits]
         room = 0 if partial.carried is None else len(partial.carried.angle)
         following = event.data[offsets[last] : offsets[last + 1]]
         if len(splits) > 1:
+            seam = None if splits[0].marked else splits[0].seam
             decoder = self._decoder.fork()
-            samples = decoder.decode_several(packets, following, ends, room, None if marked else seam)
+            samples = decoder.decode_several(packets, following, ends, room, seam)
         else:
             # Where it is no steady one, `Assembler` ends it with the same samples.
             samples = self._decoded = self._decode(partial, packets, splits[0], following, room)
             decoder = self._decoder
         # Of a few packets of any size, even the longest one may be short.
-        is_little = packets.count < FEWEST_PACKETS and stream.format.shortest != stream.format.longest
+        is_little = packets.count < FEWEST_PACKETS and wire.shortest != wire.longest
         if samples is None or not samples.is_steady or is_little:
             return []
         reads = [(room + samples.ends[complete - 1], at_ns) for complete, at_ns in packets.arrivals]
         if last > first:
             # What stands behind the end of a revolution was there already. So late was the end.
             complete, now = event.arrivals[bisect_left(event.arrivals, last, key=itemgetter(0))]
-            reads[-1] = reads[-1][0] + stream.format.samples_in(some_blocks(event.blocks, last, complete)), now
+            reads[-1] = reads[-1][0] + wire.samples_in(some_blocks(event.blocks, last, complete)), now
         reads.insert(0, (room, partial.carried_ns))
         here = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
         if partial.carried is not None:
             here.begin_with(partial.carried)
         offsets = packet_offsets(packets.blocks) if self._byte_ns else ()
-        revolutions, last_ns = _dated(stream, here, samples, ends, reads, offsets, self._byte_ns, clock.usual_ns)
-        if not revolutions or not clock.is_followed(revolutions):
+        usual_ns = self._clock.usual_ns
+        revolutions, last_ns = _dated(stream, here, samples, ends, reads, offsets, self._byte_ns, usual_ns)
+        if not revolutions or not self._clock.is_followed(revolutions):
             return []
         self._decoder, self._decoded = decoder, None
-        latest, of_latest = revolutions[-1], ends[-1] - (ends[-2] if len(ends) > 1 else 0)
-        stats.unfinished_packets += last - first
-        clock.settle(
-            Beginning(
-                latest.start_ns,
-                over=0.0,
-                revolution_ns=latest.revolution_ns,
-                revolution_packets=samples.revolutions[-1].packets,
-                packet_ns=latest.revolution_ns / samples.revolutions[-1].packets,
-                packets=of_latest,
-                lost=0,
-                broken=False,
-                number=stats.scans + stats.missed_scans + len(revolutions) - 1,
-                packets_before=stats.all_packets - of_latest,
-                spanned_ns=latest.spanned_ns,
-            )
-        )
-        stats.finish(stats.unfinished_packets, delivered=True)
+        self.stats.unfinished_packets += last - first
+        self._settle(revolutions, samples, ends[-1] - (ends[-2] if len(ends) > 1 else 0))
         self.partial = PartialRevolution(
             whole=True, seam=splits[-1].seam, behind_gap=False, even=True, carried_ns=last_ns
         )
@@ -142,6 +115,40 @@ class SteadyAssembler:
         scans = [self._deliver(each, stream.sample_ns, 0) for each in revolutions]
         self._keep_time()
         return scans
+
+    def _may_be_steady(self, splits: Sequence[Split], first: int) -> bool:
+        """Whether enough is known of the revolution in the making, and of the one before, and all seams are one."""
+        partial, marked, seam = self.partial, splits[0].marked, splits[0].seam
+        sure = partial.whole and not (partial.moved or partial.behind_gap or partial.carried_packets)
+        came = partial.runs or splits[0].packet > first
+        if not (sure and came) or self._stream.sample_ns <= 0 or self._clock.last is None:
+            return False
+        for split in splits:
+            # A mark that ended no revolution moved the seam: the decoder takes only one.
+            other_seam = not marked and split.seam != seam
+            if split.broken or split.moved or split.marked != marked or other_seam:
+                return False
+        return True
+
+    def _settle(self, revolutions: Sequence[DatedRevolution], samples: Samples, packets: int) -> None:
+        """Remember revolutions, by the last of them, which has so many packets."""
+        stats, latest, decoded = self.stats, revolutions[-1], samples.revolutions[-1]
+        self._clock.settle(
+            Beginning(
+                latest.start_ns,
+                over=0.0,
+                revolution_ns=latest.revolution_ns,
+                revolution_packets=decoded.packets,
+                packet_ns=latest.revolution_ns / decoded.packets,
+                packets=packets,
+                lost=0,
+                broken=False,
+                number=stats.scans + stats.missed_scans + len(revolutions) - 1,
+                packets_before=stats.all_packets - packets,
+                spanned_ns=latest.spanned_ns,
+            )
+        )
+        stats.finish(stats.unfinished_packets, delivered=True)
 
     def _decode(
         self,
