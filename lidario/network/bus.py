@@ -3,8 +3,8 @@
 It is always opened as a *client*. Since 2024 the routers of ROS 2 forward nothing from peer to peer, but always
 from and to clients, so a peer is seen by luck of the network only (rmw_zenoh's README, and its issues 625 and 929).
 
-zenoh calls back in threads of its own. Everything is handed to the event loop here, in order, for a bounded time
-in each turn of the loop (`lidario.network.handover`); what the loop does not take in time is dropped, oldest
+zenoh calls back in threads of its own, without a queue before it: who sends too fast waits, and its messages do not
+pile up here. Everything is handed to the event loop here, in order, for a bounded time in each turn of the loop (`lidario.network.handover`); what the loop does not take in time is dropped, oldest
 first, and counted. When the router goes away zenoh connects again by itself
 and declares everything anew; `Bus.on_change` tells of both.
 """
@@ -41,8 +41,10 @@ MOST_MESSAGE_BYTES: Final = 2 << 20
 LONGEST_KEY: Final = 1024
 MOST_REPLY_BYTES: Final = 16 << 20
 """Of all responses to one query, and of all tokens that are listed: those of some thousand lidars."""
+MOST_REPLIES: Final = 8
+"""Responses that zenoh has received and nobody has looked at; a router may send such of 4 MiB."""
 QUERY_BYTES: Final = 4096
-"""What a query that waits for its response takes, about."""
+"""What a query that waits for its response takes, about, beside what it carries."""
 
 
 class Sample(NamedTuple):
@@ -72,7 +74,9 @@ class Bus:
         self._loop = asyncio.get_running_loop()
         self._closed = False
         # A reference must be kept: zenoh removes a listener that is garbage.
-        self._held: list[Any] = [session.info.declare_transport_events_listener(self._transport_changed)]
+        self._held: list[Any] = [
+            session.info.declare_transport_events_listener(_at_once(self._transport_changed))
+        ]
 
     @classmethod
     async def open(cls, router: str = DEFAULT_ROUTER) -> Bus:
@@ -126,7 +130,7 @@ class Bus:
             # In a thread of zenoh.
             self._call(changed, bool(status.matching))
 
-        self._hold(lambda: sender.publisher.declare_matching_listener(receive))
+        self._hold(lambda: sender.publisher.declare_matching_listener(_at_once(receive)))
 
     def token(self, key: str) -> None:
         """Show that we are alive: the token is there until this is closed, or its process or line has died."""
@@ -144,7 +148,13 @@ class Bus:
                 query.drop()
 
         put = self._handover(send)
-        self._hold(lambda: self._session.declare_queryable(key, lambda query: put(query, QUERY_BYTES)))
+
+        def receive(query: Any) -> None:
+            # In a thread of zenoh. Ours carry nothing, but anybody may ask.
+            carried = len(query.payload or b"") + len(query.attachment or b"") + len(str(query.parameters))
+            put(query, QUERY_BYTES + carried)
+
+        self._hold(lambda: self._session.declare_queryable(key, _at_once(receive)))
 
     def subscribe(self, key: str, take: Callable[[Sample], Iterable[None] | None]) -> Callable[[], None]:
         """Call `take` on the event loop with everything that is published under `key`; returns what ends that.
@@ -162,7 +172,7 @@ class Bus:
             beside = attachment.to_bytes() if attachment and len(attachment) <= LONGEST_KEY else b""
             put(Sample(name, payload.to_bytes(), beside), len(payload) + len(name) + len(beside))
 
-        subscriber = self._hold(lambda: self._session.declare_subscriber(key, receive))
+        subscriber = self._hold(lambda: self._session.declare_subscriber(key, _at_once(receive)))
 
         def leave() -> None:
             if not self._closed:
@@ -179,11 +189,13 @@ class Bus:
             if len(name) <= LONGEST_KEY:
                 put((name, "PUT" in str(sample.kind)), len(name))
 
-        self._hold(lambda: self._session.liveliness().declare_subscriber(key, receive, history=True))
+        self._hold(lambda: self._session.liveliness().declare_subscriber(key, _at_once(receive), history=True))
 
     async def tokens(self, key: str, seconds: float) -> list[str]:
         """The tokens of `key` that are there. Cancelling ends the waiting."""
-        replies = await self._gather(lambda: self._session.liveliness().get(key, timeout=seconds))
+        replies = await self._gather(
+            lambda replies: self._session.liveliness().get(key, replies, timeout=seconds)
+        )
         return [reply.key for reply in replies]
 
     async def query(self, key: str, seconds: float) -> list[Sample]:
@@ -191,7 +203,9 @@ class Bus:
         everybody = the_package().QueryTarget.ALL
         none = the_package().ConsolidationMode.NONE
         return await self._gather(
-            lambda: self._session.get(key, timeout=seconds, target=everybody, consolidation=none)
+            lambda replies: self._session.get(
+                key, replies, timeout=seconds, target=everybody, consolidation=none
+            )
         )
 
     async def close(self) -> None:
@@ -220,10 +234,11 @@ class Bus:
         self._held.append(held)
         return held
 
-    async def _gather(self, ask: Callable[[], Any]) -> list[Sample]:
+    async def _gather(self, ask: Callable[[Any], Any]) -> list[Sample]:
+        few = the_package().handlers.FifoChannel(MOST_REPLIES)
         with self._told():
             # The iteration blocks until the last response has come, or the time is up.
-            return await run_in_thread(lambda: _collected(ask()))
+            return await run_in_thread(lambda: _collected(ask(few)))
 
     def _handover(self, take: Callable[[T], Iterable[None] | None]) -> Callable[[T, int], None]:
         """What hands things and their sizes over from a thread of zenoh to `take`, on the event loop."""
@@ -264,6 +279,15 @@ class Bus:
             self._loop.call_soon_threadsafe(callback, *values)
         except RuntimeError:
             _log.debug("the event loop is closed, so what zenoh brings is dropped")
+
+
+def _at_once(callback: Callable[[Any], None]) -> Any:
+    """A callback for zenoh, in the thread that has received.
+
+    zenoh would make a thread of Python for each one: it would keep 256 messages before that, of any size, and the
+    thread would keep a program from ending that has not closed its bus.
+    """
+    return the_package().handlers.Callback(callback, indirect=False)
 
 
 async def close_session(session: Any) -> None:

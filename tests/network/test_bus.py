@@ -39,6 +39,7 @@ class Arrived:
     def __init__(self, payload: bytes, meanwhile: Callable[[], object] = lambda: None) -> None:
         self.payload = Bytes(payload)
         self.attachment = None
+        self.parameters = ""
         self.name = "a"
         self._meanwhile = meanwhile
 
@@ -84,7 +85,7 @@ class Session:
     def close(self) -> None:
         self.released.wait()
 
-    def get(self, key: str, **options: object) -> Iterator[Arrived]:
+    def get(self, key: str, replies: object, **options: object) -> Iterator[Arrived]:
         while True:
             self.asked += 1
             yield Arrived(bytes(100))
@@ -131,6 +132,19 @@ async def test_what_waits_is_bounded_by_its_bytes(monkeypatch: pytest.MonkeyPatc
     while len(taken) < 601:
         await asyncio.sleep(0)
     assert bus.dropped == 6
+
+
+async def test_what_queries_carry_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each is kept whole until it is responded to, and anybody may ask with mebibytes."""
+    monkeypatch.setattr(handover, "MOST_WAITING_BYTES", 4 * (module.QUERY_BYTES + handover.ITEM_BYTES))
+    session, asked = Session(), list[None]()
+    bus = Bus(session, ROUTER)
+    bus.respond("a", lambda: asked.append(None) or b"")
+    for size in (0, module.QUERY_BYTES, 3 * module.QUERY_BYTES, 0):
+        session.receive(Arrived(bytes(size)))
+    assert bus.dropped == 3
+    await asyncio.sleep(0)
+    assert len(asked) == 1
 
 
 async def test_a_message_or_a_key_that_is_too_long_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,6 +7,7 @@ defect reaches.
 from __future__ import annotations
 
 import asyncio
+import threading
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ import pytest
 from lidario.errors import Unsupported
 from lidario.laserscan import LaserScan
 from lidario.network.bus import Sample
+from lidario.network.handover import Handover
 from lidario.network.keys import parse_attachment
 from lidario.ros import Publisher, Share, list_remote_lidars
 from lidario.ros.names import DIAGNOSTICS, LASERSCAN, Node, gid_of
@@ -141,3 +143,34 @@ async def test_a_laserscan_of_somebody_elses_node_is_a_source(router: Router) ->
         assert [(each.source, each.robot, each.model, each.health) for each in found] == [
             ("zenoh:3/urg/scan/*/*", "/robot1/urg", "", None)
         ]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("what", ["messages", "tokens", "queries"])
+async def test_zenoh_keeps_no_queue_before_the_bus(
+    router: Router, monkeypatch: pytest.MonkeyPatch, what: str
+) -> None:
+    """It does where a thread of Python takes what comes: 256 messages of any size. And a program ends behind that."""
+    by_python: list[bool] = []
+    put = Handover[Any].put
+
+    def noted(self: Handover[Any], item: Any, size: int) -> int:
+        by_python.append(threading.get_ident() in {each.ident for each in threading.enumerate()})
+        return put(self, item, size)
+
+    monkeypatch.setattr(Handover, "put", noted)
+    key = f"queue/{what}"
+    async with Rig(router) as rig:
+        reader, other = await rig.bus(), await rig.bus()
+        if what == "messages":
+            reader.subscribe(key, lambda _: None)
+            sender = other.sender(key, b"", keeps_last=True)
+            await until(lambda: sender.send(b"x") and by_python)
+        elif what == "tokens":
+            reader.watch_tokens(key, lambda *_: None)
+            other.token(key)
+            await until(lambda: by_python)
+        else:
+            reader.respond(key, lambda: b"")
+            assert await other.query(key, BOUND_S)
+    assert not any(by_python)

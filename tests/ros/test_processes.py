@@ -7,6 +7,7 @@ import contextlib
 import json
 import signal
 import subprocess
+import sys
 from collections.abc import Iterator
 
 import pytest
@@ -69,3 +70,30 @@ async def test_each_is_killed_and_the_router_restarts(tape: str) -> None:
             await watcher.close()
     finally:
         router.stop()
+
+
+LEFT = """
+import asyncio, sys
+from lidario.network.bus import Bus
+
+async def main():
+    bus = await Bus.open(sys.argv[1])
+    bus.watch_readers(bus.sender("left", b""), print)
+    bus.subscribe("left", print)
+    bus.watch_tokens("left", print)
+    bus.respond("left", bytes)
+    return bus
+
+left = asyncio.run(main())
+sys.exit(3)
+"""
+
+
+@pytest.mark.long
+def test_a_program_ends_that_has_not_closed_its_bus(router: Router) -> None:
+    """A thread of zenoh's for each subscription kept it from ending."""
+    with subprocess.Popen([sys.executable, "-c", LEFT, router.address]) as program:
+        try:
+            assert program.wait(BOUND_S) == 3
+        finally:
+            program.kill()
