@@ -3,10 +3,10 @@
 It is always opened as a *client*. Since 2024 the routers of ROS 2 forward nothing from peer to peer, but always
 from and to clients, so a peer is seen by luck of the network only (rmw_zenoh's README, and its issues 625 and 929).
 
-zenoh calls back in threads of its own, without a queue before it: who sends too fast waits, and its messages do not
-pile up here. Everything is handed to the event loop here, in order, for a bounded time in each turn of the loop (`lidario.network.handover`); what the loop does not take in time is dropped, oldest
-first, and counted. When the router goes away zenoh connects again by itself
-and declares everything anew; `Bus.on_change` tells of both.
+zenoh calls back in threads of its own, with no queue in between: who sends faster than that must wait. Everything
+is handed to the event loop here, in order, for a bounded time in each turn of the loop
+(`lidario.network.handover`); what the loop does not take in time is dropped, oldest first, and counted. When the
+router goes away zenoh connects again by itself and declares everything anew; `Bus.on_change` tells of both.
 """
 
 from __future__ import annotations
@@ -74,9 +74,7 @@ class Bus:
         self._loop = asyncio.get_running_loop()
         self._closed = False
         # A reference must be kept: zenoh removes a listener that is garbage.
-        self._held: list[Any] = [
-            session.info.declare_transport_events_listener(_at_once(self._transport_changed))
-        ]
+        self._held: list[Any] = [session.info.declare_transport_events_listener(_at_once(self._transport_changed))]
 
     @classmethod
     async def open(cls, router: str = DEFAULT_ROUTER) -> Bus:
@@ -193,9 +191,7 @@ class Bus:
 
     async def tokens(self, key: str, seconds: float) -> list[str]:
         """The tokens of `key` that are there. Cancelling ends the waiting."""
-        replies = await self._gather(
-            lambda replies: self._session.liveliness().get(key, replies, timeout=seconds)
-        )
+        replies = await self._gather(lambda replies: self._session.liveliness().get(key, replies, timeout=seconds))
         return [reply.key for reply in replies]
 
     async def query(self, key: str, seconds: float) -> list[Sample]:
@@ -203,9 +199,7 @@ class Bus:
         everybody = the_package().QueryTarget.ALL
         none = the_package().ConsolidationMode.NONE
         return await self._gather(
-            lambda replies: self._session.get(
-                key, replies, timeout=seconds, target=everybody, consolidation=none
-            )
+            lambda replies: self._session.get(key, replies, timeout=seconds, target=everybody, consolidation=none)
         )
 
     async def close(self) -> None:

@@ -161,7 +161,9 @@ class TcpServer(_AddressServer):
         try:
             client, _ = self._socket.accept()
         except OSError:
-            return  # it closed its end before it was accepted
+            # It closed its end before that, or no descriptor is left: then the system tells of it at once again.
+            self._ending.wait(_TICK_S)
+            return
         if self._client is not None:
             client.close()
             return

@@ -162,11 +162,16 @@ class Listening(socket.socket):
             raise
 
     def accept(self) -> tuple[socket.socket, Any]:
-        """As ``socket``; where no descriptor is left, whoever has connected is closed instead."""
+        """As ``socket``; where no descriptor is left, whoever has connected is closed instead.
+
+        Where another thread has taken the spare one, too, asyncio waits for a second and tries again.
+        """
+        if self._spare is None:
+            self._keep_spare()
         try:
             return super().accept()
         except OSError as error:
-            if error.errno not in (errno.EMFILE, errno.ENFILE):
+            if self._spare is None or error.errno not in (errno.EMFILE, errno.ENFILE):
                 raise
             self._let_go()
             with suppress(OSError):

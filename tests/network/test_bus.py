@@ -137,9 +137,14 @@ async def test_what_waits_is_bounded_by_its_bytes(monkeypatch: pytest.MonkeyPatc
 async def test_what_queries_carry_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each is kept whole until it is responded to, and anybody may ask with mebibytes."""
     monkeypatch.setattr(handover, "MOST_WAITING_BYTES", 4 * (module.QUERY_BYTES + handover.ITEM_BYTES))
-    session, asked = Session(), list[None]()
+    session, asked = Session(), list[bytes]()
     bus = Bus(session, ROUTER)
-    bus.respond("a", lambda: asked.append(None) or b"")
+
+    def response() -> bytes:
+        asked.append(b"")
+        return b""
+
+    bus.respond("a", response)
     for size in (0, module.QUERY_BYTES, 3 * module.QUERY_BYTES, 0):
         session.receive(Arrived(bytes(size)))
     assert bus.dropped == 3

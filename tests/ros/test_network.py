@@ -150,7 +150,7 @@ async def test_a_laserscan_of_somebody_elses_node_is_a_source(router: Router) ->
 async def test_zenoh_keeps_no_queue_before_the_bus(
     router: Router, monkeypatch: pytest.MonkeyPatch, what: str
 ) -> None:
-    """It does where a thread of Python takes what comes: 256 messages of any size. And a program ends behind that."""
+    """It does where a thread of Python takes what comes: 256 messages of any size."""
     by_python: list[bool] = []
     put = Handover[Any].put
 

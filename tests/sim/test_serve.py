@@ -5,7 +5,9 @@ The device here is a stand-in; see `tests.support.parrot`.
 
 from __future__ import annotations
 
+import errno
 import socket
+import time
 
 import pytest
 
@@ -62,6 +64,24 @@ class TestTcp:
                 assert second.recv(1) == b""
             first.sendall(b"b")
             assert first.recv(1) == b"B"
+
+    def test_without_descriptors_it_does_not_try_as_fast_as_it_can(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Who has connected waits, and the system tells of it again and again."""
+        tried: list[float] = []
+
+        def refused(_: socket.socket) -> tuple[socket.socket, object]:
+            tried.append(time.monotonic())
+            raise OSError(errno.EMFILE, "too many open files")
+
+        with TcpServer(Parrot()) as server:
+            with monkeypatch.context() as patch:
+                patch.setattr(socket.socket, "accept", refused)
+                client = socket.create_connection(server.address, timeout=BOUND)
+                until(lambda: len(tried) > 20)
+            assert tried[20] - tried[0] > 20 * 0.001
+            with client:
+                client.sendall(b"a")
+                assert client.recv(1) == b"A"
 
     def test_without_a_client_bytes_go_nowhere(self) -> None:
         device = Parrot()

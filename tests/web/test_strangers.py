@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import logging
 import os
 import socket
@@ -188,6 +189,35 @@ async def test_not_even_all_at_once_become_too_many_viewers(monkeypatch: pytest.
         for task in watching:
             task.cancel()
         await asyncio.gather(*watching, return_exceptions=True)
+
+
+async def test_where_even_the_spare_descriptor_is_gone_it_is_not_tried_again_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Another thread may open a file just then. asyncio waits for a second where it is told the cause."""
+
+    def none_left(*_: object) -> int:
+        raise OSError(errno.EMFILE, "too many open files")
+
+    with door.Listening(door.Door(), "127.0.0.1", 0) as listening:
+        with monkeypatch.context() as patch:
+            patch.setattr("os.open", none_left)
+            patch.setattr(socket.socket, "accept", none_left)
+            told = []
+            for _ in range(2):
+                with pytest.raises(OSError) as caught:  # noqa: PT011
+                    listening.accept()
+                told.append(caught.value.errno)
+            assert told == [None, errno.EMFILE]  # by the spare one; then as asyncio must hear it
+        listening.setblocking(False)
+        listening.listen()
+        for _ in range(2):
+            with pytest.raises(BlockingIOError):
+                listening.accept()  # nobody has connected
+            with monkeypatch.context() as patch:
+                patch.setattr(socket.socket, "accept", none_left)
+                with pytest.raises(BlockingIOError):
+                    listening.accept()  # there is a spare one again
 
 
 FULL = """
