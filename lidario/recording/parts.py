@@ -19,7 +19,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from lidario.arguments import finite, shown, whole
-from lidario.errors import InvalidValue
+from lidario.errors import CannotRecord, InvalidValue
 from lidario.recording.about import About
 from lidario.recording.write import FileWriter
 from lidario.system import cause_of
@@ -93,8 +93,8 @@ class Parts:
         self._began_ns: int | None = None
         # The files of this name that are complete, also those of another program that ran before.
         self._complete = _sizes_of(path) if split.keep is not None else {}
-        self.writer: FileWriter = FileWriter(
-            _free(path, about.began_ns) if split else path, about, overwrite=overwrite and not split, sync=sync
+        self.writer: FileWriter = (
+            self._begin(about.began_ns, about) if split else FileWriter(path, about, overwrite=overwrite, sync=sync)
         )
 
     @property
@@ -112,9 +112,22 @@ class Parts:
             self._closed_size += former.size
             self._complete[former.path] = former.size
             self._began_ns = at_ns
-            self.writer = FileWriter(_free(self._base, at_ns), former.about_now(at_ns), sync=self._sync)
+            self.writer = self._begin(at_ns, former.about_now(at_ns))
             self.count += 1
         return self.writer
+
+    def _begin(self, at_ns: int, about: About) -> FileWriter:
+        """A new file with the name of that time, or seconds later: a clock that was set back may have used it.
+
+        So may another recorder, at this very moment.
+        """
+        while True:
+            try:
+                return FileWriter(_named(self._base, at_ns), about, sync=self._sync)
+            except CannotRecord as error:
+                if not isinstance(error.__cause__, FileExistsError):
+                    raise
+                at_ns += _NS
 
     def flush(self) -> None:
         """End the chunk and hand it to the operating system; let files go where there are too many."""
@@ -140,13 +153,6 @@ def _named(path: Path, at_ns: int) -> Path:
     # Of UTC: local time goes back once a year.
     at = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=at_ns // _NS)
     return path.with_name(f"{path.stem}-{at:%Y%m%dT%H%M%SZ}{path.suffix}")
-
-
-def _free(path: Path, at_ns: int) -> Path:
-    """The name of the part that begins then, or seconds later: a clock that was set back may have used it."""
-    while os.path.lexists(name := _named(path, at_ns)):
-        at_ns += _NS
-    return name
 
 
 def _sizes_of(path: Path) -> dict[Path, int]:
