@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 from click.shell_completion import CompletionItem
 
+from lidario.system import cause_of
+
 if TYPE_CHECKING:
     from lidario import Mount
 
@@ -83,6 +85,21 @@ class WholeRange(click.IntRange):
     """As `click.IntRange`, whose errors speak of "a valid integer range"."""
 
     name = "whole number"
+
+
+class FolderOfFiles(click.Path):
+    """As `click.Path`, of a folder in which a file can be made, whatever its rights say."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The folder; raises `click.BadParameter` where it is none."""
+        from tempfile import TemporaryFile
+
+        folder = super().convert(value, param, ctx)
+        try:
+            TemporaryFile(dir=folder).close()
+        except OSError as error:
+            self.fail(f"no file can be made in {value!r}: {cause_of(error)}", param, ctx)
+        return folder
 
 
 class FiniteRange(click.FloatRange):

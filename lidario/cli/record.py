@@ -85,11 +85,13 @@ def record(
     command.
     """
     from lidario.cli.running import run
+    from lidario.recording.parts import Split
 
     only_with("--scans", of_scans, scans)
     path = datetime.now().strftime("lidar-%Y%m%d-%H%M%S.mcap") if output is None else output
     told, (split_s, split_bytes) = _Told(), split or (None, None)
-    _check(path, split_s, split_bytes, keep)
+    Split(split_s, split_bytes, keep, ("--split", "--split", "--keep"))
+    _check(path, replaces=force or split is not None)
     laserscans_of(of_scans)
     config = settings_of_file()
 
@@ -119,20 +121,15 @@ def record(
     return ExitCode.OK
 
 
-def _check(path: str, split_s: float | None, split_bytes: int | None, keep: int | None) -> None:
-    """Refuse what cannot be before the lidar is opened, by the names of the options."""
-    from lidario import InvalidValue
+def _check(path: str, replaces: bool) -> None:
+    """Refuse what cannot be the file, or be written, before the lidar is opened."""
+    from lidario.recording.export import must_be_writable
     from lidario.recording.files import file_source
-    from lidario.recording.parts import Split
 
     named = file_source(path)
     if named is None or str(named.path) != str(Path(path)):
         raise click.UsageError(f"{path!r} means something else as a SOURCE: give the file another name")
-    try:
-        Split(split_s, split_bytes, keep)
-    except InvalidValue as error:
-        text = str(error).replace("split_s or split_bytes", "--split").replace("keep_bytes", "--keep")
-        raise click.UsageError(text.replace("split_s", "--split").replace("split_bytes", "--split")) from None
+    must_be_writable(Path(path), overwrite=replaces)
 
 
 async def _follow(

@@ -20,7 +20,7 @@ import click
 
 from lidario.cli.errors import ExitCode, cannot_listen, need
 from lidario.cli.output import emit_beside, progress
-from lidario.cli.parameters import WholeRange, as_place, complete_source, guard_option, mode_option
+from lidario.cli.parameters import FolderOfFiles, WholeRange, as_place, complete_source, guard_option, mode_option
 from lidario.cli.settings import FILE, config_file, config_option
 from lidario.cli.streams import message
 
@@ -42,7 +42,7 @@ MOST_LIDARS: Final = 16
                    "Once for each SOURCE, in their order.")  # fmt: skip
 @click.option("--colour", "colours", multiple=True, metavar="#RRGGBB",
               help="Colour of a lidar, once for each SOURCE.")  # fmt: skip
-@click.option("--record", "folder", type=click.Path(exists=True, file_okay=False, writable=True), metavar="FOLDER",
+@click.option("--record", "folder", type=FolderOfFiles(exists=True, file_okay=False), metavar="FOLDER",
               help="Where the page may record: the current folder, with --lan nowhere, unless named.")  # fmt: skip
 @config_option
 @mode_option

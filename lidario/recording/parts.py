@@ -41,6 +41,7 @@ class Split:
         seconds: Time in a file; None for any.
         size: Bytes of a file, about: the second in which they are reached is in it. None for any.
         keep: Bytes of all files together; the oldest go. None to keep all.
+        names: What who gives these three calls them, for errors.
 
     Raises:
         InvalidValue: A figure that cannot be.
@@ -49,21 +50,22 @@ class Split:
     seconds: float | None = None
     size: int | None = None
     keep: int | None = None
+    names: tuple[str, str, str] = ("split_s", "split_bytes", "keep_bytes")
 
     def __post_init__(self) -> None:
-        if self.seconds is not None and not LEAST_S <= finite(self.seconds, "split_s") <= MOST_S:
-            raise InvalidValue(f"split_s is {LEAST_S:g} to {MOST_S:.0f} seconds, not {shown(self.seconds)}")
-        if self.size is not None and whole(self.size, "split_bytes") < LEAST_BYTES:
-            raise InvalidValue(f"split_bytes is {LEAST_BYTES} bytes or more, not {shown(self.size)}")
+        seconds, size, keep = self.names
+        if self.seconds is not None and not LEAST_S <= finite(self.seconds, seconds) <= MOST_S:
+            raise InvalidValue(f"{seconds} is {LEAST_S:g} to {MOST_S:.0f} seconds, not {shown(self.seconds)}")
+        if self.size is not None and whole(self.size, size) < LEAST_BYTES:
+            raise InvalidValue(f"{size} is {LEAST_BYTES} bytes or more, not {shown(self.size)}")
         if self.keep is None:
             return
         least = 2 * (self.size or LEAST_BYTES)
-        if whole(self.keep, "keep_bytes") < least:
-            raise InvalidValue(f"keep_bytes is {least} bytes or more, two files, not {shown(self.keep)}")
+        if whole(self.keep, keep) < least:
+            raise InvalidValue(f"{keep} is {least} bytes or more, two files, not {shown(self.keep)}")
         if not self:
-            raise InvalidValue(
-                "keep_bytes removes whole files: split_s or split_bytes says when the next one begins"
-            )
+            either = " or ".join(dict.fromkeys((seconds, size)))
+            raise InvalidValue(f"{keep} removes whole files: {either} says when the next one begins")
 
     def __bool__(self) -> bool:
         return self.seconds is not None or self.size is not None

@@ -91,6 +91,23 @@ def test_what_cannot_be_is_told_before_a_lidar_is_opened(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("options", [(), ("--split", "1m")], ids=["one file", "split"])
+def test_a_file_that_cannot_be_written_is_told_before_a_lidar_is_opened(
+    options: tuple[str, ...], tmp_path: Path
+) -> None:
+    path = tmp_path / "no-such-folder" / "run.mcap"
+    done = invoke("record", "/dev/nothing-is-here", "-o", str(path), *options)
+    assert (done.exit_code, done.stderr) == (4, f"error: {path} cannot be written: no such file or directory\n")
+
+
+def test_a_file_that_is_there_is_told_before_a_lidar_is_opened(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(b"mine")
+    for options, code in (((), 4), (("--force",), 3), (("--split", "1m"), 3)):
+        assert invoke("record", "/dev/nothing-is-here", "-o", str(path), *options).exit_code == code
+    assert path.read_bytes() == b"mine"
+
+
 @pytest.mark.long
 def test_ctrl_c_is_the_end_of_a_recording(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
