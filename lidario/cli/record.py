@@ -7,6 +7,7 @@ complete. Its name is the only line on stdout.
 from __future__ import annotations
 
 import asyncio
+import logging
 import time
 from collections.abc import Callable
 from datetime import datetime
@@ -42,6 +43,11 @@ class _Told:
 
     recording: Recording | None = None
     began: float | None = None
+
+    def filter(self, entry: logging.LogRecord) -> bool:
+        """Whether a line of the log is shown: not why the recording ended, which the command tells at its end."""
+        error = None if self.recording is None else self.recording.error
+        return error is None or error not in (entry.args or ())
 
 
 @click.command()
@@ -108,12 +114,15 @@ def record(
                 async with told.recording, lidar.scans(mode) as stream:
                     await _follow(told, told.recording, stream, seconds, count, show)
 
+    log = logging.getLogger("lidario")
+    log.addFilter(told)
     try:
         run(work)
     except Stopped:
         if seconds is not None or count is not None:
             raise
     finally:
+        log.removeFilter(told)
         _sum_up(told)
     if told.recording is not None and told.recording.error is not None:
         raise told.recording.error

@@ -12,8 +12,9 @@ import pytest
 import lidario
 from lidario.recording.files import open_stored
 from lidario.recording.played import PlayedDevice
-from tests.cli.processes import end, invoke, invoke_driven, line_of, run, started
+from tests.cli.processes import BOUND, end, invoke, invoke_driven, line_of, run, started
 from tests.support.cases import KINDS, Case, named
+from tests.support.children import until
 from tests.support.loop import run_driven
 from tests.support.recorded import Live, assert_same_scans, record, same_points
 
@@ -106,6 +107,19 @@ def test_a_file_that_is_there_is_told_before_a_lidar_is_opened(tmp_path: Path) -
     for options, code in (((), 4), (("--force",), 3), (("--split", "1m"), 3)):
         assert invoke("record", "/dev/nothing-is-here", "-o", str(path), *options).exit_code == code
     assert path.read_bytes() == b"mine"
+
+
+@pytest.mark.long
+def test_a_recording_that_ends_by_itself_is_told_once(tmp_path: Path) -> None:
+    """It was logged, and told once more as the error of the command."""
+    path = tmp_path / "run.mcap"
+    with started("record", "sim://rplidar-s2?via=memory", "-o", str(path)) as process:
+        until(lambda: path.exists() and path.stat().st_size)
+        path.unlink()
+        _, said = process.communicate(timeout=BOUND)
+    assert process.returncode == 4
+    assert said.count("was removed while it was written") == 1
+    assert said.splitlines()[-1].startswith(f"error: {path} was removed")
 
 
 @pytest.mark.long
