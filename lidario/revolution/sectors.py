@@ -165,7 +165,6 @@ class SectorAssembler(Assembler):
                 # What is missing is told with the next one, whose index says that this one did not come.
                 done.index += 1
                 continue
-            here.open[count] = OpenSector(done.index + 1, here.given, here.lost, len(here.pieces))
             arrays = pieces[0] if len(pieces) == 1 else join_pieces(pieces)
             # When the first sample of the revolution was measured, as far as the packets so far tell.
             packet_bytes = here.partial.size / here.packets
@@ -179,8 +178,18 @@ class SectorAssembler(Assembler):
                     before += skipped
                 elif at < here.given:
                     gaps.append((at - done.begin, skipped))
-            spanned = len(arrays.angle) + sum([skipped for _, skipped in gaps])
             stamp_ns, mode = start_ns + round(before * sample_ns), self._stream.mode
+            less = round((done.behind_ns - stamp_ns) / sample_ns)
+            if gaps and less >= here.most_samples:
+                # What came behind the gap was sooner than that allows, by a packet or more: less is missing there.
+                at, skipped = gaps[0]
+                less = min(skipped, less)
+                gaps[0], stamp_ns = (at, skipped - less), stamp_ns + round(less * sample_ns)
+            stamp_ns = max(stamp_ns, done.after_ns)
+            duration_ns = round((len(arrays.angle) + sum([skipped for _, skipped in gaps])) * sample_ns)
+            here.open[count] = OpenSector(
+                done.index + 1, here.given, here.lost, len(here.pieces), stamp_ns, stamp_ns + duration_ns
+            )
             sector = Sector(
                 device_angles=read_only(turned_by(arrays.angle, here.offset_deg)),
                 device_distances=read_only(arrays.distance),
@@ -188,7 +197,7 @@ class SectorAssembler(Assembler):
                 stamp_ns=stamp_ns,
                 wall_stamp_ns=stamp_ns + self.wall_offset_ns,
                 time_increment_ns=round(sample_ns),
-                duration_ns=round(spanned * sample_ns),
+                duration_ns=duration_ns,
                 rpm=60e9 / (here.usual_samples * sample_ns) if here.usual_samples else math.nan,
                 seq=here.seq,
                 index=done.index,

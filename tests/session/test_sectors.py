@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -205,3 +206,16 @@ def test_of_a_recording(tmp_path: Path) -> None:
     scans, sectors = run_driven(play)
     assert len(scans) >= 4
     assert sum(is_the_scan(scan, sectors) for scan in scans) >= len(scans) - 1
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("source", ["sim://ldrobot-ld06?fault=drop:0.1%25", "sim://ydlidar-x4?fault=drop:0.3%25"])
+async def test_time_does_not_go_back_where_packets_are_lost(source: str) -> None:
+    """How many are missing is not known exactly; a sector began 9 ms before the one before it."""
+    found: list[Sector] = []
+    async with lidario.open_lidar(f"{source}&via=memory") as lidar, lidar.sectors(15.0, depth=100) as sectors:
+        while len(found) < 400:
+            found.append(await anext(sectors))
+    for one, other in pairwise(found):
+        assert one.stamp_ns <= other.stamp_ns
+        assert one.stamp_ns + one.duration_ns - other.stamp_ns < 2_000_000
