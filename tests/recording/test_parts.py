@@ -21,10 +21,7 @@ from rosbags.rosbag2 import Reader
 
 import lidario
 from lidario.errors import InvalidValue, RecordingError
-from lidario.model import DeviceInfo
-from lidario.recording.about import About
 from lidario.recording.decode_file import FileDecoder
-from lidario.recording.parts import Parts, Split
 from lidario.recording.ros_messages import parse_raw
 from lidario.recording.write import RAW_TOPIC
 from lidario.scan import Scan
@@ -234,22 +231,6 @@ def test_recordings_of_the_same_time_are_not_one(tmp_path: Path) -> None:
         record(tmp_path / name, "sim://rplidar-s2", 15)
     with pytest.raises(RecordingError, match="of the same time"):
         lidario.summarize(tmp_path / "*" / "run-*.mcap")
-
-
-def test_recorders_that_begin_a_file_at_one_moment_share_none(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Each looks whether the name is free, and then both make the file. The recording of one of them ended."""
-    monkeypatch.setattr("os.path.lexists", lambda _: False)
-    about = About(DeviceInfo("rplidar", "A1", 0, "", 0, "00"))
-    split = Split(seconds=1.0)
-    recorders = [Parts(tmp_path / "run.mcap", about, split, overwrite=True, sync=False) for _ in range(2)]
-    for at_s in (0, 5):
-        for each in recorders:
-            each.writer_at(at_s * 10**9)
-    for each in recorders:
-        each.writer.close()
-    assert [path.name[-9:-6] for path in sorted(tmp_path.iterdir())] == ["000", "001", "005", "006"]
 
 
 @pytest.mark.parametrize(

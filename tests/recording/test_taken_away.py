@@ -1,4 +1,4 @@
-"""The file of a recording is removed, emptied or written by others, or is what the recording is made of."""
+"""The file of a recording is removed, emptied or written by others, is what it is made of, or has a name they want."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import pytest
 import lidario
 from lidario.model import DeviceInfo
 from lidario.recording.about import About
+from lidario.recording.parts import Parts, Split
 from lidario.recording.write import FileWriter
 from tests.support.loop import driven, run_driven
 from tests.support.recorded import record
@@ -68,3 +69,19 @@ def test_a_recording_does_not_replace_what_it_is_made_of(tmp_path: Path) -> None
 
     run_driven(main)
     assert live.path.read_bytes() == before
+
+
+def test_recorders_that_begin_a_file_at_one_moment_share_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each looks whether the name is free, and then both make the file. The recording of one of them ended."""
+    monkeypatch.setattr("os.path.lexists", lambda _: False)
+    about = About(DeviceInfo("rplidar", "A1", 0, "", 0, "00"))
+    split = Split(seconds=1.0)
+    recorders = [Parts(tmp_path / "run.mcap", about, split, overwrite=True, sync=False) for _ in range(2)]
+    for at_s in (0, 5):
+        for each in recorders:
+            each.writer_at(at_s * 10**9)
+    for each in recorders:
+        each.writer.close()
+    assert [path.name[-9:-6] for path in sorted(tmp_path.iterdir())] == ["000", "001", "005", "006"]
