@@ -160,8 +160,10 @@ async def main():
                 await anext(stream)
             for _ in range(3):
                 await anext(stream)
+            # The loop does not wait for the thread, and goes on receiving until that has ended.
+            received = lidar.stats.bytes_received - before
             await recording.close()
-            print(recording.error, recording.size, lidar.stats.bytes_received - before, recording.lost_bytes)
+            print(recording.error, recording.size, received, recording.lost_bytes)
 
 run_driven(main)
 """

@@ -1,4 +1,4 @@
-"""The file of a recording is removed, emptied or written by others, is what it is made of, or has a name they want."""
+"""The file of a recording is removed, emptied or written by others; is what it is made of; has a name they want."""
 
 from __future__ import annotations
 
