@@ -6,7 +6,9 @@ different things. A refusal says that the address is right and that nothing list
 An unreachable network is what a device on a direct cable leaves while it boots: the bytes are lost, and whether the
 device is silent for too long is for the session to say. Lost datagrams are gaps, as damage on a serial line is.
 
-Writes do not wait for the transport: uvloop writes only when the running callback has returned.
+Writes do not wait for the transport: uvloop writes only when the running callback has returned. And what waits is
+read at once, as of a terminal: behind a blocked loop each datagram would seem to have come when it was read, and a
+device that went on all the time to have been silent.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ import asyncio
 import contextlib
 import os
 import socket
+from collections.abc import Iterator
 from typing import Any, cast
 
 from lidario.errors import DeviceLost
@@ -25,6 +28,9 @@ from lidario.port.sockets import SocketLine, connected
 RESOLVE_TIMEOUT_S = 5.0
 BUFFER = 1 << 20
 """Bytes that the system is asked to keep while the program blocks its event loop; it may grant less."""
+MOST_DATAGRAMS = 4096
+"""Read at once, at most, and half of the buffer: as many small ones as the system keeps. They take 8 ms."""
+_LONGEST = 1 << 16
 
 
 async def open_udp(name: str, host: str, number: int) -> Port:
@@ -54,6 +60,9 @@ class _UdpPort(Port, asyncio.DatagramProtocol):
         super().connection_made(_UdpLine(cast("asyncio.DatagramTransport", transport), self))
 
     def datagram_received(self, data: bytes, addr: Any) -> None:  # noqa: ARG002
+        line = self._line
+        if isinstance(line, _UdpLine) and not self.is_forked:
+            data = b"".join((data, *line.waiting()))
         if data:
             self.data_received(data)
 
@@ -69,6 +78,21 @@ class _UdpLine(SocketLine[asyncio.DatagramTransport]):
         super().__init__(transport, port)
         with contextlib.suppress(OSError):
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
+
+    def waiting(self) -> Iterator[bytes]:
+        """The datagrams that wait to be read, as of now."""
+        if os.name != "posix":
+            return
+        count = size = 0
+        try:
+            while count < MOST_DATAGRAMS and size < BUFFER // 2:
+                data = os.read(self._socket.fileno(), _LONGEST)
+                count, size = count + 1, size + len(data)
+                yield data
+        except BlockingIOError:
+            pass
+        except OSError as error:
+            self.failed(error)
 
     def failed(self, error: Exception) -> None:
         """The system reports an error of an earlier datagram."""

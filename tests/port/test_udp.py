@@ -61,6 +61,37 @@ async def test_each_request_is_a_datagram_of_its_own(peer: socket.socket) -> Non
     assert [peer.recv(100) for _ in range(2)] == [bytes.fromhex("a5a80200000f"), b"\xa5\x25"]
 
 
+@on_both_loops
+async def test_what_waits_behind_a_blocked_loop_came_together(peer: socket.socket) -> None:
+    """Dated one by one, each datagram would seem to have come when it was its turn to be read."""
+    port, sink = await open_udp("udp://x", *peer.getsockname()), Sink()
+    port.attach(sink)
+    port.write(b"request")
+    _, client = peer.recvfrom(100)
+    sent = [b"%03d" % number for number in range(200)]
+    for each in sent:  # nothing is awaited: the loop is blocked
+        peer.sendto(each, client)
+    await sink.until(600)
+    assert sink.chunks == [b"".join(sent)]
+    await port.close()
+
+
+@pytest.mark.parametrize(("name", "most", "read"), [("MOST_DATAGRAMS", 8, 27), ("BUFFER", 30, 18)])
+async def test_a_flood_is_read_in_parts(
+    peer: socket.socket, name: str, most: int, read: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    port, sink = await open_udp("udp://x", *peer.getsockname()), Sink()
+    monkeypatch.setattr(f"lidario.port.udp.{name}", most)
+    port.attach(sink)
+    port.write(b"request")
+    _, client = peer.recvfrom(100)
+    for number in range(100):
+        peer.sendto(b"%03d" % number, client)
+    await sink.until(300)
+    assert {len(each) for each in sink.chunks[:-1]} == {read}
+    await port.close()
+
+
 @pytest.mark.long
 @on_both_loops
 async def test_what_the_system_does_not_send_is_not_the_end(peer: socket.socket) -> None:
