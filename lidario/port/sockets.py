@@ -24,6 +24,8 @@ from lidario.port.repeat import Repeat
 from lidario.system import cause_of
 
 T = TypeVar("T", bound=asyncio.Transport | asyncio.DatagramTransport)
+BUFFER = 1 << 20
+"""Bytes that the system is asked to keep while the program blocks its event loop; it may grant less."""
 _UNREACHABLE = (errno.EHOSTUNREACH, errno.ENETUNREACH)
 
 

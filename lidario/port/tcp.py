@@ -15,7 +15,7 @@ from typing import cast
 
 from lidario.port.line import Line
 from lidario.port.port import Port
-from lidario.port.sockets import SocketLine, connected
+from lidario.port.sockets import BUFFER, SocketLine, connected
 
 CONNECT_TIMEOUT_S = 5.0
 _KEEPALIVE = (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 3))
@@ -62,6 +62,7 @@ class _TcpLine(SocketLine[asyncio.Transport]):
         with contextlib.suppress(OSError):
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
             for option, value in _KEEPALIVE:
                 if hasattr(socket, option):
                     self._socket.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)

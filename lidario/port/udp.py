@@ -23,11 +23,9 @@ from typing import Any, cast
 from lidario.errors import DeviceLost
 from lidario.port.line import Line
 from lidario.port.port import Port
-from lidario.port.sockets import SocketLine, connected
+from lidario.port.sockets import BUFFER, SocketLine, connected
 
 RESOLVE_TIMEOUT_S = 5.0
-BUFFER = 1 << 20
-"""Bytes that the system is asked to keep while the program blocks its event loop; it may grant less."""
 MOST_DATAGRAMS = 4096
 """Read at once, at most, and half of the buffer: as many small ones as the system keeps. They take 8 ms."""
 _LONGEST = 1 << 16

@@ -21,7 +21,7 @@ from lidario.port.tcp import open_tcp
 from lidario.sim.serve import TcpServer
 from tests.support.devices import make_rig
 from tests.support.loop import now
-from tests.support.ports import PATIENCE_S, Sink, on_both_loops
+from tests.support.ports import PATIENCE_S, Sink, arrived, on_both_loops
 from tests.support.speeds import SpeedPtyServer
 
 
@@ -53,6 +53,17 @@ async def test_bytes_both_ways_at_once() -> None:
         assert peer.recv(100) == b"the last"
         assert peer.recv(100) == b""
         assert sink.lost == [None]
+
+
+@on_both_loops
+async def test_what_two_seconds_bring_to_a_blocked_loop_came_together() -> None:
+    """Of what the system does not take, the peer sends the rest when the first part was read, and dated."""
+    async with connected() as (_, sink, peer):
+        for _ in range(70):  # nothing is awaited: the loop is blocked
+            peer.sendall(bytes(2000))
+        assert arrived(peer)
+        await sink.until(140_000)
+        assert [len(each) for each in sink.chunks] == [140_000]
 
 
 @on_both_loops

@@ -13,7 +13,7 @@ from lidario.port.udp import open_udp
 from lidario.sim.rooms import make_world
 from lidario.sim.serve import UdpServer
 from tests.support.devices import left_still, make_rig, names
-from tests.support.ports import PATIENCE_S, Sink, impatient, on_both_loops
+from tests.support.ports import PATIENCE_S, Sink, arrived, impatient, on_both_loops
 
 
 @pytest.fixture
@@ -71,6 +71,7 @@ async def test_what_waits_behind_a_blocked_loop_came_together(peer: socket.socke
     sent = [b"%03d" % number for number in range(200)]
     for each in sent:  # nothing is awaited: the loop is blocked
         peer.sendto(each, client)
+    assert arrived(peer)
     await sink.until(600)
     assert sink.chunks == [b"".join(sent)]
     await port.close()
@@ -87,6 +88,7 @@ async def test_a_flood_is_read_in_parts(
     _, client = peer.recvfrom(100)
     for number in range(100):
         peer.sendto(b"%03d" % number, client)
+    assert arrived(peer)
     await sink.until(300)
     assert {len(each) for each in sink.chunks[:-1]} == {read}
     await port.close()

@@ -6,6 +6,7 @@ import asyncio
 import inspect
 import os
 import select
+import socket
 import subprocess
 import sys
 import time
@@ -195,6 +196,19 @@ def written(master: int, size: int) -> bytes:
     while len(data) < size and select.select([master], [], [], PATIENCE_S)[0]:
         data += os.read(master, size + 16)
     return data
+
+
+def arrived(sender: socket.socket) -> bool:
+    """Wait, while the loop stands still, until the system has handed over what a socket of this machine sent."""
+    if sys.platform == "linux":  # elsewhere it does so at once
+        import fcntl
+        import termios
+
+        deadline = time.monotonic() + PATIENCE_S
+        while any(fcntl.ioctl(sender, termios.TIOCOUTQ, bytes(4))):
+            if time.monotonic() > deadline:
+                return False
+    return True
 
 
 def open_files() -> int:
