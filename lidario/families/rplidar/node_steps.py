@@ -6,7 +6,8 @@ for the mean of a few dozen steps:
 
 1. **It is like the one before it.** In a few milliseconds a rotor changes its speed by a small part of the greatest
    one, whatever it does.
-2. **What is not** is missing nodes; what is not for long is another speed.
+2. **What is not** is missing nodes; what is not for long is another speed. What leaps ahead and falls back is
+   neither: behind an edge that is near, angles are corrected by more than behind one that is far.
 3. **The clock has the last word** where steps agree: they are one each, or a whole number of them.
 
 A node has two check bits, so that a few bytes may pass for one whose angle is somewhere else.
@@ -38,11 +39,13 @@ CHANGE: Final = 0.1
 """Part of the longest ordinary step of a revolution by which any other may differ from the one before: the slower a
 rotor turns, the more any change is for it."""
 STRANGE: Final = 32
-"""So many times in a row hardly a step is like those before: if time tells nothing, it is another speed."""
+"""Of so many times those steps, hardly one is like those before: if time tells nothing, it is another speed."""
 CERTAIN_STEPS: Final = 6
 """Steps that must agree before the ordinary one is certain."""
 FALSE_NODES: Final = 40
 """Nodes within which a leap and a fall belong together: between them stands what was no node."""
+_CORRECTED_TURNS: Final = 1 / 45
+"""How far angles are corrected at most: 8 degrees in the vendor's SDK 2.1.0, which does it for other formats."""
 
 
 class NodeSteps(PacedTurning):
@@ -142,16 +145,19 @@ class NodeSteps(PacedTurning):
         if not self._certain and len(known):
             self._learn_first(known)
         steps = np.full(len(rough), self._typical)
-        several = max(SEVERAL, round(_SEVERAL_TURNS * self._full_turn / max(1.0, self._typical)))
-        chunks = [known[begin : begin + several] for begin in range(0, len(known), several)]
         # The last few may be gaps alone.
-        slack = CHANGE * max([self._typical, *(_short(each) for each in chunks if len(each) >= CERTAIN_STEPS)])
+        whole = [part for part in _parts(known, SEVERAL) if len(part) >= CERTAIN_STEPS]
+        greatest = max([self._typical, *map(_short, whole)])
+        # Steps are rounded.
+        slack = CHANGE * greatest + 1
+        several = self._several(greatest)
+        chunks = _parts(known, several)
         for begin, chunk in zip(range(0, len(known), several), chunks, strict=True):
             self._take(chunk, slack)
             steps[begin : begin + several] = self._typical
         if self._typical <= 0:
             return steps, np.zeros(len(rough), np.intp)
-        missing = _missing(rough, np.maximum(steps, slack / JITTER))
+        missing = _missing(rough, steps, slack / JITTER, _CORRECTED_TURNS * self._full_turn)
         for begin, chunk in zip(range(0, len(known), several), chunks, strict=True):
             if np.abs(chunk).max() < steps[begin] / 2:
                 # The rotor all but stood: this revolution has so many samples more.
@@ -159,6 +165,10 @@ class NodeSteps(PacedTurning):
         if not followed:
             missing[-1] = 0
         return steps, missing
+
+    def _several(self, step: float) -> int:
+        """How many such steps tell a mean."""
+        return max(SEVERAL, round(_SEVERAL_TURNS * self._full_turn / max(1.0, step)))
 
     def _take(self, spans: Steps, slack: float) -> None:
         """Find the ordinary step of a few dozen, by the one before."""
@@ -170,8 +180,8 @@ class NodeSteps(PacedTurning):
         middle, agreeing = _middle(spans)
         if agreeing < CERTAIN_STEPS or 2 * agreeing < len(spans):
             return
-        self._strange += 1
-        if self._strange >= STRANGE and middle > 0:
+        self._strange += len(spans)
+        if self._strange >= STRANGE * self._several(self._typical) and middle > 0:
             self._typical, self._strange = middle, 0
 
     def _learn_first(self, spans: Steps) -> None:
@@ -181,6 +191,10 @@ class NodeSteps(PacedTurning):
         if len(ordinary):
             self._typical, _ = _middle(ordinary)
         self._certain = len(ordinary) >= CERTAIN_STEPS and self._typical > 0
+
+
+def _parts(spans: Steps, size: int) -> list[Steps]:
+    return [spans[begin : begin + size] for begin in range(0, len(spans), size)]
 
 
 def _short(spans: Steps) -> float:
@@ -196,17 +210,35 @@ def _middle(spans: Steps) -> tuple[float, int]:
     return (float(near.mean()) if len(near) else median), len(near)
 
 
-def _missing(spans: Steps, steps: Steps) -> NDArray[np.intp]:
-    """Nodes missing behind each."""
-    missing = np.ceil(spans / steps - 1 - JITTER).astype(np.intp)
+def _missing(spans: Steps, steps: Steps, least: float, corrected: float) -> NDArray[np.intp]:
+    """Nodes missing behind each.
+
+    Args:
+        spans: How far ahead of each node the next one is.
+        steps: The ordinary step at each.
+        least: A rotor that turns by less from node to node all but stands.
+        corrected: How far angles are corrected at most.
+    """
+    moved = np.maximum(steps, least)
+    times = spans / moved
+    missing = np.ceil(times - 1 - JITTER).astype(np.intp)
+    leaps = missing > 0
     # A leap beside a fall is one heading that is out of place, not a gap.
     falls = spans < 0
     missing[1:][falls[:-1]] = -1
     missing[:-1][falls[1:]] = -1
     # Where headings leap ahead and soon fall back, only the difference is missing.
-    for fall in np.flatnonzero(spans < -2 * steps).tolist():
-        leaps = np.flatnonzero(missing[max(0, fall - FALSE_NODES) : fall] > 0)
-        if len(leaps):
-            leap = max(0, fall - FALSE_NODES) + int(leaps[-1])
-            missing[leap] = max(0, int(missing[leap]) + round(float(spans[fall] / steps[fall])))
-    return np.maximum(missing, 0)
+    for fall in np.flatnonzero(spans < -2 * moved).tolist():
+        before = np.flatnonzero(missing[max(0, fall - FALSE_NODES) : fall] > 0)
+        if len(before):
+            leap = max(0, fall - FALSE_NODES) + int(before[-1])
+            missing[leap] = max(0, int(missing[leap]) + round(float(times[fall])))
+    missing = np.maximum(missing, 0)
+    # So it is anywhere where a correction may be the cause. One that stands may be the one before once more; a gap
+    # that is larger than others is the likelier one.
+    falls = (times < 1 - JITTER) & (spans != 0) & (steps >= least) & (spans > -corrected)
+    false = int(missing.sum()) - max(0, round(float((times - 1)[falls | leaps].sum())))
+    if false > 0 and falls.any():
+        order = np.argsort(missing, kind="stable")
+        missing[order] = np.clip(np.cumsum(missing[order]) - false, 0, missing[order])
+    return missing
