@@ -96,9 +96,9 @@ class Assembler(SteadyAssembler):
             splits = self._seam.splits(headings, self.incoming.passing)
             dated = packets
             if len(splits) > 1 and self.incoming.passing is None and self._stream.timed:
-                ends_at, before_ns = [split.packet for split in splits], self.partial.last_ns
+                ends_at = [split.packet for split in splits]
                 sample_ns, wire = self.incoming.time.known_ns, self._stream.format
-                dated = dated_within(packets, ends_at, before_ns, self._decoder, wire, sample_ns)
+                dated = dated_within(packets, ends_at, self.partial, self._decoder, wire, sample_ns)
             offsets = packet_offsets(packets.blocks) if splits else ()
             done, alone = 0, 1
             while done < len(splits):

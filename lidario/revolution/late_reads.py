@@ -14,38 +14,52 @@ from dataclasses import replace
 from itertools import accumulate
 
 from lidario.families.base import Decoder, Samples
-from lidario.revolution.partial import part_of
+from lidario.revolution.partial import PartialRevolution, joined, part_of
 from lidario.wire.blocks import packet_offsets
 from lidario.wire.events import Arrival, Packets
 from lidario.wire.formats import StreamFormat
 
 
 def dated_within(
-    packets: Packets, ends: Sequence[int], before_ns: int, decoder: Decoder, wire: StreamFormat, sample_ns: float
+    packets: Packets,
+    ends: Sequence[int],
+    partial: PartialRevolution,
+    decoder: Decoder,
+    wire: StreamFormat,
+    sample_ns: float,
 ) -> Packets:
     """The same packets, dated also where revolutions end in a read that holds several of these ends.
 
     Args:
         packets: The packets.
         ends: How many of them come before the end of each revolution; ascending.
-        before_ns: When the packet before them came.
+        partial: The revolution in the making, which the decoder has not seen yet.
         decoder: The decoder of the stream.
         wire: Their format.
         sample_ns: Nanoseconds a sample; 0 where that is not known, and then nothing is dated.
     """
-    found, begin, last_ns = list[Arrival](), 0, before_ns
+    found, begin, last_ns = list[Arrival](), 0, partial.last_ns
+    follower, unseen, first = decoder, partial.runs, 0
     for complete, at_ns in packets.arrivals:
         inside = ends[bisect_right(ends, begin) : bisect_left(ends, complete)]
         if len(inside) > 1 and sample_ns:
             part = part_of(packets, begin, complete, None, wire, sample_ns)
-            samples = None if _is_whole(part, decoder, wire, sample_ns) else decoder.fork().decode(part, None)
-            if samples is not None and samples.certain and samples.gaps:
-                behind = _measured_behind(samples, [place - begin for place in inside])
-                # None of them was there at the read before.
-                found += [
-                    (place, max(last_ns, at_ns - round(count * sample_ns)))
-                    for place, count in zip(inside, behind, strict=True)
-                ]
+            if not _is_whole(part, follower, wire, sample_ns):
+                follower = decoder.fork() if follower is decoder else follower
+                # The rotor may have stopped since the decoder has seen it.
+                if begin > first:
+                    unseen = [*unseen, part_of(packets, first, begin, None, wire, sample_ns)]
+                if unseen:
+                    follower.decode(joined(unseen), part.data[: part.blocks[0].size])
+                samples = follower.decode(part, None)
+                unseen, first = [], complete
+                if samples.certain and samples.gaps:
+                    behind = _measured_behind(samples, [place - begin for place in inside])
+                    # None of them was there at the read before.
+                    found += [
+                        (place, max(last_ns, at_ns - round(count * sample_ns)))
+                        for place, count in zip(inside, behind, strict=True)
+                    ]
         found.append((complete, at_ns))
         begin, last_ns = complete, at_ns
     return replace(packets, arrivals=tuple(found)) if len(found) > len(packets.arrivals) else packets

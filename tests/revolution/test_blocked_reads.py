@@ -4,9 +4,11 @@ What the line has kept is read behind the pause, together with what comes behind
 a gap are dated late by all of it, and no time lies where packets are missing.
 """
 
+import struct
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
-from itertools import pairwise
+from itertools import accumulate, pairwise
 
 import pytest
 
@@ -68,3 +70,26 @@ def test_a_blocked_reader_is_told_all_that_is_missing(
     assert len(scans) + stats.missed_scans == len(clean)
     for scan in scans[-5:]:
         assert abs(scan.stamp_ns - clean[scan.seq].stamp_ns) < 0.1e9 * REVOLUTION_S.get(name, 0.1)
+
+
+def test_reads_of_several_revolutions_are_dated_alike_behind_a_rotor_that_stood() -> None:
+    """Read one by one, or handed over together with their times: nothing is missing, and stamps are the same."""
+    down, up = ([55 * at / nodes for at in range(nodes)] for nodes in (1500, 400))
+    steps = [*[55.0] * 3000, *down[::-1], *[0.0] * 2500, *up, *[55.0] * 5000]
+    angles = [round(at) % 23040 for at in accumulate(steps)]
+    begins = [after < before for before, after in pairwise([0, *angles])]
+    nodes = zip(begins, angles, strict=True)
+    raw = b"".join([struct.pack("<BHH", 1 if begin else 2, angle << 1 | 1, 4000) for begin, angle in nodes])
+    reads = [(end, end // 5 * 200_000) for end in range(4096, len(raw), 4096)]
+    told = list[tuple[int, int, list[int]]]()
+    # What it turned when a revolution ended last, tells nothing of a read behind its rest.
+    for together in (1, 7):
+        pipeline = Pipeline(replace(KINDS["0x81 nodes"].stream(), sample_ns=200_000.0))
+        scans, begin = list[Scan](), 0
+        for at in range(0, len(reads), together):
+            *arrivals, (end, now) = [(end - begin, at_ns) for end, at_ns in reads[at : at + together]]
+            scans += pipeline.receive(raw[begin : begin + end], now, arrivals)
+            begin += end
+        told.append((pipeline.stats.lost_packets, pipeline.stats.missed_scans, [scan.stamp_ns for scan in scans]))
+    assert told[0] == told[1]
+    assert told[0][:2] == (0, 0)
