@@ -17,7 +17,7 @@ from dataclasses import replace
 
 from lidario.families.base import Stream
 from lidario.revolution.build import DatedRevolution, turned_by
-from lidario.revolution.ended import EndedRevolution
+from lidario.revolution.ended import EndedRevolution, share_past
 from lidario.revolution.incoming import Clock
 from lidario.revolution.late_reads import dated_within
 from lidario.revolution.partial import PartialRevolution, SampleArrays, part_of
@@ -233,6 +233,9 @@ class Assembler(SteadyAssembler):
         if crossed < len(here.angle):
             self.partial.carry(here.part(crossed), samples)
             lost -= samples.lost_behind
+        elif samples.lost_behind and not split.broken:
+            behind = share_past(self._stream.format, following, split.seam) * samples.last.packets
+            self.partial.lost_before = min(samples.lost_behind, round(behind))
         gaps = partial.gaps(samples, room, crossed, revoked=bool(revoked)) if samples.gaps or lost else []
         arrays = here.part(room if revoked else 0, crossed)
         if not len(arrays.angle):
@@ -254,7 +257,9 @@ class Assembler(SteadyAssembler):
         arrays, rpm = ended.arrays, ended.samples.last.reported_rpm
         arrays.angle = turned_by(arrays.angle, self._stream.zero_offset_deg)
         made = DatedRevolution(arrays, ended.start_ns, ended.spanned_ns, ended.revolution_ns, rpm, ended.gaps)
-        return self._deliver(made, ended.sample_ns, ended.lost)
+        # A gap across the seam lies in both.
+        lost = ended.lost + ended.partial.lost_before - self.partial.lost_before
+        return self._deliver(made, ended.sample_ns, lost)
 
     def _is_whole(self, ended: EndedRevolution, number: int) -> bool:
         """Count a revolution, and tell whether it makes a scan."""

@@ -106,6 +106,7 @@ class DividedRevolution:
         if carried is not None:
             self.rest, self.gap = carried, self.lost > 0
             self.samples = self.last_samples = len(carried.angle)
+        self.lost += self.partial.lost_before
         if self.partial.skipped_behind_carried:
             self.gaps.append((self.samples, self.partial.skipped_behind_carried))
 

@@ -9,7 +9,7 @@ from typing import Final
 from lidario.families.base import Samples
 from lidario.revolution.clock import NOISE, Beginning
 from lidario.revolution.partial import PartialRevolution, SampleArrays
-from lidario.wire.blocks import Block, some_blocks
+from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
 from lidario.wire.formats import HEADING_MASK, StreamFormat
 
@@ -194,9 +194,12 @@ def share_before(wire: StreamFormat, revolution: PartialRevolution, samples: Sam
     if revolution.carried is not None or not revolution.behind_gap:
         return 0.0
     run = revolution.runs[0]
-    blocks = some_blocks(run.blocks, 0, 1)
-    first = Packets(run.data[: blocks[0].size], blocks, ((1, 0),))
-    heading = int(wire.headings(first)[0]) & HEADING_MASK
-    over = (heading - (revolution.seam or 0)) % wire.full_turn / wire.full_turn
-    behind = over * samples.last.packets
-    return over if behind > _FIRST_PACKETS and over < 1 - _BEFORE_SEAM else 0.0
+    over = share_past(wire, run.data[: run.blocks[0].size], revolution.seam or 0)
+    return over if over * samples.last.packets > _FIRST_PACKETS else 0.0
+
+
+def share_past(wire: StreamFormat, packet: bytes, seam: int) -> float:
+    """Share of a revolution by which a packet begins behind the seam; 0 for one that trembled back over it."""
+    heading = int(wire.headings(Packets(packet, (Block(len(packet), 1),), ((1, 0),)))[0]) & HEADING_MASK
+    over = (heading - seam) % wire.full_turn / wire.full_turn
+    return over if over < 1 - _BEFORE_SEAM else 0.0

@@ -61,6 +61,9 @@ class PartialRevolution:
     # Whether nothing was missing in the revolution before, and each packet since is as close behind the one before
     # as they were there: then nothing is missing in this one.
     even: bool = False
+    # Of the packets that are missing right before its first one, those that are its own: they are counted with the
+    # revolution before.
+    lost_before: int = 0
     carried: SampleArrays | None = None  # samples from the packet that crossed the seam at its beginning, if any
     carried_ns: int = 0  # arrival of the last packet before it; 0 when there was none
     lost_behind_carried: int = 0  # packets missing right behind that packet

@@ -288,6 +288,7 @@ class SectorAssembler(Assembler):
     def _finish_all(self, here: DividedRevolution) -> None:
         """The revolution has ended: hand out its last sectors."""
         here.leave_rest()
+        here.lost_behind = max(0, here.lost_behind - self.partial.lost_before)
         here.sample_ns = here.by_speed_ns or self.incoming.time.known_ns
         while here.at < len(here.ends):
             self._hand_out(here)

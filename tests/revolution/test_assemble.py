@@ -71,6 +71,18 @@ def test_lost_packets_are_counted_in_their_turn(lost: tuple[int, ...]) -> None:
         assert scan.rpm == pytest.approx(2000)
 
 
+@pytest.mark.parametrize("first", [0, 480, 720])
+@pytest.mark.parametrize(("before", "behind"), [(1, 0), (1, 1), (3, 12), (12, 3), (0, 2)])
+def test_a_gap_across_the_seam_is_told_by_both_revolutions(before: int, behind: int, first: int) -> None:
+    """Each tells its own part; a packet across the seam is of the one in which most of it lies."""
+    stats = AssemblerStats()
+    scans = assemble(*without(numbered(24 * 5 + 1, 960, first), *range(48 - before, 48 + behind)), stats=stats)
+    told = [scan.lost_packets for scan in scans]
+    assert sum(told) == before + behind == stats.lost_packets
+    for lost, scan in zip(told, scans, strict=True):
+        assert abs(960 - len(scan) - 40 * lost) <= 20
+
+
 def test_what_is_missing_in_the_revolution_in_the_making_is_told_when_the_stream_ends() -> None:
     stats = AssemblerStats()
     assembler = Assembler(stream_of(DENSE, sample_ns=float(SAMPLE_NS)), BAUD, stats=stats)
