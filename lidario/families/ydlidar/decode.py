@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.arcs import ArcDecoder, Output, at_equal_steps, in_turn, write_degrees
-from lidario.families.spans import Arcs, Heads
+from lidario.families.spans import LIKENESS, Arcs, Heads
 from lidario.families.told import FEWEST, ToldWheel
 from lidario.families.ydlidar.formats import (
     FULL_TURN_Q6,
@@ -153,7 +153,8 @@ class PointCloudDecoder(ArcDecoder):
             if 0 < to_seam < skipped + 1:
                 before = _packets_before_seam(to_seam - 1, ordinary)
                 return before + 1 + _full_packets(skipped - to_seam, ordinary)
-        return _full_packets(skipped, ordinary)
+        # In the midst of a revolution each packet is an ordinary one, though it may have been slower.
+        return _full_packets(skipped, ordinary) if skipped >= LIKENESS * ordinary else 0
 
     def _longest(self, heads: Heads, begin: int, end: int) -> int:
         """The size of an ordinary packet. Of a few packets, all may be short: then it only grows."""

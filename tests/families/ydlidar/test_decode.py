@@ -153,14 +153,23 @@ def test_a_long_packet_that_is_damaged_does_not_look_like_lost_ones(gone: list[i
         assert samples.last.samples == pytest.approx(480, rel=0.01)
 
 
+@pytest.mark.parametrize("gone", [[], [20], [30, 31]], ids=str)
+def test_packets_that_tremble_by_several_steps_have_lost_nothing(gone: list[int]) -> None:
+    """In the midst of a revolution a packet is an ordinary one: a jump that would hold a part of one is none."""
+    begins = [40 * 8 * at + at % 2 * 50 for at in range(60) if at not in gone]
+    samples = decoded([pack_points([1000] * 40, first, first + 39 * 8) for first in begins])
+    assert samples.lost == len(gone)
+    assert len(samples.gaps) == bool(gone)
+
+
 def test_most_packets_may_reach_over_no_angle() -> None:
     """The long ones tell the step, also where there is only one."""
-    short = [pack_points([1000] * 2, 13000, 13000)] * 3
+    short = [pack_points([1000] * 2, 15000, 15000)] * 3
     long = [pack_points([1000] * 80, first, first + 3950) for first in (0, 8000)]
     samples = decoded([*long, *short], long[0])
     assert samples.last.samples == pytest.approx(23040 / 50, rel=0.02)
     assert samples.gaps[0] == (80, 80)
-    assert decoded([long[1], *short], long[1]).gaps[0] == (80, 1050 // 50 - 1)
+    assert decoded([long[1], *short], long[1]).gaps[0] == (80, 3050 // 50 - 1)
 
 
 @pytest.mark.parametrize("name", ["g2", "tmini", "sh"])
