@@ -141,7 +141,9 @@ def test_an_outage_that_is_read_late_leaves_no_scan_of_two_revolutions(name: str
     for packet, at_ns in packets[free:]:
         scans += assembler.add(in_one_run(wire, packet, at_ns))
     assert assembler.stats.lost_packets == pytest.approx(back - lost, abs=3 + 0.01 * (back - lost))
-    assert all(not scan.lost_packets for scan in scans)
+    # Of the one that went on behind the outage the beginning is missing.
+    whole = max(map(len, scans))
+    assert all((len(scan) < 0.99 * whole) == (scan.lost_packets > 0) for scan in scans)
     assert scans[-1].seq + 1 == len(clean_scans(name))
 
 
