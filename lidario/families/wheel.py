@@ -80,7 +80,7 @@ class Wheel(PacedTurning):
 
     def __init__(self, full_turn: int, samples: int = 1) -> None:
         super().__init__(full_turn, RETREAT_TURNS, samples)
-        self._arc = self._greatest = 0.0
+        self._arc = 0.0
         # Whether all of the latest spans were a whole number of arcs, as far as they tell.
         self._fits = True
         # Since the speed was last confirmed.
@@ -112,7 +112,7 @@ class Wheel(PacedTurning):
                     return self._among_gaps(spans, arrivals, followed=followed)
             # One that stands tells of no arc.
             self._arc, self._certain, self._strange = float(spans[-1]) or self._arc, True, 0
-            self._greatest, self._fits = max(self._arc, self._greatest), True
+            self._fits = True
             if self._confirmed and self._spans:
                 self._forget()
             return Arcs(spans, None, (total / len(spans) or self._arc) / self._samples, certain=True)
@@ -131,7 +131,6 @@ class Wheel(PacedTurning):
             steps.append(total / (end - begin) / self._samples)
             begin = end
         self._arc, self._strange, self._fits = before, 0, True
-        self._greatest = max(before, self._greatest)
         if not self._confirmed:
             self._remember(spans.tolist(), arrivals)
             self._is_confirmed()
@@ -161,7 +160,7 @@ class Wheel(PacedTurning):
         told = plain if followed else plain[:-1]
         begin, revoked = self._arc, (0, 0)
         walk = self._walk(plain, followed=followed) if self._certain else None
-        is_strange = walk is None or self._is_strange(walk)
+        is_strange = walk is None or self._is_strange(walk, told)
         if walk is None or is_strange or not self._confirmed:
             self._arc = begin
             revoked = self._learn(anew=is_strange)
@@ -194,19 +193,17 @@ class Wheel(PacedTurning):
                 missing.append(0)
                 break
             likely = spans[at + 1] if at < end else 0
-            # Where no time passes, a rotor that all but stood seems to be at speed at once.
-            creeps = not self._time_passes and last < LIKENESS * self._greatest
-            times = span / (self._greatest if creeps else last)
+            times = span / last
             whole = max(1, round(times))
             tells = 0 < times <= _TELLING
             known += tells
             fitting += tells and abs(times - whole) <= LIKENESS
-            anew = creeps or (tells and abs(likely - span) <= LIKENESS * span / 2)
+            anew = tells and abs(likely - span) <= LIKENESS * span / 2
             if whole > 1 and anew and abs(times - whole) > OFF:
                 whole = 1
             if whole == 1:
                 if abs(times - 1) <= OFF or anew:
-                    last = float(span) or last
+                    last = float(span)
                 # One that is another, and alone, hides a whole turn. Beside one of 0, the rotor stops or starts.
                 stands = 0 in (span, likely if at < end else last, arcs[-1] if at else last)
                 arcs.append(float(span) if stands else last)
@@ -221,12 +218,16 @@ class Wheel(PacedTurning):
                 continue
             arcs.append(last + (mean - last) / (1 + (whole - 1) / 2))
             last = mean
-        self._arc, self._greatest = last, max(last, self._greatest)
+        self._arc = last
         return _Walk(arcs, missing, fitting, known)
 
-    def _is_strange(self, walk: _Walk) -> bool:
+    def _is_strange(self, walk: _Walk, spans: Sequence[int]) -> bool:
         """Whether spans fit no whole number of arcs for some time: the speed may be another one."""
         fitting, known = walk.fitting, walk.known
+        if not known and len(spans) >= AGREEING and max(spans) <= (1 + LIKENESS) * min(spans):
+            # Gaps of so many arcs are never alike: the rotor had all but stood, and is at speed.
+            self._strange, self._spans = _STRANGE, [*spans][-REMEMBERED:]
+            return True
         self._strange = 0 if 2 * fitting > known or not known else self._strange + known
         if self._strange < _STRANGE:
             return False
