@@ -224,7 +224,7 @@ def test_revolutions_are_steady_where_each_goes_on_as_the_one_before_ended(speed
 
 @pytest.mark.parametrize("stood", [(), (1,), (0,), (1, 0, 0, 1, 0)])
 def test_in_a_file_a_rotor_that_stood_is_at_speed_again(stood: tuple[int, ...]) -> None:
-    """Packets that it did not send meanwhile are none that were lost, though no time tells, but in that revolution."""
+    """Packets that it did not send meanwhile are none that were lost; only that revolution tells them."""
     wheel, missing = Wheel(TURN, 40), list[int]()
     wheel.tell_time(31_250.0, passes=False)
     spans = [*[288] * 160, *(288 - 7 * each for each in range(40)), *stood, *[288] * 400]
