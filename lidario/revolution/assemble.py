@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 from lidario.families.base import Stream
 from lidario.revolution.build import DatedRevolution, turned_by
@@ -124,17 +125,29 @@ class Assembler(SteadyAssembler):
                     if self.ended != ended:
                         return
                 done += len(ending[:several])
-            rest = self._part(dated, kept, count, offsets) if kept else packets
-            headings, kept = headings[kept:], count
-            self._keep(rest, headings)
+            kept = self._keep_until(count, dated, headings, kept, offsets)
         finally:
             self.stats.discarded_packets += count - kept
 
     def _keep_until(self, end: int, event: Packets, headings: Headings, begin: int, offsets: Sequence[int]) -> int:
-        """Keep the packets from number `begin` on to before `end`, which is returned."""
-        if end > begin:
-            self._keep(self._part(event, begin, end, offsets), headings[begin:end])
+        """Keep the packets from number `begin` on to before `end`, which is returned.
+
+        What comes behind a silence in which a revolution is given up is kept by itself, as where it is read alone.
+        """
+        for cut in (*self._silences(event), end):
+            if begin < cut <= end:
+                part = self._part(event, begin, cut, offsets) if cut - begin < event.count else event
+                self._keep(part, headings[begin:cut])
+                begin = cut
         return end
+
+    def _silences(self, event: Packets) -> Iterator[int]:
+        """How many packets come before each silence too long for a revolution, and with the read behind it."""
+        if event.arrivals[-1][1] - event.arrivals[0][1] > self._most_ns:
+            for (before, ended_ns), (behind, begun_ns) in pairwise(event.arrivals):
+                if begun_ns - ended_ns > self._most_ns:
+                    yield before
+                    yield behind
 
     def _end_at(self, event: Packets, split: Split, offsets: Sequence[int]) -> Scan | None:
         """End the revolution at a split; the packets of the event before it are kept already."""
