@@ -23,6 +23,8 @@ _FULL_READ = 4095
 """A read of a terminal returns at most this much on Linux; then there may be more."""
 _MOST_READS = 64
 """Reads in a row at most, so that a line that never runs dry cannot keep the reader."""
+_STOOD_NS = 100_000_000
+"""Where the bytes of a full buffer came in so much less than the time since the read before, others were lost."""
 
 Read = Callable[[int], bytes]
 """Reads a descriptor, some kilobytes at most. It raises BlockingIOError where nothing is there; it never blocks."""
@@ -85,14 +87,20 @@ class Inbox:
         self._shared = True
         self._chunks: list[bytes] = []
         self._arrivals: list[tuple[int, int]] = []
+        # How many bytes came since the first ones were read; the time in which nobody read does not count.
+        self._came = self._since_ns = 0
 
     def share(self, shared: bool) -> None:
         """Allow or forbid reads of the other thread; when this returns, a read in progress has ended."""
         with self._lock:
             self._shared = shared
+            self._came = self._since_ns = 0
 
     def read(self, *, from_thread: bool = False) -> None:
         """Read all there is, and keep it with the time.
+
+        Where nobody read for long, as in a program that was stopped by Ctrl-Z, the system has kept what came first:
+        its time is that of the read before, and what so many bytes take at the usual pace.
 
         Args:
             from_thread: Whether the other thread reads. It reads only while the inbox is shared.
@@ -122,15 +130,24 @@ class Inbox:
                 if not pieces:
                     raise
                 data = b""
+            now = self._clock()
+            at_ns, size = now, self.size
             if pieces:
                 data = b"".join((*pieces, data))
-            now = self.last_ns = self._clock()
-            size = self.size + len(data)
+                full_ns = self.last_ns + len(data) * (self.last_ns - self._since_ns) // (self._came or 1)
+                at_ns = full_ns if self._came and now - full_ns > _STOOD_NS else now
+            if self._since_ns:
+                self._since_ns += now - at_ns
+                self._came += len(data)
+            elif data:
+                self._since_ns = now
+            self.last_ns = now
+            size += len(data)
             if size > INBOX_BYTES:
                 self._late.overflow_bytes += len(data)
             elif data:
                 self._chunks.append(data)
-                self._arrivals.append((size, now))
+                self._arrivals.append((size, at_ns))
                 self.size, self.first_ns = size, self.first_ns or now
 
     def take(self) -> tuple[list[bytes], list[tuple[int, int]]]:

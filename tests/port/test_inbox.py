@@ -73,6 +73,25 @@ def test_what_waited_together_gets_one_time() -> None:
     assert arrivals == [(2 * FULL + 4, 15)]
 
 
+@pytest.mark.parametrize(("stood_s", "came_s"), [(5.0, 0.5), (0.55, 0.55), (0.2, 0.2)])
+def test_what_a_full_buffer_kept_of_a_long_time_came_at_its_beginning(stood_s: float, came_s: float) -> None:
+    """As where the program was stopped by Ctrl-Z: 5000 bytes of a line that brings 10000 a second."""
+    script = Script(*[bytes(100)] * 50, bytes(FULL), bytes(5000 - FULL), bytes(100))
+    inbox = script.inbox()
+    for _ in range(50):
+        script.now += 10_000_000
+        with contextlib.suppress(BlockingIOError):
+            inbox.read()
+    before_ns = script.now
+    for passed_s in (stood_s, 0.01):
+        script.now += int(passed_s * 1e9)
+        inbox.read()
+    *_, (size, full_ns), (_, last_ns) = inbox.take()[1]
+    assert size == 10_000
+    assert full_ns - before_ns == pytest.approx(came_s * 1e9, abs=1e6)
+    assert last_ns == inbox.last_ns == script.now
+
+
 def test_bytes_before_an_error_are_kept() -> None:
     inbox = Script(bytes(FULL), OSError("unplugged"), OSError("unplugged")).inbox()
     inbox.read()
