@@ -27,7 +27,7 @@ from lidario.port.sockets import BUFFER, SocketLine, connected
 
 RESOLVE_TIMEOUT_S = 5.0
 MOST_DATAGRAMS = 4096
-"""Read at once, at most, and half of the buffer: as many small ones as the system keeps. They take 8 ms."""
+"""Read at once, at most, and 256 KiB, as by TCP: four seconds of the fastest stream."""
 _LONGEST = 1 << 16
 
 
@@ -83,7 +83,7 @@ class _UdpLine(SocketLine[asyncio.DatagramTransport]):
             return
         count = size = 0
         try:
-            while count < MOST_DATAGRAMS and size < BUFFER // 2:
+            while count < MOST_DATAGRAMS and size < BUFFER // 4:
                 data = os.read(self._socket.fileno(), _LONGEST)
                 count, size = count + 1, size + len(data)
                 yield data

@@ -77,7 +77,7 @@ async def test_what_waits_behind_a_blocked_loop_came_together(peer: socket.socke
     await port.close()
 
 
-@pytest.mark.parametrize(("name", "most", "read"), [("MOST_DATAGRAMS", 8, 27), ("BUFFER", 30, 18)])
+@pytest.mark.parametrize(("name", "most", "read"), [("MOST_DATAGRAMS", 8, 27), ("BUFFER", 30, 12)])
 async def test_a_flood_is_read_in_parts(
     peer: socket.socket, name: str, most: int, read: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
