@@ -94,6 +94,7 @@ def test_a_room_that_does_not_hold_a_lidar(first: np.ndarray, second: np.ndarray
     assert looseness(plane(first), plane(second), found) > 0.9
 
 
+@pytest.mark.long
 def test_many_scans_cost_hardly_more_than_a_few(monkeypatch: pytest.MonkeyPatch) -> None:
     """They show the same walls. Twenty scans of a fast lidar took a minute, or several on a robot's computer."""
     searched: list[int] = []

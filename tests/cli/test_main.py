@@ -112,6 +112,7 @@ def test_a_pipe_on_windows_takes_what_its_code_page_has(monkeypatch: pytest.Monk
     assert written.getvalue() == b"5 -> 7 m, 90\xb0"
 
 
+@pytest.mark.long
 def test_what_ascii_lacks_is_written_in_ascii() -> None:
     told = run("scan", "sim://rplidar-s2?via=memory", "-n", "1", environment={"PYTHONIOENCODING": "ascii"})
     assert re.search(r" \d\.\d\d m [+-]\d+deg ", told.stdout)
