@@ -42,7 +42,7 @@ LONGEST_KEY: Final = 1024
 MOST_REPLY_BYTES: Final = 16 << 20
 """Of all responses to one query, and of all tokens that are listed: those of some thousand lidars."""
 MOST_REPLIES: Final = 8
-"""Responses that zenoh has received and nobody has looked at; a router may send such of 4 MiB."""
+"""Responses that wait in zenoh until they are looked at. One may have 4 MiB."""
 QUERY_BYTES: Final = 4096
 """What a query that waits for its response takes, about, beside what it carries."""
 

@@ -87,7 +87,7 @@ class Inbox:
         self._shared = True
         self._chunks: list[bytes] = []
         self._arrivals: list[tuple[int, int]] = []
-        # How many bytes came since the first ones were read; the time in which nobody read does not count.
+        # The usual pace: how many bytes came, and since when. The time in which nobody read is left out.
         self._came = self._since_ns = 0
 
     def share(self, shared: bool) -> None:

@@ -216,9 +216,10 @@ class DividedRevolution:
         wire, left = self.wire, 0 if self.rest is None else len(self.rest)
         first = Packets(following, (Block(len(following), 1),), ((1, 0),))
         behind = ((int(wire.headings(first)[0]) & HEADING_MASK) - self.began) % wire.full_turn
-        last = self.decode_waiting(None if broken else following, wire.full_turn + behind, seam)
-        self.is_finished, self.crossed = True, left + last.last.before_seam
-        self.before_seam = sum([piece.ends[-1] for piece in self.decoded]) - last.ends[-1] + last.last.before_seam
+        piece = self.decode_waiting(None if broken else following, wire.full_turn + behind, seam)
+        inside = piece.last.before_seam
+        self.is_finished, self.crossed = True, left + inside
+        self.before_seam = sum([each.ends[-1] for each in self.decoded]) - piece.ends[-1] + inside
 
     def all_samples(self) -> SampleArrays:
         """All that was decoded, also what lies behind the seam in the last packet."""
@@ -239,7 +240,7 @@ class DividedRevolution:
             if not math.isnan(rpm):
                 told, told_rpm = told + count, told_rpm + count * rpm
         if not FALSE_PART <= sample_turns <= UNEVEN:
-            # What stands tells of no step, and a false seam ends what is none.
+            # A rotor that stood tells of no step, and behind a false seam lies no whole revolution.
             return None
         of_all = DecodedRevolution(
             self.before_seam, len(found) / turns, found[-1] / sample_turns, told_rpm / told if told else math.nan
