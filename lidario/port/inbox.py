@@ -1,10 +1,12 @@
-"""What was read from one terminal and was not handed over yet.
+"""What was read from one line and was not handed over yet.
 
 Two threads read into an `Inbox`: the event loop's, and `lidario.port.thread`, which reads while the loop is busy.
 A lock makes reading and storing one step, so that the bytes stay in order, and closing waits for a read in
 progress, so that no descriptor is read that was closed and may have been reused.
 
 The inbox is bounded. What does not fit is still read and is counted, since nothing tells what the kernel drops.
+
+A line is a terminal, a connection, or a socket for datagrams; a `Kind` says what a read of it tells.
 """
 
 from __future__ import annotations
@@ -18,11 +20,10 @@ from dataclasses import dataclass
 
 INBOX_BYTES = 1024 * 1024
 """Most bytes that are kept: 15 s of the fastest stream."""
-_READ_SIZE = 4096
-_FULL_READ = 4095
-"""A read of a terminal returns at most this much on Linux; then there may be more."""
-_MOST_READS = 64
-"""Reads in a row at most, so that a line that never runs dry cannot keep the reader."""
+MOST_BYTES = 256 * 1024
+"""Read in a row at most, so that a line that never runs dry cannot keep the reader."""
+MOST_READS = 4096
+"""Likewise; datagrams may be small."""
 _STOOD_NS = 100_000_000
 """Where the bytes of a full buffer came in so much less than the time since the read before, others were lost."""
 
@@ -30,7 +31,23 @@ Read = Callable[[int], bytes]
 """Reads a descriptor, some kilobytes at most. It raises BlockingIOError where nothing is there; it never blocks."""
 
 
-def make_read() -> Read:
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """How much one read of a line brings, and what that tells."""
+
+    size: int  # bytes of one read at most
+    more: int  # behind a read of so many there may be more; 0 for datagrams, of which each is one read
+    loses: bool = False  # whether such a read finds the system's buffer full, and what comes then is lost
+    ended: str = "the other end closed it"  # what it means that it is readable, and has nothing to read
+
+
+TERMINAL = Kind(4096, 4095, loses=True, ended="the line was hung up")
+"""On Linux a read of a terminal brings a byte less than its buffer has, at most."""
+CONNECTION = Kind(65536, 65536)
+DATAGRAMS = Kind(65536, 0)
+
+
+def make_read(size: int = TERMINAL.size) -> Read:
     """A function that reads a non-blocking descriptor without giving up the interpreter lock.
 
     `os.read` gives the lock up, and in a program that computes it gets it back 5 ms later, the switch interval of
@@ -41,15 +58,15 @@ def make_read() -> Read:
     try:
         function = ctypes.PyDLL(None, use_errno=True).read
     except (AttributeError, OSError, TypeError):  # pragma: no cover - no C library to be found, as on Windows
-        return lambda handle: os.read(handle, _READ_SIZE)
+        return lambda handle: os.read(handle, size)
     function.argtypes = (ctypes.c_int, ctypes.c_void_p, ctypes.c_size_t)
     function.restype = ctypes.c_ssize_t
-    buffer = ctypes.create_string_buffer(_READ_SIZE)
+    buffer = ctypes.create_string_buffer(size)
     view = memoryview(buffer)
     address = ctypes.addressof(buffer)
 
     def read(handle: int) -> bytes:
-        count = function(handle, address, _READ_SIZE)
+        count = function(handle, address, size)
         if count < 0:
             number = ctypes.get_errno()
             # OSError makes it a BlockingIOError where nothing is there.
@@ -68,10 +85,15 @@ class Late:
 
 
 class Inbox:
-    """Reads a terminal, whose descriptor does not block, and keeps what came; any thread may call it."""
+    """Reads a line, whose descriptor does not block, and keeps what came; any thread may call it."""
 
     def __init__(
-        self, handle: int, clock: Callable[[], int], read: Read | None = None, late: Late | None = None
+        self,
+        handle: int,
+        clock: Callable[[], int],
+        read: Read | None = None,
+        late: Late | None = None,
+        kind: Kind = TERMINAL,
     ) -> None:
         self.last_ns: int = clock()  # when it was read last, whether or not anything was there
         self.size: int = 0  # bytes kept
@@ -80,7 +102,8 @@ class Inbox:
         self._handle = handle
         self._clock = clock
         # Its buffer is used under the lock of this inbox alone.
-        self._read = read or make_read()
+        self._read = read or make_read(kind.size)
+        self._kind = kind
         # Reentrant: the garbage collector may call `close` during a read.
         self._lock = threading.RLock()
         self._closed = False
@@ -89,6 +112,7 @@ class Inbox:
         self._arrivals: list[tuple[int, int]] = []
         # The usual pace: how many bytes came, and since when. The time in which nobody read is left out.
         self._came = self._since_ns = 0
+        self._behind_ns = 0  # how long before it was read the last of them came
 
     def share(self, shared: bool) -> None:
         """Allow or forbid reads of the other thread; when this returns, a read in progress has ended."""
@@ -100,29 +124,30 @@ class Inbox:
         """Read all there is, and keep it with the time.
 
         Where nobody read for long, as in a program that was stopped by Ctrl-Z, the system has kept what came first:
-        its time is that of the read before, and what so many bytes take at the usual pace.
+        its time is that of what was read before, and what so many bytes take at the usual pace.
 
         Args:
             from_thread: Whether the other thread reads. It reads only while the inbox is shared.
 
         Raises:
-            OSError: The terminal is dead, or was hung up: it is readable, and has nothing to read.
+            OSError: The line is dead, or was hung up: it is readable, and has nothing to read.
         """
         with self._lock:
             if self._closed or (from_thread and not self._shared):
                 return
-            pieces: list[bytes] = []
+            kind, pieces, left = self._kind, list[bytes](), MOST_BYTES
             try:
                 data = self._read(self._handle)
-                if not data and _is_readable(self._handle):
+                if not data and kind.more and _is_readable(self._handle):
                     # Bytes that came between the two calls, or the end.
                     data = self._read(self._handle)
                     if not data:
-                        raise OSError("the line was hung up")
-                self._late.full_reads += len(data) >= _FULL_READ
-                while len(data) >= _FULL_READ and len(pieces) < _MOST_READS:
+                        raise OSError(kind.ended)
+                self._late.full_reads += kind.loses and len(data) >= kind.more
+                while len(data) >= kind.more and left > 0 and len(pieces) < MOST_READS:
                     # All that waited gets one time, or else the last of it would seem to have come late.
                     pieces.append(data)
+                    left -= len(data)
                     data = self._read(self._handle)
             except BlockingIOError:
                 data = b""
@@ -134,14 +159,17 @@ class Inbox:
             at_ns, size = now, self.size
             if pieces:
                 data = b"".join((*pieces, data))
-                full_ns = self.last_ns + len(data) * (self.last_ns - self._since_ns) // (self._came or 1)
-                at_ns = full_ns if self._came and now - full_ns > _STOOD_NS else now
+            if self._came and len(data) >= kind.size - 1:
+                takes_ns = len(data) * (self.last_ns - self._since_ns) // self._came
+                full_ns = self.last_ns - self._behind_ns + takes_ns
+                at_ns = full_ns if now - full_ns > _STOOD_NS else now
+            behind_ns = now - at_ns
             if self._since_ns:
-                self._since_ns += now - at_ns
+                self._since_ns += behind_ns - self._behind_ns if behind_ns else 0
                 self._came += len(data)
             elif data:
                 self._since_ns = now
-            self.last_ns = now
+            self.last_ns, self._behind_ns = now, behind_ns
             size += len(data)
             if size > INBOX_BYTES:
                 self._late.overflow_bytes += len(data)

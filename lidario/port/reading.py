@@ -1,11 +1,11 @@
-"""Reading a terminal: when to read, and how long to keep what was read.
+"""Reading a terminal or a socket: when to read, and how long to keep what was read.
 
 Being woken for each delivery of an adapter, a thousand a second, costs more than decoding what they carry. While a
-stream runs, the terminal is polled instead, at the times that a `Schedule` names, and what was read is held until
+stream runs, the line is polled instead, at the times that a `Schedule` names, and what was read is held until
 it is needed. Between two polls, and while the program keeps the event loop busy, `lidario.port.thread` reads it.
 
-Where each delivery does matter, the event loop wakes the reader when the terminal is readable. On Windows no event
-loop can do that; there the port is polled always.
+Where each delivery does matter, the event loop wakes the reader when the line is readable. On Windows not every
+event loop can do that; there the line is polled always.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 
-from lidario.port.inbox import Inbox, Read
+from lidario.port.inbox import TERMINAL, Inbox, Kind, Read
 from lidario.port.line import Line, Schedule
 from lidario.port.port import Port
 from lidario.port.repeat import Repeat
@@ -41,9 +41,9 @@ of it."""
 
 
 class PolledLine(Line):
-    """A terminal, as it is read; the base of a serial port's line.
+    """A line of the system, as it is read; the base of those of serial ports and sockets.
 
-    Its `handle` does not block; it is below 0 where the event loop cannot wait for it.
+    Its `handle` does not block; it is below 0 where the event loop cannot wait for it, and then `read` reads it.
     """
 
     def __init__(
@@ -53,6 +53,7 @@ class PolledLine(Line):
         handle: int,
         write: Callable[[bytes], object],
         read: Read | None = None,
+        kind: Kind = TERMINAL,
     ) -> None:
         self._loop = loop
         self._port = port
@@ -62,17 +63,18 @@ class PolledLine(Line):
         self._closing = False
         self._watching = False
         self._timer: asyncio.TimerHandle | None = None
-        self._inbox = Inbox(handle, time.monotonic_ns if port.is_real_time else port.now, read, port.late)
+        clock = time.monotonic_ns if port.is_real_time else port.now
+        self._inbox = Inbox(handle, clock, read, port.late, kind)
         # What the thread serves does not refer to the line: one that is dropped is not read and written for ever.
         self.repeat: Repeat | None = Repeat(write) if port.is_real_time else None
-        failing = partial(_failing, loop, weakref.WeakMethod(self._thread_failed))
+        failing = partial(_failing, loop, weakref.WeakMethod(self.lose))
         self._watched = Watched(self._inbox, 0.0, failing)
         # While the thread watches. It may be run in any thread at any moment, so there is none of a line at rest.
         self._dropped: weakref.finalize[..., PolledLine] | None = None
 
     @abstractmethod
     def lose(self, error: Exception) -> None:
-        """The terminal turns out to be dead."""
+        """The line turns out to be dead. Ignored where it is closed, and in a forked child."""
 
     def is_closing(self) -> bool:
         return self._closing
@@ -178,11 +180,6 @@ class PolledLine(Line):
             self._loop.remove_reader(self._handle)
         self._watching = on
 
-    def _thread_failed(self) -> None:
-        """The thread could not read: end the port, if it is so."""
-        if not self._port.is_forked:
-            self._read()
-
     def _watch_in_thread(self, schedule: Schedule | None) -> None:
         """Have the thread read beside the loop while there is a schedule; None for no longer."""
         if self._dropped is not None:
@@ -206,12 +203,14 @@ class PolledLine(Line):
                 self._dropped = None
 
 
-def _failing(loop: asyncio.AbstractEventLoop, failed: weakref.WeakMethod[Callable[[], None]]) -> None:
-    """In the thread: have the loop see that the terminal of a line cannot be read."""
-    callback = failed()
+def _failing(
+    loop: asyncio.AbstractEventLoop, lose: weakref.WeakMethod[Callable[[Exception], None]], error: OSError
+) -> None:
+    """In the thread, which could not read a line: the loop ends it."""
+    callback = lose()
     if callback is not None:
         with suppress(RuntimeError):  # the loop was closed
-            loop.call_soon_threadsafe(callback)
+            loop.call_soon_threadsafe(callback, error)
 
 
 def _forget(watched: Watched, repeat: Repeat | None, pid: int) -> None:

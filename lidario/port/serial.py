@@ -197,7 +197,7 @@ class _SerialLine(PolledLine, asyncio.Protocol):
             self._device.close()
 
     def lose(self, error: Exception) -> None:
-        if not self._closing:
+        if not self._closing and not self._port.is_forked:
             self._error = error
             self.abort()
 

@@ -1,8 +1,7 @@
-"""What the lines over a network have in common: how they are opened, and a socket that is written to directly.
+"""What the lines over a network have in common: how they are opened, and a socket that is read as a terminal is.
 
-What must be written again and again to keep a device going is written by the reading thread where the event loop
-is late with it, as on a serial port (`lidario.port.repeat`). The thread has a descriptor of its own for that: the
-loop may close its one at any time.
+asyncio's own transports are not used. Their loop reads when it gets round to it, so that behind a blocked one
+everything would seem to have come late, and under uvloop a write waits until the running callback has returned.
 """
 
 from __future__ import annotations
@@ -13,19 +12,21 @@ import errno
 import os
 import socket
 from collections.abc import Awaitable, Callable, Sequence
-from typing import Any, Generic, TypeVar
+from typing import TypeVar
 
 from lidario.errors import ConnectFailed
 from lidario.port.background import run_in_thread
 from lidario.port.guard import wait_for_guard
-from lidario.port.line import Line
+from lidario.port.inbox import Kind
 from lidario.port.port import Port
-from lidario.port.repeat import Repeat
+from lidario.port.reading import PolledLine
 from lidario.system import cause_of
 
-T = TypeVar("T", bound=asyncio.Transport | asyncio.DatagramTransport)
+T = TypeVar("T")
 BUFFER = 1 << 20
-"""Bytes that the system is asked to keep while the program blocks its event loop; it may grant less."""
+"""Bytes that the system is asked to keep until they are read; it may grant less."""
+POSIX = os.name == "posix"
+"""Whether each event loop can wait for a socket that another one has made."""
 _UNREACHABLE = (errno.EHOSTUNREACH, errno.ENETUNREACH)
 
 
@@ -33,13 +34,13 @@ async def connected(
     name: str,
     host: str,
     number: int,
-    connect: Callable[[str], Awaitable[object]],
+    connect: Callable[[str], Awaitable[T]],
     *,
     seconds: float,
     late: str,
     unreachable: str,
-) -> None:
-    """Await `connect` to an address of a host, the first one that takes it, and translate what the system says.
+) -> T:
+    """Return what `connect` makes of the first address of a host that takes it; translate what the system says.
 
     Each address has its share of so many seconds. Where all of it takes longer, the error says `late`; where there
     is no way to the host, it asks `unreachable`.
@@ -48,12 +49,12 @@ async def connected(
         ConnectFailed: It could not be done; the reason is ``refused``. Cancelling leaves nothing open.
     """
     if not 0 < number < 65536 or "\0" in host:
-        # uvloop would take the number modulo 65536 and the name up to the zero byte.
+        # Some would take the number modulo 65536 and the name up to the zero byte.
         raise ConnectFailed(f"{name}: not an address that can be connected to", reason="refused")
     await run_in_thread(lambda: wait_for_guard(name))
     try:
         async with asyncio.timeout(seconds):
-            await _first(await run_in_thread(lambda: _addresses(host)), connect, seconds)
+            return await _first(await run_in_thread(lambda: _addresses(host)), connect, seconds)
     except TimeoutError as error:
         raise ConnectFailed(f"{name}: {late}", reason="refused") from error
     except (OSError, ValueError) as error:
@@ -67,15 +68,14 @@ def _addresses(host: str) -> list[str]:
     return [socket.getnameinfo(address, socket.NI_NUMERICHOST)[0] for *_, address in found]
 
 
-async def _first(addresses: Sequence[str], connect: Callable[[str], Awaitable[object]], seconds: float) -> None:
+async def _first(addresses: Sequence[str], connect: Callable[[str], Awaitable[T]], seconds: float) -> T:
     *others, last = addresses
     for address in others:
         # One that does not respond leaves the others their share of the time; a TimeoutError is an OSError.
         with contextlib.suppress(OSError):
             async with asyncio.timeout(seconds / len(addresses)):
-                await connect(address)
-            return
-    await connect(last)
+                return await connect(address)
+    return await connect(last)
 
 
 def _why(error: Exception, unreachable: str) -> str:
@@ -91,61 +91,79 @@ def _why(error: Exception, unreachable: str) -> str:
     return f"{text}. {unreachable}" if code in _UNREACHABLE else text
 
 
-class SocketLine(Line, Generic[T]):
-    """asyncio's transport of a socket."""
+async def connect_socket(made: socket.socket, address: str, number: int) -> socket.socket:
+    """Connect a socket of the family of an address; it is closed where that fails, or is cancelled."""
+    try:
+        made.setblocking(False)
+        with contextlib.suppress(OSError):
+            made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
+        await asyncio.get_running_loop().sock_connect(made, (address, number))
+    except BaseException:
+        made.close()
+        raise
+    return made
 
-    def __init__(self, transport: T, port: Port) -> None:
-        self._transport: T = transport
-        self._port = port
-        self._socket: Any = transport.get_extra_info("socket")
-        if port.is_real_time:
-            self.repeat: Repeat | None = _SocketRepeat(self._socket)
 
-    def is_closing(self) -> bool:
-        return self._transport.is_closing()
+def family_of(address: str) -> socket.AddressFamily:
+    """That of an address in figures."""
+    return socket.AF_INET6 if ":" in address else socket.AF_INET
+
+
+class SocketLine(PolledLine):
+    """A connected socket; it is read from now on."""
+
+    def __init__(self, port: Port, connected: socket.socket, kind: Kind) -> None:
+        self._socket = connected
+        self._error: Exception | None = None
+        self._ended = False
+
+        def receive(_: int) -> bytes:
+            data = connected.recv(kind.size)
+            if not data and kind.more:
+                raise OSError(kind.ended)
+            return data
+
+        handle, read = (connected.fileno(), None) if POSIX else (-1, receive)
+        super().__init__(asyncio.get_running_loop(), port, handle, connected.send, read, kind)
+        self.start()
 
     def passed_on(self) -> tuple[int, bool] | None:
-        handle = int(self._socket.fileno())
+        handle = self._socket.fileno()
         return None if handle < 0 else (handle, False)
 
-    def let_go(self) -> None:
-        super().let_go()
-        if isinstance(self.repeat, _SocketRepeat):
-            self.repeat.let_go()
-
-    def close(self) -> None:
-        self._transport.close()
-
-    def abort(self) -> None:
-        self._transport.abort()
+    def write(self, data: bytes) -> None:
+        try:
+            self._socket.send(data)
+        except BlockingIOError:
+            pass
+        except OSError as error:
+            self.lose(error)
 
     def write_without_loop(self, data: bytes) -> None:
-        """As `Line.write_without_loop`; no effect under uvloop, which closes the socket with its loop."""
-        with contextlib.suppress(OSError, ValueError):
-            os.write(self._socket.fileno(), data)
+        with contextlib.suppress(OSError):
+            self._socket.send(data)
 
+    def close(self) -> None:
+        if not self._closing:
+            self.abort()
 
-class _SocketRepeat(Repeat):
-    """Writes to a descriptor of its own, which is open only meanwhile."""
+    def abort(self) -> None:
+        self.stop()
+        self._loop.call_soon(self._end)
 
-    def __init__(self, line: Any) -> None:
-        super().__init__(self._send)
-        self._line = line
-        self._own: socket.socket | None = None
+    def close_without_loop(self) -> None:
+        self._closing = self._ended = True
+        self.release()
+        self._socket.close()
 
-    def set(self, request: bytes, interval: float) -> None:
-        super().set(b"", 0.0)
-        self.let_go()
-        if request:
-            with contextlib.suppress(OSError):  # a connection that has just died
-                self._own = self._line.dup()
-                super().set(request, interval)
+    def lose(self, error: Exception) -> None:
+        if not self._closing and not self._port.is_forked:
+            self._error = error
+            self.abort()
 
-    def let_go(self) -> None:
-        if self._own is not None:
-            self._own.close()
-            self._own = None
-
-    def _send(self, data: bytes) -> None:
-        if self._own is not None:
-            self._own.send(data)
+    def _end(self) -> None:
+        if not self._ended:
+            self._ended = True
+            self._socket.close()
+            self.hand_over()
+            self._port.connection_lost(self._error)

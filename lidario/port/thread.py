@@ -98,7 +98,7 @@ class Watched:
     `on_error` is called in the thread each time the port cannot be read; it must not block or raise.
     """
 
-    def __init__(self, inbox: Inbox, interval: float, on_error: Callable[[], None]) -> None:
+    def __init__(self, inbox: Inbox, interval: float, on_error: Callable[[OSError], None]) -> None:
         self.interval: float = interval  # may be changed at any time, from any thread
         self.inbox: Inbox = inbox
         self._on_error = on_error
@@ -114,9 +114,9 @@ class Watched:
             if now - last >= RECENT_SHARE * unread:
                 try:
                     self.inbox.read(from_thread=True)
-                except OSError:
-                    # The loop reads the same error, and ends the port.
-                    self._on_error()
+                except OSError as error:
+                    # The loop cannot read it again: a socket tells an error once.
+                    self._on_error(error)
                     self._next_at = now + interval
                     return self._next_at
                 last = self.inbox.last_ns * 1e-9

@@ -28,7 +28,7 @@ def terminal(ends: tuple[int, int, str]) -> tuple[int, str]:
 
 @pytest.fixture
 def windows(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Take the way of Windows, where no event loop waits for a serial port: a thread reads by pyserial's own calls.
+    """Take the way of Windows, where not every event loop waits for a line: a thread reads by pyserial's own calls.
 
     pyserial-asyncio is as it is there; it asks for the system when it is loaded.
     """
@@ -41,9 +41,10 @@ def windows(monkeypatch: pytest.MonkeyPatch) -> None:
         spec.loader.exec_module(module)
 
     def refuse(*_: object) -> None:
-        raise NotImplementedError("no event loop on Windows waits for a serial port")
+        raise NotImplementedError("that event loop waits for no line")
 
-    monkeypatch.setattr("lidario.port.serial.POSIX", False)
+    for name in ("serial", "sockets"):
+        monkeypatch.setattr(f"lidario.port.{name}.POSIX", False)
     monkeypatch.setattr("lidario.port.serial.serial_asyncio", module)
     for name in ("add_reader", "add_writer"):
         monkeypatch.setattr(asyncio.SelectorEventLoop, name, refuse)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import gc
+import os
 import socket
 import struct
 import threading
-from asyncio.trsock import TransportSocket
+import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
@@ -19,6 +20,7 @@ from lidario.port.port import Port
 from lidario.port.sockets import connected as in_turn
 from lidario.port.tcp import open_tcp
 from lidario.sim.serve import TcpServer
+from tests.port.test_thread import Steady, block_until_read, threads
 from tests.support.devices import make_rig
 from tests.support.loop import now
 from tests.support.ports import PATIENCE_S, Sink, arrived, on_both_loops
@@ -46,7 +48,6 @@ async def test_bytes_both_ways_at_once() -> None:
         peer.sendall(b"response")
         await sink.until(8)
         assert bytes(sink.data) == b"response"
-        port.set_polling(None)  # is for serial ports; ignored
         port.poll()
         port.write(b"the last")
         await port.close()
@@ -67,6 +68,37 @@ async def test_what_two_seconds_bring_to_a_blocked_loop_came_together() -> None:
 
 
 @on_both_loops
+async def test_each_delivery_has_its_own_time_while_the_loop_is_blocked() -> None:
+    async with connected() as (port, sink, peer):
+        port.set_polling(Steady())
+        written, read = [], []
+        for number in range(5):
+            written.append(time.monotonic_ns())
+            peer.sendall(bytes([number]))
+            block_until_read(number + 1)
+            read.append(time.monotonic_ns())
+        port.poll()
+        assert sink.chunks == [b"\0\1\2\3\4"]
+        arrivals = [*sink.arrivals[0], (5, sink.times[0])]
+        assert all(before <= at <= after for before, (_, at), after in zip(written, arrivals, read, strict=True))
+        await port.close()
+    assert threads() == []
+
+
+async def test_what_the_peer_does_not_take_is_written_later_and_before_the_end() -> None:
+    async with connected() as (port, _, peer):
+        sent = os.urandom(8_000_000)
+        port.write(sent)
+        port.write(b"the last")
+        port.close_soon()
+        loop, got = asyncio.get_running_loop(), bytearray()
+        while len(got) < len(sent) + 8:
+            got += await loop.run_in_executor(None, peer.recv, 1 << 20)
+        assert got == sent + b"the last"
+        await port.wait_closed()
+
+
+@on_both_loops
 async def test_a_peer_that_ends_is_noticed() -> None:
     async with connected() as (port, sink, peer):
         peer.close()
@@ -76,6 +108,16 @@ async def test_a_peer_that_ends_is_noticed() -> None:
         assert "another program" in said
         assert "unplugged" not in said
         port.write(b"ignored")
+        await port.close()
+
+
+@pytest.mark.usefixtures("windows")
+async def test_where_no_loop_can_wait_for_a_socket_it_is_polled() -> None:
+    async with connected() as (port, sink, peer):
+        peer.sendall(b"response")
+        await sink.until(8)
+        peer.close()
+        assert "the other end closed it" in str(await sink.until_lost())
         await port.close()
 
 
@@ -109,7 +151,6 @@ async def test_abandoned_writes_the_stop_requests() -> None:
         port.abandon(b"again")
 
 
-@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
 def test_abandoned_after_the_loop_was_closed() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         with asyncio.Runner() as runner:
@@ -137,20 +178,20 @@ async def test_what_has_no_number_is_told_as_the_system_says_it(monkeypatch: pyt
     async def connect(*_: Any, **__: Any) -> None:
         raise OSError("could not bind to any address")
 
-    monkeypatch.setattr(asyncio.get_running_loop(), "create_connection", connect)
+    monkeypatch.setattr(asyncio.get_running_loop(), "sock_connect", connect)
     with pytest.raises(ConnectFailed, match=r"^tcp://x: could not bind to any address$"):
         await open_tcp("tcp://x", "127.0.0.1", 1)
 
 
 async def test_a_dead_bridge_is_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     chosen: dict[int, int] = {}
-    original = TransportSocket.setsockopt
+    original = socket.socket.setsockopt
 
     def note(self: Any, level: int, option: int, value: int) -> None:
         chosen[option if level != socket.SOL_SOCKET else -option] = value
         original(self, level, option, value)
 
-    monkeypatch.setattr(TransportSocket, "setsockopt", note)
+    monkeypatch.setattr(socket.socket, "setsockopt", note)
     async with connected() as (port, _, _):
         assert chosen[-socket.SO_KEEPALIVE] == 1
         assert chosen[socket.TCP_NODELAY] == 1

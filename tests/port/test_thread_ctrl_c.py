@@ -42,7 +42,7 @@ class Reads:
 
     def watched(self) -> Watched:
         inbox = Inbox(-1, time.monotonic_ns, self.read)
-        return Watched(inbox, INTERVAL_S, lambda: None)
+        return Watched(inbox, INTERVAL_S, lambda _: None)
 
 
 def is_read(thread: ReadingThread, place: str) -> None:

@@ -15,7 +15,7 @@ from tests.support.ports import PATIENCE_S
 
 
 def watched() -> Watched:
-    return Watched(Inbox(-1, time.monotonic_ns, lambda _: b"x"), 0.005, lambda: None)
+    return Watched(Inbox(-1, time.monotonic_ns, lambda _: b"x"), 0.005, lambda _: None)
 
 
 @pytest.mark.parametrize("moment", ["before it starts", "in it"])

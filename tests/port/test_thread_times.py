@@ -27,7 +27,7 @@ class Clock:
             raise OSError("unplugged")
         return b"x"
 
-    def fail(self) -> None:
+    def fail(self, error: OSError) -> None:
         self.failures += 1
 
     def watched(self, interval: float) -> Watched:

@@ -12,6 +12,7 @@ from lidario import ConnectFailed, DeviceLost, open_lidar
 from lidario.port.udp import open_udp
 from lidario.sim.rooms import make_world
 from lidario.sim.serve import UdpServer
+from tests.port.test_thread import Steady, threads
 from tests.support.devices import left_still, make_rig, names
 from tests.support.ports import PATIENCE_S, Sink, arrived, impatient, on_both_loops
 
@@ -37,7 +38,6 @@ async def test_bytes_both_ways(peer: socket.socket) -> None:
         peer.sendto(piece, client)
     await sink.until(8)
     assert bytes(sink.data) == b"response"
-    port.set_polling(None)  # is for serial ports; ignored
     port.set_dtr(True)
     port.poll()
     port.write(b"the last")
@@ -77,12 +77,12 @@ async def test_what_waits_behind_a_blocked_loop_came_together(peer: socket.socke
     await port.close()
 
 
-@pytest.mark.parametrize(("name", "most", "read"), [("MOST_DATAGRAMS", 8, 27), ("BUFFER", 30, 12)])
+@pytest.mark.parametrize(("name", "most", "read"), [("MOST_READS", 8, 27), ("MOST_BYTES", 9, 12)])
 async def test_a_flood_is_read_in_parts(
     peer: socket.socket, name: str, most: int, read: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     port, sink = await open_udp("udp://x", *peer.getsockname()), Sink()
-    monkeypatch.setattr(f"lidario.port.udp.{name}", most)
+    monkeypatch.setattr(f"lidario.port.inbox.{name}", most)
     port.attach(sink)
     port.write(b"request")
     _, client = peer.recvfrom(100)
@@ -123,6 +123,19 @@ async def test_a_session() -> None:
             await lidar.scan()
         assert server.lost == 0
     assert left_still(rig)
+
+
+@on_both_loops
+async def test_a_refusal_that_the_thread_meets_is_told(peer: socket.socket) -> None:
+    """The system tells it once, to whoever reads first."""
+    port, sink = await open_udp("udp://x", *peer.getsockname()), Sink()
+    port.attach(sink)
+    port.set_polling(Steady())
+    peer.close()
+    port.write(b"request")
+    assert "nothing listens at this UDP port" in str(await sink.until_lost())
+    await port.close()
+    assert threads() == []
 
 
 @on_both_loops
