@@ -40,7 +40,7 @@ class Turns:
         self._turn_ns = turn_ns
         # The work that waits, and its size as it was given to `add`.
         self.waiting: deque[tuple[Iterator[None], int]] = deque()
-        # Whether it is being done, or a turn of the loop is asked for that goes on with it.
+        # Whether it is being done, or another turn of the loop was asked for.
         self._busy = False
 
     def add(self, steps: Iterable[None], size: int = 0) -> None:
@@ -52,7 +52,8 @@ class Turns:
 
     def _go_on(self) -> None:
         """Do what waits, as far as the time of this turn of the loop goes; later turns go on with it."""
-        until = self._now() + self._turn_ns
+        began = self._now()
+        until = began + self._turn_ns
         self._busy = True
         try:
             while self.waiting:
@@ -66,6 +67,7 @@ class Turns:
             self.size -= self.waiting.popleft()[1]
             self._failed(error)
         finally:
-            self._busy = bool(self.waiting)
+            # What else is to be done in a turn whose time is mostly over is done in the next one, too.
+            self._busy = bool(self.waiting) or self._now() - began > self._turn_ns // 2
             if self._busy:
                 asyncio.get_running_loop().call_soon(self._go_on)

@@ -89,6 +89,8 @@ class Pipeline:
         try:
             for part in parts:
                 yield from assembler.ends(part)
+                # Also where it ended no revolution.
+                yield []
                 if assembler.ended != ended:
                     return
         finally:

@@ -58,6 +58,19 @@ async def test_each_turn_takes_a_bounded_time_and_the_order_stays() -> None:
     assert worked.all.size == 0
 
 
+async def test_what_comes_in_the_same_turn_shares_its_time() -> None:
+    """As where two callbacks of one turn each read what a peer floods."""
+    worked = Worked()
+    worked.all.add(worked.steps("a", 3))
+    worked.all.add(worked.steps("b", 3))
+    assert worked.done == ["a0", "a1", "a2"]
+    await asyncio.sleep(0)
+    assert worked.done[3:] == ["b0", "b1", "b2"]
+    await asyncio.sleep(0)
+    worked.all.add(worked.steps("c", 1))
+    assert worked.done[6:] == ["c0"]
+
+
 async def test_a_step_may_bring_more_work() -> None:
     worked = Worked()
 
