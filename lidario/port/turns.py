@@ -52,14 +52,14 @@ class Turns:
 
     def _go_on(self) -> None:
         """Do what waits, as far as the time of this turn of the loop goes; later turns go on with it."""
-        began = self._now()
-        until = began + self._turn_ns
+        began = now = self._now()
         self._busy = True
         try:
             while self.waiting:
                 steps, size = self.waiting[0]
                 for _ in steps:
-                    if self._now() >= until:
+                    now = self._now()
+                    if now - began >= self._turn_ns:
                         return
                 self.waiting.popleft()
                 self.size -= size
@@ -68,6 +68,6 @@ class Turns:
             self._failed(error)
         finally:
             # What else is to be done in a turn whose time is mostly over is done in the next one, too.
-            self._busy = bool(self.waiting) or self._now() - began > self._turn_ns // 2
+            self._busy = bool(self.waiting) or now - began > self._turn_ns // 2
             if self._busy:
                 asyncio.get_running_loop().call_soon(self._go_on)
