@@ -3,7 +3,7 @@
 A separate process plays the device on a pseudo-terminal, in deliveries of 64 bytes as a USB adapter makes them.
 CPU is what the reading process used, user and system time of all its threads, in percent of one core, from half
 a second after its first scan on; wake-ups are its voluntary context switches. Scans are lost when turns were
-played and did not come.
+played and did not come. One device is read once more through a bridge to the network.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from benchmarks.processes import Player
 from benchmarks.report import Result, Setting, Table, median, ratio, spread
 from benchmarks.streams import LIVE, RATES
 
+_BRIDGED = "S2 DenseBoost"
 _SLOW_TO_OPEN = "PyLidar3"
 """Sleeps for five seconds while it opens: too long for a quick run."""
 
@@ -31,6 +32,11 @@ def run(setting: Setting) -> Result:
                 setting, "live", rate, player, taking_part, rounds, _figures, absent,
                 settle_s=window_s / 4, window_s=window_s,
             )  # fmt: skip
+    with Player(_BRIDGED, tcp=True) as player:
+        found[f"{_BRIDGED}, over TCP"] = compete(
+            setting, "live", _BRIDGED, player, entries(_BRIDGED, rivals=False), rounds, _figures, absent,
+            settle_s=window_s / 4, window_s=window_s,
+        )  # fmt: skip
     tables = [_table(rate, rounds) for rate, rounds in found.items()]
     tables[-1].note_absent(absent)
     return Result("live", tables, {"rates": found, "absent": absent, "window_s": window_s})
@@ -48,7 +54,7 @@ def _figures(rate: str, got: dict[str, Any], played: dict[str, Any]) -> dict[str
 
 
 def _table(rate: str, found: dict[str, list[dict[str, Any]]]) -> Table:
-    about = RATES[rate]
+    about = RATES[rate.split(", over")[0]]
     columns = ["reader", "CPU, % of a core", "lidario at 5 ms = 1", "wake-ups/s", "samples", "scans", "lost"]
     size = f"{about.samples_per_s // 1000} kS/s"
     table = Table(f"live: {rate}, {size}", [*columns, "bytes lost", "first scan, s", "RSS, MB"])
@@ -69,7 +75,7 @@ def _table(rate: str, found: dict[str, list[dict[str, Any]]]) -> Table:
         )
     if rate == "4ROS":
         table.notes.append("PyLidar3 delivers pieces of 6000 bytes and 360 means of each, not scans and samples")
-    else:
+    elif rate in RATES:
         table.notes.append(
             "pyrplidarsdk, rplidar-roboticia, rplidar, adafruit: without the samples that have no return"
         )

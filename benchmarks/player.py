@@ -5,7 +5,7 @@ replayed from a recording, so that playing costs next to nothing beside the read
 delivered as a USB adapter does, 64 at a time, each delivery when its last byte has left the device; or, for many
 devices at once, all there is every few milliseconds; or, to see how fast a reader is, faster than true. What the
 terminal cannot take is lost, and counted. A pseudo-terminal takes 20 KiB; with ``--holds`` it takes no more than
-the kernel does behind a real adapter.
+the kernel does behind a real adapter. With ``--tcp`` a thread of it is the bridge that serves the terminal.
 
 It is told what to do by its arguments, prints one line of JSON when all devices stand ready, and responds to each
 line on its standard input with a report: when the last byte of each turn was written, on the clock that all
@@ -20,9 +20,11 @@ import fcntl
 import json
 import os
 import select
+import socket
 import struct
 import sys
 import termios
+import threading
 import time
 import tty
 from typing import Any
@@ -177,6 +179,39 @@ class Played:
             self.lost += len(data)
 
 
+class Bridge:
+    """Serves a terminal over TCP, to one client after the other, as a serial-to-network bridge does."""
+
+    def __init__(self, terminal: int) -> None:
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self._terminal = terminal
+        os.set_blocking(terminal, False)
+        threading.Thread(target=self._serve, daemon=True).start()
+
+    @property
+    def source(self) -> str:
+        """What opens it."""
+        return f"tcp://127.0.0.1:{self._server.getsockname()[1]}"
+
+    def _serve(self) -> None:
+        while True:
+            client, _ = self._server.accept()
+            with client, contextlib.suppress(OSError):
+                while self._carry(client):
+                    pass
+
+    def _carry(self, client: socket.socket) -> bool:
+        """What came, both ways; False where the client has gone."""
+        ready, _, _ = select.select([client.fileno(), self._terminal], [], [])
+        if self._terminal in ready:
+            client.sendall(os.read(self._terminal, _READ))
+        if client.fileno() in ready:
+            data = client.recv(_READ)
+            os.write(self._terminal, data)
+            return bool(data)
+        return True
+
+
 def _report(played: list[Played], cpu: float) -> dict[str, Any]:
     return {
         "turns": [each.turns for each in played],
@@ -198,11 +233,13 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument(
         "--holds", type=int, default=0, help="most bytes that lie unread; 0: what the terminal takes"
     )
+    parser.add_argument("--tcp", action="store_true", help="behind a bridge to the network")
     options = parser.parse_args(arguments)
     every_ns = round(options.every * 1e9)
     rate = RATES[options.rate]
     played = [Played(rate, every_ns, options.speed, options.holds) for _ in range(options.count)]
-    print(json.dumps([each.path for each in played]), flush=True)
+    places = [Bridge(each.slave).source if options.tcp else each.path for each in played]
+    print(json.dumps(places), flush=True)
     by_handle = {each.master: each for each in played}
     handles = [0, *by_handle]
     cpu = time.process_time()

@@ -72,11 +72,14 @@ class Player(Responder):
     """A process that plays devices of one kind; see `benchmarks.player`.
 
     Attributes:
-        paths: The pseudo-terminals, one a device.
+        paths: The pseudo-terminals, one a device; by `tcp`, the sources of their bridges.
     """
 
-    def __init__(self, rate: str, count: int = 1, *, every: float = 0.0, speed: int = 1, holds: int = 0) -> None:
+    def __init__(
+        self, rate: str, count: int = 1, *, every: float = 0.0, speed: int = 1, holds: int = 0, tcp: bool = False
+    ) -> None:
         told = [rate, "--count", str(count), "--every", str(every), "--speed", str(speed), "--holds", str(holds)]
+        told += ["--tcp"] if tcp else []
         super().__init__([sys.executable, "-m", "benchmarks.player", *told])
         self.paths: list[str] = self.response()
 
