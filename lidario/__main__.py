@@ -58,6 +58,8 @@ def _verb() -> int:
             del os.environ[size]
     try:
         from lidario.cli.main import cli
+
+        return cli.run(sys.argv[1:])
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in NEEDED:
             return _cannot_load(error)
@@ -67,7 +69,6 @@ def _verb() -> int:
         return MISSING_EXTRA
     except Exception as error:
         return _cannot_load(error)
-    return cli.run(sys.argv[1:])
 
 
 def _cannot_load(error: BaseException) -> int:

@@ -122,6 +122,13 @@ def test_importing_costs_next_to_nothing() -> None:
 
 
 @pytest.mark.long
+def test_the_command_waits_for_numpy_only_where_it_is_used() -> None:
+    # The shell runs it at each completion.
+    loaded = set(in_a_fresh_interpreter(f"import lidario.cli.main, sys; {LOADED}").split())
+    assert not loaded & {"numpy", "rich.console", "serial", "lidario.session.lidar"}
+
+
+@pytest.mark.long
 def test_no_public_name_brings_an_extra_along() -> None:
     loaded = set(in_a_fresh_interpreter(f"from lidario import *; import sys; {LOADED}").split())
     assert {"numpy", "lidario.session.lidar"} <= loaded

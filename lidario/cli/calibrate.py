@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+import lidario
 from lidario.cli.errors import ExitCode, need
 from lidario.cli.output import progress
 from lidario.cli.parameters import WholeRange, as_file, as_place, complete_source
 from lidario.cli.plot import scans_of
+from lidario.cli.running import run
 from lidario.cli.settings import FILE, config_file, config_option, settings_of_file
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
-
-    from lidario import Config, DeviceInfo, Mount, Registration, Scan
 
 LEAST_SHARE: Final = 0.5
 """Of two lidars on one robot, each sees at least half of what the other sees."""
@@ -54,7 +54,7 @@ def calibrate(
     first: str,
     second: str,
     count: int,
-    guess: Mount | None,
+    guess: lidario.Mount | None,
     picture: str | None,
     dry_run: bool,
 ) -> int:
@@ -63,8 +63,6 @@ def calibrate(
     Both see the same room. The robot must stand still. A stays where the settings say it is, or is the robot's
     origin; the mount of B is written into the settings, into lidario.toml where no file is named.
     """
-    from lidario import LidarError, Mount, looseness, register, save_config
-    from lidario.cli.running import run
     from lidario.recording.export import must_be_writable
 
     need("small_gicp", "it")
@@ -78,55 +76,53 @@ def calibrate(
         (one, ahead), (two, behind) = run(lambda: _scans(first, second, count, config, told_apart=not dry_run))
     fixed, moving = _cloud(ahead), _cloud(behind)
     with progress("laying one on the other …"):
-        found = register(fixed, moving, guess=guess)
+        found = lidario.register(fixed, moving, guess=guess)
     if picture is not None:
         title = f"{two.model} {two.serial[:8]} as {one.model} {one.serial[:8]} sees it"
         _draw(Path(picture), fixed, _cloud(behind, found.mount), found, title)
         message(f"picture: {picture}")
     # Seen from below, left is right: then a wrong place may be found that explains many points.
-    upside_down = register(fixed, moving * (1.0, -1.0), guess=guess)
+    upside_down = lidario.register(fixed, moving * (1.0, -1.0), guess=guess)
     fits_better = upside_down.share >= LEAST_SHARE and found.share < RIVAL * upside_down.share
     doubt = UPSIDE_DOWN if fits_better else _doubt(found)
-    if not doubt and looseness(fixed, moving, found) > RIVAL:
+    if not doubt and lidario.looseness(fixed, moving, found) > RIVAL:
         doubt = LOOSE
     if doubt:
-        raise LidarError(doubt)
-    base = config.of(one.serial).mount or Mount()
+        raise lidario.LidarError(doubt)
+    base = config.of(one.serial).mount or lidario.Mount()
     mount = _behind(base, found.mount)
     emit(
         f"x = {mount.x:.4f} m, y = {mount.y:.4f} m, yaw = {math.degrees(mount.yaw):.2f} degrees\n"
         f"residual {1000 * found.residual:.1f} mm, {100 * found.share:.0f} % of the points of B lie on those of A\n"
     )
     if not dry_run:
-        save_config(file, one.serial, mount=base)
-        save_config(file, two.serial, mount=mount)
+        lidario.save_config(file, one.serial, mount=base)
+        lidario.save_config(file, two.serial, mount=mount)
         message(f"written into {file}")
     return ExitCode.OK
 
 
 async def _scans(
-    first: str, second: str, count: int, config: Config, *, told_apart: bool
-) -> list[tuple[DeviceInfo, list[Scan]]]:
+    first: str, second: str, count: int, config: lidario.Config, *, told_apart: bool
+) -> list[tuple[lidario.DeviceInfo, list[lidario.Scan]]]:
     """What each lidar is and sees, one behind the other: their motors may share one supply."""
-    from lidario import InvalidValue, open_lidar
-
-    async with open_lidar(first, config=config) as one, open_lidar(second, config=config) as two:
+    async with lidario.open_lidar(first, config=config) as one, lidario.open_lidar(second, config=config) as two:
         serials = {lidar.info.serial.casefold() for lidar in (one, two)}
         if told_apart and ("" in serials or len(serials) < 2):
-            raise InvalidValue(
+            raise lidario.InvalidValue(
                 "the two lidars tell no serial numbers that differ, so the settings cannot tell them apart: "
                 "--dry-run prints the figures, for --mount or for Mount() in your program"
             )
         return [(lidar.info, await scans_of(lidar, count)) for lidar in (one, two)]
 
 
-def _cloud(scans: list[Scan], mount: Mount | None = None) -> NDArray[np.float32]:
+def _cloud(scans: list[lidario.Scan], mount: lidario.Mount | None = None) -> NDArray[np.float32]:
     import numpy as np
 
     return np.concatenate([np.zeros((0, 2), np.float32), *(scan.points(mount).xy for scan in scans)])
 
 
-def _doubt(found: Registration) -> str:
+def _doubt(found: lidario.Registration) -> str:
     """Why the result is not to be trusted; empty where it is."""
     if found.share < LEAST_SHARE or found.residual > FARTHEST_RESIDUAL_M:
         return (
@@ -142,16 +138,14 @@ def _doubt(found: Registration) -> str:
     return ""
 
 
-def _behind(base: Mount, step: Mount) -> Mount:
+def _behind(base: lidario.Mount, step: lidario.Mount) -> lidario.Mount:
     """The mount of B, where A is at `base` and B at `step` as seen from A."""
-    from lidario import Mount
-
     place = complex(base.x, base.y) + complex(step.x, step.y) * cmath.rect(1.0, base.yaw)
-    return Mount(place.real, place.imag, math.remainder(base.yaw + step.yaw, math.tau))
+    return lidario.Mount(place.real, place.imag, math.remainder(base.yaw + step.yaw, math.tau))
 
 
 def _draw(
-    path: Path, fixed: NDArray[np.float32], placed: NDArray[np.float32], found: Registration, title: str
+    path: Path, fixed: NDArray[np.float32], placed: NDArray[np.float32], found: lidario.Registration, title: str
 ) -> None:
     from lidario.cli.chart import COLOUR, clouds_svg
     from lidario.recording.export import write_whole

@@ -15,7 +15,7 @@ from xml.sax.saxutils import escape
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario import Scan
+import lidario
 
 COLOUR: Final = "#1b5fc1"
 """Readable on white, also when it is printed."""
@@ -32,7 +32,7 @@ _LINES: Final = 5
 _LIDAR: Final = f'<path d="M{MIDDLE} {MIDDLE - 9}l6 15l-6-4l-6 4z" fill="#000"/></svg>'
 
 
-def reach_of(scans: Sequence[Scan], *, polar: bool = False) -> float:
+def reach_of(scans: Sequence[lidario.Scan], *, polar: bool = False) -> float:
     """Metres from the lidar to the edge of the picture, a whole number of steps."""
     away = np.concatenate([_away(scan, polar) for scan in scans]) if scans else np.empty(0)
     reach = float(np.quantile(away, SHOWN)) * 1.04 if len(away) else 1.0
@@ -50,7 +50,7 @@ def opacities(count: int) -> list[float]:
     return [0.85 if number == count - 1 else _FAINTEST + 0.3 * number / count for number in range(count)]
 
 
-def legend_of(scans: Sequence[Scan], reach: float, *, polar: bool = False) -> list[str]:
+def legend_of(scans: Sequence[lidario.Scan], reach: float, *, polar: bool = False) -> list[str]:
     """What must be said of these scans beside the picture, a line each."""
     lines = []
     if len(scans) > 1:
@@ -62,14 +62,14 @@ def legend_of(scans: Sequence[Scan], reach: float, *, polar: bool = False) -> li
     return lines
 
 
-def _away(scan: Scan, polar: bool) -> NDArray[np.float64]:
+def _away(scan: lidario.Scan, polar: bool) -> NDArray[np.float64]:
     """How far out each return is: by its distance on rings, by its larger coordinate on a square."""
     points = np.abs(scan.xy()[scan.valid].astype(np.float64))
     away: NDArray[np.float64] = np.hypot(*points.T) if polar else points.max(axis=1)
     return away
 
 
-def svg(scans: Sequence[Scan], title: str, *, polar: bool = False) -> str:
+def svg(scans: Sequence[lidario.Scan], title: str, *, polar: bool = False) -> str:
     """The picture of these scans, one over the other, as the text of a file."""
     reach = reach_of(scans, polar=polar)
     grid = _rings(reach) if polar else _squares(reach)

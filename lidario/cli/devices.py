@@ -6,17 +6,14 @@ unexpected byte can reset another device, such as an Arduino. The others are lis
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import click
 
+import lidario
+import lidario.ros
 from lidario.cli.errors import ExitCode, exit_code_of
 from lidario.cli.output import console, dump, progress, rendered, table
+from lidario.cli.running import run
 from lidario.cli.streams import emit, message
-
-if TYPE_CHECKING:
-    from lidario import Found, PortInfo
-    from lidario.ros import RemoteLidar
 
 
 @click.command()
@@ -43,13 +40,10 @@ def devices(ports: tuple[str, ...], as_json: bool, network: bool, router: str) -
 
 def show(ports: tuple[str, ...], *, as_json: bool, next_steps: bool = False) -> int:
     """Ask the ports and print the result; returns the exit code."""
-    from lidario import list_lidars, list_serial_ports
-    from lidario.cli.running import run
-
     with progress("asking the ports …"):
-        found = run(lambda: list_lidars(ports))
+        found = run(lambda: lidario.list_lidars(ports))
     asked = {each.port.path for each in found}
-    others = [] if ports else [port for port in list_serial_ports() if port.path not in asked]
+    others = [] if ports else [port for port in lidario.list_serial_ports() if port.path not in asked]
     responding = [each for each in found if each.info is not None]
     if as_json:
         dump([_record(each.port, each) for each in found] + [_record(port) for port in others])
@@ -63,7 +57,7 @@ def show(ports: tuple[str, ...], *, as_json: bool, next_steps: bool = False) -> 
     return exit_code_of(reason) if reason else ExitCode.NO_DEVICE
 
 
-def _print(found: list[Found], others: list[PortInfo]) -> None:
+def _print(found: list[lidario.Found], others: list[lidario.PortInfo]) -> None:
     rows = [
         (each.port.path, each.info.model, each.info.serial, each.info.firmware,
          str(each.baudrate) if each.baudrate else "", each.port.adapter or each.port.description)
@@ -111,7 +105,7 @@ def _tell_next(responding: list[str]) -> None:
         message(f"  {command:<{width}}   {purpose}")
 
 
-def _record(port: PortInfo, found: Found | None = None) -> dict[str, object]:
+def _record(port: lidario.PortInfo, found: lidario.Found | None = None) -> dict[str, object]:
     """A port that was asked, with what was found there, or one that was not."""
     names = ("family", "model", "model_id", "firmware", "hardware", "serial")
     return {
@@ -128,11 +122,8 @@ def _record(port: PortInfo, found: Found | None = None) -> dict[str, object]:
 
 def _show_fleet(router: str, *, as_json: bool) -> int:
     """Ask the router and print the result; returns the exit code, 3 where there is none."""
-    from lidario.cli.running import run
-    from lidario.ros import list_remote_lidars
-
     with progress("asking the network …"):
-        found = run(lambda: list_remote_lidars(router))
+        found = run(lambda: lidario.ros.list_remote_lidars(router))
     if as_json:
         dump([_record_of(each) for each in found])
     elif found:
@@ -143,18 +134,18 @@ def _show_fleet(router: str, *, as_json: bool) -> int:
     return ExitCode.OK if found else ExitCode.NO_DEVICE
 
 
-def _row_of(lidar: RemoteLidar) -> tuple[str, ...]:
+def _row_of(lidar: lidario.ros.RemoteLidar) -> tuple[str, ...]:
     rate = f"{lidar.rate:.1f}" if lidar.health is not None else ""
     return lidar.source, lidar.robot, lidar.model, lidar.serial, _health(lidar), rate
 
 
-def _health(lidar: RemoteLidar) -> str:
+def _health(lidar: lidario.ros.RemoteLidar) -> str:
     if lidar.lost:
         return "away"
     return lidar.health.status.value if lidar.health is not None else ""
 
 
-def _record_of(lidar: RemoteLidar) -> dict[str, object]:
+def _record_of(lidar: lidario.ros.RemoteLidar) -> dict[str, object]:
     health = lidar.health
     return {
         "source": lidar.source,

@@ -9,25 +9,25 @@ The exit code is the one that `lidario scan` would end with.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Literal
 
 import click
 
+import lidario
 from lidario.cli.errors import ExitCode, exit_code
 from lidario.cli.machine import Machine
 from lidario.cli.output import console, dump, introduced, judged, progress, rendered
 from lidario.cli.parameters import complete_source
+from lidario.cli.running import run
+from lidario.cli.stats import Measured, measure, percent, verdict
 from lidario.cli.streams import emit
 from lidario.cli.udev import is_unique
 from lidario.families.adapters import ADAPTERS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from rich.text import Text
-
-    from lidario import LidarError, PortInfo
 
 SCAN_S = 1.0
 SLOW_LATENCY_MS = 4
@@ -58,11 +58,8 @@ def doctor(source: str, as_json: bool) -> int:
     This machine, its ports and the lidars on them are examined. Asking a device that scans stops it. Without a
     SOURCE all ports are examined whose adapter is a kind that lidars are sold with.
     """
-    from lidario import list_serial_ports
-    from lidario.cli.running import run
-
     machine = Machine()
-    ports = list_serial_ports()
+    ports = lidario.list_serial_ports()
     adapters = [port for port in ports if port.adapter]
     findings = of_machine(machine, [port.path for port in adapters])
     named = source not in ("", "auto")
@@ -121,7 +118,7 @@ def of_machine(machine: Machine, ports: list[str]) -> list[Finding]:
     return found
 
 
-def of_adapter(machine: Machine, port: PortInfo) -> list[Finding]:
+def of_adapter(machine: Machine, port: lidario.PortInfo) -> list[Finding]:
     """What the adapter behind a port is, and whether its name stays the same; nothing is opened."""
     usb = machine.usb(port.path)
     if not port.adapter:
@@ -146,14 +143,12 @@ def of_adapter(machine: Machine, port: PortInfo) -> list[Finding]:
     return found
 
 
-async def _of_device(machine: Machine, source: str, port: PortInfo | None) -> tuple[list[Finding], int]:
+async def _of_device(machine: Machine, source: str, port: lidario.PortInfo | None) -> tuple[list[Finding], int]:
     """What responds there, and the exit code that `lidario scan` would end with."""
-    from lidario import LidarError, open_lidar
-
     found: list[Finding] = []
     before = _latency(machine, port)
     try:
-        async with open_lidar(source) as lidar:
+        async with lidario.open_lidar(source) as lidar:
             at = f" at {lidar.baudrate} baud" if lidar.baudrate else ""
             found.append(Finding("access", "ok", "may be opened, and no other program holds it", port=source))
             name = introduced(lidar.info.model, lidar.info.serial, lidar.info.firmware)
@@ -165,13 +160,13 @@ async def _of_device(machine: Machine, source: str, port: PortInfo | None) -> tu
             text = f"ok{note}" if is_fine else f"{lidar.health.status.value}, code {lidar.health.code}{note}"
             found.append(Finding("health", "ok" if is_fine else "hint", text, port=source))
         found += await _of_scans(source)
-    except LidarError as error:
+    except lidario.LidarError as error:
         found.append(_failed(source, error))
         return found, exit_code(error)
     return found, ExitCode.OK
 
 
-def _of_speed(source: str, port: PortInfo | None, baudrate: int) -> list[Finding]:
+def _of_speed(source: str, port: lidario.PortInfo | None, baudrate: int) -> list[Finding]:
     adapter = ADAPTERS.get(port.adapter) if port is not None else None
     if adapter is None or not adapter.fastest or baudrate <= adapter.fastest:
         return []
@@ -179,7 +174,7 @@ def _of_speed(source: str, port: PortInfo | None, baudrate: int) -> list[Finding
     return [Finding("speed", "hint", text, "an adapter that is made for it", source)]
 
 
-def _latency(machine: Machine, port: PortInfo | None) -> int | None:
+def _latency(machine: Machine, port: lidario.PortInfo | None) -> int | None:
     return None if port is None else machine.latency_ms(port.path)
 
 
@@ -197,8 +192,6 @@ def _of_latency(before: int | None, during: int | None, source: str) -> list[Fin
 
 
 async def _of_scans(source: str) -> list[Finding]:
-    from lidario.cli.stats import Measured, measure, percent, verdict
-
     measured = Measured()
     await measure(source, SCAN_S, None, measured)
     word, reason = verdict(measured)
@@ -214,21 +207,18 @@ async def _of_scans(source: str) -> list[Finding]:
     return found
 
 
-def _failed(source: str, error: LidarError) -> Finding:
+def _failed(source: str, error: lidario.LidarError) -> Finding:
     """The text of an error has the cause in its first line and the cure behind it."""
-    from lidario import ConnectFailed, DeviceFault
-
-    reason = error.reason if isinstance(error, ConnectFailed) else ""
+    reason = error.reason if isinstance(error, lidario.ConnectFailed) else ""
     what = {"permission": "access", "busy": "access", "missing": "port", "source": "source", "refused": "port"}
     text, _, cure = str(error).partition("\n")
     if not cure and reason == "silent":
         cure = "power (5 V, 1.5 A when the motor starts), cable, and the adapter's speed switch"
-    return Finding(
-        "health" if isinstance(error, DeviceFault) else what.get(reason, "response"), "bad", text, cure, source
-    )
+    where = "health" if isinstance(error, lidario.DeviceFault) else what.get(reason, "response")
+    return Finding(where, "bad", text, cure, source)
 
 
-def _nothing_plugged(ports: list[PortInfo]) -> Finding:
+def _nothing_plugged(ports: list[lidario.PortInfo]) -> Finding:
     others = ", ".join(port.path for port in ports)
     cure = "plug it in; `sudo dmesg | tail` tells whether the system sees it, or whether a cable only carries power"
     if others:

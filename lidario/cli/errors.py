@@ -13,20 +13,7 @@ from importlib.util import find_spec
 
 import click
 
-from lidario import (
-    CannotRecord,
-    ConnectFailed,
-    ConnectReason,
-    DeviceFault,
-    DeviceLost,
-    InvalidValue,
-    LidarError,
-    ProtocolError,
-    RecordingError,
-    ResponseTimeout,
-    StreamFailed,
-    Unsupported,
-)
+import lidario
 from lidario.cli.streams import CannotWrite, ReaderGone, message
 from lidario.system import cause_of, is_exhausted
 
@@ -55,7 +42,7 @@ class Stopped(Exception):
         self.signal = number
 
 
-_REASONS: dict[ConnectReason, ExitCode] = {
+_REASONS: dict[lidario.ConnectReason, ExitCode] = {
     "missing": ExitCode.NO_DEVICE,
     "ambiguous": ExitCode.NO_DEVICE,
     "refused": ExitCode.NO_DEVICE,
@@ -66,16 +53,16 @@ _REASONS: dict[ConnectReason, ExitCode] = {
 }
 
 _KINDS: tuple[tuple[type[BaseException], ExitCode], ...] = (
-    (RecordingError, ExitCode.BAD_RECORDING),
-    (CannotRecord, ExitCode.NO_ACCESS),
+    (lidario.RecordingError, ExitCode.BAD_RECORDING),
+    (lidario.CannotRecord, ExitCode.NO_ACCESS),
     (CannotWrite, ExitCode.NO_ACCESS),
-    (DeviceFault, ExitCode.UNHEALTHY),
-    (DeviceLost, ExitCode.NO_DATA),
-    (StreamFailed, ExitCode.NO_DATA),
-    (ResponseTimeout, ExitCode.NO_DATA),
-    (ProtocolError, ExitCode.NO_DATA),
-    (Unsupported, ExitCode.USAGE),
-    (InvalidValue, ExitCode.USAGE),
+    (lidario.DeviceFault, ExitCode.UNHEALTHY),
+    (lidario.DeviceLost, ExitCode.NO_DATA),
+    (lidario.StreamFailed, ExitCode.NO_DATA),
+    (lidario.ResponseTimeout, ExitCode.NO_DATA),
+    (lidario.ProtocolError, ExitCode.NO_DATA),
+    (lidario.Unsupported, ExitCode.USAGE),
+    (lidario.InvalidValue, ExitCode.USAGE),
     (ReaderGone, ExitCode.OK),
     (click.Abort, ExitCode.INTERRUPTED),
     (KeyboardInterrupt, ExitCode.INTERRUPTED),
@@ -92,25 +79,25 @@ def need(module: str, what: str, package: str = "", otherwise: str = "") -> None
     """
     if find_spec(module) is None:
         name = package or module
-        raise Unsupported(f"{what} needs {name}, which is not installed: pip install {name}{otherwise}")
+        raise lidario.Unsupported(f"{what} needs {name}, which is not installed: pip install {name}{otherwise}")
 
 
-def cannot_listen(where: str, error: OSError, any_free: str) -> ConnectFailed:
+def cannot_listen(where: str, error: OSError, any_free: str) -> lidario.ConnectFailed:
     """The error of a server that cannot listen there; `any_free` is the option that takes any free port."""
-    reasons: dict[int | None, ConnectReason] = {errno.EADDRINUSE: "busy", errno.EACCES: "permission"}
+    reasons: dict[int | None, lidario.ConnectReason] = {errno.EADDRINUSE: "busy", errno.EACCES: "permission"}
     cure = f". {any_free} takes any free port" if error.errno == errno.EADDRINUSE else ""
-    what = cause_of(error).partition(" (while")[0]
-    return ConnectFailed(f"cannot listen on {where}: {what}{cure}", reason=reasons.get(error.errno, "source"))
+    text = f"cannot listen on {where}: {cause_of(error).partition(' (while')[0]}{cure}"
+    return lidario.ConnectFailed(text, reason=reasons.get(error.errno, "source"))
 
 
-def exit_code_of(reason: ConnectReason) -> int:
+def exit_code_of(reason: lidario.ConnectReason) -> int:
     """The exit code of a connection that failed for this reason."""
     return _REASONS.get(reason, ExitCode.UNEXPECTED)
 
 
 def exit_code(error: BaseException) -> int:
     """The exit code that `error` ends the command with."""
-    if isinstance(error, ConnectFailed):
+    if isinstance(error, lidario.ConnectFailed):
         return exit_code_of(error.reason)
     if isinstance(error, click.ClickException):
         return error.exit_code
@@ -129,7 +116,7 @@ def report(error: BaseException, *, with_traceback: bool = False) -> None:
 
 
 def _words(error: BaseException) -> str:
-    if isinstance(error, LidarError | CannotWrite):
+    if isinstance(error, lidario.LidarError | CannotWrite):
         return str(error)
     if isinstance(error, click.exceptions.NoArgsIsHelpError) and isinstance(error.ctx.command, click.Group):
         verbs = ", ".join(f"{error.ctx.command_path} {name}" for name in error.ctx.command.commands)

@@ -5,6 +5,7 @@ A single long recording is divided (`lidario.recording.divided`); the files are 
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import lidario
 from lidario.cli.errors import ExitCode
 from lidario.cli.laserscans import laserscan_options, laserscans_of, only_with
 from lidario.cli.output import progress
@@ -20,9 +22,6 @@ from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import message
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-
-    from lidario import Config, Scan
     from lidario.recording.decode_file import FileDecoder
     from lidario.recording.files import Known
 
@@ -87,7 +86,6 @@ _Task = tuple[str, str, Any, dict[str, Any], bool, Any, int]
 
 def _all(tasks: list[_Task], jobs: int) -> list[Exception]:
     """Export everything; what fails does not keep the others from being exported."""
-    from lidario import LidarError
     from lidario.recording.divided import processes
 
     failures: list[Exception] = []
@@ -98,7 +96,7 @@ def _all(tasks: list[_Task], jobs: int) -> list[Exception]:
         for task, done in zip(tasks, running, strict=True):
             try:
                 scans, damage = done()
-            except LidarError as error:
+            except lidario.LidarError as error:
                 failures.append(error)
                 continue
             message(f"{task[1]}: {scans} scans")
@@ -108,7 +106,7 @@ def _all(tasks: list[_Task], jobs: int) -> list[Exception]:
 
 
 def export_one(
-    file: str, out: str, known: Known, of_scans: dict[str, Any], force: bool, config: Config, jobs: int
+    file: str, out: str, known: Known, of_scans: dict[str, Any], force: bool, config: lidario.Config, jobs: int
 ) -> tuple[int, str]:
     """Export one file; returns how many scans, and why it could not be read to its end. Runs in any process."""
     from lidario.recording.decode_file import FileDecoder
@@ -143,7 +141,7 @@ def _export_csv(decoder: FileDecoder, path: Path, *, overwrite: bool, jobs: int)
     return count
 
 
-def _csv_of(scans: Iterable[Scan]) -> Iterator[tuple[int, str]]:
+def _csv_of(scans: Iterable[lidario.Scan]) -> Iterator[tuple[int, str]]:
     """The number of each scan, and its rows with a mark in its place: it is known later."""
     from lidario.cli.formats import as_csv
 

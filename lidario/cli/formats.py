@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from lidario import Scan
+import lidario
 
 _ANGLE_DIGITS = 6
 _RANGE_DIGITS = 5
@@ -21,12 +21,12 @@ CSV_HEADER = "seq,wall_stamp_ns,angle_rad,range_m,intensity\n"
 ROW_HEADER = "scan samples  returns   rpm     Hz        nearest       farthest  lost  dropped\n"
 
 
-def as_json(scan: Scan) -> str:
+def as_json(scan: lidario.Scan) -> str:
     """One line."""
     return json.dumps(scan.to_dict(), separators=(",", ":"), allow_nan=False) + "\n"
 
 
-def as_csv(scan: Scan, begin: str = "") -> str:
+def as_csv(scan: lidario.Scan, begin: str = "") -> str:
     """One row per sample, with the time at which it was measured; each begins with `begin`, or its number."""
     begin = begin or f"{scan.seq},"
     stamps = scan.times_ns + (scan.wall_stamp_ns - scan.stamp_ns)
@@ -40,7 +40,7 @@ def as_csv(scan: Scan, begin: str = "") -> str:
     )
 
 
-def as_row(scan: Scan) -> str:
+def as_row(scan: lidario.Scan) -> str:
     """A line under `ROW_HEADER`, 79 columns wide."""
     hits = int(np.count_nonzero(scan.valid))
     share = f"{hits / len(scan):.1%}" if len(scan) else "-"
@@ -56,6 +56,6 @@ def as_row(scan: Scan) -> str:
     )
 
 
-def _beam(scan: Scan, index: int) -> str:
+def _beam(scan: lidario.Scan, index: int) -> str:
     degrees = round(math.degrees(scan.angles[index]))  # an integer, so that it is never printed as -0°
     return f"{scan.ranges[index]:.2f} m {degrees:+d}°"

@@ -9,15 +9,16 @@ from typing import TYPE_CHECKING
 
 import click
 
+import lidario
 from lidario.cli.errors import ExitCode
 from lidario.cli.output import console, dump, facts, progress, rendered, table
 from lidario.cli.parameters import complete_source
+from lidario.cli.running import run
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from lidario import DeviceInfo, Health, RecordingSummary, ScanMode
     from lidario.recording.files import FileSource
 
 _ABSURD_HZ = 100.0
@@ -26,9 +27,9 @@ _ABSURD_HZ = 100.0
 @dataclass
 class _Told:
     source: str
-    info: DeviceInfo
-    health: Health
-    modes: tuple[ScanMode, ...]
+    info: lidario.DeviceInfo
+    health: lidario.Health
+    modes: tuple[lidario.ScanMode, ...]
     frequency: float | None
     limits: tuple[float, float] | None
 
@@ -42,7 +43,6 @@ def info(source: str, as_json: bool) -> int:
     Model, firmware, serial number, health and scan modes. Of a recording: which device, how long, and what is in
     it; the whole file is decoded for that.
     """
-    from lidario.cli.running import run
     from lidario.recording.files import file_source
 
     file = file_source(source)
@@ -59,15 +59,13 @@ def info(source: str, as_json: bool) -> int:
 
 
 async def _ask(source: str) -> _Told:
-    from lidario import Unsupported, open_lidar
-
-    async with open_lidar(source) as lidar:
+    async with lidario.open_lidar(source) as lidar:
         frequency: float | None = None
         limits: tuple[float, float] | None = None
-        with suppress(Unsupported):
+        with suppress(lidario.Unsupported):
             frequency = await lidar.get_scan_frequency()
         # Of some it is known though they cannot be asked.
-        with suppress(Unsupported):
+        with suppress(lidario.Unsupported):
             limits = await lidar.get_scan_frequency_range()
         return _Told(lidar.source, lidar.info, lidar.health, await lidar.get_modes(), frequency, limits)
 
@@ -99,7 +97,7 @@ def _frequency(hertz: float | None, limits: tuple[float, float] | None) -> str:
     return text
 
 
-def _modes(modes: tuple[ScanMode, ...]) -> Table:
+def _modes(modes: tuple[lidario.ScanMode, ...]) -> Table:
     figures = ("id", "µs/sample", "samples/s", "max. distance", "response type")
     rows = (
         (
@@ -137,14 +135,12 @@ def _record(told: _Told) -> dict[str, object]:
 
 def _show_summary(file: FileSource, *, as_json: bool) -> int:
     """Decode a recording and print what it holds; returns the exit code."""
-    from lidario import summarize
-
     if file.played:
         raise click.BadParameter(
             f"{file.played[0]}= says how a recording is played: here the whole file is told of", param_hint="SOURCE"
         )
     with progress(f"decoding {file.path} …"):
-        summary = summarize(file.path, **file.known._asdict())
+        summary = lidario.summarize(file.path, **file.known._asdict())
     if as_json:
         record = asdict(summary)
         dump({**record, "began_ns": summary.began_ns or None, "damage": summary.damage or None})
@@ -155,7 +151,7 @@ def _show_summary(file: FileSource, *, as_json: bool) -> int:
     return ExitCode.OK
 
 
-def _facts_of_file(summary: RecordingSummary) -> Table:
+def _facts_of_file(summary: lidario.RecordingSummary) -> Table:
     info = summary.info
     rows = [("file", f"{summary.path} ({summary.size / 1e6:.1f} MB)"), ("model", info.model)]
     if info.serial:

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import Any, Final, TypeVar
 
 import click
 from click.core import ParameterSource
 
+import lidario
 from lidario.cli.parameters import WholeRange
-
-if TYPE_CHECKING:
-    from lidario import LaserScans
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
@@ -49,11 +47,9 @@ def arguments_of(options: dict[str, Any], frame: str | None) -> dict[str, Any]:
     return made
 
 
-def laserscans_of(options: dict[str, Any], frame: str | None = None) -> LaserScans:
+def laserscans_of(options: dict[str, Any], frame: str | None = None) -> lidario.LaserScans:
     """How the messages are made by these options and the `frame` of the settings."""
-    from lidario import LaserScans
-
-    return LaserScans(**arguments_of(options, frame))
+    return lidario.LaserScans(**arguments_of(options, frame))
 
 
 def is_given(name: str) -> bool:

@@ -40,11 +40,16 @@ class Lidario(click.Group):
     """A click group whose errors are reported by `lidario.cli.errors`."""
 
     def run(self, arguments: Sequence[str]) -> int:
-        """Run the verb that `arguments` name; returns the exit code."""
+        """Run the verb that `arguments` name; returns the exit code.
+
+        An `ImportError` leaves it: who calls this tells of packages that cannot be loaded, now or before.
+        """
         settings = Settings()
         try:
             result = super().main(list(arguments), "lidario", standalone_mode=False, obj=settings)
             code = result if isinstance(result, int) else ExitCode.OK
+        except ImportError:
+            raise
         except (Exception, KeyboardInterrupt) as error:
             report(error, with_traceback=settings.traceback)
             code = exit_code(error)

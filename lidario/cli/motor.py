@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import click
 
+import lidario
 from lidario.cli.errors import ExitCode
 from lidario.cli.output import dump, progress
 from lidario.cli.parameters import FiniteRange, complete_source
+from lidario.cli.running import run
 from lidario.cli.streams import emit
 
 _SOURCE = click.argument("source", default="auto", shell_complete=complete_source)
@@ -36,8 +38,6 @@ def start(source: str, as_json: bool) -> int:
 @_JSON
 def stop(source: str, as_json: bool) -> int:
     """Stop laser and motor, whatever an earlier program left running."""
-    from lidario.cli.running import run
-
     with progress(f"stopping {source} …"):
         _refuse_motorless(source)
         run(lambda: _stop(source))
@@ -58,8 +58,6 @@ def speed(hertz: float, source: str, as_json: bool) -> int:
 
 
 def _run(source: str, hertz: float | None, as_json: bool) -> int:
-    from lidario.cli.running import run
-
     with progress("waiting for the rotor …"):
         _refuse_motorless(source)
         state, measured = run(lambda: _turn(source, hertz))
@@ -68,13 +66,12 @@ def _run(source: str, hertz: float | None, as_json: bool) -> int:
 
 
 def _refuse_motorless(source: str) -> None:
-    from lidario import Unsupported
     from lidario.recording.files import file_source
 
     if file_source(source) is not None:
-        raise Unsupported("a recording has no motor")
+        raise lidario.Unsupported("a recording has no motor")
     if source.startswith("zenoh:"):
-        raise Unsupported(
+        raise lidario.Unsupported(
             "the motor of another machine's lidar cannot be switched from here: its publisher drives it"
         )
 
@@ -92,33 +89,29 @@ def _tell(as_json: bool, state: str, hertz: float | None) -> None:
 
 async def _turn(source: str, hertz: float | None) -> tuple[str, float | None]:
     """Returns what was done, and the speed in revolutions a second."""
-    from lidario import Unsupported, open_lidar
-
     is_open = False
     try:
-        async with open_lidar(source, keep_spinning=True) as lidar, lidar.scans() as scans:
+        async with lidario.open_lidar(source, keep_spinning=True) as lidar, lidar.scans() as scans:
             is_open = True
             await anext(scans)
             if hertz is not None:
                 await lidar.set_scan_frequency(hertz)
             return "turning", lidar.measured_scan_frequency
-    except Unsupported as error:
+    except lidario.Unsupported as error:
         if is_open:
             raise
         if hertz is None:
-            raise Unsupported(
+            raise lidario.Unsupported(
                 f"the motor of this lidar stops with its laser: `lidario scan -n 0 {source}` runs both until Ctrl-C"
             ) from error
-    async with open_lidar(source) as lidar:
+    async with lidario.open_lidar(source) as lidar:
         return "set", await lidar.set_scan_frequency(hertz)
 
 
 async def _stop(source: str) -> None:
     """Open and close: a session that ends writes the requests that stop laser and motor."""
-    from lidario import Unsupported, open_lidar
-
-    async with open_lidar(source) as lidar:
+    async with lidario.open_lidar(source) as lidar:
         if not lidar.can_be_stopped:
             # The session has said why, when it was opened.
-            raise Unsupported("nothing was stopped: the device only talks")
+            raise lidario.Unsupported("nothing was stopped: the device only talks")
         await lidar.stop()

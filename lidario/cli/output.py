@@ -24,7 +24,7 @@ from concurrent.futures import Future
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Final, TextIO, cast
 
-from lidario import ConnectFailed
+import lidario
 from lidario.cli.streams import CannotWrite, ReaderGone, beside, emit, write
 from lidario.system import NO_THREADS
 
@@ -59,7 +59,7 @@ class Worker:
         try:
             self._thread.start()
         except RuntimeError as error:
-            raise ConnectFailed(NO_THREADS, reason="missing") from error
+            raise lidario.ConnectFailed(NO_THREADS, reason="missing") from error
 
     def put(self, work: Callable[[], object]) -> None:
         """Have `work` called after what was handed over before, without waiting."""

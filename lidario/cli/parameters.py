@@ -8,15 +8,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import click
 from click.shell_completion import CompletionItem
 
+import lidario
 from lidario.system import cause_of
-
-if TYPE_CHECKING:
-    from lidario import Mount
 
 _UNITS: Final = {"ms": 1e-3, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0}
 _SIZE: Final = re.compile(r"([0-9]{1,9}(?:\.[0-9]{1,9})?)\s*([KMGT]B)", re.ASCII | re.IGNORECASE)
@@ -52,17 +50,15 @@ def as_time_or_size(text: str) -> tuple[float | None, int | None]:
     return float(match[1]) * _UNITS[match[2]], None
 
 
-def as_place(text: str) -> Mount:
+def as_place(text: str) -> lidario.Mount:
     """A place and a direction: ``0.1,0,90``, metres and degrees."""
-    from lidario import Mount
-
     try:
         x, y, yaw = map(float, text.split(","))
     except ValueError:
         x = y = yaw = math.nan
     if not math.isfinite(x + y + yaw):
         raise click.BadParameter(f"{text!r} is not x,y,yaw in metres and degrees, such as 0.1,0,90")
-    return Mount(x, y, math.radians(yaw))
+    return lidario.Mount(x, y, math.radians(yaw))
 
 
 def as_mode(text: str) -> str | int:
@@ -120,11 +116,10 @@ def complete_source(context: click.Context, parameter: click.Parameter, incomple
 
     Where there is none, it may be the beginning of a recording's name.
     """
-    from lidario import list_serial_ports
     from lidario.families.registry import FAMILIES
 
     found = [CompletionItem("auto", help="the only lidar that responds")]
-    found += [CompletionItem(port.path, help=port.description) for port in list_serial_ports()]
+    found += [CompletionItem(port.path, help=port.description) for port in lidario.list_serial_ports()]
     found += [CompletionItem(f"sim://{name}", help="simulated") for each in FAMILIES for name in each.simulated]
     fitting = [item for item in found if str(item.value).startswith(incomplete)]
     return fitting or complete_file(context, parameter, incomplete)

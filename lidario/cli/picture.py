@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.style import Style
 from rich.text import Text
 
-from lidario import Scan
+import lidario
 
 MOST_COLUMNS: Final = 99
 ROWS_OFF_TERMINAL: Final = 31
@@ -50,7 +50,7 @@ class _Grid:
     outside: int  # returns that lie beyond its edges
 
 
-def picture(scan: Scan, target: Console, *, size: tuple[int, int] | None = None) -> Text:
+def picture(scan: lidario.Scan, target: Console, *, size: tuple[int, int] | None = None) -> Text:
     """Draw `scan` to fit `target`, whose colours and characters are used.
 
     With `size` in columns and rows it has all its rows, and a scale that changes in steps: drawn again and again,
@@ -76,7 +76,7 @@ def picture(scan: Scan, target: Console, *, size: tuple[int, int] | None = None)
     return text
 
 
-def _rasterise(scan: Scan, columns: int, rows: int, *, steady: bool) -> _Grid:
+def _rasterise(scan: lidario.Scan, columns: int, rows: int, *, steady: bool) -> _Grid:
     points = scan.xy()[scan.valid].astype(np.float64)
     ranges = scan.ranges[scan.valid].astype(np.float64)
     # Metres a dot that each point would need to be on the picture; x is up, y to the left.

@@ -14,6 +14,7 @@ import click
 
 from lidario.cli.errors import ExitCode
 from lidario.cli.parameters import FiniteRange, complete_file
+from lidario.cli.running import run_until_stopped
 from lidario.cli.sim import announce, pty_option, server_of, tcp_option
 from lidario.cli.streams import message
 
@@ -54,8 +55,6 @@ def play(file: str, rate: float, loop: bool, pty: bool, tcp: str | None) -> int:
 
 
 def _serve(server: PtyServer | TcpServer | UdpServer, device: PlayedDevice, file: str) -> int:
-    from lidario.cli.running import run_until_stopped
-
     async def work() -> None:
         await announce(server, f"{file} at {device.baudrate} baud, until its end or Ctrl-C")
         await _until_finished(device)

@@ -10,18 +10,17 @@ import os
 import time
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+import lidario
 from lidario.cli.errors import ExitCode, need
 from lidario.cli.output import progress
 from lidario.cli.parameters import WholeRange, as_file, complete_source, mode_option
+from lidario.cli.running import run
 from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import emit, message
-
-if TYPE_CHECKING:
-    from lidario import Config, DeviceInfo, Lidar, Scan
 
 
 @click.command()
@@ -39,8 +38,6 @@ def plot(source: str, output: str, count: int, polar: bool, force: bool, mode: s
 
     The name of the file is printed.
     """
-    from lidario import RecordingError
-    from lidario.cli.running import run
     from lidario.recording.export import must_be_writable, write_whole
 
     path = Path(output)
@@ -52,7 +49,7 @@ def plot(source: str, output: str, count: int, polar: bool, force: bool, mode: s
     with progress(f"waiting for {source} …"):
         info, scans = run(lambda: _read(source, count, mode, settings))
     if not scans:
-        raise RecordingError(f"{source} holds no full revolution")
+        raise lidario.RecordingError(f"{source} holds no full revolution")
     title = _title(info, scans)
     if kind == ".svg":
         from lidario.cli.chart import svg
@@ -68,16 +65,16 @@ def plot(source: str, output: str, count: int, polar: bool, force: bool, mode: s
     return ExitCode.OK
 
 
-async def _read(source: str, count: int, mode: str | int | None, config: Config) -> tuple[DeviceInfo, list[Scan]]:
-    from lidario import open_lidar
-
-    async with open_lidar(source, config=config) as lidar:
+async def _read(
+    source: str, count: int, mode: str | int | None, config: lidario.Config
+) -> tuple[lidario.DeviceInfo, list[lidario.Scan]]:
+    async with lidario.open_lidar(source, config=config) as lidar:
         return lidar.info, await scans_of(lidar, count, mode)
 
 
-async def scans_of(lidar: Lidar, count: int, mode: str | int | None = None) -> list[Scan]:
+async def scans_of(lidar: lidario.Lidar, count: int, mode: str | int | None = None) -> list[lidario.Scan]:
     """So many scans of a lidar; of a recording at most so many."""
-    found: list[Scan] = []
+    found: list[lidario.Scan] = []
     async with lidar.scans(mode, depth=count) as scans:
         async for scan in scans:
             found.append(scan)
@@ -86,13 +83,13 @@ async def scans_of(lidar: Lidar, count: int, mode: str | int | None = None) -> l
     return found
 
 
-def _title(info: DeviceInfo, scans: list[Scan]) -> str:
+def _title(info: lidario.DeviceInfo, scans: list[lidario.Scan]) -> str:
     when = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(scans[0].wall_stamp_ns / 1e9))
     what = f"{len(scans)} scans" if len(scans) > 1 else f"{len(scans[0])} samples"
     return f"{info.model} ({info.serial[:8]}), {scans[0].mode}, {what}, {when}"
 
 
-def _png(scans: list[Scan], title: str, polar: bool) -> bytes:
+def _png(scans: list[lidario.Scan], title: str, polar: bool) -> bytes:
     from lidario.cli.chart import COLOUR, legend_of, opacities, reach_of
 
     # Drawn into a file, never on a screen; and without it, matplotlib may look for one.

@@ -7,19 +7,18 @@ from __future__ import annotations
 
 import asyncio
 from contextlib import AsyncExitStack, suppress
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import click
 
+import lidario
+import lidario.ros
 from lidario.cli.errors import ExitCode, need
 from lidario.cli.laserscans import arguments_of, is_given, laserscan_options, only_with
 from lidario.cli.parameters import WholeRange, as_duration, as_place, complete_source, guard_option, mode_option
+from lidario.cli.running import run_until_stopped
 from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import ReaderGone, beside, emit, message
-
-if TYPE_CHECKING:
-    from lidario import Lidar
-    from lidario.ros import Publisher, Share
 
 ROUTER: Final = "tcp/localhost:7447"
 BEAMS: Final = 720
@@ -78,27 +77,22 @@ def publish(
     machine. The key is printed. Several lidars, with their mounts, become one scan and one cloud. It waits for a
     router that is not there yet, and goes on when the router restarts.
     """
-    from lidario.cli.running import run_until_stopped
-
     sources = sources or ("auto",)
     is_recorded = _check_choice(sources, ros, key, raw, of_ros)
     stamps = of_ros.pop("stamps")
     need("zenoh", "zenoh", "eclipse-zenoh")
     config = settings_of_file()
-    told: list[Publisher | Share] = []
+    told: list[lidario.ros.Publisher | lidario.ros.Share] = []
 
     async def work() -> None:
-        from lidario import open_lidar
-        from lidario.ros import Share
-
         async with AsyncExitStack() as opened:
-            lidars = [
-                await opened.enter_async_context(open_lidar(each, reconnect=reconnect, guard=guard, config=config))
-                for each in sources
+            openings = [
+                lidario.open_lidar(each, reconnect=reconnect, guard=guard, config=config) for each in sources
             ]
-            publisher: Publisher | Share
+            lidars = [await opened.enter_async_context(each) for each in openings]
+            publisher: lidario.ros.Publisher | lidario.ros.Share
             if key is not None:
-                publisher = Share(lidars[0], key, raw=raw, router=router, robot=robot)
+                publisher = lidario.ros.Share(lidars[0], key, raw=raw, router=router, robot=robot)
             else:
                 options = {**of_ros, "router": router, "robot": robot}
                 publisher = _ros_publisher(lidars, options, stamps, is_recorded=is_recorded)
@@ -116,11 +110,9 @@ def publish(
 
 
 def _ros_publisher(
-    lidars: list[Lidar], options: dict[str, Any], stamps: str | None, *, is_recorded: bool
-) -> Publisher:
+    lidars: list[lidario.Lidar], options: dict[str, Any], stamps: str | None, *, is_recorded: bool
+) -> lidario.ros.Publisher:
     """The publisher of these lidars on topics of ROS 2; `options` are those of --ros, --router and --robot."""
-    from lidario.ros import MergedPublisher, Publisher
-
     (lidar, *others), own = lidars, lidars[0].config
     options = arguments_of(options, own.frame)
     mounts, cloud = options.pop("mounts"), options.pop("cloud")
@@ -129,19 +121,19 @@ def _ros_publisher(
             options.pop(name)
         options["frame_id"] = options.pop("base_frame")
         options["beams"] = options["beams"] or BEAMS
-        return MergedPublisher(lidars, mounts=mounts or None, cloud_topic=cloud, **options)
+        return lidario.ros.MergedPublisher(lidars, mounts=mounts or None, cloud_topic=cloud, **options)
     mount = mounts[0] if mounts else own.mount
     options["mount"] = mount and (mount.x, mount.y, mount.yaw)
     options["stamps"] = "now" if is_recorded and stamps != "recorded" else "measured"
-    return Publisher(lidar, clock=stamps == "recorded", **options)
+    return lidario.ros.Publisher(lidar, clock=stamps == "recorded", **options)
 
 
 async def _publish(
-    publisher: Publisher | Share,
+    publisher: lidario.ros.Publisher | lidario.ros.Share,
     mode: str | int | None,
     idle_stop: float | None,
     began: str,
-    told: list[Publisher | Share],
+    told: list[lidario.ros.Publisher | lidario.ros.Share],
 ) -> None:
     there = asyncio.Event()
 
@@ -203,7 +195,7 @@ def _refuse_if(is_wrong: bool, why: str) -> None:
         raise click.UsageError(why)
 
 
-async def _check(publisher: Publisher | Share, there: asyncio.Event) -> None:
+async def _check(publisher: lidario.ros.Publisher | lidario.ros.Share, there: asyncio.Event) -> None:
     """Say so where nobody gets what is published, once the router is there."""
     await there.wait()
     if not await publisher.is_passed_on() and publisher.is_connected:

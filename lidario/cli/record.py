@@ -12,10 +12,11 @@ import time
 from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+import lidario
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.laserscans import laserscan_options, laserscans_of, only_with
 from lidario.cli.output import progress
@@ -29,11 +30,9 @@ from lidario.cli.parameters import (
     guard_option,
     mode_option,
 )
+from lidario.cli.running import run
 from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import emit, message
-
-if TYPE_CHECKING:
-    from lidario import Recording, ScanStream
 
 SHOWN_EVERY_S = 0.5
 
@@ -41,7 +40,7 @@ SHOWN_EVERY_S = 0.5
 class _Told:
     """The recording, for the summary; also of a command that was interrupted."""
 
-    recording: Recording | None = None
+    recording: lidario.Recording | None = None
     began: float | None = None
 
     def filter(self, entry: logging.LogRecord) -> bool:
@@ -90,7 +89,6 @@ def record(
     Without -t and -n until Ctrl-C. `lidario info FILE` tells what is in it; it is also a SOURCE for every other
     command.
     """
-    from lidario.cli.running import run
     from lidario.recording.parts import Split
 
     only_with("--scans", of_scans, scans)
@@ -102,10 +100,8 @@ def record(
     config = settings_of_file()
 
     async def work() -> None:
-        from lidario import open_lidar
-
         with progress(f"opening {source} …") as show:
-            async with open_lidar(source, guard=guard, reconnect=reconnect, config=config) as lidar:
+            async with lidario.open_lidar(source, guard=guard, reconnect=reconnect, config=config) as lidar:
                 messages = laserscans_of(of_scans, lidar.config.frame) if scans else False
                 told.recording = lidar.record(
                     path, scans=messages, overwrite=force, sync=sync,
@@ -143,8 +139,8 @@ def _check(path: str, replaces: bool) -> None:
 
 async def _follow(
     told: _Told,
-    recording: Recording,
-    stream: ScanStream,
+    recording: lidario.Recording,
+    stream: lidario.ScanStream,
     seconds: float | None,
     count: int | None,
     show: Callable[[str], None],

@@ -7,6 +7,7 @@ be opened, or nothing comes.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import asdict
 from datetime import datetime
@@ -15,16 +16,15 @@ from typing import TYPE_CHECKING
 
 import click
 
+import lidario
 from lidario.cli.errors import ExitCode
 from lidario.cli.machine import Machine
 from lidario.cli.output import console, dump, facts, introduced, judged, progress, rendered
 from lidario.cli.parameters import as_file, complete_source
-from lidario.cli.running import nothing_logged
+from lidario.cli.running import nothing_logged, run
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
     from rich.text import Text
 
     from lidario.conformance import Report, Reporter, Rule
@@ -59,7 +59,6 @@ def report_lidar(source: str, output: str | None, force: bool, check: bool, as_j
     reads. It is written as the report goes on. Of a device that responds in no known way it holds every byte at
     each speed.
     """
-    from lidario.cli.running import run
     from lidario.recording.export import must_be_writable
 
     if check:
@@ -87,7 +86,6 @@ def report_lidar(source: str, output: str | None, force: bool, check: bool, as_j
 async def _try(
     begun: _Begun, adapters: _Adapters, source: str, path: Path, force: bool, show: Callable[[str], None]
 ) -> None:
-    from lidario import ConnectFailed
     from lidario.conformance import RULES, Reporter, open_bench
     from lidario.conformance.unknown import Unknown
 
@@ -95,13 +93,13 @@ async def _try(
     try:
         try:
             bench = await open_bench(source, on_port=unknown.attach)
-        except ConnectFailed:
+        except lidario.ConnectFailed:
             # What came back while all ports were asked was kept nowhere.
             if source != "auto" or adapters.only is None:
                 raise
             source = adapters.only
             bench = await open_bench(source, on_port=unknown.attach)
-    except ConnectFailed as error:
+    except lidario.ConnectFailed as error:
         if error.reason == "silent":
             show(f"nothing responds in a known way: listening to {source} at each speed …")
             begun.unknown = await unknown.kept(source, path, adapters.facts(source), overwrite=force)
@@ -127,10 +125,8 @@ class _Adapters:
     """
 
     def __init__(self, source: str) -> None:
-        from lidario import list_serial_ports
-
         self._machine = Machine()
-        self._ports = {port.path: port for port in list_serial_ports()}
+        self._ports = {port.path: port for port in lidario.list_serial_ports()}
         named = [port.path for port in self._ports.values() if port.adapter]
         self.only: str | None = named[0] if len(named) == 1 else None
         self._latencies = {path: self._machine.latency_ms(path) for path in (*self._ports, _path_of(source))}
@@ -160,7 +156,6 @@ def _path_of(source: str) -> str:
 
 
 def _check(path: Path, as_json: bool) -> int:
-    from lidario.cli.running import run
     from lidario.conformance import news_of, read_report
     from lidario.conformance.news import known_of
 

@@ -8,8 +8,10 @@ from ipaddress import ip_address
 
 import click
 
+import lidario.ros
 from lidario.cli.errors import ExitCode
 from lidario.cli.output import emit_beside
+from lidario.cli.running import run_until_stopped
 from lidario.cli.streams import message
 
 OF_THIS_MACHINE = ("unixsock-stream", "unixpipe")
@@ -27,12 +29,9 @@ def router(addresses: tuple[str, ...], config: str | None) -> int:
     Until Ctrl-C. For this machine alone unless --listen or a configuration says otherwise. Nodes of ROS 2 find it
     as their own rmw_zenohd. Where it listens is printed.
     """
-    from lidario.cli.running import run_until_stopped
 
     async def work() -> None:
-        from lidario.ros import Router
-
-        async with await Router.open(*addresses, config=config) as served:
+        async with await lidario.ros.Router.open(*addresses, config=config) as served:
             taken = emit_beside("".join(f"{address}\n" for address in served.addresses))
             message("a zenoh router, until Ctrl-C; for instance")
             message("  lidario publish --zenoh robots/r7/scan")

@@ -13,26 +13,24 @@ import sys
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import click
 
+import lidario
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.output import Writer, console, introduced, progress, rendered
 from lidario.cli.parameters import WholeRange, complete_source, guard_option, mode_option
+from lidario.cli.running import run
 from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import emit, message
-
-if TYPE_CHECKING:
-    from lidario import Lidar, Scan, ScanStream
 
 
 @dataclass
 class _Tally:
     """What was read so far; an interrupted command needs it, too."""
 
-    lidar: Lidar | None = None
-    last: Scan | None = None
+    lidar: lidario.Lidar | None = None
+    last: lidario.Scan | None = None
     count: int = 0
     began: float = field(default_factory=time.monotonic)
 
@@ -65,15 +63,14 @@ def scan(
     """
     if as_json and as_csv:
         raise click.UsageError("--json and --csv exclude each other")
-    from lidario import LidarError, open_lidar
-    from lidario.cli.running import run
-
     form = "json" if as_json else "csv" if as_csv else "people"
     config, tally, writer = settings_of_file(), _Tally(), Writer()
     failure: Exception | None = None
 
     async def work() -> None:
-        opening = open_lidar(source, keep_spinning=keep_spinning, reconnect=reconnect, guard=guard, config=config)
+        opening = lidario.open_lidar(
+            source, keep_spinning=keep_spinning, reconnect=reconnect, guard=guard, config=config
+        )
         with ExitStack() as waiting:
             waiting.enter_context(progress(f"waiting for {source if source != 'auto' else 'the first scan'} …"))
             async with opening as lidar:
@@ -85,7 +82,7 @@ def scan(
         run(work)
     except Stopped as stopped:
         failure = stopped if count else None
-    except LidarError as error:
+    except lidario.LidarError as error:
         failure = error
     finally:
         taken = writer.close()
@@ -103,7 +100,7 @@ def scan(
 
 
 async def _write(
-    stream: ScanStream, count: int, form: str, tally: _Tally, writer: Writer, waiting: ExitStack
+    stream: lidario.ScanStream, count: int, form: str, tally: _Tally, writer: Writer, waiting: ExitStack
 ) -> None:
     """Write so many scans, 0 for all that come, in one form: ``people``, ``json`` or ``csv``."""
     from lidario.cli import formats

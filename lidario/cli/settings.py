@@ -8,14 +8,12 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import click
 
+import lidario
 from lidario.cli.streams import message
-
-if TYPE_CHECKING:
-    from lidario import Config
 
 FILE: Final = "lidario.toml"
 VARIABLE: Final = "LIDARIO_CONFIG"
@@ -58,9 +56,7 @@ def config_file() -> str | None:
     return FILE
 
 
-def settings_of_file() -> Config:
+def settings_of_file() -> lidario.Config:
     """What is in it; empty settings where there is none. Raises as `lidario.read_config`."""
-    from lidario import Config, read_config
-
     name = config_file()
-    return Config() if name is None else read_config(name)
+    return lidario.Config() if name is None else lidario.read_config(name)

@@ -14,14 +14,15 @@ from typing import TYPE_CHECKING, Final, TypeVar
 
 import click
 
+import lidario
 from lidario.cli.errors import ExitCode, cannot_listen
 from lidario.cli.output import emit_beside
 from lidario.cli.parameters import WholeRange
+from lidario.cli.running import run_until_stopped
 from lidario.cli.streams import emit, message
 from lidario.system import cause_of
 
 if TYPE_CHECKING:
-    from lidario.sim.device import SimulatedDevice
     from lidario.sim.faults import Faults
     from lidario.sim.serve import PtyServer, TcpServer, UdpServer
 
@@ -68,7 +69,6 @@ def sim(
 
     It accepts requests as strictly as a real one, and sends scans at the real rate.
     """
-    from lidario import simulate
     from lidario.families.registry import FAMILIES
 
     if list_models:
@@ -80,7 +80,7 @@ def sim(
     if sum((pty, tcp is not None, udp is not None)) > 1:
         raise click.UsageError("--pty, --tcp and --udp exclude each other")
     model = model or FAMILIES[0].simulated[0]
-    device = simulate(model, world=world or "room", serial=serial, seed=seed)
+    device = lidario.simulate(model, world=world or "room", serial=serial, seed=seed)
     return _serve(server_of(device, pty=pty, tcp=tcp, udp=udp, faults=_faults(faults, seed)), model)
 
 
@@ -114,10 +114,14 @@ def _faults(words: tuple[str, ...], seed: int) -> Faults | None:
 
 
 def server_of(
-    device: SimulatedDevice, *, pty: bool, tcp: str | None, udp: str | None = None, faults: Faults | None = None
+    device: lidario.SimulatedDevice,
+    *,
+    pty: bool,
+    tcp: str | None,
+    udp: str | None = None,
+    faults: Faults | None = None,
 ) -> PtyServer | TcpServer | UdpServer:
     """Serve a device in the way that was asked for, else in the usual one."""
-    from lidario import ConnectFailed
     from lidario.sim.serve import PtyServer, TcpServer, UdpServer, usual_way
 
     said = "udp" if udp is not None else "tcp" if tcp is not None else "pty" if pty else usual_way(device)
@@ -128,13 +132,13 @@ def server_of(
     try:
         return PtyServer(device, faults=faults)
     except OSError as error:
-        raise ConnectFailed(
+        raise lidario.ConnectFailed(
             f"no pseudo-terminal is available: {cause_of(error)}. --tcp :0 needs none", reason="missing"
         ) from error
 
 
 def _listening(
-    make: type[_Server], kind: str, address: str, device: SimulatedDevice, faults: Faults | None
+    make: type[_Server], kind: str, address: str, device: lidario.SimulatedDevice, faults: Faults | None
 ) -> _Server:
     """Listen on the loopback interface, unless the address names another."""
     host, _, port = address.rpartition(":")
@@ -158,7 +162,6 @@ def _may_be_a_host(name: str) -> bool:
 
 
 def _serve(server: PtyServer | TcpServer | UdpServer, model: str) -> int:
-    from lidario.cli.running import run_until_stopped
     from lidario.sim.serve import UdpServer
 
     began, turned = time.monotonic(), server.device.motor_on

@@ -10,22 +10,22 @@ import asyncio
 import math
 import time
 from dataclasses import dataclass, field
+from statistics import fmean, pstdev
 from typing import TYPE_CHECKING
 
 import click
-import numpy as np
 
+import lidario
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.output import console, dump, facts, introduced, progress, rendered
 from lidario.cli.parameters import as_duration, complete_source, guard_option, mode_option
+from lidario.cli.running import run
 from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import emit, message
 from lidario.web.traffic import Traffic, traffic
 
 if TYPE_CHECKING:
     from rich.table import Table
-
-    from lidario import Config, Lidar, Scan, ScanStream
 
 TOLERABLE_DAMAGE = 0.005
 """One packet in 200; a scan has about 80, so that fewer than every second scan has a gap."""
@@ -58,11 +58,11 @@ class Measured:
     mode: str = ""
     simulated: bool = False
 
-    def add(self, scan: Scan) -> None:
+    def add(self, scan: lidario.Scan) -> None:
         """Take in a scan."""
         self.stamps.append((scan.seq, scan.stamp_ns / 1e9))
         self.samples.append(len(scan))
-        self.returns.append(int(np.count_nonzero(scan.valid)))
+        self.returns.append(int(scan.valid.sum()))
         self.mode = scan.mode
 
     @property
@@ -74,12 +74,12 @@ class Measured:
     @property
     def hertz(self) -> float:
         """Revolutions a second; NaN where no two scans followed each other."""
-        return 1 / float(np.mean(self.periods)) if self.periods else math.nan
+        return 1 / fmean(self.periods) if self.periods else math.nan
 
     @property
     def jitter(self) -> float:
         """Standard deviation of the time of a revolution, in seconds; NaN as `hertz`."""
-        return float(np.std(self.periods)) if self.periods else math.nan
+        return pstdev(self.periods) if self.periods else math.nan
 
     @property
     def no_return(self) -> float:
@@ -101,8 +101,6 @@ def stats(source: str, seconds: float, mode: str | int | None, as_json: bool, gu
     Also how even the revolutions are, and how many samples have no return. A revolution before the measuring begins
     is not counted. The exit code tells whether it could be measured, and the verdict how good it was.
     """
-    from lidario.cli.running import run
-
     measured, settings = Measured(), settings_of_file()
     stopped: Stopped | None = None
     try:
@@ -132,20 +130,18 @@ async def measure(
     into: Measured,
     *,
     guard: bool = False,
-    config: Config | None = None,
+    config: lidario.Config | None = None,
 ) -> None:
     """Read scans for so long; what was read until then is in `into` also when it is cancelled."""
-    from lidario import RecordingError, open_lidar
-
-    async with open_lidar(source, guard=guard, config=config) as lidar, lidar.scans(mode) as scans:
+    async with lidario.open_lidar(source, guard=guard, config=config) as lidar, lidar.scans(mode) as scans:
         into.model, into.serial = lidar.info.model, lidar.info.serial
         into.simulated = lidar.source.startswith("sim:")
         if await anext(scans, None) is None:
-            raise RecordingError(f"{source} holds no full revolution")
+            raise lidario.RecordingError(f"{source} holds no full revolution")
         await _for_a_while(lidar, scans, seconds, into)
 
 
-async def _for_a_while(lidar: Lidar, scans: ScanStream, seconds: float, into: Measured) -> None:
+async def _for_a_while(lidar: lidario.Lidar, scans: lidario.ScanStream, seconds: float, into: Measured) -> None:
     loop = asyncio.get_running_loop()
     before, began, cpu = lidar.stats, loop.time(), time.process_time()
     try:
@@ -220,7 +216,7 @@ def _table(measured: Measured) -> Table:
                 f"{measured.hertz:.2f} Hz ({60 * measured.hertz:.0f} rpm)" if measured.periods else "not known",
             ),
             ("jitter", f"{1000 * measured.jitter:.2f} ms a revolution" if measured.periods else "not known"),
-            ("samples", f"{np.mean(measured.samples):.0f} a scan, {percent(measured.no_return)} without a return"),
+            ("samples", f"{fmean(measured.samples):.0f} a scan, {percent(measured.no_return)} without a return"),
             (
                 "damage",
                 f"{line.lost_packets} of {line.packets + line.lost_packets} packets ({percent(line.damaged)})",
@@ -245,7 +241,7 @@ def _record(measured: Measured) -> dict[str, object]:
         "scans": len(measured.samples),
         "hertz": _finite(measured.hertz, 4),
         "jitter_ms": _finite(1000 * measured.jitter, 4),
-        "samples": _finite(float(np.mean(measured.samples)), 1),
+        "samples": _finite(fmean(measured.samples), 1),
         "no_return": _finite(measured.no_return, 5),
         **{name: getattr(line, name) for name in _COUNTERS},
         "damaged": round(line.damaged, 6),

@@ -9,19 +9,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import click
 
+import lidario
 from lidario.cli.errors import ExitCode
-from lidario.cli.machine import KEEP_BRLTTY_OFF, Machine
+from lidario.cli.machine import KEEP_BRLTTY_OFF, Machine, Usb
 from lidario.cli.output import dump
 from lidario.cli.parameters import complete_source
 from lidario.cli.streams import emit, message
 from lidario.families.adapters import ADAPTERS
-
-if TYPE_CHECKING:
-    from lidario.cli.machine import Usb
 
 GROUP: Final = "dialout"
 FTDI: Final = 0x0403
@@ -43,15 +41,13 @@ def udev(port: str | None, name: str, as_json: bool) -> int:
     lidars are sold with, and give access but no name. They also keep the adapter awake and fast, and ModemManager
     and brltty off it.
     """
-    from lidario import ConnectFailed, list_serial_ports
-
     if not re.fullmatch(r"[A-Za-z0-9][\w.-]{0,63}", name, re.ASCII):
         raise click.BadParameter(f"{name!r} cannot be the name of a device", param_hint="--name")
     machine = Machine()
-    ports = [port] if port is not None else [each.path for each in list_serial_ports() if each.adapter]
+    ports = [port] if port is not None else [each.path for each in lidario.list_serial_ports() if each.adapter]
     found = machine.usb(ports[0]) if len(ports) == 1 else None
     if port is not None and found is None:
-        raise ConnectFailed(f"{port} is not the port of a USB adapter that is plugged in", reason="missing")
+        raise lidario.ConnectFailed(f"{port} is not the port of a USB adapter that is plugged in", reason="missing")
     rule = general() if found is None else rule_for(found, name)
     if as_json:
         dump({"rule": rule, "name": f"/dev/{name}" if found else None, "port": ports[0] if found else None})

@@ -18,14 +18,15 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+import lidario
 from lidario.cli.errors import ExitCode, cannot_listen, need
 from lidario.cli.output import emit_beside, progress
 from lidario.cli.parameters import FolderOfFiles, WholeRange, as_place, complete_source, guard_option, mode_option
+from lidario.cli.running import run_until_stopped
 from lidario.cli.settings import FILE, config_file, config_option
 from lidario.cli.streams import message
 
 if TYPE_CHECKING:
-    from lidario import Mount
     from lidario.web.feed import Feed
     from lidario.web.server import LiveServer
 
@@ -51,7 +52,7 @@ def view(
     sources: tuple[str, ...],
     port: int,
     lan: bool,
-    mounts: tuple[Mount, ...],
+    mounts: tuple[lidario.Mount, ...],
     colours: tuple[str, ...],
     folder: str | None,
     mode: str | int | None,
@@ -62,8 +63,6 @@ def view(
     The address of the page is printed. A lidar that is lost is opened again as soon as it is back.
     """
     need("websockets", "the page")
-    from lidario import read_config
-    from lidario.cli.running import run_until_stopped
     from lidario.web.feed import Feed
 
     sources = sources or ("auto",)
@@ -71,7 +70,7 @@ def view(
     where = Path(folder or ".") if folder or not lan else None
     file = config_file()
     if file is not None:
-        read_config(file)
+        lidario.read_config(file)
     feeds = []
     for source, mount, colour in zip_longest(sources, mounts, colours):
         feeds.append(

@@ -22,8 +22,9 @@ import click
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.output import Writer, facts, progress, terminal
 from lidario.cli.parameters import complete_source, guard_option, mode_option
-from lidario.cli.running import nothing_logged
+from lidario.cli.running import nothing_logged, run
 from lidario.cli.settings import config_file, config_option
+from lidario.cli.stats import percent
 from lidario.cli.streams import message
 
 if TYPE_CHECKING:
@@ -58,7 +59,6 @@ def watch(source: str, mode: str | int | None, guard: bool) -> int:
             "watch needs a terminal whose cursor moves, and TERM says that this one's does not; "
             "`lidario scan -n 0` prints line by line"
         )
-    from lidario.cli.running import run
     from lidario.web.feed import Feed
 
     feed = Feed(source, mode=mode, guard=guard, config=config_file())
@@ -150,8 +150,6 @@ class Frame:
 def figures(feed: Feed) -> list[tuple[str, str]]:
     """Names and values of what stands beside the picture."""
     import numpy as np
-
-    from lidario.cli.stats import percent
 
     scan, line = feed.latest, feed.line
     assert scan is not None
