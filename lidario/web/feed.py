@@ -16,18 +16,7 @@ from pathlib import Path
 from typing import Final, Literal
 from urllib.parse import parse_qsl, urlencode
 
-from lidario import (
-    Config,
-    DeviceInfo,
-    Lidar,
-    LidarConfig,
-    LidarError,
-    Mount,
-    RecordingError,
-    Scan,
-    open_lidar,
-    read_config,
-)
+import lidario
 from lidario.filters import Filter
 from lidario.web.keeper import Keeper
 from lidario.web.traffic import Traffic, traffic
@@ -62,7 +51,7 @@ class Feed:
         stays: bool = False,
         folder: Path | None = None,
         config: str | None = None,
-        mount: Mount | None = None,
+        mount: lidario.Mount | None = None,
         colour: str = "",
     ) -> None:
         self.source = source
@@ -72,15 +61,15 @@ class Feed:
         # end of a recording.
         self.state: FeedState = "connecting"
         self.reason: str = ""  # why it was lost, or what the last attempt said; empty while it scans
-        self.info: DeviceInfo | None = None
-        self.config: LidarConfig = LidarConfig()
+        self.info: lidario.DeviceInfo | None = None
+        self.config: lidario.LidarConfig = lidario.LidarConfig()
         self.saved: tuple[Filter, ...] = ()  # the filters of its settings
         self.drawn: list[Filter] = []  # filters that viewers have added, and have not saved
         self.removed: list[Filter] = []  # filters, among both, that viewers have taken away, and have not saved
         self.colour = colour
         self._mount = mount
         self._config = config
-        self.latest: Scan | None = None  # the latest scan; it stays when the lidar is lost
+        self.latest: lidario.Scan | None = None  # the latest scan; it stays when the lidar is lost
         self.line: Traffic | None = None  # what the line carried in the last second
         self.scans: int = 0
         self.losses: int = 0
@@ -105,9 +94,9 @@ class Feed:
         return tuple(each for each in (*self.saved, *self.drawn) if each not in self.removed)
 
     @property
-    def place(self) -> Mount:
+    def place(self) -> lidario.Mount:
         """Where it is on the robot: as the caller says, else as its settings say."""
-        return self._mount or self.config.mount or Mount()
+        return self._mount or self.config.mount or lidario.Mount()
 
     @property
     def reached_s(self) -> float:
@@ -135,7 +124,7 @@ class Feed:
             self._moved.clear()
             try:
                 await self._read(self._where())
-            except LidarError as error:
+            except lidario.LidarError as error:
                 if self.latest is None:
                     raise
                 self._attempts += 1
@@ -143,7 +132,7 @@ class Feed:
             else:
                 # Nobody else can stop a stream of this session: only a recording comes to its end.
                 if self.latest is None:
-                    raise RecordingError(f"{self.source} holds no full revolution")
+                    raise lidario.RecordingError(f"{self.source} holds no full revolution")
                 if not self._moved.is_set():
                     self.state, self.line = "ended", None
                     self.on_change(self)
@@ -166,9 +155,9 @@ class Feed:
 
     async def _read(self, source: str) -> None:
         loop = asyncio.get_running_loop()
-        config = Config() if self._config is None else read_config(self._config)
+        config = lidario.Config() if self._config is None else lidario.read_config(self._config)
         # The filters are here alone: a viewer may take away what stands in the file, too.
-        opening = open_lidar(source, reconnect=True, guard=self._guard, config=_without_filters(config))
+        opening = lidario.open_lidar(source, reconnect=True, guard=self._guard, config=_without_filters(config))
         async with opening as lidar, lidar.scans(self.mode) as scans:
             self.config = config.of(lidar.info.serial)
             self.saved = self.config.filters
@@ -202,7 +191,7 @@ class Feed:
                     task.cancel()
                 await asyncio.wait(beside)
 
-    async def _watch(self, lidar: Lidar) -> None:
+    async def _watch(self, lidar: lidario.Lidar) -> None:
         """Tell when the session has lost its line; the next scan tells that it is back."""
         async for change in lidar.line_changes():
             if change.state == "away":
@@ -214,7 +203,7 @@ class Feed:
         self.on_change(self)
 
 
-def _without_filters(config: Config) -> Config:
+def _without_filters(config: lidario.Config) -> lidario.Config:
     others = {serial: replace(each, filters=()) for serial, each in config.lidars.items()}
     return replace(config, default=replace(config.default, filters=()), lidars=others)
 

@@ -101,13 +101,14 @@ class Away:
 
     def __init__(self) -> None:
         self.asked: list[tuple[str, float]] = []
+        self._open_lidar = lidario.open_lidar
 
     def __call__(self, source: str, *, reconnect: bool, guard: bool, config: lidario.Config) -> object:
         assert reconnect
         assert not guard
         self.asked.append((source, asyncio.get_running_loop().time()))
         if len(self.asked) == 1:
-            return lidario.open_lidar(S2 + "&fault=unplug:3s&serial=" + "AB" * 16)
+            return self._open_lidar(S2 + "&fault=unplug:3s&serial=" + "AB" * 16)
         raise lidario.ConnectFailed("no such port", reason="missing")
 
 
@@ -116,7 +117,7 @@ class Away:
 async def test_a_port_that_may_have_another_name_is_looked_for_by_its_serial_number() -> None:
     away = Away()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("lidario.web.feed.open_lidar", away)
+        patch.setattr(lidario, "open_lidar", away)
         feed = Feed("/dev/ttyUSB0")
         task = asyncio.create_task(feed.run())
         await asyncio.sleep(15)
@@ -133,9 +134,9 @@ async def test_a_port_that_may_have_another_name_is_looked_for_by_its_serial_num
 @pytest.mark.parametrize("after", [0.01, 0.5, 4.0])
 @driven
 async def test_cancelling_leaves_laser_and_motor_off(after: float) -> None:
-    device = lidario.simulate("rplidar-s2")
+    device, open_lidar = lidario.simulate("rplidar-s2"), lidario.open_lidar
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("lidario.web.feed.open_lidar", lambda _, **how: lidario.open_lidar(device, **how))
+        patch.setattr(lidario, "open_lidar", lambda _, **how: open_lidar(device, **how))
         task = asyncio.create_task(Feed("x").run())
         await asyncio.sleep(after)
         await ended(task)
