@@ -63,8 +63,7 @@ if TYPE_CHECKING:
     from lidario.session.opening import OpenLidar, open_lidar
     from lidario.session.run import run
     from lidario.session.streaming.line_changes import LineChange, LineChanges
-    from lidario.session.streaming.sectors import SectorStream
-    from lidario.session.streaming.stream import ScanStream
+    from lidario.session.streaming.stream import ScanStream, SectorStream
     from lidario.sim.device import Received, SimulatedDevice
     from lidario.sim.world import Wall, WorldLike
     from lidario.simulation import simulate
@@ -186,8 +185,7 @@ _HOMES = {
     "session.opening": ("OpenLidar", "open_lidar"),
     "session.finding.reconnect": ("Reconnect",),
     "session.run": ("run",),
-    "session.streaming.sectors": ("SectorStream",),
-    "session.streaming.stream": ("ScanStream",),
+    "session.streaming.stream": ("ScanStream", "SectorStream"),
     "sim.device": ("Received", "SimulatedDevice"),
     "sim.world": ("Wall", "WorldLike"),
     "simulation": ("simulate",),

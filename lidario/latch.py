@@ -8,9 +8,11 @@ for in one piece, and what threads share is changed in one piece too.
 
 from __future__ import annotations
 
+import _thread
 import sys
 import threading
 from collections import deque
+from collections.abc import Callable
 
 _WAIT_S = 0.2 if sys.platform == "win32" else -1.0
 """On Windows Ctrl-C does not end a wait that has no limit, so the wait is divided."""
@@ -42,3 +44,21 @@ class Latch:
         # Looked at behind the line above: `set` finds the waiter, or the waiter finds that it is set.
         while not (self._is_set or waiter.acquire(timeout=_WAIT_S)):
             pass
+
+
+def start_apart(start: Callable[[], object], failed: Callable[[RuntimeError], object]) -> None:
+    """Have another thread call `start`, which starts a thread: `Thread.start` waits by a Condition.
+
+    Where the system allows no more threads, `failed` is called instead.
+    """
+
+    def run() -> None:
+        try:
+            start()
+        except RuntimeError as error:
+            failed(error)
+
+    try:
+        _thread.start_new_thread(run, ())
+    except RuntimeError as error:
+        failed(error)

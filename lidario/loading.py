@@ -31,10 +31,9 @@ def load(name: str) -> ModuleType:
     if "numpy" in sys.modules:
         return import_module(name)
     # Only here: `import lidario` does without them.
-    import _thread
     import threading
 
-    from lidario.latch import Latch
+    from lidario.latch import Latch, start_apart
 
     if threading.current_thread() is not threading.main_thread():
         return import_module(name)
@@ -49,20 +48,8 @@ def load(name: str) -> ModuleType:
         finally:
             done.set()
 
-    # No daemon: the interpreter must not end in the midst of an import. `Thread.start` waits in a way that Ctrl-C
-    # breaks, so it is called in another thread.
-    thread = threading.Thread(target=run, name="lidario: import")
-
-    def start() -> None:
-        try:
-            thread.start()
-        except RuntimeError:
-            done.set()
-
-    try:
-        _thread.start_new_thread(start, ())
-    except RuntimeError:
-        done.set()
+    # No daemon: the interpreter must not end in the midst of an import.
+    start_apart(threading.Thread(target=run, name="lidario: import").start, lambda _: done.set())
     done.wait()
     if not found:  # the system allows no more threads
         return import_module(name)

@@ -18,7 +18,7 @@ from lidario.recording.alike import held
 from lidario.recording.files import SEARCHED, open_stored
 from lidario.recording.offline import BLOCK, OfflineDecoder, ScanArrays, arrays_of
 from lidario.recording.opened import StoredFile
-from lidario.recording.read import McapRecording, Piece, StoredStreams
+from lidario.recording.read import Piece, StoredStreams
 from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.pipeline import Pipeline
 from lidario.revolution.together import join_reads
@@ -115,8 +115,8 @@ class FileDecoder:
 
         Where they end depends on what stands there alone, so parts of a file have the same blocks as the whole.
         """
-        recording, block, before = self.recording, list[Piece](), None
-        for piece in recording.pieces(begin_ns) if isinstance(recording, McapRecording) else recording.pieces():
+        block, before = list[Piece](), None
+        for piece in self.recording.pieces(begin_ns):
             here = piece.stream, piece.zero_offset_deg, piece.place // _BLOCK, piece.at_ns // BLOCK_NS
             if block and here != before:
                 yield block

@@ -10,7 +10,7 @@ import json
 import shutil
 import tempfile
 import zipfile
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
 from copy import deepcopy
 from dataclasses import asdict
@@ -26,7 +26,7 @@ from lidario.laserscan import LaserScan
 from lidario.laserscans import LaserScans
 from lidario.recording.decode_file import FileDecoder
 from lidario.recording.divided import divided
-from lidario.recording.read import Copy, McapRecording, StoredStreams
+from lidario.recording.read import Copy
 from lidario.recording.write import FileWriter, cannot_write
 from lidario.scan import Scan
 from lidario.whole_file import whole_file
@@ -128,7 +128,7 @@ def export_mcap(
     with (
         write_whole(path, overwrite=overwrite) as part,
         divided(decoder, jobs, make, path.parent) as made,
-        closing(_stored(recording)) as stored,
+        closing(recording.copies()) as stored,
     ):
         writer = FileWriter(part, recording.about, overwrite=True, target=path)
         try:
@@ -146,11 +146,6 @@ def export_mcap(
             raise
         writer.close()
     return writer.count_of_scans
-
-
-def _stored(recording: StoredStreams) -> Generator[Copy, None, None]:
-    if isinstance(recording, McapRecording):
-        yield from recording.copies()
 
 
 def _made(messages: LaserScans, scans: Iterable[Scan]) -> Iterator[LaserScan]:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import astuple, dataclass
 from functools import partial
 from pathlib import Path
@@ -124,8 +124,15 @@ class StoredStreams(ABC):
         self.away_ns: tuple[int, ...] = ()
 
     @abstractmethod
-    def pieces(self) -> Iterator[Piece]:
-        """What was received in the streams, in order. Each call begins anew."""
+    def pieces(self, begin_ns: int | None = None) -> Iterator[Piece]:
+        """What was received in the streams, in order. Each call begins anew.
+
+        What was read before `begin_ns` is left out, as far as times are told and that is easy.
+        """
+
+    def copies(self) -> Generator[Copy, None, None]:
+        """Every chunk and event, in order; nothing where the file has only bytes."""
+        yield from ()
 
 
 def is_mcap(path: Path) -> bool:
@@ -189,7 +196,6 @@ class McapRecording(StoredStreams):
             stream.open()
 
     def pieces(self, begin_ns: int | None = None) -> Iterator[Piece]:
-        """As `StoredStreams.pieces`; what was read before `begin_ns` is left out as far as that is easy."""
         number = 0
         offset_ns = self.about.clock_offset_ns
         offsets, offset_deg = _offsets(self.streams[0])
@@ -222,8 +228,7 @@ class McapRecording(StoredStreams):
                     offsets, offset_deg = _offsets(self.streams[number])
                     first, last = _bounds(self.streams[number])
 
-    def copies(self) -> Iterator[Copy]:
-        """Every chunk and event, in order."""
+    def copies(self) -> Generator[Copy, None, None]:
         at_ns = 0
         for record in self._files.records():
             if isinstance(record, StoredChunk):

@@ -10,7 +10,6 @@ Ctrl-C may come at any line of the waiting thread. So the two threads share no l
 
 from __future__ import annotations
 
-import _thread
 import asyncio
 import atexit
 import os
@@ -22,7 +21,7 @@ from typing import Any, Generic, ParamSpec, TypeVar
 import anyio
 
 from lidario.errors import ConnectFailed, LocalProtocolError, SessionClosed
-from lidario.latch import Latch
+from lidario.latch import Latch, start_apart
 from lidario.session.lidar import Lidar
 from lidario.session.opening import OpenLidar
 from lidario.system import NO_THREADS, cause_of
@@ -62,19 +61,11 @@ class LoopThread:
 
     def _start(self) -> None:
         """Start the thread, unless it was started before."""
-        # `Thread.start` waits by a Condition. So it is called where Ctrl-C does not come, in a thread of its own.
-        try:
-            _thread.start_new_thread(self._start_once, ())
-        except RuntimeError as error:
-            self._not_started(error)
+        start_apart(self._start_once, self._not_started)
 
     def _start_once(self) -> None:
-        try:
+        with suppress(IndexError):
             self._unstarted.pop().start()
-        except IndexError:
-            pass
-        except RuntimeError as error:
-            self._not_started(error)
 
     def _not_started(self, error: RuntimeError) -> None:
         """The system allows no more threads. Those who wait for this one are told so."""

@@ -11,8 +11,7 @@ from lidario.errors import InvalidValue, LocalProtocolError
 from lidario.scan import Scan
 from lidario.sector import Sector
 from lidario.session.questions import Questions
-from lidario.session.streaming.sectors import DEFAULT_DEGREES, SectorStream, parts_of
-from lidario.session.streaming.stream import ScanStream
+from lidario.session.streaming.stream import DEFAULT_DEGREES, ScanStream, SectorStream, parts_of
 
 
 class Streams(Questions):

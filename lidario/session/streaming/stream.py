@@ -1,4 +1,4 @@
-"""Scans on their way to their readers: one mailbox each, the latest wins.
+"""Scans and sectors on their way to their readers: one mailbox each, the latest wins.
 
 A reader that is slower than the device must not make the program hold old scans, nor hold up the port: the
 kernel's buffer is 60 ms deep. So a full mailbox drops its oldest scan and counts it, and the count travels with
@@ -11,6 +11,7 @@ later and elsewhere, and STOP would be late.
 from __future__ import annotations
 
 import asyncio
+import math
 import weakref
 from collections import deque
 from collections.abc import Callable, Coroutine
@@ -18,11 +19,13 @@ from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar, cast
 
-from lidario.arguments import shown, whole, yes_or_no
+from lidario.arguments import finite, shown, whole, yes_or_no
 from lidario.entered import AsyncOnly
 from lidario.errors import Busy, InvalidValue, LidarError, LocalProtocolError
 from lidario.measured import changed
+from lidario.revolution.sectors import MOST_PARTS
 from lidario.scan import Scan
+from lidario.sector import Sector
 from lidario.session.talking.trouble import twin_of
 
 if TYPE_CHECKING:
@@ -32,6 +35,9 @@ T = TypeVar("T")
 
 _HOLD_S = 60.0
 """For how long a timer holds a reader that waits. Then another timer does, if it still waits."""
+DEFAULT_DEGREES = 45.0
+_WHOLE = 1e-6
+"""Difference from a whole number of sectors that is only rounding."""
 
 
 class _Hold:
@@ -273,6 +279,37 @@ class ScanStream(ReaderStream[Scan]):
     """
 
     _instead = "scans come asynchronously: write `async for scan in lidar.scans():`, or `async with` first"
+
+
+class SectorStream(ReaderStream[Sector]):
+    """An asynchronous iterator of parts of revolutions; made by `Lidar.sectors`.
+
+    It begins, ends and fails as a `ScanStream` does, in ``async for`` and ``async with``. The first sectors are
+    those of the first revolution that is seen from its beginning.
+
+    Cancelling ``__anext__`` loses no sector, and does not end the stream.
+    """
+
+    _instead = "sectors come asynchronously: write `async for sector in lidar.sectors():`"
+
+
+def parts_of(degrees: float) -> int:
+    """How many sectors of that size a revolution has.
+
+    Raises:
+        InvalidValue: 360 degrees are no whole number of them, or they are smaller than 5 degrees.
+    """
+    try:
+        parts = 360.0 / finite(degrees, "the size of a sector")
+        count = round(parts)
+    except (ValueError, ZeroDivisionError, OverflowError):
+        count, parts = 0, math.nan
+    if not 1 <= count <= MOST_PARTS or not abs(parts - count) <= _WHOLE * count:
+        raise InvalidValue(
+            f"a sector has at least {360 // MOST_PARTS} degrees, and 360 is a multiple of it; "
+            f"not so {shown(degrees)}"
+        )
+    return count
 
 
 def until_there(stream: ReaderStream[Any]) -> Coroutine[Any, Any, None]:
