@@ -19,7 +19,7 @@ import lidario
 from lidario.cli.errors import ExitCode, exit_code
 from lidario.cli.machine import Machine
 from lidario.cli.output import console, dump, introduced, judged, progress, rendered
-from lidario.cli.parameters import complete_source
+from lidario.cli.parameters import source_argument
 from lidario.cli.running import run
 from lidario.cli.stats import Measured, measure, percent, verdict
 from lidario.cli.streams import emit
@@ -50,7 +50,7 @@ class Finding:
 
 
 @click.command()
-@click.argument("source", default="auto", shell_complete=complete_source)
+@source_argument
 @click.option("--json", "as_json", is_flag=True, help="A list for programs.")
 def doctor(source: str, as_json: bool) -> int:
     """Find out why a lidar does not work, and the cure.

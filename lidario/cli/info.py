@@ -12,7 +12,7 @@ import click
 import lidario
 from lidario.cli.errors import ExitCode
 from lidario.cli.output import console, dump, facts, progress, rendered, table
-from lidario.cli.parameters import complete_source
+from lidario.cli.parameters import source_argument
 from lidario.cli.running import run
 from lidario.cli.streams import emit, message
 
@@ -35,7 +35,7 @@ class _Told:
 
 
 @click.command()
-@click.argument("source", default="auto", shell_complete=complete_source)
+@source_argument
 @click.option("--json", "as_json", is_flag=True, help="One object for programs.")
 def info(source: str, as_json: bool) -> int:
     """Ask a lidar what it is, and how it is.

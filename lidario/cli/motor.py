@@ -12,11 +12,10 @@ import click
 import lidario
 from lidario.cli.errors import ExitCode
 from lidario.cli.output import dump, progress
-from lidario.cli.parameters import FiniteRange, complete_source
+from lidario.cli.parameters import FiniteRange, source_argument
 from lidario.cli.running import run
 from lidario.cli.streams import emit
 
-_SOURCE = click.argument("source", default="auto", shell_complete=complete_source)
 _JSON = click.option("--json", "as_json", is_flag=True, help="One object for programs.")
 
 
@@ -26,7 +25,7 @@ def motor() -> None:
 
 
 @motor.command()
-@_SOURCE
+@source_argument
 @_JSON
 def start(source: str, as_json: bool) -> int:
     """Let the rotor turn, with the laser off."""
@@ -34,7 +33,7 @@ def start(source: str, as_json: bool) -> int:
 
 
 @motor.command()
-@_SOURCE
+@source_argument
 @_JSON
 def stop(source: str, as_json: bool) -> int:
     """Stop laser and motor, whatever an earlier program left running."""
@@ -47,7 +46,7 @@ def stop(source: str, as_json: bool) -> int:
 
 @motor.command()
 @click.argument("hertz", metavar="HZ", type=FiniteRange(min=0, min_open=True))
-@_SOURCE
+@source_argument
 @_JSON
 def speed(hertz: float, source: str, as_json: bool) -> int:
     """Let the rotor turn at HZ revolutions a second.

@@ -130,6 +130,16 @@ def complete_file(_: click.Context, __: click.Parameter, incomplete: str) -> lis
     return [CompletionItem(incomplete, type="file")]
 
 
+source_argument: Final = click.argument("source", default="auto", shell_complete=complete_source)
+sources_argument: Final = click.argument("sources", metavar="[SOURCE]...", nargs=-1, shell_complete=complete_source)
+recording_option: Final = click.option(
+    "-o", "--output", type=as_file(".mcap"), metavar="FILE",
+    help="The file to make; named after the time where not given.",
+)  # fmt: skip
+force_option: Final = click.option("--force", is_flag=True, help="Replace a file that is there already.")
+reconnect_option: Final = click.option(
+    "--reconnect", is_flag=True, help="Go on when the lidar was unplugged or restarted, and is back."
+)
 mode_option: Final = click.option(
     "--mode", type=as_mode, metavar="MODE", help="Scan mode by name or id, as `lidario info` lists them."
 )

@@ -17,20 +17,20 @@ import click
 import lidario
 from lidario.cli.errors import ExitCode, need
 from lidario.cli.output import progress
-from lidario.cli.parameters import WholeRange, as_file, complete_source, mode_option
+from lidario.cli.parameters import WholeRange, as_file, force_option, mode_option, source_argument
 from lidario.cli.running import run
 from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import emit, message
 
 
 @click.command()
-@click.argument("source", default="auto", shell_complete=complete_source)
+@source_argument
 @click.option("-o", "--output", type=as_file(".svg", ".png"), default="scan.svg", show_default=True,
               metavar="FILE", help="Where to: a name that ends with .svg or .png.")  # fmt: skip
 @click.option("-n", "count", default=1, show_default=True, type=WholeRange(1, 100), metavar="N",
               help="How many scans, one drawn over the other.")  # fmt: skip
 @click.option("--polar", is_flag=True, help="On rings and rays instead of a grid.")
-@click.option("--force", is_flag=True, help="Replace a file that is there already.")
+@force_option
 @config_option
 @mode_option
 def plot(source: str, output: str, count: int, polar: bool, force: bool, mode: str | int | None) -> int:

@@ -15,7 +15,7 @@ import lidario
 import lidario.ros
 from lidario.cli.errors import ExitCode, need
 from lidario.cli.laserscans import arguments_of, is_given, laserscan_options, only_with
-from lidario.cli.parameters import WholeRange, as_duration, as_place, complete_source, guard_option, mode_option
+from lidario.cli.parameters import WholeRange, as_duration, as_place, guard_option, mode_option, sources_argument
 from lidario.cli.running import run_until_stopped
 from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import ReaderGone, beside, emit, message
@@ -26,7 +26,7 @@ BEAMS: Final = 720
 
 
 @click.command()
-@click.argument("sources", metavar="[SOURCE]...", nargs=-1, shell_complete=complete_source)
+@sources_argument
 @click.option("--ros", is_flag=True, help="As a topic of ROS 2, for nodes that run rmw_zenoh_cpp.")
 @click.option("--zenoh", "key", metavar="KEY", help="Under this key, for those without ROS: robots/r7/scan.")
 @click.option("--raw", is_flag=True, help="With --zenoh: the bytes of the device, a quarter of the size.")

@@ -23,12 +23,14 @@ from lidario.cli.output import progress
 from lidario.cli.parameters import (
     WholeRange,
     as_duration,
-    as_file,
     as_size,
     as_time_or_size,
-    complete_source,
+    force_option,
     guard_option,
     mode_option,
+    reconnect_option,
+    recording_option,
+    source_argument,
 )
 from lidario.cli.running import run
 from lidario.cli.settings import config_option, settings_of_file
@@ -50,9 +52,8 @@ class _Told:
 
 
 @click.command()
-@click.argument("source", default="auto", shell_complete=complete_source)
-@click.option("-o", "--output", type=as_file(".mcap"), metavar="FILE",
-              help="The file to make; named after the time where not given.")  # fmt: skip
+@source_argument
+@recording_option
 @click.option("-t", "--time", "seconds", type=as_duration, metavar="TIME",
               help="How long from the first scan on: 60s, 5m.")  # fmt: skip
 @click.option("-n", "count", type=WholeRange(min=1), metavar="N",
@@ -61,10 +62,10 @@ class _Told:
 @mode_option
 @click.option("--scans", is_flag=True, help="Write each scan too, as LaserScan on the topic /scan.")
 @laserscan_options
-@click.option("--force", is_flag=True, help="Replace a file that is there already.")
+@force_option
 @click.option("--sync/--no-sync", default=True, show_default=True,
               help="Have the disk write once a second: a power cut costs no more than that.")  # fmt: skip
-@click.option("--reconnect", is_flag=True, help="Go on when the lidar was unplugged or restarted, and is back.")
+@reconnect_option
 @click.option("--split", type=as_time_or_size, metavar="TIME|SIZE",
               help="Begin another file after so much, named by its time: 10min, 1GB.")  # fmt: skip
 @click.option("--keep", type=as_size, metavar="SIZE", help="Remove the oldest files of that name above this: 20GB.")

@@ -20,7 +20,7 @@ import lidario
 from lidario.cli.errors import ExitCode
 from lidario.cli.machine import Machine
 from lidario.cli.output import console, dump, facts, introduced, judged, progress, rendered
-from lidario.cli.parameters import as_file, complete_source
+from lidario.cli.parameters import force_option, recording_option, source_argument
 from lidario.cli.running import nothing_logged, run
 from lidario.cli.streams import emit, message
 
@@ -46,10 +46,9 @@ class _Begun:
 
 
 @click.command("report")
-@click.argument("source", default="auto", shell_complete=complete_source)
-@click.option("-o", "--output", type=as_file(".mcap"), metavar="FILE",
-              help="The file to make; named after the time where not given.")  # fmt: skip
-@click.option("--force", is_flag=True, help="Replace a file that is there already.")
+@source_argument
+@recording_option
+@force_option
 @click.option("--check", is_flag=True, help="SOURCE is a report: read it, and say what is new in it.")
 @click.option("--json", "as_json", is_flag=True, help="The page as an object for programs.")
 def report_lidar(source: str, output: str | None, force: bool, check: bool, as_json: bool) -> int:

@@ -19,7 +19,7 @@ import click
 import lidario
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.output import Writer, console, introduced, progress, rendered
-from lidario.cli.parameters import WholeRange, complete_source, guard_option, mode_option
+from lidario.cli.parameters import WholeRange, guard_option, mode_option, reconnect_option, source_argument
 from lidario.cli.running import run
 from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import emit, message
@@ -36,7 +36,7 @@ class _Tally:
 
 
 @click.command()
-@click.argument("source", default="auto", shell_complete=complete_source)
+@source_argument
 @click.option("-n", "count", default=1, show_default=True, type=WholeRange(min=0), metavar="N",
               help="How many scans; 0: until Ctrl-C.")  # fmt: skip
 @config_option
@@ -44,7 +44,7 @@ class _Tally:
 @click.option("--json", "as_json", is_flag=True, help="One JSON object per line and scan.")
 @click.option("--csv", "as_csv", is_flag=True, help="One row per sample.")
 @click.option("--keep-spinning", is_flag=True, help="Leave the motor on; only the measuring stops.")
-@click.option("--reconnect", is_flag=True, help="Go on when the lidar was unplugged or restarted, and is back.")
+@reconnect_option
 @guard_option
 def scan(
     source: str,

@@ -18,7 +18,7 @@ import click
 import lidario
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.output import console, dump, facts, introduced, progress, rendered
-from lidario.cli.parameters import as_duration, complete_source, guard_option, mode_option
+from lidario.cli.parameters import as_duration, guard_option, mode_option, source_argument
 from lidario.cli.running import run
 from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import emit, message
@@ -88,7 +88,7 @@ class Measured:
 
 
 @click.command()
-@click.argument("source", default="auto", shell_complete=complete_source)
+@source_argument
 @click.option("-t", "--time", "seconds", default="10s", show_default=True, type=as_duration, metavar="TIME",
               help="How long to measure, such as 10s or 2min.")  # fmt: skip
 @config_option

@@ -21,7 +21,7 @@ import click
 import lidario
 from lidario.cli.errors import ExitCode, cannot_listen, need
 from lidario.cli.output import emit_beside, progress
-from lidario.cli.parameters import FolderOfFiles, WholeRange, as_place, complete_source, guard_option, mode_option
+from lidario.cli.parameters import FolderOfFiles, WholeRange, as_place, guard_option, mode_option, sources_argument
 from lidario.cli.running import run_until_stopped
 from lidario.cli.settings import FILE, config_file, config_option
 from lidario.cli.streams import message
@@ -34,7 +34,7 @@ MOST_LIDARS: Final = 16
 
 
 @click.command()
-@click.argument("sources", metavar="[SOURCE]...", nargs=-1, shell_complete=complete_source)
+@sources_argument
 @click.option("--port", default=8080, show_default=True, type=WholeRange(0, 65535), metavar="N",
               help="Port of the page; 0 for any that is free.")  # fmt: skip
 @click.option("--lan", is_flag=True, help="Open to the network, for those who have the printed address.")

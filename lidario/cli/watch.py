@@ -21,7 +21,7 @@ import click
 
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.output import Writer, facts, progress, terminal
-from lidario.cli.parameters import complete_source, guard_option, mode_option
+from lidario.cli.parameters import guard_option, mode_option, source_argument
 from lidario.cli.running import nothing_logged, run
 from lidario.cli.settings import config_file, config_option
 from lidario.cli.stats import percent
@@ -41,7 +41,7 @@ MOST_BELOW: Final = 2
 
 
 @click.command()
-@click.argument("source", default="auto", shell_complete=complete_source)
+@source_argument
 @config_option
 @mode_option
 @guard_option

@@ -76,7 +76,7 @@ class FileDecoder:
             decoder = OfflineDecoder(file.read(SEARCHED), self._known)
             self.stats = decoder.pipeline.stats
             file.seek(decoder.begin)
-            yield from decoder.scans_of(_blocks_of(file))
+            yield from decoder.scans_of(iter(lambda: file.read(BLOCK), b""))
         self._count(decoder.pipeline.link.stats)
 
     def _timed(self, begin_ns: int | None = None, watch: Watch | None = None) -> Iterator[Scan]:
@@ -134,13 +134,6 @@ class FileDecoder:
     def _count(self, found: LinkStats) -> None:
         self.skipped_bytes += found.skipped_bytes
         self.packets += found.packets
-
-
-def _blocks_of(file: StoredFile) -> Iterator[memoryview]:
-    """The rest of a file; each block takes the place of the one before."""
-    buffer = memoryview(bytearray(BLOCK))
-    while block := file.read_into(buffer):
-        yield block
 
 
 def decode_file(

@@ -154,10 +154,7 @@ class OfflineDecoder:
         return self.scans_of(self._data[at : at + BLOCK] for at in range(self.begin, len(self._data), BLOCK))
 
     def scans_of(self, blocks: Iterable[RawBytes]) -> Iterator[Scan]:
-        """Decode `blocks`, of at most `BLOCK` bytes each, in place of `data` from `begin` on.
-
-        Each is used up when the next one is asked for.
-        """
+        """Decode `blocks`, of at most `BLOCK` bytes each, in place of `data` from `begin` on."""
         for block in blocks:
             yield from map(self._in_time, self.pipeline.receive(block))
         self.pipeline.end()

@@ -85,20 +85,6 @@ class StoredFile:
         self.at += size
         return data
 
-    def read_into(self, buffer: memoryview) -> memoryview:
-        """Fill `buffer` as far as the file goes; returns the part that is filled."""
-        view = buffer[: min(len(buffer), self.left)]
-        done = 0
-        try:
-            while done < len(view) and (got := self._file.readinto(view[done:])):
-                done += got
-        except OSError as error:
-            raise _unreadable(self.path, error) from error
-        if done < len(view):
-            raise self._cut()
-        self.at += done
-        return view
-
     def _cut(self) -> RecordingError:
         return RecordingError(f"{self.path} cannot be read any further: it was cut while it was read")
 
