@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import lidario
+from lidario.cli.output import counted
 
 COLOUR: Final = "#1b5fc1"
 """Readable on white, also when it is printed."""
@@ -58,7 +59,7 @@ def legend_of(scans: Sequence[lidario.Scan], reach: float, *, polar: bool = Fals
         lines.append(f"pale: {len(scans) - 1} scans before, up to {seconds:.1f} s")
     beyond = sum(int(np.count_nonzero(_away(scan, polar) > reach)) for scan in scans)
     if beyond:
-        lines.append(f"not drawn: {beyond} return{'s' if beyond > 1 else ''} farther than {reach:g} m")
+        lines.append(f"not drawn: {counted(beyond, 'return')} farther than {reach:g} m")
     return lines
 
 

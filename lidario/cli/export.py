@@ -16,7 +16,7 @@ import click
 import lidario
 from lidario.cli.errors import ExitCode
 from lidario.cli.laserscans import laserscan_options, laserscans_of, only_with
-from lidario.cli.output import progress
+from lidario.cli.output import counted, progress
 from lidario.cli.parameters import FiniteRange, WholeRange, as_file, complete_file
 from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import message
@@ -67,7 +67,7 @@ def export(
     tasks = [(file, out.replace("{}", _name_of(file)), known, of_scans, force, config, divided) for file in files]
     if len({target for _, target, *_ in tasks}) < len(tasks):
         raise click.BadParameter("two of the files have the same name", param_hint="FILE...")
-    with progress(f"exporting {len(tasks)} file{'s' if len(tasks) > 1 else ''} …"):
+    with progress(f"exporting {counted(len(tasks), 'file')} …"):
         failures = _all(tasks, min(jobs, len(tasks)))
     for failure in failures[1:]:
         message(f"error: {failure}")

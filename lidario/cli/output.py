@@ -128,6 +128,11 @@ def dump(value: object) -> None:
     emit(json.dumps(value, indent=2, allow_nan=False) + "\n")
 
 
+def counted(number: int, what: str) -> str:
+    """So many: ``1 scan``, ``2 scans``."""
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+
+
 def introduced(model: str, serial: str, firmware: str = "") -> str:
     """What a device is, in one line; what it does not tell is left out."""
     told = (("firmware", firmware), ("serial number", serial))

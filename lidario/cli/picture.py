@@ -19,6 +19,7 @@ from rich.style import Style
 from rich.text import Text
 
 import lidario
+from lidario.cli.output import counted
 
 MOST_COLUMNS: Final = 99
 ROWS_OFF_TERMINAL: Final = 31
@@ -139,5 +140,5 @@ def _legend(grid: _Grid, *, plain: bool, coloured: bool) -> Text:
             legend.append(2 * full, Style(color=colour))
         legend.append(f" {grid.farthest_m:.1f} m")
     if grid.outside:
-        legend.append(f"   {grid.outside} return{'s' if grid.outside > 1 else ''} outside")
+        legend.append(f"   {counted(grid.outside, 'return')} outside")
     return legend

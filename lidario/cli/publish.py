@@ -15,6 +15,7 @@ import lidario
 import lidario.ros
 from lidario.cli.errors import ExitCode, need
 from lidario.cli.laserscans import arguments_of, is_given, laserscan_options, only_with
+from lidario.cli.output import counted
 from lidario.cli.parameters import WholeRange, as_duration, as_place, guard_option, mode_option, sources_argument
 from lidario.cli.running import run_until_stopped
 from lidario.cli.settings import config_option, settings_of_file
@@ -105,7 +106,7 @@ def publish(
     finally:
         for each in told:
             lost = f"; {each.unsent} not sent, because there was no router" if each.unsent else ""
-            message(f"{each.scans} scan{'s' if each.scans != 1 else ''} published{lost}")
+            message(f"{counted(each.scans, 'scan')} published{lost}")
     return ExitCode.OK
 
 

@@ -19,7 +19,7 @@ import click
 import lidario
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.laserscans import laserscan_options, laserscans_of, only_with
-from lidario.cli.output import progress
+from lidario.cli.output import counted, progress
 from lidario.cli.parameters import (
     WholeRange,
     as_duration,
@@ -175,8 +175,8 @@ def _so_far(told: _Told) -> str:
     assert recording is not None
     assert told.began is not None
     elapsed = time.monotonic() - told.began
-    scans = f"{recording.scans} scan{'s' if recording.scans != 1 else ''}"
     files = f", {recording.files} files" if recording.files > 1 else ""
+    scans = counted(recording.scans, "scan")
     return f"{recording.source}: {elapsed:.0f} s, {scans}, {recording.size / 1e6:.1f} MB{files}"
 
 

@@ -18,7 +18,7 @@ import click
 
 import lidario
 from lidario.cli.errors import ExitCode, Stopped
-from lidario.cli.output import Writer, console, introduced, progress, rendered
+from lidario.cli.output import Writer, console, counted, introduced, progress, rendered
 from lidario.cli.parameters import WholeRange, guard_option, mode_option, reconnect_option, source_argument
 from lidario.cli.running import run
 from lidario.cli.settings import config_option, settings_of_file
@@ -129,7 +129,7 @@ def _sum_up(tally: _Tally) -> None:
     if sys.stderr.isatty():
         message("")  # the terminal has just echoed ^C
     message(
-        f"{tally.count} scan{'s' if tally.count != 1 else ''} in {took:.1f} s; {stats.lost_packets} packets lost, "
+        f"{counted(tally.count, 'scan')} in {took:.1f} s; {stats.lost_packets} packets lost, "
         f"{stats.skipped_bytes} bytes skipped, {stats.dropped_scans} scans dropped"
-        + (f", {stats.reconnects} reconnect{'s' if stats.reconnects != 1 else ''}" if stats.reconnects else "")
+        + (f", {counted(stats.reconnects, 'reconnect')}" if stats.reconnects else "")
     )

@@ -20,7 +20,7 @@ import click
 
 import lidario
 from lidario.cli.errors import ExitCode, cannot_listen, need
-from lidario.cli.output import emit_beside, progress
+from lidario.cli.output import counted, emit_beside, progress
 from lidario.cli.parameters import FolderOfFiles, WholeRange, as_place, guard_option, mode_option, sources_argument
 from lidario.cli.running import run_until_stopped
 from lidario.cli.settings import FILE, config_file, config_option
@@ -81,7 +81,7 @@ def view(
     written = file or (None if lan else FILE)
     run_until_stopped(lambda: _serve(feeds, port, lan, written))
     for feed in feeds:
-        lost = f", lost {feed.losses} time{'s' if feed.losses > 1 else ''}" if feed.losses else ""
+        lost = f", lost {counted(feed.losses, 'time')}" if feed.losses else ""
         message(f"{feed.source}: {feed.scans} scans{lost}")
     return ExitCode.OK
 

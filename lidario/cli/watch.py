@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from lidario.cli.errors import ExitCode, Stopped
-from lidario.cli.output import Writer, facts, progress, terminal
+from lidario.cli.output import Writer, counted, facts, progress, terminal
 from lidario.cli.parameters import guard_option, mode_option, source_argument
 from lidario.cli.running import nothing_logged, run
 from lidario.cli.settings import config_file, config_option
@@ -69,7 +69,7 @@ def watch(source: str, mode: str | int | None, guard: bool) -> int:
             run(lambda: _draw(feed, writer))
     finally:
         taken = writer.close()
-    lost = f", lost {feed.losses} time{'s' if feed.losses > 1 else ''}" if feed.losses else ""
+    lost = f", lost {counted(feed.losses, 'time')}" if feed.losses else ""
     if taken:
         # Else the terminal takes no output, and this line would only keep the program from ending.
         message(f"{feed.scans} scans of {feed.info.model if feed.info else source}{lost}")
