@@ -13,14 +13,12 @@ grid of the last one.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Final, SupportsIndex
+from typing import Final, SupportsIndex
 
 from lidario.beams import BeamOptions, BeamOrder, NoReturn, Preset, beam_count
 from lidario.laserscan import LaserScan
-
-if TYPE_CHECKING:
-    from lidario.rotor import Rotor
-    from lidario.scan import Scan
+from lidario.rotor import Rotor
+from lidario.scan import Scan
 
 MOST_WAITING: Final = 50
 """Scans that wait at most. By chance, so many in turn never become shorter; their memory is some megabytes."""

@@ -161,20 +161,20 @@ def _stream_of(status: Status) -> StreamBegan | None:
 
 
 def _remote(bus: Bus, key: str, status: Status, began: StreamBegan) -> Remote:
+    raw = status.form == "raw"
     family = next((each for each in FAMILIES if each.name == status.about.info.family), None)
     if family is None:
-        if status.form == "raw":
+        if raw:
             raise ConnectFailed(
                 f"zenoh:{key} sends the bytes of a lidar that this version does not know: "
                 f"{status.about.info.family or 'nothing'}",
                 reason="source",
             )
         family = FAMILIES[0]  # nothing of it is used but its times
-    if status.form == "raw" and family.stream_in(began.mode) is None:
+    if raw and family.stream_in(began.mode) is None:
         raise ConnectFailed(
             f"zenoh:{key} sends packets of an unknown type, 0x{began.mode.response_type:02X}", reason="source"
         )
-    raw = status.form == "raw"
     streams = RemoteStreams(family, status.about, status.modes, began, raw=raw)
     port = RemotePort(bus, key, status.form, streams, _gid_of(status))
     bus.subscribe(status_key(key), port.learn)

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import secrets
 from pathlib import Path
-from typing import TYPE_CHECKING
 from weakref import WeakSet
 
 from lidario.filters.base import Filter
+from lidario.model import DeviceInfo, Health
 from lidario.recording.about import About
 from lidario.recording.chronicle import LineChanged, StreamEvent, moved, text_of
+from lidario.recording.record import Recording
 from lidario.scan import Scan
 from lidario.session.finding.connection import At
 from lidario.session.streaming.scanner import Scanner
 from lidario.session.talking.dialogue import Dialogue
 from lidario.version import __version__
-
-if TYPE_CHECKING:
-    from lidario.model import DeviceInfo, Health
-    from lidario.recording.record import Recording
 
 _ID_BYTES = 8
 

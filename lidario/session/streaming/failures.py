@@ -163,7 +163,9 @@ class Failures:
         self._control.close()
         self._at.dialogue.end(error)
         self._at.dialogue.interrupt(error)
-        self._end_line(error)
+        if not isinstance(error, SessionClosed):
+            self._line.tell("ended", str(error))
+        self._line.end()
 
     def _fail(self, error: StreamFailed | DeviceFault) -> None:
         """End the stream for everybody, unless the session comes back; the session goes on."""
@@ -178,14 +180,7 @@ class Failures:
         if self._depart(error):
             return
         self._at.trouble.tell("the session ended: %s", error)
-        self._hub.end(error)
-        self._control.close()
-        self._end_line(error)
-
-    def _end_line(self, error: LidarError) -> None:
-        if not isinstance(error, SessionClosed):
-            self._line.tell("ended", str(error))
-        self._line.end()
+        self.end(error)
 
     def _depart(self, error: LidarError) -> bool:
         """Let go of the line, if the session can come back from `error`; readers go on waiting.
