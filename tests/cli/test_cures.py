@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-
 import pytest
 
 import lidario
 from lidario.session.finding import discovery
 from lidario.testing import make_scan
-from tests.cli.processes import invoke, invoke_driven
+from tests.cli.processes import invoke
 
 S2 = "sim://rplidar-s2?via=memory"
 
@@ -21,18 +18,6 @@ def test_without_a_lidar_a_simulated_one_is_named(monkeypatch: pytest.MonkeyPatc
         ended = invoke(verb)
         assert ended.exit_code == 3
         assert "Without a lidar, a simulated one does: sim://rplidar-s2" in ended.stderr
-
-
-def test_a_picture_that_is_there_is_replaced_by_force(tmp_path: Path) -> None:
-    path = tmp_path / "scan.svg"
-    path.write_text("mine")
-    ended = invoke_driven("plot", S2, "-o", str(path))
-    assert ended.exit_code == 4
-    assert "--force, replaces it" in ended.stderr
-    assert path.read_text() == "mine"
-    assert invoke_driven("plot", S2, "-o", str(path), "--force").exit_code == 0
-    assert path.read_text().startswith("<svg")
-    assert os.listdir(tmp_path) == ["scan.svg"]
 
 
 def test_a_forgotten_async_with() -> None:

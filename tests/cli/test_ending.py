@@ -16,7 +16,6 @@ import pytest
 
 from tests.cli.processes import BOUND, end, invoke, line_of, served, started
 from tests.support.children import requests, until, was_stopped
-from tests.support.ports import impatient
 
 FIRST, SECOND = "rplidar-s2", "ydlidar-4ros"
 SIGNALS = [
@@ -179,13 +178,6 @@ def test_keep_spinning_leaves_the_motor_on_and_the_laser_off() -> None:
 
 
 @pytest.mark.long
-def test_a_finished_scan_leaves_nothing_running() -> None:
-    with served(FIRST) as server:
-        assert invoke("scan", server.path, "--csv").exit_code == 0
-        until(lambda: was_stopped(server))
-
-
-@pytest.mark.long
 @pytest.mark.exhaustive("verb", sample=["scan"], full=["scan", "info"])
 def test_a_busy_port(verb: str) -> None:
     import fcntl
@@ -203,15 +195,3 @@ def test_a_busy_port(verb: str) -> None:
         assert said.startswith(f"error: {server.path} is busy")
         assert str(os.getpid()) in said
         assert requests(server) == []
-
-
-@pytest.mark.long
-def test_a_silent_device_is_told_from_a_missing_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    impatient(monkeypatch)
-    with served(FIRST) as server:
-        with server.lock:
-            server.device.mute = True  # type: ignore[attr-defined]
-        ended = invoke("info", server.path)
-    assert ended.exit_code == 5
-    assert ended.stderr.startswith("error: ")
-    assert "nothing responds" in ended.stderr

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import subprocess
 from pathlib import Path
 
 import pytest
 
+from lidario.sim.serve import PtyServer
 from tests.cli.processes import BOUND, served, started
 from tests.cli.terminals import on_terminal
 from tests.support.children import is_still, until
@@ -24,26 +26,25 @@ VERBS = {
 }
 
 
+def killed(process: subprocess.Popen[str], server: PtyServer) -> None:
+    """Kill it once it scans."""
+    until(lambda: not is_still(server) or process.poll() is not None)
+    assert len(guards_of(process.pid)) == 1
+    process.kill()
+    process.communicate(timeout=BOUND)
+    until(lambda: not guards_of(process.pid))
+    until(lambda: is_still(server))
+
+
 @pytest.mark.long
 @pytest.mark.exhaustive("verb", sample=["scan", "view"], full=VERBS)
 def test_a_verb_that_is_killed(verb: str, tmp_path: Path) -> None:
     options = [str(tmp_path / each) if each.endswith(".mcap") else each for each in VERBS[verb]]
-    with served("rplidar-s2") as server:
-        with started(verb, server.path, *options, "--guard") as process:
-            until(lambda: not is_still(server) or process.poll() is not None)
-            assert len(guards_of(process.pid)) == 1
-            process.kill()
-            process.communicate(timeout=BOUND)
-            until(lambda: not guards_of(process.pid))
-        until(lambda: is_still(server))
+    with served("rplidar-s2") as server, started(verb, server.path, *options, "--guard") as process:
+        killed(process, server)
 
 
 @pytest.mark.long
 def test_on_a_terminal() -> None:
     with served("rplidar-s2") as server, on_terminal("watch", server.path, "--guard") as (process, _, _):
-        until(lambda: not is_still(server) or process.poll() is not None)
-        assert len(guards_of(process.pid)) == 1
-        process.kill()
-        process.wait(BOUND)
-        until(lambda: not guards_of(process.pid))
-        until(lambda: is_still(server))
+        killed(process, server)

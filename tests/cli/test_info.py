@@ -79,9 +79,3 @@ def test_a_device_that_protects_itself_is_unhealthy() -> None:
     assert ended.exit_code == 6
     assert ended.stdout == ""
     assert ended.stderr.startswith("error: ")
-
-
-def test_garbage_is_no_answer() -> None:
-    ended = invoke_driven("info", "sim://rplidar-s2?via=memory&fault=garbage")
-    assert ended.exit_code == 5
-    assert "garbage" in ended.stderr

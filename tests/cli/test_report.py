@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-import lidario
 from lidario.cli.machine import Machine
 from lidario.conformance import RULES, Outcome, Reporter, read_report
 from lidario.port.port import Port
@@ -246,24 +245,6 @@ def test_where_there_is_nothing_to_try_no_file_is_made(
     assert result.exit_code == code, result.stderr
     assert said in result.stderr
     assert not list(path.parent.iterdir())
-
-
-def test_a_file_that_is_there_is_refused_before_the_device_is_touched(path: Path) -> None:
-    path.write_bytes(b"mine")
-    device = lidario.simulate("ldrobot-ld19")
-    result = invoke("report", LD19, "-o", str(path))
-    assert result.exit_code == 4
-    assert "--force" in result.stderr
-    assert path.read_bytes() == b"mine"
-    assert not device.log
-
-
-def test_a_file_that_cannot_be_written_is_refused_before_the_device_is_touched(tmp_path: Path) -> None:
-    """To listen to a port at each speed takes half a minute."""
-    path = tmp_path / "no-such-folder" / "report.mcap"
-    result = invoke("report", "/dev/no-lidar-is-here", "-o", str(path))
-    assert (result.exit_code, result.stdout) == (4, "")
-    assert result.stderr.startswith(f"error: {path} cannot be written: ")
 
 
 def test_a_file_that_is_taken_away_meanwhile_hides_nothing(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterable
+from functools import partial
 from typing import Any
 
 import pytest
@@ -66,25 +67,31 @@ def test_a_session_that_is_used_after_its_loop_was_closed(rig: Rig) -> None:
             runner.run(main())
 
 
-async def test_a_session_that_another_thread_uses(rig: Rig) -> None:
-    """Refused with the way to do it; the session is not harmed."""
+def refused_elsewhere(calls: Iterable[Callable[[], Awaitable[Any]]]) -> list[str]:
+    """What these calls are refused with in another thread, each in an event loop of its own."""
     refused: list[str] = []
 
-    async def misuse(call: Callable[[Lidar], Awaitable[Any]]) -> None:
+    async def misuse(call: Callable[[], Awaitable[Any]]) -> None:
         async with asyncio.timeout(PATIENCE_S):
-            await call(lidar)
+            await call()
 
     def other() -> None:
-        for call in REFUSED_ELSEWHERE:
+        for call in calls:
             try:
                 asyncio.run(misuse(call))
             except LocalProtocolError as error:
                 refused.append(str(error))
 
+    thread = threading.Thread(target=other)
+    thread.start()
+    thread.join()
+    return refused
+
+
+async def test_a_session_that_another_thread_uses(rig: Rig) -> None:
+    """Refused with the way to do it; the session is not harmed."""
     async with rig.read() as (lidar, stream):
-        thread = threading.Thread(target=other)
-        thread.start()
-        thread.join()
+        refused = refused_elsewhere(partial(call, lidar) for call in REFUSED_ELSEWHERE)
         assert len(refused) == len(REFUSED_ELSEWHERE)
         assert all("run_coroutine_threadsafe" in text for text in refused)
         async with asyncio.timeout(PATIENCE_S):
@@ -92,29 +99,15 @@ async def test_a_session_that_another_thread_uses(rig: Rig) -> None:
 
 
 async def test_a_stream_that_a_loop_of_another_thread_leaves_goes_on(rig: Rig) -> None:
-    refused: list[str] = []
-
-    async def misuse(call: Callable[[], Awaitable[Any]]) -> None:
-        async with asyncio.timeout(PATIENCE_S):
-            await call()
-
     async with rig.read() as (lidar, stream):
         changes = lidar.line_changes()
 
         async def release() -> None:
             stream.release()
 
-        def other() -> None:
-            for call in (stream.aclose, release, lambda: anext(stream), lambda: anext(changes)):
-                try:
-                    asyncio.run(misuse(call))
-                except LocalProtocolError as error:
-                    refused.append(str(error))
-
-        thread = threading.Thread(target=other)
-        thread.start()
-        thread.join()
-        assert len(refused) == 4
+        calls = (stream.aclose, release, lambda: anext(stream), lambda: anext(changes))
+        refused = refused_elsewhere(calls)
+        assert len(refused) == len(calls)
         assert all("another event loop" in text for text in refused)
         async with asyncio.timeout(PATIENCE_S):
             await anext(stream)
