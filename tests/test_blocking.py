@@ -322,7 +322,7 @@ def test_a_program_that_ends_without_closing(ending: tuple[str, int | None]) -> 
         assert isinstance(server, PtyServer)
         with child(PROGRAM.format(then=then), server.path) as process:
             for _ in range(2):
-                assert line_of(process).strip().isdecimal()
+                assert line_of(process.stdout).strip().isdecimal()
             if code is None:
                 process.send_signal(signal.SIGINT)
             _, said = process.communicate(timeout=30)

@@ -8,7 +8,7 @@ import signal
 import numpy as np
 import pytest
 
-from tests.cli.processes import line_of
+from tests.support.children import line_of
 from tests.support.example import running
 from tests.support.walls import WALLS, from_walls, is_all_around, is_at_ten_hertz
 

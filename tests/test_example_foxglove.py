@@ -15,7 +15,7 @@ import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from websockets.asyncio.client import connect
 
-from tests.cli.processes import BOUND, line_of
+from tests.support.children import BOUND, line_of
 from tests.support.example import EXAMPLES, running
 from tests.support.walls import WALLS, from_walls, is_all_around, is_at_ten_hertz
 

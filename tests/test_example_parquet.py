@@ -11,7 +11,7 @@ import pyarrow.parquet
 import pytest
 
 import lidario
-from tests.cli.processes import BOUND
+from tests.support.children import BOUND
 from tests.support.example import EXAMPLES, environment
 from tests.support.recorded import record
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.cli.processes import BOUND
+from tests.support.children import BOUND
 from tests.support.example import environment
 from tests.support.walls import WALLS, from_walls, is_all_around, is_at_ten_hertz
 

@@ -21,7 +21,7 @@ import pytest
 
 import lidario
 from lidario.testing import Body, SimulatedLidar, make_scan, make_sector, room
-from tests.cli.processes import line_of
+from tests.support.children import line_of
 from tests.support.example import run_example, running
 from tests.support.inner import ASYNCIO_INI, run_pytest
 from tests.support.loop import run_driven

@@ -16,7 +16,8 @@ from lidario.cli.errors import report
 from lidario.port.diagnose import why_not_opened
 from lidario.recording import record
 from lidario.session.talking.trouble import mistake_of_ours
-from tests.cli.processes import ROOT, run
+from tests.cli.processes import run
+from tests.support.children import ROOT
 from tests.support.loop import driven
 
 S2 = "sim://rplidar-s2?via=memory"

@@ -2,21 +2,17 @@
 
 `invoke_driven` is for simulated devices in memory. The clock is driven, so the command waits for nothing, and how
 busy the machine is decides nothing: on a true clock, a scan that takes long to print lets the next one be dropped.
-
-No test waits for `BOUND` unless something is broken: it only turns a hang into a failure.
 """
 
 from __future__ import annotations
 
-import contextlib
 import os
-import select
 import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from pathlib import Path
-from typing import IO, Any
+from contextlib import AbstractContextManager, contextmanager
+from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
@@ -26,11 +22,9 @@ from lidario.cli.output import Writer
 from lidario.cli.streams import emit
 from lidario.families.registry import family_of_simulated
 from lidario.sim.serve import PtyServer
+from tests.support.children import BOUND, ROOT, gone_behind
 from tests.support.loop import DrivenLoop
 from tests.support.speeds import SpeedPtyServer
-
-BOUND = 60.0
-ROOT = Path(__file__).parents[2]
 
 
 def invoke(*arguments: str) -> Result:
@@ -64,25 +58,16 @@ def run(
     )  # fmt: skip
 
 
-@contextlib.contextmanager
-def started(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+def started(*arguments: str) -> AbstractContextManager[subprocess.Popen[str]]:
     """Start the command as a process; at the end of the block it is gone."""
     process = subprocess.Popen(
         [sys.executable, "-m", "lidario", *arguments],
         cwd=ROOT, env=_environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, encoding="utf-8",
     )  # fmt: skip
-    try:
-        with process:
-            try:
-                yield process
-            finally:
-                if process.poll() is None:
-                    process.kill()
-    finally:
-        process.wait(BOUND)
+    return gone_behind(process)
 
 
-@contextlib.contextmanager
+@contextmanager
 def served(model: str) -> Iterator[PtyServer]:
     """A simulated device on a pseudo-terminal, in this process; its rotor needs no time to speed up."""
     device = family_of_simulated(model).simulate(model, world=None, serial=None, seed=0)
@@ -95,13 +80,6 @@ def end(process: subprocess.Popen[str], number: signal.Signals = signal.SIGINT) 
     """End a process by a signal; what else it printed, to stdout and to stderr."""
     process.send_signal(number)
     return process.communicate(timeout=BOUND)
-
-
-def line_of(stream: IO[str] | None) -> str:
-    """The next line of a process's output."""
-    assert stream is not None
-    assert select.select([stream], [], [], BOUND)[0], "the process says nothing"
-    return stream.readline()
 
 
 async def write_at_once(writer: Writer, text: str) -> None:

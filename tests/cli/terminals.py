@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Iterator
 from select import select
 
-from tests.cli.processes import BOUND, ROOT
+from tests.support.children import BOUND, ROOT, gone_behind
 
 
 @contextlib.contextmanager
@@ -32,14 +32,8 @@ def on_terminal(
             start_new_session=True, preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
         )  # fmt: skip
         os.close(theirs)
-        try:
-            with process:
-                try:
-                    yield process, Screen(ours), ours
-                finally:
-                    process.kill()
-        finally:
-            process.wait(BOUND)
+        with gone_behind(process):
+            yield process, Screen(ours), ours
 
 
 def resize(handle: int, rows: int, columns: int) -> None:

@@ -9,7 +9,8 @@ import pytest
 from click.testing import Result
 
 from lidario.cli.output import Writer
-from tests.cli.processes import ROOT, in_memory, invoke, write_at_once
+from tests.cli.processes import in_memory, invoke, write_at_once
+from tests.support.children import ROOT
 from tests.support.loop import DrivenLoop
 
 TEXT = (ROOT / "docs" / "bounds.md").read_text(encoding="utf-8")

@@ -14,8 +14,8 @@ from typing import IO
 
 import pytest
 
-from tests.cli.processes import BOUND, end, invoke, line_of, served, started
-from tests.support.children import requests, until, was_stopped
+from tests.cli.processes import end, invoke, served, started
+from tests.support.children import BOUND, line_of, requests, until, was_stopped
 
 FIRST, SECOND = "rplidar-s2", "ydlidar-4ros"
 SIGNALS = [

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from lidario.sim.serve import PtyServer
-from tests.cli.processes import BOUND, served, started
+from tests.cli.processes import served, started
 from tests.cli.terminals import on_terminal
-from tests.support.children import is_still, until
+from tests.support.children import BOUND, is_still, until
 from tests.support.guards import guards_of
 
 pytestmark = pytest.mark.discards(
@@ -26,7 +27,7 @@ VERBS = {
 }
 
 
-def killed(process: subprocess.Popen[str], server: PtyServer) -> None:
+def killed(process: subprocess.Popen[Any], server: PtyServer) -> None:
     """Kill it once it scans."""
     until(lambda: not is_still(server) or process.poll() is not None)
     assert len(guards_of(process.pid)) == 1

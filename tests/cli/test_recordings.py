@@ -12,9 +12,9 @@ import pytest
 import lidario
 from lidario.recording.files import open_stored
 from lidario.recording.played import PlayedDevice
-from tests.cli.processes import BOUND, end, invoke, invoke_driven, line_of, run, started
+from tests.cli.processes import end, invoke, invoke_driven, run, started
 from tests.support.cases import KINDS, Case, named
-from tests.support.children import until
+from tests.support.children import BOUND, line_of, until
 from tests.support.devices import some
 from tests.support.loop import run_driven
 from tests.support.recorded import Live, assert_same_scans, record, same_points

@@ -13,8 +13,8 @@ from lidario.cli.machine import Machine
 from lidario.conformance import RULES, Outcome, Reporter, read_report
 from lidario.port.port import Port
 from lidario.sim.serve import PtyServer
-from tests.cli.processes import BOUND, end, invoke, invoke_driven, run, served, started
-from tests.support.children import requests, until, was_stopped
+from tests.cli.processes import end, invoke, invoke_driven, run, served, started
+from tests.support.children import BOUND, requests, until, was_stopped
 from tests.support.drivers import SPEED_FLAG, FakeDriver
 
 PACKET_NS = 20_000_000

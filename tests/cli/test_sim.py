@@ -16,7 +16,8 @@ from lidario.families.registry import FAMILIES
 from lidario.sim.faults import FAULTS, Faults, parse_faults
 from lidario.sim.serve import PtyServer
 from lidario.source import parse_source
-from tests.cli.processes import BOUND, end, invoke, line_of, run, started
+from tests.cli.processes import end, invoke, run, started
+from tests.support.children import BOUND, line_of
 
 
 def test_the_models_are_listed() -> None:

@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 
 from lidario.sim.device import SimulatedDevice
-from tests.cli.processes import BOUND, served
+from tests.cli.processes import served
 from tests.cli.terminals import on_terminal, resize
-from tests.support.children import until
+from tests.support.children import BOUND, until
 
 STOP, GO, INTERRUPT = b"\x13", b"\x11", b"\x03"
 LEFT = "\x1b[?1049l"

@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from lidario.cli.streams import emit
-from tests.cli.processes import BOUND, ROOT
+from tests.support.children import BOUND, ROOT
 
 
 def with_closed(streams: str, *arguments: str) -> subprocess.CompletedProcess[str]:

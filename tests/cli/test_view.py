@@ -10,8 +10,8 @@ from urllib.request import urlopen
 
 import pytest
 
-from tests.cli.processes import BOUND, end, invoke, invoke_driven, line_of, served, started
-from tests.support.children import until
+from tests.cli.processes import end, invoke, invoke_driven, served, started
+from tests.support.children import BOUND, line_of, until
 
 MEMORY = "sim://rplidar-s2?via=memory"
 

@@ -38,7 +38,7 @@ def test_a_signal_leaves_nothing(tmp_path: Path, number: signal.Signals, before:
     if before is not None:
         path.write_bytes(before)
     with child(WRITES, str(path)) as writing:
-        line_of(writing)
+        line_of(writing.stdout)
         writing.send_signal(number)
         assert writing.wait(BOUND) != 0
     assert [each.name for each in tmp_path.iterdir()] == ([] if before is None else [path.name])

@@ -14,7 +14,8 @@ import zenoh
 from lidario.cli.router import is_private
 from lidario.errors import ConnectFailed, InvalidValue
 from lidario.network.broker import LOOPBACK, Router
-from tests.cli.processes import BOUND, invoke, line_of, started
+from tests.cli.processes import invoke, started
+from tests.support.children import BOUND, line_of
 from tests.support.router import client
 
 

@@ -9,8 +9,7 @@ import pytest
 
 from lidario.network.senders import what_is_heard
 from lidario.ros import Publisher, Share
-from tests.cli.processes import BOUND, line_of
-from tests.support.children import child
+from tests.support.children import BOUND, child, line_of
 from tests.support.network import Rig
 from tests.support.router import Router
 

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from tests.cli.processes import invoke, line_of, started
+from tests.cli.processes import invoke, started
+from tests.support.children import line_of
 from tests.support.pages import blocks
 from tests.support.recorded import record
 from tests.support.router import Router

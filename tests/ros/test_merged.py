@@ -23,7 +23,8 @@ from lidario.ros.names import DIAGNOSTICS, LASERSCAN, POINTCLOUD2, Node
 from lidario.testing import make_scan
 from lidario.web.feed import Feed
 from lidario.web.masks import Masks
-from tests.cli.processes import BOUND, started
+from tests.cli.processes import started
+from tests.support.children import BOUND
 from tests.support.messages import decoded
 from tests.support.network import Rig, until
 from tests.support.pages import blocks

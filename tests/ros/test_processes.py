@@ -17,7 +17,8 @@ from lidario.errors import DeviceLost
 from lidario.network.bus import Bus
 from lidario.network.keys import parse_token, tokens_of
 from lidario.ros import list_remote_lidars
-from tests.cli.processes import line_of, started
+from tests.cli.processes import started
+from tests.support.children import line_of
 from tests.support.router import Router
 
 BOUND_S = 30.0

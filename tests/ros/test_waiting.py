@@ -17,7 +17,8 @@ import lidario
 from lidario.errors import ConnectFailed, InvalidValue, LocalProtocolError
 from lidario.network.bus import Bus
 from lidario.ros import Publisher, Share
-from tests.cli.processes import BOUND, ROOT, invoke, line_of, served, started
+from tests.cli.processes import invoke, served, started
+from tests.support.children import BOUND, ROOT, line_of
 from tests.support.children import until as soon
 from tests.support.network import until
 from tests.support.router import Router

@@ -134,7 +134,7 @@ def guarded(
 ) -> Iterator[tuple[PtyServer, subprocess.Popen[str], int]]:
     """A device, a program that has read a scan of it, and the guard of that."""
     with served(model) as server, child(UNDISTURBED + program, server.path) as process:
-        line_of(process)
+        line_of(process.stdout)
         yield server, process, guard_of(process)
 
 
@@ -202,7 +202,7 @@ def test_over_a_network_and_the_next_program_waits(kind: type[TcpServer | UdpSer
         scheme = "tcp" if kind is TcpServer else "udp"
         source = f"{scheme}://{server.address[0]}:{server.address[1]}"
         with child(UNDISTURBED + HEAD + SCAN + RUN, source) as process:
-            line_of(process)
+            line_of(process.stdout)
             guard = guard_of(process)
             # It is made to hold the connection for a while longer; a bridge takes one.
             os.kill(guard, signal.SIGSTOP)
@@ -222,10 +222,10 @@ def test_a_line_that_reconnecting_has_made(tmp_path: Path) -> None:
     with WaitingPtyServer(device) as server:
         server.link(path)
         with child("import logging\nlogging.disable()\n" + HEAD + SCAN + RUN, str(path)) as process:
-            line_of(process)
+            line_of(process.stdout)
             first = guard_of(process)
             server.replug(0.1)
-            while "1" not in line_of(process).split()[1:]:
+            while "1" not in line_of(process.stdout).split()[1:]:
                 pass
             assert guard_of(process) != first
             killed(process, server)
@@ -241,7 +241,7 @@ def test_signals_of_the_terminal_do_not_end_it() -> None:
             process.send_signal(number)
         forget(server)
         for _ in range(5):
-            line_of(process)
+            line_of(process.stdout)
         assert guard_of(process) == guard
         assert requests(server) == []
         killed(process, server)
@@ -251,11 +251,11 @@ def test_signals_of_the_terminal_do_not_end_it() -> None:
 def test_it_sleeps_in_little_memory_while_the_program_lives_also_while_that_is_frozen() -> None:
     with guarded() as (server, process, guard):
         for _ in range(2):
-            line_of(process)
+            line_of(process.stdout)
         forget(server)
         before = switches(guard)
         for _ in range(10):
-            line_of(process)
+            line_of(process.stdout)
         process.send_signal(signal.SIGSTOP)
         time.sleep(0.5)
         assert switches(guard) == before
@@ -282,7 +282,7 @@ def test_a_response_that_the_device_still_owes(model: str, tmp_path: Path) -> No
     begin = tmp_path / "begin"
     with served(model) as server:
         with child(UNDISTURBED + HEAD + WHEN_TOLD + RUN, server.path, str(begin)) as process:
-            line_of(process)
+            line_of(process.stdout)
             with server.lock:
                 server.device.response_delay_s = 0.3  # type: ignore[attr-defined]
             begin.touch()
@@ -296,7 +296,7 @@ def test_a_forked_child_neither_keeps_it_from_its_work_nor_begins_it() -> None:
     # A fork beside threads is warned of by later Pythons.
     program = "import warnings\nwarnings.simplefilter('ignore')\n" + HEAD + FORKING + RUN
     with served("rplidar-s2") as server, child(program, server.path) as parent:
-        forked = int(line_of(parent))
+        forked = int(line_of(parent.stdout))
         try:
             assert not is_still(server)
             killed(parent, server)
@@ -309,7 +309,7 @@ def test_a_forked_child_neither_keeps_it_from_its_work_nor_begins_it() -> None:
 def test_the_program_has_no_child_that_it_did_not_start(adopts: list[str]) -> None:
     with served("rplidar-s2") as server:
         with child(UNDISTURBED + HEAD + ALONE + RUN, server.path, *adopts) as process:
-            assert line_of(process) == "open\n"
+            assert line_of(process.stdout) == "open\n"
             guard_of(process)
             out, said = process.communicate()
             assert (out, said) == ("no children\n", "")

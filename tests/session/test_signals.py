@@ -64,7 +64,7 @@ EXIT_TERM, EXIT_HUP = 128 + signal.SIGTERM, 128 + signal.SIGHUP
 def scanning(process: subprocess.Popen[str]) -> None:
     """Return when the program has read scans."""
     for _ in range(2):
-        assert line_of(process).strip().isdecimal()
+        assert line_of(process.stdout).strip().isdecimal()
 
 
 @contextmanager
@@ -134,7 +134,7 @@ async def main():
 lidario.run(main())
 """
     with child(UNDISTURBED + blocking) as process:
-        line_of(process)
+        line_of(process.stdout)
         process.send_signal(signal.SIGINT)
         with pytest.raises(subprocess.TimeoutExpired):
             process.wait(0.5)
@@ -164,7 +164,7 @@ def test_a_handler_of_the_program_is_left_in_place() -> None:
     program = f"import os; signal.signal(signal.SIGTERM, lambda *_: os.write(1, b'its own handler\\n'))\n{RUN}"
     with running(program) as (server, process):
         process.send_signal(signal.SIGTERM)
-        while (line := line_of(process)) != "its own handler\n":
+        while (line := line_of(process.stdout)) != "its own handler\n":
             assert line.strip().isdecimal()
         scanning(process)
         assert ended_by(process, signal.SIGHUP)[0] == EXIT_HUP

@@ -5,25 +5,25 @@ No test waits for `BOUND` unless something is broken: it only turns a hang into 
 
 from __future__ import annotations
 
-import contextlib
 import os
 import select
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import Any, cast
+from typing import IO, Any, AnyStr, cast
 
 from lidario.sim.device import Received
 from lidario.sim.serve import PtyServer
 from lidario.sim.server import Server
 
-BOUND = 30.0
+BOUND = 60.0
 UNDISTURBED = "import logging\nlogging.getLogger('lidario').setLevel(logging.ERROR)\n"
 """Begin of a program whose stderr must stay empty: a terminal that a busy machine does not read in time loses
 bytes, and what that costs is logged as a warning."""
-_ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[2]
 _POLL_S = 0.002
 
 
@@ -31,38 +31,38 @@ def ended(program: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     """Run a Python program as a process, to its end."""
     return subprocess.run(
         [sys.executable, "-c", program, *arguments],
-        cwd=_ROOT, env=_environment(), capture_output=True, text=True, timeout=2 * BOUND, check=False,
+        cwd=ROOT, env=_environment(), capture_output=True, text=True, timeout=2 * BOUND, check=False,
     )  # fmt: skip
 
 
-@contextlib.contextmanager
-def child(program: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+def child(program: str, *arguments: str) -> AbstractContextManager[subprocess.Popen[str]]:
     """Start a Python program as a process; at the end of the block it is gone."""
     process = subprocess.Popen(
         [sys.executable, "-c", program, *arguments],
-        cwd=_ROOT,
-        env=_environment(),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+        cwd=ROOT, env=_environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    return gone_behind(process)
+
+
+@contextmanager
+def gone_behind(process: subprocess.Popen[AnyStr]) -> Iterator[subprocess.Popen[AnyStr]]:
+    """Behind the block the process is gone."""
     with process:
         try:
             yield process
         finally:
-            if process.poll() is None:
-                process.kill()
+            process.kill()
 
 
 def _environment() -> dict[str, str]:
-    return {**os.environ, "PYTHONPATH": str(_ROOT), "PYTHONWARNINGS": "error"}
+    return {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "error"}
 
 
-def line_of(process: subprocess.Popen[str]) -> str:
-    """The next line that a process prints."""
-    assert process.stdout is not None
-    assert select.select([process.stdout], [], [], BOUND)[0], "the process prints nothing"
-    return process.stdout.readline()
+def line_of(stream: IO[str] | None) -> str:
+    """The next line of a process's output."""
+    assert stream is not None
+    assert select.select([stream], [], [], BOUND)[0], "the process says nothing"
+    return stream.readline()
 
 
 def until(condition: Callable[[], object], why: Callable[[], object] = lambda: "it never came to be") -> None:

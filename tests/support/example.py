@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
+from contextlib import AbstractContextManager
 
-from tests.cli.processes import ROOT
+from tests.support.children import ROOT, gone_behind
 
 EXAMPLES = ROOT / "examples"
 
@@ -18,17 +17,12 @@ def environment(**more: str) -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(EXAMPLES)]), **more}
 
 
-@contextlib.contextmanager
-def running(program: str, **more: str) -> Iterator[subprocess.Popen[str]]:
+def running(program: str, **more: str) -> AbstractContextManager[subprocess.Popen[str]]:
     """Run this text as a program that may import examples; at the end of the block it is gone."""
     process = subprocess.Popen(
         [sys.executable, "-c", program], env=environment(**more), stdout=subprocess.PIPE, encoding="utf-8"
     )
-    with process:
-        try:
-            yield process
-        finally:
-            process.kill()
+    return gone_behind(process)
 
 
 def run_example(name: str, *arguments: str) -> subprocess.CompletedProcess[str]:

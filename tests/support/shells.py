@@ -13,8 +13,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from tests.cli.processes import ROOT, invoke
+from tests.cli.processes import invoke
 from tests.cli.terminals import Screen, resize
+from tests.support.children import ROOT
 
 _PROMPT: Final = "tell me> "
 _SCRIPT: Final = "the-script"

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 import pytest
 
 from benchmarks.browser import Browser, Page
-from tests.cli.processes import end, line_of, started
+from tests.cli.processes import end, started
+from tests.support.children import line_of
 from tests.web.shown import S2, Open
 
 

@@ -14,7 +14,8 @@ from lidario.model import DeviceInfo
 from lidario.testing import make_scan
 from lidario.web.feed import Feed
 from lidario.web.masks import Masks
-from tests.cli.processes import invoke, line_of, started
+from tests.cli.processes import invoke, started
+from tests.support.children import line_of
 from tests.support.messages import scans_of_file
 from tests.web.shown import S2, Open, end_both
 

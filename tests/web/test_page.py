@@ -10,8 +10,8 @@ import json
 import pytest
 
 from benchmarks.browser import Browser
-from tests.cli.processes import end, line_of, started
-from tests.support.children import until
+from tests.cli.processes import end, started
+from tests.support.children import line_of, until
 from tests.web.shown import S2, Open, end_both, ink
 
 pytestmark = pytest.mark.long

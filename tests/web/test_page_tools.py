@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 import lidario
-from tests.cli.processes import line_of, started
+from tests.cli.processes import started
+from tests.support.children import line_of
 from tests.support.recorded import record
 from tests.web.shown import S2, Open, end_both, ink
 

@@ -18,8 +18,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from lidario.web import door
 from lidario.web import server as module
 from lidario.web.server import LiveServer
-from tests.cli.processes import ROOT
-from tests.support.children import until
+from tests.support.children import ROOT, until
 from tests.web.test_server import BOUND, get, publish, serving, until_viewers, viewer
 
 MOST_BYTES = 16 << 20
