@@ -70,29 +70,6 @@ def test_a_recording_without_a_scan_is_told(live: Live, tmp_path: Path) -> None:
         assert (done.exit_code, "holds no full revolution" in done.stderr) == (7, True), done.stderr
 
 
-@pytest.mark.parametrize(
-    ("options", "told"),
-    [
-        (("--split", "0s"), "--split is 1 to 1000000000 seconds, not 0.0"),
-        (("--split", "999999999h"), "--split is 1 to 1000000000 seconds, not 3599999996400.0"),
-        (("--split", "1kb"), "--split is 100000 bytes or more, not 1000"),
-        (("--split", "1m", "--keep", "1kb"), "--keep is 200000 bytes or more, two files, not 1000"),
-        (("--keep", "1GB"), "--keep removes whole files: --split says when the next one begins"),
-        (("-o", "q?.mcap"), "'q?.mcap' means something else as a SOURCE: give the file another name"),
-        (("-o", "a.mcap?rate=1.mcap"), "rate='1.mcap' is not a number from 0 on"),
-        (("-o", "id:1.mcap"), "'id:1.mcap' means something else as a SOURCE"),
-        (("-o", "a\n.mcap"), "contains a control character"),
-    ],
-)
-def test_what_cannot_be_is_told_before_a_lidar_is_opened(
-    options: tuple[str, ...], told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    done = invoke("record", "/dev/nothing-is-here", *options)
-    assert (done.exit_code, told in done.stderr) == (2, True), done.stderr
-    assert not list(tmp_path.iterdir())
-
-
 def test_the_files_of_a_split_recording_have_names_of_their_own(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     path.write_bytes(b"mine")

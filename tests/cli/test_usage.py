@@ -17,6 +17,8 @@ from lidario.cli.watch import watch
 from tests.cli.processes import invoke_driven
 
 S2 = "sim://rplidar-s2?via=memory"
+RECORD = "record /dev/nothing-is-here"
+"""What is refused before a lidar is opened."""
 REMOTE = "zenoh:robots/r7/scan?router=tcp/127.0.0.1:1"
 REFUSED = {
     "nosuchverb": "no such command 'nosuchverb'",
@@ -64,6 +66,15 @@ REFUSED = {
     f"record {S2} -t soon": "'soon' is not a duration above 0",
     f"record {S2} -o a.mcap --split 5": "neither a time nor a size",
     f"record {S2} -o a.mcap --split 5s --keep 20": "is not a size",
+    f"{RECORD} --split 0s": "--split is 1 to 1000000000 seconds, not 0.0",
+    f"{RECORD} --split 999999999h": "--split is 1 to 1000000000 seconds, not 3599999996400.0",
+    f"{RECORD} --split 1kb": "--split is 100000 bytes or more, not 1000",
+    f"{RECORD} --split 1m --keep 1kb": "--keep is 200000 bytes or more, two files, not 1000",
+    f"{RECORD} --keep 1GB": "--keep removes whole files: --split says when the next one begins",
+    f"{RECORD} -o q?.mcap": "'q?.mcap' means something else as a SOURCE: give the file another name",
+    f"{RECORD} -o a.mcap?rate=1.mcap": "rate='1.mcap' is not a number from 0 on",
+    f"{RECORD} -o id:1.mcap": "'id:1.mcap' means something else as a SOURCE",
+    f"{RECORD} -o 'a\n.mcap'": "contains a control character",
     f"record {S2} --beams 90": "--beams belongs to --scans",
     "export run.mcap run.npz --order measured": "--order belongs to an OUT that ends with .mcap",
     "export a.mcap a.txt": "does not end in .npz, .csv, .mcap",
