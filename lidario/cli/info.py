@@ -11,8 +11,8 @@ import click
 
 import lidario
 from lidario.cli.errors import ExitCode
-from lidario.cli.output import console, dump, facts, progress, rendered, table
-from lidario.cli.parameters import source_argument
+from lidario.cli.output import console, dump, facts, in_both_units, progress, rendered, table
+from lidario.cli.parameters import json_option, source_argument
 from lidario.cli.running import run
 from lidario.cli.streams import emit, message
 
@@ -36,7 +36,7 @@ class _Told:
 
 @click.command()
 @source_argument
-@click.option("--json", "as_json", is_flag=True, help="One object for programs.")
+@json_option
 def info(source: str, as_json: bool) -> int:
     """Ask a lidar what it is, and how it is.
 
@@ -90,7 +90,7 @@ def _facts(told: _Told) -> Table:
 def _frequency(hertz: float | None, limits: tuple[float, float] | None) -> str:
     if hertz is None and limits is None:
         return "cannot be set on this device"
-    text = "not told" if hertz is None else f"set to {hertz:.2f} Hz ({60 * hertz:.0f} rpm)"
+    text = "not told" if hertz is None else f"set to {in_both_units(hertz)}"
     # Limits that are merely what fits in the request tell nothing.
     if limits is not None and limits[1] < _ABSURD_HZ:
         text += f", from {limits[0]:g} to {limits[1]:g} Hz"

@@ -11,12 +11,10 @@ import click
 
 import lidario
 from lidario.cli.errors import ExitCode
-from lidario.cli.output import dump, progress
-from lidario.cli.parameters import FiniteRange, source_argument
+from lidario.cli.output import dump, in_both_units, progress
+from lidario.cli.parameters import FiniteRange, json_option, source_argument
 from lidario.cli.running import run
 from lidario.cli.streams import emit
-
-_JSON = click.option("--json", "as_json", is_flag=True, help="One object for programs.")
 
 
 @click.group()
@@ -26,7 +24,7 @@ def motor() -> None:
 
 @motor.command()
 @source_argument
-@_JSON
+@json_option
 def start(source: str, as_json: bool) -> int:
     """Let the rotor turn, with the laser off."""
     return _run(source, None, as_json)
@@ -34,7 +32,7 @@ def start(source: str, as_json: bool) -> int:
 
 @motor.command()
 @source_argument
-@_JSON
+@json_option
 def stop(source: str, as_json: bool) -> int:
     """Stop laser and motor, whatever an earlier program left running."""
     with progress(f"stopping {source} …"):
@@ -47,7 +45,7 @@ def stop(source: str, as_json: bool) -> int:
 @motor.command()
 @click.argument("hertz", metavar="HZ", type=FiniteRange(min=0, min_open=True))
 @source_argument
-@_JSON
+@json_option
 def speed(hertz: float, source: str, as_json: bool) -> int:
     """Let the rotor turn at HZ revolutions a second.
 
@@ -79,9 +77,9 @@ def _tell(as_json: bool, state: str, hertz: float | None) -> None:
     if as_json:
         dump({"motor": state, "hertz": None if hertz is None else round(hertz, 3)})
     elif state == "turning":
-        emit("the motor turns" + (f" at {hertz:.2f} Hz ({60 * hertz:.0f} rpm)\n" if hertz is not None else "\n"))
+        emit("the motor turns" + (f" at {in_both_units(hertz)}\n" if hertz is not None else "\n"))
     elif state == "set" and hertz is not None:
-        emit(f"{hertz:.2f} Hz ({60 * hertz:.0f} rpm) is set; the motor of this device turns only while it scans\n")
+        emit(f"{in_both_units(hertz)} is set; the motor of this device turns only while it scans\n")
     else:
         emit("laser and motor are off\n")
 

@@ -133,6 +133,11 @@ def counted(number: int, what: str) -> str:
     return f"{number} {what}" if number == 1 else f"{number} {what}s"
 
 
+def in_both_units(hertz: float) -> str:
+    """A speed: ``10.00 Hz (600 rpm)``."""
+    return f"{hertz:.2f} Hz ({60 * hertz:.0f} rpm)"
+
+
 def introduced(model: str, serial: str, firmware: str = "") -> str:
     """What a device is, in one line; what it does not tell is left out."""
     told = (("firmware", firmware), ("serial number", serial))

@@ -136,6 +136,7 @@ recording_option: Final = click.option(
     "-o", "--output", type=as_file(".mcap"), metavar="FILE",
     help="The file to make; named after the time where not given.",
 )  # fmt: skip
+json_option: Final = click.option("--json", "as_json", is_flag=True, help="One object for programs.")
 force_option: Final = click.option("--force", is_flag=True, help="Replace a file that is there already.")
 reconnect_option: Final = click.option(
     "--reconnect", is_flag=True, help="Go on when the lidar was unplugged or restarted, and is back."

@@ -17,8 +17,8 @@ import click
 
 import lidario
 from lidario.cli.errors import ExitCode, Stopped
-from lidario.cli.output import console, dump, facts, introduced, progress, rendered
-from lidario.cli.parameters import as_duration, guard_option, mode_option, source_argument
+from lidario.cli.output import console, dump, facts, in_both_units, introduced, progress, rendered
+from lidario.cli.parameters import as_duration, guard_option, json_option, mode_option, source_argument
 from lidario.cli.running import run
 from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import emit, message
@@ -93,7 +93,7 @@ class Measured:
               help="How long to measure, such as 10s or 2min.")  # fmt: skip
 @config_option
 @mode_option
-@click.option("--json", "as_json", is_flag=True, help="One object for programs.")
+@json_option
 @guard_option
 def stats(source: str, seconds: float, mode: str | int | None, as_json: bool, guard: bool) -> int:
     """Measure rate, damage and load; end with a verdict.
@@ -211,10 +211,7 @@ def _table(measured: Measured) -> Table:
         [
             ("lidar", f"{introduced(measured.model, measured.serial)}, mode {measured.mode}"),
             ("measured", f"{len(measured.samples)} scans in {measured.seconds:.1f} s"),
-            (
-                "rate",
-                f"{measured.hertz:.2f} Hz ({60 * measured.hertz:.0f} rpm)" if measured.periods else "not known",
-            ),
+            ("rate", in_both_units(measured.hertz) if measured.periods else "not known"),
             ("jitter", f"{1000 * measured.jitter:.2f} ms a revolution" if measured.periods else "not known"),
             ("samples", f"{fmean(measured.samples):.0f} a scan, {percent(measured.no_return)} without a return"),
             (
