@@ -102,7 +102,13 @@ def _record(feed: Feed) -> dict[str, object] | None:
     if feed.keeper is None:
         return None
     keeper = feed.keeper
-    return {"on": keeper.is_on, "name": keeper.name, "scans": keeper.scans, "error": keeper.error[:_REASON]}
+    return {
+        "on": keeper.is_on,
+        "name": keeper.name,
+        "scans": keeper.scans,
+        "whole": keeper.is_whole,
+        "error": keeper.error[:_REASON],
+    }
 
 
 def _shapes_of(filters: Sequence[Filter]) -> list[list[float]]:

@@ -26,14 +26,15 @@ _written: Final[set[Path]] = set()
 class Keeper:
     """The recordings of one lidar in a folder; `tell` is called when one has begun or ended.
 
-    The file that is written, or was the last one, has so many full revolutions (`scans`). Why it ended unasked, or
-    could not begin, is the `error`.
+    The file that is written, or was the last one, has so many full revolutions (`scans`); it can be read when it
+    `is_whole`. Why it ended unasked, or could not begin, is the `error`.
     """
 
     def __init__(self, folder: Path, tell: Callable[[], object]) -> None:
         self.name: str = ""
         self.error: str = ""
         self.scans: int = 0
+        self.is_whole: bool = False
         self._folder = folder
         self._tell = tell
         self._asked = asyncio.Event()
@@ -65,7 +66,7 @@ class Keeper:
             self._tell()
 
     async def _record(self, lidar: Lidar) -> None:
-        self.error, self.scans = "", 0
+        self.error, self.scans, self.is_whole = "", 0, False
         path = _free(self._folder / _name(lidar))
         self.name = path.name
         _written.add(path)
@@ -82,6 +83,7 @@ class Keeper:
                     self.scans = recording.scans
                 # Before the file is closed: a wish that comes meanwhile is for the next one.
                 self.ask(on=False)
+            self.is_whole = True
             if recording.error is not None:
                 self.error = str(recording.error)
         finally:

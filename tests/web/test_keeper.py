@@ -70,16 +70,18 @@ async def test_each_recording_of_the_same_second_has_a_file_of_its_own(tmp_path:
 
 @driven
 async def test_a_wish_that_comes_while_the_file_is_closed_is_not_forgotten(tmp_path: Path) -> None:
-    lidar, keeper = Recorded(), Keeper(tmp_path, lambda: None)
+    told: list[bool] = []
+    lidar, keeper = Recorded(), Keeper(tmp_path, lambda: told.append(keeper.is_whole))
     serving = lidar.serve(keeper)
     keeper.ask(on=True)
     await asyncio.sleep(3)
     keeper.ask(on=False)
     await lidar.closing.wait()
-    assert (keeper.is_on, len(lidar.paths)) == (False, 1)
+    # The page tells of the file when it can be read.
+    assert (keeper.is_on, keeper.is_whole, len(lidar.paths)) == (False, False, 1)
     keeper.ask(on=True)
     lidar.may_close.set()
     await asyncio.sleep(3)
-    assert (keeper.is_on, len(lidar.paths)) == (True, 2)
+    assert (keeper.is_on, len(lidar.paths), told) == (True, 2, [False, True, False])
     serving.cancel()
     await asyncio.wait([serving])
