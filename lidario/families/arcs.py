@@ -32,7 +32,6 @@ class Output:
     angle: Floats  # degrees
     distance: Floats  # millimetres
     intensity: NDArray[np.uint8]  # not looked at where the format carries none
-    last: float = 0.0  # what the next packets need of these
 
 
 class ArcDecoder(ABC):
@@ -76,8 +75,15 @@ class ArcDecoder(ABC):
             self._turning.doubt_time()
         sample_ends, count = self._ends(heads), len(heads.first)
         gaps, lost = ([], []) if arcs.skipped is None else self._gaps(heads, arcs, arcs.skipped)
-        angle, distance, intensity, last = self._decoded(heads, arcs, sample_ends, room)
-        self._remember(heads, last)
+        size = room + sample_ends[-1]
+        angle, distance = np.empty(size, np.float32), np.empty(size, np.float32)
+        intensity = np.empty(size, np.uint8)
+        shape = (-1, heads.counts) if isinstance(heads.counts, int) else (-1,)
+        self._write(
+            heads,
+            arcs,
+            Output(angle[room:].reshape(shape), distance[room:].reshape(shape), intensity[room:].reshape(shape)),
+        )
         revolutions, begin = list[DecodedRevolution](), 0
         for end, step in zip(ends, arcs.steps or (arcs.step,), strict=True):
             behind = 0 if seam is None else self._behind_seam(heads, arcs, end - 1, seam)
@@ -89,7 +95,7 @@ class ArcDecoder(ABC):
         return Samples(
             angle_deg=angle,
             distance_mm=distance,
-            intensity=intensity,
+            intensity=intensity if self.has_intensity else None,
             ends=sample_ends,
             revolutions=revolutions,
             lost=sum(lost),
@@ -109,7 +115,7 @@ class ArcDecoder(ABC):
 
     @abstractmethod
     def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:
-        """Write degrees, millimetres and intensities of all samples."""
+        """Write degrees, millimetres and intensities of all samples; keep what the next packets need of them."""
 
     # --------------------------------------------------------------------------------- what a format may tell else
 
@@ -134,24 +140,7 @@ class ArcDecoder(ABC):
         left = self._full_turn - (int(heads.first[at]) - seam) % self._full_turn
         return max(0, counts - math.ceil(left * steps / arc)) if arc > 0 else 0
 
-    def _remember(self, heads: Heads, last: float) -> None:  # noqa: B027 - most formats need nothing
-        """Keep what the next packets need of these; `last` is that of their `Output`."""
-
     # ------------------------------------------------------------------------------------------------- the rest
-
-    def _decoded(
-        self, heads: Heads, arcs: Arcs, ends: Sequence[int], room: int
-    ) -> tuple[Floats, Floats, NDArray[np.uint8] | None, float]:
-        """Angles, distances and intensities behind `room` free elements, and what the next packets need of them."""
-        size = room + ends[-1]
-        angle, distance = np.empty(size, np.float32), np.empty(size, np.float32)
-        intensity = np.empty(size, np.uint8)
-        shape = (-1, heads.counts) if isinstance(heads.counts, int) else (-1,)
-        output = Output(
-            angle[room:].reshape(shape), distance[room:].reshape(shape), intensity[room:].reshape(shape)
-        )
-        self._write(heads, arcs, output)
-        return angle, distance, intensity if self.has_intensity else None, output.last
 
     @staticmethod
     def _ends(heads: Heads) -> Sequence[int]:

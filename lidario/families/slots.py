@@ -73,16 +73,15 @@ class SlotDecoder(ArcDecoder):
     def _reported_rpm(self, heads: Heads, begin: int, end: int) -> float:
         return float(self._rpm(heads)[begin:end].mean())
 
-    def decode(self, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None) -> Samples:
-        samples = super().decode(packets, following, room, seam)
+    def _samples(
+        self, packets: Packets, heads: Heads, arcs: Arcs, ends: Sequence[int], room: int, seam: int | None
+    ) -> Samples:
+        samples, count = super()._samples(packets, heads, arcs, ends, room, seam), len(heads.first)
+        self._speeds = np.concatenate((self._speeds, self._rpm(heads)))[-max(count, self._slots) :]
+        self._counts = np.concatenate((self._counts, np.broadcast_to(heads.counts, count)))[-len(self._speeds) :]
         turn = float(self._speeds.mean()) * float(self._counts.mean()) * self._slots
         samples.sample_ns = 60e9 / turn if turn else 0.0
         return samples
-
-    def _remember(self, heads: Heads, last: float) -> None:  # noqa: ARG002
-        count = len(heads.first)
-        self._speeds = np.concatenate((self._speeds, self._rpm(heads)))[-max(count, self._slots) :]
-        self._counts = np.concatenate((self._counts, np.broadcast_to(heads.counts, count)))[-len(self._speeds) :]
 
 
 class DegreeFormat(LayoutFormat):

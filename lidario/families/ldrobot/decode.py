@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.arcs import Output
-from lidario.families.spans import Heads
 from lidario.families.two_angles import TwoAngleDecoder, TwoAngleFormat
 
 
@@ -35,11 +34,8 @@ class TriangleDecoder(TwoAngleDecoder):
         # Where nothing came back, the correction of the sample before.
         latest = np.maximum.accumulate(np.where(d > 0, np.arange(len(d)), -1))
         shift = np.where(latest >= 0, shift[latest], self._last)
-        output.last = float(shift[-1])
+        self._last = float(shift[-1])
         return shift.reshape(output.angle.shape)
-
-    def _remember(self, heads: Heads, last: float) -> None:  # noqa: ARG002
-        self._last = last
 
 
 class AxisDecoder(TwoAngleDecoder):

@@ -66,15 +66,15 @@ class CapsuleDecoder(ArcDecoder):
 
     def _heads(self, packets: Packets, following: bytes | None) -> Heads:
         words = np.frombuffer(packets.data, "<u2").reshape(-1, self.wire.shortest // 2)
-        column = self.wire.start_at // 2
-        starts: Ints = words[:, column].astype(np.int32)
+        at = self.wire.start_at
+        starts: Ints = words[:, at // 2].astype(np.int32)
         if np.maximum.reduce(starts) >= FULL_TURN_Q6:
             # Mostly none has the flag beside it.
             starts = (starts & ANGLE_MASK) % FULL_TURN_Q6
-        if following is None:
-            return Heads(starts, None, self.wire.samples, None, (words, None))
-        behind = int.from_bytes(following[2 * column : 2 * column + 2], "little")
-        return Heads(starts, (behind & ANGLE_MASK) % FULL_TURN_Q6, self.wire.samples, None, (words, following))
+        behind = None
+        if following is not None:
+            behind = (int.from_bytes(following[at : at + 2], "little") & ANGLE_MASK) % FULL_TURN_Q6
+        return Heads(starts, behind, self.wire.samples, None, (words, following))
 
     def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:
         at_equal_steps(heads.first, arcs.arc, self.wire.samples, output.angle)
@@ -82,8 +82,6 @@ class CapsuleDecoder(ArcDecoder):
         self._payload(words, after, arcs.skipped, output)
         in_turn(output.angle, FULL_TURN_Q6 * self.wire.samples, back=self.corrected)
         output.angle /= self._units
-        is_cut = arcs.skipped is not None and arcs.skipped[-1] > 0
-        output.last = 0.0 if is_cut else float(output.distance[-1, -1])
 
     @abstractmethod
     def _payload(self, words: Words, after: bytes | None, skipped: NDArray[np.intp] | None, output: Output) -> None:
@@ -153,10 +151,8 @@ class UltraDenseDecoder(CapsuleDecoder):
         output.distance[...] = distance_q2.reshape(output.distance.shape)
         output.distance *= np.float32(0.25)
         output.intensity[...] = intensity.reshape(output.intensity.shape)
-
-    def _remember(self, heads: Heads, last: float) -> None:  # noqa: ARG002
         # For the smoothing of the next distance.
-        self._last_q2 = int(last * 4)
+        self._last_q2 = 0 if skipped is not None and skipped[-1] > 0 else int(distance_q2[-1])
 
 
 class HqDecoder(ArcDecoder):

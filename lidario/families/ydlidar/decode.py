@@ -113,10 +113,9 @@ class PointCloudDecoder(ArcDecoder):
         way = ((heads[:, 3] >> 1) - first) % FULL_TURN_Q6
         way[counts == 1] = 0
         marked = (words & START_BIT).nonzero()[0].tolist()
-        if following is None:
-            return Heads(first, None, counts, way, Control(packets, words, marked, is_following_marked=False))
-        behind = (following[4] >> 1 | following[5] << 7) % FULL_TURN_Q6
-        return Heads(first, behind, counts, way, Control(packets, words, marked, bool(following[2] & START_BIT)))
+        behind = None if following is None else (following[4] >> 1 | following[5] << 7) % FULL_TURN_Q6
+        is_marked = following is not None and bool(following[2] & START_BIT)
+        return Heads(first, behind, counts, way, Control(packets, words, marked, is_marked))
 
     def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:  # noqa: ARG002 - each packet tells its own
         kind, layout = self._kind, _SAMPLES[self._kind.wire.sample_size]
@@ -149,6 +148,12 @@ class PointCloudDecoder(ArcDecoder):
             with np.errstate(divide="ignore"):
                 beams += np.where(d > 0, np.degrees(np.arctan(21.8 * (155.3 - d) / (155.3 * d))), 0.0)
             write_degrees(beams, output.angle)
+        marked = heads.read.marked
+        self._ordinary = self._longest(heads, 0, len(first))
+        if marked:
+            self._seam = int(first[marked[-1]])
+        elif self._seam is None and heads.read.is_following_marked:
+            self._seam = heads.following
 
     def _lost(self, heads: Heads, at: int, skipped: int, step: float) -> int:
         """Packets lost behind packet `at`: a start packet holds one sample, the one before it what is left."""
@@ -189,14 +194,6 @@ class PointCloudDecoder(ArcDecoder):
             return math.nan
         # A real X4 sends 0 in each start packet: it tells nothing.
         return 6.0 * ((int(control.words[mark]) >> 1 & SPEED_CODE) + self._kind.speed_base) or math.nan
-
-    def _remember(self, heads: Heads, last: float) -> None:  # noqa: ARG002
-        control: Control = heads.read
-        self._ordinary = self._longest(heads, 0, len(heads.first))
-        if control.marked:
-            self._seam = int(heads.first[control.marked[-1]])
-        elif self._seam is None and control.is_following_marked:
-            self._seam = heads.following
 
 
 def _full_packets(samples: float, ordinary: int) -> int:
