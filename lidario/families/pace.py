@@ -11,7 +11,9 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple, Self
 
-from lidario.families.spans import Turning
+import numpy as np
+
+from lidario.families.spans import Ints, Turning
 from lidario.wire.copies import copy_of
 from lidario.wire.events import Arrival
 
@@ -57,7 +59,7 @@ class Pace:
         """The latest time was reckoned, as if nothing were missing: the next one takes its place."""
         self._is_doubted = bool(self._points)
 
-    def add(self, spans: Sequence[int], arrivals: Sequence[Arrival]) -> None:
+    def add(self, spans: Sequence[int] | Ints, arrivals: Sequence[Arrival]) -> None:
         """Take the next packets: how far ahead of each the next one is, and when they came."""
         begin, turned = 0, self._turned
         if self._is_doubted:
@@ -67,29 +69,12 @@ class Pace:
             # Only the last packet of a read came just then.
             if self._points and self._points[-1].at_ns == at_ns:
                 self._points.pop()
-            passed = spans[begin : count - 1]
-            begin, turned = count - 1, turned + sum(passed)
+            turned += int(np.add.reduce(spans[begin : count - 1]))
+            begin = count - 1
             self._points.append(_Point(at_ns, turned, self._came + count))
-        self._turned = turned + sum(spans[begin:])
+        self._turned = turned + int(np.add.reduce(spans[begin:]))
         self._came += len(spans)
         del self._points[:-_REMEMBERED]
-
-    def is_same_read(self, arrivals: Sequence[Arrival], count: int, turned: int, last: int) -> bool:
-        """Whether so many packets came with the ones before, as in a file: time tells nothing. Then they are taken.
-
-        Args:
-            arrivals: When they came.
-            count: How many they are.
-            turned: How far the rotor turned, up to the packet behind them.
-            last: How far during the last one.
-        """
-        if len(arrivals) != 1 or not self._points or arrivals[0][1] != self._points[-1].at_ns:
-            return False
-        self._turned += turned
-        self._came += count
-        self._points[-1] = _Point(arrivals[0][1], self._turned - last, self._came)
-        self._is_doubted = False
-        return True
 
     def measured(self, packet_ns: float, arc: float = 0.0) -> tuple[float, float] | None:
         """How many packets the device has measured for each arc, in each half of the time.

@@ -105,7 +105,7 @@ class Wheel(PacedTurning):
             if not followed:
                 spans[-1] = spans[-2]
                 total += int(spans[-1])
-            if not self._confirmed and not self._pace.is_same_read(arrivals, len(spans), total, int(spans[-1])):
+            if not self._confirmed:
                 self._remember(known.tolist(), arrivals)
                 # The spans are alike; are they one arc each?
                 if not self._is_confirmed():

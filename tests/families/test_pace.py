@@ -89,20 +89,3 @@ def test_it_knows_what_a_slow_way_tells(seed: int) -> None:
     twin = pace.copy()
     pace.clear()
     assert (pace.back_from_now(), len(twin.back_from_now())) == ([], len(points))
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_what_came_with_the_packets_before_is_taken_as_one_read(seed: int) -> None:
-    random = np.random.default_rng(seed)
-    pace, spans = Pace(TURN), random.integers(400, 900, 6).tolist()
-    rest = pace, [(6, 10**9)], len(spans), sum(spans), spans[-1]
-    assert not Pace.is_same_read(*rest)
-    pace.add(spans, [(2, 10**9 - 5), (6, 10**9)])
-    twin, other = pace.copy(), pace.back_from_now()
-    for arrivals in ([(3, 10**9), (6, 10**9)], [(6, 10**9 + 1)], []):
-        assert not pace.is_same_read(arrivals, len(spans), sum(spans), spans[-1])
-        assert pace.back_from_now() == other
-    assert Pace.is_same_read(*rest)
-    twin.add(spans, [(6, 10**9)])
-    assert pace.back_from_now() == twin.back_from_now()
-    assert pace.back_from_now()[-1] == (10**9, spans[-1], 0)

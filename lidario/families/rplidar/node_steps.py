@@ -61,8 +61,7 @@ class NodeSteps(PacedTurning):
         if self._certain and followed and self._is_ordinary(self._typical, shortest, longest):
             # The mean is as good as the median where nothing is far from either, and much cheaper.
             self._typical, self._strange = total / len(spans), 0
-            known = self._confirmed or self._pace.is_same_read(arrivals, len(spans), total, int(spans[-1]))
-            times = 1.0 if known else self._corrected(spans, arrivals, 1.0)
+            times = 1.0 if self._confirmed else self._corrected(spans, arrivals, 1.0)
             if times == 1:
                 self._note_close(len(spans))
                 return Arcs(spans, None, total / len(spans), certain=True)
@@ -118,7 +117,7 @@ class NodeSteps(PacedTurning):
         if self._confirmed and not self._strange:
             self._pace.clear()
             return 1.0
-        self._pace.add(spans.tolist(), arrivals)
+        self._pace.add(spans, arrivals)
         by_time = self._pace.measured(self._packet_ns)
         if by_time is None:
             return 1.0
