@@ -77,8 +77,8 @@ def test_the_same_seed_gives_the_same_changes() -> None:
 
 
 def test_the_nearest_tests_judge_first() -> None:
-    stages = stages_of("lidario/families/hlds/decode.py")
-    assert stages[:3] == [["tests/families/hlds/test_decode.py"], ["tests/families/hlds"], ["tests/families"]]
+    stages = stages_of("lidario/families/ldrobot/decode.py")
+    assert stages[:3] == [["tests/families/ldrobot/test_decode.py"], ["tests/families/ldrobot"], ["tests/families"]]
     assert ["tests/session"] in stages
     for stage in stages_of("lidario/session/talking/dialogue.py", whole=True):
         assert all((ROOT / path).exists() for path in stage)

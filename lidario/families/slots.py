@@ -99,6 +99,11 @@ class DegreeFormat(LayoutFormat):
         return angles
 
     @classmethod
+    @abstractmethod
+    def returns_of(cls, rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Millimetres, 0 where nothing came back, and the strength of returns, to 255; shape (packets, samples)."""
+
+    @classmethod
     def speeds_of(cls, rows: NDArray[Any]) -> NDArray[np.float64]:
         """The speed that each packet tells, revolutions a minute."""
         speeds: NDArray[np.float64] = rows["speed"] / np.float64(cls.an_rpm)
@@ -121,16 +126,12 @@ class DegreeFormat(LayoutFormat):
 
 
 class DegreeDecoder(SlotDecoder):
-    """Decodes such packets; `wire` is their format, which tells which way the rotor turns."""
+    """Decodes such packets; `wire` is their format, which tells what they hold and which way the rotor turns."""
 
     def __init__(self, wire: type[DegreeFormat]) -> None:
         self._wire = wire
         self._each = int(wire.layout["samples"].shape[0])
         super().__init__(FULL_TURN, FULL_TURN // self._each)
-
-    @abstractmethod
-    def _returns(self, rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Millimetres, 0 where nothing came back, and the strength of returns, to 255; shape (packets, samples)."""
 
     def _rpm(self, heads: Heads) -> NDArray[np.float64]:
         return self._wire.speeds_of(heads.read)
@@ -141,6 +142,6 @@ class DegreeDecoder(SlotDecoder):
         return Heads(self._wire.angles_of(rows), after, self._each, None, rows)
 
     def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:  # noqa: ARG002
-        output.distance[...], output.intensity[...] = self._returns(heads.read)
+        output.distance[...], output.intensity[...] = self._wire.returns_of(heads.read)
         turned = heads.first[:, None] + np.arange(self._each)
         output.angle[...] = turned if self._wire.field_deg > 0 else -turned % FULL_TURN

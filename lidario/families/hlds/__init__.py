@@ -13,9 +13,8 @@ from typing import Final
 
 import numpy as np
 
-from lidario.families.hlds.decode import PacketDecoder
 from lidario.families.hlds.formats import SIZE, CheckedFormat, PacketFormat
-from lidario.families.slots import FULL_TURN
+from lidario.families.slots import FULL_TURN, DegreeDecoder
 from lidario.families.talking import TIMING, Talkers, TalkingModel, family_of
 
 _UNCHECKED: Final = TalkingModel(
@@ -25,7 +24,7 @@ _UNCHECKED: Final = TalkingModel(
     60e6 / (300 * FULL_TURN),
     3.5,
     PacketFormat,
-    PacketDecoder,
+    DegreeDecoder,
     note="its packets have no check value that is known: damage in them cannot be told from measurements",
     start=b"b",
     stop=b"e",

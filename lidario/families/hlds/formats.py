@@ -11,7 +11,11 @@ Layout (ROBOTIS' driver ``hls_lfcd_lds_driver``, ``hlds_laser_publisher.cpp``), 
 The driver checks the first two bytes and nothing else. A user of the vendor's specification takes a packet whose
 last two bytes are equal (Jatin1o1/LDS-01-Lidar-Python): a sum of bytes, sent twice; that it is FF less the sum is a
 guess. Community ports take the check value of the XV-11 and were never run with a device. So a device is first read
-as one without a check value, and what it sends tells whether one of the two holds (`device`).
+as one without a check value, and what it sends tells whether one of the two holds.
+
+The driver stores sample k at 359 - k degrees counter-clockwise, so the device counts clockwise; exactly mirrored it
+would be 360 - k, which is what is given here. Intensities have no documented scale; they are divided by 32, so that
+8160 is the largest one that is told.
 """
 
 from __future__ import annotations
@@ -58,6 +62,11 @@ class CheckedFormat(DegreeFormat):
     marks: tuple[bytes, ...] = (b"\xfa", bytes(range(0xA0, 0xDC)))
     check: Check = EitherCheck()
     an_rpm: float = 10
+
+    @classmethod
+    def returns_of(cls, rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+        samples = rows["samples"]
+        return samples["distance"], np.minimum(samples["intensity"] >> 5, 255)
 
 
 class PacketFormat(CheckedFormat):

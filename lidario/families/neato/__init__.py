@@ -15,9 +15,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final
 
-from lidario.families.neato.decode import PacketDecoder
 from lidario.families.neato.formats import SLOWEST, AnySpeed, BackFormat, PacketFormat
-from lidario.families.slots import FULL_TURN
+from lidario.families.slots import FULL_TURN, DegreeDecoder
 from lidario.families.talking import Rotor, Talkers, TalkingModel, family_of
 
 _USUAL_US: Final = 60e6 / (300 * FULL_TURN)
@@ -26,7 +25,7 @@ _SENSE_UNKNOWN: Final = (
     "counter-clockwise; the scans of the others would be mirrored: name the model, as in ?model=lds02rr, "
     "or ?model=xv11"
 )
-_LDS02RR: Final = TalkingModel("lds02rr", "LDS02RR", (115_200,), _USUAL_US, 0.0, PacketFormat, PacketDecoder)
+_LDS02RR: Final = TalkingModel("lds02rr", "LDS02RR", (115_200,), _USUAL_US, 0.0, PacketFormat, DegreeDecoder)
 _XV11: Final = replace(_LDS02RR, name="xv11", title="Neato XV-11", wire=BackFormat)
 _UNNAMED: Final = replace(_XV11, name="", title="XV-11 or alike", note=_SENSE_UNKNOWN)
 

@@ -12,6 +12,11 @@ Layout of firmware 2.4 and later (XV-11 hacking wiki; held by each of 11451 pack
 Below 200 revolutions a minute the device does not measure: it sends two packets a revolution, half of one apart, of
 which all samples say so (error 52). They are records here, and no lost packets of a healthy stream. Text that a
 boot prints stands before the packets.
+
+A sample stands at a whole degree, counted in the sense in which the rotor turns: counter-clockwise in an XV-11 (the
+viewer in Xevel/NXV11 plots it so), clockwise in the others. Weak returns are delivered: in the recording their
+distances are as plausible as those of others, at a fifth of the strength. Strengths are divided by 8, so that 2040
+is the largest one that is told; 1202 is the largest one in the recording.
 """
 
 from __future__ import annotations
@@ -26,6 +31,8 @@ from lidario.wire.rows import Check, Fold15
 
 SLOWEST: Final = 200 * 64  # the speed below which nothing is measured, as packets state it
 
+_NONE: Final = 0x8000
+_MILLIMETRES: Final = 0x3FFF
 SAMPLE: Final = np.dtype([("distance", "<u2"), ("strength", "<u2")])
 
 
@@ -41,6 +48,12 @@ class PacketFormat(DegreeFormat):
     check: Check = Fold15(10)
     told_by: int = 4
     an_rpm: float = 64
+
+    @classmethod
+    def returns_of(cls, rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+        words = rows["samples"]["distance"]
+        strength = np.minimum(rows["samples"]["strength"] >> 3, 255)
+        return np.where(words & _NONE, 0, words & _MILLIMETRES), strength
 
     def _turns(self, data: bytearray, at: int) -> bool:
         # The low byte of that limit is 0: the high byte tells.

@@ -7,9 +7,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.hlds.decode import PacketDecoder
 from lidario.families.hlds.formats import CheckedFormat, PacketFormat
 from lidario.families.hlds.simulated.device import make_simulated, pack_packet
+from lidario.families.slots import DegreeDecoder
 from tests.reference import hlds
 from tests.support.case import Case, of_a_talker
 from tests.support.rig import Maker
@@ -39,7 +39,7 @@ def _case(wire: type[CheckedFormat]) -> Case:
     return of_a_talker(
         "hlds_lds01_5hz",
         wire,
-        partial(PacketDecoder, wire),
+        partial(DegreeDecoder, wire),
         split=hlds.split,
         decode=hlds.decode,
         contents=_contents,

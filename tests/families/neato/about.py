@@ -7,9 +7,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.neato.decode import PacketDecoder
 from lidario.families.neato.formats import BackFormat, PacketFormat
 from lidario.families.neato.simulated.device import make_simulated, pack_packet
+from lidario.families.slots import DegreeDecoder
 from tests.reference import golden, neato
 from tests.support.case import Case, of_a_talker
 from tests.support.rig import Maker
@@ -43,7 +43,7 @@ def _case(name: str, *, back: bool) -> Case:
     return of_a_talker(
         name,
         wire,
-        partial(PacketDecoder, wire),
+        partial(DegreeDecoder, wire),
         split=neato.split,
         decode=decode,
         contents=_contents,

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import lidario
-from lidario.families.neato.decode import PacketDecoder
 from lidario.families.neato.formats import BackFormat, PacketFormat
 from lidario.families.neato.simulated.device import pack_packet
+from lidario.families.slots import DegreeDecoder
 from tests.families.neato.about import CASES
 from tests.reference import golden, neato
 from tests.support.streams import feed, in_one_run
@@ -30,7 +30,7 @@ def test_each_sample_is_that_of_the_other_parser(path: Path, chunk: int | None) 
         truth = {name: arrays[name] for name in ("raw", "angle_deg", "distance_mm", "intensity")}
     raw = truth["raw"].tobytes()
     received = feed(CASES[0], raw, chunk)
-    samples = PacketDecoder(BackFormat).decode(in_one_run(BackFormat(), received.data), None)
+    samples = DegreeDecoder(BackFormat).decode(in_one_run(BackFormat(), received.data), None)
     np.testing.assert_array_equal(samples.distance_mm, truth["distance_mm"])
     np.testing.assert_array_equal(samples.angle_deg, truth["angle_deg"])
     np.testing.assert_array_equal(samples.intensity, np.minimum(truth["intensity"] >> 3, 255))
@@ -57,7 +57,7 @@ def test_weak_returns_are_delivered_and_codes_are_none() -> None:
     packet[5] |= 0x40
     packet[8:10] = b"\x21\x80"
     packet[20:] = neato.fold(bytes(packet[:20])).to_bytes(2, "little")
-    samples = PacketDecoder(BackFormat).decode(in_one_run(BackFormat(), bytes(packet)), None)
+    samples = DegreeDecoder(BackFormat).decode(in_one_run(BackFormat(), bytes(packet)), None)
     assert samples.distance_mm.tolist() == [500, 0, 500, 500]
     assert samples.angle_deg.tolist() == [348, 347, 346, 345]
 
@@ -65,7 +65,7 @@ def test_weak_returns_are_delivered_and_codes_are_none() -> None:
 def test_the_wikis_example() -> None:
     packet = bytes.fromhex("FAEE384AE4011301DA012A01258000 00C8013601E93A".replace(" ", ""))
     assert neato.is_packet(packet)
-    samples = PacketDecoder(PacketFormat).decode(in_one_run(PacketFormat(), packet), None)
+    samples = DegreeDecoder(PacketFormat).decode(in_one_run(PacketFormat(), packet), None)
     assert samples.angle_deg.tolist() == [312, 313, 314, 315]
     assert samples.distance_mm.tolist() == [484, 474, 0, 456]
     assert samples.last.reported_rpm == 296.875
