@@ -62,7 +62,7 @@ class PlayedDevice:
 
     @property
     def log(self) -> list[Received]:
-        return self._log.entries
+        return self._log
 
     @property
     def motor_on(self) -> bool:

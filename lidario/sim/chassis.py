@@ -95,7 +95,7 @@ class Chassis(ABC, Generic[NamedT, StreamT]):
 
     @property
     def log(self) -> list[Received]:
-        return self._log.entries
+        return self._log
 
     @property
     def scanning(self) -> bool:

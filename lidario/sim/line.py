@@ -130,14 +130,10 @@ class TransmitQueue:
         return max(burst.sent, min(carried, offered, len(burst.data)))
 
 
-class RequestLog:
+class RequestLog(list[Received]):
     """The requests a simulated device saw, oldest first; beyond `LOGGED` the oldest go."""
-
-    def __init__(self) -> None:
-        self.entries: list[Received] = []
 
     def add(self, at_ns: int, name: str, data: bytes, why: str = "", *, remark: str = "") -> None:
         """Remember one request; `why` says why it was discarded and is empty when it was obeyed."""
-        self.entries.append(Received(at_ns, name, data, obeyed=not why, why=why, remark=remark))
-        if len(self.entries) > LOGGED:
-            del self.entries[:-LOGGED]
+        self.append(Received(at_ns, name, data, obeyed=not why, why=why, remark=remark))
+        del self[:-LOGGED]

@@ -14,12 +14,9 @@ import sys
 from lidario.sim.device import SimulatedDevice
 from lidario.sim.faults import Faults
 from lidario.sim.memory import MemoryLine
-from lidario.sim.server import READ, Server
+from lidario.sim.server import READ, TICK_S, Server
 
 __all__ = ["MemoryLine", "PtyServer", "TcpServer", "UdpServer", "usual_way"]
-
-_TICK_S = 0.002
-"""Time between two polls of a device that is sending."""
 
 
 def usual_way(device: SimulatedDevice) -> str:
@@ -44,17 +41,10 @@ class PtyServer(Server):
         OSError: The system has no pseudo-terminals, or none left.
     """
 
-    def __init__(
-        self,
-        device: SimulatedDevice,
-        *,
-        tick: float = _TICK_S,
-        faults: Faults | None = None,
-        chunk: int | None = None,
-    ) -> None:
+    def __init__(self, device: SimulatedDevice, *, faults: Faults | None = None, chunk: int | None = None) -> None:
         if sys.platform == "win32":
             raise OSError("this system has no pseudo-terminals; serve the device over TCP")
-        super().__init__(device, tick, faults, chunk)
+        super().__init__(device, faults, chunk)
         self._held = -1
         self._plug_in()
         self._thread.start()
@@ -122,7 +112,7 @@ class _AddressServer(Server):
         self.address: tuple[str, int] = (host, port)
         self._plug_in()
         try:
-            super().__init__(device, _TICK_S, faults, self._most)
+            super().__init__(device, faults, self._most)
         except BaseException:
             self._shut()
             raise
@@ -162,7 +152,7 @@ class TcpServer(_AddressServer):
             client, _ = self._socket.accept()
         except OSError:
             # It closed its end before that, or no descriptor is left: then the system tells of it at once again.
-            self._ending.wait(_TICK_S)
+            self._ending.wait(TICK_S)
             return
         if self._client is not None:
             client.close()

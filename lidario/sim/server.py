@@ -1,7 +1,7 @@
 """The thread in which a simulated device runs, at true pace.
 
 There is no asyncio here. The thread sleeps in `poll` until the host writes or the device has something to send;
-while it streams, at most `tick`. What a port is, only the subclasses in `lidario.sim.serve` know.
+while it streams, at most `TICK_S`. What a port is, only the subclasses in `lidario.sim.serve` know.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ from lidario.sim.device import SimulatedDevice
 from lidario.sim.faults import Faults
 from lidario.sim.memory import MemoryLine
 
+TICK_S = 0.002
+"""Time between two polls of a device that is sending."""
 _IDLE_S = 0.05  # how long the thread sleeps at most, so that an unplug that is due is noticed
 READ = 4096
 """Most bytes read from the client at once."""
@@ -42,11 +44,10 @@ class Server(ABC):
     While the port can be opened, `plugged` is set: `replug` clears it until the new port is there.
     """
 
-    def __init__(self, device: SimulatedDevice, tick: float, faults: Faults | None, chunk: int | None) -> None:
+    def __init__(self, device: SimulatedDevice, faults: Faults | None, chunk: int | None) -> None:
         self.device = device
         self.lock: threading.Lock = threading.Lock()
         self.lost: int = 0
-        self._tick = tick
         self._faults = faults
         self._line = MemoryLine(device, faults)
         self._chunk = chunk
@@ -107,7 +108,7 @@ class Server(ABC):
             return back is not None and self._stay_out(back)
         with self.lock:
             wakeup = self._line.wakeup(now)
-        wait = _IDLE_S if wakeup is None else min(max(self._tick, (wakeup - now) * 1e-9), _IDLE_S)
+        wait = _IDLE_S if wakeup is None else min(max(TICK_S, (wakeup - now) * 1e-9), _IDLE_S)
         readable = _readable([self._woken, *self._sources()], wait)
         if self._woken in readable:
             self._woken.recv(READ)

@@ -96,9 +96,8 @@ def test_every_byte_leaves_when_a_byte_by_byte_model_says(
 
 def test_the_log_forgets_the_oldest() -> None:
     log = RequestLog()
-    entries = log.entries
     for number in range(LOGGED + 2):
         log.add(number, "stop", b"\x00", "too early" if number == LOGGED + 1 else "")
-    assert [entry.at_ns for entry in entries] == list(range(2, LOGGED + 2))
-    assert [entry.obeyed for entry in entries] == [True] * (LOGGED - 1) + [False]
-    assert entries[-1].why == "too early"
+    assert [entry.at_ns for entry in log] == list(range(2, LOGGED + 2))
+    assert [entry.obeyed for entry in log] == [True] * (LOGGED - 1) + [False]
+    assert log[-1].why == "too early"
