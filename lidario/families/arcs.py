@@ -163,14 +163,9 @@ class ArcDecoder(ABC):
 def at_equal_steps(first: Ints, arc: Arc, steps: int, into: Floats) -> None:
     """Write the angles of samples that lie at equal steps from the first one of their packet.
 
-    They are counted in units of which the unit of the headings has `steps`: whole numbers where arcs are, and below
-    2^24, which single precision holds exactly. So the last division, which makes degrees of them, alone rounds.
-
-    Args:
-        first: The angle of the first sample of each packet.
-        arc: How far the rotor turned during each.
-        steps: Steps in which it turns by an arc.
-        into: Where to write, shape (packets, samples).
+    By an arc the rotor turns in so many `steps`. Angles are counted in units of which the unit of the headings has
+    as many: whole numbers where arcs are, and below 2^24, which single precision holds exactly. So the last
+    division, which makes degrees of them, alone rounds. `into` has the shape (packets, samples).
     """
     each = np.empty((len(first), 2), np.float32)
     each[:, 0], each[:, 1] = first, arc
@@ -187,12 +182,8 @@ def _weights(samples: int, steps: int) -> NDArray[np.float32]:
 def in_turn(angles: Floats, full_turn: int, *, back: bool) -> None:
     """Bring angles that are at most 360 degrees outside into [0, full_turn), in place.
 
-    To compare all of a revolution takes half the time of finding the few packets that lie across 0.
-
-    Args:
-        angles: Whole numbers, or fractions, of which a revolution has `full_turn`.
-        full_turn: 360 degrees.
-        back: Whether some may be below 0.
+    To compare all of a revolution takes half the time of finding the few packets that lie across 0. Some may be
+    below 0 only with `back`.
     """
     if back:
         # Half the time of two masked operations. An angle below 360 degrees, divided by 360 degrees, is never

@@ -79,12 +79,8 @@ class Pace:
     def measured(self, packet_ns: float, arc: float = 0.0) -> tuple[float, float] | None:
         """How many packets the device has measured for each arc, in each half of the time.
 
-        Args:
-            packet_ns: What a packet takes; 0 where that is not known.
-            arc: How long an arc is; 0: for each packet that came.
-
-        Returns:
-            None where too little time has passed to tell.
+        Without an `arc`, for each packet that came. None where too little time has passed to tell, and where what a
+        packet takes is not known (0).
         """
         if not packet_ns or len(self._points) < 3:
             return None

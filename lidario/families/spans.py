@@ -89,12 +89,7 @@ class Turning(ABC):
         """The arcs of several revolutions, where `follow` would find nothing missing in any.
 
         None otherwise, also where the times of several reads may yet tell how many packets an arc is. Then nothing
-        is remembered.
-
-        Args:
-            heads: Those of all packets; the packet behind them is known.
-            ends: Packets up to the end of each revolution.
-            arrivals: When they came, as in `Packets`.
+        is remembered. The packet behind all of them is known; `ends` are packets up to the end of each revolution.
         """
         return None
 
@@ -102,10 +97,7 @@ class Turning(ABC):
 def spans_between(heads: Heads, full_turn: int, retreat: int) -> tuple[Ints, int, int, int]:
     """How far ahead of each packet the next one is, 0 where none follows; the least, the greatest and their sum.
 
-    Args:
-        heads: Those of the packets.
-        full_turn: 360 degrees.
-        retreat: How far a heading may fall back. Any more is the long way round, forwards.
+    A heading that falls back by more than `retreat` has gone the long way round, forwards.
     """
     first, following = heads.first, heads.following
     spans = np.empty_like(first)

@@ -122,10 +122,8 @@ class ToldWheel(Turning):
     def _jumps(self, first: Ints, tails: Ints, following: int | None) -> Ints:
         """How far ahead of the end of each packet the next one begins; 0 where it begins a little before that.
 
-        Args:
-            first: Angles of the first samples.
-            tails: Angles of the last samples, counted on past 360 degrees.
-            following: Where the next packet begins; None where it is not known, and the last jump then 0.
+        Packets begin at `first` and end at `tails`, counted on past 360 degrees; where what is `following` is not
+        known, the last jump is 0.
         """
         jumps = np.empty_like(first)
         np.subtract(first[1:], tails[:-1], out=jumps[:-1])
@@ -140,17 +138,8 @@ class ToldWheel(Turning):
         """Angles of first and last samples; one that is damaged is computed from the other one of its packet.
 
         An angle is taken as damaged if it is farther from the other one than any speed explains, or if its packet
-        has an unusual way and the jump beside it disappears when the angle is computed.
-
-        Args:
-            heads: Those of the packets.
-            tails: Angles of the last samples, counted on past 360 degrees.
-            jumps: What `_jumps` found of them.
-            usual: The ways that the steps tell.
-            step: The angle from the last sample of each packet to the next one.
-
-        Returns:
-            None where no angle is damaged.
+        has an unusual way and the jump beside it disappears when the angle is computed. None where none is.
+        `tails` and `jumps` are as in `_jumps`, `usual` are the ways that each `step` to the next sample tells.
         """
         first, following = heads.first, heads.following
         off = tails - first - usual

@@ -282,11 +282,8 @@ class Wheel(PacedTurning):
     def _learn(self, *, anew: bool) -> tuple[int, int]:
         """Find the arc from what is remembered: the largest group of spans that agree, and what time says of it.
 
-        Args:
-            anew: Whether nothing is known, or what is known is wrong. If not, only time can speak against it.
-
-        Returns:
-            As `Arcs.revoked`.
+        With `anew` nothing is known, or what is known is wrong. If not, only time can speak against it. Returns
+        what is revoked, as `Arcs.revoked`.
         """
         nothing = 0, 0
         spans = sorted([span for span in self._spans if span > 0])

@@ -41,12 +41,9 @@ class ArrivedBytes(list[Arrival]):
 
 
 def finds_packets(wire: StreamFormat, before: dict[str, Any], shown: bytearray) -> bool:
-    """Whether a search for packets behind damage finds one in the bytes that were there at an earlier time.
+    """Whether a search for packets behind damage finds one in the bytes that were `shown` at an earlier time.
 
-    Args:
-        wire: The format that follows the stream.
-        before: Its fields as they were when the search began.
-        shown: The bytes.
+    `before` has the fields of the format as they were when the search began.
     """
     wire, at = copy_of(wire), 0
     vars(wire).update(before)

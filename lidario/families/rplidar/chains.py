@@ -122,13 +122,8 @@ _REACH: Final = CHAIN_ALONE * SIZE
 def next_chain(data: bytearray, at: int, last: int | None, mark: int | None) -> int | None:
     """The first place from `at` on where nodes may go on, or None: what is near `last`, or a longest chain.
 
-    A few more places are found than those where they do.
-
-    Args:
-        data: The bytes.
-        at: Where to begin.
-        last: The last angle that was believed; None when there is none.
-        mark: Where marks stand; None while that is not known.
+    A few more places are found than those where they do. `last` is the last angle that was believed, if any, and
+    `mark` where marks stand, once that is known.
     """
     place = at
     for _ in range(_BY_HAND):

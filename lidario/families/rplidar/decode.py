@@ -85,13 +85,9 @@ class CapsuleDecoder(ArcDecoder):
 
     @abstractmethod
     def _payload(self, words: Words, after: bytes | None, skipped: NDArray[np.intp] | None, output: Output) -> None:
-        """Write distances and intensities, and take corrections off the angles.
+        """Write distances and intensities, and take corrections off the angles that stand in `output`.
 
-        Args:
-            words: The packets, shape (packets, words of one).
-            after: The packet behind them, if known.
-            skipped: Samples missing behind each, shape (packets,); None when none is.
-            output: Where distances go, and the angles stand.
+        `words` are those of the packets, shape (packets, words of one), and `after` is the packet behind them.
         """
 
 

@@ -106,13 +106,8 @@ class NodeSteps(PacedTurning):
     def _corrected(self, spans: Ints, arrivals: Sequence[Arrival], each: float) -> float:
         """Correct the ordinary step where the device has measured a multiple or a part of the nodes that it tells.
 
-        Args:
-            spans: How far ahead of each node the next one is.
-            arrivals: When they came.
-            each: How many nodes it tells for each one that came, with those that are missing.
-
-        Returns:
-            How many times too long the step was; 1 where time does not speak against it.
+        It tells `each` for one that came, with those that are missing. Returns how many times too long the step
+        was; 1 where time does not speak against it.
         """
         if self._confirmed and not self._strange:
             self._pace.clear()
@@ -210,13 +205,10 @@ def _middle(spans: Steps) -> tuple[float, int]:
 
 
 def _missing(spans: Steps, steps: Steps, least: float, corrected: float) -> NDArray[np.intp]:
-    """Nodes missing behind each.
+    """Nodes missing behind each, by the ordinary step at each.
 
-    Args:
-        spans: How far ahead of each node the next one is.
-        steps: The ordinary step at each.
-        least: A rotor that turns by less from node to node all but stands.
-        corrected: How far angles are corrected at most.
+    A rotor that turns by less than `least` from node to node all but stands; angles are `corrected` by so much at
+    most.
     """
     moved = np.maximum(steps, least)
     times = spans / moved
