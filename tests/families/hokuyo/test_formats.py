@@ -218,31 +218,27 @@ def test_a_device_is_asked_again_where_that_helps(responses: list[bytes], asked:
     assert heard == asked.split()
 
 
-def test_a_device_whose_responses_come_damaged_is_asked_three_times() -> None:
+@pytest.mark.parametrize(
+    ("response", "asked", "why"),
+    [
+        (DAMAGED, "VV VV VV", "no response to VV could be read"),
+        (IN_TIME_MODE, "VV TM2 VV TM2 VV TM2", "no response to VV could be read"),
+        (IN_SCIP_1, "VV SCIP2.0 VV SCIP2.0 VV SCIP2.0", "no response to VV could be read"),
+        (status(b"0M"), "VV", "refuses VV with status '0M': its speed is not stable"),
+        (status(b"7Z"), "VV", "refuses VV with status '7Z': the manual"),
+    ],
+)
+def test_a_refusal_is_told_with_what_it_means(response: bytes, asked: str, why: str) -> None:
+    """What is no refusal, but cannot be read, is asked for three times."""
     heard: list[str] = []
 
     def respond(request: Request) -> bytes:
         heard.append(request.name)
-        return DAMAGED
+        return response
 
-    with pytest.raises(RemoteProtocolError):
-        played(ask("VV"), respond)
-    assert heard == ["VV"] * 3
-
-
-@pytest.mark.parametrize(
-    ("response", "why"),
-    [
-        (DAMAGED, "no response to VV could be read"),
-        (IN_TIME_MODE, "no response to VV could be read"),
-        (IN_SCIP_1, "no response to VV could be read"),
-        (status(b"0M"), "refuses VV with status '0M': its speed is not stable"),
-        (status(b"7Z"), "refuses VV with status '7Z': the manual"),
-    ],
-)
-def test_a_refusal_is_told_with_what_it_means(response: bytes, why: str) -> None:
     with pytest.raises(RemoteProtocolError, match=why):
-        played(ask("VV"), lambda _: response)
+        played(ask("VV"), respond)
+    assert heard == asked.split()
 
 
 def test_what_text_holds_is_bounded_and_printable() -> None:

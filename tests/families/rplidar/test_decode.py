@@ -56,19 +56,6 @@ def test_ultra_dense_smooths_short_distances_as_the_reference_does(walk: Ints, g
     assert found == [s.distance_mm for s in reference]
 
 
-def test_ultra_dense_smooths_between_packets_unless_one_is_missing_there() -> None:
-    """Samples by turns at 1000 and 1002 mm: each is drawn to the one before."""
-    mm = np.tile([1000, 1002], (P + 2, 32))
-    packets = rplidar.split(0x86, packers.pack_ultra_dense(beginnings((100, 900), P + 2), mm, 20))
-    decoder = DECODERS[0x86]()
-    whole = decoder.decode(arrived(b"".join(packets[:4]), 4, 0), packets[4]).distance_mm.tolist()
-    found = decoder.decode(arrived(packets[0] + packets[1] + packets[3], 3, 0), packets[4])
-    assert found.lost_behind == 0
-    assert found.lost > 0
-    assert found.distance_mm.tolist()[64:128] == whole[64:128]
-    assert [found.distance_mm[128], whole[192]] == [1000, 1000.5]
-
-
 def test_a_long_chain_of_smoothing_ends() -> None:
     """Each sample hangs on the one before: the worst case for solving them all at once."""
     low = [501 << 2] + [500 << 2] * (200 * 64 - 1)

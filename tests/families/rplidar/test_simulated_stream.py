@@ -141,6 +141,7 @@ class TestEndOfStream:
         bench.ask(EXPRESS_1, 100 * MS)
         after = bench.ask(request_, SECOND)
         assert not bench.device.scanning
+        assert bench.device.motor_on is (answer > 0)  # but for the speed 0
         assert bench.device.log[-1].obeyed
         assert len(after) % 84 < answer + 84
         assert (len(after) - answer) < 3 * 84

@@ -5,7 +5,6 @@ import pytest
 from lidario.families.ydlidar.simulated.device import Simulated4Ros, make_simulated
 from lidario.families.ydlidar.simulated.packers import SCAN_HEADER
 from lidario.sim.rooms import make_world
-from lidario.sim.serve import MemoryLine
 from tests.reference import ydlidar
 from tests.support.simulated_4ros import (
     BEGIN,
@@ -151,23 +150,6 @@ def test_some_tell_unasked_what_they_are_after_a_reset() -> None:
     device.receive(RESET, BEGIN)
     told = device.transmit(BEGIN + 3 * S)
     assert told == asked(device, INFO, BEGIN + 4 * S) != b""
-
-
-def test_protection_outlives_the_program_that_switched_it_on() -> None:
-    """It is a state of the device: the next connection finds it on, and only a reset makes it forget."""
-    device = make_simulated("ydlidar-4ros", world=make_world("circle"))
-    device.spin_up_s = 0.0
-    first = MemoryLine(device)
-    first.write(PROTECTION, BEGIN)
-    assert first.read(BEGIN + 10 * MS)[-1] == 0
-    second = MemoryLine(device)
-    second.write(SCAN, BEGIN + S)
-    assert len(second.read(BEGIN + 60 * S)) == pytest.approx(3 * 45_100, rel=0.01)
-    assert (device.scanning, device.lapses) == (False, 1)
-    second.write(RESET, BEGIN + 61 * S)
-    second.read(BEGIN + 63 * S)
-    second.write(SCAN, BEGIN + 63 * S)
-    assert len(second.read(BEGIN + 73 * S)) == pytest.approx(10 * 45_100, rel=0.01)
 
 
 def test_seeds_and_serials() -> None:
