@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -28,29 +29,24 @@ FIRST: Final = 0xA0
 """The number of the first packet of a revolution, in the second byte; so it is in all known devices."""
 
 
+@dataclass(frozen=True, slots=True)
 class SlotWheel(Turning):
     """Judges packets of equal slots. It remembers nothing.
 
     It tells no revolutions at once: what a sample takes differs from one to the next.
-
-    Args:
-        full_turn: 360 degrees in the unit of the headings.
-        slots: How many packets a revolution has.
     """
 
-    def __init__(self, full_turn: int, slots: int) -> None:
-        self._full_turn = full_turn
-        self._slots = slots
-        self._slot = full_turn // slots
+    full_turn: int  # 360 degrees in the unit of the headings
+    slots: int  # packets of a revolution
 
     def follow(self, heads: Heads, arrivals: Sequence[Arrival] = ()) -> Arcs:  # noqa: ARG002
-        spans, _, greatest, _ = spans_between(heads, self._full_turn, 0)
-        count = len(spans)
-        arcs = np.full(count, self._slot, np.int32)
-        step = self._full_turn / (self._slots * heads.samples / count)
-        if greatest <= self._slot:
+        spans, _, greatest, _ = spans_between(heads, self.full_turn, 0)
+        count, slot = len(spans), self.full_turn // self.slots
+        arcs = np.full(count, slot, np.int32)
+        step = self.full_turn / (self.slots * heads.samples / count)
+        if greatest <= slot:
             return Arcs(arcs, None, step, certain=True)
-        missing = np.maximum(np.rint(spans / self._slot) - 1, 0) * heads.counts
+        missing = np.maximum(np.rint(spans / slot) - 1, 0) * heads.counts
         return Arcs(arcs, missing.astype(np.intp), step, certain=True)
 
 

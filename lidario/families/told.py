@@ -15,6 +15,7 @@ that *jump* holds beyond was lost.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -40,18 +41,12 @@ _ODD: Final = 3.0
 """Steps by which a way may be off before it is looked at whether one of its ends is wrong."""
 
 
+@dataclass(frozen=True, slots=True)
 class ToldWheel(Turning):
-    """Judges packets that tell their own way. It remembers nothing.
+    """Judges packets that tell their own way. It remembers nothing."""
 
-    Args:
-        full_turn: 360 degrees in the unit of the headings.
-        least: Samples that are missing at least where anything is.
-    """
-
-    def __init__(self, full_turn: int, least: float) -> None:
-        self._full_turn = full_turn
-        self._backward = int(full_turn * _BACKWARD)
-        self._least = least
+    full_turn: int  # 360 degrees in the unit of the headings
+    least: float  # samples that are missing at least where anything is
 
     def follow(self, heads: Heads, arrivals: Sequence[Arrival] = ()) -> Arcs:  # noqa: ARG002
         if heads.following is not None and (arcs := self.follow_several(heads, (len(heads.first),))) is not None:
@@ -110,14 +105,14 @@ class ToldWheel(Turning):
             mean = way_turned / inner if inner else 0.0
             if not mean or (packets[at] < FEWEST and not isinstance(counts, int)):
                 return None
-            if longest[at] > _CHANGING * mean * (most[at] - 1) or farthest[at] > (1 + self._least) * mean:
+            if longest[at] > _CHANGING * mean * (most[at] - 1) or farthest[at] > (1 + self.least) * mean:
                 return None
             steps.append((way_turned + between[at]) / samples[at])
         return Arcs(way, None, steps[-1], certain=True, steps=steps)
 
     def _one(self, step: Floats) -> Floats:
         """Up to where a jump is one step. The angles at both its ends are rounded."""
-        return (1 + self._least) * step + 1
+        return (1 + self.least) * step + 1
 
     def _jumps(self, first: Ints, tails: Ints, following: int | None) -> Ints:
         """How far ahead of the end of each packet the next one begins; 0 where it begins a little before that.
@@ -128,8 +123,8 @@ class ToldWheel(Turning):
         jumps = np.empty_like(first)
         np.subtract(first[1:], tails[:-1], out=jumps[:-1])
         jumps[-1] = 0 if following is None else following - int(tails[-1])
-        jumps %= self._full_turn
-        jumps[jumps > self._full_turn - self._backward] = 0
+        jumps %= self.full_turn
+        jumps[jumps > self.full_turn - int(self.full_turn * _BACKWARD)] = 0
         return jumps
 
     def _mended(
@@ -154,7 +149,7 @@ class ToldWheel(Turning):
         if following is None:
             wrong_first[-1] = False
         # or if the packet before ends right before the first angle, once that is computed.
-        from_last = (tails - ways) % self._full_turn
+        from_last = (tails - ways) % self.full_turn
         near = self._jumps(from_last, tails, following) <= one
         wrong_first[1:] |= odd[1:] & ahead[:-1] & near[:-1]
         near = self._jumps(first, first + ways, following) <= one

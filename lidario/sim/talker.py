@@ -60,6 +60,7 @@ class TalkerProfile:
 ProfileT = TypeVar("ProfileT", bound=TalkerProfile)
 
 
+@dataclass(slots=True)
 class Running:
     """A stream: what was sent since `origin`, when the first sample was taken.
 
@@ -67,10 +68,9 @@ class Running:
     made yet will be `ready` then.
     """
 
-    def __init__(self, origin: int) -> None:
-        self.origin = origin
-        self.packets = 0
-        self.ready = origin
+    origin: int
+    packets: int
+    ready: int
 
 
 class Talker(Chassis[ProfileT, Running], Generic[ProfileT]):
@@ -123,8 +123,9 @@ class Talker(Chassis[ProfileT, Running], Generic[ProfileT]):
         super().freeze(now)
         self._up = _BLOCKED
 
+    @abstractmethod
     def _begin(self, origin: int) -> None:
-        self._stream = Running(origin)
+        """Begin a stream."""
 
     def _power(self, now: int) -> None:
         """It has been on for long when it is first heard."""
@@ -175,10 +176,9 @@ class PacedByAngle(Talker[ProfileT]):
         """The packet of a slot, by the millimetres that were seen in it; empty where it is not sent."""
 
     def _begin(self, origin: int) -> None:
-        stream = self._stream = Running(origin)
-        first = float(self._motor.turns(np.array([float(origin)]))[0])
-        stream.packets = int(np.ceil(first * self.profile.slots))
-        stream.ready = self._times(origin, np.array([(stream.packets + 1.0) / self.profile.slots]))[0]
+        slots = self.profile.slots
+        first = int(np.ceil(float(self._motor.turns(np.array([float(origin)]))[0]) * slots))
+        self._stream = Running(origin, first, self._times(origin, np.array([(first + 1.0) / slots]))[0])
 
     def _times(self, begin: int, turns: Floats) -> list[int]:
         """When the rotor will have turned so far, or has; never, where it takes too long."""
@@ -219,11 +219,10 @@ class PacedByTime(Talker[ProfileT]):
         """Packets of one size, by where the rotor stood and when; shape (packets, samples)."""
 
     def _begin(self, origin: int) -> None:
-        stream = self._stream = Running(origin)
-        stream.ready = self._ready(stream)
+        self._stream = Running(origin, 0, self._made_at(origin, 0))
 
-    def _ready(self, stream: Running) -> int:
-        return stream.origin + round((stream.packets + 1) * self.profile.samples * 1e9 / self.profile.rate)
+    def _made_at(self, origin: int, packet: int) -> int:
+        return origin + round((packet + 1) * self.profile.samples * 1e9 / self.profile.rate)
 
     def _make(self, stream: Running) -> None:
         first = stream.packets * self.profile.samples
@@ -235,7 +234,7 @@ class PacedByTime(Talker[ProfileT]):
         period = round(self.profile.samples * 1e9 / self.profile.rate)
         self._queue.push(data, stream.ready, size=len(data) // _TOGETHER, period=period)
         stream.packets += _TOGETHER
-        stream.ready = self._ready(stream)
+        stream.ready = self._made_at(stream.origin, stream.packets)
 
 
 def within(millimetres: Floats, reach: tuple[float, float]) -> Floats:
