@@ -65,9 +65,6 @@ class TransmitQueue:
 
     def take(self, now: int) -> bytes:
         """Hand out the bytes whose last bit has left by `now`, and forget them."""
-        if not self._bursts:
-            left, self._left = self._left, b""
-            return left
         parts = [self._left]
         self._left = b""
         while self._bursts:

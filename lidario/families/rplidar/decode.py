@@ -67,10 +67,7 @@ class CapsuleDecoder(ArcDecoder):
     def _heads(self, packets: Packets, following: bytes | None) -> Heads:
         words = np.frombuffer(packets.data, "<u2").reshape(-1, self.wire.shortest // 2)
         at = self.wire.start_at
-        starts: Ints = words[:, at // 2].astype(np.int32)
-        if np.maximum.reduce(starts) >= FULL_TURN_Q6:
-            # Mostly none has the flag beside it.
-            starts = (starts & ANGLE_MASK) % FULL_TURN_Q6
+        starts: Ints = (words[:, at // 2].astype(np.int32) & ANGLE_MASK) % FULL_TURN_Q6
         behind = None
         if following is not None:
             behind = (int.from_bytes(following[at : at + 2], "little") & ANGLE_MASK) % FULL_TURN_Q6

@@ -19,7 +19,6 @@ Where the first mark of a stream stands elsewhere, or two in a row do at one pla
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
@@ -208,7 +207,7 @@ class NodeFormat(StreamFormat):
             self._mark = angle
         return again
 
-    def _not_ordinary(self, data: bytearray, at: int, count: int) -> Iterator[int]:
+    def _not_ordinary(self, data: bytearray, at: int, count: int) -> list[int]:
         """Which nodes from `at` are not ordinary: unmarked, and a small step ahead of the one before."""
         nodes = np.frombuffer(data, NODE, count, at)
         words = np.empty(count + 1, np.uint16)
@@ -220,8 +219,7 @@ class NodeFormat(StreamFormat):
         other = steps > 2 * (FORWARD_Q6 + BACKWARD_Q6)
         marks = nodes["quality"] & 3
         other |= marks != _UNMARKED
-        if not np.bitwise_and.reduce(words) & 1:
-            other |= words[1:] & 1 == 0
-        if np.maximum.reduce(words) >= 2 * FULL_TURN_Q6:
-            other |= words[1:] >= 2 * FULL_TURN_Q6
-        return map(int, other.nonzero()[0]) if np.count_nonzero(other) else iter(())
+        other |= words[1:] & 1 == 0
+        other |= words[1:] >= 2 * FULL_TURN_Q6
+        found: list[int] = other.nonzero()[0].tolist()
+        return found
