@@ -35,12 +35,7 @@ class Output:
 
 
 class ArcDecoder(ABC):
-    """Decodes the packets of one stream; obeys `Decoder`.
-
-    Args:
-        full_turn: 360 degrees in the unit of the headings.
-        turning: Follows the rotor.
-    """
+    """Decodes the packets of one stream, whose rotor `turning` follows; obeys `Decoder`."""
 
     has_intensity: bool = True  # whether the format carries intensities
 

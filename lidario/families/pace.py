@@ -123,10 +123,7 @@ class Pace:
 class PacedTurning(Turning):
     """One whose speed is learned from the angles, and confirmed by the time.
 
-    Args:
-        full_turn: 360 degrees in the unit of the headings.
-        retreat: How far a heading may fall back, turns. Any more is the long way round, forwards.
-        samples: Samples of a packet.
+    A heading may fall back by `retreat` turns. Any more is the long way round, forwards.
     """
 
     def __init__(self, full_turn: int, retreat: float, samples: int = 1) -> None:

@@ -57,42 +57,27 @@ class Expected:
 class Request:
     """One request: its bytes, the response it asks for, and the timing the device demands.
 
-    Attributes:
-        name: The documents' name, for messages and logs.
-        data: The encoded bytes.
-        expects: The response, or None when the device gives none.
-        timeout: Seconds to wait for the response.
-        settle: Seconds the device needs after this request before it accepts the next.
-        attempts: How often to ask before giving up; more than 1 only where asking twice does no harm.
-        ends_stream: True when the device leaves its stream on this request (STOP, RESET).
-        in_stream: True when it may be sent while packets flow and changes nothing about them.
-        stream: The format of the packets that follow the descriptor, a fresh one for each start.
-        others: Formats that the descriptor may announce instead, where only it tells for certain.
-        packets: How many packets of `stream` in a row are the response, from a device that streams unasked and
-            announces nothing; 0 where there is another response, or none.
-        dtr: State in which the control line DTR is put before the bytes are written; None to leave it as it is.
-        baudrate: Speed to which the port is set before the bytes are written; None to leave it as it is.
-        acknowledged: Bytes with which the device says that it has heard the request, where nobody waits for them.
-
     A request with a `stream`, but without `expects`, begins a stream that is not announced: what comes next
     belongs to it. A request without bytes that ends a stream only has the host not listen any more: nobody is told,
     and the line is not waited for to fall quiet.
     """
 
-    name: str
-    data: bytes
-    expects: Expected | None = None
-    timeout: float = 1.0
-    settle: float = 0.0
-    attempts: int = 2
-    ends_stream: bool = False
-    in_stream: bool = False
-    stream: StreamFormat | None = None
-    others: tuple[StreamFormat, ...] = ()
+    name: str  # the documents' name, for messages and logs
+    data: bytes  # the encoded bytes
+    expects: Expected | None = None  # the response, or None when the device gives none
+    timeout: float = 1.0  # seconds to wait for the response
+    settle: float = 0.0  # seconds the device needs after this request before it accepts the next
+    attempts: int = 2  # how often to ask before giving up; more than 1 only where asking twice does no harm
+    ends_stream: bool = False  # True when the device leaves its stream on this request (STOP, RESET)
+    in_stream: bool = False  # True when it may be sent while packets flow and changes nothing about them
+    stream: StreamFormat | None = None  # format of the packets that follow, a fresh one for each start
+    others: tuple[StreamFormat, ...] = ()  # formats that the descriptor may announce instead
+    # How many packets of `stream` in a row are the response, from a device that streams unasked and announces
+    # nothing; 0 where there is another response, or none.
     packets: int = 0
-    dtr: bool | None = None
-    baudrate: int | None = None
-    acknowledged: bytes = b""
+    dtr: bool | None = None  # state of the control line DTR before the bytes are written; None to leave it as it is
+    baudrate: int | None = None  # speed of the port before the bytes are written; None to leave it as it is
+    acknowledged: bytes = b""  # how the device says that it has heard it, where nobody waits for that
 
     def admits(self, descriptor: Descriptor) -> bool:
         """Whether `descriptor` announces the response to this request."""

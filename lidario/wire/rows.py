@@ -151,12 +151,7 @@ def row_begins(rows: int, step: int) -> NDArray[np.intp]:
 
 
 class Crc8:
-    """A CRC of eight bits that begins at 0 and is not reflected.
-
-    Args:
-        polynomial: Its lower eight bits.
-        size: Bytes of a packet before it.
-    """
+    """A CRC of eight bits behind `size` bytes, which begins at 0 and is not reflected."""
 
     def __init__(self, polynomial: int, size: int) -> None:
         self._table = bytes(_shifted(byte, polynomial) for byte in range(256))
@@ -187,10 +182,7 @@ class Fold15:
     """A check value of fifteen bits over words of sixteen: each doubles what came before, and carries are added.
 
     Several makers of turrets for robot vacuums use it. What is carried twice is lost, so it finds each damaged bit
-    of the last fourteen words only.
-
-    Args:
-        words: Words that are checked, little-endian; the check value is the next one.
+    of the last fourteen words only. The check value is the next word behind `words` of them, little-endian.
     """
 
     def __init__(self, words: int) -> None:
