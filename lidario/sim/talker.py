@@ -237,6 +237,14 @@ class PacedByTime(Talker[ProfileT]):
         stream.ready = self._made_at(stream.origin, stream.packets)
 
 
+def folded(body: bytes) -> bytes:
+    """The check value of fifteen bits that several makers of turrets put behind little-endian words."""
+    total = 0
+    for at in range(0, len(body), 2):
+        total = 2 * total + body[at] + 256 * body[at + 1]
+    return ((total % 32768 + total // 32768) % 32768).to_bytes(2, "little")
+
+
 def within(millimetres: Floats, reach: tuple[float, float]) -> Floats:
     """What a device of that reach sees of these distances: 0 where it sees nothing."""
     nearest, farthest = reach

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lidario.sim.chassis import Maker, by_name, maker
-from lidario.sim.talker import Floats, PacedByTime, TalkerProfile, within
+from lidario.sim.talker import Floats, PacedByTime, TalkerProfile, folded, within
 
 _NOTHING = 0x8000
 _KINDS = {8: (3, 1), 12: (7, 2)}  # by the number of samples: how they are told to lie, and the bytes of a quality
@@ -73,7 +73,4 @@ def pack_packet(
         word = whole if 0 < whole < 0x4000 else _NOTHING
         body += word.to_bytes(2, "little") + int(quality if word != _NOTHING else 0).to_bytes(width, "little")
     body += end.to_bytes(2, "little")
-    check = 0
-    for at in range(0, len(body), 2):
-        check = 2 * check + body[at] + 256 * body[at + 1]
-    return body + ((check % 32768 + check // 32768) % 32768).to_bytes(2, "little")
+    return body + folded(body)

@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 
 from lidario.sim.chassis import Maker, by_name, maker
-from lidario.sim.talker import Floats, PacedByAngle, TalkerProfile
+from lidario.sim.talker import Floats, PacedByAngle, TalkerProfile, folded
 
 _NOTHING = 0x8035  # no return: bit 15, and the code that is the most frequent one in the recording
 _GREETING: Final = (
@@ -73,11 +73,4 @@ def pack_packet(
         whole = round(float(distance))
         word = 0x8000 | code if code else whole if 0 < whole < 0x4000 else _NOTHING
         body += word.to_bytes(2, "little") + int(strength).to_bytes(2, "little")
-    return body + _check_value(body).to_bytes(2, "little")
-
-
-def _check_value(body: bytes) -> int:
-    total = 0
-    for at in range(0, 20, 2):
-        total = total * 2 + body[at] + 256 * body[at + 1]
-    return (total % 32768 + total // 32768) % 32768
+    return body + folded(body)
