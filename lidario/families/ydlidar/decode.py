@@ -41,12 +41,6 @@ from lidario.families.ydlidar.formats import (
 from lidario.wire.events import Packets
 
 SPEED_CODE: Final = 0x7F
-_SAMPLES: Final = {
-    2: np.dtype([("word", "<u2")]),
-    3: np.dtype([("light", "u1"), ("word", "<u2")]),
-    4: np.dtype([("light", "<u2"), ("word", "<u2")]),
-}
-"""What a sample consists of, by its bytes."""
 LEAST_SAMPLES: Final = 0.5
 """A start packet holds one sample; half a sample is the least that can mean something."""
 SLACK_SAMPLES: Final = 3.0
@@ -118,28 +112,37 @@ class PointCloudDecoder(ArcDecoder):
         return Heads(first, behind, counts, way, Control(packets, words, marked, is_marked))
 
     def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:  # noqa: ARG002 - each packet tells its own
-        kind, layout = self._kind, _SAMPLES[self._kind.wire.sample_size]
+        kind, sample_size = self._kind, self._kind.wire.sample_size
         first, way, packets = heads.first, np.asarray(heads.way), heads.read.packets
         # Corrections are added in double precision.
         beams = np.empty(len(output.angle)) if kind.triangle else output.angle
         across = (first + way >= FULL_TURN_Q6).nonzero()[0].tolist()[::-1]
         at = place = packet = 0
         for size, count in packets.blocks:
-            samples = (size - HEADER_SIZE) // layout.itemsize
+            samples = (size - HEADER_SIZE) // sample_size
             shape, until, end = (count, samples), at + count * samples, packet + count
-            grid, steps = output.angle[at:until].reshape(shape), max(samples - 1, 1)
-            at_equal_steps(first[packet:end], way[packet:end], steps, grid)
-            while across and across[-1] < end:
-                in_turn(grid[across.pop() - packet], FULL_TURN_Q6 * steps, back=False)
-            np.divide(grid, 64.0 * steps, out=beams[at:until].reshape(shape), dtype=beams.dtype)
-            rows = np.ndarray(shape, layout, packets.data, place + HEADER_SIZE, (size, layout.itemsize))
-            words = rows["word"]
+            if samples == 1:
+                # Nearly always a start packet.
+                beams[at:until] = first[packet:end] / 64.0
+            else:
+                grid, steps = output.angle[at:until].reshape(shape), samples - 1
+                at_equal_steps(first[packet:end], way[packet:end], steps, grid)
+                while across and across[-1] < end:
+                    in_turn(grid[across.pop() - packet], FULL_TURN_Q6 * steps, back=False)
+                if kind.triangle:
+                    np.divide(grid, 64.0 * steps, out=beams[at:until].reshape(shape), dtype=np.float64)
+                else:
+                    grid /= 64.0 * steps
+            # The distance word is the last of a sample; before it lies the intensity, or its upper byte.
+            word, strides = place + HEADER_SIZE + sample_size - 2, (size, sample_size)
+            words = np.ndarray(shape, "<u2", packets.data, word, strides)
             output.distance[at:until].reshape(shape)[...] = words & 0xFFFC if kind.flags else words
-            if kind.bits == 10:
-                # The upper eight of them: the highest two lie in the low bits of the distance word.
-                output.intensity[at:until].reshape(shape)[...] = rows["light"] >> 2 | words.astype(np.uint8) << 6
-            elif kind.bits:
-                output.intensity[at:until].reshape(shape)[...] = rows["light"] >> kind.bits - 8
+            if kind.bits:
+                light = np.ndarray(shape, np.uint8, packets.data, word - 1, strides)
+                if kind.bits == 10:
+                    # The upper eight of them: the highest two lie in the low bits of the distance word.
+                    light = light >> 2 | words.astype(np.uint8) << 6
+                output.intensity[at:until].reshape(shape)[...] = light
             at, place, packet = until, place + count * size, end
         if kind.unit > 1:
             output.distance /= kind.unit
