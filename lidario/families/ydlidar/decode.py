@@ -2,7 +2,7 @@
 
 Angles (4ROS development manual, figure 7): a packet states the angles of its first and its last sample, and
 those between lie at equal steps. An end before its beginning has crossed 0. Unlike the vendor's SDK, which
-truncates to 1/64 degrees, full precision is kept; a single sample has the first angle.
+truncates to 1/64 degrees, full precision is kept; a single sample has the first angle, without a division.
 
 The distance word counts millimetres (4ROS), halves or quarters of one. Models that triangulate see with a lens
 beside the laser: to the angle of the beam they add atan(21.8 (155.3 - d) / (155.3 d)), d in mm, and nothing where
@@ -40,6 +40,7 @@ from lidario.families.ydlidar.formats import (
 )
 from lidario.wire.events import Packets
 
+HEADER_WORDS: Final = HEADER_SIZE // 2
 SPEED_CODE: Final = 0x7F
 LEAST_SAMPLES: Final = 0.5
 """A start packet holds one sample; half a sample is the least that can mean something."""
@@ -62,7 +63,7 @@ class Kind:
 
     def decoder(self) -> PointCloudDecoder:
         """A fresh decoder."""
-        return PointCloudDecoder(self)
+        return PointCloudDecoder() if self is KINDS["tg"] else CloudDecoder(self)
 
 
 KINDS: Final = {
@@ -88,7 +89,7 @@ class Control(NamedTuple):
 
 
 class PointCloudDecoder(ArcDecoder):
-    """Decodes the packets of one stream of any kind; by default of a 4ROS."""
+    """Decodes the packets of one stream of a 4ROS: plain millimetres."""
 
     def __init__(self, kind: Kind | None = None) -> None:
         super().__init__(FULL_TURN_Q6, ToldWheel(FULL_TURN_Q6, LEAST_SAMPLES))
@@ -112,50 +113,34 @@ class PointCloudDecoder(ArcDecoder):
         return Heads(first, behind, counts, way, Control(packets, words, marked, is_marked))
 
     def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:  # noqa: ARG002 - each packet tells its own
-        kind, sample_size = self._kind, self._kind.wire.sample_size
         first, way, packets = heads.first, np.asarray(heads.way), heads.read.packets
-        # Corrections are added in double precision.
-        beams = np.empty(len(output.angle)) if kind.triangle else output.angle
+        words = np.frombuffer(packets.data, "<u2")
         across = (first + way >= FULL_TURN_Q6).nonzero()[0].tolist()[::-1]
         at = place = packet = 0
         for size, count in packets.blocks:
-            samples = (size - HEADER_SIZE) // sample_size
-            shape, until, end = (count, samples), at + count * samples, packet + count
-            if samples == 1:
-                # Nearly always a start packet.
-                beams[at:until] = first[packet:end] / 64.0
+            samples = (size - HEADER_SIZE) // 2
+            until, behind, end = at + count * samples, place + (count * size >> 1), packet + count
+            if count == samples == 1:
+                # Nearly always a start packet; two numbers are not worth an array.
+                output.angle[at], output.distance[at] = first[packet] / 64.0, words[place + HEADER_WORDS]
             else:
-                grid, steps = output.angle[at:until].reshape(shape), samples - 1
+                grid, steps = output.angle[at:until].reshape(count, samples), max(samples - 1, 1)
                 at_equal_steps(first[packet:end], way[packet:end], steps, grid)
                 while across and across[-1] < end:
                     in_turn(grid[across.pop() - packet], FULL_TURN_Q6 * steps, back=False)
-                if kind.triangle:
-                    np.divide(grid, 64.0 * steps, out=beams[at:until].reshape(shape), dtype=np.float64)
-                else:
-                    grid /= 64.0 * steps
-            # The distance word is the last of a sample; before it lies the intensity, or its upper byte.
-            word, strides = place + HEADER_SIZE + sample_size - 2, (size, sample_size)
-            words = np.ndarray(shape, "<u2", packets.data, word, strides)
-            output.distance[at:until].reshape(shape)[...] = words & 0xFFFC if kind.flags else words
-            if kind.bits:
-                light = np.ndarray(shape, np.uint8, packets.data, word - 1, strides)
-                if kind.bits == 10:
-                    # The upper eight of them: the highest two lie in the low bits of the distance word.
-                    light = light >> 2 | words.astype(np.uint8) << 6
-                output.intensity[at:until].reshape(shape)[...] = light
-            at, place, packet = until, place + count * size, end
-        if kind.unit > 1:
-            output.distance /= kind.unit
-        if kind.triangle:
-            d = output.distance.astype(np.float64)
-            with np.errstate(divide="ignore"):
-                beams += np.where(d > 0, np.degrees(np.arctan(21.8 * (155.3 - d) / (155.3 * d))), 0.0)
-            write_degrees(beams, output.angle)
-        marked = heads.read.marked
-        self._ordinary = self._longest(heads, 0, len(first))
-        if marked:
-            self._seam = int(first[marked[-1]])
-        elif self._seam is None and heads.read.is_following_marked:
+                grid /= 64.0 * steps
+                measured = words[place:behind].reshape(count, -1)[:, HEADER_WORDS:]
+                output.distance[at:until].reshape(count, samples)[...] = measured
+            at, place, packet = until, behind, end
+        self._remember(heads)
+
+    def _remember(self, heads: Heads) -> None:
+        """Keep what the next packets need of these."""
+        control: Control = heads.read
+        self._ordinary = self._longest(heads, 0, len(heads.first))
+        if control.marked:
+            self._seam = int(heads.first[control.marked[-1]])
+        elif self._seam is None and control.is_following_marked:
             self._seam = heads.following
 
     def _lost(self, heads: Heads, at: int, skipped: int, step: float) -> int:
@@ -199,9 +184,53 @@ class PointCloudDecoder(ArcDecoder):
         return 6.0 * ((int(control.words[mark]) >> 1 & SPEED_CODE) + self._kind.speed_base) or math.nan
 
 
+class CloudDecoder(PointCloudDecoder):
+    """Decodes the packets of one stream of any kind."""
+
+    def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:  # noqa: ARG002 - each packet tells its own
+        kind = self._kind
+        raw = _sample_bytes(heads.read.packets, kind.wire.sample_size, len(output.angle))
+        word = raw[:, -2] | raw[:, -1].astype(np.uint16) << 8
+        np.divide(word & 0xFFFC if kind.flags else word, kind.unit, out=output.distance, casting="unsafe")
+        beam = _beams(heads)
+        if kind.triangle:
+            d = output.distance.astype(np.float64)
+            with np.errstate(divide="ignore"):
+                beam += np.where(d > 0, np.degrees(np.arctan(21.8 * (155.3 - d) / (155.3 * d))), 0.0)
+        write_degrees(beam, output.angle)
+        if kind.bits == 10:
+            output.intensity[...] = (raw[:, 0] | (word & 3) << 8) >> 2
+        elif kind.bits:
+            # Of 16 bits the upper eight.
+            output.intensity[...] = raw[:, -3]
+        self._remember(heads)
+
+
 def _full_packets(samples: float, ordinary: int) -> int:
     return 0 if samples < SLACK_SAMPLES else max(1, round(samples / ordinary))
 
 
 def _packets_before_seam(samples: float, ordinary: int) -> int:
     return 0 if samples < SLACK_SAMPLES else math.ceil((samples - SLACK_SAMPLES) / ordinary) or 1
+
+
+def _sample_bytes(packets: Packets, sample_size: int, total: int) -> NDArray[np.uint8]:
+    """The bytes of all samples, shape (samples, bytes of one)."""
+    data, found, at, place = np.frombuffer(packets.data, np.uint8), np.empty((total, sample_size), np.uint8), 0, 0
+    for size, count in packets.blocks:
+        rows = data[at : at + size * count].reshape(count, size)[:, HEADER_SIZE:]
+        end = place + rows.size // sample_size
+        found[place:end].reshape(rows.shape)[...] = rows
+        at, place = at + size * count, end
+    return found
+
+
+def _beams(heads: Heads) -> NDArray[np.float64]:
+    """Where the rotor stood at each sample, degrees in [0, 720)."""
+    counts = np.asarray(heads.counts)
+    steps = np.maximum(counts - 1, 1)
+    order = np.arange(int(counts.sum())) - np.repeat(np.add.accumulate(counts) - counts, counts)
+    units = np.repeat(np.asarray(heads.way), counts) * order + np.repeat(heads.first * steps, counts)
+    beams: NDArray[np.float64] = units / np.repeat(64.0 * steps, counts)
+    beams[beams >= FULL_TURN_Q6 / 64] -= 360.0
+    return beams

@@ -179,7 +179,7 @@ def test_of_intensities_the_upper_eight_bits_are_told(name: str, strength: int) 
     kind = KINDS[name]
     layout = Layout(kind.wire.sample_size, kind.unit, flags=kind.flags, bits=kind.bits)
     raw = pack_points([900] * 40, 0, 2245, layout=layout, intensities=strength)
-    samples = PointCloudDecoder(kind).decode(in_one_run(kind.wire(), raw), None)
+    samples = kind.decoder().decode(in_one_run(kind.wire(), raw), None)
     assert samples.intensity is not None
     whole = strength & (1 << kind.bits) - 1
     assert set(samples.intensity.tolist()) == {whole >> kind.bits - 8}
