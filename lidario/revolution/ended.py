@@ -139,7 +139,8 @@ class EndedRevolution:
         packet_ns, revolution_packets, ordinary = packet_time(wire, packets, samples, self.sample_ns)
         over = share_before(wire, self.partial, samples)
         longest = wire.samples_in((Block(wire.longest, 1),))
-        is_one = samples.certain and abs(self.spanned_ns / self.turn_ns - (1 - over)) < NOISE
+        # What came at one moment, of a device that tells no time, took none as far as is known.
+        is_one = self.told and samples.certain and abs(self.spanned_ns / self.turn_ns - (1 - over)) < NOISE
         return Beginning(
             self.start_ns,
             over=over,
@@ -153,7 +154,7 @@ class EndedRevolution:
             packets_before=packets_before,
             ordinary=ordinary,
             own=wire.own_angles and longest > 1 and packets.count >= _FEWEST_PACKETS,
-            spanned_ns=self.spanned_ns if is_one and self.told else 0.0,
+            spanned_ns=self.spanned_ns if is_one else 0.0,
             reads_ns=self.partial.reads_ns(packets),
         )
 

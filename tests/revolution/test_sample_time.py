@@ -166,6 +166,17 @@ def test_a_pause_changes_no_sample_time_of_a_device_that_tells_none(name: str, p
     assert all(scan.time_increment_ns == pytest.approx(kind.stream().sample_ns, rel=0.1) for scan in scans[1:])
 
 
+@pytest.mark.parametrize("name", KINDS)
+def test_what_came_at_one_moment_tells_no_time(name: str) -> None:
+    """Of a device that tells none: the samples are there, and when they were measured is not known."""
+    kind = KINDS[name]
+    pipeline = Pipeline(replace(kind.stream(), sample_ns=0.0))
+    scans = pipeline.receive(capture(kind, 2.0)[DESCRIPTOR_SIZE:], 1)
+    assert len(scans) > 5
+    assert pipeline.stats.lost_packets == 0
+    assert all(scan.time_increment_ns == 0 for scan in scans)
+
+
 @pytest.mark.parametrize("factor", [0.8, 1.25])
 def test_what_a_stream_measures_of_a_wrong_time_counts_from_then_on(factor: float) -> None:
     kind, scans = KINDS["0x84 ultra"], list[Scan]()
