@@ -36,13 +36,13 @@ def dated_within(
         partial: The revolution in the making, which the decoder has not seen yet.
         decoder: The decoder of the stream.
         wire: Their format.
-        sample_ns: Nanoseconds a sample; 0 where that is not known, and then nothing is dated.
+        sample_ns: Nanoseconds a sample; 0 where that is not known, and then all has the time of its read.
     """
     found, begin, last_ns = list[Arrival](), 0, partial.last_ns
     follower, unseen, first = decoder, partial.runs, 0
     for complete, at_ns in packets.arrivals:
         inside = ends[bisect_right(ends, begin) : bisect_left(ends, complete)]
-        if len(inside) > 1 and sample_ns:
+        if len(inside) > 1:
             part = part_of(packets, begin, complete, None, wire, sample_ns)
             if not _is_whole(part, follower, wire, sample_ns):
                 follower = decoder.fork() if follower is decoder else follower

@@ -138,18 +138,14 @@ def joined(runs: Sequence[Packets]) -> Packets:
     if len(runs) == 1:
         return runs[0]
     arrivals: list[Arrival] = []
-    before, size, alike = 0, runs[0].blocks[0].size, True
+    before = 0
     for run in runs:
         for count, at_ns in run.arrivals:
             arrivals.append((before + count, at_ns))
         before, _ = arrivals[-1]
-        alike = alike and run.blocks[0][0] == size and len(run.blocks) == 1
-    data = b"".join([run.data for run in runs])
-    if alike:
-        return Packets(data, (Block(size, before),), tuple(arrivals), cut=runs[-1].cut)
     blocks: list[Block] = []
-    for run in runs:
-        join_blocks(blocks, run.blocks)
+    join_blocks(blocks, [block for run in runs for block in run.blocks])
+    data = b"".join([run.data for run in runs])
     return Packets(data, tuple(blocks), tuple(arrivals), cut=runs[-1].cut)
 
 

@@ -42,7 +42,6 @@ class Configuration:
 
     def __init__(self) -> None:
         self.known = False
-        self._in_vain = 0
         # How often it was asked for a value that it did not tell.
         self._untold: Counter[Conf] = Counter()
 

@@ -174,8 +174,6 @@ class HqDecoder(ArcDecoder):
         """How many nodes of a packet, which all lie ahead of its first one, are behind the seam."""
         angles = heads.read["angle"][at]
         left = FULL_TURN_Q14 - (int(angles[0]) - seam) % FULL_TURN_Q14
-        if left >= FULL_TURN_Q14 // 2:
-            return 0
         # Without a sign, 16 bits hold just 360 degrees: what is not yet at the seam is far ahead of it.
         beyond = angles - np.uint16(seam)
         return int(np.count_nonzero(beyond < FULL_TURN_Q14 // 2 - left))

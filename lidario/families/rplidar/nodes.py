@@ -198,7 +198,7 @@ class NodeFormat(StreamFormat):
 
         One that goes on ends it by its mark alone.
         """
-        if self._last is None or not self._goes_on(data, at):
+        if not self._goes_on(data, at):
             return False
         angle = angle_at(data, at)
         again = apart(angle, self._other_mark) <= BACKWARD_Q6

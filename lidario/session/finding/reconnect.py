@@ -90,11 +90,6 @@ class Reconnector:
         self._is_ready = True
         self._task: asyncio.Task[None] | None = None
         self._dialogue: Dialogue | None = None
-        self._wait_s = policy.first_wait_s
-        self._since = 0.0
-        self._attempts = 0
-        self._first: LidarError | None = None
-        self._told = ""
         self.proven: bool = True  # whether the session works: then the next loss is a new one
         self._scans = 0
         # Returns the function that takes over a new line; None when the session is gone.

@@ -243,7 +243,7 @@ class Scanner:
 
     def _resume(self) -> None:
         """The device is free again: have the stream started again, if it has readers."""
-        if self.control.state is State.INTERRUPTED and self.hub.is_read:
+        if self.hub.is_read:
             self.control.resume()
             self._starter.work_soon()
 
