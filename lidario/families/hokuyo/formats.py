@@ -108,10 +108,8 @@ class DistanceFormat(StreamFormat):
         return values(np.frombuffer(times, np.uint8), 4)
 
     def samples_in(self, blocks: Iterable[Block]) -> int:
-        return sum(
-            (size - HEAD - 1 - 2 * -(-(size - HEAD - 1) // (LINE + 2))) // self.characters * packets
-            for size, packets in blocks
-        )
+        # Of what ends the lines and the block, less remains than a sample.
+        return sum((size - HEAD) * LINE // (LINE + 2) // self.characters * count for size, count in blocks)
 
     def other_record(self, data: bytearray, at: int) -> int:
         if len(data) - at < _RECORD:

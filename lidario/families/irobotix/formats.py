@@ -44,15 +44,14 @@ RECORDS: Final[dict[int, int | None]] = {RECORD: 1, 0xA9: None, 0xAB: None}
 """Commands of other frames, and how long their data are, where that is known."""
 DATA: Final = 8
 SUM: Final = 2
-HEADS: Final = (5, 7)
+HEAD: Final = 5
 SAMPLE: Final = 3
 FULL_TURN: Final = 36_000  # 360 degrees in hundredths of a degree
-MOST_SAMPLES: Final = 80  # the vendor's SDK takes the length as one byte
 
 
 def samples_of(size: Any) -> Any:
     """Samples of a measurement of that size; the angle of the last one takes less than one more would."""
-    return (size - DATA - HEADS[0] - SUM) // SAMPLE
+    return (size - DATA - HEAD - SUM) // SAMPLE
 
 
 def frames_of(
@@ -80,8 +79,8 @@ class FrameFormat(StreamFormat):
     name = "AA 00"
     response_type = 0xAD
     header: re.Pattern[bytes] = re.compile(re.escape(MARK), re.DOTALL)
-    shortest = DATA + HEADS[0] + SAMPLE + SUM
-    longest = DATA + HEADS[1] + SAMPLE * MOST_SAMPLES + SUM
+    shortest = DATA + HEAD + SAMPLE + SUM
+    longest = 0xFF + SUM  # as the mark has it: the vendor's SDK takes the length as one byte, too
     samples = 1
     full_turn = FULL_TURN
     self_evident = True
@@ -90,7 +89,7 @@ class FrameFormat(StreamFormat):
         size = _frame(data, at, MEASUREMENT)
         if size > 0 and (size < self.shortest or (size - DATA - SUM) % SAMPLE not in (1, 2)):
             return NO_PACKET
-        return size if size <= self.longest else NO_PACKET
+        return size
 
     def intact(self, data: bytearray, at: int, size: int) -> bool:
         return _sum_holds(data, at, size)
@@ -119,7 +118,7 @@ class FrameFormat(StreamFormat):
         if size <= 0:
             return size
         length = RECORDS[data[at + 5]]
-        if size > self.longest or length not in (None, size - DATA - SUM):
+        if length not in (None, size - DATA - SUM):
             return NO_PACKET
         if len(data) - at < size:
             return 0
@@ -139,8 +138,7 @@ class AnyFrame(FrameFormat):
     shortest = DATA + 1 + SUM
 
     def measure(self, data: bytearray, at: int) -> int:
-        size = _frame(data, at, MEASUREMENT, RECORD)
-        return size if size <= self.longest else NO_PACKET
+        return _frame(data, at, MEASUREMENT, RECORD)
 
 
 def _frame(data: bytearray, at: int, *commands: int) -> int:

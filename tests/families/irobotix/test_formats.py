@@ -26,6 +26,7 @@ def test_any_number_of_samples_is_a_frame() -> None:
     frames += [pack_measurement(0, [100.0] * count, [9] * count, end=7, version=0x10) for count in range(1, 81)]
     assert counted(b"".join(frames)) == (160, 0, 0)
     assert [FrameFormat().measure(bytearray(each), 0) for each in frames] == list(map(len, frames))
+    assert FrameFormat.longest == max(map(len, frames))
 
 
 @pytest.mark.parametrize("count", [1, 30, 80])
