@@ -126,7 +126,7 @@ class Port(Guarded, WallClock, asyncio.Protocol):
             repeat.note()
         if self._loop.is_closed():
             # These are the stop requests: the thread must not write behind them.
-            self.set_repeat(b"", 0.0)
+            self.set_repeat(b"")
             line.write_without_loop(data)
         else:
             line.write(data)
@@ -172,7 +172,7 @@ class Port(Guarded, WallClock, asyncio.Protocol):
         if line is not None and not self._loop.is_closed():
             line.set_polling(schedule)
 
-    def set_repeat(self, request: bytes, interval: float) -> None:
+    def set_repeat(self, request: bytes, interval: float = 0.0) -> None:
         """Have `request` written when it was not written for `interval` seconds.
 
         A thread does that, so the device goes on while a program blocks the event loop; one in memory does not.
@@ -235,7 +235,7 @@ class Port(Guarded, WallClock, asyncio.Protocol):
         if line is None:
             return
         self.is_closing = True
-        self.set_repeat(b"", 0.0)  # as in `write`
+        self.set_repeat(b"")  # as in `write`
         wait = min(listens_at - self.now() * 1e-9, LONGEST_WAIT_S)
         if wait > 0:
             time.sleep(wait)
@@ -294,7 +294,7 @@ class Port(Guarded, WallClock, asyncio.Protocol):
         Args:
             exc: Why; a DeviceLost is passed on as it is, and is told even where the port was closed as asked.
         """
-        self.set_repeat(b"", 0.0)
+        self.set_repeat(b"")
         error = exc if isinstance(exc, DeviceLost) else None
         if error is None and self.explain_loss is not None:
             error = self.explain_loss()

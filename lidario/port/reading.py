@@ -95,7 +95,7 @@ class PolledLine(Line):
     def release(self) -> None:
         """Stop reading, also in the thread: from now on the descriptor may be closed."""
         if self.repeat is not None:
-            self.repeat.set(b"", 0.0)
+            self.repeat.set(b"")
         if not self._port.is_forked:
             self._watch_in_thread(None)
             self._inbox.close()
@@ -219,4 +219,4 @@ def _forget(watched: Watched, repeat: Repeat | None, pid: int) -> None:
         watched.inbox.close()
         reading_thread().remove(watched)
         if repeat is not None:
-            repeat.set(b"", 0.0)
+            repeat.set(b"")

@@ -42,7 +42,7 @@ class Repeat:
         # Reentrant: the garbage collector may call `set` in the midst of `serve`.
         self._lock = threading.RLock()
 
-    def set(self, request: bytes, interval: float) -> None:
+    def set(self, request: bytes, interval: float = 0.0) -> None:
         """As `Port.set_repeat`; a write in progress in the thread has ended when this returns."""
         with self._lock:
             self.request, self._interval_ns = request, round(interval * 1e9)

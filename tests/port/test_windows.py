@@ -48,7 +48,7 @@ async def test_the_thread_repeats_a_request_while_the_loop_is_blocked() -> None:
         port.set_polling(Steady())
         port.set_repeat(REQUEST, 0.02)
         assert written(master, len(REQUEST)) == REQUEST
-        port.set_repeat(b"", 0.0)
+        port.set_repeat(b"")
         assert port.repeated >= 1
 
 

@@ -8,6 +8,7 @@ from itertools import pairwise
 import pytest
 
 from lidario import Lidar
+from lidario.port.port import Port
 from tests.support.devices import Rig, make_rig, names, some, take
 from tests.support.loop import driven_loop, now, now_ns
 
@@ -131,6 +132,26 @@ async def test_a_reset_keeps_what_the_program_has_set(ydlidar: Rig, wanted: bool
         toggled = names(ydlidar).count("toggle_protection")
         await take(lidar, 2)
         assert names(ydlidar).count("toggle_protection") == toggled
+
+
+async def test_the_thread_writes_nothing_behind_the_stop_requests(
+    ydlidar: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[bytes] = []
+    write = Port.write
+
+    def see(port: Port, data: bytes) -> None:
+        told.append(data)
+        write(port, data)
+
+    async with ydlidar.open() as lidar:
+        await lidar.set_power_down_protection(True)
+        monkeypatch.setattr(Port, "set_repeat", lambda _, request, *interval: told.append(request or b"no more"))
+        monkeypatch.setattr(Port, "write", see)
+        async with lidar.scans() as stream:
+            await anext(stream)
+            told.clear()
+        assert told[:2] == [b"no more", b"\xa5\x00"]
 
 
 @pytest.mark.long

@@ -130,9 +130,8 @@ class Running:
 
     def end(self) -> None:
         """Let go of everything; the device is not told. Harmless when done before."""
-        if self._stream.keepalive is not None:
-            # First: a keepalive of the thread behind the stop requests would start the device again.
-            self._dialogue.port.set_repeat(b"", 0.0)
+        # First: a keepalive of the thread behind the stop requests would start the device again.
+        self._dialogue.port.set_repeat(b"")
         self._dialogue.chronicle.ended(self._dialogue.link.fed)
         self._dialogue.deliver_to(None)
         self._pipeline.end()
