@@ -58,6 +58,16 @@ def test_nothing_is_smoothed_across_a_gap(split: bool) -> None:
     assert whole[0] == 401.0
 
 
+@pytest.mark.parametrize("kind", DECODERS)
+def test_one_packet_alone_tells_no_speed(kind: int) -> None:
+    case = next(case for case in CASES if case.response_type == kind and case.name.startswith("rplidar"))
+    run = in_one_run(case.make_format(), case.packets[0])
+    samples = case.make_decoder().decode(run, None)
+    # But for 0x83, whose packets tell the angle of each sample.
+    assert samples.certain == (kind == 0x83)
+    assert samples.certain or (samples.last.samples, samples.last.packets) == (0, 0)
+
+
 @pytest.mark.parametrize("case", [case for case in KINDS if case.response_type != 0x81], ids=named)
 def test_how_many_packets_a_revolution_has(case: Case) -> None:
     """As the decoders tell it, also when one packet in three is lost."""

@@ -10,8 +10,11 @@ import pytest
 
 from lidario.families.stream import LONGEST_REVOLUTION
 from lidario.revolution.assemble import Assembler, AssemblerStats
+from lidario.revolution.pipeline import Pipeline
 from lidario.revolution.sectors import SectorAssembler
 from lidario.wire.blocks import packet_offsets
+from lidario.wire.events import Packets
+from lidario.wire.formats import Headings
 from tests.support.cases import CASES, KINDS, Case, named
 from tests.support.streams import arrived, in_one_run, stream_of
 
@@ -106,3 +109,20 @@ def test_what_is_left_when_it_is_given_up_midway_is_counted() -> None:
     assert stats.all_packets - stats.lost_packets == run.count
     assert stats.unfinished_packets == 0
     assert stats.discarded_packets > 0
+
+
+def test_few_of_many_packets_are_looked_at_in_one_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However many come together, other tasks run between two steps."""
+    case = next(case for case in CASES if case.make_format().longest == 5)
+    run, stream, looked = in_one_run(case.make_format(), case.raw, 10**9), stream_of(case), list[int]()
+    headings = stream.format.headings
+
+    def count(packets: Packets) -> Headings:
+        looked.append(packets.count)
+        return headings(packets)
+
+    monkeypatch.setattr(stream.format, "headings", count)
+    scans = [scan for step in Pipeline(stream).take(run) for scan in step]
+    assert len(scans) > 1
+    # A revolution, at most.
+    assert max(looked) < 4000 < run.count

@@ -107,9 +107,9 @@ async def test_a_slow_reader_is_told() -> None:
 
 @pytest.mark.parametrize("parts", [1, 2, 7, 71, 72])
 def test_a_revolution_has_up_to_72_sectors(parts: int) -> None:
-    for degrees in (360 / parts, 360 / parts * (1 + 1e-9)):
+    for degrees in (360 / parts, 360 / parts * (1 + 9e-7)):
         assert parts_of(degrees) == parts
-    for degrees in (360 / parts * 1.001, 360 / parts * 0.999):
+    for degrees in (360 / parts * (1 + 2e-6), 360 / parts * 0.999):
         with pytest.raises(InvalidValue, match="5 degrees"):
             parts_of(degrees)
 

@@ -36,8 +36,6 @@ T = TypeVar("T")
 _HOLD_S = 60.0
 """For how long a timer holds a reader that waits. Then another timer does, if it still waits."""
 DEFAULT_DEGREES = 45.0
-_WHOLE = 1e-6
-"""Difference from a whole number of sectors that is only rounding."""
 
 
 class _Hold:
@@ -304,7 +302,7 @@ def parts_of(degrees: float) -> int:
         count = round(parts)
     except (ValueError, ZeroDivisionError, OverflowError):
         count, parts = 0, math.nan
-    if not 1 <= count <= MOST_PARTS or not abs(parts - count) <= _WHOLE * count:
+    if not 1 <= count <= MOST_PARTS or not math.isclose(parts, count, rel_tol=1e-6):
         raise InvalidValue(
             f"a sector has at least {360 // MOST_PARTS} degrees, and 360 is a multiple of it; "
             f"not so {shown(degrees)}"

@@ -226,6 +226,14 @@ def test_a_packet_that_tells_twice_the_usual_way_is_damaged_beside_a_gap_too() -
     assert missing(arcs) == [96, 0, 0]
 
 
+def test_a_packet_that_is_lost_where_the_rotor_is_slow_is_missed_though_it_is_fast_elsewhere() -> None:
+    """From one of the slow packets to the next but one it turns by less than during one of the fast."""
+    steps, left = np.repeat([10, 3], 10), np.delete(np.arange(20), 15)
+    begins = np.cumsum(96 * steps) - 96 * steps
+    arcs = ToldWheel(TURN, 48).follow(heads(begins[left], 96 * steps.sum(), 96, 95 * steps[left]))
+    assert missing(arcs) == [96 * (at == 14) for at in range(19)]
+
+
 @given(
     arc=st.integers(100, 3000),
     lost=st.lists(st.booleans(), min_size=12, max_size=60),

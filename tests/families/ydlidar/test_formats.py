@@ -89,6 +89,13 @@ def test_the_first_packet_after_noise_is_not_kept_waiting(behind: int) -> None:
         assert received.data == CLEAN[1]
 
 
+def test_a_packet_whose_mark_is_damaged_as_its_check_value_is_none() -> None:
+    odd = bytearray(CLEAN[5])
+    odd[0] ^= 1
+    odd[8] ^= 1
+    assert feed(FOUR_ROS, b"".join([*CLEAN[:5], odd])).data == b"".join(CLEAN[:5])
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_no_claimed_size_is_beyond_the_longest(kind: str) -> None:
     """Of more than 80 samples only what has the check bits of both angles, and never of none."""
