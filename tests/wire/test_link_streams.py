@@ -4,6 +4,7 @@ import re
 import sys
 from dataclasses import replace
 from pathlib import Path
+from random import Random
 from types import FrameType
 
 import pytest
@@ -14,7 +15,7 @@ from lidario.session.finding.listening import family_of_stream
 from lidario.wire.events import Descriptor, Packets, Response
 from lidario.wire.link import Link
 from lidario.wire.states import LinkState
-from tests.support.cases import CASES, Case
+from tests.support.cases import CASES, KINDS, Case
 from tests.support.links import DENSE, INFO, INFO_ANSWER, PACKETS, receive, streaming, waiting
 from tests.support.streams import arrived, open_stream
 
@@ -131,6 +132,34 @@ def test_a_large_chunk_is_taken_in_slices() -> None:
     assert b"".join(event.data for event in events if isinstance(event, Packets)) == data
     assert link.buffered == 0
     assert link.stats.packets == 1200
+
+
+def reported(case: Case, raw: bytearray, ends: list[int], together: int) -> list[tuple[int, Packets]]:
+    """The packets of reads that end there, one each nanosecond, of which so many are fed as one; and when."""
+    link, begin, found = open_stream(case), 0, list[tuple[int, Packets]]()
+    for first in range(0, len(ends), together):
+        *before, (size, now) = [(end - begin, at) for at, end in enumerate(ends)][first : first + together]
+        link.receive_data(raw[begin : begin + size], now, before)
+        begin += size
+        found += [(now, event) for event in link.events_received() if isinstance(event, Packets)]
+    return found
+
+
+@pytest.mark.parametrize("case", KINDS, ids=lambda case: case.name)
+def test_of_joined_reads_it_is_told_which_packets_only_a_later_read_has_shown(case: Case) -> None:
+    """Behind damage the bytes that follow decide whether something is a packet."""
+    for seed in range(20):
+        random, raw = Random(seed), bytearray(b"".join(case.packets[:30])[:3000])
+        for _ in range(4):
+            at = random.randrange(len(raw))
+            raw[at : at + random.randrange(60)] = random.randbytes(random.randrange(60))
+        ends = [*sorted(random.sample(range(1, len(raw)), 30)), len(raw)]
+        shown = [now for now, event in reported(case, raw, ends, 1) for _ in range(event.count)]
+        number = 0
+        for _, event in reported(case, raw, ends, 3):
+            later = bool(event.skipped) and event.arrivals[0][1] < shown[number]
+            assert event.apart == later, (seed, number)
+            number += event.count
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
