@@ -96,11 +96,11 @@ class Assembler(SteadyAssembler):
         try:
             splits = self._seam.splits(headings, self.incoming.passing)
             dated = packets
+            offsets = packet_offsets(packets.blocks) if splits else ()
             if len(splits) > 1 and self.incoming.passing is None and self._stream.timed:
                 ends_at = [split.packet for split in splits]
                 sample_ns, wire = self.incoming.time.known_ns, self._stream.format
-                dated = dated_within(packets, ends_at, self.partial, self._decoder, wire, sample_ns)
-            offsets = packet_offsets(packets.blocks) if splits else ()
+                dated = dated_within(packets, offsets, ends_at, self.partial, self._decoder, wire, sample_ns)
             done, alone = 0, 1
             while done < len(splits):
                 ending, several = splits[done:] if self._by_blocks else splits[done : done + 1], 1
@@ -143,11 +143,10 @@ class Assembler(SteadyAssembler):
 
     def _silences(self, event: Packets) -> Iterator[int]:
         """How many packets come before each silence too long for a revolution, and with the read behind it."""
-        if event.arrivals[-1][1] - event.arrivals[0][1] > self._most_ns:
-            for (before, ended_ns), (behind, begun_ns) in pairwise(event.arrivals):
-                if begun_ns - ended_ns > self._most_ns:
-                    yield before
-                    yield behind
+        for (before, ended_ns), (behind, begun_ns) in pairwise(event.arrivals):
+            if begun_ns - ended_ns > self._most_ns:
+                yield before
+                yield behind
 
     def _end_at(self, event: Packets, split: Split, offsets: Sequence[int]) -> Scan | None:
         """End the revolution at a split; the packets of the event before it are kept already."""

@@ -22,6 +22,7 @@ from lidario.wire.formats import StreamFormat
 
 def dated_within(
     packets: Packets,
+    offsets: Sequence[int],
     ends: Sequence[int],
     partial: PartialRevolution,
     decoder: Decoder,
@@ -32,6 +33,7 @@ def dated_within(
 
     Args:
         packets: The packets.
+        offsets: Where each of them begins (`packet_offsets`).
         ends: How many of them come before the end of each revolution; ascending.
         partial: The revolution in the making, which the decoder has not seen yet.
         decoder: The decoder of the stream.
@@ -39,27 +41,25 @@ def dated_within(
         sample_ns: Nanoseconds a sample; 0 where that is not known, and then all has the time of its read.
     """
     found, begin, last_ns = list[Arrival](), 0, partial.last_ns
-    follower, unseen, first = decoder, partial.runs, 0
+    # The rotor may have stopped since the decoder has seen it.
+    follower, unseen = decoder.fork(), partial.runs.copy()
     for complete, at_ns in packets.arrivals:
         inside = ends[bisect_right(ends, begin) : bisect_left(ends, complete)]
-        if len(inside) > 1:
-            part = part_of(packets, begin, complete, None, wire, sample_ns)
-            if not _is_whole(part, follower, wire, sample_ns):
-                follower = decoder.fork() if follower is decoder else follower
-                # The rotor may have stopped since the decoder has seen it.
-                if begin > first:
-                    unseen = [*unseen, part_of(packets, first, begin, None, wire, sample_ns)]
-                if unseen:
-                    follower.decode(joined(unseen), part.data[: part.blocks[0].size])
-                samples = follower.decode(part, None)
-                unseen, first = [], complete
-                if samples.certain and samples.gaps:
-                    behind = _measured_behind(samples, [place - begin for place in inside])
-                    # None of them was there at the read before.
-                    found += [
-                        (place, max(last_ns, at_ns - round(count * sample_ns)))
-                        for place, count in zip(inside, behind, strict=True)
-                    ]
+        part = part_of(packets, begin, complete, offsets, wire, sample_ns)
+        if len(inside) > 1 and not _is_whole(part, follower, wire, sample_ns):
+            if unseen:
+                follower.decode(joined(unseen), part.data[: part.blocks[0].size])
+            samples = follower.decode(part, None)
+            unseen = []
+            if samples.certain and samples.gaps:
+                behind = _measured_behind(samples, [place - begin for place in inside])
+                # None of them was there at the read before.
+                found += [
+                    (place, max(last_ns, at_ns - round(count * sample_ns)))
+                    for place, count in zip(inside, behind, strict=True)
+                ]
+        else:
+            unseen.append(part)
         found.append((complete, at_ns))
         begin, last_ns = complete, at_ns
     return replace(packets, arrivals=tuple(found)) if len(found) > len(packets.arrivals) else packets
