@@ -119,8 +119,7 @@ class PolledLine(Line):
     def hand_over(self) -> None:
         held, arrivals = self._inbox.take()
         if held:
-            data = held[0] if len(held) == 1 else b"".join(held)
-            self._port.data_received(data, arrivals.pop()[1], arrivals)
+            self._port.data_received(b"".join(held), arrivals.pop()[1], arrivals)
 
     def _poll(self) -> None:
         """A poll is due, or the event loop says that there is something to read."""

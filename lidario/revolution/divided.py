@@ -121,8 +121,7 @@ class DividedRevolution:
         # Behind a gap the number of samples since the beginning is not known exactly.
         if not self.gap or math.isinf(self.first_ns):
             for complete, at_ns in packets.arrivals:
-                some = complete < count
-                samples = wire.samples_in(some_blocks(blocks, 0, complete)) if some else all_samples
+                samples = wire.samples_in(some_blocks(blocks, 0, complete))
                 self.first_ns = min(self.first_ns, at_ns - (self.samples + samples - 1) * self.sample_ns)
         self.samples += all_samples
         for size, _ in blocks:
@@ -224,7 +223,7 @@ class DividedRevolution:
     def all_samples(self) -> SampleArrays:
         """All that was decoded, also what lies behind the seam in the last packet."""
         assert self.rest is not None
-        return join_pieces([*self.pieces, self.rest]) if self.pieces else self.rest
+        return join_pieces([*self.pieces, self.rest])
 
     def whole(self) -> Samples | None:
         """As `Decoder.decode`, of the revolution, which has ended; None where its pieces do not tell all of it."""

@@ -165,7 +165,7 @@ class SectorAssembler(Assembler):
                 # What is missing is told with the next one, whose index says that this one did not come.
                 done.index += 1
                 continue
-            arrays = pieces[0] if len(pieces) == 1 else join_pieces(pieces)
+            arrays = join_pieces(pieces)
             # When the first sample of the revolution was measured, as far as the packets so far tell.
             packet_bytes = here.partial.size / here.packets
             start_ns = earliest_ns(here.first_ns, sample_ns, packet_bytes * self._byte_ns)

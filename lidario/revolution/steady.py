@@ -97,7 +97,7 @@ class SteadyAssembler:
         here = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
         if partial.carried is not None:
             here.begin_with(partial.carried)
-        offsets = packet_offsets(packets.blocks) if self._byte_ns else ()
+        offsets = packet_offsets(packets.blocks)
         usual_ns = self._clock.usual_ns
         revolutions, last_ns = _dated(stream, here, samples, ends, reads, offsets, self._byte_ns, usual_ns)
         if not revolutions or not self._clock.is_followed(revolutions):
@@ -203,8 +203,8 @@ def _dated(
         samples: What they were decoded to.
         ends: Packets up to the end of each revolution.
         reads: How many samples were there, and when, one read after the other; those that were there before first.
-        offsets: Where packets begin; empty where bytes take no time.
-        byte_ns: Nanoseconds that a byte takes on the line.
+        offsets: Where packets begin.
+        byte_ns: Nanoseconds that a byte takes on the line; 0 where it takes none.
         usual_ns: What a revolution took before.
 
     Returns:
@@ -227,7 +227,7 @@ def _dated(
         read += there == stop
         there, at_ns = stop, at_ns - round((there - stop) * sample_ns)
         earliest = min(earliest, at_ns - (stop - 1 - begin) * sample_ns)
-        wire_ns = (offsets[end] - offsets[packet]) / (end - packet) * byte_ns if offsets else 0.0
+        wire_ns = (offsets[end] - offsets[packet]) / (end - packet) * byte_ns
         start_ns = earliest_ns(earliest, sample_ns, wire_ns)
         spanned_ns, turn_ns = (seam_at - begin) * sample_ns, turn * sample_ns
         if (

@@ -183,8 +183,7 @@ class Link:
             return
         while True:
             stray, descriptor = find_descriptor(self._buffer, request)
-            if stray:
-                self._stray(stray)
+            self._stray(stray)
             buffer = self._buffer
             if descriptor is None:
                 return
@@ -203,8 +202,7 @@ class Link:
 
     def _await_lines(self, request: Request, expected: Expected) -> None:
         stray, size, payload = find_lines(self._buffer, expected)
-        if stray:
-            self._stray(stray)
+        self._stray(stray)
         if expected.continuous and payload == expected.accepted:
             self._enter_stream(request, Descriptor(expected.type, 0, continuous=True), size)
         elif payload is not None:
@@ -234,8 +232,7 @@ class Link:
                 self._heard, self._heard_packets = b"", 0
             self.stats.stray_bytes += end - middle
             at = end
-        if at:
-            self._drop(at)
+        self._drop(at)
 
     def _take_response(self, payload: bytes, size: int) -> None:
         """The first `size` bytes of the buffer are the response."""
@@ -295,7 +292,7 @@ class Link:
                 stats = self.stats
                 if skipped:
                     stats.skipped_stretches += 1
-                count = blocks[0][1] if len(blocks) == 1 else sum([packets for _, packets in blocks])
+                count = sum([packets for _, packets in blocks])
                 came: tuple[Arrival, ...] = ((count, now),)
                 apart = False
                 if arrivals:
@@ -313,8 +310,7 @@ class Link:
             if end > middle:
                 self._skip(wire, data, middle, end)
             at = end
-        if at:
-            self._buffer = data[at:]  # as in `_drop`
+        self._buffer = data[at:]  # as in `_drop`
 
     def _skip(self, wire: StreamFormat, data: bytearray, start: int, end: int) -> None:
         if (wire.self_evident or not self._noise) and wire.other_record(data, start) == end - start:

@@ -125,8 +125,7 @@ class StreamControl:
         self.go(Event.STARTED)
         self.ran = True
         self.running = Running(stream, self._at, self._latency, self.totals, self._hub, self._failed)
-        if self._hub.parts:
-            self.running.divide()
+        self.running.divide()
         self.running.begin()
 
     def pause(self) -> None:

@@ -165,8 +165,7 @@ class Scanner:
             self._asks = True
             try:
                 if self.control.state is State.RUNNING:
-                    self.control.pause()
-                    await self.control.silence()
+                    await self.control.interrupt()
                 elif self.control.failure is not None:
                     # A start whose response was lost: it may scan all the same, and would not hear this.
                     await dialogue.quieten()

@@ -56,13 +56,10 @@ class Intake(ABC):
     def data_received(self, data: bytes, now: int, arrivals: Sequence[tuple[int, int]] = ()) -> None:
         """Count what the port has lost; then the bytes are parsed, at once where nothing waits."""
         late = self.port.late
-        if late.overflow_bytes != self._overflow:
-            # They came before `data`: the port keeps what comes first.
-            self.link.discard_data(late.overflow_bytes - self._overflow)
-            self._overflow = late.overflow_bytes
-        if late.full_reads != self._full_reads:
-            self.stats.late_reads += late.full_reads - self._full_reads
-            self._full_reads = late.full_reads
+        # They came before `data`: the port keeps what comes first.
+        self.link.discard_data(late.overflow_bytes - self._overflow)
+        self.stats.late_reads += late.full_reads - self._full_reads
+        self._overflow, self._full_reads = late.overflow_bytes, late.full_reads
         size, idle = len(data) + DELIVERY_BYTES, not self._turns.waiting
         if not idle and self._turns.size + size > MOST_WAITING:
             self.link.discard_data(len(data), shown=True)
@@ -88,7 +85,7 @@ class Intake(ABC):
             if not whole:
                 yield (None,)
         self.taken()
-        for packets in join_runs(runs) if len(runs) > 1 else runs:
+        for packets in join_runs(runs):
             yield self.deliver(packets)
 
     def deliver_to(self, callback: TakePackets | None) -> None:
