@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from lidario import ConnectFailed, DeviceInfo, list_serial_ports
+from lidario.families.adapters import ADAPTERS
 from lidario.session.finding.discovery import Found, PortInfo, find_source
 from lidario.source import parse_source
 
@@ -21,21 +22,25 @@ class Port:
     description: str = "n/a"
 
 
-ADAPTERS = {
-    "CP2102": (0x10C4, 0xEA60),
-    "CH340": (0x1A86, 0x7523),
-    "CH9102": (0x1A86, 0x55D4),
-    "STM32 virtual port": (0x0483, 0x5740),
-    "PL2303": (0x067B, 0x2303),
-    "FT232": (0x0403, 0x6001),
-    "FT231X": (0x0403, 0x6015),
+NUMBERS = {
+    "CP2102": (0x10C4, 0xEA60, 1_000_000),
+    "CH340": (0x1A86, 0x7523, 2_000_000),
+    "CH9102": (0x1A86, 0x55D4, 4_000_000),
+    "STM32 virtual port": (0x0483, 0x5740, 0),
+    "PL2303": (0x067B, 0x2303, 6_000_000),
+    "FT232": (0x0403, 0x6001, 3_000_000),
+    "FT231X": (0x0403, 0x6015, 3_000_000),
 }
-"""As the drivers of Linux know them."""
+"""As the drivers of Linux know them, and the speeds of the makers' data sheets."""
 
 
-@pytest.mark.parametrize("name", ADAPTERS)
+def test_adapters_have_the_speeds_of_their_data_sheets() -> None:
+    assert {name: (each.vendor, each.product, each.fastest) for name, each in ADAPTERS.items()} == NUMBERS
+
+
+@pytest.mark.parametrize("name", NUMBERS)
 def test_an_adapter_is_told_by_its_numbers(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: [Port("/dev/ttyUSB0", *ADAPTERS[name])])
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: [Port("/dev/ttyUSB0", *NUMBERS[name][:2])])
     assert [port.adapter for port in list_serial_ports()] == [name]
 
 

@@ -219,6 +219,8 @@ async def test_cancelled_while_it_listens_it_asks_only_those_whose_motor_the_ope
         async with asyncio.timeout(LISTEN_S / 2):
             await open_lidar("rests")
     assert not ports[0].is_open
+    # Nobody keeps what comes any more.
+    assert not ports[0].taps
     questions = [(speed, QUESTION["rplidar"]) for speed in family_named("rplidar").baudrates]
     assert [each for each in written if each[1]] == questions
     assert device.log == []

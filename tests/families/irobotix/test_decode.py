@@ -19,6 +19,17 @@ from tests.support.streams import in_one_run
 every_case = pytest.mark.parametrize("case", CASES, ids=named)
 
 
+def test_each_model_has_the_speeds_of_the_sheet() -> None:
+    """more_families_2.md 5.1."""
+    assert {model.name: model.baudrates for model in TALKERS.all if model.name} == {
+        "delta2a": (230_400, 115_200),
+        "delta2b": (230_400,),
+        "delta2d": (115_200,),
+        "delta2g": (115_200,),
+        "lds08rr": (115_200,),
+    }
+
+
 @every_case
 def test_frames_of_a_turn_are_counted_by_where_they_begin(case: Case) -> None:
     frames = 15 if "2g" in case.name else 16

@@ -8,6 +8,7 @@ from __future__ import annotations
 import pytest
 
 from lidario.families.stream import Known
+from lidario.families.ydlidar.decode import KINDS
 from lidario.families.ydlidar.formats import PointCloud
 from lidario.families.ydlidar.models import MODELS, Model
 from lidario.families.ydlidar.raw import Turn, find_stream
@@ -47,6 +48,12 @@ def facts(model: Model) -> tuple[int, int, tuple[float, ...], bool, float]:
 
 def test_each_is_what_the_sheet_says() -> None:
     assert {name: facts(model) for name, model in MODELS.items()} == SHEET
+
+
+def test_recordings_tell_how_samples_are_to_be_read_by_these_numbers() -> None:
+    numbers = {name: kind.response_type for name, kind in KINDS.items()}
+    own = dict(zip(("x", "x-flags", "octave", "g2", "s4b", "tmini", "sh"), range(0xA1, 0xA8), strict=True))
+    assert numbers == {"tg": 0x81} | own
 
 
 def test_which_of_them_tell_an_offset_and_change_their_speed() -> None:
