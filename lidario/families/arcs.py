@@ -23,6 +23,7 @@ from lidario.wire.copies import copy_of
 from lidario.wire.events import Packets
 
 Floats = NDArray[np.float32]
+_NO_INTENSITY = np.empty(0, np.uint8)
 
 
 @dataclass(slots=True, eq=False)
@@ -136,6 +137,20 @@ class ArcDecoder(ABC):
         return max(0, counts - math.ceil(left * steps / arc)) if arc > 0 else 0
 
     # ------------------------------------------------------------------------------------------------- the rest
+
+    def _decoded(
+        self, heads: Heads, arcs: Arcs, ends: Sequence[int], room: int
+    ) -> tuple[Floats, Floats, NDArray[np.uint8] | None, float]:
+        """Angles, distances and intensities behind `room` free elements, and what the next packets need of them."""
+        size = room + ends[-1]
+        angle, distance, intensity = np.empty(size, np.float32), np.empty(size, np.float32), None
+        shape = (-1, heads.counts) if isinstance(heads.counts, int) else (-1,)
+        output = Output(angle[room:].reshape(shape), distance[room:].reshape(shape), _NO_INTENSITY)
+        if self.has_intensity:
+            intensity = np.empty(size, np.uint8)
+            output.intensity = intensity[room:].reshape(shape)
+        self._write(heads, arcs, output)
+        return angle, distance, intensity, output.last
 
     @staticmethod
     def _ends(heads: Heads) -> Sequence[int]:
