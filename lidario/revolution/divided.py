@@ -43,7 +43,6 @@ class OpenSector:
     begin: int = 0  # samples of the revolution before it
     lost: int = 0  # packets of the revolution that were told as lost before it
     after_ns: int = 0  # when the sector before it began
-    behind_ns: int = 0  # when that one ended
 
 
 @dataclass(slots=True, eq=False)

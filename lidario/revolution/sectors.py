@@ -187,15 +187,7 @@ class SectorAssembler(Assembler):
             gaps = here.gaps()
             before = done.begin + sum([skipped for at, skipped in gaps if at <= done.begin])
             gaps = [(at - done.begin, skipped) for at, skipped in gaps if done.begin < at < upto]
-            stamp_ns = start_ns + round(before * sample_ns)
-            less = round((done.behind_ns - stamp_ns) / sample_ns)
-            if gaps and less >= here.most_samples:
-                # What came behind the gap was sooner than that allows, by a packet or more: less is missing there.
-                at, skipped = gaps[0]
-                less = min(skipped, less)
-                gaps[0], stamp_ns = (at, skipped - less), stamp_ns + round(less * sample_ns)
-            stamp_ns = max(stamp_ns, done.after_ns)
-            duration_ns = round((upto - done.begin + sum([skipped for _, skipped in gaps])) * sample_ns)
+            stamp_ns = max(start_ns + round(before * sample_ns), done.after_ns)
             part, missing = arrays.part(done.begin, upto), max(0, lost - done.lost)
             sector = Sector(
                 device_angles=read_only(turned_by(part.angle, here.offset_deg)),
@@ -204,7 +196,7 @@ class SectorAssembler(Assembler):
                 stamp_ns=stamp_ns,
                 wall_stamp_ns=stamp_ns + self.wall_offset_ns,
                 time_increment_ns=round(sample_ns),
-                duration_ns=duration_ns,
+                duration_ns=round((upto - done.begin + sum([skipped for _, skipped in gaps])) * sample_ns),
                 rpm=60e9 / (here.usual_samples * sample_ns) if here.usual_samples else math.nan,
                 seq=here.seq,
                 index=done.index,
@@ -215,9 +207,7 @@ class SectorAssembler(Assembler):
                 max_range=mode.max_distance,
                 field_of_view=here.wire.field_deg,
             )
-            here.open[count] = OpenSector(
-                done.index + 1, upto, done.lost + missing, stamp_ns, stamp_ns + duration_ns
-            )
+            here.open[count] = OpenSector(done.index + 1, upto, done.lost + missing, stamp_ns)
             self._publish_sector(count, with_gaps(sector, gaps) if missing else sector)
 
     def _number(self, here: DividedRevolution, start_ns: int) -> int:
