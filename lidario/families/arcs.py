@@ -72,14 +72,13 @@ class ArcDecoder(ABC):
         sample_ends, count = self._ends(heads), len(heads.first)
         gaps, lost = ([], []) if arcs.skipped is None else self._gaps(heads, arcs, arcs.skipped)
         size = room + sample_ends[-1]
-        angle, distance = np.empty(size, np.float32), np.empty(size, np.float32)
-        intensity = np.empty(size, np.uint8)
+        angle, distance, intensity = np.empty(size, np.float32), np.empty(size, np.float32), None
         shape = (-1, heads.counts) if isinstance(heads.counts, int) else (-1,)
-        self._write(
-            heads,
-            arcs,
-            Output(angle[room:].reshape(shape), distance[room:].reshape(shape), intensity[room:].reshape(shape)),
-        )
+        output = Output(angle[room:].reshape(shape), distance[room:].reshape(shape), _NO_INTENSITY)
+        if self.has_intensity:
+            intensity = np.empty(size, np.uint8)
+            output.intensity = intensity[room:].reshape(shape)
+        self._write(heads, arcs, output)
         revolutions, begin = list[DecodedRevolution](), 0
         for end, step in zip(ends, arcs.steps or (arcs.step,), strict=True):
             behind = 0 if seam is None else self._behind_seam(heads, arcs, end - 1, seam)
@@ -91,7 +90,7 @@ class ArcDecoder(ABC):
         return Samples(
             angle_deg=angle,
             distance_mm=distance,
-            intensity=intensity if self.has_intensity else None,
+            intensity=intensity,
             ends=sample_ends,
             revolutions=revolutions,
             lost=sum(lost),
@@ -137,20 +136,6 @@ class ArcDecoder(ABC):
         return max(0, counts - math.ceil(left * steps / arc)) if arc > 0 else 0
 
     # ------------------------------------------------------------------------------------------------- the rest
-
-    def _decoded(
-        self, heads: Heads, arcs: Arcs, ends: Sequence[int], room: int
-    ) -> tuple[Floats, Floats, NDArray[np.uint8] | None, float]:
-        """Angles, distances and intensities behind `room` free elements, and what the next packets need of them."""
-        size = room + ends[-1]
-        angle, distance, intensity = np.empty(size, np.float32), np.empty(size, np.float32), None
-        shape = (-1, heads.counts) if isinstance(heads.counts, int) else (-1,)
-        output = Output(angle[room:].reshape(shape), distance[room:].reshape(shape), _NO_INTENSITY)
-        if self.has_intensity:
-            intensity = np.empty(size, np.uint8)
-            output.intensity = intensity[room:].reshape(shape)
-        self._write(heads, arcs, output)
-        return angle, distance, intensity, output.last
 
     @staticmethod
     def _ends(heads: Heads) -> Sequence[int]:

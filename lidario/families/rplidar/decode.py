@@ -140,14 +140,10 @@ class UltraDenseDecoder(CapsuleDecoder):
         self._last_q2 = 0
 
     def _payload(self, words: Words, after: Any, skipped: Any, output: Output) -> None:  # noqa: ARG002
-        is_cut = skipped is not None and skipped[-1] > 0
         distance_q2, intensity = ultra_dense_cabins(np.ascontiguousarray(words[:, 5:]), self._last_q2, skipped)
         output.distance[...] = distance_q2.reshape(output.distance.shape)
         output.distance *= np.float32(0.25)
         output.intensity[...] = intensity.reshape(output.intensity.shape)
-        output.last = 0.0 if is_cut else float(output.distance[-1, -1])
-
-    def _remember(self, heads: Heads, last: float) -> None:  # noqa: ARG002
         # For the smoothing of the next distance.
         self._last_q2 = 0 if skipped is not None and skipped[-1] > 0 else int(distance_q2[-1])
 
