@@ -22,7 +22,8 @@ from lidario.wire.formats import Ticks
 _BELIEVED: Final = 3
 """Packets that follow each other, from which their stamps are believed: a false packet may say anything."""
 _BACK_NS: Final = 1_000_000_000
-"""By so much skipped bytes may tell too much. Any more is the long way round: an outage."""
+"""By so much skipped bytes may tell too much. Any more is the long way round: an outage, or, where the clock went
+back, another beginning of it, as of a device that was restarted."""
 
 
 class StoredTimes:
@@ -103,9 +104,9 @@ class StoredTimes:
             if begin or begin in odd:
                 self._run, self._is_in_doubt = 0, True
             self._run += end - begin
-            place += (end - begin) * self._wire.pitch
+            first, place = place + self._wire.pitch, place + (end - begin) * self._wire.pitch
             if self._run >= _BELIEVED:
-                missing = self._missing(int(stamps[end - 1]), place, ticks) if self._is_in_doubt else 0
+                missing = self._missing(int(stamps[begin]), first, ticks) if self._is_in_doubt else 0
                 if missing:
                     found.append((begin, missing))
                     place += missing * self._wire.pitch
@@ -119,4 +120,6 @@ class StoredTimes:
         before, since = self._believed
         apart_ns = (stamp - before) % ticks.wrap * ticks.tick_ns - (place - since) * self._sample_ns
         more_ns = (apart_ns + _BACK_NS) % (ticks.wrap * ticks.tick_ns) - _BACK_NS
+        if stamp < before and more_ns > _BACK_NS:
+            return 0
         return round(more_ns / self._packet_ns) if abs(more_ns) > 1.5 * ticks.tick_ns else 0

@@ -188,14 +188,12 @@ def test_how_long_an_outage_was_the_stamps_tell_though_all_is_read_at_once(turns
     assert scans[-1].stamp_ns == pytest.approx(5.8e9, abs=5 * MS)
 
 
-@pytest.mark.parametrize("size", [1024, 65536])
-def test_stored_bytes_took_as_long_as_their_stamps_tell(size: int) -> None:
-    data, _ = made(6.0)
-    kept = data[: 800 * 47] + data[1700 * 47 :]
+def stored(data: bytes, size: int) -> list[int]:
+    """When the packets of a file came that is read in pieces of so many bytes."""
     times, link, at_ns = StoredTimes(stream(timed=False)), Link(), list[int]()
     link.enter_stream(stream().format)
-    for begin in range(0, len(kept), size):
-        link.receive_data(kept[begin : begin + size], 0)
+    for begin in range(0, len(data), size):
+        link.receive_data(data[begin : begin + size], 0)
         at_ns += [
             at
             for event in link.events_received()
@@ -203,6 +201,20 @@ def test_stored_bytes_took_as_long_as_their_stamps_tell(size: int) -> None:
             for _, at in times.dated(event).arrivals
         ]
     assert at_ns == sorted(at_ns)
+    return at_ns
+
+
+@pytest.mark.parametrize("size", [1024, 65536])
+def test_stored_bytes_took_as_long_as_their_stamps_tell(size: int) -> None:
+    data, _ = made(6.0)
+    at_ns = stored(data[: 800 * 47] + data[1700 * 47 :], size)
+    assert at_ns[-1] == pytest.approx(6e9, abs=5 * MS)
+
+
+@pytest.mark.parametrize("size", [1024, 65536])
+def test_in_a_file_a_clock_that_began_anew_tells_of_no_outage(size: int) -> None:
+    """As of a device that was restarted; to take it for one that went on would tell of 25 seconds."""
+    at_ns = stored(made(4.0, begin_ms=5_000.0)[0] + made(2.0, begin_ms=300.0)[0], size)
     assert at_ns[-1] == pytest.approx(6e9, abs=5 * MS)
 
 
