@@ -185,25 +185,31 @@ class Wheel(PacedTurning):
     def _walk(self, spans: Sequence[int], *, followed: bool) -> _Walk:
         """Follow spans from the last arc on."""
         arcs, missing = list[float](), list[int]()
-        last, end = self._arc, len(spans) - 1
-        fitting = known = 0
+        last = fastest = self._arc
+        end, fitting, known = len(spans) - 1, 0, 0
         for at, span in enumerate(spans):
             if at == end and not followed:
                 arcs.append(last)
                 missing.append(0)
                 break
             likely = spans[at + 1] if at < end else 0
-            times = span / last
-            whole = max(1, round(times))
+            goes_on, fastest = abs(likely - span) <= LIKENESS * span / 2, max(fastest, last)
+            slack = LIKENESS * fastest
+            # Where it all but stood, it may be at speed at once.
+            usual = fastest if goes_on and last <= slack else last
+            times = span / usual
             tells = 0 < times <= _TELLING
+            # Behind a gap the next one is like the one before it again.
+            alone = at < end and abs(likely - last) < abs(likely - span)
+            whole = max(1, round(times)) if alone or span - last > slack else 1
+            # Of the fastest arc, as in `_is_steady`.
+            off = abs(span - whole * usual) / fastest
             known += tells
-            fitting += tells and abs(times - whole) <= LIKENESS
-            anew = tells and abs(likely - span) <= LIKENESS * span / 2
-            if whole > 1 and anew and abs(times - whole) > OFF:
-                whole = 1
-            if whole == 1:
-                if abs(times - 1) <= OFF or anew:
-                    last = float(span)
+            fitting += tells and off <= LIKENESS
+            anew = off > OFF and tells and (goes_on or 0 < likely < span < last)
+            if anew or whole == 1:
+                if off <= OFF or anew:
+                    last = float(span) or last
                 # One that is another, and alone, hides a whole turn. Beside one of 0, the rotor stops or starts.
                 stands = 0 in (span, likely if at < end else last, arcs[-1] if at else last)
                 arcs.append(float(span) if stands else last)
@@ -212,7 +218,7 @@ class Wheel(PacedTurning):
             mean = span / whole
             # The arc before a gap lies on the line from the one before it to the middle of the gap.
             missing.append(whole - 1)
-            if whole > TRUSTED_GAP + 1 or abs(times - whole) > OFF:
+            if whole > TRUSTED_GAP + 1 or off > OFF:
                 # A whole turn may hide in it.
                 arcs.append(last)
                 continue
