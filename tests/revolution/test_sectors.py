@@ -17,6 +17,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lidario.families.arcs import ArcDecoder
+from lidario.families.spans import Heads
 from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.pipeline import Pipeline
 from lidario.scan import Scan
@@ -289,6 +291,29 @@ def test_a_lost_packet_is_told_with_the_sector_in_which_it_began(name: str) -> N
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("more", [-2, 2])
+def test_where_pieces_tell_of_other_losses_than_their_revolution_the_last_sector_is_right(
+    more: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where the rotor speeds up before a gap across the seam."""
+    lost = ArcDecoder._lost
+
+    def lost_by_pieces(self: ArcDecoder, heads: Heads, at: int, skipped: int, step: float) -> int:
+        count = len(heads.first)
+        return lost(self, heads, at, skipped, step) + (more if at + 1 == count < 40 else 0)
+
+    monkeypatch.setattr(ArcDecoder, "_lost", lost_by_pieces)
+    wire = DENSE.make_format()
+    begins = wire.headings(in_one_run(wire, DENSE.raw))
+    seam = [at for at in range(len(begins) - 1) if begins[at] > begins[at + 1]][2]
+    left = [at for at in range(len(begins)) if not seam - 4 < at < seam + 3]
+    raw = b"".join(DENSE.packets[at] for at in left)
+    found = divided(DENSE, raw, (8,), 84, arrivals(DENSE, left))
+    told = [sum(each.lost_packets for each in found.sectors[8] if each.seq == scan.seq) for scan in found.scans]
+    assert told == [scan.lost_packets for scan in found.scans]
+    assert sum(told) == 6
+
+
 def test_what_passes_unseen_behind_the_first_revolution_is_counted_once() -> None:
     case = next(each for each in CASES if each.name == "ydlidar_4ros_room10")
     left = [*range(26), *range(148, len(case.packets))]
