@@ -80,7 +80,7 @@ class Wheel(PacedTurning):
 
     def __init__(self, full_turn: int, samples: int = 1) -> None:
         super().__init__(full_turn, RETREAT_TURNS, samples)
-        self._arc = 0.0
+        self._arc = self._fastest = 0.0  # the last one, and the longest of those that came together
         # Whether all of the latest spans were a whole number of arcs, as far as they tell.
         self._fits = True
         # Since the speed was last confirmed.
@@ -112,7 +112,7 @@ class Wheel(PacedTurning):
                     return self._among_gaps(spans, arrivals, followed=followed)
             # One that stands tells of no arc.
             self._arc, self._certain, self._strange = float(spans[-1]) or self._arc, True, 0
-            self._fits = True
+            self._fits, self._fastest = True, float(longest)
             if self._confirmed:
                 self._forget()
             return Arcs(spans, None, (total / len(spans) or self._arc) / self._samples, certain=True)
@@ -130,7 +130,7 @@ class Wheel(PacedTurning):
             before = float(spans[end - 1])
             steps.append(total / (end - begin) / self._samples)
             begin = end
-        self._arc, self._strange, self._fits = before, 0, True
+        self._arc, self._fastest, self._strange, self._fits = before, float(longest), 0, True
         if not self._confirmed:
             self._remember(spans.tolist(), arrivals)
             self._is_confirmed()
@@ -158,18 +158,19 @@ class Wheel(PacedTurning):
         """As `follow`, where spans may hold more than one packet, or less."""
         plain: list[int] = spans.tolist()
         told = plain if followed else plain[:-1]
-        begin, revoked = self._arc, (0, 0)
+        begin, fastest, revoked = self._arc, self._fastest, (0, 0)
         walk = self._walk(plain, followed=followed) if self._certain else None
         is_strange = walk is None or self._is_strange(walk, told)
         if walk is None or is_strange or not self._confirmed:
-            self._arc = begin
+            self._arc, self._fastest = begin, fastest
             revoked = self._learn(anew=is_strange)
             if self._arc <= 0:
                 return Arcs(np.maximum(spans, 0.0), None, 0.0, certain=False)
             begin = self._arc
             walk = self._walk(plain, followed=followed)
         if self._certain and self._is_too_much(walk.missing, arrivals):
-            self._arc, self._confirmed, self._spans = begin, False, told  # What came before tells nothing of it.
+            # What came before tells nothing of it.
+            self._arc, self._fastest, self._confirmed, self._spans = begin, fastest, False, told
             self._pace.clear()
             self._pace.add(told, arrivals)
             # The arc of the packet before was too short: what it measured is not used.
@@ -185,7 +186,7 @@ class Wheel(PacedTurning):
     def _walk(self, spans: Sequence[int], *, followed: bool) -> _Walk:
         """Follow spans from the last arc on."""
         arcs, missing = list[float](), list[int]()
-        last = fastest = self._arc
+        last, fastest = self._arc, self._fastest
         end, fitting, known = len(spans) - 1, 0, 0
         for at, span in enumerate(spans):
             if at == end and not followed:
@@ -196,8 +197,7 @@ class Wheel(PacedTurning):
             goes_on, fastest = abs(likely - span) <= LIKENESS * span / 2, max(fastest, last)
             slack = LIKENESS * fastest
             # Where it all but stood, it may be at speed at once.
-            usual = fastest if goes_on and last <= slack else last
-            times = span / usual
+            times = span / (usual := fastest if goes_on and last <= slack else last)
             tells = 0 < times <= _TELLING
             # Behind a gap the next one is like the one before it again.
             alone = at < end and abs(likely - last) < abs(likely - span)
@@ -224,7 +224,7 @@ class Wheel(PacedTurning):
                 continue
             arcs.append(last + (mean - last) / (1 + (whole - 1) / 2))
             last = mean
-        self._arc = last
+        self._arc, self._fastest = last, max(arcs)
         return _Walk(arcs, missing, fitting, known)
 
     def _is_strange(self, walk: _Walk, spans: Sequence[int]) -> bool:
@@ -327,7 +327,8 @@ class Wheel(PacedTurning):
         return fitting >= _FITTING * known and longer >= _STRANGE and 4 * longer > len(spans)
 
     def _take(self, arc: float, *, sure: bool) -> None:
-        self._arc, self._certain, self._strange = arc, sure, 0
+        self._arc = self._fastest = arc
+        self._certain, self._strange = sure, 0
 
 
 def _are_alike(arc: float, shortest: int, longest: int) -> bool:
