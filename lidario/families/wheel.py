@@ -224,7 +224,7 @@ class Wheel(PacedTurning):
                 continue
             arcs.append(last + (mean - last) / (1 + (whole - 1) / 2))
             last = mean
-        self._arc, self._fastest = last, max(arcs)
+        self._arc = self._fastest = last
         return _Walk(arcs, missing, fitting, known)
 
     def _is_strange(self, walk: _Walk, spans: Sequence[int]) -> bool:

@@ -18,10 +18,11 @@ from itertools import pairwise
 
 from lidario.families.base import Stream
 from lidario.revolution.build import DatedRevolution, turned_by
+from lidario.revolution.clock import several
 from lidario.revolution.ended import EndedRevolution, share_past
 from lidario.revolution.incoming import Clock
 from lidario.revolution.late_reads import dated_within
-from lidario.revolution.partial import PartialRevolution, SampleArrays, part_of
+from lidario.revolution.partial import PartialRevolution, SampleArrays, joined, part_of
 from lidario.revolution.seam import Seam, Split
 from lidario.revolution.sparse_speed import dated_angles
 from lidario.revolution.stats import AssemblerStats
@@ -191,8 +192,12 @@ class Assembler(SteadyAssembler):
             if partial.whole:
                 self.stats.break_scan()
             self._clock.restart()
-            if partial.missing_ns(self._stream.format, self._stream.sample_ns) < self._clock.usual_ns / 2:
-                # The rotor is slow, or stands: no turn passed unseen.
+            here = self._decoded = self._decoded or self._decoder.decode(joined(partial.runs), None)
+            sample_ns, elapsed_ns = self._stream.sample_ns, received_ns - partial.runs[0].arrivals[0][1]
+            if 2 * here.last.samples * sample_ns > elapsed_ns:
+                # The rotor is slow, or stands: no turn passed unseen. And only time tells what is missing.
+                missing = round(len(here.ends) * (elapsed_ns / (here.ends[-1] * sample_ns) - 1))
+                self.stats.lost_packets += several(missing - here.lost)
                 self._clock = self._new_clock()
             self._discard()
 

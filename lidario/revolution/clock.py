@@ -203,7 +203,7 @@ class RevolutionClock:
         if self._sure is None:
             # What passed is counted when one is.
             self._is_open = True
-            return Passed(0, _several(self._missing_by_clock(here, elapsed)))
+            return Passed(0, several(self._missing_by_clock(here, elapsed)))
         if last is None or not last.revolution_ns or needed or self._is_open or self._was_wrong(last):
             return Passed(*self._count_all(here, anchor, elapsed))
         slower = own_ns / last.revolution_ns or 1.0
@@ -219,7 +219,7 @@ class RevolutionClock:
             unseen = int((elapsed - self._spanned_ns) / here.revolution_ns + NOISE)
         # Where too many were counted, that many are left out later.
         self._be_anchor(here, unseen, missing)
-        return max(0, unseen), _several(missing)
+        return max(0, unseen), several(missing)
 
     def _count_late(self, here: Beginning, last: Beginning, anchor: Beginning, slower: float) -> tuple[int, int]:
         """Revolutions and packets that are missing, by how much later this beginning is than it was due."""
@@ -252,7 +252,7 @@ class RevolutionClock:
         lost = min(max(by_clock, fewest), most)
         if unseen < passed or (last.broken and not unseen):
             # Where no more revolutions can hide, the rotor was slow, or stood.
-            lost = _several(by_clock)
+            lost = several(by_clock)
         elif last.broken and (gap or last.packets < NEARLY_ALL * each):
             # Its angles do not tell all that is missing. Of two witnesses the lesser is told.
             lost = min(lost, by_clock)
@@ -325,6 +325,6 @@ class RevolutionClock:
             here.revolution_ns = 0.0
 
 
-def _several(missing: int) -> int:
+def several(missing: int) -> int:
     """How many packets are told of those that time tells: of a few, none, for stamps are late."""
     return missing if missing > FEWEST_PACKETS else 0

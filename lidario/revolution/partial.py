@@ -113,14 +113,6 @@ class PartialRevolution:
         first = room if revoked else 0
         return [(at - first, skipped) for at, skipped in gaps if first < at < crossed]
 
-    def missing_ns(self, wire: StreamFormat, sample_ns: float) -> float:
-        """How much of the time from its first packet to its latest the samples of its packets do not fill."""
-        return (
-            self.last_ns
-            - self.runs[0].arrivals[0][1]
-            - sum([wire.samples_in(run.blocks) for run in self.runs]) * sample_ns
-        )
-
     def reads_ns(self, packets: Packets) -> Sequence[int]:
         """As `Beginning.reads_ns`, of its packets."""
         if not self.begun_ns:

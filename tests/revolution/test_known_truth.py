@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
 from itertools import product
 
 import pytest
 
-from benchmarks.truth_cases import CASES, happen
+from benchmarks.truth_cases import CASES, happen, lose_share
 from benchmarks.truth_forms import FORMATS
 from benchmarks.truth_score import Score, is_right, score
 from benchmarks.truth_ways import receive
@@ -169,6 +171,17 @@ def test_losses_of_a_rotor_that_stands_are_told_by_the_time_there_was(name: str)
     assert found.missing_revolutions <= 4
     assert found.wrong <= 0.002 * found.samples
     assert found.overlap_ms < 60
+
+
+@every_format
+def test_of_a_rotor_that_stands_so_long_that_the_revolution_is_given_up_time_tells_what_is_lost(name: str) -> None:
+    """But for the part behind, which ends where the rotor has turned: there only angles do."""
+    case = replace(CASES["standing for 3 s"], damage=partial(lose_share, 5, spoilt=False))
+    stream, line = happen(case, FORMATS[name])
+    found = score(stream, line, receive(stream, line, "read"), timed=True)
+    assert 0.7 * found.missing < found.told <= found.missing + 10
+    assert found.told_revolutions == found.missing_revolutions <= 1
+    assert found.wrong <= 0.003 * found.samples
 
 
 @pytest.mark.long
