@@ -144,10 +144,11 @@ class Assembler(SteadyAssembler):
 
     def _silences(self, event: Packets) -> Iterator[int]:
         """How many packets come before each silence too long for a revolution, and with the read behind it."""
-        for (before, ended_ns), (behind, begun_ns) in pairwise(event.arrivals):
-            if begun_ns - ended_ns > self._most_ns:
-                yield before
-                yield behind
+        if event.arrivals[-1][1] - event.arrivals[0][1] > self._most_ns:
+            for (before, ended_ns), (behind, begun_ns) in pairwise(event.arrivals):
+                if begun_ns - ended_ns > self._most_ns:
+                    yield before
+                    yield behind
 
     def _end_at(self, event: Packets, split: Split, offsets: Sequence[int]) -> Scan | None:
         """End the revolution at a split; the packets of the event before it are kept already."""

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Sequence
+from operator import eq
 from typing import Final
 
 import numpy as np
@@ -62,13 +63,15 @@ class DoubledPackets:
         """Which of the next packets are the packet before once more; mostly none."""
         if isinstance(headings, np.ndarray):
             same = (np.flatnonzero(headings[1:] == headings[:-1]) + 1).tolist()
-        else:
+        elif any(map(eq, headings, headings[1:])):
             same = [at for at in range(1, len(headings)) if headings[at] == headings[at - 1]]
+        else:
+            same = []
         last = b"" if self.before is None else self.before.data[-self.before.blocks[-1].size :]
         # Where something came between them, in a file nothing else tells how far they are apart.
         if last and packets.data[: packets.blocks[0].size] == last and packets.skipped <= len(last):
             same = [0, *same]
-        found = self._among(packets, same)
+        found = self._among(packets, same) if same else []
         if not same or same[-1] != packets.count - 1:
             self.alike = 1
         self.before = packets

@@ -77,7 +77,10 @@ class Seam:
         self._headings = headings
         found: list[Split] = []
         flagged: Sequence[int] = ()
-        if isinstance(headings, np.ndarray):
+        if len(headings) == 1:
+            # As where a port is not polled: it need not be followed, as one with a flag.
+            flagged = (0,)
+        elif isinstance(headings, np.ndarray):
             flags = headings >= BEGINS
             flagged = flags.nonzero()[0].tolist() if np.count_nonzero(flags) else ()
         elif headings and max(headings) >= BEGINS:

@@ -21,20 +21,31 @@ class Block(NamedTuple):
 
 def join_blocks(into: list[Block], more: Iterable[Block]) -> None:
     """Add blocks at the end of others; neighbours of one size become one block, as if parsed together."""
-    for size, packets in more:
-        before = into.pop().packets if into and into[-1].size == size else 0
-        into.append(Block(size, before + packets))
+    size, packets = into.pop() if into else (0, 0)
+    for block_size, count in more:
+        if block_size == size:
+            packets += count
+        else:
+            if packets:
+                into.append(Block(size, packets))
+            size, packets = block_size, count
+    if packets:
+        into.append(Block(size, packets))
 
 
 def some_blocks(blocks: Sequence[Block], begin: int, end: int) -> tuple[Block, ...]:
     """The packets from number `begin` to before number `end`."""
+    if len(blocks) == 1:
+        return (Block(blocks[0].size, end - begin),) if begin < end else ()
     found: list[Block] = []
     first = 0
-    for size, packets in blocks:
-        count = min(end - first, packets) - max(begin - first, 0)
-        if count > 0:
-            found.append(Block(size, count))
-        first += packets
+    for block in blocks:
+        last = first + block.packets
+        if begin <= first and last <= end:
+            found.append(block)
+        elif begin < last and first < end and begin < end:
+            found.append(Block(block.size, min(end, last) - max(begin, first)))
+        first = last
     return tuple(found)
 
 

@@ -292,7 +292,7 @@ class Link:
                 stats = self.stats
                 if skipped:
                     stats.skipped_stretches += 1
-                count = sum([packets for _, packets in blocks])
+                count = blocks[0][1] if len(blocks) == 1 else sum([packets for _, packets in blocks])
                 came: tuple[Arrival, ...] = ((count, now),)
                 apart = False
                 if arrivals:
@@ -310,7 +310,8 @@ class Link:
             if end > middle:
                 self._skip(wire, data, middle, end)
             at = end
-        self._buffer = data[at:]  # as in `_drop`
+        if at:
+            self._buffer = data[at:]  # as in `_drop`
 
     def _skip(self, wire: StreamFormat, data: bytearray, start: int, end: int) -> None:
         if (wire.self_evident or not self._noise) and wire.other_record(data, start) == end - start:
