@@ -1,4 +1,4 @@
-"""A revolution in the making that is divided: how far the rotor has come, and what was handed out.
+"""A revolution in the making that is divided: what of it was decoded, what was handed out, and what waits.
 
 Plain state and arithmetic; `lidario.revolution.sectors` leads it from packet to packet.
 """
@@ -6,15 +6,20 @@ Plain state and arithmetic; `lidario.revolution.sectors` leads it from packet to
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import InitVar, dataclass, field
 from functools import cache
 from typing import Final
 
-from lidario.families.base import Samples
-from lidario.revolution.partial import PartialRevolution, SampleArrays
-from lidario.wire.blocks import Block
+import numpy as np
+
+from lidario.families.base import DecodedRevolution, Decoder, Samples
+from lidario.revolution.ended import FALSE_PART, UNEVEN, hides_a_turn
+from lidario.revolution.partial import PartialRevolution, SampleArrays, joined
+from lidario.revolution.timing import begins_of
+from lidario.wire.blocks import Block, some_blocks
 from lidario.wire.events import Packets
-from lidario.wire.formats import StreamFormat
+from lidario.wire.formats import HEADING_MASK, Headings, StreamFormat
 
 ROUNDING: Final = 1e-9
 """Much less than a packet, and more than what rounding makes of a whole number."""
@@ -41,8 +46,10 @@ class OpenSector:
 
     index: int = 0  # which one
     begin: int = 0  # samples of the revolution before it
-    lost: int = 0  # packets of the revolution that were told as lost before it
+    lost: int = 0  # packets of the revolution that were lost before it
+    first: int = 0  # number of the first of its pieces
     after_ns: int = 0  # when the sector before it began
+    behind_ns: int = 0  # when that one ended
 
 
 @dataclass(slots=True, eq=False)
@@ -53,6 +60,7 @@ class DividedRevolution:
     began: int  # heading at which it began
     wire: StreamFormat  # the format of its packets
     parts: InitVar[tuple[int, ...]]  # how many sectors it is divided into, of each size
+    decoder: Decoder  # decodes its pieces
     usual_ns: float  # what a revolution takes; 0 where that is not known
     offset_deg: float  # zero-angle offset of all its sectors
     usual_samples: float = 0.0  # what it has, by the latest speed that was certain; 0 where that is not known
@@ -61,102 +69,202 @@ class DividedRevolution:
     at: int = 0
     # The sectors in the making, by how many a revolution has.
     open: dict[int, OpenSector] = field(default_factory=dict)
+    waiting: list[Packets] = field(default_factory=list)  # packets that were not decoded
+    waiting_at: int = 0  # how far behind the seam the last of them begins
+    rest: SampleArrays | None = None  # samples that were decoded and belong to no sector yet
+    decoded: list[Samples] = field(default_factory=list)  # what was decoded so far
+    # The samples before `rest`, those that were carried over first, divided where a sector ends.
+    pieces: list[SampleArrays] = field(default_factory=list)
     passed: int = 0  # how far behind the seam the headings have come
-    last_at: int = 0  # how far behind the seam its latest packet begins
-    packets: int = 0  # its packets that have come
-    came: int = 0  # the samples of these, and those that were carried over
+    last: int = 0  # how far behind the seam the last packet that was decoded begins
+    last_samples: int = 0  # its samples
+    last_arc: float = 0.0  # how far the rotor turned during it
+    given: int = 0  # samples in these pieces
+    lost: int = 0  # packets known to be missing so far
+    # Where samples are missing so far: how many came before, and how many are missing there.
+    gaps: list[tuple[int, int]] = field(default_factory=list)
+    # Those that are missing behind the last packet that was decoded, and belong to no sector yet.
+    lost_behind: int = 0
+    samples: int = 0  # samples that have come
     longest: int = 0  # bytes of the longest packet
     most_samples: int = 0  # its samples
-    # Its samples as they were decoded last, those that were carried over first.
-    arrays: SampleArrays | None = None
-    given: int = 0  # how many of them were handed out: the scan has the same
-    samples: Samples | None = None  # what they were decoded to
-    turns: float = 0.0  # how far the rotor turned during them, without those that were carried over
-    last_samples: int = 0  # samples of the last packet of them
-    last_begin: int = 0  # how far behind the seam that one begins
-    last_arc: float = 0.0  # how far the rotor turned during it
-    first_ns: float = math.inf  # earliest estimate of when its first sample arrived; infinite when there is none
+    packets: int = 0  # how many packets they are
+    sample_ns: float = 0.0  # nanoseconds a sample, as far as that is known
+    first_ns: float = math.inf  # earliest estimate of when the first sample arrived; infinite when there is none
+    gap: bool = False  # whether a gap is known, so that the number of samples tells no time any more
     certain: bool = True  # whether the angles of all that was decoded are, and no turn passed unseen among it
     seq: int | None = None  # its number, once told
     unseen: int = 0  # revolutions before it that were counted as missing when that was told
-    crossed: int = 0  # how many of its samples lie before the seam at its end; 0 until it has ended
-    lost_past: int = 0  # of the packets that are missing behind its last one, those of the next revolution
+    is_finished: bool = False  # whether it has ended, and all of it was decoded
+    crossed: int = 0  # how many samples of `rest` belong to it then; the others lie behind the seam
+    before_seam: int = 0  # how many samples of its packets do
 
     def __post_init__(self, parts: tuple[int, ...]) -> None:
         self.ends = ends_of(self.wire.full_turn, parts)
         self.open = {count: OpenSector() for count in parts}
-        self.arrays = self.partial.carried
-        if self.arrays is not None:
-            self.came = self.last_samples = len(self.arrays)
+        carried, self.lost = self.partial.carried, self.partial.lost_behind_carried
+        if carried is not None:
+            self.rest, self.gap = carried, self.lost > 0
+            self.samples = self.last_samples = len(carried.angle)
+        self.lost += self.partial.lost_before
+        if self.partial.skipped_behind_carried:
+            self.gaps.append((self.samples, self.partial.skipped_behind_carried))
 
-    @property
-    def room(self) -> int:
-        """Samples that were carried over."""
-        return 0 if self.partial.carried is None else len(self.partial.carried)
+    def come(self, packets: Packets, headings: Headings) -> list[int]:
+        """Take note of when packets came: each tells when the revolution began, the least delayed one best.
 
-    @property
-    def size(self) -> int:
-        """Samples that were decoded."""
-        return 0 if self.arrays is None else len(self.arrays)
-
-    @property
-    def has_gap(self) -> bool:
-        """Whether a gap is known, so that the number of samples tells no time."""
-        return self.partial.lost_behind_carried > 0 or (self.samples is not None and self.samples.lost > 0)
-
-    def note(self, packets: Packets) -> None:
-        """These have come."""
-        self.packets += packets.count
-        self.came += self.wire.samples_in(packets.blocks)
-        for size, _ in packets.blocks:
+        Returns:
+            How far behind the seam each of them begins.
+        """
+        wire, blocks, (count, _) = self.wire, packets.blocks, packets.arrivals[-1]
+        all_samples = wire.samples_in(blocks)
+        # Behind a gap the number of samples since the beginning is not known exactly.
+        if not self.gap or math.isinf(self.first_ns):
+            for complete, at_ns in packets.arrivals:
+                some = complete < count
+                samples = wire.samples_in(some_blocks(blocks, 0, complete)) if some else all_samples
+                self.first_ns = min(self.first_ns, at_ns - (self.samples + samples - 1) * self.sample_ns)
+        self.samples += all_samples
+        for size, _ in blocks:
             if size > self.longest:
-                self.longest, self.most_samples = size, self.wire.samples_in((Block(size, 1),))
+                self.longest, self.most_samples = size, wire.samples_in((Block(size, 1),))
+        self.packets += count
+        plain = headings.tolist() if isinstance(headings, np.ndarray) else headings
+        return [((heading & HEADING_MASK) - self.began) % wire.full_turn for heading in plain]
 
-    def take(self, samples: Samples, next_at: int) -> None:
-        """Take what its packets so far were decoded to; what was handed out stays as it was.
+    def decode_waiting(self, following: bytes | None, next_at: int, seam: int | None = None) -> Samples:
+        """Decode what waits, behind the samples that were left over before.
 
         Args:
-            samples: That, behind room for those that were carried over.
-            next_at: How far behind the seam the packet behind them begins.
+            following: The packet behind it, if that may be looked at.
+            next_at: How far behind the seam that one begins.
+            seam: As for `Decoder.decode`.
         """
+        packets, rest = joined(self.waiting), self.rest
+        left = 0 if rest is None else len(rest.angle)
+        samples = self.decoder.decode(packets, following, left, seam)
         arrays = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
-        if self.arrays is not None:
-            arrays.begin_with(self.arrays.part(0, max(self.given, self.room)))
-        ends, (_, _, usual, _) = samples.ends, samples.last
-        self.last_begin, self.last_samples = self.last_at, ends[-1] - (ends[-2] if len(ends) > 1 else 0)
-        self.last_arc = (next_at - self.last_begin) % self.wire.full_turn
-        if samples.certain and usual:
-            turns, before = ends[-1] / usual, 0 if self.samples is None else self.samples.ends[-1]
-            # The speed of those that are new.
-            self.usual_samples = (ends[-1] - before) / (turns - self.turns) if turns > self.turns else usual
-            self.turns, self.by_speed_ns = turns, samples.sample_ns
+        if rest is not None:
+            arrays.begin_with(rest)
+        self.rest = arrays
+        earlier = self.given + left
+        if samples.certain:
+            if self.gaps or samples.gaps or samples.sample_ns:
+                before = earlier + sum([skipped for _, skipped in self.gaps])
+                found = begins_of(packets, samples, before, self.sample_ns)
+            else:
+                # Those before were dated as they came.
+                found = [packets.arrivals[-1][1] - (earlier + samples.ends[-1] - 1) * self.sample_ns]
+            self.first_ns = min(self.first_ns, *found)
+            # Where whole turns passed unseen, these packets belong to another revolution, as in `EndedRevolution`.
+            turn_ns = self.usual_ns or samples.last.samples * self.sample_ns
+            gap = self.gap or samples.lost > samples.lost_behind
+            self.certain &= not (turn_ns and hides_a_turn(found[-1] - self.first_ns, turn_ns, gap=gap))
+        else:
+            self.certain &= self.wire.own_angles
+        self.gaps += [(earlier + before, skipped) for before, skipped in samples.gaps]
+        self.decoded.append(samples)
+        self.waiting.clear()
+        self.lost += self.lost_behind + samples.lost - samples.lost_behind
+        self.lost_behind = samples.lost_behind
+        self.gap |= samples.lost > 0
+        ends = samples.ends
+        self.last, self.last_samples = self.waiting_at, ends[-1] - (ends[-2] if len(ends) > 1 else 0)
+        self.last_arc = (next_at - self.last) % self.wire.full_turn
+        if samples.certain and samples.last.samples:
+            self.usual_samples, self.by_speed_ns = samples.last.samples, samples.sample_ns
             if samples.lost_behind:
-                self.last_arc = self.last_samples * self.wire.full_turn / self.usual_samples
-        self.arrays, self.samples = arrays, samples
+                self.last_arc = self.last_samples * self.wire.full_turn / samples.last.samples
+        return samples
 
-    def upto(self, end: int) -> int:
-        """How many of its samples lie before the end of a sector, by the arc of the last packet."""
-        if self.crossed and end == self.wire.full_turn:
-            return self.crossed
-        inside = self.last_samples
-        if self.last_arc > 0:
-            by_arc = math.ceil((end - self.last_begin) * inside / self.last_arc - ROUNDING)
-            inside = max(0, min(inside, by_arc))
-        return max(self.given, min(self.size - self.last_samples + inside, self.crossed or self.size))
+    def pass_end(self) -> tuple[int, ...]:
+        """The rotor has passed the end of sectors: divide the rest there, by the last packet's arc.
 
-    def gaps(self) -> list[tuple[int, int]]:
-        """Where samples are missing so far: how many came before, and how many are missing there."""
-        behind, found = self.partial.skipped_behind_carried, list[tuple[int, int]]()
-        if behind:
-            found.append((self.room, behind))
-        if self.samples is not None:
-            found += [(self.room + before, skipped) for before, skipped in self.samples.gaps]
-        return found
+        Returns:
+            How many sectors of their size a revolution has.
+        """
+        (end, parts), rest = self.ends[self.at], self.rest
+        self.at += 1
+        if rest is not None:
+            inside, size = self.last_samples, len(rest.angle)
+            if self.at == len(self.ends):
+                upto = size
+            else:
+                if self.last_arc > 0:
+                    by_arc = math.ceil((end - self.last) * inside / self.last_arc - ROUNDING)
+                    inside = max(0, min(inside, by_arc))
+                upto = max(0, size - self.last_samples + inside)
+            if upto:
+                self.pieces.append(rest.part(0, upto))
+                self.rest = rest.part(upto)
+                self.given += upto
+            if upto == size:
+                # What is missing behind the last packet belongs to the sector that ends with it.
+                self.lost, self.lost_behind = self.lost + self.lost_behind, 0
+        return parts
 
-    def lost(self, upto: int) -> int:
-        """Packets that are missing among so many of its samples."""
-        found, samples = self.partial.lost_before + self.partial.lost_behind_carried, self.samples
-        if samples is not None:
-            # What is missing behind the last packet belongs to the sector that ends with it.
-            found += samples.lost - (samples.lost_behind if upto < self.size else self.lost_past)
-        return found
+    def finish(self, following: bytes, seam: int | None, *, broken: bool = False) -> None:
+        """The revolution has ended: decode the rest of it, unless that was done.
+
+        Args:
+            following: The packet behind it.
+            seam: As for `Decoder.decode`.
+            broken: Whether the stream began anew with that one.
+        """
+        if self.is_finished:
+            return
+        wire, left = self.wire, 0 if self.rest is None else len(self.rest)
+        first = Packets(following, (Block(len(following), 1),), ((1, 0),))
+        behind = ((int(wire.headings(first)[0]) & HEADING_MASK) - self.began) % wire.full_turn
+        piece = self.decode_waiting(None if broken else following, wire.full_turn + behind, seam)
+        inside = piece.last.before_seam
+        self.is_finished, self.crossed = True, left + inside
+        self.before_seam = sum([each.ends[-1] for each in self.decoded]) - piece.ends[-1] + inside
+
+    def all_samples(self) -> SampleArrays:
+        """All that was decoded, also what lies behind the seam in the last packet."""
+        assert self.rest is not None
+        return join_pieces([*self.pieces, self.rest]) if self.pieces else self.rest
+
+    def whole(self) -> Samples | None:
+        """As `Decoder.decode`, of the revolution, which has ended; None where its pieces do not tell all of it."""
+        if not self.certain or self.unseen or not all(piece.is_steady for piece in self.decoded):
+            return None
+        found, arrays = list[int](), self.all_samples()
+        turns = sample_turns = told = told_rpm = 0.0
+        for piece in self.decoded:
+            (_, packets, samples, rpm), count, before = piece.last, len(piece.ends), found[-1] if found else 0
+            found += [before + end for end in piece.ends]
+            turns += count / packets
+            sample_turns += piece.ends[-1] / samples
+            if not math.isnan(rpm):
+                told, told_rpm = told + count, told_rpm + count * rpm
+        if not FALSE_PART <= sample_turns <= UNEVEN:
+            # A rotor that stood tells of no step, and behind a false seam lies no whole revolution.
+            return None
+        of_all = DecodedRevolution(
+            self.before_seam, len(found) / turns, found[-1] / sample_turns, told_rpm / told if told else math.nan
+        )
+        return Samples(
+            arrays.angle, arrays.distance, arrays.intensity, found, [of_all], lost=0, unbroken=len(found)
+        )
+
+    def leave_rest(self) -> None:
+        """Leave to the next revolution what lies behind the seam in the last packet, and what is missing there."""
+        assert self.rest is not None
+        over = len(self.rest) - self.crossed
+        if over:
+            self.rest = self.rest.part(0, self.crossed)
+            self.last_arc *= 1 - over / self.last_samples
+            self.last_samples -= over
+            self.lost_behind = 0
+
+
+def join_pieces(pieces: Sequence[SampleArrays]) -> SampleArrays:
+    """Samples that follow each other, in arrays of their own."""
+    intensities = [piece.intensity for piece in pieces if piece.intensity is not None]
+    return SampleArrays(
+        np.concatenate([piece.angle for piece in pieces]),
+        np.concatenate([piece.distance for piece in pieces]),
+        np.concatenate(intensities) if intensities else None,
+    )

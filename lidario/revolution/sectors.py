@@ -1,10 +1,13 @@
 """Parts of the revolution in the making, handed out as soon as the rotor has passed the end of each.
 
-`SectorAssembler` is an `Assembler` that ends a revolution also where it has not ended: each time the headings pass
-the end of a sector, all its packets up to there are decoded, as they are at the seam. To decode a part of a
-revolution costs hardly less than to decode all of it. Where a packet lies across the end of a sector, its samples
-are divided by where the rotor stood. What was handed out stays as it was, whatever is known later, so that the
-sectors and the scan hold the same samples; all else, the scan tells as if there were no sectors.
+`SectorAssembler` is an `Assembler` that decodes the revolution piece by piece: each time the headings pass the end
+of a sector, the packets up to there are decoded, by a decoder that goes on where the revolution before ended. Where
+a packet lies across the end, its samples are divided as at the seam: by where the rotor stood. A packet that can
+only be decoded together with the one behind it waits for that one.
+
+When the revolution has ended, its scan is made of the same pieces, so that the sectors and the scan hold the same
+samples. What is judged and counted is what the whole revolution tells. Where nothing was missing, that is the sum
+of the pieces. Otherwise all packets of the revolution are decoded once more, with what was known at its beginning.
 
 The number of a revolution is known only at its end, when the time tells how many passed unseen before it. A sector
 needs it earlier; so it is found in the same way with what is known when the first sector is complete, and the scan
@@ -17,18 +20,22 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 
-import numpy as np
-
 from lidario.families.base import Samples
 from lidario.measured import with_gaps
 from lidario.revolution.assemble import Assembler
 from lidario.revolution.build import turned_by
 from lidario.revolution.clock import NOISE, Beginning
-from lidario.revolution.divided import RETREAT_PART, ROUNDING, DividedRevolution, OpenSector
-from lidario.revolution.ended import hides_a_turn, share_before, share_past
-from lidario.revolution.partial import PartialRevolution, joined, part_of
+from lidario.revolution.divided import (
+    RETREAT_PART,
+    ROUNDING,
+    DividedRevolution,
+    OpenSector,
+    join_pieces,
+)
+from lidario.revolution.ended import share_before
+from lidario.revolution.partial import PartialRevolution, part_of
 from lidario.revolution.seam import Split
-from lidario.revolution.timing import begins_of, earliest_ns
+from lidario.revolution.timing import earliest_ns
 from lidario.samples import read_only
 from lidario.scan import Scan
 from lidario.sector import Sector
@@ -68,8 +75,7 @@ class SectorAssembler(Assembler):
         here = self.partial.divided
         if here is None or not here.usual_samples:
             return math.nan
-        wire, each, (end, _) = here.wire, here.most_samples, here.ends[here.at]
-        sample_ns = here.by_speed_ns or self.incoming.time.known_ns
+        wire, sample_ns, each, (end, _) = here.wire, here.sample_ns, here.most_samples, here.ends[here.at]
         varies = wire.shortest != wire.longest
         # From the beginning of the last packet to the end of the sector.
         away = (end - here.passed) * here.usual_samples / wire.full_turn
@@ -79,9 +85,9 @@ class SectorAssembler(Assembler):
         else:
             # Where packets hold a sample more or fewer, a whole number of them may be off by two samples.
             more = float(max(1, math.ceil(away / each - (2 / each if varies else ROUNDING))) * each)
-        if here.has_gap or math.isinf(here.first_ns):
+        if here.gap:
             return here.partial.last_ns + more * sample_ns
-        return here.first_ns + (here.came + more - 1) * sample_ns
+        return here.first_ns + (here.samples + more - 1) * sample_ns
 
     @property
     def keeps_offset(self) -> bool:
@@ -101,20 +107,28 @@ class SectorAssembler(Assembler):
             if not self._parts or (here := self._begin(int(headings[0]))) is None:
                 return
             self.partial.divided = self._latest = here
-        wire, number = here.wire, here.packets
-        here.note(packets)
+        known_ns = self.incoming.time.known_ns
+        here.sample_ns = here.by_speed_ns or known_ns
+        away = here.come(packets, headings)
+        wire, begin, offsets = here.wire, 0, packet_offsets(packets.blocks)
         # A reading that trembles back over the seam seems to be almost a revolution ahead.
         most = wire.full_turn - wire.full_turn // RETREAT_PART
-        for heading in headings.tolist() if isinstance(headings, np.ndarray) else headings:
-            angle = ((heading & HEADING_MASK) - here.began) % wire.full_turn
+        for number, angle in enumerate(away):
             if 0 < angle - here.passed <= most:
                 here.passed = angle
-            if here.passed >= here.ends[here.at][0]:
-                if number:
-                    self._decode_some(here, number)
-                while here.passed >= here.ends[here.at][0]:
-                    self._hand_out(here)
-            here.last_at, number = angle, number + 1
+            if here.passed < here.ends[here.at][0]:
+                continue
+            if number > begin:
+                here.waiting.append(part_of(packets, begin, number, offsets, wire, known_ns))
+                here.waiting_at, begin = away[number - 1], number
+            if here.waiting:
+                here.decode_waiting(packets.data[offsets[number] : offsets[number + 1]], here.passed)
+                here.sample_ns = here.by_speed_ns or known_ns
+            while here.passed >= here.ends[here.at][0]:
+                self._hand_out(here)
+        rest = part_of(packets, begin, len(away), offsets, wire, known_ns) if begin else packets
+        here.waiting.append(rest)
+        here.waiting_at = away[-1]
 
     def _begin(self, first: int) -> DividedRevolution | None:
         """A revolution may begin with the packet of that heading; None where none does, or it cannot be divided."""
@@ -125,98 +139,85 @@ class SectorAssembler(Assembler):
         if not sure or partial.seam is None or not sample_ns:
             return None
         began = first & HEADING_MASK if first & BEGINS else partial.seam
-        here = DividedRevolution(
-            partial, began, wire, self._parts, self._clock.usual_ns, self._stream.zero_offset_deg
-        )
+        offset_deg, usual_ns = self._stream.zero_offset_deg, self._clock.usual_ns
+        here = DividedRevolution(partial, began, wire, self._parts, self._decoder.fork(), usual_ns, offset_deg)
         if before is not None:
             here.usual_samples, here.by_speed_ns = before.usual_samples, before.by_speed_ns
-        if here.room:
-            here.first_ns = partial.carried_ns - (here.room - 1) * sample_ns
+        if here.samples:
+            here.first_ns = partial.carried_ns - (here.samples - 1) * sample_ns
             # The packet that crossed the seam ends where the first one begins, unless others are missing between.
             here.last_arc = ((first & HEADING_MASK) - began) % wire.full_turn
-            if here.has_gap and here.usual_samples:
-                here.last_arc = here.room * wire.full_turn / here.usual_samples
+            if here.gap and here.usual_samples:
+                here.last_arc = here.samples * wire.full_turn / here.usual_samples
             if here.last_arc > wire.full_turn - wire.full_turn // RETREAT_PART:
                 here.last_arc = 0.0
         return here
-
-    def _decode_some(self, here: DividedRevolution, count: int) -> None:
-        """Decode the packets so far up to that one, as if the revolution had ended there."""
-        partial, wire = here.partial, here.wire
-        partial.runs = [joined(partial.runs)]
-        offsets = packet_offsets(partial.runs[0].blocks)
-        packets = part_of(partial.runs[0], 0, count, offsets, wire, self.incoming.time.known_ns)
-        following = partial.runs[0].data[offsets[count] : offsets[count + 1]]
-        samples = self._decoder.fork().decode(packets, following, here.room)
-        self._take(here, packets, samples, here.passed)
-
-    def _take(self, here: DividedRevolution, packets: Packets, samples: Samples, next_at: int) -> None:
-        """These packets were decoded to those samples."""
-        here.take(samples, next_at)
-        sample_ns = here.by_speed_ns or self.incoming.time.known_ns
-        found = begins_of(here.partial, packets, samples, sample_ns)
-        here.first_ns = min(found)
-        if samples.certain:
-            # Where whole turns passed unseen, these packets belong to another revolution, as in `EndedRevolution`.
-            turn_ns = here.usual_ns or samples.last.samples * sample_ns
-            gap = here.partial.lost_behind_carried > 0 or samples.lost > samples.lost_behind
-            here.certain &= not (turn_ns and hides_a_turn(found[-1] - here.first_ns, turn_ns, gap=gap))
-        else:
-            here.certain &= here.wire.own_angles
 
     # ------------------------------------------------------------------------------------------------ sectors
 
     def _hand_out(self, here: DividedRevolution) -> None:
         """The rotor has passed the end of sectors: publish those of which samples came and angles are certain."""
-        sample_ns, mode = here.by_speed_ns or self.incoming.time.known_ns, self._stream.mode
-        (end, parts), arrays = here.ends[here.at], here.arrays
-        upto = here.upto(end)
-        here.at += 1
-        here.given = upto
-        lost = here.lost(upto)
-        for count in parts:
+        sample_ns = here.sample_ns
+        for count in here.pass_end():
             done = here.open[count]
-            if arrays is None or upto == done.begin or not here.certain:
+            pieces = here.pieces[done.first :]
+            if not pieces or not here.certain:
                 # What is missing is told with the next one, whose index says that this one did not come.
                 done.index += 1
                 continue
+            arrays = pieces[0] if len(pieces) == 1 else join_pieces(pieces)
             # When the first sample of the revolution was measured, as far as the packets so far tell.
-            start_ns = earliest_ns(here.first_ns, sample_ns, here.partial.size / here.packets * self._byte_ns)
+            packet_bytes = here.partial.size / here.packets
+            start_ns = earliest_ns(here.first_ns, sample_ns, packet_bytes * self._byte_ns)
             if here.seq is None:
                 here.seq = self._number(here, start_ns)
-            gaps = here.gaps()
-            before = done.begin + sum([skipped for at, skipped in gaps if at <= done.begin])
-            gaps = [(at - done.begin, skipped) for at, skipped in gaps if done.begin < at < upto]
-            stamp_ns = max(start_ns + round(before * sample_ns), done.after_ns)
-            part, missing = arrays.part(done.begin, upto), max(0, lost - done.lost)
+            lost = max(0, here.lost - done.lost)
+            before, gaps = done.begin, list[tuple[int, int]]()
+            for at, skipped in here.gaps:
+                if at <= done.begin:
+                    before += skipped
+                elif at < here.given:
+                    gaps.append((at - done.begin, skipped))
+            stamp_ns, mode = start_ns + round(before * sample_ns), self._stream.mode
+            less = round((done.behind_ns - stamp_ns) / sample_ns)
+            if gaps and less >= here.most_samples:
+                # What came behind the gap was sooner than that allows, by a packet or more: less is missing there.
+                at, skipped = gaps[0]
+                less = min(skipped, less)
+                gaps[0], stamp_ns = (at, skipped - less), stamp_ns + round(less * sample_ns)
+            stamp_ns = max(stamp_ns, done.after_ns)
+            duration_ns = round((len(arrays.angle) + sum([skipped for _, skipped in gaps])) * sample_ns)
+            here.open[count] = OpenSector(
+                done.index + 1, here.given, here.lost, len(here.pieces), stamp_ns, stamp_ns + duration_ns
+            )
             sector = Sector(
-                device_angles=read_only(turned_by(part.angle, here.offset_deg)),
-                device_distances=read_only(part.distance),
-                intensities=None if part.intensity is None else read_only(part.intensity),
+                device_angles=read_only(turned_by(arrays.angle, here.offset_deg)),
+                device_distances=read_only(arrays.distance),
+                intensities=None if arrays.intensity is None else read_only(arrays.intensity),
                 stamp_ns=stamp_ns,
                 wall_stamp_ns=stamp_ns + self.wall_offset_ns,
                 time_increment_ns=round(sample_ns),
-                duration_ns=round((upto - done.begin + sum([skipped for _, skipped in gaps])) * sample_ns),
+                duration_ns=duration_ns,
                 rpm=60e9 / (here.usual_samples * sample_ns) if here.usual_samples else math.nan,
                 seq=here.seq,
                 index=done.index,
                 degrees=360.0 / count,
                 dropped_before=0,
-                lost_packets=missing,
+                lost_packets=lost,
                 mode=mode.name,
                 max_range=mode.max_distance,
                 field_of_view=here.wire.field_deg,
             )
-            here.open[count] = OpenSector(done.index + 1, upto, done.lost + missing, stamp_ns)
-            self._publish_sector(count, with_gaps(sector, gaps) if missing else sector)
+            self._publish_sector(count, with_gaps(sector, gaps) if lost else sector)
 
     def _number(self, here: DividedRevolution, start_ns: int) -> int:
         """The number of the revolution; those that passed unseen before it are counted."""
         stats, partial = self.stats, here.partial
         stats.resume(start_ns)
-        if self._clock.last is not None and (samples := here.samples) is not None:
+        if self._clock.last is not None and here.decoded:
+            samples = here.decoded[0]
             over = share_before(here.wire, partial, samples)
-            turn_ns = samples.last.samples * (here.by_speed_ns or self.incoming.time.known_ns)
+            turn_ns = samples.last.samples * here.sample_ns
             from_end_ns = round(partial.last_ns - (here.passed / here.wire.full_turn - over) * turn_ns)
             # A read that was completed only behind a gap dates what came before it too late, as in `beginning_of`.
             late = samples.certain and start_ns - from_end_ns > NOISE * turn_ns
@@ -245,38 +246,48 @@ class SectorAssembler(Assembler):
         here = self.partial.divided
         made = super().add_block(event, offsets, splits, first)
         if made and here is not None:
-            here.seq = made[0].seq
-            self._finish(here)
+            here.seq, self._told_seq = made[0].seq, None
+            self._finish_all(here, made[0])
         return made
 
     def _end(self, split: Split, following: bytes) -> Scan | None:
         here, broken = self.partial.divided, self.stats.broken_scans
         scan = super()._end(split, following)
-        if here is not None:
+        self._told_seq, self._told_unseen = None, 0
+        if here is not None and here.is_finished and not (split.broken or split.moved):
             if here.seq is None and scan is not None:
                 here.seq = scan.seq
             elif here.seq is None and self.stats.broken_scans > broken:
                 # It has used a number up.
                 here.seq = self.stats.scans + self.stats.missed_scans - 1
-            self._finish(here)
+            if here.seq is not None:
+                self._finish_all(here, scan)
         return scan
 
     def _decode(
         self, ended: PartialRevolution, packets: Packets, split: Split, following: bytes, room: int
     ) -> Samples:
-        found, here = super()._decode(ended, packets, split, following, room), ended.divided
-        if here is not None:
-            self._told_seq, self._told_unseen = here.seq, here.unseen
-            if not (split.broken or split.moved):
-                behind = share_past(here.wire, following, here.began) * here.wire.full_turn
-                self._take(here, packets, found, round(here.wire.full_turn + behind))
-                here.crossed = room + found.last.before_seam
+        here = ended.divided
+        if here is None:
+            return super()._decode(ended, packets, split, following, room)
+        seam = None if split.marked or split.broken else split.seam
+        here.finish(following, seam, broken=split.broken)
+        self._told_seq, self._told_unseen = here.seq, here.unseen
+        if not split.broken and (whole := here.whole()) is not None:
+            self._decoder = here.decoder
+            return whole
+        found = self._decoder.decode(packets, None if split.broken else following, room, seam)
+        if here.certain:
+            arrays = here.all_samples()
+            found.revolutions = [found.last._replace(before_seam=here.before_seam)]
+            found.angle_deg, found.distance_mm, found.intensity = arrays.angle, arrays.distance, arrays.intensity
         return found
 
-    def _finish(self, here: DividedRevolution) -> None:
-        """The revolution has ended: hand out its last sectors, if it has a number."""
-        self._told_seq, self._told_unseen = None, 0
-        if here.crossed and here.seq is not None:
-            here.lost_past = self.partial.lost_before
-            while here.at < len(here.ends):
-                self._hand_out(here)
+    def _finish_all(self, here: DividedRevolution, scan: Scan | None) -> None:
+        """The revolution has ended: hand out its last sectors. What its pieces did not know, the last one tells."""
+        here.leave_rest()
+        if scan is not None:
+            here.lost_behind = scan.lost_packets - here.lost
+        here.sample_ns = here.by_speed_ns or self.incoming.time.known_ns
+        while here.at < len(here.ends):
+            self._hand_out(here)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from lidario.families.base import Samples
 from lidario.revolution.ended import EndedRevolution
-from lidario.revolution.partial import PartialRevolution
 from lidario.wire.events import Packets
 
 BITS_A_BYTE = 10
@@ -25,34 +24,33 @@ def first_sample_ns(ended: EndedRevolution, byte_ns: float) -> int:
         ended: The revolution. Of its times, only `sample_ns` is read.
         byte_ns: Nanoseconds that a byte takes on the line.
     """
-    packets = ended.packets
-    found = begins_of(ended.partial, packets, ended.samples, ended.sample_ns)
-    return earliest_ns(min(found), ended.sample_ns, len(packets.data) / packets.count * byte_ns)
-
-
-def begins_of(revolution: PartialRevolution, packets: Packets, samples: Samples, sample_ns: float) -> list[float]:
-    """When the first sample of a revolution arrived, by each read of packets: as if that one was not delayed.
-
-    Args:
-        revolution: What was known of it before.
-        packets: Its packets, or the first of them.
-        samples: What they were decoded to.
-        sample_ns: Nanoseconds a sample.
-    """
+    revolution, packets, samples, sample_ns = ended.partial, ended.packets, ended.samples, ended.sample_ns
     before, skipped, found = 0, 0, list[float]()
     if revolution.carried is not None:
         before, skipped = len(revolution.carried), revolution.skipped_behind_carried
         found.append(revolution.carried_ns - (before - 1) * sample_ns)
-    if not samples.certain:
+    if samples.certain:
+        found += begins_of(packets, samples, before + skipped, sample_ns)
+    else:
         unbroken = -1 if before and revolution.lost_behind_carried else samples.unbroken
         for count, at_ns in packets.arrivals:
             if count > unbroken and found:
                 # Behind a gap the number of samples since the beginning is not known.
                 break
             found.append(at_ns - (before + samples.ends[count - 1] - 1) * sample_ns)
-        return found
-    before += skipped
-    ends, gaps, passed = samples.ends, samples.gaps, 0
+    return earliest_ns(min(found), sample_ns, len(packets.data) / packets.count * byte_ns)
+
+
+def begins_of(packets: Packets, samples: Samples, before: int, sample_ns: float) -> list[float]:
+    """When the first sample of a revolution arrived, by each read of packets: as if that one was not delayed.
+
+    Args:
+        packets: These packets.
+        samples: What they were decoded to; where packets are missing among them is certain.
+        before: How many samples of the revolution were measured before them.
+        sample_ns: Nanoseconds a sample.
+    """
+    ends, gaps, passed, found = samples.ends, samples.gaps, 0, list[float]()
     for count, at_ns in packets.arrivals:
         end = ends[count - 1]
         while passed < len(gaps) and gaps[passed][0] < end:
