@@ -16,11 +16,12 @@ import pytest
 from lidario.families.rplidar import chains
 from lidario.families.rplidar.nodes import NodeFormat
 from lidario.families.rplidar.simulated.packers import pack_standard
+from lidario.revolution.pipeline import Pipeline
 from tests.reference import damage
 from tests.support.cases import CASES, Case
 from tests.support.kept import spoil_inside
 from tests.support.samples import one_a_parser
-from tests.support.streams import arrived, assembled, feed
+from tests.support.streams import arrived, assembled, cut_up, feed, stream_of
 
 CASES_81 = [case for case in CASES if len(case.packets[0]) == 5]
 RATE = 5e-4
@@ -146,6 +147,19 @@ def test_revolutions_follow_the_mark_wherever_it_stands(place: int, chunks: int 
     for scan in scans[1:]:
         assert abs(len(scan) - 3200) <= 1
         assert abs((scan.device_angles[0] - (place if place >= 30 and place < 330 else 0) + 180) % 360 - 180) < 0.3
+
+
+@pytest.mark.parametrize("chunks", [64, None])
+def test_where_only_the_first_mark_stands_elsewhere_revolutions_begin_at_0(chunks: int | None) -> None:
+    """A device may mark the first node of all."""
+    degrees = np.arange(1400, 6 * 3200 + 100) * 7.2 / 64 % 360
+    marks = np.diff(degrees, prepend=360.0) < 0
+    raw = pack_standard(np.rint(degrees * 64) % (360 * 64), 4000, 40, marks)
+    pipeline = Pipeline(stream_of(CASES_81[0]))
+    scans = [scan for piece in cut_up(raw, chunks) for scan in pipeline.receive(piece)]
+    assert pipeline.stats.broken_scans == pipeline.stats.lost_packets == pipeline.stats.missed_scans == 0
+    assert len(scans) == 5
+    assert all(scan.device_angles[0] < 0.3 for scan in scans)
 
 
 @every_case

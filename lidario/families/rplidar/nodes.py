@@ -96,13 +96,13 @@ class NodeFormat(StreamFormat):
         return angle_at(data, at) < FULL_TURN_Q6
 
     def headings(self, packets: Packets) -> Headings:
-        """As `StreamFormat.headings`, in 1/64 degrees. Only marks far from 0 are told: at 0 the angles do."""
+        """As `StreamFormat.headings`, in 1/64 degrees. While all marks stand at 0, none is told: the angles do."""
         nodes = np.frombuffer(packets.data, NODE)
         angles = nodes["angle"].astype(np.int32)
         angles >>= 1
         if self._marked_far is not False:
             for place in (nodes["quality"] & 1).nonzero()[0].tolist():
-                if is_far(int(angles[place])):
+                if self._marked_far or is_far(int(angles[place])):
                     angles[place] |= BEGINS
         return angles if len(angles) >= HEADINGS_WORTH_AN_ARRAY else angles.tolist()
 
