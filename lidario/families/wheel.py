@@ -122,7 +122,7 @@ class Wheel(PacedTurning):
     def follow_several(self, heads: Heads, ends: Sequence[int], arrivals: Sequence[Arrival] = ()) -> Arcs | None:
         if not (self._certain and (self._confirmed or len(arrivals) == 1)):
             return None
-        spans, _, _, _ = spans_between(heads, self._full_turn, self._retreat)
+        spans, _, longest, _ = spans_between(heads, self._full_turn, self._retreat)
         before, begin, steps = self._arc, 0, list[float]()
         for end, (shortest, longest, total) in zip(ends, by_revolution(spans, ends), strict=True):
             if not _are_alike(before, shortest, longest):
