@@ -13,7 +13,8 @@ times in a row. So a node is believed only in its context:
 * where several phases pass, the one that advances evenly is the rotor: distances read as angles jump, or stand.
 
 The manual does not say at which angle a scan begins. Most devices mark it at 0, where the angles tell as much.
-Where the first mark of a stream stands elsewhere, or two in a row do at one place, revolutions follow those.
+Where the first mark of a stream stands elsewhere, or two in a row do at one place, revolutions follow those. A mark
+of the very first node tells nothing: some device may mark that wherever it stands.
 """
 
 from __future__ import annotations
@@ -96,13 +97,13 @@ class NodeFormat(StreamFormat):
         return angle_at(data, at) < FULL_TURN_Q6
 
     def headings(self, packets: Packets) -> Headings:
-        """As `StreamFormat.headings`, in 1/64 degrees. While all marks stand at 0, none is told: the angles do."""
+        """As `StreamFormat.headings`, in 1/64 degrees. Only marks far from 0 are told: at 0 the angles do."""
         nodes = np.frombuffer(packets.data, NODE)
         angles = nodes["angle"].astype(np.int32)
         angles >>= 1
         if self._marked_far is not False:
             for place in (nodes["quality"] & 1).nonzero()[0].tolist():
-                if self._marked_far or is_far(int(angles[place])):
+                if is_far(int(angles[place])):
                     angles[place] |= BEGINS
         return angles if len(angles) >= HEADINGS_WORTH_AN_ARRAY else angles.tolist()
 
@@ -123,8 +124,9 @@ class NodeFormat(StreamFormat):
         """Take the node at `at` if it continues the one before."""
         if not self._goes_on(data, at) or (data[at] & 1 and not fits(angle_at(data, at), self._mark)):
             return False
-        self._last = angle_at(data, at)
-        if data[at] & 1:
+        begins, self._last = self._last is None, angle_at(data, at)
+        # So it is behind damage, too, where nodes are followed anew.
+        if data[at] & 1 and not begins:
             self._mark = self._last if self._mark is None else self._mark
             self._marked_far = self._marked_far or is_far(self._last)
         return True
