@@ -18,11 +18,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidario.families.arcs import ArcDecoder
-from lidario.families.spans import Heads
+from lidario.families.base import Samples
 from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.pipeline import Pipeline
 from lidario.scan import Scan
 from lidario.sector import Sector
+from lidario.wire.events import Packets
 from tests.support.cases import CASES, KINDS, Case, most_or_all
 from tests.support.harm import messes
 from tests.support.kept import arrivals
@@ -298,13 +299,17 @@ def test_where_pieces_tell_of_other_losses_than_their_revolution_the_last_sector
     more: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As where the rotor speeds up before a gap across the seam."""
-    lost = ArcDecoder._lost
+    decode = ArcDecoder.decode
 
-    def lost_by_pieces(self: ArcDecoder, heads: Heads, at: int, skipped: int, step: float) -> int:
-        count = len(heads.first)
-        return lost(self, heads, at, skipped, step) + (more if at + 1 == count < 40 else 0)
+    def decoded(
+        self: ArcDecoder, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None
+    ) -> Samples:
+        found = decode(self, packets, following, room, seam)
+        if packets.count < 40 and found.lost_behind:
+            found.lost, found.lost_behind = found.lost + more, found.lost_behind + more
+        return found
 
-    monkeypatch.setattr(ArcDecoder, "_lost", lost_by_pieces)
+    monkeypatch.setattr(ArcDecoder, "decode", decoded)
     wire = DENSE.make_format()
     begins = wire.headings(in_one_run(wire, DENSE.raw))
     seam = [at for at in range(len(begins) - 1) if begins[at] > begins[at + 1]][2]
