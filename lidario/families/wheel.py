@@ -199,16 +199,16 @@ class Wheel(PacedTurning):
             # Where it all but stood, it may be at speed at once.
             times = span / (usual := fastest if goes_on and last <= slack else last)
             tells = 0 < times <= _TELLING
-            # Behind a gap the next one is like the one before it again.
-            alone = at < end and abs(likely - last) < abs(likely - span)
-            whole = max(1, round(times)) if alone or span - last > slack else 1
+            # Of a slow rotor, one may be a gap all the same: behind it, the next one is like the one before again.
+            alone = at < end and times > _HALFWAY and abs(likely - last) < abs(likely - span)
             # Of the fastest arc, as in `_is_steady`.
+            whole = max(1, round(times)) if span - last > slack else 1
             off = abs(span - whole * usual) / fastest
             known += tells
             fitting += tells and off <= LIKENESS
             anew = off > OFF and tells and (goes_on or 0 < likely < span < last)
             if anew or whole == 1:
-                if off <= OFF or anew:
+                if anew or (off <= OFF and not alone):
                     last = float(span) or last
                 # One that is another, and alone, hides a whole turn. Beside one of 0, the rotor stops or starts.
                 stands = 0 in (span, likely if at < end else last, arcs[-1] if at else last)
