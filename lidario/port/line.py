@@ -60,7 +60,7 @@ class Receiver(Protocol):
 
 
 class Line(ABC):
-    """What carries the bytes of a `Port`: an asyncio transport, or something that behaves like one.
+    """What carries the bytes of a `Port`; it takes the place of an asyncio transport.
 
     It calls `Port.connection_made` first and `Port.connection_lost` last, both once.
     """

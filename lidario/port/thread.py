@@ -1,4 +1,4 @@
-"""A thread that reads serial ports while the program keeps its event loop busy.
+"""A thread that reads serial ports and sockets while the program keeps its event loop busy.
 
 The kernel keeps 4 KiB of a terminal's input, 61 ms of the fastest stream, and drops what comes then. A program that
 computes for longer on its event loop would lose bytes. So while a stream runs, this thread reads each port that
