@@ -195,7 +195,7 @@ class Assembler(SteadyAssembler):
             self._clock.restart()
             here = self._decoded = self._decoded or self._decoder.decode(joined(partial.runs), None)
             sample_ns, elapsed_ns = self._stream.sample_ns, received_ns - partial.runs[0].arrivals[0][1]
-            if 2 * here.last.samples * sample_ns > elapsed_ns:
+            if 2 * here.last.samples * sample_ns > max(0, elapsed_ns):
                 # The rotor is slow, or stands: no turn passed unseen. And only time tells what is missing.
                 missing = round(len(here.ends) * (elapsed_ns / (here.ends[-1] * sample_ns) - 1))
                 self.stats.lost_packets += several(missing - here.lost)

@@ -11,6 +11,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+from benchmarks.floods.bytes import blob
 from benchmarks.streams import KINDS, capture
 from lidario.families.rplidar.decode import DenseDecoder
 from lidario.families.spans import Heads
@@ -175,6 +176,16 @@ def test_what_came_at_one_moment_tells_no_time(name: str) -> None:
     assert len(scans) > 5
     assert pipeline.stats.lost_packets == 0
     assert all(scan.time_increment_ns == 0 for scan in scans)
+
+
+def test_a_revolution_that_does_not_end_and_whose_times_fall_back_is_given_up() -> None:
+    """A file, or a peer, says what time it is; the device tells no sample time."""
+    kind = KINDS["0x85 dense"]
+    stream = replace(kind.stream(), sample_ns=0.0)
+    pipeline, size = Pipeline(stream), stream.most_bytes // 2
+    for now in (3, 2, 1):
+        assert pipeline.receive(blob("endless", size), now * 10_000_000) == []
+    assert pipeline.stats.discarded_packets > 0
 
 
 @pytest.mark.parametrize("factor", [0.8, 1.25])

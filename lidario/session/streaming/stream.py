@@ -36,6 +36,7 @@ T = TypeVar("T")
 _HOLD_S = 60.0
 """For how long a timer holds a reader that waits. Then another timer does, if it still waits."""
 DEFAULT_DEGREES = 45.0
+"""Size of a sector, where a program names none."""
 
 
 class _Hold:
