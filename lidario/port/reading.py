@@ -14,7 +14,6 @@ import asyncio
 import os
 import time
 import weakref
-from abc import abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
@@ -61,6 +60,7 @@ class PolledLine(Line):
         self._schedule: Schedule | None = None
         self._running = False
         self._closing = False
+        self._error: Exception | None = None  # why it turned out to be dead
         self._watching = False
         self._timer: asyncio.TimerHandle | None = None
         clock = time.monotonic_ns if port.is_real_time else port.now
@@ -72,9 +72,11 @@ class PolledLine(Line):
         # While the thread watches. It may be run in any thread at any moment, so there is none of a line at rest.
         self._dropped: weakref.finalize[..., PolledLine] | None = None
 
-    @abstractmethod
     def lose(self, error: Exception) -> None:
         """The line turns out to be dead. Ignored where it is closed, and in a forked child."""
+        if not self._closing and not self._port.is_forked:
+            self._error = error
+            self.abort()
 
     def is_closing(self) -> bool:
         return self._closing

@@ -103,7 +103,6 @@ class _SerialLine(PolledLine, asyncio.Protocol):
             super().__init__(loop, port, handle, partial(os.write, handle))
         else:
             super().__init__(loop, port, _NO_HANDLE, device.write_now, device.read_now)
-        self._error: Exception | None = None
         self._ended = False
         self._drained_by = 0.0
         self._errors = self._errors_before = LineErrors()
@@ -195,11 +194,6 @@ class _SerialLine(PolledLine, asyncio.Protocol):
         self._discard_output()
         with contextlib.suppress(*FOREIGN):
             self._device.close()
-
-    def lose(self, error: Exception) -> None:
-        if not self._closing and not self._port.is_forked:
-            self._error = error
-            self.abort()
 
     def stop(self) -> None:
         super().stop()

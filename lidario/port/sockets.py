@@ -114,7 +114,6 @@ class SocketLine(PolledLine):
 
     def __init__(self, port: Port, connected: socket.socket, kind: Kind) -> None:
         self._socket = connected
-        self._error: Exception | None = None
         self._ended = False
 
         def receive(_: int) -> bytes:
@@ -155,11 +154,6 @@ class SocketLine(PolledLine):
         self._closing = self._ended = True
         self.release()
         self._socket.close()
-
-    def lose(self, error: Exception) -> None:
-        if not self._closing and not self._port.is_forked:
-            self._error = error
-            self.abort()
 
     def _end(self) -> None:
         if not self._ended:
