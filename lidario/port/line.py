@@ -30,8 +30,8 @@ class Schedule(Protocol):
         ...
 
     @property
-    def interval(self) -> float:
-        """Longest time in seconds for which the line may stay unread, so that the kernel's buffer never fills."""
+    def buffer_s(self) -> float:
+        """Seconds in which the system's buffer fills. The line is read earlier."""
         ...
 
     @property

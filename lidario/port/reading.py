@@ -37,6 +37,8 @@ _TIMER_S = 0.001
 _POLL_S = 0.002
 """Time between two polls where each delivery matters and the event loop cannot wait for it; Windows may make 16 ms
 of it."""
+_ALONE_SHARE = 0.7
+"""Share of the system's buffer that may fill between two polls where no thread helps."""
 
 
 class PolledLine(Line):
@@ -158,9 +160,10 @@ class PolledLine(Line):
             now = now_ns * 1e-9
             pause = min(schedule.due, (self._inbox.first_ns or now_ns) * 1e-9 + HOLD_S) - now
             if self._dropped is not None:
-                self._watched.interval = schedule.interval
+                self._watched.buffer_s = schedule.buffer_s
+                reading_thread().put_off()
             else:
-                pause = min(pause, schedule.interval)
+                pause = min(pause, _ALONE_SHARE * schedule.buffer_s)
             if pause <= 0:
                 pause = max(schedule.latency - _TIMER_S, schedule.latency / 2)
         if pause <= 0 and self._handle < 0:
@@ -193,7 +196,7 @@ class PolledLine(Line):
         if schedule is not None and self._port.is_real_time and not self._closing:
             self._inbox.share(True)
             # Noted before it is read, as above.
-            self._watched.interval = schedule.interval
+            self._watched.buffer_s = schedule.buffer_s
             dropped = self._dropped = weakref.finalize(self, _forget, self._watched, self.repeat, os.getpid())
             dropped.atexit = False
             try:

@@ -9,6 +9,7 @@ written, and no write is in progress when it returns.
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections import deque
@@ -17,8 +18,6 @@ from contextlib import suppress
 
 from lidario.port.thread import reading_thread
 
-LEAST_REST_S = 0.01
-"""Shortest time between two looks of the thread; a clock that stands still must not keep it busy."""
 _UNSHOWN = 256
 """Writes that are kept for the taps; more than are made in the longest time for which bytes are kept."""
 
@@ -56,7 +55,11 @@ class Repeat:
         """The loop has just written it."""
         self._written_ns = self._clock()
 
-    def serve(self, now: float, late: float) -> float:  # noqa: ARG002
+    def due(self, late: float) -> float:  # noqa: ARG002 - it need not be exact
+        """As `Served`."""
+        return (self._written_ns + self._interval_ns) * 1e-9 if self.request else math.inf
+
+    def serve(self, now: float) -> None:  # noqa: ARG002
         """As `Served`: write it if the loop is late with it. Never raises: the loop finds the same error."""
         with self._lock:
             now_ns = self._clock()
@@ -66,8 +69,6 @@ class Repeat:
                     self._write(self.request)
                     self.count += 1
                     self._unshown.append(("out", self.request, now_ns))
-            rest_ns = self._written_ns + self._interval_ns - now_ns
-        return now + max(rest_ns * 1e-9, LEAST_REST_S)
 
     def take_written(self) -> list[tuple[str, bytes, int]]:
         """What the thread has written since the last call, as it is shown to taps."""

@@ -1,15 +1,14 @@
 """A thread that reads serial ports and sockets while the program keeps its event loop busy.
 
 The kernel keeps 4 KiB of a terminal's input, 61 ms of the fastest stream, and drops what comes then. A program that
-computes for longer on its event loop would lose bytes. So while a stream runs, this thread reads each port that
-was not read for `Watched.interval`. It only moves bytes into the port's `Inbox` and notes when they came. The
-event loop takes them from there when it needs them, at the end of a revolution, and reads what came since. On a
-loop that is free no thread wakes the other one; a loop that is late finds everything in the inbox. What must be
-written again and again to keep a device going, and the loop is late with, is written likewise
+computes for longer on its event loop would lose bytes. So while a stream runs, this thread reads each port just
+before the buffer fills (`Watched.buffer_s`). It only moves bytes into the port's `Inbox` and notes when they came.
+The event loop takes them from there when it needs them, at the end of a revolution, and reads what came since. No
+thread wakes the other one: a loop that is late finds everything in the inbox, and one that has read puts off the
+alarm for which the thread sleeps (`lidario.port.alarm`). So the thread wakes where it is needed: once in a
+revolution of 100 ms of the fastest stream, twice on a busy machine, never where the buffer holds a whole one. What
+must be written again and again to keep a device going, and the loop is late with, is written likewise
 (`lidario.port.repeat`).
-
-The thread goes its own steps, of one interval each, and does not look whether the loop was in time: at 10 Hz and an
-interval of 43 ms it would be woken three times a revolution for that, and so it is woken 2.3 times.
 
 One thread reads all ports of the process. It starts with the first stream and ends with the last. It is a daemon
 thread, so it never keeps a program from ending. A forked child has no such thread and starts its own when it opens
@@ -22,6 +21,7 @@ from __future__ import annotations
 
 import _thread
 import os
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -30,24 +30,21 @@ from functools import partial
 from typing import Protocol
 
 from lidario.latch import Latch
+from lidario.port.alarm import Alarm, WokenAlarm, make_alarm
 from lidario.port.inbox import Inbox
 
-RECENT_SHARE = 0.15
-"""Share of the interval: a port that the loop has read that recently is not read again now. The next step counts
-from the loop's read then, and that share is lost: with 0.5 the thread is woken 2.5 times a revolution."""
-TOGETHER_SHARE = 0.15
-"""Share of the interval by which a port is read early, to read several at one wake-up."""
-LATENESS_FACTOR = 2.0
-"""Safety factor on the observed lateness of the thread: as long as it is very late, ports are read more often."""
-RESERVE_SHARE = 0.1
-"""Share of the interval by which a read may be late without ports being read more often. The kernel's buffer is
-full after 1.43 intervals (`BUFFER_SHARE` of `Pace`). With 0.3 more was lost while a program
-computed in Python and the machine was busy: the thread waits 5 ms for the interpreter then, and for a core."""
-LEAST_SHARE = 0.25
-"""Share of the interval below which ports are not read closer, however late the thread is."""
+TOGETHER_S = 0.006
+"""How much earlier than it must be a port is read, to read several at one wake-up."""
+LATENESS_FACTOR = 3.0
+"""Safety factor on the observed lateness of the thread: as long as it is late, ports are read more often."""
+UNKNOWN_LATE_S = 0.005
+"""Lateness that is assumed of a thread that has just begun. On a machine that is not busy it falls below 2 ms in
+five seconds. Then one wake-up in a revolution of 100 ms of the fastest stream is enough."""
+LEAST_SHARE = 0.2
+"""Share of the buffer that may fill in any case, however late the thread is."""
 JOIN_S = 0.1
 """Longest time for which ending the thread is waited for. It takes less than a tenth of a millisecond."""
-_FORGET = 0.95
+_FORGET = 0.98
 """Share of the greatest lateness that is remembered after another wake-up."""
 
 
@@ -82,13 +79,12 @@ def start_thread(work: Callable[[], None], name: str) -> threading.Thread:
 class Served(Protocol):
     """One port that the thread works for."""
 
-    def serve(self, now: float, late: float) -> float:
-        """Do what is due; return when to come back, in seconds of the monotonic clock.
+    def due(self, late: float) -> float:
+        """When it must be served, in seconds of the monotonic clock, by a thread that may be late by so many."""
+        ...
 
-        Args:
-            now: The time.
-            late: Seconds by which the next call may be late.
-        """
+    def serve(self, now: float) -> None:
+        """Do what is due. `due` tells a later time then."""
         ...
 
 
@@ -98,30 +94,26 @@ class Watched:
     `on_error` is called in the thread each time the port cannot be read; it must not block or raise.
     """
 
-    def __init__(self, inbox: Inbox, interval: float, on_error: Callable[[OSError], None]) -> None:
-        self.interval: float = interval  # may be changed at any time, from any thread
+    def __init__(self, inbox: Inbox, buffer_s: float, on_error: Callable[[OSError], None]) -> None:
+        # Seconds in which the system's buffer fills; may be changed at any time, from any thread.
+        self.buffer_s: float = buffer_s
         self.inbox: Inbox = inbox
         self._on_error = on_error
-        self._next_at = 0.0
+        self._tried = 0.0
 
-    def serve(self, now: float, late: float) -> float:
-        """As `Served`: read the port if it is due."""
-        interval = self.interval
-        if now >= self._next_at - TOGETHER_SHARE * interval:
-            last = self.inbox.last_ns * 1e-9
-            unread = interval - max(0.0, late - RESERVE_SHARE * interval)
-            unread = max(unread, LEAST_SHARE * interval)
-            if now - last >= RECENT_SHARE * unread:
-                try:
-                    self.inbox.read(from_thread=True)
-                except OSError as error:
-                    # The loop cannot read it again: a socket tells an error once.
-                    self._on_error(error)
-                    self._next_at = now + interval
-                    return self._next_at
-                last = self.inbox.last_ns * 1e-9
-            self._next_at = last + unread
-        return self._next_at
+    def due(self, late: float) -> float:
+        """As `Served`: before the buffer is full. The thread may have to wait for the interpreter."""
+        reserve = min(late + sys.getswitchinterval(), (1 - LEAST_SHARE) * self.buffer_s)
+        return max(self.inbox.last_ns * 1e-9, self._tried) + self.buffer_s - reserve
+
+    def serve(self, now: float) -> None:
+        """As `Served`: read the port."""
+        self._tried = now
+        try:
+            self.inbox.read(from_thread=True)
+        except OSError as error:
+            # The loop cannot read it again: a socket tells an error once.
+            self._on_error(error)
 
 
 class ReadingThread:
@@ -137,11 +129,8 @@ class ReadingThread:
         self._lock = threading.RLock()
         self.ports: list[Served] = []  # those that it serves now; `add` and `remove` change that
         self._thread: threading.Thread | None = None
-        self._late = 0.0
-        # Released to wake the thread; a lock wakes it more cheaply and more exactly than an Event or a pipe.
-        self._sleep = threading.Lock()
-        self._sleep.acquire()
-        self._woken = False
+        self._late = UNKNOWN_LATE_S
+        self._alarm: Alarm = WokenAlarm()  # nobody waits for it; a thread has its own
 
     def add(self, watched: Served) -> None:
         """Serve this port from now on; starts the thread where it does not run, as `start_thread`.
@@ -151,7 +140,7 @@ class ReadingThread:
         with self._lock:
             self.ports.append(watched)
             if self._thread is not None:
-                self._wake()
+                self._alarm.set(self._clock())
                 return
         # Not under the lock: garbage may be collected in a thread that starts, and then `remove` is called there.
         begun = Latch()
@@ -173,16 +162,20 @@ class ReadingThread:
             self.ports.remove(watched)
             if self.ports:
                 return
-            self._wake()
+            self._alarm.set(self._clock())
             thread = self._thread
         # The garbage collector may call this in the thread itself.
         if thread is not None and thread is not threading.current_thread():
             thread.join(JOIN_S)
 
-    def _wake(self) -> None:
-        if not self._woken:
-            self._woken = True
-            self._sleep.release()
+    def put_off(self) -> None:
+        """An event loop has read its port: the thread may sleep until the next one is due."""
+        with self._lock:
+            self._set_alarm()
+
+    def _set_alarm(self) -> None:
+        late = LATENESS_FACTOR * self._late
+        self._alarm.set(min((each.due(late) for each in self.ports), default=0.0))
 
     def _run(self, begun: Latch) -> None:
         with self._lock:
@@ -190,37 +183,35 @@ class ReadingThread:
             is_needed = self._thread is None
             if is_needed:
                 self._thread = threading.current_thread()
+                self._alarm = make_alarm()
         begun.set()
-        if not is_needed:
-            return
-        while True:
-            until = self.serve()
-            if until is None:
-                return
-            if self._sleep.acquire(timeout=max(0.0, until - self._clock())):
-                with self._lock:
-                    self._woken = False
-            else:
-                self.note_lateness(self._clock() - until)
+        while is_needed and self.serve() is not None:
+            self._alarm.wait()
+            self.note_lateness(self._clock() - self._alarm.at)
 
     def serve(self) -> float | None:
-        """Read the ports that are due; return when the next one is, or None when none is left.
+        """Read the ports that are due, and set the alarm for the next one: return when, or None when none is left.
 
         Then the thread must end: the next `add` starts another one.
         """
         late = LATENESS_FACTOR * self._late
         now = self._clock()
-        dues = [watched.serve(now, late) for watched in self.ports.copy()]
-        if dues:
-            return min(dues)
+        for each in self.ports.copy():
+            if each.due(late) <= now + TOGETHER_S:
+                each.serve(now)
         with self._lock:
             if self.ports:
-                return now
+                self._set_alarm()
+                return self._alarm.at
             self._thread = None
-            if self._woken:
-                self._woken = False
-                self._sleep.acquire()
+            self.forget_alarm()
             return None
+
+    def forget_alarm(self) -> None:
+        """Nobody waits for the alarm any more; in a forked child, it is the parent's."""
+        # Never closed twice, wherever a fork comes.
+        alarm, self._alarm = self._alarm, WokenAlarm()
+        alarm.close()
 
     def note_lateness(self, late: float) -> None:
         """Take note of how late the thread woke up, in seconds."""
@@ -239,6 +230,7 @@ def reading_thread() -> ReadingThread:
 
 
 def _forget_parent() -> None:
+    _Process.thread.forget_alarm()
     _Process.thread = ReadingThread()
 
 

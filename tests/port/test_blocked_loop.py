@@ -32,7 +32,7 @@ def compute() -> None:
 async def test_a_blocked_loop_loses_nothing(work: Callable[[], None]) -> None:
     """The one lets other threads run, the other makes them wait for the interpreter."""
     async with opened_terminal(1_000_000) as (port, sink, master):
-        port.set_polling(Plan(*[60.0] * 100, interval=0.01))
+        port.set_polling(Plan(*[60.0] * 100, buffer_s=0.02))
         written = threading.Event()
 
         def write() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from itertools import pairwise
@@ -44,8 +45,11 @@ class Line:
         return made
 
     def serve_at(self, now: int) -> list[float]:
+        """Have it served; return when it is due then."""
         self.now = now
-        return [each.serve(now * 1e-9, 0.0) for each in self.served]
+        for each in self.served:
+            each.serve(now * 1e-9)
+        return [each.due(0.0) for each in self.served]
 
 
 def test_it_is_written_only_when_the_loop_is_late_and_then_each_interval(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -56,7 +60,7 @@ def test_it_is_written_only_when_the_loop_is_late_and_then_each_interval(monkeyp
         if line.now <= 2_000_000_000 and step % 8 == 0:
             repeat.note()
         (next_at,) = line.serve_at(line.now)
-        assert line.now * 1e-9 < next_at <= line.now * 1e-9 + 1.0
+        assert line.now * 1e-9 < next_at < line.now * 1e-9 + 1.001
     assert [at for at, _ in line.written] == [3_000_000_000, 4_000_000_000]
     assert repeat.count == 2
     assert repeat.take_written() == [("out", REQUEST, at * 1_000_000_000) for at in (3, 4)]
@@ -74,7 +78,8 @@ def test_when_it_has_ended_nothing_is_written_and_a_dead_line_does_not_raise(
     line.dead = False
     repeat.set(b"", 0.0)
     assert line.served == []
-    repeat.serve(4.0, 0.0)
+    assert repeat.due(0.0) == math.inf
+    repeat.serve(4.0)
     assert line.written == []
 
 

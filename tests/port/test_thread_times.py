@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import threading
 from itertools import pairwise
+from queue import SimpleQueue
 
 import pytest
 
+from lidario.port.alarm import Alarm
 from lidario.port.inbox import Inbox
 from lidario.port.thread import ReadingThread, Watched
+from tests.support.ports import PATIENCE_S
 
 
 class Clock:
@@ -19,7 +23,6 @@ class Clock:
         self.dead = False
         self.failures = 0
         self.served = 0
-        self._due = 0.0
 
     def read(self, handle: int) -> bytes:
         self.reads.append(round(self.now, 6))
@@ -30,75 +33,58 @@ class Clock:
     def fail(self, error: OSError) -> None:
         self.failures += 1
 
-    def watched(self, interval: float) -> Watched:
+    def watched(self, buffer_s: float) -> Watched:
         inbox = Inbox(-1, lambda: round(self.now * 1e9), self.read)
-        return Watched(inbox, interval, self.fail)
+        return Watched(inbox, buffer_s, self.fail)
 
     def run(self, watched: Watched, seconds: float, late: float = 0.0) -> list[float]:
-        """Serve it as often as it asks for, for so long; how many seconds after each other it was read."""
+        """Serve it whenever it is due, for so long; return when it was read."""
         end, begun = self.now + seconds, len(self.reads)
-        while self._due <= end:
-            self.now = max(self.now, self._due)
-            self._due = watched.serve(self.now, late)
+        while (due := watched.due(late)) <= end:
+            self.now = max(self.now, due)
+            watched.serve(self.now)
             self.served += 1
-            assert self._due > self.now
+            assert watched.due(late) > self.now
         self.now = end
         return self.reads[begun:]
 
 
-def test_a_port_that_nobody_reads_is_read_each_interval() -> None:
+def test_a_port_that_nobody_reads_is_read_before_its_buffer_is_full() -> None:
     clock = Clock()
-    assert clock.run(clock.watched(0.04), 0.21) == [100.04, 100.08, 100.12, 100.16, 100.2]
+    reads = [100.0, *clock.run(clock.watched(0.04), 0.2)]
+    # A thread may wait 5 ms for the interpreter.
+    assert [b - a for a, b in pairwise(reads)] == pytest.approx([0.035] * 5)
 
 
 def test_a_late_thread_reads_more_often() -> None:
     clock = Clock()
-    watched = clock.watched(0.04)
-    clock.run(watched, 0.1)
-    # The kernel's buffer is full after 57 ms.
-    reads = clock.run(watched, 0.2, late=0.004)
-    assert reads[-1] - reads[-2] == pytest.approx(0.04)
-    reads = clock.run(watched, 0.2, late=0.019)
-    assert reads[-1] - reads[-2] == pytest.approx(0.025)
-    # But not all the time.
-    reads = clock.run(watched, 0.2, late=1.0)
-    assert reads[-1] - reads[-2] == pytest.approx(0.01)
+    watched = clock.watched(0.057)
+    for late, between in ((0.004, 0.048), (0.019, 0.033), (1.0, 0.0114)):
+        reads = clock.run(watched, 0.2, late)
+        assert reads[-1] - reads[-2] == pytest.approx(between)
 
 
-def test_a_loop_in_time_costs_the_thread_no_wake_up() -> None:
-    clock = Clock()
-    watched = clock.watched(0.043)
-    begin = clock.now
-    for _ in range(30):
-        watched.inbox.read()
-        clock.run(watched, 0.1)
-    # As many as it needs where the loop reads nothing: 3 s in steps of 43 ms.
-    assert clock.served <= (clock.now - begin) / 0.043 + 1
+def test_a_loop_in_time_costs_no_wake_up_but_where_the_buffer_holds_no_whole_revolution() -> None:
+    for buffer_s, served in ((0.061, 30), (0.11, 0)):
+        clock = Clock()
+        watched = clock.watched(buffer_s)
+        for _ in range(30):
+            watched.inbox.read()
+            clock.run(watched, 0.1)
+        assert clock.served == served
 
 
 def test_a_loop_that_is_blocked_at_any_moment_loses_nothing() -> None:
     for blocked_ms in range(100):
         clock = Clock()
-        watched = clock.watched(0.043)
+        watched = clock.watched(0.061)
         for _ in range(3):
             watched.inbox.read()
             clock.run(watched, 0.1)
         watched.inbox.read()
         clock.run(watched, blocked_ms / 1000)
         reads = [watched.inbox.last_ns * 1e-9, *clock.run(watched, 1.0)]
-        assert max(b - a for a, b in pairwise(reads)) <= 0.0431
-
-
-def test_a_port_that_the_loop_reads_all_the_time_is_left_to_it() -> None:
-    clock = Clock()
-    watched = clock.watched(0.04)
-    for _ in range(200):
-        watched.inbox.read()
-        loop_read = clock.now
-        clock.reads.clear()
-        assert watched.serve(clock.now, 0.0) > loop_read
-        clock.now += 0.005
-    assert clock.reads == []
+        assert max(b - a for a, b in pairwise(reads)) <= 0.0561
 
 
 def thread_of(clock: Clock, *ports: Watched) -> ReadingThread:
@@ -110,9 +96,7 @@ def thread_of(clock: Clock, *ports: Watched) -> ReadingThread:
 
 def test_ports_that_are_due_soon_are_read_together() -> None:
     clock = Clock()
-    first, second = clock.watched(0.04), clock.watched(0.042)
-    thread = thread_of(clock, first, second)
-    thread.serve()
+    thread = thread_of(clock, clock.watched(0.045), clock.watched(0.047))
     clock.now += 0.04
     thread.serve()
     assert clock.reads == [100.04, 100.04]
@@ -129,15 +113,55 @@ def test_an_error_is_told_and_tried_again() -> None:
     assert len(clock.run(watched, 0.1)) >= 2
 
 
-def test_lateness_is_remembered_for_a_while() -> None:
+def test_lateness_is_remembered_for_a_while_and_some_is_assumed_at_first() -> None:
     clock = Clock()
-    watched = clock.watched(0.04)
-    thread = thread_of(clock, watched)
-    thread.serve()
-    clock.now += 0.05
-    thread.note_lateness(0.012)
-    assert thread.serve() == pytest.approx(clock.now + 0.02)
-    for _ in range(200):
+    thread = thread_of(clock, clock.watched(0.065))
+    for late, due in ((0.005, 0.045), (0.012, 0.024), (0.0001, 0.025)):
+        thread.note_lateness(late)
+        assert thread.serve() == pytest.approx(clock.now + due, abs=0.001)
+    for _ in range(400):
         thread.note_lateness(0.0001)
-    clock.now += 0.05
-    assert thread.serve() == pytest.approx(clock.now + 0.04)
+    assert thread.serve() == pytest.approx(clock.now + 0.06, abs=0.001)
+
+
+class Noted(Alarm):
+    """An alarm on a clock that the test moves, which notes what it is set to."""
+
+    def __init__(self, clock: Clock) -> None:
+        super().__init__()
+        self.times = SimpleQueue[float]()
+        self._clock = clock
+        self._rung = threading.Semaphore(0)
+
+    def set(self, at: float) -> None:
+        self.at = at
+        self.times.put(at)
+        if at <= self._clock.now:
+            self._rung.release()
+
+    def wait(self) -> None:
+        assert self._rung.acquire(timeout=PATIENCE_S)
+
+
+def test_a_loop_that_has_read_puts_off_the_alarm_until_a_port_is_due(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = Clock()
+    alarm = Noted(clock)
+    monkeypatch.setattr("lidario.port.thread.make_alarm", lambda: alarm)
+    thread, ports = ReadingThread(lambda: clock.now), [clock.watched(0.045), clock.watched(0.055)]
+    for number, watched in enumerate(ports):
+        thread.add(watched)
+        if number:
+            # To look at it.
+            assert alarm.times.get(timeout=PATIENCE_S) == clock.now
+        due = alarm.times.get(timeout=PATIENCE_S)
+        assert due > clock.now
+    begun = clock.now
+    # The second one may stay unread for 10 ms longer.
+    for at, read, later in ((0.01, 0, 0.01), (0.03, 1, 0.01), (0.03, 0, 0.03)):
+        clock.now = begun + at
+        ports[read].inbox.read()
+        thread.put_off()
+        assert alarm.times.get(timeout=PATIENCE_S) == pytest.approx(due + later, abs=1e-6)
+    for watched in ports:
+        thread.remove(watched)
+    assert alarm.times.get(timeout=PATIENCE_S) == clock.now

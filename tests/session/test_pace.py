@@ -15,7 +15,7 @@ from tests.support.streams import stream_of
 
 BUFFER_BYTES = 4096
 """What a terminal of Linux keeps."""
-GUARD_S, LONGEST_INTERVAL_S = 0.002, 0.1
+GUARD_S = 0.002
 DENSE = next(case for case in CASES if case.name == "rplidar_32k_85")
 PACKET_S = 40 * 31.25e-6
 WIRE_S = 840 / 1_000_000
@@ -142,18 +142,24 @@ def test_what_came_before_the_stream_is_not_counted() -> None:
 @given(st.integers(100, 20_000))
 def test_the_buffer_never_fills_while_a_port_is_unread(size: int) -> None:
     even = turning(pace(), 0.0, 0.1, 0.2, size=size)
-    assert 0 < even.interval <= LONGEST_INTERVAL_S
     # Nothing is faster than the line.
     bytes_a_second = min(size / 0.1, 100_000)
-    assert even.interval * bytes_a_second <= 0.75 * BUFFER_BYTES
+    assert even.buffer_s == pytest.approx(min(BUFFER_BYTES / bytes_a_second, 0.25))
 
 
 def test_before_the_first_scan_the_line_is_taken_to_be_full() -> None:
-    assert 0.6 * BUFFER_BYTES < pace().interval * 100_000 < 0.75 * BUFFER_BYTES
-    assert 0.01 < Pace(stream_of(DENSE, sample_ns=31_250.0), 0, 0.005).interval < 0.03
+    assert pace().buffer_s * 100_000 == pytest.approx(BUFFER_BYTES)
+    assert 0.01 < Pace(stream_of(DENSE, sample_ns=31_250.0), 0, 0.005).buffer_s < 0.05
+
+
+def test_a_socket_holds_more_than_a_terminal() -> None:
+    timed, untimed = pace(), Pace(stream_of(DENSE, sample_ns=31_250.0), 0, 0.005)
+    for each in (timed, untimed):
+        turning(each, 0.0, 0.1, 0.2)
+    assert untimed.buffer_s >= 2 * timed.buffer_s
 
 
 def test_the_bytes_of_many_revolutions_at_once_do_not_look_like_a_faster_line() -> None:
     late = turning(pace(), 0.0, 0.1, 0.2)
     late.turned(replace(SCAN, stamp_ns=300_000_000), 23 * TURN_BYTES, 2.2)
-    assert late.interval >= pace().interval
+    assert late.buffer_s >= pace().buffer_s

@@ -36,7 +36,7 @@ def test_a_sector_is_handed_over_in_time(case: Case) -> None:
     now, delays = 0.0, list[float]()
     while taken < len(ends):
         pause = pace.due - now if pace.due > now else LATENCY_S - TIMER_S
-        now += min(pause, pace.interval) + chance.uniform(0.0, TIMER_S)
+        now += min(pause, 0.7 * pace.buffer_s) + chance.uniform(0.0, TIMER_S)
         polls += 1
         come = next((number for number in range(taken, len(ends)) if ends[number] > now), len(ends))
         if come == taken or pace.due - now > 1e-5:

@@ -114,10 +114,10 @@ class Sink:
 class Plan:
     """A schedule that the test writes."""
 
-    def __init__(self, *rests: float, hold: float = 0.0, interval: float = 60.0, latency: float = 0.005) -> None:
+    def __init__(self, *rests: float, hold: float = 0.0, buffer_s: float = 60.0, latency: float = 0.005) -> None:
         self.rests = list(rests)
         self.latency = latency
-        self.interval = interval
+        self.buffer_s = buffer_s
         self.until = hold
 
     @property

@@ -19,11 +19,11 @@ BITS_A_BYTE = 10
 """On a serial line with one start and one stop bit."""
 BUFFER_BYTES = 4096
 """Size of a terminal's receive buffer on Linux."""
-BUFFER_SHARE = 0.7
-"""Share of the buffer that may fill between two reads, as planned. The rest is reserve for reads that come late."""
-LONGEST_INTERVAL_S = 0.1
-"""Longest time between two reads, however slowly bytes come: an unplugged line should be noticed soon."""
-UNKNOWN_BUFFER_S = 0.03
+NETWORK_BUFFER_BYTES = 16 * 1024
+"""What a socket surely keeps: of Linux's 208 KiB a datagram of 84 bytes takes nearly a kilobyte."""
+LONGEST_BUFFER_S = 0.25
+"""However slowly bytes come, a line is read that often: an unplugged one should be noticed soon."""
+UNKNOWN_BUFFER_S = 0.04
 """Time in which the buffer may fill where not even the speed of the line is known."""
 EAGER_S = 0.003
 """Latency below which a scan is not delayed for the sake of fewer polls."""
@@ -69,8 +69,8 @@ class Pace:
         self._last = math.inf
         # No stream is faster than its line.
         self._least_buffer_s = BUFFER_BYTES * BITS_A_BYTE / baudrate if baudrate else UNKNOWN_BUFFER_S
-        # Longest time for which the port may stay unread, so that the kernel's buffer never fills.
-        self.interval: float = BUFFER_SHARE * self._least_buffer_s
+        self._buffer = BUFFER_BYTES if baudrate else NETWORK_BUFFER_BYTES
+        self.buffer_s: float = self._least_buffer_s  # in which the system's buffer fills
 
     def turned(self, scan: Scan, received: int, now: float) -> None:
         """Take note of a scan that has just come, when `received` bytes had come altogether."""
@@ -92,8 +92,8 @@ class Pace:
             expected = self._period
             self._unsteady = max(abs(deviation), self._unsteady / 2)
         # After a blocked loop all that came meanwhile counts for the first of many scans.
-        buffer_s = max(BUFFER_BYTES * expected / size if size else 0.0, self._least_buffer_s)
-        self.interval = min(BUFFER_SHARE * buffer_s, LONGEST_INTERVAL_S)
+        buffer_s = max(self._buffer * expected / size if size else 0.0, self._least_buffer_s)
+        self.buffer_s = min(buffer_s, LONGEST_BUFFER_S)
         early_s = GUARD_S + self._unsteady if self._eager else 0.0
         whole = scan.stamp_ns * 1e-9 + 2 * expected + self._behind_s
         self._revolution_due = min(whole, now + expected) - early_s
