@@ -132,7 +132,7 @@ class LayoutFormat(RowFormat):
     def _intact_rows(self, data: bytearray, at: int, count: int) -> NDArray[np.bool_]:
         raw = np.frombuffer(data, np.uint8, count * self.shortest, at).reshape(count, -1)
         intact = self._begin(raw) & self.check.of_rows(raw)
-        intact &= self._turning(raw.reshape(-1).view(self.layout))
+        intact &= self._turning(raw.ravel().view(self.layout))
         return intact
 
 

@@ -46,7 +46,7 @@ _UPPER_NIBBLES: Final = np.array([(byte << 4 & 0xF0, byte & 0xF0) for byte in ra
 
 def _pairs(cabins: NDArray[np.uint16]) -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
     """The words of all samples, shape (n, 2), and the byte of each pair, shape (n,)."""
-    pairs = cabins.reshape(-1).view(_PAIR)
+    pairs = cabins.ravel().view(_PAIR)
     words: NDArray[np.uint16] = np.ascontiguousarray(pairs["words"]).view("<u2")
     rest: NDArray[np.uint8] = pairs["rest"]
     return words.reshape(-1, 2), rest
@@ -64,7 +64,7 @@ def express_cabins(cabins: NDArray[np.uint16]) -> tuple[NDArray[np.uint16], NDAr
     eighths <<= 4
     eighths |= _NIBBLES.take(lower, axis=0)
     words >>= 2
-    return words.reshape(-1), eighths.reshape(-1)
+    return words.ravel(), eighths.ravel()
 
 
 @cache
@@ -83,7 +83,7 @@ def _ultra_tables() -> tuple[NDArray[np.int32], NDArray[np.intp], NDArray[np.int
         base[above] = distance + (codes[above] - first << level)
         scale[above] = level << 10
         predicted[level] = np.where(np.isin(value, _NO_PREDICTION), _NOTHING, value << level)
-    return base, scale, predicted.reshape(-1)
+    return base, scale, predicted.ravel()
 
 
 def ultra_cabins(
@@ -103,7 +103,7 @@ def ultra_cabins(
         (packets, 96), in mm.
     """
     base, scale, predicted = _ultra_tables()
-    words = cabins.reshape(-1)
+    words = cabins.ravel()
     codes = words & 0xFFF
     # What each of the three leans on, one after the other: itself, itself unless it has no return, the next cabin.
     leant = np.empty((3, len(words)), np.intp)
@@ -171,12 +171,12 @@ def ultra_dense_cabins(
     words, upper = _pairs(cabins)
     intensity = intensities.take(words)
     intensity |= _UPPER_NIBBLES.take(upper, axis=0)
-    words = words.reshape(-1)
+    words = words.ravel()
     distance = distances.take(words)
     fine = words & 3 == 0
     if missing is not None:
         fine.reshape(len(cabins), -1)[1:, 0] &= missing[:-1] == 0
-    return _smoothed(distance, fine, last_q2), intensity.reshape(-1)
+    return _smoothed(distance, fine, last_q2), intensity.ravel()
 
 
 def _smoothed(raw: NDArray[np.int32], fine: NDArray[np.bool_], last: int) -> NDArray[np.int32]:
