@@ -82,6 +82,15 @@ def test_the_seam_may_lie_anywhere_in_a_packet_of_whole_nodes(first: int) -> Non
 # ----------------------------------------------------------------------------------------------------- gaps
 
 
+def test_near_targets_are_as_far_beside_the_beam_as_the_reference_says() -> None:
+    """0x84, at each distance up to 3 m."""
+    raw = packers.pack_ultra(beginnings((100, 700), 33), np.arange(33 * 96))
+    reference = rplidar.decode(0x84, rplidar.split(0x84, raw))
+    assert {*range(512)} <= {round(each.distance_mm) for each in reference}
+    off = decode(0x84, raw).angle_deg - np.array([each.angle_deg for each in reference])
+    assert np.abs((off + 180) % 360 - 180).max() < 1e-4
+
+
 @pytest.mark.parametrize("behind_gap", [0, 2564])
 @pytest.mark.parametrize("major", [0, 2560])
 def test_what_leans_on_a_lost_packet_has_no_distance(major: int, behind_gap: int) -> None:
