@@ -93,6 +93,9 @@ def test_one_stamp_that_is_off_hardly_moves_the_prediction() -> None:
 def test_when_the_speed_changes_one_looks_early_rather_than_late() -> None:
     faster = turning(pace(), 0.0, 0.1, 0.2, 0.29)
     assert faster.due == pytest.approx(0.29 + 2 * 0.09 + 1.75 * PACKET_S + WIRE_S)
+    # More than 3 % are no noise.
+    hardly = turning(pace(), 0.0, 0.1, 0.2, 0.296)
+    assert hardly.due == pytest.approx(0.296 + 2 * 0.096 + 1.75 * PACKET_S + WIRE_S)
     slower = turning(pace(), 0.0, 0.1, 0.2, 0.4)
     assert slower.due == pytest.approx(0.4 + 2 * 0.1 + 1.75 * PACKET_S + WIRE_S)
     # From then on the new speed is the one to expect.
