@@ -10,7 +10,7 @@ import pytest
 
 import lidario
 from lidario.errors import Busy
-from lidario.session.streaming.line_changes import MOST, LineChange, LineChanges, LineWatch
+from lidario.session.streaming.line_changes import LineChange, LineChanges, LineWatch
 from tests.support.cable import on_a_cable
 from tests.support.devices import Rig, both_families, end_of
 
@@ -109,11 +109,11 @@ async def test_cancelling_loses_none_and_two_tasks_are_refused() -> None:
 async def test_a_reader_that_never_reads_holds_a_bounded_number() -> None:
     watch = LineWatch()
     changes = watch.read()
-    for _ in range(MOST):
+    for _ in range(40):
         watch.tell("away", "unplugged")
         watch.tell("back")
     watch.end()
-    assert len(await all_of(changes)) == MOST
+    assert len(await all_of(changes)) == 64
 
 
 @pytest.mark.long

@@ -16,7 +16,7 @@ from lidario.session.streaming.stream import Mailbox, check_loop
 
 LineState: TypeAlias = Literal["connected", "away", "back", "ended"]
 
-MOST: Final = 64
+_MOST: Final = 64
 """Changes that wait for a slow reader; the oldest ones are dropped."""
 
 
@@ -45,7 +45,7 @@ class LineChanges:
 
     def __init__(self, first: LineChange | None, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop
-        self._mailbox: Mailbox[LineChange] = Mailbox(MOST)
+        self._mailbox: Mailbox[LineChange] = Mailbox(_MOST)
         self.put(first)
 
     def __aiter__(self) -> Self:
