@@ -140,6 +140,27 @@ def test_steps_that_do_not_agree_are_no_other_speed() -> None:
     assert lost(rotation.follow(nodes_of(14))) == 140
 
 
+def test_another_speed_may_have_steps_that_scatter() -> None:
+    rotation = NodeSteps(TURN)
+    rotation.follow(nodes_of(7))
+    for _ in range(33):
+        rotation.follow(steps_of(*[20, 40, 40] * 46))
+    assert lost(rotation.follow(steps_of(*[20, 40, 40] * 46))) == 0
+
+
+def test_time_that_says_first_this_and_then_that_confirms_no_step() -> None:
+    """Later it says twice that each second node is lost."""
+    rotation, now, told = NodeSteps(TURN), 0, list[int]()
+    rotation.tell_time(31_250.0)
+    for fast in (70, 0, 0, 0):
+        arrivals = []
+        for end in range(4, 141, 4):
+            now += 4 * (31_250 if end < fast else 62_500)
+            arrivals.append((end, now))
+        told.append(lost(rotation.follow(nodes_of(14), arrivals)))
+    assert (told[0], told[-1]) == (0, 140)
+
+
 @pytest.mark.parametrize("ratio", [2, 3])
 @pytest.mark.parametrize("faster", [True, False])
 def test_another_step_is_believed_at_once_where_time_says_so(faster: bool, ratio: int) -> None:
@@ -208,6 +229,14 @@ def test_angles_that_are_corrected_by_the_distance_hide_no_gap_and_are_none(gap:
     assert lost(arcs) == gap
     # Of gaps and leaps that are alike nobody knows which is which.
     assert gap < 5 or missing(arcs)[149] == gap
+
+
+@pytest.mark.parametrize("off", [65, 70, 120, 250])
+def test_so_it_is_where_one_such_edge_stands_alone(off: int) -> None:
+    rotation, angles = NodeSteps(TURN), 80 * np.arange(288)
+    rotation.follow(nodes_of(80))
+    angles[10:90] -= off
+    assert lost(rotation.follow(heads(headings(*(angles % TURN).tolist()), 0))) == 0
 
 
 @pytest.mark.parametrize(("back_deg", "known"), [(0.0, True), (1.9, True), (2.1, False)])
