@@ -78,13 +78,18 @@ def check_guard() -> None:
 async def start_guard(port: str) -> Guard:
     """Start the process, in a thread. Cancelling ends it again."""
     check_guard()
-    guard = await run_in_thread(lambda: Guard(port), Guard.dismiss_at_once)
-    guard.watch(asyncio.get_running_loop())
+    loop = asyncio.get_running_loop()
+    guard = await run_in_thread(lambda: Guard(port, loop), Guard.dismiss_at_once)
+    guard.watch()
     return guard
 
 
 class Guard:
     """The guard of one line. Made in a thread, since it waits until the process runs.
+
+    Args:
+        port: How the line is called.
+        loop: The loop that is to see its end.
 
     Attributes:
         awaits_change: Whether it was told that the device may not listen, which may have changed since.
@@ -93,9 +98,8 @@ class Guard:
         Unsupported: The process could not be started.
     """
 
-    def __init__(self, port: str) -> None:
-        self._port = port
-        self._loop: asyncio.AbstractEventLoop | None = None
+    def __init__(self, port: str, loop: asyncio.AbstractEventLoop) -> None:
+        self._port, self._loop = port, loop
         self._told = b""
         self.awaits_change: bool = False
         self._ended = False
@@ -111,10 +115,9 @@ class Guard:
         self._is_ours = _reap(self._pid, os.WNOHANG)
         let_go_in_children(self)
 
-    def watch(self, loop: asyncio.AbstractEventLoop) -> None:
+    def watch(self) -> None:
         """Have the loop see its end."""
-        self._loop = loop
-        loop.add_reader(self._channel.fileno(), self._readable)
+        self._loop.add_reader(self._channel.fileno(), self._readable)
 
     def take(self, handle: int, *, hurried: bool = False) -> None:
         """Pass it the line. It writes nothing before it was told what stops the device.
@@ -145,9 +148,9 @@ class Guard:
 
     def dismiss(self, then: Callable[[], None]) -> None:
         """Say farewell: nothing is to be stopped any more. Calls `then` when it has let go of the line."""
-        if self._loop is None or self._loop.is_closed():
+        if self._loop.is_closed():
             self.dismiss_at_once()
-        if self._ended or self._loop is None:
+        if self._ended:
             then()
             return
         self._dismissed = then
@@ -179,8 +182,7 @@ class Guard:
 
     def _readable(self) -> None:
         """Nothing is ever sent: it is the end."""
-        if self._loop is not None:
-            self._loop.remove_reader(self._channel.fileno())
+        self._loop.remove_reader(self._channel.fileno())
         self._end()
         if self._dismissed is None:
             _log.warning(

@@ -129,9 +129,9 @@ async def test_cancelled_while_it_starts_it_ends(monkeypatch: pytest.MonkeyPatch
     loop = asyncio.get_running_loop()
     made = Guard.__init__
 
-    def told(self: Guard, port: str) -> None:
+    def told(self: Guard, *given: Any) -> None:
         loop.call_soon_threadsafe(started.set)
-        made(self, port)
+        made(self, *given)
 
     monkeypatch.setattr(Guard, "__init__", told)
     starting = asyncio.create_task(start_guard("x"))
@@ -147,7 +147,7 @@ async def test_the_end_of_the_socket_without_a_farewell_is_the_end_of_the_progra
     with terminal_pair() as (master, _, path):
         port = await open_serial(path, 115200)
         # No event loop watches it: that would see the end of the socket too.
-        guard = Guard(path)
+        guard = Guard(path, asyncio.get_running_loop())
         (process,) = own_guards()
         handle = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         guard.take(handle)
