@@ -14,7 +14,6 @@ from tests.support.devices import take
 from tests.support.loop import driven
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("model", ["hokuyo-urg04lx", "hokuyo-utm30lx"])
 @driven
 async def test_many_damaged_scans_in_a_row_do_not_end_a_stream(model: str) -> None:
