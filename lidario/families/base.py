@@ -9,6 +9,7 @@ something else.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, field
@@ -155,8 +156,8 @@ class Device(ABC):
         return ()
 
     def load(self, mode: ScanMode) -> float:  # noqa: ARG002
-        """Bytes a second that a mode sends; 0 where that is not known. Default: not known."""
-        return 0.0
+        """Bytes a second that a mode sends; NaN where that is not known. Default: not known."""
+        return math.nan
 
     @abstractmethod
     def start(self, mode: ScanMode, *, force: bool = False) -> Script[Stream]:

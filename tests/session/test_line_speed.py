@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import pytest
 
 from lidario import InvalidValue, Unsupported, open_lidar
@@ -39,7 +42,7 @@ async def test_a_device_that_is_found_at_too_slow_a_speed_says_so_when_it_shall_
     """Another program left it so. It can be asked, and set to a speed at which it can scan."""
     rig = make_rig("rplidar", "rplidar-s2")
     with monkeypatch.context() as patch:
-        patch.setattr(RplidarDevice, "load", lambda device, mode: 0.0)
+        patch.setattr(RplidarDevice, "load", lambda device, mode: math.nan)
         async with rig.open() as lidar:
             await lidar.set_baudrate(256_000)
     assert rig.device.baudrate == 256_000
@@ -90,4 +93,15 @@ async def test_each_mode_of_each_model_fits_its_own_line(which: tuple[str, str])
     modes = await found.dialogue.run(found.dialogue.device.modes())
     for mode in modes:
         assert does_not_fit(found.dialogue.device, modes, mode, found.dialogue.port.baudrate) == ""
+    await found.dialogue.close()
+
+
+async def test_of_a_mode_of_which_nothing_is_known_nothing_is_said() -> None:
+    """It is neither refused nor recommended."""
+    found = await connect(parse_source("sim://rplidar-s2?via=memory"), "rplidar")
+    mode, *_ = await found.dialogue.run(found.dialogue.device.modes())
+    for unknown in (replace(mode, sample_us=0.0), replace(mode, response_type=0x99)):
+        assert does_not_fit(found.dialogue.device, (mode, unknown), unknown, 9600) == ""
+        assert "choose" not in does_not_fit(found.dialogue.device, (mode, unknown), mode, 9600)
+        assert "9600 baud" in does_not_fit(found.dialogue.device, (mode, unknown), mode, 9600)
     await found.dialogue.close()

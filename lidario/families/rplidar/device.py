@@ -8,6 +8,7 @@ turned is in `motor`.
 
 from __future__ import annotations
 
+import math
 import struct
 from dataclasses import replace
 from typing import Final
@@ -107,7 +108,7 @@ class RplidarDevice(MotorDriven):
 
     def load(self, mode: ScanMode) -> float:
         wire = FORMATS.get(mode.response_type)
-        return 0.0 if wire is None or not mode.sample_us else mode.samples_per_second * wire.longest / wire.samples
+        return math.nan if wire is None else mode.samples_per_second * wire.longest / wire.samples
 
     def unlisted_modes(self) -> tuple[ScanMode, ...]:
         """As `Device.unlisted_modes`: the legacy express scan and HQ_SCAN, of firmware that lists its modes.

@@ -22,14 +22,11 @@ class Wanted(NamedTuple):
 
 def does_not_fit(device: Device, modes: tuple[ScanMode, ...], mode: ScanMode, baudrate: int) -> str:
     """Why the line cannot carry what a mode sends, and the cure; empty where it can, or nothing is known."""
-
-    def fits(load: float) -> bool:
-        return load * BITS_A_BYTE <= baudrate
-
     load = device.load(mode)
-    if not baudrate or fits(load):
+    # What is not known is neither more nor less.
+    if not (baudrate and load * BITS_A_BYTE > baudrate):
         return ""
-    slower = " or ".join(repr(each.name) for each in modes if device.load(each) > 0 and fits(device.load(each)))
+    slower = " or ".join(repr(each.name) for each in modes if device.load(each) * BITS_A_BYTE <= baudrate)
     instead = f", or choose {slower}" if slower else ""
     return (
         f"scan mode {mode.name!r} sends {load:.0f} bytes a second, and a line of {baudrate} baud carries "
