@@ -206,6 +206,15 @@ def test_so_is_a_short_one_that_continues_the_last_node(base: int) -> None:
         assert found == len(noise), filled
 
 
+@pytest.mark.parametrize(("damaged", "count", "found"), [(1, 3, False), (1, 4, True), (2, 5, True), (3, 4, True)])
+def test_behind_a_few_damaged_nodes_four_that_continue_are_enough(damaged: int, count: int, found: bool) -> None:
+    """They are where nodes are due, and what is behind them is damaged, too."""
+    stream, first = in_step(3000), 3000 + 7 * (damaged + 1)
+    nodes = b"".join(node(first + 7 * k) for k in range(count))
+    data = bytearray(bytes(5 * damaged) + nodes + bytes(200))
+    assert (noise_before(data, stream) == 5 * damaged) is found
+
+
 def test_of_two_that_overlap_the_first_one_counts_wherever_it_begins() -> None:
     """A chain that begins elsewhere, and by its sixth node continues the last one."""
     base = 8000
