@@ -2,6 +2,7 @@
 
 import re
 import sys
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 from random import Random
@@ -192,3 +193,17 @@ def test_its_buffer_holds_no_more_than_the_table_of_bounds_says(monkeypatch: pyt
             most = link.buffered
     assert most == int(kibibytes) * 1024
     link.stats.bytes_received -= 1024  # those that did not fit
+
+
+def test_of_reads_that_are_understood_no_times_are_kept() -> None:
+    """However many come, each of two that were joined, and none behind damage."""
+    link, packet = streaming(), PACKETS[0]
+    tracemalloc.start()
+    try:
+        for now in range(2000):
+            link.receive_data(packet + packet, 2 * now + 1, [(len(packet), 2 * now)])
+            link.events_received()
+        kept, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert kept < 50_000
