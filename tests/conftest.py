@@ -158,7 +158,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.obj = leaves_no_task(item.obj)
         test = item.nodeid.partition("[")[0]
         repeats = PROPERTIES in item.path.parents or item.get_closest_marker("exhaustive")
-        item.stash[MEASURED] = not repeats and bool(every_case or test not in seen)
+        item.stash[MEASURED] = bool(every_case) or not (repeats or test in seen)
         seen.add(test)
     # The longest first: at the end, every worker still finds something to do.
     items.sort(key=lambda item: not (any(map(item.get_closest_marker, FIRST)) or LONG & set(_fixtures(item))))
