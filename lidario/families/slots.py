@@ -29,6 +29,11 @@ FIRST: Final = 0xA0
 """The number of the first packet of a revolution, in the second byte; so it is in all known devices."""
 
 
+def sample_us_at(rpm: float) -> float:
+    """What a sample of a degree takes; 0 where the rotor stands."""
+    return 60e6 / (rpm * FULL_TURN) if rpm else 0.0
+
+
 @dataclass(frozen=True, slots=True)
 class SlotWheel(Turning):
     """Judges packets of equal slots. It remembers nothing.
@@ -113,8 +118,7 @@ class DegreeFormat(LayoutFormat):
     @classmethod
     def sample_us(cls, packets: bytes) -> float:
         """What a sample takes, by packets; 0 where the rotor stands."""
-        rpm = cls.rpm_of(packets)
-        return 60e6 / (rpm * FULL_TURN) if rpm else 0.0
+        return sample_us_at(cls.rpm_of(packets))
 
     def told_sample_ns(self, packets: Packets) -> NDArray[np.float64]:
         speeds = self.speeds_of(np.frombuffer(packets.data, self.layout))

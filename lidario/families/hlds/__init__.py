@@ -14,14 +14,14 @@ from typing import Final
 import numpy as np
 
 from lidario.families.hlds.formats import SIZE, CheckedFormat, PacketFormat
-from lidario.families.slots import FULL_TURN, DegreeDecoder
+from lidario.families.slots import DegreeDecoder, sample_us_at
 from lidario.families.talking import TIMING, Talkers, TalkingModel, family_of
 
 _UNCHECKED: Final = TalkingModel(
     "",
     "HLDS LDS-01",
     (230_400,),
-    60e6 / (300 * FULL_TURN),
+    sample_us_at(300),
     3.5,
     PacketFormat,
     DegreeDecoder,

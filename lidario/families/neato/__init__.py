@@ -16,10 +16,10 @@ from dataclasses import replace
 from typing import Final
 
 from lidario.families.neato.formats import SLOWEST, AnySpeed, BackFormat, PacketFormat
-from lidario.families.slots import FULL_TURN, DegreeDecoder
+from lidario.families.slots import DegreeDecoder, sample_us_at
 from lidario.families.talking import Rotor, Talkers, TalkingModel, family_of
 
-_USUAL_US: Final = 60e6 / (300 * FULL_TURN)
+_USUAL_US: Final = sample_us_at(300)
 _SENSE_UNKNOWN: Final = (
     "an XV-11 and an LDS01RR or LDS02RR send the same packets. It is read as an XV-11, which turns "
     "counter-clockwise; the scans of the others would be mirrored: name the model, as in ?model=lds02rr, "
