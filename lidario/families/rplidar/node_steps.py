@@ -156,8 +156,6 @@ class NodeSteps(PacedTurning):
             if np.abs(chunk).max() < steps[begin] / 2:
                 # The rotor all but stood: this revolution has so many samples more.
                 steps[begin : begin + several] = chunk.mean()
-        if not followed:
-            missing[-1] = 0
         return steps, missing
 
     def _several(self, step: float) -> int:
@@ -216,14 +214,14 @@ def _missing(spans: Steps, steps: Steps, least: float, corrected: float) -> NDAr
     leaps = missing > 0
     # A leap beside a fall is one heading that is out of place, not a gap.
     falls = spans < 0
-    missing[1:][falls[:-1]] = -1
-    missing[:-1][falls[1:]] = -1
+    missing[1:][falls[:-1]] = 0
+    missing[:-1][falls[1:]] = 0
     # Where headings leap ahead and soon fall back, only the difference is missing.
     for fall in np.flatnonzero(spans < -2 * moved).tolist():
         before = np.flatnonzero(missing[max(0, fall - FALSE_NODES) : fall] > 0)
         if len(before):
             leap = max(0, fall - FALSE_NODES) + int(before[-1])
-            missing[leap] = max(0, int(missing[leap]) + round(float(times[fall])))
+            missing[leap] += round(float(times[fall]))
     missing = np.maximum(missing, 0)
     # So it is anywhere where a correction may be the cause. One that stands may be the one before once more; a gap
     # that is larger than others is the likelier one.
