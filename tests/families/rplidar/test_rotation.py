@@ -157,7 +157,9 @@ def test_time_that_says_first_this_and_then_that_confirms_no_step() -> None:
         for end in range(4, 141, 4):
             now += 4 * (31_250 if end < fast else 62_500)
             arrivals.append((end, now))
-        told.append(lost(rotation.follow(nodes_of(14), arrivals)))
+        arcs = rotation.follow(nodes_of(14), arrivals)
+        told.append(lost(arcs))
+        assert fast == 0 or arcs.revoked == (0, 0)
     assert (told[0], told[-1]) == (0, 140)
 
 
@@ -177,6 +179,9 @@ def test_another_step_is_believed_at_once_where_time_says_so(faster: bool, ratio
         return lost(rotation.follow(nodes_of(step), arrivals))
 
     assert [told(7, 31_250) for _ in range(4)] == [0] * 4
+    # It is confirmed now: a gap takes nothing back.
+    arcs = rotation.copy().follow(steps_of(*[7] * 50, 14, *[7] * 50))
+    assert (lost(arcs), arcs.revoked) == (1, (0, 0))
     again = [told(7 * ratio, 31_250 if faster else 31_250 * ratio) for _ in range(6)]
     assert again == [0 if faster else 140 * (ratio - 1)] * 6
 
