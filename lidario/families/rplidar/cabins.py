@@ -138,7 +138,7 @@ def near_range_corrections(units: float) -> NDArray[np.float32]:
     The beam leaves beside the axis. The integer steps are the SDK's, so that both agree to the last bit.
     """
     q2 = np.arange(1 << 16) * 4
-    k2 = _K1 // np.maximum(q2, 1)
+    k2 = _K1 // np.maximum(q2, _NEAR_Q2)
     far = _FAR_RAD_Q16 - (k2 << 6) - k2**3 // 98304
     degrees = np.trunc(np.where(q2 < _NEAR_Q2, _NEAR_RAD_Q16, far) * (180 / 3.14159265)) / 65536
     return (degrees * units).astype(np.float32)
