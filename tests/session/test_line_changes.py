@@ -116,6 +116,16 @@ async def test_a_reader_that_never_reads_holds_a_bounded_number() -> None:
     assert len(await all_of(changes)) == 64
 
 
+async def test_behind_the_end_nothing_is_told() -> None:
+    for ends in (LineWatch.end, lambda watch: watch.tell("ended", "unplugged")):
+        watch = LineWatch()
+        changes = watch.read()
+        ends(watch)
+        watch.tell("back")
+        watch.end()
+        assert [change.state for change in await all_of(changes)][1:] in ([], ["ended"])
+
+
 @pytest.mark.long
 def test_without_await() -> None:
     with lidario.open_sync("sim://rplidar-s2?via=memory&fault=unplug:0.5s") as lidar:
