@@ -156,18 +156,15 @@ def cancelled_at(scenario: Scenario, family: str, turn: int, how: str) -> None:
                 await scenario(rig)
 
         task = asyncio.ensure_future(inside())
-        first = loop.turns + turn
 
-        def act(now: int) -> None:
-            if now == first:
-                scope.cancel() if how == "scope" else task.cancel()
-            elif now == first + 2 and how == "twice":
-                task.cancel()
+        def cancel() -> None:
+            scope.cancel() if how == "scope" else task.cancel()
+            if how == "twice":
+                loop.after(2, task.cancel)
 
-        loop.at_turn = act
+        loop.after(turn, cancel)
         with suppress(asyncio.CancelledError):
             await task
-        loop.at_turn = None
         # What was written is on its way even if nobody waited for it.
         await asyncio.sleep(5.0)
         if rig.device.log or scenario in SEARCHES:

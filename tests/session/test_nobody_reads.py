@@ -112,9 +112,8 @@ async def test_a_question_behind_a_stream_that_was_left_at_once_leaves_the_motor
     """It comes while the stop requests are about to be heard, and may wake the device."""
     for turn in range(1, 12):
         async with rig.open() as lidar:
-            loop = driven_loop()
-            reading, first = asyncio.ensure_future(_left(lidar)), loop.turns
-            while loop.turns < first + turn:
+            reading = asyncio.ensure_future(_left(lidar))
+            for _ in range(turn):
                 await asyncio.sleep(0)
             reading.cancel()
             await lidar.get_info()
@@ -135,15 +134,10 @@ def cancelled_at(kind: str, call: str, turn: int) -> int:
         rig, loop = make_rig(kind), driven_loop()
         async with rig.open() as lidar:
             task, first = asyncio.ensure_future(_called(CALLS[call], lidar)), loop.turns
-
-            def act(now: int) -> None:
-                if now == first + turn:
-                    task.cancel()
-
-            loop.at_turn = act
+            loop.after(turn, task.cancel)
             with suppress(asyncio.CancelledError):
                 await task
-            took, loop.at_turn = loop.turns - first, None
+            took = loop.turns - first
             # It streams for a second more, where it was left in the midst of a scan; and a restart takes its time.
             await asyncio.sleep(4 * LINGER_S)
             assert not lidar.is_scanning

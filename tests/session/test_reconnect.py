@@ -244,19 +244,17 @@ def test_the_cable_is_pulled_out_again_at_every_step_of_coming_back(family: str,
                 cable.plug()
                 first = loop.turns
 
-                def act(turn: int) -> None:
-                    if turn == first + step:
-                        cable.pull()
-                        cable.plug()
+                def replug() -> None:
+                    cable.pull()
+                    cable.plug()
 
-                loop.at_turn = act if step else None
+                loop.after(step, replug)
                 async with asyncio.timeout(30.0):
                     while lidar.stats.reconnects == 0 or loop.turns < first + step:
                         await asyncio.sleep(0.05)
                 await next_after(stream, now())
                 await next_after(stream, now() + 1.0)
                 turns = loop.turns - first
-                loop.at_turn = None
         assert left_still(rig)
         return turns
 

@@ -180,23 +180,20 @@ async def both(scene: Scene, a: Work, b: Work, step: int, *, silent: bool = Fals
     loop = driven_loop()
     task_a = asyncio.ensure_future(a(scene))
     tasks = {task_a}
-    first = loop.turns + step
     times: list[float] = []
     ended: list[float] = []
     task_a.add_done_callback(lambda _: ended.append(loop.time()))
 
-    def act(now: int) -> None:
-        if now == first:
-            scene.rig.device.mute = silent
-            times.append(loop.time())
-            tasks.add(asyncio.ensure_future(b(scene)))
-            if b is b_cancels:
-                task_a.cancel()
+    def act() -> None:
+        scene.rig.device.mute = silent
+        times.append(loop.time())
+        tasks.add(asyncio.ensure_future(b(scene)))
+        if b is b_cancels:
+            task_a.cancel()
 
-    loop.at_turn = act
-    while loop.turns <= first:
+    loop.after(step, act)
+    while not times:
         await asyncio.sleep(0.001)
-    loop.at_turn = None
     done, waiting = await asyncio.wait(tasks, timeout=LONGEST_S)
     assert not waiting, f"still waiting: {waiting}"
     for task in done:

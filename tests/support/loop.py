@@ -62,7 +62,7 @@ class DrivenLoop(asyncio.SelectorEventLoop):
         super().__init__(self._driven)
         self.turns = 0
         self.most_turns: float = MOST_TURNS
-        self.at_turn: Callable[[int], None] | None = None
+        self.at_turn: Callable[[int], object] | None = None
 
     def time(self) -> float:
         return self._driven.now
@@ -76,6 +76,11 @@ class DrivenLoop(asyncio.SelectorEventLoop):
     def timers(self) -> list[asyncio.TimerHandle]:
         """Those that are left, without cancelled ones."""
         return [timer for timer in self._scheduled if not timer.cancelled()]  # type: ignore[attr-defined]
+
+    def after(self, turns: int, act: Callable[[], object]) -> None:
+        """Call `act` once, when the loop has gone round that many times more; never where it is 0."""
+        due = self.turns + turns
+        self.at_turn = lambda turn: act() if turn == due else None
 
     def block(self, seconds: float) -> None:
         """As if the running callback had taken that long."""

@@ -78,14 +78,9 @@ def test_cancelled_at_any_step_it_is_left_still_although_it_may_have_taken_the_n
         async with made.open() as lidar:
             await lidar.scan()
             changing, first = asyncio.ensure_future(lidar.set_baudrate(921_600)), loop.turns
-
-            def act(now: int) -> None:
-                if now == first + turn:
-                    changing.cancel()
-
-            loop.at_turn = act
+            loop.after(turn, changing.cancel)
             await asyncio.wait([changing])
-            took, loop.at_turn = loop.turns - first, None
+            took = loop.turns - first
             if not closed:
                 await asyncio.sleep(4.0)
                 assert not made.device.motor_on, f"cancelled at {turn}"
@@ -102,16 +97,11 @@ def test_cancelled_at_any_step_it_is_left_still_although_it_may_have_taken_the_n
 async def test_stopped_by_another_task_meanwhile_it_is_stopped_as_soon_as_the_speed_is_decided(
     model: str, step: int
 ) -> None:
-    rig, loop, due = make_rig(model), driven_loop(), asyncio.Event()
+    rig, due = make_rig(model), asyncio.Event()
     async with rig.open() as lidar:
         await lidar.scan()
-        changing, first = asyncio.ensure_future(lidar.set_baudrate(921_600)), loop.turns
-
-        def act(now: int) -> None:
-            if now == first + step:
-                due.set()
-
-        loop.at_turn = act
+        changing = asyncio.ensure_future(lidar.set_baudrate(921_600))
+        driven_loop().after(step, due.set)
         await due.wait()
         await lidar.stop()
         await changing
