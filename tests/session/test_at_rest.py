@@ -3,24 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
 from contextlib import suppress
 
 import pytest
 
-from lidario import Unsupported, open_lidar
+from lidario import Unsupported
 from lidario.families.ydlidar.simulated.device import PROFILES
 from lidario.model import HealthStatus
-from lidario.session.lidar import Lidar
-from tests.support.devices import Rig, take
+from tests.support.devices import Rig, call, take
 
 DARK = [name for name, profile in PROFILES.items() if profile.by_dtr]
-QUESTIONS: dict[str, Callable[[Lidar], Awaitable[object]]] = {
-    "health": lambda lidar: lidar.get_health(),
-    "info": lambda lidar: lidar.get_info(),
-    "frequency": lambda lidar: lidar.get_scan_frequency(),
-    "speed": lambda lidar: lidar.set_scan_frequency(8.0),
-}
 
 
 def is_dark(rig: Rig) -> bool:
@@ -28,34 +20,26 @@ def is_dark(rig: Rig) -> bool:
 
 
 @pytest.mark.parametrize("stopped", [True, False], ids=["after stop", "after opening"])
-@pytest.mark.parametrize("question", QUESTIONS)
+@pytest.mark.parametrize("question", ["get_health", "get_info", "get_scan_frequency", "set_scan_frequency"])
 @pytest.mark.parametrize("rig", DARK, indirect=True)
-async def test_a_question_at_rest_is_heard(rig: Rig, question: str, stopped: bool) -> None:
-    async with open_lidar(rig.device, family=rig.family) as lidar:
+async def test_a_question_at_rest_is_heard_and_leaves_it_at_rest(rig: Rig, question: str, stopped: bool) -> None:
+    async with rig.open() as lidar:
         if stopped:
             await take(lidar, 2)
             await lidar.stop()
             assert is_dark(rig)
         # Whoever cannot set its speed refuses; nobody is silent.
         with suppress(Unsupported):
-            told = await QUESTIONS[question](lidar)
-            assert question != "health" or getattr(told, "status", None) is HealthStatus.OK
-        await lidar.stop()
-        assert is_dark(rig)
-        assert len(await take(lidar, 2)) == 2
-    assert is_dark(rig)
-
-
-@pytest.mark.parametrize("rig", DARK, indirect=True)
-async def test_a_question_leaves_a_resting_device_at_rest(rig: Rig) -> None:
-    async with open_lidar(rig.device, family=rig.family) as lidar:
-        await lidar.stop()
-        assert is_dark(rig)
-        await lidar.get_info()
-        await lidar.get_health()
+            told = await call(lidar, question)
+            assert question != "get_health" or told.status is HealthStatus.OK
+        if not stopped:
+            await lidar.stop()
+            assert is_dark(rig)
         async with asyncio.timeout(5):
             while not is_dark(rig):
                 await asyncio.sleep(0.1)
+        assert len(await take(lidar, 2)) == 2
+    assert is_dark(rig)
 
 
 @pytest.mark.long
@@ -64,7 +48,7 @@ async def test_a_question_leaves_a_resting_device_at_rest(rig: Rig) -> None:
 async def test_a_question_is_heard_although_another_task_stops_the_device_meanwhile(rig: Rig, before: str) -> None:
     """What stops it makes it deaf. It is woken again, and rests behind the question."""
     for turn in range(1 + len(before) % 3, 30, 3):
-        async with open_lidar(rig.device, family=rig.family) as lidar:
+        async with rig.open() as lidar:
             if before == "scanned":
                 await lidar.scan()
             elif before == "stopped":

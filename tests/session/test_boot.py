@@ -3,30 +3,20 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
 
 import pytest
 
-from lidario import Lidar, ResponseTimeout, SessionClosed
-from tests.support.devices import FAMILIES, Rig, left_still, make_rig, names
+from lidario import ResponseTimeout, SessionClosed
+from tests.support.devices import Rig, both_families, call, left_still, make_rig, names
 from tests.support.loop import now
 
 BOOTS_FOR = [0.0, 0.0005, 0.02, 0.3, 0.9]
 """Seconds after which `reset` is cancelled: at once, when RESET was just written, and while the device is asked."""
 
 
-CALLS: dict[str, Callable[[Lidar], Awaitable[object]]] = {
-    "get_health": lambda lidar: lidar.get_health(),
-    "get_modes": lambda lidar: lidar.get_modes(),
-    "set_scan_frequency": lambda lidar: lidar.set_scan_frequency(9.0),
-    "reset": lambda lidar: lidar.reset(),
-    "scan": lambda lidar: lidar.scan(),
-}
-
-
-@pytest.mark.parametrize("call", CALLS)
-@pytest.mark.parametrize("family", FAMILIES)
-async def test_what_follows_a_cancelled_reset_waits_until_the_device_has_booted(family: str, call: str) -> None:
+@pytest.mark.parametrize("name", ["get_health", "get_modes", "set_scan_frequency", "reset", "scan"])
+@both_families
+async def test_what_follows_a_cancelled_reset_waits_until_the_device_has_booted(family: str, name: str) -> None:
     for seconds in BOOTS_FOR:
         rig = make_rig(family)
         async with rig.open() as lidar:
@@ -34,7 +24,7 @@ async def test_what_follows_a_cancelled_reset_waits_until_the_device_has_booted(
             await asyncio.sleep(seconds)
             resetting.cancel()
             await asyncio.wait([resetting])
-            await CALLS[call](lidar)
+            await call(lidar, name)
             assert seconds == 0.0 or "reset" in names(rig)
         assert left_still(rig)
 

@@ -17,7 +17,7 @@ from typing import cast
 
 import pytest
 
-from lidario import Lidar, LidarError, NetworkAddress, run
+from lidario import Lidar, LidarError, run
 from lidario.families.rplidar.formats import DenseFormat
 from lidario.model import LineErrors
 from lidario.port.port import Port
@@ -25,7 +25,7 @@ from lidario.port.turns import TURN_NS
 from lidario.session.talking.intake import Intake
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
-from tests.support.devices import FAMILIES, Rig, babble, make_rig
+from tests.support.devices import FAMILIES, Rig, babble, call, make_rig
 from tests.support.links import PACKETS
 from tests.support.loop import DrivenLoop, now, run_driven
 
@@ -33,15 +33,6 @@ ROOT = Path(__file__).resolve().parents[2]
 TEXT = (ROOT / "docs" / "bounds.md").read_text(encoding="utf-8")
 ROWS = re.findall(r"^\| `(\w+)`(?: of a stream)? \| ([\d.]+) \| ([\d.]+) \|", TEXT, re.MULTILINE)
 BOUNDS = {call: dict(zip(FAMILIES, (float(first), float(second)), strict=True)) for call, first, second in ROWS}
-
-ARGUMENTS: dict[str, tuple[object, ...]] = {
-    "set_scan_frequency": (9.0,),
-    "set_motor_speed": (540.0,),
-    "set_zero_offset": (True,),
-    "set_network_address": (NetworkAddress("192.168.11.2"),),
-    "set_baudrate": (256_000,),
-    "set_power_down_protection": (True,),
-}
 
 
 def harm(rig: Rig, how: str) -> None:
@@ -52,9 +43,9 @@ def harm(rig: Rig, how: str) -> None:
         babble(rig.device)
 
 
-async def seconds(rig: Rig, call: str, how: str, *, scanning: bool) -> float:
+async def seconds(rig: Rig, name: str, how: str, *, scanning: bool) -> float:
     """How long the call takes."""
-    if call == "open_lidar":
+    if name == "open_lidar":
         harm(rig, how)
         began = now()
         with suppress(LidarError):
@@ -62,32 +53,32 @@ async def seconds(rig: Rig, call: str, how: str, *, scanning: bool) -> float:
         return now() - began
     async with rig.open() as lidar:
         stream = lidar.scans()
-        if scanning or call in ("anext", "aclose"):
+        if scanning or name in ("anext", "aclose"):
             await anext(stream)
         harm(rig, how)
         began = now()
         with suppress(LidarError):
-            if call == "anext":
+            if name == "anext":
                 while True:
                     began = now()
                     await anext(stream)
-            elif call == "aclose":
+            elif name == "aclose":
                 await stream.aclose()
             else:
-                await getattr(lidar, call)(*ARGUMENTS.get(call, ()))
+                await call(lidar, name)
         return now() - began
 
 
-IN_TURNS = [(call, FAMILIES[row % len(FAMILIES)]) for row, call in enumerate(BOUNDS)]
+IN_TURNS = [(name, FAMILIES[row % len(FAMILIES)]) for row, name in enumerate(BOUNDS)]
 """Every call once, with the families in turns."""
 
 
 @pytest.mark.exhaustive("what", sample=IN_TURNS, full=list(product(BOUNDS, FAMILIES)))
 def test_no_call_takes_longer_than_the_table_says(what: tuple[str, str]) -> None:
-    call, family = what
-    bound = BOUNDS[call][family]
+    name, family = what
+    bound = BOUNDS[name][family]
     taken = [
-        run_driven(partial(seconds, make_rig(family), call, how, scanning=scanning))
+        run_driven(partial(seconds, make_rig(family), name, how, scanning=scanning))
         for how in ("silent", "noise")
         for scanning in (False, True)
     ]

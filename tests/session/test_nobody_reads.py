@@ -7,15 +7,14 @@ stream is wanted soon, and need not wait for the rotor then.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
 from contextlib import suppress
 
 import pytest
 
-from lidario import LidarError, NetworkAddress
+from lidario import LidarError
 from lidario.session.lidar import Lidar
 from lidario.session.streaming.readers import LINGER_S
-from tests.support.devices import EVERY_KIND, Rig, left_still, make_rig, names
+from tests.support.devices import EVERY_KIND, Rig, call, left_still, make_rig, names
 from tests.support.discards import all_obeyed
 from tests.support.loop import driven_loop, run_driven
 
@@ -24,24 +23,11 @@ TURN_UNASKED = ("rplidar-a1", "ydlidar-x2", "ldrobot-ld14p", "hlds")
 ONLY_TALK = ("ldrobot", "neato", "camsense", "irobotix")
 STOPPED = tuple(dict.fromkeys((*TURN_UNASKED, *(kind for kind in EVERY_KIND if kind not in ONLY_TALK))))
 """One of each family that can be stopped, and of each way to switch a motor."""
-CALLS: dict[str, Callable[[Lidar], Awaitable[object]]] = {
-    "get_info": lambda lidar: lidar.get_info(),
-    "get_health": lambda lidar: lidar.get_health(),
-    "get_modes": lambda lidar: lidar.get_modes(),
-    "get_sample_rate": lambda lidar: lidar.get_sample_rate(),
-    "get_scan_frequency": lambda lidar: lidar.get_scan_frequency(),
-    "get_scan_frequency_range": lambda lidar: lidar.get_scan_frequency_range(),
-    "set_scan_frequency": lambda lidar: lidar.set_scan_frequency(8.0),
-    "get_zero_offset": lambda lidar: lidar.get_zero_offset(),
-    "set_zero_offset": lambda lidar: lidar.set_zero_offset(True),
-    "set_power_down_protection": lambda lidar: lidar.set_power_down_protection(True),
-    "get_network_address": lambda lidar: lidar.get_network_address(),
-    "set_network_address": lambda lidar: lidar.set_network_address(NetworkAddress("10.0.0.9")),
-    "set_baudrate": lambda lidar: lidar.set_baudrate(460_800),
-    "reset": lambda lidar: lidar.reset(),
-    "scan": lambda lidar: lidar.scan(),
-    "stop": lambda lidar: lidar.stop(),
-}
+CALLS = (
+    *("get_info", "get_health", "get_modes", "get_sample_rate", "get_scan_frequency", "get_scan_frequency_range"),
+    *("set_scan_frequency", "get_zero_offset", "set_zero_offset", "set_power_down_protection"),
+    *("get_network_address", "set_network_address", "set_baudrate", "reset", "scan", "stop"),
+)
 
 
 @pytest.mark.parametrize("rig", TURN_UNASKED, indirect=True)
@@ -127,13 +113,13 @@ async def _left(lidar: Lidar) -> None:
         await anext(stream)
 
 
-def cancelled_at(kind: str, call: str, turn: int) -> int:
+def cancelled_at(kind: str, name: str, turn: int) -> int:
     """Open, call, and cancel the call when the loop has gone round `turn` times; how often it went round for it."""
 
     async def main() -> int:
         rig, loop = make_rig(kind), driven_loop()
         async with rig.open() as lidar:
-            task, first = asyncio.ensure_future(_called(CALLS[call], lidar)), loop.turns
+            task, first = asyncio.ensure_future(_called(lidar, name)), loop.turns
             loop.after(turn, task.cancel)
             with suppress(asyncio.CancelledError):
                 await task
@@ -141,7 +127,7 @@ def cancelled_at(kind: str, call: str, turn: int) -> int:
             # It streams for a second more, where it was left in the midst of a scan; and a restart takes its time.
             await asyncio.sleep(4 * LINGER_S)
             assert not lidar.is_scanning
-            assert not rig.device.motor_on, f"{kind}: {call} cancelled at {turn} leaves the motor on"
+            assert not rig.device.motor_on, f"{kind}: {name} cancelled at {turn} leaves the motor on"
             assert left_still(rig), names(rig)[-6:]
             assert len(await lidar.scan()) > 0
         all_obeyed([rig.device])
@@ -150,19 +136,19 @@ def cancelled_at(kind: str, call: str, turn: int) -> int:
     return run_driven(main)
 
 
-async def _called(call: Callable[[Lidar], Awaitable[object]], lidar: Lidar) -> None:
+async def _called(lidar: Lidar, name: str) -> None:
     with suppress(LidarError):
-        await call(lidar)
+        await call(lidar, name)
 
 
 @pytest.mark.exhaustive("points", sample=[3], full=[20])
 @pytest.mark.exhaustive(
     "what",
-    sample=[(call, STOPPED[number % len(STOPPED)]) for number, call in enumerate(CALLS)],
-    full=[(call, kind) for call in CALLS for kind in STOPPED],
+    sample=[(name, STOPPED[number % len(STOPPED)]) for number, name in enumerate(CALLS)],
+    full=[(name, kind) for name in CALLS for kind in STOPPED],
 )
 def test_what_is_cancelled_at_any_step_leaves_the_motor_off(what: tuple[str, str], points: int) -> None:
-    call, kind = what
-    turns = cancelled_at(kind, call, 0)
+    name, kind = what
+    turns = cancelled_at(kind, name, 0)
     for turn in range(1, turns + 1, max(1, turns // points)):
-        cancelled_at(kind, call, turn)
+        cancelled_at(kind, name, turn)

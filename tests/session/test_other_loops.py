@@ -11,19 +11,16 @@ from typing import Any
 import pytest
 
 from lidario import Lidar, LocalProtocolError, SessionClosed
-from tests.support.devices import Rig, left_still
+from tests.support.devices import Rig, call, left_still
 from tests.support.loop import DrivenLoop
 
 PATIENCE_S = 30.0
-CALLS: list[Callable[[Lidar], Awaitable[Any]]] = [
-    Lidar.get_health,
-    Lidar.get_modes,
-    Lidar.scan,
-    Lidar.stop,
-    Lidar.reset,
-    lambda lidar: lidar.set_scan_frequency(8.0),
+CALLS = ("get_health", "get_modes", "scan", "stop", "reset", "set_scan_frequency")
+REFUSED_ELSEWHERE: list[Callable[[Lidar], Awaitable[Any]]] = [
+    *(partial(call, name=name) for name in CALLS),
+    Lidar.close,
+    lambda lidar: lidar.__aexit__(None, None, None),
 ]
-REFUSED_ELSEWHERE = [*CALLS, Lidar.close, lambda lidar: lidar.__aexit__(None, None, None)]
 """In another thread. After the loop was closed, closing is harmless instead."""
 
 
@@ -54,9 +51,9 @@ def test_a_session_that_is_used_after_its_loop_was_closed(rig: Rig) -> None:
 
     async def second() -> None:
         lidar, stream = held
-        for call in CALLS:
+        for name in CALLS:
             with pytest.raises(SessionClosed, match="event loop"):
-                await call(lidar)
+                await call(lidar, name)
         async with asyncio.timeout(PATIENCE_S):
             with pytest.raises(LocalProtocolError, match="another event loop"):
                 await anext(stream)
@@ -71,14 +68,14 @@ def refused_elsewhere(calls: Iterable[Callable[[], Awaitable[Any]]]) -> list[str
     """What these calls are refused with in another thread, each in an event loop of its own."""
     refused: list[str] = []
 
-    async def misuse(call: Callable[[], Awaitable[Any]]) -> None:
+    async def misuse(attempt: Callable[[], Awaitable[Any]]) -> None:
         async with asyncio.timeout(PATIENCE_S):
-            await call()
+            await attempt()
 
     def other() -> None:
-        for call in calls:
+        for each in calls:
             try:
-                asyncio.run(misuse(call))
+                asyncio.run(misuse(each))
             except LocalProtocolError as error:
                 refused.append(str(error))
 
@@ -91,7 +88,7 @@ def refused_elsewhere(calls: Iterable[Callable[[], Awaitable[Any]]]) -> list[str
 async def test_a_session_that_another_thread_uses(rig: Rig) -> None:
     """Refused with the way to do it; the session is not harmed."""
     async with rig.read() as (lidar, stream):
-        refused = refused_elsewhere(partial(call, lidar) for call in REFUSED_ELSEWHERE)
+        refused = refused_elsewhere(partial(each, lidar) for each in REFUSED_ELSEWHERE)
         assert len(refused) == len(REFUSED_ELSEWHERE)
         assert all("run_coroutine_threadsafe" in text for text in refused)
         async with asyncio.timeout(PATIENCE_S):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 import pytest
 
-from lidario import ScanStream, StreamFailed
+from lidario import NetworkAddress, ScanStream, StreamFailed
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
 from lidario.session.opening import OpenLidar, open_lidar
@@ -133,6 +133,23 @@ def babble(device: Any) -> None:
     random = np.random.default_rng(1)
     device.transmit = lambda now: random.bytes(1024)
     device.wakeup = lambda now: now + 20_000_000
+
+
+ARGUMENTS: dict[str, tuple[object, ...]] = {
+    "set_scan_frequency": (9.0,),
+    "set_motor_speed": (540.0,),
+    "set_zero_offset": (True,),
+    "set_network_address": (NetworkAddress("192.168.11.2"),),
+    "set_baudrate": (1_500_000,),
+    "set_power_down_protection": (True,),
+}
+"""Of the calls of a session that take any."""
+
+
+def call(lidar: Lidar, name: str) -> Awaitable[Any]:
+    """A call of a session by its name, with arguments that are right."""
+    called: Awaitable[Any] = getattr(lidar, name)(*ARGUMENTS.get(name, ()))
+    return called
 
 
 async def some(stream: AsyncIterator[T], count: int) -> list[T]:
