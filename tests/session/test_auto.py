@@ -20,7 +20,7 @@ from lidario.session.finding.connect import connect
 from lidario.sim.line import TransmitQueue
 from lidario.source import parse_source
 from tests.support.devices import make_rig
-from tests.support.loop import driven, now, now_ns
+from tests.support.loop import now, now_ns
 from tests.support.speeds import plugged_in, serial_in_memory
 
 ONE_OF_EACH: dict[str, tuple[float, int]] = {  # seconds, bytes written
@@ -111,20 +111,15 @@ async def test_one_that_turns_evenly_after_two_seconds_is_found(
 
 
 @pytest.mark.parametrize("options", ["", "?baud=115200", "?model=x2"], ids=["unnamed", "its speed", "its name"])
-def test_a_motor_switched_on_by_dtr_has_time_to_turn(options: str, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_motor_switched_on_by_dtr_has_time_to_turn(options: str, monkeypatch: pytest.MonkeyPatch) -> None:
     device = make_rig("ydlidar-x2").device
     device.spin_up_s = 1.4
     serial_in_memory(monkeypatch, only=device)
-
-    @driven
-    async def main() -> None:
-        async with open_lidar(f"serial://only{options}") as lidar:
-            assert (await lidar.get_health()).ok
-            await asyncio.sleep(1.0)
-            assert (await lidar.scan()).valid.any()
-        assert not device.motor_on
-
-    main()
+    async with open_lidar(f"serial://only{options}") as lidar:
+        assert (await lidar.get_health()).ok
+        await asyncio.sleep(1.0)
+        assert (await lidar.scan()).valid.any()
+    assert not device.motor_on
 
 
 TALKING = (

@@ -155,9 +155,9 @@ class Taken(Intake):
         raise error
 
 
-def intake_on(clock: Callable[[], int]) -> Taken:
+def intake_on(clock: Callable[[], int], full_reads: int = 0) -> Taken:
     """A stream runs."""
-    late = SimpleNamespace(overflow_bytes=0, full_reads=0)
+    late = SimpleNamespace(overflow_bytes=0, full_reads=full_reads)
     intake = Taken(cast("Port", SimpleNamespace(now=clock, errors=LineErrors(), late=late)))
     intake.link.enter_stream(DenseFormat())
     return intake

@@ -12,7 +12,7 @@ from lidario import DeviceFault, Lidar, StreamFailed
 from lidario.revolution.seam import Seam
 from lidario.session.streaming.failures import Failures
 from tests.support.devices import Rig, end_of, left_still, names, some
-from tests.support.loop import DrivenLoop, now, now_ns, run_driven
+from tests.support.loop import driven_loop, now, now_ns
 
 CODE = 0x8001
 OF_EACH_BOOT = ("rplidar-s2", "rplidar-s1", "rplidar-old-firmware", "ydlidar-4ros")
@@ -209,14 +209,13 @@ async def test_a_blocked_rotor_that_stopped_the_device_is_told_by_its_code(rig: 
 @pytest.mark.parametrize("harm", ["half a packet", "a bad byte long ago", "a burst that is over"])
 async def test_noise_is_told_only_where_noise_is_what_arrives(rig: Rig, harm: str) -> None:
     clean = rig.device.transmit
-    left = {"half a packet": 50, "a bad byte long ago": 0, "a burst that is over": 0}[harm]
 
     def spoil() -> None:
         if harm == "a burst that is over":
             rig.device.transmit = lambda now: bytes(len(clean(now)))
             asyncio.get_running_loop().call_later(0.2, end)
         elif harm == "half a packet":
-            rig.device.transmit = lambda now: clean(now)[:left]
+            rig.device.transmit = lambda now: clean(now)[:50]
             asyncio.get_running_loop().call_later(0.002, end)
         else:
             end()
@@ -243,52 +242,47 @@ async def test_noise_is_told_only_where_noise_is_what_arrives(rig: Rig, harm: st
 @pytest.mark.parametrize("act", ["stop", "close", "leave", "ask", "cancel", "join"])
 @pytest.mark.parametrize("harm", ["silent", "protect"])
 @pytest.mark.exhaustive("step", sample=[5], full=[1, 2, 3, 5, 8, 13, 21, 40])
-def test_whatever_is_done_while_the_device_is_asked(
+async def test_whatever_is_done_while_the_device_is_asked(
     rig: Rig, harm: str, act: str, step: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """At a step of the loop after the silence was noticed, another task stops, closes, leaves, asks or joins."""
     noticed = create_autospec(Failures.suspect, side_effect=Failures.suspect)
     monkeypatch.setattr(Failures, "suspect", noticed)
-
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        assert isinstance(loop, DrivenLoop)
-        async with rig.open() as lidar:
-            stream = lidar.scans()
-            await anext(stream)
-            if harm == "protect":
-                rig.device.protection_stop(CODE)
-            else:
-                fall_silent(rig)
-            while not noticed.called:
-                await asyncio.sleep(0.001)
-            for _ in range(step):
-                await asyncio.sleep(0)
-                if loop.is_idle:
-                    await asyncio.sleep(0.004)
-            if act == "stop":
-                await lidar.stop()
-                await end_of(stream, StopAsyncIteration)
-            elif act == "close":
-                await lidar.close()
-            elif act == "leave":
-                await stream.aclose()
-            elif act == "ask":
-                await lidar.get_info()
-            elif act == "cancel":
-                reader = asyncio.create_task(anext(stream))
-                await asyncio.sleep(0)
-                reader.cancel()
-                await asyncio.wait([reader])
-            else:
-                async with lidar.scans() as other:
-                    await anext(other)
-            if act in ("ask", "cancel", "join"):
-                await anext(stream)
-                assert (await anext(stream)).seq > 0
-            if act == "stop":
-                assert await lidar.scan()
+    loop = driven_loop()
+    async with rig.open() as lidar:
+        stream = lidar.scans()
+        await anext(stream)
+        if harm == "protect":
+            rig.device.protection_stop(CODE)
+        else:
+            fall_silent(rig)
+        while not noticed.called:
+            await asyncio.sleep(0.001)
+        for _ in range(step):
+            await asyncio.sleep(0)
+            if loop.is_idle:
+                await asyncio.sleep(0.004)
+        if act == "stop":
+            await lidar.stop()
+            await end_of(stream, StopAsyncIteration)
+        elif act == "close":
+            await lidar.close()
+        elif act == "leave":
             await stream.aclose()
-        assert left_still(rig) or rig.device.health[0]
-
-    run_driven(main)
+        elif act == "ask":
+            await lidar.get_info()
+        elif act == "cancel":
+            reader = asyncio.create_task(anext(stream))
+            await asyncio.sleep(0)
+            reader.cancel()
+            await asyncio.wait([reader])
+        else:
+            async with lidar.scans() as other:
+                await anext(other)
+        if act in ("ask", "cancel", "join"):
+            await anext(stream)
+            assert (await anext(stream)).seq > 0
+        if act == "stop":
+            assert await lidar.scan()
+        await stream.aclose()
+    assert left_still(rig) or rig.device.health[0]

@@ -7,19 +7,18 @@ from dataclasses import replace
 
 import pytest
 
-from lidario import InvalidValue, Unsupported, open_lidar
+from lidario import InvalidValue, Unsupported
 from lidario.families.registry import FAMILIES
 from lidario.families.rplidar.device import RplidarDevice
 from lidario.session.finding.connect import connect
 from lidario.session.streaming.modes import does_not_fit
 from lidario.source import parse_source
 from tests.support.devices import left_still, make_rig, names
-from tests.support.loop import driven
 
 
 @pytest.mark.parametrize("scanning", [False, True])
 async def test_a_speed_that_the_mode_does_not_fit_is_refused_and_nothing_has_changed(*, scanning: bool) -> None:
-    rig = make_rig("rplidar", "rplidar-s2")
+    rig = make_rig("rplidar-s2")
     async with rig.open() as lidar:
         stream = lidar.scans()
         if scanning:
@@ -40,13 +39,13 @@ async def test_a_device_that_is_found_at_too_slow_a_speed_says_so_when_it_shall_
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Another program left it so. It can be asked, and set to a speed at which it can scan."""
-    rig = make_rig("rplidar", "rplidar-s2")
+    rig = make_rig("rplidar-s2")
     with monkeypatch.context() as patch:
         patch.setattr(RplidarDevice, "load", lambda device, mode: math.nan)
         async with rig.open() as lidar:
             await lidar.set_baudrate(256_000)
     assert rig.device.baudrate == 256_000
-    async with open_lidar(rig.device, family="rplidar", baudrate=256_000) as lidar:
+    async with rig.open(baudrate=256_000) as lidar:
         assert (await lidar.get_health()).ok
         for _ in range(2):
             with pytest.raises(Unsupported, match="'DenseBoost' sends 67200 bytes"):
@@ -57,7 +56,7 @@ async def test_a_device_that_is_found_at_too_slow_a_speed_says_so_when_it_shall_
 
 
 async def test_a_mode_that_does_not_fit_is_refused_beside_one_that_does() -> None:
-    rig = make_rig("rplidar", "rplidar-c1")
+    rig = make_rig("rplidar-c1")
     async with rig.open() as lidar:
         assert len(await lidar.scan("Standard")) > 100
         await lidar.stop()
@@ -69,18 +68,12 @@ async def test_a_mode_that_does_not_fit_is_refused_beside_one_that_does() -> Non
     assert left_still(rig)
 
 
-def test_the_mode_that_runs_decides_not_the_typical_one() -> None:
-    rig = make_rig("rplidar", "rplidar-c1")
-
-    @driven
-    async def main() -> None:
-        async with rig.read("Standard") as (lidar, stream):
-            with pytest.raises(InvalidValue, match="'Standard' sends 25000"):
-                await lidar.set_baudrate(115_200)
-            assert lidar.stats.interruptions == 0
-            await anext(stream)
-
-    main()
+async def test_the_mode_that_runs_decides_not_the_typical_one() -> None:
+    async with make_rig("rplidar-c1").read("Standard") as (lidar, stream):
+        with pytest.raises(InvalidValue, match="'Standard' sends 25000"):
+            await lidar.set_baudrate(115_200)
+        assert lidar.stats.interruptions == 0
+        await anext(stream)
 
 
 MODELS = [(family.name, model) for family in FAMILIES for model in family.simulated]

@@ -19,7 +19,7 @@ import pytest
 
 from lidario import Lidar, LidarError, LocalProtocolError, StreamFailed
 from tests.support.cable import Cable, cable_to, on_a_cable
-from tests.support.devices import EVERY_FAMILY, left_still, make_rig, some
+from tests.support.devices import EVERY_FAMILY, end_of, left_still, make_rig, some
 from tests.support.loop import driven_loop, now
 
 LONGEST_S = 40.0
@@ -193,10 +193,7 @@ async def test_a_program_that_cancels_all_tasks_while_a_session_comes_back_has_e
         cable.pull()
         await asyncio.sleep(away_s)
         cancel_all_others()
-        with pytest.raises(LocalProtocolError, match="cancelled the task that brings the session back"):
-            async with asyncio.timeout(30.0):
-                while True:
-                    await anext(stream)
+        await end_of(stream, LocalProtocolError, "cancelled the task that brings the session back")
         with pytest.raises(LocalProtocolError, match="cancelled the task that brings the session back"):
             await lidar.get_health()
         assert [change.state async for change in lidar.line_changes()] == []
@@ -207,10 +204,7 @@ async def test_a_stream_that_was_to_go_on_tells_that_all_tasks_were_cancelled() 
     async with rig.read() as (lidar, stream):
         await lidar.get_health()
         cancel_all_others()
-        with pytest.raises(StreamFailed, match="cancelled the task that starts the stream"):
-            async with asyncio.timeout(30.0):
-                while True:
-                    await anext(stream)
+        await end_of(stream, StreamFailed, "cancelled the task that starts the stream")
 
 
 @pytest.mark.long

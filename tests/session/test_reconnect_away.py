@@ -15,24 +15,17 @@ from lidario import (
     InvalidValue,
     LidarError,
     Reconnect,
-    ScanStream,
     SessionClosed,
 )
 from lidario.session.talking.dialogue import Dialogue
 from tests.support.cable import cable_to, next_after, on_a_cable
-from tests.support.devices import Rig, both_families, left_still, make_rig, take
+from tests.support.devices import Rig, both_families, end_of, left_still, make_rig, take
 from tests.support.loop import now, now_ns
 
 
 def causes(error: BaseException) -> list[BaseException]:
     cause = error.__cause__
     return [] if cause is None else [cause, *causes(cause)]
-
-
-async def read_to_the_end(stream: ScanStream) -> None:
-    async with asyncio.timeout(60.0):
-        async for _ in stream:
-            pass
 
 
 @both_families
@@ -42,11 +35,9 @@ async def test_it_gives_up_at_the_limit_with_the_first_error(family: str) -> Non
             await anext(stream)
             cable.pull()
             began = now()
-            with pytest.raises(DeviceLost, match=r"did not come back within 10 s .*no such port") as caught:
-                await read_to_the_end(stream)
+            lost = await end_of(stream, DeviceLost, r"did not come back within 10 s .*no such port")
         assert math.isclose(now() - began, 10.0, abs_tol=0.2)
-        chain = [caught.value, *causes(caught.value)]
-        assert any("unplugged" in str(each) for each in chain[1:])
+        assert any("unplugged" in str(each) for each in causes(lost))
         with pytest.raises(DeviceLost, match="did not come back"):
             await lidar.get_health()
         with pytest.raises(DeviceLost, match="did not come back"):
@@ -66,8 +57,7 @@ async def test_a_device_that_responds_but_never_scans_does_not_put_the_limit_off
             rig.device.reboot(now_ns())
             rig.device.spin_up_s = 1e6
             began = now()
-            with pytest.raises(DeviceLost, match="did not come back within 30 s"):
-                await read_to_the_end(stream)
+            await end_of(stream, DeviceLost, "did not come back within 30 s")
         # A start that is under way at the limit is waited for: five seconds without a packet, and the questions
         # that follow them.
         assert now() - began < 40.0
@@ -163,7 +153,7 @@ async def test_stop_while_it_is_away(family: str, returns: bool) -> None:
     async with on_a_cable(rig) as (cable, lidar):
         stream = lidar.scans()
         await anext(stream)
-        reader = asyncio.ensure_future(read_to_the_end(stream))
+        reader = asyncio.ensure_future(end_of(stream, StopAsyncIteration))
         cable.pull()
         await asyncio.sleep(1.0)
         began = now()
@@ -199,8 +189,7 @@ async def test_a_mistake_of_ours_ends_the_session(monkeypatch: pytest.MonkeyPatc
         async with lidar.scans() as stream:
             await anext(stream)
             cable.pull()
-            with pytest.raises(LidarError, match="please report this"):
-                await read_to_the_end(stream)
+            await end_of(stream, LidarError, "please report this")
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import time
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -31,6 +30,12 @@ BOOT_S = 0.2
 GAP_S = 0.2
 
 
+async def replugged(server: WaitingPtyServer | ReplugTcpServer) -> float:
+    """Pull the cable out, and put it in again after a while; when that was begun."""
+    await run_in_thread(lambda: server.replug(GAP_S))
+    return time.monotonic()
+
+
 @pytest.mark.long
 @pytest.mark.real_time
 @pytest.mark.parametrize("family", ["rplidar", "ydlidar"])
@@ -43,8 +48,7 @@ async def test_it_is_found_again_through_a_link(family: str, tmp_path: Path) -> 
         async with open_lidar(str(path), family=family, reconnect=True) as lidar, lidar.scans() as stream:
             last = await anext(stream)
             name = server.path
-            await run_in_thread(lambda: server.replug(GAP_S))
-            pulled = time.monotonic()
+            pulled = await replugged(server)
             await run_in_thread(lambda: until(server.plugged.is_set))
             assert server.path != name
             scan = await next_after(stream, pulled)
@@ -73,8 +77,7 @@ async def test_under_another_name_held_for_a_while_beside_other_ports(
         async with open_lidar(source, reconnect=True) as lidar, lidar.scans() as stream:
             await anext(stream)
             asked = len(requests(bystander))
-            await run_in_thread(lambda: server.replug(GAP_S))
-            pulled = time.monotonic()
+            pulled = await replugged(server)
             await run_in_thread(lambda: until(server.plugged.is_set))
             assert server.path != first
             with serial.Serial(server.path, exclusive=True):
@@ -84,8 +87,7 @@ async def test_under_another_name_held_for_a_while_beside_other_ports(
             await next_after(stream, pulled)
             assert len(requests(bystander)) == asked, "a port that was there all the time is not written to"
             # And once more: now it is known where it was last.
-            await run_in_thread(lambda: server.replug(GAP_S))
-            await next_after(stream, time.monotonic())
+            await next_after(stream, await replugged(server))
             assert lidar.stats.reconnects == 2
         until(lambda: is_still(server))
 
@@ -123,8 +125,7 @@ async def test_two_that_change_their_names_at_once(monkeypatch: pytest.MonkeyPat
         ):
             streams = a.scans(), b.scans()
             await asyncio.gather(*(anext(stream) for stream in streams))
-            await asyncio.gather(*(run_in_thread(partial(each.replug, GAP_S)) for each in (one, two)))
-            pulled = time.monotonic()
+            pulled = max(await asyncio.gather(*map(replugged, (one, two))))
             await asyncio.gather(*(next_after(stream, pulled) for stream in streams))
             assert [each.info.serial for each in (a, b)] == [rig.device.serial.hex().upper() for rig in rigs]
         until(lambda: is_still(one) and is_still(two))
@@ -139,8 +140,7 @@ async def test_a_network_connection_that_was_closed() -> None:
         source = "tcp://{}:{}".format(*server.address)
         async with open_lidar(source, family="ydlidar", reconnect=True) as lidar, lidar.scans() as stream:
             await anext(stream)
-            await run_in_thread(lambda: server.replug(GAP_S))
-            await next_after(stream, time.monotonic())
+            await next_after(stream, await replugged(server))
             assert lidar.stats.reconnects == 1
         until(lambda: not device.scanning)
 
@@ -176,8 +176,7 @@ async def test_a_recording_goes_on_when_the_line_is_back(tmp_path: Path) -> None
         async with open_lidar(str(path), family="rplidar", reconnect=True) as lidar, lidar.scans() as stream:
             async with lidar.record(tmp_path / "run.mcap") as recording:
                 await some(stream, 3)
-                await run_in_thread(lambda: server.replug(GAP_S))
-                await next_after(stream, time.monotonic())
+                await next_after(stream, await replugged(server))
                 assert recording.is_running
             assert recording.error is None
             async with lidar.record(tmp_path / "more.mcap") as another:

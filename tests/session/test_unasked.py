@@ -42,11 +42,6 @@ SOME = ("ldrobot-ld06", "ydlidar-x2", "neato-xv11", "camsense-x1", "irobotix-del
 talkers = pytest.mark.parametrize("rig", SOME, indirect=True)
 
 
-def opened(rig: Rig, **options: Any) -> Any:
-    """By its family, the stream of which tells the rest."""
-    return open_lidar(rig.device, family=rig.family, **options)
-
-
 class Written:
     """What a session writes, by a tap."""
 
@@ -63,7 +58,7 @@ class Written:
 async def test_every_one_of_them_is_opened_read_and_left(model: str, caplog: pytest.LogCaptureFixture) -> None:
     rig = make_rig(model)
     caplog.clear()
-    async with opened(rig) as lidar:
+    async with rig.open() as lidar:
         written = Written(lidar)
         scans = await take(lidar, 3)
         assert all(len(scan) > 300 and not scan.lost_packets for scan in scans)
@@ -91,7 +86,7 @@ async def test_every_one_of_them_is_opened_read_and_left(model: str, caplog: pyt
 
 @talkers
 async def test_what_needs_a_request_is_refused_and_the_stream_goes_on(rig: Rig) -> None:
-    async with opened(rig, keep_spinning=True) as lidar, lidar.scans() as stream:
+    async with rig.open(keep_spinning=True) as lidar, lidar.scans() as stream:
         before = await anext(stream)
         refused: list[Callable[[], Awaitable[object]]] = [
             lidar.reset,
@@ -143,7 +138,7 @@ async def test_a_name_by_which_no_packet_is_found_is_told(model: str, named: str
 
 @talkers
 async def test_closing_does_not_wait_for_silence(rig: Rig) -> None:
-    lidar = await opened(rig)
+    lidar = await rig.open()
     stream = lidar.scans()
     await anext(stream)
     before = now()
@@ -167,15 +162,13 @@ async def test_one_on_a_damaged_line_is_opened_all_the_same(model: str, fault: s
 async def test_one_that_is_silent_is_not_found(rig: Rig) -> None:
     rig.device.mute = True
     with pytest.raises(ConnectFailed, match="nothing came back") as caught:
-        await opened(rig)
+        await rig.open()
     assert caught.value.reason == "silent"
 
 
 @talkers
 async def test_one_that_falls_silent_is_told_of_and_may_come_back(rig: Rig) -> None:
-    async with opened(rig) as lidar:
-        stream = lidar.scans()
-        await anext(stream)
+    async with rig.read() as (lidar, stream):
         rig.device.mute = True
         await end_of(stream, why=r"no scan data for 0.\d s")
         rig.device.mute = False
@@ -185,7 +178,7 @@ async def test_one_that_falls_silent_is_told_of_and_may_come_back(rig: Rig) -> N
 @pytest.mark.long
 @talkers
 async def test_a_session_comes_back_to_it(rig: Rig) -> None:
-    async with opened(rig, reconnect=True) as lidar, lidar.scans() as stream:
+    async with rig.open(reconnect=True) as lidar, lidar.scans() as stream:
         await some(stream, 2)
         rig.device.reboot(now_ns(), off_s=2.0)
         await some(stream, 20)
@@ -221,7 +214,7 @@ def test_an_unknown_model_is_answered_with_the_known_ones() -> None:
 @pytest.mark.long
 async def test_one_whose_motor_nobody_powers_says_so_and_makes_no_scans_of_what_comes() -> None:
     rig = make_rig("neato-xv11")
-    async with opened(rig) as lidar:
+    async with rig.open() as lidar:
         with pytest.raises(StreamFailed, match="the motor does not turn as it should: 60 revolutions a minute"):
             async for scan in lidar.scans():
                 assert len(scan) == 360
