@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-import asyncio
-
 import pytest
 
-from lidario import open_lidar
 from lidario.families.camsense.simulated.device import PROFILES
-from tests.support.devices import make_rig
-from tests.support.loop import driven
+from tests.support.devices import Rig
+from tests.support.loop import now_ns
 
 
-@pytest.mark.parametrize("model", PROFILES)
-@driven
-async def test_a_session_through_a_power_cut(model: str) -> None:
-    rig = make_rig("camsense", model)
-    async with open_lidar(rig.device, family="camsense", reconnect=True) as lidar, lidar.scans() as stream:
-        assert lidar.info.model == ("Camsense X1" if model.endswith("x1") else "LDS08RR of Camsense")
-        await anext(stream)
-        rig.device.reboot(round(asyncio.get_running_loop().time() * 1e9), off_s=1.0)
+@pytest.mark.parametrize("rig", PROFILES, indirect=True)
+async def test_a_session_through_a_power_cut(rig: Rig) -> None:
+    async with rig.read(reconnect=True) as (lidar, stream):
+        x1 = rig.device.profile is PROFILES["camsense-x1"]
+        assert lidar.info.model == ("Camsense X1" if x1 else "LDS08RR of Camsense")
+        rig.device.reboot(now_ns(), off_s=1.0)
         for _ in range(5):
             scan = await anext(stream)
         assert len(scan) == pytest.approx(400, abs=8)

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from lidario import open_lidar
 from lidario.families.hlds.simulated.device import PROFILES, make_simulated
 from tests.reference import hlds
-from tests.support.devices import make_rig
-from tests.support.loop import driven
+from tests.support.devices import Rig, call
 
 S = 1_000_000_000
 BEGIN = 1000 * S
@@ -49,21 +47,19 @@ def test_letters(model: str) -> None:
     assert device.log[-1].why == "still booting"
 
 
-@driven
-async def test_one_whose_check_value_nobody_knows_says_so() -> None:
-    rig = make_rig("hlds", "hlds-lds01")
+@pytest.mark.parametrize("rig", ["hlds-lds01"], indirect=True)
+async def test_one_whose_check_value_nobody_knows_says_so(rig: Rig) -> None:
     rig.device.check = b"\x01\x02"
-    async with open_lidar(rig.device, family="hlds") as lidar, lidar.scans() as stream:
+    async with rig.open() as lidar, lidar.scans() as stream:
         assert "no check value" in (await lidar.get_health()).note
         for _ in range(3):
             assert len(await anext(stream)) == 360
 
 
 @pytest.mark.parametrize("ask", ["get_health", "get_info"])
-@driven
-async def test_a_start_that_is_lost_is_sent_again(ask: str) -> None:
-    rig = make_rig("hlds", "hlds-lds01")
-    async with open_lidar(rig.device, family="hlds") as lidar:
+@pytest.mark.parametrize("rig", ["hlds-lds01"], indirect=True)
+async def test_a_start_that_is_lost_is_sent_again(rig: Rig, ask: str) -> None:
+    async with rig.open() as lidar:
         await lidar.stop()
         receive, lost = rig.device.receive, list[bytes]()
 
@@ -74,6 +70,5 @@ async def test_a_start_that_is_lost_is_sent_again(ask: str) -> None:
                 receive(data, now)
 
         rig.device.receive = lossy
-        await getattr(lidar, ask)()
+        await call(lidar, ask)
         assert lost == [b"b"]
-    assert not rig.device.motor_on

@@ -17,8 +17,8 @@ from lidario.families.hokuyo.simulated.device import pack_block, pack_lines
 from lidario.rotor import Rotor
 from lidario.testing import make_scan
 from tests.families.hokuyo.about import CASES, GEOMETRY
-from tests.support.devices import make_rig, take
-from tests.support.loop import driven, run_driven
+from tests.support.devices import Rig, make_rig, some, take
+from tests.support.loop import run_driven
 from tests.support.recorded import assert_same_scans, record, take_scans
 
 FIELDS = {"hokuyo-urg04lx": (-340, 341, 1024), "hokuyo-ust10lx": (-540, 540, 1440)}
@@ -29,12 +29,11 @@ every_field = pytest.mark.parametrize("model", FIELDS)
 
 
 async def scans_of(model: str, count: int = 4) -> list[Scan]:
-    async with make_rig("hokuyo", model).open() as lidar:
+    async with make_rig(model).open() as lidar:
         return await take(lidar, count)
 
 
 @every_field
-@driven
 async def test_the_message_covers_the_field_and_no_more(model: str) -> None:
     first, last, turn = FIELDS[model]
     for scan in await scans_of(model):
@@ -54,7 +53,6 @@ async def test_the_message_covers_the_field_and_no_more(model: str) -> None:
 
 
 @every_field
-@driven
 async def test_a_grid_of_any_size_has_the_times_and_angles_of_its_samples(model: str) -> None:
     scan = (await scans_of(model))[-1]
     for beams in (90, 683, 2000):
@@ -74,7 +72,6 @@ async def test_a_grid_of_any_size_has_the_times_and_angles_of_its_samples(model:
 
 
 @every_field
-@driven
 async def test_a_selection_and_a_sorted_scan_keep_the_field(model: str) -> None:
     scan = (await scans_of(model))[-1]
     whole, front = scan.to_laserscan(500), scan.select(between=(-0.5, 0.5)).to_laserscan(500)
@@ -94,7 +91,6 @@ async def test_a_selection_and_a_sorted_scan_keep_the_field(model: str) -> None:
 
 
 @every_field
-@driven
 async def test_nothing_is_said_of_what_lies_behind(model: str) -> None:
     scan = (await scans_of(model))[-1]
     assert scan.nearest(between=(2.7, -2.7)) is None
@@ -117,22 +113,15 @@ def test_a_field_that_is_turned_clockwise_falls_in_time() -> None:
     assert message.stamp_ns == pytest.approx(100e6 * 179.5 / 360, abs=1)
 
 
-@driven
-async def test_sectors_come_with_the_scan_and_beside_the_field_they_are_empty() -> None:
-    rig = make_rig("hokuyo")
-    async with rig.open() as lidar:
-        found = []
-        async with lidar.sectors(45.0) as stream:
-            async for sector in stream:
-                found.append(sector)
-                if len(found) == 24:
-                    break
+@pytest.mark.parametrize("rig", ["hokuyo"], indirect=True)
+async def test_sectors_come_with_the_scan_and_beside_the_field_they_are_empty(rig: Rig) -> None:
+    async with rig.open() as lidar, lidar.sectors(45.0) as stream:
+        found = await some(stream, 24)
     numbers = [(sector.seq, sector.index) for sector in found]
     begin = numbers[0][0]
     assert numbers == [(begin + number // 8, number % 8) for number in range(24)]
     assert [len(sector) > 0 for sector in found[8:16]] == [True] * 6 + [False] * 2
     assert sum(map(len, found[8:16])) == 682
-    assert not rig.device.scanning
 
 
 def test_a_recording_has_what_its_packets_do_not_tell(tmp_path: Path) -> None:

@@ -11,11 +11,9 @@ from lidario.testing import SimulatedLidar
 from lidario.wire.envelope import Request
 from tests.support.bench_4ros import played
 from tests.support.devices import take
-from tests.support.loop import driven
 
 
 @pytest.mark.parametrize("model", ["hokuyo-urg04lx", "hokuyo-utm30lx"])
-@driven
 async def test_many_damaged_scans_in_a_row_do_not_end_a_stream(model: str) -> None:
     """Two of three scans are damaged, or more, where each is one packet of two thousand bytes."""
     device = SimulatedLidar(model, fault="drop:0.05%")

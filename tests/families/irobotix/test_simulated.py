@@ -6,23 +6,21 @@ import asyncio
 
 import pytest
 
-from lidario import StreamFailed, open_lidar
+from lidario import StreamFailed
 from tests.support.devices import make_rig
-from tests.support.loop import driven
+from tests.support.loop import now_ns
 
 
 @pytest.mark.parametrize("rpm", [120.0, 720.0])
-@driven
 async def test_a_rotor_that_is_too_slow_or_too_fast_is_told_and_makes_no_scans(rpm: float) -> None:
-    rig = make_rig("irobotix", "irobotix-delta2a")
-    loop = asyncio.get_running_loop()
-    async with open_lidar(rig.device, family="irobotix") as lidar:
+    rig = make_rig("irobotix-delta2a")
+    async with rig.open() as lidar:
         with pytest.raises(StreamFailed, match=f"does not turn as it should: {rpm:.0f} revolutions a minute"):
             async for scan in lidar.scans():
                 if scan.seq == 3:
-                    rig.device.power_motor(rpm, round(loop.time() * 1e9))
+                    rig.device.power_motor(rpm, now_ns())
         assert "The host powers it" in (await lidar.get_health()).note
-        rig.device.power_motor(420.0, round(loop.time() * 1e9))
+        rig.device.power_motor(420.0, now_ns())
         await asyncio.sleep(2.0)
         assert (await lidar.get_health()).ok
         for _ in range(3):

@@ -8,8 +8,7 @@ import pytest
 from benchmarks.relayed import Relayed
 from lidario import InvalidValue, NetworkAddress, RemoteProtocolError, Unsupported, open_lidar
 from lidario.families.rplidar.commands import Conf, get_lidar_conf, set_lidar_conf
-from tests.support.devices import make_rig, names
-from tests.support.loop import driven
+from tests.support.devices import Rig, make_rig, names
 from tests.support.rplidar_device import S2, identified
 from tests.support.scripts import drive
 
@@ -59,11 +58,9 @@ def test_what_is_no_address_is_refused_before_anything_is_sent(wrong: Any) -> No
         next(identified(S2).set_network_address(wrong))
 
 
-@driven
-async def test_it_is_in_force_after_a_reset() -> None:
-    rig = make_rig("rplidar", "rplidar-s2e")
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+@pytest.mark.parametrize("rig", ["rplidar-s2e"], indirect=True)
+async def test_it_is_in_force_after_a_reset(rig: Rig) -> None:
+    async with rig.read() as (lidar, stream):
         await lidar.set_network_address(ADDRESS)
         assert (await lidar.get_network_address()).address == "0.0.0.0"
         await anext(stream)
@@ -73,12 +70,12 @@ async def test_it_is_in_force_after_a_reset() -> None:
 
 
 @pytest.mark.parametrize(
-    ("model", "name", "again"), [("rplidar-s2e", "RPLIDAR S2E", 0), ("rplidar-s2", "RPLIDAR S2M1", 1)]
+    ("rig", "name", "again"),
+    [("rplidar-s2e", "RPLIDAR S2E", 0), ("rplidar-s2", "RPLIDAR S2M1", 1)],
+    indirect=["rig"],
 )
-@driven
-async def test_an_s2_with_an_ethernet_address_is_an_s2e(model: str, name: str, again: int) -> None:
+async def test_an_s2_with_an_ethernet_address_is_an_s2e(rig: Rig, name: str, again: int) -> None:
     """It is asked for that only where the line has no speed: a serial S2 would not respond."""
-    rig = make_rig("rplidar", model)
     async with open_lidar(Bridged(rig.device), family="rplidar") as lidar:
         asked = names(rig).count("get_lidar_conf")
         assert lidar.info.model == name
@@ -86,9 +83,8 @@ async def test_an_s2_with_an_ethernet_address_is_an_s2e(model: str, name: str, a
         assert names(rig).count("get_lidar_conf") == asked + again
 
 
-@driven
 async def test_an_s2e_whose_ethernet_address_was_lost_on_the_way_is_one_as_soon_as_it_tells_it() -> None:
-    rig = make_rig("rplidar", "rplidar-s2e")
+    rig = make_rig("rplidar-s2e")
     receive = rig.device.receive
     rig.device.receive = lambda data, now: None if data[1:2] == b"\x84" else receive(data, now)
     async with open_lidar(Bridged(rig.device), family="rplidar") as lidar:

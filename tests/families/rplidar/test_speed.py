@@ -11,12 +11,7 @@ from lidario import ConnectFailed, InvalidValue, ResponseTimeout, Unsupported, o
 from lidario.families.rplidar.speed import confirm
 from lidario.port.port import Port
 from tests.support.cable import cable_to
-from tests.support.devices import Rig, left_still, make_rig, names, take
-from tests.support.loop import driven
-
-
-def rig_of(model: str = "rplidar-s2") -> Rig:
-    return make_rig("rplidar", model)
+from tests.support.devices import Rig, make_rig, names, take
 
 
 def test_the_documented_confirmation() -> None:
@@ -25,26 +20,23 @@ def test_the_documented_confirmation() -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("scanning", [False, True])
-@driven
-async def test_device_and_port_change_together(scanning: bool) -> None:
-    rig = rig_of()
-    async with rig.open() as lidar:
+async def test_device_and_port_change_together(rplidar: Rig, scanning: bool) -> None:
+    async with rplidar.open() as lidar:
         stream = lidar.scans()
         if scanning:
             await anext(stream)
         await lidar.set_baudrate(1_500_000)
-        assert (lidar.baudrate, rig.device.baudrate) == (1_500_000, 1_500_000)
+        assert (lidar.baudrate, rplidar.device.baudrate) == (1_500_000, 1_500_000)
         scans = [await anext(stream) for _ in range(3)]
         assert all(len(scan) > 3000 and not scan.lost_packets for scan in scans)
         # Nobody goes back: it was confirmed.
         await asyncio.sleep(2.0)
         assert (await lidar.get_health()).ok
-    assert left_still(rig)
-    assert "new_baudrate_confirm" in names(rig, obeyed=True)
+    assert "new_baudrate_confirm" in names(rplidar, obeyed=True)
 
 
 def test_an_unconfirmed_speed_is_given_up_by_the_device() -> None:
-    rig = rig_of()
+    rig = make_rig("rplidar")
     rig.device.set_host_baudrate(256_000, 1)
     for at in range(10):
         rig.device.receive(b"A" * 16, 1 + at * 50_000_000)
@@ -57,7 +49,7 @@ def test_an_unconfirmed_speed_is_given_up_by_the_device() -> None:
 
 @pytest.mark.parametrize("how", ["too slow", "other bytes", "scanning"])
 def test_what_is_no_measurement_leaves_the_speed(how: str) -> None:
-    rig = rig_of()
+    rig = make_rig("rplidar")
     if how == "scanning":
         rig.device.receive(b"\xa5\x20", 1)
     rig.device.set_host_baudrate(256_000, 2)
@@ -67,75 +59,63 @@ def test_what_is_no_measurement_leaves_the_speed(how: str) -> None:
     assert rig.device.baudrate == 1_000_000
 
 
-@pytest.mark.parametrize("model", ["rplidar-a1", "rplidar-old-firmware"])
-@driven
-async def test_old_firmware_is_not_asked(model: str) -> None:
-    rig = rig_of(model)
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await anext(stream)
+@pytest.mark.parametrize("rig", ["rplidar-a1", "rplidar-old-firmware"], indirect=True)
+async def test_old_firmware_is_not_asked(rig: Rig) -> None:
+    async with rig.read() as (lidar, stream):
         with pytest.raises(Unsupported, match="too old"):
             await lidar.set_baudrate(921_600)
         assert lidar.stats.interruptions == 0
         await anext(stream)
 
 
-@driven
-async def test_the_speed_that_the_line_has_already_is_not_measured() -> None:
+async def test_the_speed_that_the_line_has_already_is_not_measured(rplidar: Rig) -> None:
     """Also where another task has changed it to that speed meanwhile."""
-    rig = rig_of()
-    async with rig.open() as lidar:
+    async with rplidar.open() as lidar:
         await lidar.set_baudrate(1_000_000)
-        assert "new_baudrate_confirm" not in names(rig)
+        assert "new_baudrate_confirm" not in names(rplidar)
         await asyncio.gather(*(lidar.set_baudrate(921_600) for _ in range(3)))
-        assert names(rig, obeyed=True).count("new_baudrate_confirm") == 1
-        assert lidar.baudrate == rig.device.baudrate == 921_600
-    assert left_still(rig)
+        assert names(rplidar, obeyed=True).count("new_baudrate_confirm") == 1
+        assert lidar.baudrate == rplidar.device.baudrate == 921_600
 
 
-@driven
 async def test_a_device_that_does_not_follow_is_reached_at_the_speed_before(
-    monkeypatch: pytest.MonkeyPatch,
+    rplidar: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    rig = rig_of()
-    monkeypatch.setattr(rig.device.line_speed, "hear", lambda data, now: b"")
-    async with rig.open() as lidar:
+    monkeypatch.setattr(rplidar.device.line_speed, "hear", lambda data, now: b"")
+    async with rplidar.open() as lidar:
         began = asyncio.get_running_loop().time()
         with pytest.raises(Unsupported, match="did not respond at 921600 baud"):
             await lidar.set_baudrate(921_600)
         assert asyncio.get_running_loop().time() - began < 1.8
         assert lidar.baudrate == 1_000_000
         assert len(await take(lidar, 2)) == 2
-    assert left_still(rig)
 
 
-@driven
-async def test_after_an_attempt_in_vain_it_is_heard_as_soon_as_it_has_gone_back() -> None:
+async def test_after_an_attempt_in_vain_it_is_heard_as_soon_as_it_has_gone_back(rplidar: Rig) -> None:
     """It has measured the new speed, and what it responded was lost."""
-    rig = rig_of()
-    hear = rig.device.line_speed.hear
+    hear = rplidar.device.line_speed.hear
 
     def silent(data: bytes, now: int) -> bytes:
         hear(data, now)
         return b""
 
-    rig.device.line_speed.hear = silent
-    async with rig.open() as lidar:
+    rplidar.device.line_speed.hear = silent
+    async with rplidar.open() as lidar:
         await take(lidar, 1)
         with pytest.raises(Unsupported, match="did not respond at 921600 baud"):
             await lidar.set_baudrate(921_600)
         assert (await lidar.get_health()).ok
-        assert names(rig).count("get_health") == 2
-    assert left_still(rig)
+        assert names(rplidar).count("get_health") == 2
 
 
-@driven
-async def test_an_adapter_that_cannot_do_it_is_left_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
-    rig = rig_of()
+async def test_an_adapter_that_cannot_do_it_is_left_as_it_was(
+    rplidar: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
 
     def refuse(port: Port, baudrate: int) -> None:
         raise ConnectFailed("it cannot run at that speed", reason="silent")
 
-    async with rig.open() as lidar:
+    async with rplidar.open() as lidar:
         with monkeypatch.context() as patch:
             patch.setattr(Port, "set_baudrate", refuse)
             with pytest.raises(ConnectFailed, match="cannot run"):
@@ -144,56 +124,48 @@ async def test_an_adapter_that_cannot_do_it_is_left_as_it_was(monkeypatch: pytes
         assert lidar.baudrate == 1_000_000
 
 
-@driven
-async def test_one_that_falls_silent_after_the_confirmation_is_told() -> None:
-    rig = rig_of()
-    async with rig.open() as lidar:
-        confirmed = rig.device.line_speed.confirm
+async def test_one_that_falls_silent_after_the_confirmation_is_told(rplidar: Rig) -> None:
+    async with rplidar.open() as lidar:
+        confirmed = rplidar.device.line_speed.confirm
 
         def forgets(payload: bytes) -> str:
             confirmed(payload)
-            rig.device.mute = True
+            rplidar.device.mute = True
             return ""
 
-        rig.device.line_speed.confirm = forgets
+        rplidar.device.line_speed.confirm = forgets
         with pytest.raises(ResponseTimeout):
             await lidar.set_baudrate(921_600)
 
 
 @pytest.mark.parametrize("wrong", [0, -1, 300, 5_000_000, 115_200.5, "115200", None])
-@driven
-async def test_what_is_no_speed(wrong: Any) -> None:
-    rig = rig_of()
-    async with rig.open() as lidar:
+async def test_what_is_no_speed(rplidar: Rig, wrong: Any) -> None:
+    async with rplidar.open() as lidar:
         with pytest.raises(InvalidValue, match=r"9600|whole number"):
             await lidar.set_baudrate(wrong)
 
 
-@driven
-async def test_a_line_without_a_speed_has_none_to_change() -> None:
-    rig = rig_of()
-    with cable_to(rig) as cable:
-        lidar = await rig.open()
+async def test_a_line_without_a_speed_has_none_to_change(rplidar: Rig) -> None:
+    with cable_to(rplidar) as cable:
+        lidar = await rplidar.open()
     async with lidar:
         cable.ports[-1].baudrate = 0
         with pytest.raises(Unsupported, match="no speed"):
             await lidar.set_baudrate(921_600)
 
 
-@pytest.mark.parametrize("model", ["ydlidar-4ros", "ldrobot-ld06"])
-@driven
-async def test_other_families_cannot(model: str) -> None:
-    rig = make_rig(model.partition("-")[0], model)
-    async with open_lidar(rig.device, family=rig.family) as lidar:
+@pytest.mark.parametrize("rig", ["ydlidar-4ros", "ldrobot-ld06"], indirect=True)
+async def test_other_families_cannot(rig: Rig) -> None:
+    async with rig.open() as lidar:
         with pytest.raises(Unsupported, match="cannot be changed"):
             await lidar.set_baudrate(921_600)
 
 
-@driven
-async def test_nothing_is_measured_while_a_device_is_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_nothing_is_measured_while_a_device_is_looked_for(
+    rplidar: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """At any speed, and whoever is there: no byte of the pattern is ever written."""
-    rig = rig_of()
-    rig.device.mute = True
+    rplidar.device.mute = True
     written = bytearray()
     write = Port.write
 
@@ -203,7 +175,7 @@ async def test_nothing_is_measured_while_a_device_is_looked_for(monkeypatch: pyt
 
     monkeypatch.setattr(Port, "write", see)
     with pytest.raises(ConnectFailed):
-        await open_lidar(rig.device)
+        await open_lidar(rplidar.device)
     assert written
     assert b"AA" not in written
     assert b"\xa5\x90\x08" not in written
@@ -215,7 +187,7 @@ async def test_nothing_is_measured_while_a_device_is_looked_for(monkeypatch: pyt
     [(False, 256_000, "no speed was measured"), (True, 115_200, "not the speed that was measured")],
 )
 def test_a_confirmation_of_something_else_is_discarded(measured: bool, confirmed: int, why: str) -> None:
-    rig = rig_of()
+    rig = make_rig("rplidar")
     if measured:
         rig.device.set_host_baudrate(256_000, 1)
         for at in range(10):

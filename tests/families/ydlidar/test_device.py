@@ -15,13 +15,7 @@ from lidario.wire.envelope import Request
 from lidario.wire.events import Descriptor
 from tests.families.ydlidar.test_models import silent
 from tests.support.bench_4ros import Bench, played
-from tests.support.loop import driven
 from tests.support.speeds import serial_in_memory
-
-
-@pytest.fixture
-def bench() -> Bench:
-    return Bench(make_simulated("ydlidar-4ros", serial=bytes.fromhex("2023061500001234")))
 
 
 # An S4 whose motor is switched by DTR must be named.
@@ -30,7 +24,6 @@ def bench() -> Bench:
     [(115_200, False, "YDLIDAR S4"), (153_600, False, "YDLIDAR S4B"), (153_600, True, "YDLIDAR S4B")],
 )
 @pytest.mark.parametrize("source", ["only", "serial://only?family=ydlidar"])
-@driven
 async def test_of_two_models_with_one_code_the_speed_of_the_line_tells(
     source: str, baudrate: int, by_dtr: bool, title: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -8,14 +8,9 @@ import pytest
 
 from lidario.errors import InvalidValue, RemoteProtocolError, ResponseTimeout
 from lidario.families.ydlidar.device import YdlidarDevice
-from lidario.families.ydlidar.simulated.device import PROFILES, Simulated4Ros, make_simulated
+from lidario.families.ydlidar.simulated.device import PROFILES, Simulated4Ros
 from lidario.wire.envelope import Request
 from tests.support.bench_4ros import Bench, played
-
-
-@pytest.fixture
-def bench() -> Bench:
-    return Bench(make_simulated("ydlidar-4ros", serial=bytes.fromhex("2023061500001234")))
 
 
 @pytest.mark.parametrize("hertz", [5.0, 5.1, 6.96, 7.0, 7.9, 8.04, 9.5, 10.0, 11.95, 12.0])

@@ -4,7 +4,6 @@ import pytest
 
 from lidario.families.ydlidar.simulated.device import Simulated4Ros, make_simulated
 from lidario.families.ydlidar.simulated.packers import SCAN_HEADER
-from lidario.sim.rooms import make_world
 from tests.reference import ydlidar
 from tests.support.simulated_4ros import (
     BEGIN,
@@ -31,11 +30,6 @@ from tests.support.simulated_4ros import (
 )
 
 pytestmark = pytest.mark.discards("what the simulated device discards is tested here")
-
-
-@pytest.fixture
-def device() -> Simulated4Ros:
-    return make_simulated("ydlidar-4ros", world=make_world("circle"), serial=bytes.fromhex("0123456789012345"))
 
 
 def test_a_request_before_the_response_has_left_is_obeyed_and_remarked(device: Simulated4Ros) -> None:

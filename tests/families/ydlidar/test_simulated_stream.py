@@ -27,11 +27,6 @@ pytestmark = pytest.mark.discards("what the simulated device discards is tested 
 TMINI = ydlidar.Kind(sample_bytes=3, unit=4, flags=True, intensity_bits=8)
 
 
-@pytest.fixture
-def device() -> Simulated4Ros:
-    return make_simulated("ydlidar-4ros", world=make_world("circle"), serial=bytes.fromhex("0123456789012345"))
-
-
 @pytest.mark.long
 @pytest.mark.parametrize(("hundredths", "samples"), [(500, 4000), (700, 2857), (1000, 2000), (1200, 1667)])
 def test_turns(device: Simulated4Ros, hundredths: int, samples: int) -> None:
