@@ -1,9 +1,9 @@
-"""What a test must know of one measurement stream: how it is announced, cut and decoded, and the truth."""
+"""What a family tells the tests: its device, and how each stream is announced, cut and decoded; and the truth."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,25 @@ from lidario.wire.envelope import Request
 from lidario.wire.formats import StreamFormat
 from tests.reference import golden
 from tests.reference.samples import Sample, revolutions
+
+
+class Maker(NamedTuple):
+    """What a family says of the device that stands for it.
+
+    Attributes:
+        make: Makes a simulated device by its name.
+        model: The name of the one that is used where nothing else is said.
+        turn_s: How long one of its revolutions takes.
+        obeys: Whether it obeys requests, and so is asked, stopped and reset in most tests of sessions.
+        tuned: Whether its scan frequency can be set, and it hears right behind a stop request: most of these tests
+            rest on that. Others run with each that obeys.
+    """
+
+    make: Callable[..., Any]
+    model: str
+    turn_s: float
+    obeys: bool
+    tuned: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,8 +12,7 @@ from lidario.families.camsense.decode import PacketDecoder
 from lidario.families.camsense.formats import LongFormat, PacketFormat
 from lidario.families.camsense.simulated.device import make_simulated, pack_packet
 from tests.reference import camsense, golden
-from tests.support.case import Case, of_a_talker
-from tests.support.rig import Maker
+from tests.support.case import Case, Maker, of_a_talker
 
 MAKER = Maker(make_simulated, "camsense-x1", 0.1923, obeys=False)
 MODELS = ("camsense-x1", "camsense-lds08rr")

@@ -11,8 +11,7 @@ from lidario.families.hlds.formats import CheckedFormat, PacketFormat
 from lidario.families.hlds.simulated.device import make_simulated, pack_packet
 from lidario.families.slots import DegreeDecoder
 from tests.reference import hlds
-from tests.support.case import Case, of_a_talker
-from tests.support.rig import Maker
+from tests.support.case import Case, Maker, of_a_talker
 
 MAKER = Maker(make_simulated, "hlds-lds01", 0.2, obeys=False)
 MODELS = ("hlds-lds01",)

@@ -13,8 +13,7 @@ from lidario.families.hokuyo.geometry import Geometry
 from lidario.families.hokuyo.simulated.device import make_simulated
 from lidario.families.scripts import begin
 from tests.reference import golden, hokuyo
-from tests.support.case import Case
-from tests.support.rig import Maker
+from tests.support.case import Case, Maker
 
 MAKER = Maker(make_simulated, "hokuyo-urg04lx", 0.1, obeys=True, tuned=False)
 MODELS = ("hokuyo-ust10lx", "hokuyo-utm30lx")

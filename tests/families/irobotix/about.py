@@ -11,8 +11,7 @@ from lidario.families.irobotix.decode import FrameDecoder
 from lidario.families.irobotix.formats import FifteenFormat, FrameFormat
 from lidario.families.irobotix.simulated.device import make_simulated, pack_measurement
 from tests.reference import golden, irobotix
-from tests.support.case import Case, of_a_talker
-from tests.support.rig import Maker
+from tests.support.case import Case, Maker, of_a_talker
 
 MAKER = Maker(make_simulated, "irobotix-delta2a", 1 / 6, obeys=False)
 MODELS = ("irobotix-delta2a", "irobotix-delta2g")

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from lidario.families.ldrobot import AXIS, BEAM, TRIANGLE
 from lidario.families.ldrobot.simulated.device import make_simulated, pack_points
 from tests.reference import golden, ldrobot
-from tests.support.case import Case, of_a_talker
-from tests.support.rig import Maker
+from tests.support.case import Case, Maker, of_a_talker
 
 MAKER = Maker(make_simulated, "ldrobot-ld06", 0.1, obeys=False)
 MODELS = ("ldrobot-ld19", "ldrobot-ld14p")

@@ -11,8 +11,7 @@ from lidario.families.neato.formats import BackFormat, PacketFormat
 from lidario.families.neato.simulated.device import make_simulated, pack_packet
 from lidario.families.slots import DegreeDecoder
 from tests.reference import golden, neato
-from tests.support.case import Case, of_a_talker
-from tests.support.rig import Maker
+from tests.support.case import Case, Maker, of_a_talker
 
 MAKER = Maker(make_simulated, "neato-xv11", 0.2, obeys=False)
 MODELS = ("neato-xv11", "neato-lds02rr")

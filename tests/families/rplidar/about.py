@@ -13,8 +13,7 @@ from lidario.families.rplidar.formats import FORMATS
 from lidario.families.rplidar.simulated import packers
 from lidario.families.rplidar.simulated.device import make_simulated
 from tests.reference import golden, rplidar
-from tests.support.case import Case
-from tests.support.rig import Maker
+from tests.support.case import Case, Maker
 
 MAKER = Maker(make_simulated, "rplidar-s2", 0.1, obeys=True)
 MODELS = ("rplidar-s2", "rplidar-a1", "rplidar-hq", "rplidar-ultra", "rplidar-no-modes", "rplidar-old-firmware")

@@ -14,9 +14,8 @@ from lidario.families.ydlidar.decode import PointCloudDecoder
 from lidario.families.ydlidar.formats import PointCloud
 from lidario.families.ydlidar.simulated.device import make_simulated
 from tests.reference import golden, ydlidar
-from tests.support.case import Case
+from tests.support.case import Case, Maker
 from tests.support.contents import point_cloud, resealed
-from tests.support.rig import Maker
 
 MAKER = Maker(make_simulated, "ydlidar-4ros", 1 / 7, obeys=True)
 MODELS = ("ydlidar-4ros", "ydlidar-x4", "ydlidar-g2", "ydlidar-tg15", "ydlidar-tmini", "ydlidar-x2", "ydlidar-tx8")
