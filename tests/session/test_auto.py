@@ -70,8 +70,7 @@ async def test_auto_finds_each_in_turn(model: str, monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.parametrize(
-    ("model", "title"),
-    [("camsense-lds08rr", "LDS08RR of Camsense"), ("irobotix-lds08rr", "LDS08RR of 3irobotix")],
+    ("model", "title"), [("camsense-lds08rr", "LDS08RR of Camsense"), ("irobotix-lds08rr", "LDS08RR of 3irobotix")]
 )
 async def test_a_name_that_two_families_have_is_that_of_the_one_that_is_heard(
     model: str, title: str, monkeypatch: pytest.MonkeyPatch

@@ -95,11 +95,7 @@ def never(_: DrivenLoop, task: asyncio.Task[None]) -> None:
     pass
 
 
-WAYS = {
-    "cancelled": cancel_again_and_again,
-    "Ctrl-C": interrupt,
-    "a plain loop": interrupt,
-}
+WAYS = {"cancelled": cancel_again_and_again, "Ctrl-C": interrupt, "a plain loop": interrupt}
 
 
 @pytest.mark.usefixtures("quick_collection")
@@ -109,11 +105,7 @@ WAYS = {
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.exhaustive("points", sample=[4], full=[20])
 def test_ended_at_every_turn_of_the_loop(
-    family: str,
-    work: Callable[[Lidar], Awaitable[None]],
-    way: str,
-    points: int,
-    monkeypatch: pytest.MonkeyPatch,
+    family: str, work: Callable[[Lidar], Awaitable[None]], way: str, points: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run = partial(run_and_close, plain=way == "a plain loop")
     turns = run(make_rig(family), work, 1, never, monkeypatch)

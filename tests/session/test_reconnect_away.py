@@ -10,13 +10,7 @@ from typing import Any
 
 import pytest
 
-from lidario import (
-    DeviceLost,
-    InvalidValue,
-    LidarError,
-    Reconnect,
-    SessionClosed,
-)
+from lidario import DeviceLost, InvalidValue, LidarError, Reconnect, SessionClosed
 from lidario.session.talking.dialogue import Dialogue
 from tests.support.cable import cable_to, next_after, on_a_cable
 from tests.support.devices import Rig, both_families, end_of, left_still, make_rig, take

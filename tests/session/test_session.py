@@ -10,12 +10,7 @@ from dataclasses import replace
 
 import pytest
 
-from lidario import (
-    LocalProtocolError,
-    ResponseTimeout,
-    SessionClosed,
-    Unsupported,
-)
+from lidario import LocalProtocolError, ResponseTimeout, SessionClosed, Unsupported
 from lidario.sim.rooms import make_world
 from tests.support.devices import SWITCHED, Rig, end_of, left_still, make_rig, names, some, take
 from tests.support.loop import now, now_ns

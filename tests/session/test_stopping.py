@@ -9,17 +9,7 @@ from collections.abc import Awaitable
 import pytest
 
 from lidario import InvalidValue, LocalProtocolError, Unsupported
-from tests.support.devices import (
-    FAMILIES,
-    SWITCHED,
-    Rig,
-    both_families,
-    left_still,
-    make_rig,
-    names,
-    some,
-    take,
-)
+from tests.support.devices import FAMILIES, SWITCHED, Rig, both_families, left_still, make_rig, names, some, take
 
 MOMENTS_S = [n * 1e-3 for n in range(0, 60, 4)]
 

@@ -7,15 +7,7 @@ import asyncio
 import numpy as np
 import pytest
 
-from lidario import (
-    DeviceFault,
-    DeviceLost,
-    InternalError,
-    ResponseTimeout,
-    Scan,
-    StreamFailed,
-    open_lidar,
-)
+from lidario import DeviceFault, DeviceLost, InternalError, ResponseTimeout, Scan, StreamFailed, open_lidar
 from lidario.revolution.ended import EndedRevolution
 from lidario.revolution.seam import Seam
 from tests.support.cable import cable_to

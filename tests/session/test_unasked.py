@@ -32,11 +32,7 @@ TALKING += [name for name, other in YDLIDAR.items() if not other.commands]
 ALIKE = ("neato", "camsense", "irobotix")
 """Families of which all models only talk, and tell their speed."""
 TALKING += [name for family in ALIKE for name in family_named(family).simulated]
-OTHERS = {
-    "YDLIDAR X2, X3 or alike": ["tx8"],
-    "LDROBOT LD14 or LD08": ["ld08"],
-    "XV-11 or alike": ["lds02rr"],
-}
+OTHERS = {"YDLIDAR X2, X3 or alike": ["tx8"], "LDROBOT LD14 or LD08": ["ld08"], "XV-11 or alike": ["lds02rr"]}
 """What else some could be, as far as anybody knows."""
 SOME = ("ldrobot-ld06", "ydlidar-x2", "neato-xv11", "camsense-x1", "irobotix-delta2a")
 talkers = pytest.mark.parametrize("rig", SOME, indirect=True)

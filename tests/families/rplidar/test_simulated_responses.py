@@ -7,16 +7,7 @@ import struct
 import pytest
 
 from lidario.families.rplidar.simulated.device import PROFILES, Profile
-from tests.support.simulated_rplidar import (
-    GET_INFO,
-    MS,
-    SCAN,
-    SECOND,
-    SOLD,
-    Bench,
-    conf,
-    framed,
-)
+from tests.support.simulated_rplidar import GET_INFO, MS, SCAN, SECOND, SOLD, Bench, conf, framed
 
 pytestmark = pytest.mark.discards("what the simulated device discards is tested here")
 
