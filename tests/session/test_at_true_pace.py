@@ -52,17 +52,9 @@ async def change_speed(lidar: Lidar) -> None:
 
 
 ACTIONS: tuple[Action, ...] = (
-    Lidar.scan,
-    Lidar.stop,
-    Lidar.get_health,
-    Lidar.get_modes,
-    read,
-    leave_at_once,
-    ask_beside_a_reader,
-    stop_beside_a_reader,
-    change_speed,
-    Lidar.reset,
-)
+    Lidar.scan, Lidar.stop, Lidar.get_health, Lidar.get_modes, read, leave_at_once, ask_beside_a_reader,
+    stop_beside_a_reader, change_speed, Lidar.reset,
+)  # fmt: skip
 
 
 async def program(path: str, family: str, dice: random.Random) -> None:

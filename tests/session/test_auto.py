@@ -122,17 +122,9 @@ async def test_a_motor_switched_on_by_dtr_has_time_to_turn(options: str, monkeyp
 
 
 TALKING = (
-    "ydlidar-x4-pro",
-    "ldrobot-ld06",
-    "ldrobot-ld14",
-    "ldrobot-stl27l",
-    "neato-xv11",
-    "camsense-x1",
-    "irobotix-delta2a",
-    "irobotix-delta2d",
-    "irobotix-delta2g",
-    "hlds-lds01",
-)
+    "ydlidar-x4-pro", "ldrobot-ld06", "ldrobot-ld14", "ldrobot-stl27l", "neato-xv11", "camsense-x1",
+    "irobotix-delta2a", "irobotix-delta2d", "irobotix-delta2g", "hlds-lds01",
+)  # fmt: skip
 
 
 @pytest.mark.long

@@ -115,17 +115,9 @@ async def reset_and_stop(rig: Rig) -> None:
 
 
 SCENARIOS: tuple[Scenario, ...] = (
-    open_and_close,
-    open_a_faulty_device,
-    open_a_mute_device,
-    open_a_streaming_device,
-    read_scans,
-    wait_for_a_late_scan,
-    ask_while_scanning,
-    wait_for_an_answer,
-    change_speed,
-    reset_and_stop,
-)
+    open_and_close, open_a_faulty_device, open_a_mute_device, open_a_streaming_device, read_scans,
+    wait_for_a_late_scan, ask_while_scanning, wait_for_an_answer, change_speed, reset_and_stop,
+)  # fmt: skip
 SEARCHES: tuple[Scenario, ...] = (search, search_a_streaming_device)
 SEARCHED = (*EVERY_KIND, "ydlidar-x2", "ydlidar-x4", "ldrobot-ld14p")
 """Of those with another motor or speed one each. DTR stops an A1 and starts an X2."""

@@ -21,18 +21,10 @@ from tests.support.loop import now, now_ns
 from tests.support.speeds import misread, serial_in_memory
 
 STREAMING = (
-    ("rplidar-s2", 0),
-    ("rplidar-s2", 1),
-    ("rplidar-s1", 0),
-    ("rplidar-s1", 1),
-    ("rplidar-express", 0),
-    ("rplidar-hq", 0),
-    ("rplidar-ultra", 0),
-    ("rplidar-ultradense", 0),
-    ("ydlidar-4ros", 0),
-    ("hokuyo-urg04lx", 0),
-    ("hokuyo-ust10lx", 0),
-)
+    ("rplidar-s2", 0), ("rplidar-s2", 1), ("rplidar-s1", 0), ("rplidar-s1", 1), ("rplidar-express", 0),
+    ("rplidar-hq", 0), ("rplidar-ultra", 0), ("rplidar-ultradense", 0), ("ydlidar-4ros", 0),
+    ("hokuyo-urg04lx", 0), ("hokuyo-ust10lx", 0),
+)  # fmt: skip
 QUESTION = {family.name: next(family.device().identify()).data for family in FAMILIES}
 
 

@@ -57,19 +57,9 @@ async def tap(lidar: Lidar) -> None:
 
 
 CALLS: list[Callable[[Lidar], Awaitable[object]]] = [
-    read,
-    leave_at_once,
-    fail_in_the_body,
-    read_sectors,
-    tap,
-    Lidar.scan,
-    lambda lidar: lidar.scan("Standard"),
-    Lidar.get_health,
-    Lidar.get_modes,
-    lambda lidar: lidar.set_scan_frequency(8.0),
-    Lidar.reset,
-    Lidar.stop,
-]
+    read, leave_at_once, fail_in_the_body, read_sectors, tap, Lidar.scan, lambda lidar: lidar.scan("Standard"),
+    Lidar.get_health, Lidar.get_modes, lambda lidar: lidar.set_scan_frequency(8.0), Lidar.reset, Lidar.stop,
+]  # fmt: skip
 
 
 class Fails(Exception):

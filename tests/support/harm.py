@@ -6,22 +6,10 @@ from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_respons
 from tests.support.cases import Case
 
 LURES = (
-    b"\xa5\x5a",
-    b"\xa5",
-    b"\xaa\x55",
-    b"\xaa\xaa\x55",
-    b"\xa0\x50",
-    b"\xaf\x5f\xaf\x5f",
-    b"\xaa\x55\x00\x28",
-    SCAN_HEADER,
-    SCAN_HEADER[:3],
-    pack_response(0x04, bytes(range(20))),
-    pack_response(0x04, bytes(20))[:11],
-    pack_time_stamp(0x55AA55AA, 7),
-    pack_time_stamp(1)[:5],
-    bytes(200),
-    b"\xff" * 200,
-)
+    b"\xa5\x5a", b"\xa5", b"\xaa\x55", b"\xaa\xaa\x55", b"\xa0\x50", b"\xaf\x5f\xaf\x5f", b"\xaa\x55\x00\x28",
+    SCAN_HEADER, SCAN_HEADER[:3], pack_response(0x04, bytes(range(20))), pack_response(0x04, bytes(20))[:11],
+    pack_time_stamp(0x55AA55AA, 7), pack_time_stamp(1)[:5], bytes(200), b"\xff" * 200,
+)  # fmt: skip
 """What begins like a packet, an answer or a record, and is none."""
 
 

@@ -22,14 +22,9 @@ from lidario.session.streaming.running import Running, Totals
 from lidario.wire.link import Link
 
 BYTES = (
-    "packet_bytes",
-    "record_bytes",
-    "skipped_bytes",
-    "response_bytes",
-    "stray_bytes",
-    "drained_bytes",
+    "packet_bytes", "record_bytes", "skipped_bytes", "response_bytes", "stray_bytes", "drained_bytes",
     "discarded_bytes",
-)
+)  # fmt: skip
 """Fields of `LinkStats` and `Stats` whose sum, and what is buffered, is what was received."""
 PACKETS = ("scan_packets", "discarded_packets", "doubled_packets", "false_packets", "unfinished_packets")
 """Fields of `AssemblerStats` and `Stats` whose sum is all packets."""

@@ -32,17 +32,11 @@ def in_step(*angles: int) -> NodeFormat:
 @pytest.mark.parametrize(
     ("angle", "start", "believed"),
     [
-        (0, True, True),
-        (29 * 64, True, True),
-        (31 * 64, True, True),
-        (180 * 64, True, True),
-        (331 * 64, True, True),
-        (TURN - 1, False, True),
-        (TURN, False, False),
-        (0x7FFF, False, False),
+        (0, True, True), (29 * 64, True, True), (31 * 64, True, True), (180 * 64, True, True),
+        (331 * 64, True, True), (TURN - 1, False, True), (TURN, False, False), (0x7FFF, False, False),
         (180 * 64, False, True),
     ],
-)
+)  # fmt: skip
 def test_what_one_node_may_say(angle: int, start: bool, believed: bool) -> None:
     data = bytearray(node(angle, start=start))
     assert NodeFormat().intact(data, 0, 5) is believed

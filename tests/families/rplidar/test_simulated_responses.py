@@ -89,22 +89,13 @@ class TestAnswers:
     @pytest.mark.parametrize(
         ("model", "mode", "us", "metres"),
         [
-            ("rplidar-s1", 0, 244, 40),
-            ("rplidar-s1", 1, 108, 40),
-            ("rplidar-s2", 0, 62.5, 30),
-            ("rplidar-s2", 1, 31.25, 30),
-            ("rplidar-s3", 0, 62.5, 16),
-            ("rplidar-s3", 1, 31.25, 40),
-            ("rplidar-a1", 0, 508, 12),
-            ("rplidar-a1", 1, 254, 12),
-            ("rplidar-a1", 3, 127, 12),
-            ("rplidar-a1", 4, 201, 12),
-            ("rplidar-a2", 3, 62.5, 16),
-            ("rplidar-a3", 3, 62.5, 25),
-            ("rplidar-c1", 0, 200, 16),
-            ("rplidar-c1", 1, 200, 40),
+            ("rplidar-s1", 0, 244, 40), ("rplidar-s1", 1, 108, 40), ("rplidar-s2", 0, 62.5, 30),
+            ("rplidar-s2", 1, 31.25, 30), ("rplidar-s3", 0, 62.5, 16), ("rplidar-s3", 1, 31.25, 40),
+            ("rplidar-a1", 0, 508, 12), ("rplidar-a1", 1, 254, 12), ("rplidar-a1", 3, 127, 12),
+            ("rplidar-a1", 4, 201, 12), ("rplidar-a2", 3, 62.5, 16), ("rplidar-a3", 3, 62.5, 25),
+            ("rplidar-c1", 0, 200, 16), ("rplidar-c1", 1, 200, 40),
         ],
-    )
+    )  # fmt: skip
     def test_what_logs_of_real_devices_say_of_their_modes(
         self, model: str, mode: int, us: float, metres: int
     ) -> None:
