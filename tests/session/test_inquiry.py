@@ -11,7 +11,7 @@ import pytest
 from lidario import DeviceFault, Lidar, StreamFailed
 from lidario.revolution.seam import Seam
 from lidario.session.streaming.failures import Failures
-from tests.support.devices import Rig, end_of, left_still, names, some
+from tests.support.devices import Rig, end_of, names, some
 from tests.support.loop import driven_loop, now, now_ns
 
 CODE = 0x8001
@@ -285,4 +285,3 @@ async def test_whatever_is_done_while_the_device_is_asked(
         if act == "stop":
             assert await lidar.scan()
         await stream.aclose()
-    assert left_still(rig) or rig.device.health[0]

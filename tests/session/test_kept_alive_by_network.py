@@ -48,4 +48,3 @@ async def test_the_thread_writes_what_the_loop_does_not(ydlidar: Rig, monkeypatc
             assert "scan" not in names(ydlidar)[heard:], "behind the stop requests it was written again"
         assert ydlidar.device.lapses == 0
         assert written.count(b"\xa5\x60") >= 3
-    assert not ydlidar.device.scanning

@@ -19,8 +19,11 @@ ON_THE_WAY_S = [0.001, 0.02, 0.045, 0.06, 0.08, 0.15]
 on_the_way = pytest.mark.exhaustive("after_s", sample=ON_THE_WAY_S[::3], full=ON_THE_WAY_S)
 
 
-async def next_attempt(cable: Cable, after_s: float) -> None:
-    """Return so long after the next attempt to reach the device was begun."""
+async def away_and_reached_again(cable: Cable, after_s: float) -> None:
+    """The cable is out for 2 s; return so long after the next attempt to reach the device was begun."""
+    cable.pull()
+    await asyncio.sleep(2.0)
+    cable.plug(boots=False)
     attempts = len(cable.attempts)
     async with asyncio.timeout(5.0):
         while len(cable.attempts) == attempts:
@@ -42,10 +45,7 @@ async def test_the_motor_that_shall_go_on_does() -> None:
 async def test_nor_is_it_stopped_when_the_session_is_closed_on_the_way(after_s: float) -> None:
     async with on_a_cable("rplidar", keep_spinning=True) as (cable, lidar):
         await lidar.scan()
-        cable.pull()
-        await asyncio.sleep(2.0)
-        cable.plug(boots=False)
-        await next_attempt(cable, after_s)
+        await away_and_reached_again(cable, after_s)
     assert cable.rig.device.motor_on
     assert not cable.rig.device.scanning
 
@@ -60,10 +60,7 @@ def test_the_loop_is_closed_on_the_way(rig: Rig, after_s: float, monkeypatch: py
         lidar = await rig.open(reconnect=True)
         stream = lidar.scans()
         await anext(stream)
-        cable.pull()
-        await asyncio.sleep(2.0)
-        cable.plug(boots=False)
-        await next_attempt(cable, after_s)
+        await away_and_reached_again(cable, after_s)
         return lidar
 
     with cable_to(rig) as cable:
@@ -79,10 +76,7 @@ async def test_a_session_that_nobody_holds_any_more_ends_while_it_is_away(rig: R
         lidar = await rig.open(reconnect=True)
         await lidar.scan()
         gone = weakref.ref(lidar)
-        cable.pull()
-        await asyncio.sleep(3.0)
-        cable.plug(boots=False)
-        await next_attempt(cable, after_s)
+        await away_and_reached_again(cable, after_s)
         del lidar
         gc.collect()
         assert gone() is None
