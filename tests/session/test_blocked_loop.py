@@ -1,14 +1,18 @@
-"""What a program that blocked its event loop finds: seconds of a stream at once, late and whole."""
+"""What a program that blocked its event loop finds: seconds of a stream at once, late and whole.
+
+Packets that come before anybody can read them belong to the stream that brought them, and to no later one.
+"""
 
 from __future__ import annotations
 
+import asyncio
 from itertools import pairwise
 
 import pytest
 
 from lidario.scan import Scan
 from tests.support.devices import Rig
-from tests.support.loop import driven_loop
+from tests.support.loop import driven_loop, now_ns
 
 
 @pytest.mark.parametrize("block_s", [0.2, 0.8, 3.0])
@@ -30,3 +34,42 @@ async def test_revolutions_that_come_late_and_whole_are_delivered(rig: Rig, bloc
     # The packets that came in time tell the time of those that came late.
     for one, other in pairwise(scans):
         assert (other.stamp_ns - one.stamp_ns) * 1e-9 == pytest.approx(rig.turn_s, rel=0.1)
+
+
+BLOCKED_S = 0.05
+"""For so long the program blocks its loop: then the descriptor and many packets are read at once."""
+
+
+async def test_a_stream_that_was_stopped_as_it_began_leaves_no_packets_to_the_next(rig: Rig) -> None:
+    loop = driven_loop()
+    async with rig.open() as lidar:
+        await lidar.get_modes()
+        reading = asyncio.ensure_future(anext(lidar.scans()))
+        while "scan" not in rig.device.log[-1].name:
+            await asyncio.sleep(0.0001)
+        loop.block(BLOCKED_S)
+        await asyncio.sleep(0)  # so that `stop` and what was received come in one step, before the start can end
+        await lidar.stop()
+        await asyncio.wait([reading])
+        assert isinstance(reading.exception(), StopAsyncIteration)
+        assert lidar.stats.discarded_packets > 1, "no packet came before the stop requests"
+        await lidar.scan()
+        stats = lidar.stats
+        assert stats.lost_packets == stats.broken_scans == stats.missed_scans == 0, stats
+
+
+async def test_what_was_read_together_with_the_descriptor_is_delivered(rig: Rig) -> None:
+    """Three revolutions and more, too many bytes to be parsed in one step."""
+    loop = driven_loop()
+    async with rig.open() as lidar:
+        await lidar.get_modes()
+        async with lidar.scans(depth=16) as stream:
+            reading = asyncio.ensure_future(anext(stream))
+            while "scan" not in rig.device.log[-1].name:
+                await asyncio.sleep(0.0001)
+            loop.block(0.6)
+            read_ns = now_ns()
+            first = await reading
+            assert first.stamp_ns < read_ns - 300_000_000
+            assert [(await anext(stream)).seq for _ in range(3)] == [1, 2, 3]
+            assert lidar.stats.lost_packets == 0

@@ -1,6 +1,7 @@
 """A program may end at any moment, and its event loop is closed at once: the device is still all the same.
 
-In these tests nothing waits after the cancellation, so what a timer would do later is not done any more.
+In these tests nothing waits after the cancellation, so what a timer would do later is not done any more. Also while
+a session comes back: no task goes on, and a device that was reached is still.
 """
 
 from __future__ import annotations
@@ -10,10 +11,12 @@ import gc
 from collections.abc import Awaitable, Callable
 from contextlib import closing, suppress
 from functools import partial
+from typing import Any
 
 import pytest
 
 from lidario import ConnectFailed, Lidar, open_lidar
+from tests.support.cable import Cable, cable_to
 from tests.support.devices import SWITCHED, Rig, both_families, leave_streaming, left_still, make_rig, names
 from tests.support.discards import all_obeyed
 from tests.support.loop import START, DrivenLoop, unless_unfinished
@@ -163,3 +166,52 @@ def test_ended_while_one_is_searched_that_was_started_and_does_not_respond(monke
         with suppress(ConnectFailed):
             searched(rig, at, interrupt)
         assert left_still(rig) or not rig.device.log, (at, names(rig)[-4:])
+
+
+OUT_S = 0.3
+
+
+class ComingBack(Rig):
+    """A rig whose sessions come back."""
+
+    def open(self, **options: Any) -> Any:
+        return open_lidar(self.device, family=self.family, reconnect=True, **options)
+
+
+def ended_at(family: str, at: int, what: Interrupt, monkeypatch: pytest.MonkeyPatch) -> tuple[int, int, Rig, Cable]:
+    """End a program in that turn of the loop; the turn in which its device was unplugged, and the last one."""
+    made = make_rig(family)
+    rig = ComingBack(made.family, made.device, made.turn_s)
+    rig.device.boot_s = 0.3
+    pulled = 0
+
+    with cable_to(rig) as cable:
+
+        async def work(lidar: Lidar) -> None:
+            nonlocal pulled
+            loop: Any = asyncio.get_running_loop()
+            async with lidar.scans() as stream:
+                await anext(stream)
+                pulled = loop.turns
+                cable.pull()
+                loop.call_later(OUT_S, cable.plug)
+                while not lidar.stats.reconnects:
+                    await anext(stream)
+
+        turns = run_and_close(rig, work, at, what, monkeypatch)
+    return pulled, turns, rig, cable
+
+
+@both_families
+@pytest.mark.parametrize("what", [cancel_again_and_again, interrupt])
+@pytest.mark.exhaustive("points", sample=[2], full=[12])
+def test_ended_at_every_turn_of_coming_back(
+    family: str, what: Interrupt, points: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, turns, _, _ = ended_at(family, 1, never, monkeypatch)
+    for at in range(first + 1, turns, max(1, (turns - first) // points)):
+        _, _, rig, cable = ended_at(family, at, what, monkeypatch)
+        # While the cable is out nobody can stop a device that has power of its own; this one has none then.
+        if cable.device is not None:
+            assert not rig.device.scanning, at
+            assert not rig.device.motor_on, at

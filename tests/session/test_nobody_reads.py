@@ -1,7 +1,8 @@
 """A lidar that nobody reads is at rest: a second behind its opening, and behind whatever is asked of it.
 
 Some models turn as soon as their port is opened, or as they have power. They are not stopped at once: mostly a
-stream is wanted soon, and need not wait for the rotor then.
+stream is wanted soon, and need not wait for the rotor then. Some hear nothing while DTR is cleared: asked at rest
+they respond, and rest again after it.
 """
 
 from __future__ import annotations
@@ -11,10 +12,12 @@ from contextlib import suppress
 
 import pytest
 
-from lidario import LidarError
+from lidario import LidarError, Unsupported
+from lidario.families.ydlidar.simulated.device import PROFILES
+from lidario.model import HealthStatus
 from lidario.session.lidar import Lidar
 from lidario.session.streaming.readers import LINGER_S
-from tests.support.devices import EVERY_KIND, Rig, call, left_still, make_rig, names
+from tests.support.devices import EVERY_KIND, Rig, call, left_still, make_rig, names, take
 from tests.support.discards import all_obeyed
 from tests.support.loop import driven_loop, run_driven
 
@@ -152,3 +155,56 @@ def test_what_is_cancelled_at_any_step_leaves_the_motor_off(what: tuple[str, str
     turns = cancelled_at(kind, name, 0)
     for turn in range(1, turns + 1, max(1, turns // points)):
         cancelled_at(kind, name, turn)
+
+
+DARK = [name for name, profile in PROFILES.items() if profile.by_dtr]
+
+
+def is_dark(rig: Rig) -> bool:
+    return not rig.device.lit and not rig.device.scanning
+
+
+@pytest.mark.parametrize("stopped", [True, False], ids=["after stop", "after opening"])
+@pytest.mark.parametrize("question", ["get_health", "get_info", "get_scan_frequency", "set_scan_frequency"])
+@pytest.mark.parametrize("rig", DARK, indirect=True)
+async def test_a_question_at_rest_is_heard_and_leaves_it_at_rest(rig: Rig, question: str, stopped: bool) -> None:
+    async with rig.open() as lidar:
+        if stopped:
+            await take(lidar, 2)
+            await lidar.stop()
+            assert is_dark(rig)
+        # Whoever cannot set its speed refuses; nobody is silent.
+        with suppress(Unsupported):
+            told = await call(lidar, question)
+            assert question != "get_health" or told.status is HealthStatus.OK
+        if not stopped:
+            await lidar.stop()
+            assert is_dark(rig)
+        async with asyncio.timeout(5):
+            while not is_dark(rig):
+                await asyncio.sleep(0.1)
+        assert len(await take(lidar, 2)) == 2
+    assert is_dark(rig)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("before", ["opened", "stopped", "scanned"])
+@pytest.mark.parametrize("rig", DARK, indirect=True)
+async def test_a_question_is_heard_although_another_task_stops_the_device_meanwhile(rig: Rig, before: str) -> None:
+    """What stops it makes it deaf. It is woken again, and rests behind the question."""
+    for turn in range(1 + len(before) % 3, 30, 3):
+        async with rig.open() as lidar:
+            if before == "scanned":
+                await lidar.scan()
+            elif before == "stopped":
+                await lidar.stop()
+            asking = asyncio.ensure_future(lidar.get_info())
+            for _ in range(turn):
+                await asyncio.sleep(0)
+            late = asking.done()
+            await lidar.stop()
+            assert (await asking).family == rig.family
+            await asyncio.sleep(0.5)
+            assert is_dark(rig), turn
+        if late:
+            break
