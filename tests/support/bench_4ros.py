@@ -12,8 +12,6 @@ from lidario.wire.events import Packets, Response
 from lidario.wire.link import Link
 from tests.support.scripts import played
 
-__all__ = ["Bench", "played"]
-
 T = TypeVar("T")
 MS = 1_000_000
 

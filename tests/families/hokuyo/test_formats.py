@@ -18,8 +18,8 @@ from lidario.wire.link import Link
 from lidario.wire.states import LinkState
 from tests.families.hokuyo.about import CASES, GEOMETRY, LAYOUTS
 from tests.reference import golden, hokuyo
-from tests.support.bench_4ros import played
 from tests.support.contents import any_packets
+from tests.support.scripts import played
 from tests.support.streams import in_one_run, stream_of
 
 RAW = golden.load("hokuyo_urg04lx_10hz").raw

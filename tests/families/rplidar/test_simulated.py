@@ -1,11 +1,13 @@
-"""The simulated device, in driven time: what it discards, and the states in which it can be found."""
+"""The simulated device, in driven time: what it discards and responds, and the states in which it can be found."""
 
 from __future__ import annotations
+
+import struct
 
 import pytest
 
 from lidario.families.rplidar import FAMILY
-from lidario.families.rplidar.simulated.device import PROFILES, make_simulated
+from lidario.families.rplidar.simulated.device import PROFILES, Profile, make_simulated
 from tests.support.simulated_rplidar import (
     EXPRESS_1,
     FORCE_SCAN,
@@ -16,6 +18,7 @@ from tests.support.simulated_rplidar import (
     RESET,
     SCAN,
     SECOND,
+    SOLD,
     STOP,
     Bench,
     conf,
@@ -167,3 +170,117 @@ def test_an_overloaded_line_is_refused() -> None:
 def test_an_unknown_model_names_those_there_are() -> None:
     with pytest.raises(ValueError, match=r"no simulated device .*'rplidar-s9'.*rplidar-s2.*rplidar-old-firmware"):
         make_simulated("rplidar-s9")
+
+
+class TestAnswers:
+    @pytest.mark.parametrize(
+        ("model", "major", "firmware"),
+        [
+            *(("rplidar-s1", 6, "1c 01"), ("rplidar-s2", 7, "02 01"), ("rplidar-s3", 8, "02 01")),
+            *(("rplidar-a1", 1, "1d 01"), ("rplidar-a2", 2, "20 01"), ("rplidar-a3", 3, "20 01")),
+            *(("rplidar-c1", 4, "02 01"), ("rplidar-t1", 9, None), ("rplidar-old-firmware", 1, None)),
+        ],
+    )
+    def test_model_and_firmware_of_devices_that_are_sold(
+        self, model: str, major: int, firmware: str | None
+    ) -> None:
+        info = Bench(model).ask(GET_INFO)
+        assert info[7] >> 4 == major
+        assert firmware is None or info[8:10] == bytes.fromhex(firmware)
+
+    @pytest.mark.parametrize(
+        ("kind", "mode", "value"),
+        [
+            (0x70, (), struct.pack("<H", 2)),
+            (0x7C, (), struct.pack("<H", 1)),
+            (0x71, (1,), struct.pack("<I", 8000)),  # 31.25 µs
+            (0x71, (0,), struct.pack("<I", 16000)),
+            (0x74, (1,), struct.pack("<I", 30 * 256)),
+            (0x75, (0,), b"\x81"),
+            (0x75, (1,), b"\x85"),
+            (0x7F, (0,), b"Standard\0"),
+            (0x7F, (1,), b"DenseBoost\0"),
+            (0x01, (), struct.pack("<HH", 600, 0)),
+            (0x04, (), struct.pack("<H", 480)),
+            (0x05, (), struct.pack("<H", 1200)),
+            (0x71, (7,), b""),  # no such mode
+            (0x71, (), b""),  # no mode given
+        ],
+    )
+    def test_conf(self, bench: Bench, kind: int, mode: tuple[int, ...], value: bytes) -> None:
+        answer = bench.ask(conf(kind, *mode))
+        assert answer == b"\xa5\x5a" + struct.pack("<IBI", 4 + len(value), 0x20, kind) + value
+
+    @pytest.mark.parametrize(
+        ("model", "kind", "value"),
+        [
+            *(
+                (model, kind, value)
+                for model in SOLD
+                if model[8] in "st"
+                for kind, value in ((0x01, "5802 0000"), (0x04, "e001"), (0x05, "b004"))
+            ),
+            *(("rplidar-c1", 0x01, "5802 0000"), ("rplidar-c1", 0x04, "e001"), ("rplidar-c1", 0x05, "d002")),
+            *((model, 0x01, "5802 9402") for model in ("rplidar-a1", "rplidar-a2", "rplidar-a3")),
+        ],
+    )
+    def test_devices_that_are_sold_tell_their_speeds(self, model: str, kind: int, value: str) -> None:
+        """The vendor's driver takes a response without a value for one with a value, and crashes."""
+        assert Bench(model).ask(conf(kind))[11:] == bytes.fromhex(value)
+
+    @pytest.mark.parametrize(
+        ("model", "kind"), [("rplidar-s2", 0x79), ("rplidar-s1", 0x81), ("rplidar-holes", 0x01)]
+    )
+    def test_a_conf_type_that_the_firmware_does_not_know(self, model: str, kind: int) -> None:
+        """Silence: the vendor's driver takes any response to 0x79 for the sign of an Ethernet device."""
+        bench = Bench(model)
+        bench.ask(SCAN, 100 * MS)
+        assert bytes.fromhex("0000 0020") not in bench.ask(conf(kind))
+        assert bench.why == "unknown to this firmware"
+        assert bench.device.scanning
+
+    @pytest.mark.parametrize("profile", [each for each in PROFILES.values() if each.name != "rplidar-old-firmware"])
+    def test_mode_numbers_run_from_zero_without_a_hole(self, profile: Profile) -> None:
+        """S-series interface manual: 0 to count - 1; the profiles that break the rule are named for it."""
+        ids = [mode.id for mode in profile.modes]
+        without_a_hole = ids == list(range(len(ids)))
+        assert without_a_hole is (profile.name not in ("rplidar-holes", "rplidar-unknown-response"))
+
+    @pytest.mark.parametrize(
+        ("model", "mode", "us", "metres"),
+        [
+            ("rplidar-s1", 0, 244, 40), ("rplidar-s1", 1, 108, 40), ("rplidar-s2", 0, 62.5, 30),
+            ("rplidar-s2", 1, 31.25, 30), ("rplidar-s3", 0, 62.5, 16), ("rplidar-s3", 1, 31.25, 40),
+            ("rplidar-a1", 0, 508, 12), ("rplidar-a1", 1, 254, 12), ("rplidar-a1", 3, 127, 12),
+            ("rplidar-a1", 4, 201, 12), ("rplidar-a2", 3, 62.5, 16), ("rplidar-a3", 3, 62.5, 25),
+            ("rplidar-c1", 0, 200, 16), ("rplidar-c1", 1, 200, 40),
+        ],
+    )  # fmt: skip
+    def test_what_logs_of_real_devices_say_of_their_modes(
+        self, model: str, mode: int, us: float, metres: int
+    ) -> None:
+        bench = Bench(model)
+        assert bench.ask(conf(0x71, mode))[11:] == struct.pack("<I", int(us * 256))
+        assert bench.ask(conf(0x74, mode))[11:] == struct.pack("<I", metres * 256)
+
+    def test_awkward_devices(self) -> None:
+        assert Bench("rplidar-zero-us").ask(conf(0x71, 1))[11:] == bytes(4)
+        assert Bench("rplidar-unknown-response").ask(conf(0x75, 6))[11:] == b"\x8e"
+        assert Bench("rplidar-no-modes").ask(conf(0x70))[11:] == bytes(2)
+        assert Bench("rplidar-no-modes").ask(conf(0x7C))[11:] == b""
+        assert Bench("rplidar-old-firmware").ask(conf(0x70), SECOND) == b""
+
+    def test_an_answer_takes_the_device_a_moment_and_the_line_its_time(self, bench: Bench) -> None:
+        bench.send(GET_INFO)
+        assert bench.run(1_500_000) == b""
+        assert len(bench.run(100_000)) == 10  # ten bits a byte at 1 Mbaud
+        assert bench.device.wakeup(bench.now) == bench.now + 17 * 10_000
+        assert len(bench.run(170_000)) == 17
+        assert bench.device.wakeup(bench.now) is None
+
+
+class TestRarerRequests:
+    def test_hq_scan(self) -> None:
+        request = framed(0x83, bytes(33))
+        assert Bench("rplidar-hq").ask(request)[:7] == bytes.fromhex("a55a0d03004083")
+        assert Bench("rplidar-s2").ask(request) == b""

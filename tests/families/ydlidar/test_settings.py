@@ -10,7 +10,8 @@ from lidario.errors import InvalidValue, RemoteProtocolError, ResponseTimeout
 from lidario.families.ydlidar.device import YdlidarDevice
 from lidario.families.ydlidar.simulated.device import PROFILES, Simulated4Ros
 from lidario.wire.envelope import Request
-from tests.support.bench_4ros import Bench, played
+from tests.support.bench_4ros import Bench
+from tests.support.scripts import played
 
 
 @pytest.mark.parametrize("hertz", [5.0, 5.1, 6.96, 7.0, 7.9, 8.04, 9.5, 10.0, 11.95, 12.0])
