@@ -1,4 +1,4 @@
-"""What a device says of itself, in words, and on a poor line: a scan is one packet, and one lost byte damages it."""
+"""What a device says of itself, in words, and on a poor line: each scan is one packet that a lost byte damages."""
 
 from __future__ import annotations
 
