@@ -1,7 +1,5 @@
 """How many packets a device has measured by the time between those that came, against a slow way to tell it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A format says the same of bytes wherever they stand in its buffer."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import pytest

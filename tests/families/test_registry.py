@@ -1,7 +1,5 @@
 """The registry's rows agree with what stands in the families' folders."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What simulated devices of all families do alike; what is particular to one stands in the tests of its family."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The models that only talk are what the protocol sheets say; `docs/devices.md` tells the same lines."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from pathlib import Path

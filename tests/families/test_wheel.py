@@ -3,8 +3,6 @@
 Where a rotor stands for a while, the revolution in which it stood has more packets, and none is missing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from itertools import accumulate, pairwise
 

@@ -1,7 +1,5 @@
 """What tests of sessions share. The async ones run in driven time, unless they are marked ``real_time``."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Generator, Iterator
 from typing import TypeVar

@@ -4,8 +4,6 @@
 clock are real. Programs and moments are drawn from a seed.
 """
 
-from __future__ import annotations
-
 import asyncio
 import random
 import signal

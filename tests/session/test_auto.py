@@ -3,8 +3,6 @@
 Times are of a driven clock and lines that garble what is sent at another speed, so any machine gives the same.
 """
 
-from __future__ import annotations
-
 import asyncio
 from typing import Any
 

@@ -3,8 +3,6 @@
 Packets that come before anybody can read them belong to the stream that brought them, and to no later one.
 """
 
-from __future__ import annotations
-
 import asyncio
 from itertools import pairwise
 

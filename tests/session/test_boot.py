@@ -1,7 +1,5 @@
 """A device that was told to restart hears nothing until it has booted, whatever became of the task that told it."""
 
-from __future__ import annotations
-
 import asyncio
 
 import pytest

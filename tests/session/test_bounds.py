@@ -1,7 +1,5 @@
 """Every call and every buffer has a bound: the tables of ``docs/bounds.md``, in driven time."""
 
-from __future__ import annotations
-
 import asyncio
 import inspect
 import os

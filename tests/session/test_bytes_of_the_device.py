@@ -3,8 +3,6 @@
 The ledger (`tests/support/ledger.py`) begins where bytes are parsed. Here the device itself counts.
 """
 
-from __future__ import annotations
-
 import asyncio
 import time
 from itertools import pairwise

@@ -8,8 +8,6 @@ it could hear it.
 Also while it is not known yet what the device is: where its family is not named, and it is searched for.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Awaitable, Callable
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """The system's wall clock is set while a stream runs, as on a computer that learns the time from the network."""
 
-from __future__ import annotations
-
 import logging
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Finding out what is at the other end: probing on real pseudo-terminals, and what is told when none responds."""
 
-from __future__ import annotations
-
 import asyncio
 
 import pytest

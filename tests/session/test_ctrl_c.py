@@ -4,8 +4,6 @@ A program that is ended by Ctrl-C runs no `await` any more where the exception p
 was written by then, a finalizer must know the device, and when it listens again.
 """
 
-from __future__ import annotations
-
 import asyncio
 import gc
 import sys

@@ -1,7 +1,5 @@
 """Responses carry no check value: on a line that damages them, what they tell is believed when it comes twice."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import pytest

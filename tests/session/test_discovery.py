@@ -1,7 +1,5 @@
 """The ports of this machine, as the system's own list has them."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import dataclass
 from pathlib import Path

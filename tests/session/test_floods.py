@@ -4,8 +4,6 @@ On a driven clock, on which each step of the work takes a millisecond. ``python 
 same with real peers.
 """
 
-from __future__ import annotations
-
 import asyncio
 import tracemalloc
 from collections.abc import Iterator

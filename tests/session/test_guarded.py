@@ -6,8 +6,6 @@ guard still holds the port, or where the program ends by itself. The moments are
 machine is decides what the program does at that moment.
 """
 
-from __future__ import annotations
-
 import asyncio
 import os
 import random

@@ -1,7 +1,5 @@
 """Programs with `guard=True` that fork, reconnect, are stopped, get signals, or die in the midst of a request."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 import signal

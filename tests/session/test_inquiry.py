@@ -1,7 +1,5 @@
 """A stream brings no scans: the device is asked before anybody is told. On strict devices, in driven time."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable
 from unittest.mock import create_autospec

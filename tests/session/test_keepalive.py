@@ -1,7 +1,5 @@
 """Power-down protection: what must be repeated is repeated, whatever the program does, and ends with the stream."""
 
-from __future__ import annotations
-
 import asyncio
 import time
 from itertools import pairwise

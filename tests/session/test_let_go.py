@@ -1,7 +1,5 @@
 """A session that nobody holds any more is collected, whatever it has failed with."""
 
-from __future__ import annotations
-
 import asyncio
 import gc
 import time

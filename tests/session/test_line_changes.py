@@ -1,7 +1,5 @@
 """Programs that show a lidar are told when its line is lost, and when it is back."""
 
-from __future__ import annotations
-
 import asyncio
 import gc
 import threading

@@ -1,7 +1,5 @@
 """What the driver of a serial port has counted, in the counters of a session and in what its errors say."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 from weakref import WeakKeyDictionary

@@ -1,7 +1,5 @@
 """A scan mode that sends more than the line carries is refused, whichever of the two is chosen last."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Opening a port of which nothing is known: listening first, asking in rounds, at speeds that garble each other."""
 
-from __future__ import annotations
-
 import asyncio
 import itertools
 import random

@@ -4,8 +4,6 @@ In these tests nothing waits after the cancellation, so what a timer would do la
 a session comes back: no task goes on, and a device that was reached is still.
 """
 
-from __future__ import annotations
-
 import asyncio
 import gc
 from collections.abc import Awaitable, Callable

@@ -1,7 +1,5 @@
 """A damaged line loses the request that starts a stream, or the response to it: the stream is started again."""
 
-from __future__ import annotations
-
 import asyncio
 from typing import Any
 

@@ -6,8 +6,6 @@ error of ours, the device is still where nobody reads, no timer and no task is l
 (`tests.conftest`).
 """
 
-from __future__ import annotations
-
 import asyncio
 import gc
 import random

@@ -1,7 +1,5 @@
 """What a user may write by mistake, and the sentence that says what to write instead."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 from collections.abc import Callable

@@ -3,8 +3,6 @@
 Cancelled and in two tasks they are tried in `test_cancellation` and `test_two_tasks`.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Iterator
 from contextlib import suppress

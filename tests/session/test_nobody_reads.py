@@ -5,8 +5,6 @@ stream is wanted soon, and need not wait for the rotor then. Some hear nothing w
 they respond, and rest again after it.
 """
 
-from __future__ import annotations
-
 import asyncio
 from contextlib import suppress
 

@@ -1,7 +1,5 @@
 """Devices that differ from the documents, and lines that flip a bit: they are used all the same."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """What programs had better not do: nobody waits for ever, errors say why, and the device is still afterwards."""
 
-from __future__ import annotations
-
 import asyncio
 import threading
 from collections.abc import Awaitable, Callable, Iterable

@@ -1,7 +1,5 @@
 """A session with `reconnect` finds its device again and goes on: in driven time."""
 
-from __future__ import annotations
-
 import asyncio
 import math
 from collections.abc import Callable

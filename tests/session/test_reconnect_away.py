@@ -1,7 +1,5 @@
 """While the device is away: questions, new streams, stop; the user's limit, and what is not come back from."""
 
-from __future__ import annotations
-
 import asyncio
 import itertools
 import logging

@@ -1,7 +1,5 @@
 """How a session ends that is away, or has come back: where the stop requests go, and what is let go of."""
 
-from __future__ import annotations
-
 import asyncio
 import gc
 import weakref

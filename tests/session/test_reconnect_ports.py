@@ -4,8 +4,6 @@ What happens at each step is in `test_reconnect` on a driven clock. Here the thr
 real, and so are the names of ports.
 """
 
-from __future__ import annotations
-
 import asyncio
 import time
 from pathlib import Path

@@ -8,8 +8,6 @@ gone round so many times, task B stops, closes, cancels A, starts a stream of it
 * after the session was closed no timer is left (tasks, threads and descriptors: `tests.conftest`).
 """
 
-from __future__ import annotations
-
 import asyncio
 import gc
 from collections.abc import Awaitable, Callable

@@ -1,7 +1,5 @@
 """The scan frequency: set, asked for and measured."""
 
-from __future__ import annotations
-
 import asyncio
 
 import pytest

@@ -1,7 +1,5 @@
 """Several searches for lidars at the same time, and a lidar that is not ready when another one is."""
 
-from __future__ import annotations
-
 import asyncio
 import errno
 import socket

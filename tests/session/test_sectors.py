@@ -1,7 +1,5 @@
 """Sectors as a user reads them: beside scans, by several readers, over interruptions, recordings, lost lines."""
 
-from __future__ import annotations
-
 import asyncio
 from dataclasses import replace
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """The session over both families, on the strict simulated devices, in driven time."""
 
-from __future__ import annotations
-
 import asyncio
 import gc
 import time

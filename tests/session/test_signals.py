@@ -3,8 +3,6 @@
 The device runs in this process and the program in another one, so what reached the device is known first hand.
 """
 
-from __future__ import annotations
-
 import asyncio
 import signal
 import subprocess

@@ -4,8 +4,6 @@ A strict device discards the stop requests as long as it owes a response. They a
 tells that they were heard. No document says how long a device may take; responses are waited for for up to 2 s.
 """
 
-from __future__ import annotations
-
 import asyncio
 import logging
 from contextlib import suppress

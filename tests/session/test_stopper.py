@@ -3,8 +3,6 @@
 What they do otherwise is in `test_slow_responses` and `test_stopping`.
 """
 
-from __future__ import annotations
-
 import asyncio
 import time
 from collections.abc import Sequence

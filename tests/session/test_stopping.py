@@ -1,7 +1,5 @@
 """Stopping at every moment, by every way: the device is still, waiters end at once, nothing is discarded."""
 
-from __future__ import annotations
-
 import asyncio
 import gc
 from collections.abc import Awaitable

@@ -1,7 +1,5 @@
 """Mailboxes and the hub, without a device."""
 
-from __future__ import annotations
-
 import asyncio
 import gc
 from typing import Any

@@ -1,7 +1,5 @@
 """What goes wrong, and what the session makes of it: on the strict simulated devices, in driven time."""
 
-from __future__ import annotations
-
 import asyncio
 
 import numpy as np

@@ -14,8 +14,6 @@ Where the device falls silent at that moment, nothing but task B ends what A wai
 The loop is driven, so a step is a step, whatever the machine is doing.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """Devices that only talk: opened without a word, read, left as they are; and a relative that hears requests."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import math

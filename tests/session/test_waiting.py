@@ -1,7 +1,5 @@
 """What ends the waiting: of those who wait for their turn, for a device that is busy, or for a stream to begin."""
 
-from __future__ import annotations
-
 import asyncio
 
 import pytest

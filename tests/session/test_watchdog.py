@@ -1,7 +1,5 @@
 """The watchdog of a stream: what it waits for, what it reads before it judges, and what it names as the cause."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

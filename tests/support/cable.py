@@ -1,7 +1,5 @@
 """A cable in memory, between sessions and simulated devices: it can be pulled out, and put into another device."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager

@@ -3,8 +3,6 @@
 No test waits for `BOUND` unless something is broken: it only turns a hang into a failure.
 """
 
-from __future__ import annotations
-
 import os
 import select
 import subprocess

@@ -1,7 +1,5 @@
 """Simulated devices for session tests, one of each family, with what the tests ask of both."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager

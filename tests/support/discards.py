@@ -11,8 +11,6 @@ machine a STOP late and the next request in time, as if the host had not waited.
 alone counts only where the clock is driven; there the same session code is tried at every step.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any

@@ -5,8 +5,6 @@ system calls that ask for them, `ioctl` and `open`, and keeps what a kernel keep
 So it shows what lidario asks of a driver, in which order; not what a real adapter does with it.
 """
 
-from __future__ import annotations
-
 import ctypes
 import errno
 import fcntl

@@ -5,8 +5,6 @@ click takes the command for a completion, asyncio tells of each step that a busy
 live page asks a proxy for 127.0.0.1. A test that is about such a variable sets it itself.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 

@@ -1,7 +1,5 @@
 """An example as a process of its own, as its user runs it: what it opens, and its threads, end with it."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

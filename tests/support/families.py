@@ -1,7 +1,5 @@
 """What each family says of itself to the tests: its ``tests/families/NAME/about.py``, found by the registry."""
 
-from __future__ import annotations
-
 from importlib import import_module
 from types import ModuleType
 

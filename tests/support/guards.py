@@ -1,7 +1,5 @@
 """The guards that there are, as the system lists them."""
 
-from __future__ import annotations
-
 import os
 import re
 from contextlib import suppress

@@ -4,8 +4,6 @@ pytest's own `pytester` forgets afterwards every module that was first imported 
 import lidario's modules a second time, beside the first ones. Here only the modules of the folder are forgotten.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os

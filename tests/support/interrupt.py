@@ -8,8 +8,6 @@ Nor does it raise between the taking of the lock and the block, but for Python 3
 lock stays taken, and no code in Python can prevent it (https://github.com/python/cpython/issues/148874).
 """
 
-from __future__ import annotations
-
 import _thread
 import asyncio
 import gc

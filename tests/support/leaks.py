@@ -1,7 +1,5 @@
 """What a test may leave behind: no thread, no file descriptor, no asyncio task."""
 
-from __future__ import annotations
-
 import asyncio
 import gc
 import os

@@ -3,8 +3,6 @@
 Bytes are checked of every `Link` that a test makes; bytes and packets of every `Lidar`, by its public `Stats`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field

@@ -4,8 +4,6 @@ An hour of keepalives passes in a second. A test that waits for ever fails by it
 arrive any more, else when the loop has gone round more often than any test needs.
 """
 
-from __future__ import annotations
-
 import asyncio
 import math
 import selectors

@@ -1,7 +1,5 @@
 """LaserScan messages as others read them: of a file by ``mcap``, their bytes by ``rosbags``."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A simulated lidar that is published through a router, and its readers."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable, Coroutine, Iterable
 from contextlib import AsyncExitStack

@@ -12,8 +12,6 @@ it.
   tests/ros those that need a network.
 """
 
-from __future__ import annotations
-
 import asyncio
 import os
 import re

@@ -3,8 +3,6 @@
 It echoes in capitals and can be told to count aloud.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import select

@@ -1,7 +1,5 @@
 """What tests of the port share: receivers that keep everything, a schedule, and a pseudo-terminal."""
 
-from __future__ import annotations
-
 import asyncio
 import inspect
 import os

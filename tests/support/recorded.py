@@ -1,7 +1,5 @@
 """Recordings for tests: simulated devices in memory, on a driven clock, recorded to a file."""
 
-from __future__ import annotations
-
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field

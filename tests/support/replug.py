@@ -1,7 +1,5 @@
 """Simulated devices whose cable a test pulls out, and puts in again, when it likes."""
 
-from __future__ import annotations
-
 import contextlib
 import threading
 import time

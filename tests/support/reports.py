@@ -6,8 +6,6 @@
     python -m tests.support.reports                                      # write anew what is made of them all
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import lzma

@@ -1,7 +1,5 @@
 """A zenoh router in this process: no package brings zenohd, and a session in router mode is the same engine."""
 
-from __future__ import annotations
-
 import json
 import socket
 from typing import Any

@@ -1,7 +1,5 @@
 """What stands for all where a test would take too long over all: a stream for each parser, a model of each kind."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import pytest

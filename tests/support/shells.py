@@ -1,7 +1,5 @@
 """Interactive shells on a pseudo-terminal, in which a word is typed and completed."""
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import os

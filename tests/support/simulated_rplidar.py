@@ -1,7 +1,5 @@
 """A simulated RPLIDAR on a bench: requests as bytes, a clock that is moved by hand, and what comes back."""
 
-from __future__ import annotations
-
 import struct
 from functools import reduce
 from operator import xor

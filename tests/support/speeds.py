@@ -4,8 +4,6 @@ In memory and pseudo-terminals carry bytes, not levels, so nothing there tells t
 Here bytes become the levels of the wire and are sampled by the other side's clock.
 """
 
-from __future__ import annotations
-
 import asyncio
 import struct
 from operator import itemgetter

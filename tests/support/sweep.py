@@ -1,7 +1,5 @@
 """Scans of one revolution whose distances say which sample each is, and the check of the times of their beams."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

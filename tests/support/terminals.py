@@ -1,7 +1,5 @@
 """Pseudo-terminals for tests: one that loses nothing on a busy machine, and one that repeats itself."""
 
-from __future__ import annotations
-
 import os
 import select
 import time

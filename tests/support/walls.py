@@ -1,7 +1,5 @@
 """A room that looks like no turned or mirrored one, and how far points are from its walls."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

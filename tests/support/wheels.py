@@ -1,7 +1,5 @@
 """Heads of packets, and what a model of the rotor tells of them, in few words."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

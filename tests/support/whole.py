@@ -1,7 +1,5 @@
 """What `lidario export` makes of a recording that was cut: a file that every reader of MCAP finds whole."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from mcap.reader import SeekingReader

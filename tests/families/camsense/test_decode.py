@@ -1,7 +1,5 @@
 """The rate of a stream; packets of an LDS08RR; where a lens puts what nobody sees."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What is a packet, what is none, and what only tells that the rotor speeds up."""
 
-from __future__ import annotations
-
 from lidario.families.camsense.formats import LongFormat
 from lidario.families.camsense.simulated.device import pack_packet
 from tests.families.camsense.about import CASES

@@ -1,7 +1,5 @@
 """The simulated devices: how they come up."""
 
-from __future__ import annotations
-
 import pytest
 
 from lidario.families.camsense.simulated.device import PROFILES

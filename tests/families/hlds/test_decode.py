@@ -1,7 +1,5 @@
 """The golden stream through the whole path, and a device whose check value nobody knows."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

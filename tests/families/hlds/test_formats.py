@@ -1,7 +1,5 @@
 """What is a packet, with a check value that is known and without."""
 
-from __future__ import annotations
-
 import pytest
 
 from lidario.families.hlds import TALKERS

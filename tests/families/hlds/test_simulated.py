@@ -1,7 +1,5 @@
 """The simulated device: letters start and stop it."""
 
-from __future__ import annotations
-
 import pytest
 
 from lidario.families.hlds.simulated.device import PROFILES, make_simulated

@@ -1,7 +1,5 @@
 """Blocks to arrays and scans: the vendor's own figures, the scalar reference, and what is missing between scans."""
 
-from __future__ import annotations
-
 from collections.abc import Generator
 
 import numpy as np

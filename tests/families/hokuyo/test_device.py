@@ -1,7 +1,5 @@
 """What a device says of itself, in words, and on a poor line: each scan is one packet that a lost byte damages."""
 
-from __future__ import annotations
-
 import pytest
 
 from lidario import RemoteProtocolError, open_lidar

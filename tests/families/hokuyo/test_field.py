@@ -1,7 +1,5 @@
 """A field of 240 or 270 degrees, from session to message: nothing is said of what the device does not see."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

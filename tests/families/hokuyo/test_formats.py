@@ -1,7 +1,5 @@
 """Blocks in bytes: found in pieces of any size, refused where one character is wrong, and bounded."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

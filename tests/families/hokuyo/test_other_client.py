@@ -1,7 +1,5 @@
 """A client that is not ours reads the simulated device over TCP: hokuyolx, by another author."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The simulated devices: what they obey, refuse and send, read by the scalar reference alone."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """What the golden streams tell of themselves; a Delta-2D; how many frames a revolution has."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

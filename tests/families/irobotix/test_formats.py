@@ -1,7 +1,5 @@
 """How long a frame is, and what are records between them."""
 
-from __future__ import annotations
-
 import pytest
 
 from lidario.families.irobotix.formats import AnyFrame, FrameFormat

@@ -1,7 +1,5 @@
 """The simulated devices: what becomes of a motor that nobody powers as it should be."""
 
-from __future__ import annotations
-
 import asyncio
 
 import pytest

@@ -1,7 +1,5 @@
 """The one of 256 damaged packets that the CRC does not find."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Packets, records and noise of the LDROBOT stream."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from random import Random
 

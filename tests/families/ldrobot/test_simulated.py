@@ -1,7 +1,5 @@
 """The simulated LDROBOT lidars: what the one that hears obeys."""
 
-from __future__ import annotations
-
 import pytest
 
 from lidario.families.ldrobot.simulated.device import make_simulated

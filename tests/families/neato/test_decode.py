@@ -1,7 +1,5 @@
 """Golden streams and the recording of a real XV-11, each sample; what is lost and what only turns too slowly."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A rotor that turns counter-clockwise: the same packets read in either sense are each other's mirror image."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is a packet, and what is none."""
 
-from __future__ import annotations
-
 from lidario.families.neato.formats import PacketFormat
 from tests.families.neato.about import CASES
 

@@ -1,7 +1,5 @@
 """The simulated devices: what they say of themselves, and what becomes of a motor that nobody powers."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import pytest

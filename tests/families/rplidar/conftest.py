@@ -1,7 +1,5 @@
 """A fresh simulated device on a bench, for the tests of what it does."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.support.simulated_rplidar import Bench

@@ -1,7 +1,5 @@
 """The packers of the simulator: golden streams are packed to the same bytes, and what does not fit is refused."""
 
-from __future__ import annotations
-
 import struct
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The simulated device, in driven time: what it discards and responds, and the states in which it can be found."""
 
-from __future__ import annotations
-
 import struct
 
 import pytest

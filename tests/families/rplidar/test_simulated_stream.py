@@ -1,7 +1,5 @@
 """What the simulated device streams, how its streams end, and what turns its motor."""
 
-from __future__ import annotations
-
 import struct
 from itertools import pairwise
 

@@ -3,8 +3,6 @@
 Also while other tasks cancel, stop, or want yet another one.
 """
 
-from __future__ import annotations
-
 import asyncio
 from typing import Any
 

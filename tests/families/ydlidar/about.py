@@ -1,7 +1,5 @@
 """What tests of all families must know of this one: a simulated device, its streams, and its models."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

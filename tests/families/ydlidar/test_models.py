@@ -3,8 +3,6 @@
 more_families.md A1; the 10 kHz of a G4: ydlidar_4ros.md 4.
 """
 
-from __future__ import annotations
-
 import pytest
 
 from lidario.families.stream import Known
