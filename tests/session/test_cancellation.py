@@ -23,6 +23,7 @@ from tests.support.devices import (
     OTHERS,
     SWITCHED,
     Rig,
+    in_turns,
     leave_streaming,
     left_still,
     make_rig,
@@ -168,17 +169,10 @@ WAYS = ("once", "twice", "scope")
 THOROUGH = (*FAMILIES, *SWITCHED)
 
 
-def in_turns(kinds: tuple[str, ...]) -> list[tuple[Scenario, str, str]]:
-    """Every scenario in every way, with these devices in turns."""
-    return [
-        (scenario, how, kinds[(row + column) % len(kinds)])
-        for row, scenario in enumerate(SCENARIOS)
-        for column, how in enumerate(WAYS)
-    ]
-
-
 @pytest.mark.exhaustive(
-    "what", sample=in_turns(EVERY_KIND), full=[*product(SCENARIOS, WAYS, FAMILIES), *in_turns(OTHERS)]
+    "what",
+    sample=in_turns(SCENARIOS, WAYS, EVERY_KIND),
+    full=[*product(SCENARIOS, WAYS, FAMILIES), *in_turns(SCENARIOS, WAYS, OTHERS)],
 )
 @pytest.mark.exhaustive("points", sample=[4], full=[12])
 def test_cancelled_anywhere_the_device_is_left_still(what: tuple[Scenario, str, str], points: int) -> None:

@@ -9,7 +9,7 @@ import pytest
 from lidario import Lidar, open_lidar
 from lidario.port.port import Port
 from lidario.sim.serve import TcpServer
-from tests.support.devices import Rig, make_rig, names, some, take
+from tests.support.devices import Rig, names, some, take
 from tests.support.loop import driven_loop, now, now_ns
 from tests.support.ports import PATIENCE_S, on_both_loops
 
@@ -180,10 +180,9 @@ async def test_protection_switched_while_scanning(ydlidar: Rig) -> None:
         assert lidar.stats.keepalives > before
 
 
-async def test_zero_offset_is_told_and_applied_only_when_asked() -> None:
-    plain = make_rig("ydlidar")
-    plain.device.zero_offset = -50
-    async with plain.open() as lidar:
+async def test_zero_offset_is_told_and_applied_only_when_asked(ydlidar: Rig) -> None:
+    ydlidar.device.zero_offset = -50
+    async with ydlidar.open() as lidar:
         assert await lidar.get_zero_offset() == -12.5
         before = await lidar.scan()
         await lidar.set_zero_offset(True)

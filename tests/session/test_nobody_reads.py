@@ -99,7 +99,7 @@ async def test_a_question_behind_a_stream_that_was_left_at_once_leaves_the_motor
     """It comes while the stop requests are about to be heard, and may wake the device."""
     for turn in range(1, 12):
         async with rig.open() as lidar:
-            reading = asyncio.ensure_future(_left(lidar))
+            reading = asyncio.ensure_future(take(lidar, 1))
             for _ in range(turn):
                 await asyncio.sleep(0)
             reading.cancel()
@@ -107,11 +107,6 @@ async def test_a_question_behind_a_stream_that_was_left_at_once_leaves_the_motor
             await asyncio.wait([reading])
             await asyncio.sleep(LINGER_S + 0.5)
             assert not rig.device.motor_on, turn
-
-
-async def _left(lidar: Lidar) -> None:
-    async with lidar.scans() as stream:
-        await anext(stream)
 
 
 def cancelled_at(kind: str, name: str, turn: int) -> int:

@@ -84,7 +84,7 @@ async def test_a_lost_line_ends_every_stream_and_is_told_once(caplog: pytest.Log
             await lidar.get_health()
         assert str(caught.value.__cause__) != str(caught.value), "one sentence stands twice in the traceback"
         await asyncio.sleep(1.0)
-    (told,) = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
+    (told,) = caplog.messages
     assert told.startswith("the session ended: ")
     assert "unplugged" in told
 

@@ -23,7 +23,7 @@ from itertools import product
 import pytest
 
 from lidario import Lidar, LidarError, LocalProtocolError, ScanStream, SessionClosed, Unsupported
-from tests.support.devices import EVERY_KIND, FAMILIES, OTHERS, SWITCHED, Rig, left_still, make_rig, some
+from tests.support.devices import EVERY_KIND, FAMILIES, OTHERS, SWITCHED, Rig, in_turns, left_still, make_rig, some
 from tests.support.discards import all_obeyed
 from tests.support.loop import driven_loop, run_driven
 
@@ -258,13 +258,10 @@ def every_step(request: pytest.FixtureRequest) -> bool:
     return bool(request.config.getoption("--every-step"))
 
 
-def in_turns(kinds: tuple[str, ...]) -> list[tuple[Work, Work, str]]:
-    """Every pair once, with these devices in turns."""
-    return [(a, b, kinds[(row + column) % len(kinds)]) for row, a in enumerate(A) for column, b in enumerate(B)]
-
-
 @pytest.mark.exhaustive("stride", sample=[0], full=[12])
-@pytest.mark.exhaustive("who", sample=in_turns(EVERY_KIND), full=[*product(A, B, FAMILIES), *in_turns(OTHERS)])
+@pytest.mark.exhaustive(
+    "who", sample=in_turns(A, B, EVERY_KIND), full=[*product(A, B, FAMILIES), *in_turns(A, B, OTHERS)]
+)
 def test_two_tasks(who: tuple[Work, Work, str], stride: int, every_step: bool) -> None:
     a, b, family = who
     two_tasks(family, a, b, 1 if every_step else stride)

@@ -1,7 +1,7 @@
 """Simulated devices for session tests, one of each family, with what the tests ask of both."""
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -17,6 +17,7 @@ from tests.support.discards import PROTECTED
 from tests.support.families import ABOUT
 from tests.support.simulated_rplidar import DUTY_660, begin
 
+S = TypeVar("S")
 T = TypeVar("T")
 
 
@@ -78,6 +79,12 @@ SWITCHED = ("rplidar-a1", "rplidar-a2")
 EVERY_KIND = (*EVERY_FAMILY, *SWITCHED)
 OTHERS = tuple(name for name in EVERY_KIND if name not in FAMILIES)
 both_families = pytest.mark.parametrize("family", FAMILIES)
+
+
+def in_turns(rows: Sequence[S], columns: Sequence[T], kinds: Sequence[str]) -> list[tuple[S, T, str]]:
+    """Every pair once, with these devices in turns."""
+    pairs = [(row, column, at + to) for at, row in enumerate(rows) for to, column in enumerate(columns)]
+    return [(row, column, kinds[number % len(kinds)]) for row, column, number in pairs]
 
 
 def make_rig(name: str, model: str = "", **options: Any) -> Rig:
