@@ -9,7 +9,7 @@ from lidario.families.base import Stream
 from lidario.families.rplidar.commands import Conf
 from lidario.families.rplidar.device import RplidarDevice
 from lidario.model import Health, HealthStatus, SampleRate, ScanMode
-from tests.support.rplidar_device import A1, DENSE_BOOST, S1, S2, STANDARD, conf, identified, info
+from tests.support.rplidar_device import A1, DENSE_BOOST, STANDARD, conf, identified, info
 from tests.support.scripts import Answers, drive
 
 # -------------------------------------------------------------------------------------------------- identity
@@ -78,14 +78,6 @@ def test_the_wanted_speed_is_asked_once() -> None:
     assert started(device, STANDARD, answers)[1].startswith("a5a802e001")
     _, sent = drive(device.start(STANDARD), {})
     assert [request.name for request in sent] == ["MOTOR_SPEED_CTRL", "SCAN"]
-
-
-@pytest.mark.parametrize("model", [S1, S2, 0x82, None])
-def test_motor_off_comes_before_stop(model: int | None) -> None:
-    """Also when nobody knows yet what it is."""
-    device = RplidarDevice() if model is None else identified(model)
-    assert b"".join(request.data for request in device.halt()) == bytes.fromhex("A5A80200000F A525")
-    assert (device.stop().data, device.reset().data) == (b"\xa5\x25", b"\xa5\x40")
 
 
 def test_zero_microseconds_are_asked_for_in_the_older_way() -> None:

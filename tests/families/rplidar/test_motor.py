@@ -7,10 +7,10 @@ import pytest
 from lidario.errors import Unsupported
 from lidario.families.rplidar.commands import Conf
 from lidario.families.rplidar.device import RplidarDevice
-from tests.support.rplidar_device import A1, C1, S2, STANDARD, conf, identified
+from tests.support.rplidar_device import A1, C1, S1, S2, STANDARD, conf, identified
 from tests.support.scripts import Answers, drive
 
-A2, A3 = 0x2C, 0x31
+A2, A3, S3 = 0x2C, 0x31, 0x82
 BOARD = bytes.fromhex("a5ff04000000005e")
 YES, NO = {BOARD: b"\x01\0\0\0"}, {BOARD: bytes(4)}
 LIMITS = {**conf(Conf.MIN_ROTATION, b"\xe0\x01"), **conf(Conf.MAX_ROTATION, b"\xd0\x02")}
@@ -26,9 +26,7 @@ def halted(device: RplidarDevice) -> list[str]:
     return [request.data.hex() or request.name for request in device.halt()]
 
 
-def test_the_duty_is_the_one_that_the_device_tells() -> None:
-    told = conf(Conf.DESIRED_ROTATION, struct.pack("<HH", 600, 512))
-    assert sent_at_start(identified(A2), {**YES, **told})[1] == "a5f0020002" + "55"
+def test_a_duty_that_cannot_be_is_not_taken() -> None:
     absurd = conf(Conf.DESIRED_ROTATION, struct.pack("<HH", 600, 1024))
     assert sent_at_start(identified(A2), {**YES, **absurd})[1] == "a5f0029402c1"
 
@@ -42,10 +40,14 @@ def test_without_a_board_nothing_starts_the_motor(answers: Answers) -> None:
     assert halted(device) == ["a5f002000057", "a525"]
 
 
-@pytest.mark.parametrize(("model", "request_"), [(A2, "a5f002000057"), (C1, "a5a80200000f")])
-def test_a_motor_is_stopped_although_its_way_is_not_decided_yet(model: int, request_: str) -> None:
+@pytest.mark.parametrize(
+    ("model", "request_"), [(A2, "a5f002000057"), *((model, "a5a80200000f") for model in (C1, S1, S2, S3, None))]
+)
+def test_motor_off_comes_before_stop(model: int | None, request_: str) -> None:
     """A program that was killed may have left it on; a device that does not know the request ignores it."""
-    assert halted(identified(model)) == [request_, "a525"]
+    device = RplidarDevice() if model is None else identified(model)
+    assert halted(device) == [request_, "a525"]
+    assert (device.stop().data, device.reset().data) == (b"\xa5\x25", b"\xa5\x40")
 
 
 @pytest.mark.parametrize(

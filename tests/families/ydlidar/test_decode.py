@@ -43,17 +43,16 @@ def lost_behind(turns: list[list[bytes]], missing: range) -> tuple[int, int]:
     return samples.lost, samples.unbroken
 
 
-@pytest.mark.parametrize("name", golden.names_of("ydlidar_4ros"))
-def test_a_lost_packet_is_counted_wherever_it_was(name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "count"),
+    [
+        *((name, 1) for name in golden.names_of("ydlidar_4ros")),
+        *(("ydlidar_4ros_room10", count) for count in (2, 3, 5, 20)),
+    ],
+)
+def test_lost_packets_are_counted_wherever_they_were(name: str, count: int) -> None:
     turns = turns_of(name)[:3]
-    for gone in range(1, len(turns[1]) + 10):
-        assert lost_behind(turns, range(gone, gone + 1)) == (1, gone), f"packet {gone}"
-
-
-@pytest.mark.parametrize("count", [2, 3, 5, 20])
-def test_several_lost_packets_are_counted(count: int) -> None:
-    turns = turns_of("ydlidar_4ros_room10")[:3]
-    for gone in range(1, len(turns[1]) + 4):
+    for gone in range(1, len(turns[1]) + (10 if count == 1 else 4)):
         assert lost_behind(turns, range(gone, gone + count)) == (count, gone), f"packets from {gone}"
 
 
