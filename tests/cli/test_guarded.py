@@ -11,8 +11,7 @@ import pytest
 from lidario.sim.serve import PtyServer
 from tests.cli.processes import served, started
 from tests.cli.terminals import on_terminal
-from tests.support.children import BOUND, is_still, until
-from tests.support.guards import guards_of
+from tests.support.children import BOUND, guards_of, is_still, until
 
 pytestmark = pytest.mark.discards(
     "a guard cannot know what the killed program has just written, so it writes again"

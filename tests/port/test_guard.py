@@ -23,9 +23,8 @@ from lidario.port.guard import NAME, Guard, start_guard, wait_for_guard
 from lidario.port.serial import open_serial
 from lidario.wire.envelope import Request
 from tests.cli.processes import served
-from tests.support.children import is_still, requests, until
+from tests.support.children import children_that_ended, guards_of, is_still, own_guards, requests, until
 from tests.support.drivers import LOW_LATENCY, SPEED_FLAG, FakeDriver
-from tests.support.guards import children_that_ended, guards_of, own_guards
 from tests.support.ports import PATIENCE_S, terminal_pair, written
 
 STOP = Request("STOP", b"stop!", settle=0.01)

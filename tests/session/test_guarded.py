@@ -21,8 +21,7 @@ import lidario
 from lidario.port.diagnose import holders
 from lidario.sim.serve import PtyServer
 from tests.cli.processes import served
-from tests.support.children import UNDISTURBED, child, forget, is_still, requests, until
-from tests.support.guards import guards_of
+from tests.support.children import UNDISTURBED, child, forget, guards_of, is_still, requests, until
 
 pytestmark = pytest.mark.discards(
     "nobody knows what the killed program has just written, and which response it was waiting for"

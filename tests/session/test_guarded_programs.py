@@ -17,8 +17,17 @@ from lidario.sim.serve import PtyServer, TcpServer, UdpServer
 from lidario.simulation import simulate
 from tests.cli.processes import served
 from tests.session.test_guarded import scan_once
-from tests.support.children import UNDISTURBED, child, forget, is_still, line_of, requests, until
-from tests.support.guards import guards_of, kilobytes, switches
+from tests.support.children import (
+    UNDISTURBED,
+    child,
+    forget,
+    guards_of,
+    is_still,
+    line_of,
+    requests,
+    told_by_proc,
+    until,
+)
 from tests.support.terminals import WaitingPtyServer
 
 pytestmark = pytest.mark.discards(
@@ -251,13 +260,14 @@ def test_it_sleeps_in_little_memory_while_the_program_lives_also_while_that_is_f
         for _ in range(2):
             line_of(process.stdout)
         forget(server)
-        before = switches(guard)
+        before = told_by_proc(guard, "status", "voluntary_ctxt_switches")
         for _ in range(10):
             line_of(process.stdout)
         process.send_signal(signal.SIGSTOP)
         time.sleep(0.5)
-        assert switches(guard) == before
-        assert kilobytes(guard, "Pss") <= kilobytes(guard, "Rss") < MOST_KB
+        assert told_by_proc(guard, "status", "voluntary_ctxt_switches") == before
+        shared, whole = (told_by_proc(guard, "smaps_rollup", what) for what in ("Pss", "Rss"))
+        assert shared <= whole < MOST_KB
         assert requests(server) == []
         assert not is_still(server)
         killed(process, server)

@@ -247,9 +247,7 @@ async def test_whatever_is_done_while_the_device_is_asked(
     noticed = create_autospec(Failures.suspect, side_effect=Failures.suspect)
     monkeypatch.setattr(Failures, "suspect", noticed)
     loop = driven_loop()
-    async with rig.open() as lidar:
-        stream = lidar.scans()
-        await anext(stream)
+    async with rig.read() as (lidar, stream):
         if harm == "protect":
             rig.device.protection_stop(CODE)
         else:
@@ -282,4 +280,3 @@ async def test_whatever_is_done_while_the_device_is_asked(
             assert (await anext(stream)).seq > 0
         if act == "stop":
             assert await lidar.scan()
-        await stream.aclose()

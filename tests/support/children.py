@@ -1,18 +1,20 @@
-"""Programs that use the library, as processes of their own, to be ended by signals.
+"""Programs that use the library, as processes of their own, to be ended by signals; and their guards.
 
 No test waits for `BOUND` unless something is broken: it only turns a hang into a failure.
 """
 
 import os
+import re
 import select
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any, AnyStr, cast
 
+from lidario.port.guard import NAME
 from lidario.sim.device import Received
 from lidario.sim.serve import PtyServer
 from lidario.sim.server import Server
@@ -96,3 +98,39 @@ def was_stopped(server: PtyServer) -> bool:
     obeyed = [each.name for each in requests(server) if each.obeyed]
     began = max(at for at, name in enumerate(obeyed) if "scan" in name)
     return "stop" in obeyed[began:] and is_still(server)
+
+
+def guards_of(program: int) -> list[int]:
+    """The processes that guard a line of this program, also when it is dead. A zombie is none."""
+    found = []
+    for process in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            arguments = (process / "cmdline").read_bytes().split(b"\0")
+            if arguments[-4:-2] == [NAME.encode(), str(program).encode()]:
+                found.append(int(process.name))
+    return sorted(found)
+
+
+def own_guards() -> list[int]:
+    """The guards of this program."""
+    return guards_of(os.getpid())
+
+
+def children_that_ended() -> list[int]:
+    """The children of this program for which it has not waited."""
+    found = []
+    for process in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            # Behind the name, which may hold anything: the state, and whose child it is.
+            state, parent = (process / "stat").read_text().rpartition(")")[2].split()[:2]
+            if state == "Z" and int(parent) == os.getpid():
+                found.append(int(process.name))
+    return found
+
+
+def told_by_proc(process: int, file: str, what: str) -> int:
+    """A number that the system tells of a process."""
+    path = Path(f"/proc/{process}/{file}")
+    match = re.search(rf"^{what}:\s*(\d+)", path.read_text(), re.MULTILINE)
+    assert match is not None, path
+    return int(match[1])
