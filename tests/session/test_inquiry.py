@@ -9,6 +9,7 @@ import pytest
 from lidario import DeviceFault, Lidar, StreamFailed
 from lidario.revolution.seam import Seam
 from lidario.session.streaming.failures import Failures
+from tests.support.cable import next_after
 from tests.support.devices import Rig, end_of, names, some
 from tests.support.loop import driven_loop, now, now_ns
 
@@ -60,8 +61,7 @@ async def test_a_program_that_asks_first_is_told_and_the_stream_goes_on(rig: Rig
         rig.device.protection_stop(CODE)
         began = now()
         assert (await lidar.get_health()).code == CODE
-        while (await anext(stream)).stamp_ns * 1e-9 < began + 0.5:
-            pass
+        await next_after(stream, began + 0.5)
         assert now() - began < RECOVERED_S
         assert lidar.stats.protection_stops == 1
 
