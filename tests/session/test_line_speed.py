@@ -11,13 +11,14 @@ from lidario.families.rplidar.device import RplidarDevice
 from lidario.session.finding.connect import connect
 from lidario.session.streaming.modes import does_not_fit
 from lidario.source import parse_source
-from tests.support.devices import left_still, make_rig, names
+from tests.support.devices import Rig, make_rig, names
 
 
 @pytest.mark.parametrize("scanning", [False, True])
-async def test_a_speed_that_the_mode_does_not_fit_is_refused_and_nothing_has_changed(*, scanning: bool) -> None:
-    rig = make_rig("rplidar-s2")
-    async with rig.open() as lidar:
+async def test_a_speed_that_the_mode_does_not_fit_is_refused_and_nothing_has_changed(
+    rplidar: Rig, *, scanning: bool
+) -> None:
+    async with rplidar.open() as lidar:
         stream = lidar.scans()
         if scanning:
             await anext(stream)
@@ -25,36 +26,33 @@ async def test_a_speed_that_the_mode_does_not_fit_is_refused_and_nothing_has_cha
         with pytest.raises(InvalidValue, match=r"'DenseBoost' sends 67200 bytes.* carries 25600.* 672000 baud"):
             await lidar.set_baudrate(256_000)
         assert lidar.stats.interruptions == 0
-        assert (lidar.baudrate, rig.device.baudrate) == (1_000_000, 1_000_000)
+        assert (lidar.baudrate, rplidar.device.baudrate) == (1_000_000, 1_000_000)
         assert len(await anext(stream)) > 3000
         await lidar.set_baudrate(672_000)
         assert len(await anext(stream)) > 3000
-    assert left_still(rig)
-    assert names(rig, obeyed=True).count("new_baudrate_confirm") == 1
+    assert names(rplidar, obeyed=True).count("new_baudrate_confirm") == 1
 
 
 async def test_a_device_that_is_found_at_too_slow_a_speed_says_so_when_it_shall_scan(
-    monkeypatch: pytest.MonkeyPatch,
+    rplidar: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Another program left it so. It can be asked, and set to a speed at which it can scan."""
-    rig = make_rig("rplidar-s2")
     with monkeypatch.context() as patch:
         patch.setattr(RplidarDevice, "load", lambda device, mode: math.nan)
-        async with rig.open() as lidar:
+        async with rplidar.open() as lidar:
             await lidar.set_baudrate(256_000)
-    assert rig.device.baudrate == 256_000
-    async with rig.open(baudrate=256_000) as lidar:
+    assert rplidar.device.baudrate == 256_000
+    async with rplidar.open(baudrate=256_000) as lidar:
         assert (await lidar.get_health()).ok
         for _ in range(2):
             with pytest.raises(Unsupported, match="'DenseBoost' sends 67200 bytes"):
                 await lidar.scan()
         await lidar.set_baudrate(1_000_000)
         assert len(await lidar.scan()) > 3000
-    assert left_still(rig)
 
 
-async def test_a_mode_that_does_not_fit_is_refused_beside_one_that_does() -> None:
-    rig = make_rig("rplidar-c1")
+@pytest.mark.parametrize("rig", ["rplidar-c1"], indirect=True)
+async def test_a_mode_that_does_not_fit_is_refused_beside_one_that_does(rig: Rig) -> None:
     async with rig.open() as lidar:
         assert len(await lidar.scan("Standard")) > 100
         await lidar.stop()
@@ -63,7 +61,6 @@ async def test_a_mode_that_does_not_fit_is_refused_beside_one_that_does() -> Non
         with pytest.raises(Unsupported, match=r"'Standard' sends 25000 .* or choose 'DenseBoost'"):
             await lidar.scan("Standard")
         assert not (await lidar.scan()).lost_packets
-    assert left_still(rig)
 
 
 async def test_the_mode_that_runs_decides_not_the_typical_one() -> None:

@@ -7,13 +7,13 @@ import pytest
 
 from lidario import ResponseTimeout, StreamFailed
 from tests.support.cable import next_after
-from tests.support.devices import MAKERS, Rig, end_of, left_still, make_rig, names
+from tests.support.devices import MAKERS, Rig, call, end_of, names
 from tests.support.loop import now
 
 STARTS = (b"\xa5\x20", b"\xa5\x82", b"\xa5\x83", b"\xa5\x60", b"MD")
 """How the requests begin that start a stream."""
 KINDS = [(name, None) for name, maker in MAKERS.items() if maker.obeys] + [("rplidar-c1", "Standard")]
-kinds = pytest.mark.parametrize(("name", "mode"), KINDS, ids=[name for name, _ in KINDS])
+kinds = pytest.mark.parametrize(("rig", "mode"), KINDS, ids=[name for name, _ in KINDS], indirect=["rig"])
 FOREVER = 1000
 
 
@@ -51,8 +51,7 @@ class PoorLine:
 
 @kinds
 @pytest.mark.parametrize("way", ["request", "response"])
-async def test_two_starts_that_are_lost_in_a_row_end_nothing(name: str, mode: str | None, way: str) -> None:
-    rig = make_rig(name)
+async def test_two_starts_that_are_lost_in_a_row_end_nothing(rig: Rig, mode: str | None, way: str) -> None:
     line = PoorLine(rig, way)
     async with rig.open() as lidar:
         line.left = 2
@@ -64,12 +63,10 @@ async def test_two_starts_that_are_lost_in_a_row_end_nothing(name: str, mode: st
             await next_after(stream, first.stamp_ns * 1e-9 + 2.0)
             assert line.left == 0
         assert lidar.stats.restarts <= 2
-    assert left_still(rig)
 
 
 @kinds
-async def test_starts_that_are_always_lost_end_the_stream_in_a_bounded_time(name: str, mode: str | None) -> None:
-    rig = make_rig(name)
+async def test_starts_that_are_always_lost_end_the_stream_in_a_bounded_time(rig: Rig, mode: str | None) -> None:
     line = PoorLine(rig, "request")
     async with rig.open() as lidar:
         line.left = FOREVER
@@ -86,22 +83,19 @@ async def test_starts_that_are_always_lost_end_the_stream_in_a_bounded_time(name
             await end_of(stream, StreamFailed, "could not be started again")
         line.left = 0
         assert await lidar.scan(mode)
-    assert left_still(rig)
 
 
-async def test_a_device_that_does_not_begin_is_asked_whether_protection_was_left_on() -> None:
-    rig = make_rig("ydlidar")
-    line = PoorLine(rig, "request")
-    async with rig.open() as lidar:
+async def test_a_device_that_does_not_begin_is_asked_whether_protection_was_left_on(ydlidar: Rig) -> None:
+    line = PoorLine(ydlidar, "request")
+    async with ydlidar.open() as lidar:
         line.left = 2
         await lidar.scan()
-    assert names(rig).count("toggle_protection") == 2
+    assert names(ydlidar).count("toggle_protection") == 2
 
 
-async def test_a_mode_that_is_not_listed_and_starts_nothing_is_told_of_at_once() -> None:
-    rig = make_rig("rplidar-s2")
-    line = PoorLine(rig, "request")
-    async with rig.open() as lidar:
+async def test_a_mode_that_is_not_listed_and_starts_nothing_is_told_of_at_once(rplidar: Rig) -> None:
+    line = PoorLine(rplidar, "request")
+    async with rplidar.open() as lidar:
         line.left = FOREVER
         began = now()
         with pytest.raises(ResponseTimeout, match="HQ_SCAN"):
@@ -113,18 +107,16 @@ async def test_a_mode_that_is_not_listed_and_starts_nothing_is_told_of_at_once()
 @pytest.mark.parametrize("question", ["get_info", "get_health"])
 @kinds
 async def test_another_task_gets_its_response_behind_a_start_whose_response_was_lost(
-    name: str, mode: str | None, question: str
+    rig: Rig, mode: str | None, question: str
 ) -> None:
     """The device may scan all the same, and would not hear the question."""
-    rig = make_rig(name)
     line = PoorLine(rig, "response")
     async with rig.open() as lidar:
         line.left = 2
         async with lidar.scans(mode) as stream:
             reading = asyncio.ensure_future(anext(stream))
             await asyncio.sleep(0.1)
-            assert await getattr(lidar, question)()
+            assert await call(lidar, question)
             assert line.left == 0
             assert len(await reading) > 100
         assert names(rig, obeyed=False) == []
-    assert left_still(rig)

@@ -17,7 +17,7 @@ import pytest
 
 from lidario import Lidar, LidarError, LocalProtocolError, StreamFailed
 from tests.support.cable import Cable, cable_to, on_a_cable
-from tests.support.devices import EVERY_FAMILY, end_of, left_still, make_rig, some
+from tests.support.devices import EVERY_FAMILY, Rig, end_of, left_still, make_rig, some
 from tests.support.loop import driven_loop, now
 
 LONGEST_S = 40.0
@@ -156,9 +156,10 @@ def cancel_all_others() -> None:
 
 
 @pytest.mark.parametrize("turns", [0, 1, 5, 20])
-async def test_no_reader_waits_for_ever_where_a_program_cancels_all_tasks_and_goes_on(turns: int) -> None:
-    rig = make_rig("rplidar")
-    async with rig.open() as lidar:
+async def test_no_reader_waits_for_ever_where_a_program_cancels_all_tasks_and_goes_on(
+    rplidar: Rig, turns: int
+) -> None:
+    async with rplidar.open() as lidar:
         stream = lidar.scans()
         reading = asyncio.ensure_future(anext(stream))
         for _ in range(1 + turns):
@@ -171,7 +172,7 @@ async def test_no_reader_waits_for_ever_where_a_program_cancels_all_tasks_and_go
         assert (await lidar.get_health()).ok
         assert await lidar.scan()
         await lidar.stop()
-        assert left_still(rig)
+        assert left_still(rplidar)
 
 
 @pytest.mark.parametrize("away_s", [0.0, 1.0])
@@ -187,9 +188,8 @@ async def test_a_program_that_cancels_all_tasks_while_a_session_comes_back_has_e
         assert [change.state async for change in lidar.line_changes()] == []
 
 
-async def test_a_stream_that_was_to_go_on_tells_that_all_tasks_were_cancelled() -> None:
-    rig = make_rig("rplidar")
-    async with rig.read() as (lidar, stream):
+async def test_a_stream_that_was_to_go_on_tells_that_all_tasks_were_cancelled(rplidar: Rig) -> None:
+    async with rplidar.read() as (lidar, stream):
         await lidar.get_health()
         cancel_all_others()
         await end_of(stream, StreamFailed, "cancelled the task that starts the stream")

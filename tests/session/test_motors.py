@@ -139,10 +139,11 @@ async def test_scans_go_on_after_a_fault(rig: Rig, fault: str, monkeypatch: pyte
 
 
 @pytest.mark.parametrize("lost", [2, 4, 6, 9])
-async def test_questions_in_vain_do_not_decide_for_the_session_which_speeds_are_taken(lost: int) -> None:
+async def test_questions_in_vain_do_not_decide_for_the_session_which_speeds_are_taken(
+    rplidar: Rig, lost: int
+) -> None:
     """Its limits are asked for again, and a speed beyond them is refused."""
-    rig = make_rig("rplidar-s2")
-    receive, left = rig.device.receive, lost
+    receive, left = rplidar.device.receive, lost
 
     def lossy(data: bytes, now: int) -> None:
         nonlocal left
@@ -150,9 +151,9 @@ async def test_questions_in_vain_do_not_decide_for_the_session_which_speeds_are_
         if left < 0 or not data.startswith(b"\xa5\x84"):
             receive(data, now)
 
-    async with rig.open() as lidar:
+    async with rplidar.open() as lidar:
         await lidar.get_modes()
-        rig.device.receive = lossy
+        rplidar.device.receive = lossy
         while left > 0:
             with suppress(Unsupported):
                 await lidar.get_scan_frequency_range()

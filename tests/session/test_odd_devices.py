@@ -225,9 +225,8 @@ async def test_an_unknown_mode_is_told(model: str, mode: str, says: str) -> None
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("model", "rate"), AS_REAL.items())
-async def test_nothing_is_told_as_lost_of_devices_that_are_odd_as_real_ones(model: str, rate: float) -> None:
-    rig = make_rig(model)
+@pytest.mark.parametrize(("rig", "rate"), AS_REAL.items(), indirect=["rig"])
+async def test_nothing_is_told_as_lost_of_devices_that_are_odd_as_real_ones(rig: Rig, rate: float) -> None:
     async with rig.open() as lidar:
         scans = await take(lidar, 40)
         stats, rpm = lidar.stats, 0.6 * rig.device.profile.factory_speed

@@ -162,8 +162,7 @@ async def test_stop_while_it_is_away(family: str, returns: bool) -> None:
             assert len(await take(lidar, 2)) == 2
 
 
-async def test_the_first_opening_fails_as_without_it() -> None:
-    rplidar = make_rig("rplidar")
+async def test_the_first_opening_fails_as_without_it(rplidar: Rig) -> None:
     with cable_to(rplidar) as cable:
         cable.pull()
         with pytest.raises(LidarError, match="no such port"):

@@ -29,9 +29,8 @@ def is_the_scan(scan: Scan, sectors: list[Sector]) -> bool:
     )
 
 
-@pytest.mark.parametrize("family", EVERY_FAMILY)
-async def test_scans_and_sectors_are_read_at_once(family: str) -> None:
-    rig = make_rig(family)
+@pytest.mark.parametrize("rig", EVERY_FAMILY, indirect=True)
+async def test_scans_and_sectors_are_read_at_once(rig: Rig) -> None:
     async with rig.open() as lidar:
         async with lidar.scans(depth=9) as scans, lidar.sectors(depth=99) as eighths, lidar.sectors(60) as sixths:
             first = asyncio.ensure_future(anext(scans))

@@ -88,23 +88,18 @@ def test_it_is_stopped_at_any_moment(family: str, b: Work, delay_s: float, phase
 
 @pytest.mark.parametrize("delay_s", [0.6, 0.9, 1.5, 1.9])
 @pytest.mark.parametrize("moment_s", [0.12, 0.3, 0.7, 1.2])
-@both_families
 async def test_closing_waits_for_a_response_that_nobody_waits_for_any_more(
-    family: str, moment_s: float, delay_s: float
+    rig: Rig, moment_s: float, delay_s: float
 ) -> None:
-    rig = make_rig(family)
     async with rig.open() as lidar:
         await lidar.scan()
         rig.device.response_delay_s = delay_s
         asking = asyncio.ensure_future(lidar.get_health())
         await asyncio.sleep(moment_s)
     await asyncio.gather(asking, return_exceptions=True)
-    assert left_still(rig)
 
 
-@both_families
-async def test_a_response_that_has_come_too_late_is_owed_no_longer(family: str) -> None:
-    rig = make_rig(family)
+async def test_a_response_that_has_come_too_late_is_owed_no_longer(rig: Rig) -> None:
     async with rig.open() as lidar:
         await lidar.scan()
         rig.device.response_delay_s = 1.0

@@ -128,14 +128,12 @@ async def test_bytes_that_a_full_port_dropped_are_told(rig: Rig) -> None:
     assert 5100 < after.bytes_received - before.bytes_received < 5100 + ordinary
 
 
-async def test_the_speed_that_a_device_reports_reaches_the_user() -> None:
-    rig = make_rig("ydlidar")
-    async with rig.open() as lidar:
+async def test_the_speed_that_a_device_reports_reaches_the_user(ydlidar: Rig, rplidar: Rig) -> None:
+    async with ydlidar.open() as lidar:
         assert (await lidar.scan()).reported_rpm == 420.0
         await lidar.set_scan_frequency(10.3)
         scans = await take(lidar, 3)
         assert scans[-1].reported_rpm == pytest.approx(618.0)
         assert scans[-1].sorted().reported_rpm == scans[-1].reported_rpm
-    silent = make_rig("rplidar")
-    async with silent.open() as lidar:
+    async with rplidar.open() as lidar:
         assert np.isnan((await lidar.scan()).reported_rpm)
