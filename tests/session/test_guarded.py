@@ -12,8 +12,6 @@ import random
 import signal
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 import pytest
 
@@ -133,20 +131,14 @@ def test_a_program_that_opens_the_port_meanwhile_waits(real: bool, monkeypatch: 
         os.kill(guard, signal.SIGSTOP)
         process.kill()
         process.communicate()
-        with pytest.raises(lidario.ConnectFailed, match=r"busy: held by PID .*lidario-guard"), soon(monkeypatch):
-            asyncio.run(scan_once(server.path, "rplidar", guard=True))
+        with monkeypatch.context() as patch:
+            patch.setattr("lidario.port.guard.WAIT_S", 0.1)
+            with pytest.raises(lidario.ConnectFailed, match=r"busy: held by PID .*lidario-guard"):
+                asyncio.run(scan_once(server.path, "rplidar", guard=True))
         assert not is_still(server)
         threading.Timer(0.2, os.kill, (guard, signal.SIGCONT)).start()
         scan = asyncio.run(scan_once(server.path, "rplidar", guard=True))
         assert len(scan.ranges) > 100
-
-
-@contextmanager
-def soon(patch: pytest.MonkeyPatch) -> Iterator[None]:
-    """A guard is waited for shortly."""
-    with patch.context() as shortly:
-        shortly.setattr("lidario.port.guard.WAIT_S", 0.1)
-        yield
 
 
 OPENS = """

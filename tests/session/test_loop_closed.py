@@ -51,6 +51,7 @@ def run_and_close(
     monkeypatch: pytest.MonkeyPatch,
     *,
     plain: bool = False,
+    reconnect: bool = False,
 ) -> int:
     """Run `work`, interrupt it when the loop has gone round `at` times, close the loop; the turns that it went.
 
@@ -64,7 +65,7 @@ def run_and_close(
         task = asyncio.current_task()
         assert task is not None
         loop.at_turn = lambda turn: what(loop, task) if at <= turn < at + (1 if plain else TIMES) else None
-        async with rig.open() as lidar:
+        async with rig.open(reconnect=reconnect) as lidar:
             await work(lidar)
 
     if plain:
@@ -156,7 +157,7 @@ def test_ended_while_one_is_searched_that_was_started_and_does_not_respond(monke
         return rig
 
     def searched(rig: Rig, at: int, what: Interrupt) -> int:
-        monkeypatch.setattr(Rig, "open", lambda rig: open_lidar(rig.device))
+        monkeypatch.setattr(Rig, "open", lambda rig, **_: open_lidar(rig.device))
         return run_and_close(rig, nothing, at, what, monkeypatch, plain=True)
 
     for at in range(2, 400, 8):
@@ -169,17 +170,9 @@ def test_ended_while_one_is_searched_that_was_started_and_does_not_respond(monke
 OUT_S = 0.3
 
 
-class ComingBack(Rig):
-    """A rig whose sessions come back."""
-
-    def open(self, **options: Any) -> Any:
-        return open_lidar(self.device, family=self.family, reconnect=True, **options)
-
-
 def ended_at(family: str, at: int, what: Interrupt, monkeypatch: pytest.MonkeyPatch) -> tuple[int, int, Rig, Cable]:
     """End a program in that turn of the loop; the turn in which its device was unplugged, and the last one."""
-    made = make_rig(family)
-    rig = ComingBack(made.family, made.device, made.turn_s)
+    rig = make_rig(family)
     rig.device.boot_s = 0.3
     pulled = 0
 
@@ -196,7 +189,7 @@ def ended_at(family: str, at: int, what: Interrupt, monkeypatch: pytest.MonkeyPa
                 while not lidar.stats.reconnects:
                     await anext(stream)
 
-        turns = run_and_close(rig, work, at, what, monkeypatch)
+        turns = run_and_close(rig, work, at, what, monkeypatch, reconnect=True)
     return pulled, turns, rig, cable
 
 

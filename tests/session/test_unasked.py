@@ -18,7 +18,6 @@ from lidario.families.ldrobot.simulated.device import PROFILES as LDROBOT
 from lidario.families.ldrobot.simulated.device import SimulatedLdrobot
 from lidario.families.registry import FAMILIES, family_named
 from lidario.families.ydlidar.simulated.device import PROFILES as YDLIDAR
-from lidario.session.lidar import Lidar
 from lidario.sim.chassis import maker
 from tests.support.devices import Rig, end_of, leave_streaming, left_still, make_rig, names, some, take
 from tests.support.loop import now, now_ns
@@ -35,24 +34,13 @@ SOME = ("ldrobot-ld06", "ydlidar-x2", "neato-xv11", "camsense-x1", "irobotix-del
 talkers = pytest.mark.parametrize("rig", SOME, indirect=True)
 
 
-class Written:
-    """What a session writes, by a tap."""
-
-    def __init__(self, lidar: Lidar) -> None:
-        self.data = b""
-        lidar.tap(self._see)
-
-    def _see(self, direction: str, data: bytes, now: int) -> None:
-        if direction == "out":
-            self.data += data
-
-
 @pytest.mark.parametrize("model", TALKING)
 async def test_every_one_of_them_is_opened_read_and_left(model: str, caplog: pytest.LogCaptureFixture) -> None:
     rig = make_rig(model)
     caplog.clear()
     async with rig.open() as lidar:
-        written = Written(lidar)
+        written = list[bytes]()
+        lidar.tap(lambda way, data, at_ns: written.append(data) if way == "out" else None)
         scans = await take(lidar, 3)
         assert all(len(scan) > 300 and not scan.lost_packets for scan in scans)
         profile = rig.device.profile
@@ -64,7 +52,7 @@ async def test_every_one_of_them_is_opened_read_and_left(model: str, caplog: pyt
         assert scans[-1].rpm == pytest.approx(rpm, rel=0.02)
         # Scans are followed by others: nothing was stopped.
         assert len(await take(lidar, 2)) == 2
-    assert written.data == b""
+    assert written == []
     assert names(rig) == []
     # Some have a switch after all: the control line DTR. Some could be another model, as far as anybody knows.
     by_dtr = getattr(rig.device.profile, "by_dtr", False)
