@@ -92,8 +92,8 @@ def test_one_stamp_that_is_off_hardly_moves_the_prediction() -> None:
 
 @pytest.mark.parametrize("scans", [2, 5])
 def test_the_buffer_fills_as_fast_as_the_bytes_of_one_revolution_came(scans: int) -> None:
-    interval = turning(pace(), *(0.1 * at for at in range(scans))).interval
-    assert interval == pytest.approx(0.7 * BUFFER_BYTES / TURN_BYTES * 0.1)
+    buffer_s = turning(pace(), *(0.1 * at for at in range(scans))).buffer_s
+    assert buffer_s == pytest.approx(BUFFER_BYTES / TURN_BYTES * 0.1)
 
 
 def test_when_the_speed_changes_one_looks_early_rather_than_late() -> None:
