@@ -318,6 +318,7 @@ TEXTS = st.text(max_size=30) | st.sampled_from(
 )
 
 
+@pytest.mark.long
 @given(st.dictionaries(st.sampled_from(["format", "modes", "tried", "fact: a", "fact: \x1b"]), TEXTS))
 def test_whatever_a_file_says_is_read(texts: dict[str, str]) -> None:
     report = report_of(About.of({}), texts)

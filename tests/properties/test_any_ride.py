@@ -16,6 +16,7 @@ from benchmarks.truth_streams import true_stream
 from benchmarks.truth_ways import receive
 
 
+@pytest.mark.long
 @pytest.mark.exhaustive("seed", sample=[0], full=range(12))
 @pytest.mark.exhaustive(
     ("name", "way"),

@@ -28,6 +28,7 @@ def test_joined_reads_give_the_same_scans(case: Case, hits: float, seed: int) ->
     assert_same(case, pieces, times)
 
 
+@pytest.mark.long
 @one_a_parser(KINDS)
 @pytest.mark.parametrize("phase", [0.2, 0.45, 0.7])
 def test_joined_reads_behind_a_silence_give_the_same_scans(case: Case, phase: float) -> None:

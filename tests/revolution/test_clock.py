@@ -102,6 +102,7 @@ def test_late_stamps_are_no_missing_revolutions(name: str, late: float, back: fl
     assert len(scans) + stats.broken_scans == len(clean_scans(name))
 
 
+@pytest.mark.long
 @every_kind
 @pytest.mark.exhaustive("share", sample=[0.09, 0.6], full=[0.03, 0.09, 0.3, 0.6, 0.85, 0.92, 0.97])
 @pytest.mark.parametrize("together", [False, True])

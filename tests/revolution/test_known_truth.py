@@ -119,6 +119,7 @@ def test_the_first_scan_of_a_device_that_tells_no_sample_time_is_dated_by_all_it
     assert times_off[1] < FORMATS[name].samples * FORMATS[name].sample_ns * 1e-6
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", ["an outage of 0.15 s each 0.35 s", "2 % of the bytes lost"])
 @every_format
 def test_parts_of_two_revolutions_do_not_meet_where_a_turn_passes_unseen(name: str, case: str) -> None:
@@ -149,6 +150,7 @@ def test_a_rotor_that_stands_for_a_while_is_not_taken_for_losses(name: str) -> N
     assert found.overlap_ms < 60
 
 
+@pytest.mark.long
 @every_format
 @pytest.mark.exhaustive(
     ("case", "way"), sample=[(HELD[0], "read"), (HELD[1], "file")], full=list(product(HELD, ["read", "file"]))
@@ -241,6 +243,7 @@ def test_a_revolution_whose_angles_are_not_certain_is_not_delivered() -> None:
     assert found.told_revolutions == found.missing_revolutions > 0
 
 
+@pytest.mark.long
 @every_format
 def test_sectors_change_nothing_of_the_scans_where_each_second_packet_is_lost(name: str) -> None:
     """Time tells that half is missing, also where a read is decoded in parts. Before that, some may be wrong."""

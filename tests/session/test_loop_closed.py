@@ -123,6 +123,7 @@ async def nothing(_: Lidar) -> None:
     pass
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("quick_collection")
 @pytest.mark.parametrize("kind", [*SWITCHED, "hlds", "ldrobot-ld14p"])
 def test_ended_while_one_that_streams_is_opened(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -151,6 +151,7 @@ class TestEndOfStream:
         assert (len(after) - answer) < 3 * 84
         assert bench.run(SECOND) == b""
 
+    @pytest.mark.long
     @pytest.mark.parametrize("model", ["rplidar-s2", "rplidar-hq"])
     def test_a_speed_does_not_and_the_head_changes_to_it(self, model: str) -> None:
         bench = Bench(model)
