@@ -22,7 +22,7 @@ import platform
 import re
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import pytest
@@ -35,7 +35,10 @@ from tests.support.environment import obey_signals, search_alone, set_aside, sta
 from tests.support.leaks import leaves_no_task, leaves_nothing
 from tests.support.ledger import ledgers_made
 
-PROPERTIES = Path(__file__).parent / "properties"
+FOLDER = Path(__file__).parent
+PROPERTIES = FOLDER / "properties"
+ORDER = pytest.StashKey[dict[Path, int]]()
+"""Of the files and folders of the tests, in a worker that has begun to collect elsewhere."""
 LONG = {"rounds", "soak"}
 """Fixtures of tests that take as long as they are told to."""
 FIRST = ("exhaustive", "long")
@@ -78,11 +81,10 @@ def pytest_ignore_collect(collection_path: Path) -> bool | None:
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Say what was not run, and how it can be."""
-    folder = Path(__file__).parent
     left_out: dict[str, list[str]] = {}
-    for module in sorted(folder.rglob("test_*.py")):
+    for module in sorted(FOLDER.rglob("test_*.py")):
         if reason := _why_not_here(module):
-            left_out.setdefault(reason, []).append(module.relative_to(folder).as_posix())
+            left_out.setdefault(reason, []).append(module.relative_to(FOLDER).as_posix())
     for reason, names in left_out.items():
         terminalreporter.write_line(f"not run: {', '.join(names)}: {reason}")
 
@@ -149,8 +151,27 @@ def _named(value: object) -> str:
     return "-".join(str(getattr(part, "name", getattr(part, "__name__", part))) for part in parts)
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(
+    collector: pytest.Collector,
+) -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
+    """Have each worker begin elsewhere: in a new clone all compiled the same files at the same time."""
+    report = yield
+    worker = getattr(collector.config, "workerinput", None)
+    if worker and collector.path == FOLDER and isinstance(collector, pytest.Directory):
+        found, number = report.result, int(worker["workerid"].removeprefix("gw"))
+        collector.config.stash[ORDER] = {each.path: rank for rank, each in enumerate(found)}
+        begin = number * len(found) // worker["workercount"]
+        report.result = found[begin:] + found[:begin]
+    return report
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Have async tests watched by `leaves_no_task`, leave out the long ones, and sort by what takes longest."""
+    if order := config.stash.get(ORDER, None):
+        items.sort(
+            key=lambda item: next((order[path] for path in (item.path, *item.path.parents) if path in order), 0)
+        )
     if not _runs_long(config):
         left_out = [item for item in items if item.get_closest_marker("long")]
         config.hook.pytest_deselected(items=left_out)
