@@ -46,7 +46,8 @@ class WokenAlarm(Alarm):
         self._earlier = threading.Event()
 
     def set(self, at: float) -> None:
-        earlier, self.at = at < self.at, at
+        earlier = at < self.at
+        self.at = at
         if earlier:
             self._earlier.set()
 
