@@ -30,6 +30,7 @@ def test_whatever_the_rotor_does_nothing_is_told_as_lost(name: str, way: str, se
     assert found.told_revolutions == found.missing_revolutions
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FORMATS)
 @pytest.mark.exhaustive("share", sample=[0.3], full=[0.1, 0.3])
 def test_where_angles_are_even_they_are_believed_against_the_time(name: str, share: float) -> None:

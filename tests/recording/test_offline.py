@@ -163,6 +163,7 @@ def test_damaged_bytes_take_the_time_of_the_samples_they_held() -> None:
     assert [scan.stamp_ns for scan in lidario.decode(damaged)] == intact
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FORMATS)
 def test_a_scan_does_not_begin_before_the_one_before_has_ended(name: str) -> None:
     """Also where packets are missing without a trace, which bytes alone do not tell."""

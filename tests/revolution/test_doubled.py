@@ -47,6 +47,7 @@ def undisturbed(case: Case) -> tuple[list[Scan], AssemblerStats]:
     return scans_of(case, some(case), pace(case), 1)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", WITH_A_CHECK, ids=named)
 @given(data=st.data())
 def test_it_costs_nothing(case: Case, data: st.DataObject) -> None:

@@ -194,6 +194,7 @@ async def test_zero_offset_is_told_and_applied_only_when_asked(ydlidar: Rig) -> 
     assert again.device_angles[0] == pytest.approx(before.device_angles[0], abs=0.5)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("steps", range(1, 40, 6))
 @pytest.mark.parametrize("on", [True, False])
 async def test_a_toggle_that_was_not_confirmed_is_looked_at_before_the_next_stream(

@@ -250,6 +250,7 @@ async def test_one_whose_packets_are_not_recognised_is_stopped_where_its_search_
     assert not caplog.records
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("after_s", [0.0, 0.013, 0.05, 0.091])
 @pytest.mark.parametrize("model", ["hokuyo-urg04lx", "hokuyo-ust10lx"])
 async def test_whose_packets_are_whole_scans_is_recognised_by_one_where_its_search_is_cancelled(

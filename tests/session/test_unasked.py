@@ -128,6 +128,7 @@ async def test_closing_does_not_wait_for_silence(rig: Rig) -> None:
         await anext(stream)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", SOME)
 @pytest.mark.parametrize("fault", ["drop:1%", "flip:1%", "babble:100"])
 async def test_one_on_a_damaged_line_is_opened_all_the_same(model: str, fault: str) -> None:

@@ -163,6 +163,7 @@ def test_of_joined_reads_it_is_told_which_packets_only_a_later_read_has_shown(ca
             number += event.count
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 def test_who_keeps_the_frames_of_the_parsers_ends_no_stream(case: Case) -> None:
     """As a profiler does, or a hook that keeps a failed finalizer's traceback: they hold views of the buffer."""
