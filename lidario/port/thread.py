@@ -40,6 +40,8 @@ LATENESS_FACTOR = 3.0
 UNKNOWN_LATE_S = 0.005
 """Lateness that is assumed of a thread that has just begun. On a machine that is not busy it falls below 2 ms in
 five seconds. Then one wake-up in a revolution of 100 ms of the fastest stream is enough."""
+FEW_PORTS = 8
+"""Of more than these one is always due soon: looking at all, each time that one was read, would save no wake-up."""
 LEAST_SHARE = 0.2
 """Share of the buffer that may fill in any case, however late the thread is."""
 JOIN_S = 0.1
@@ -169,9 +171,10 @@ class ReadingThread:
             thread.join(JOIN_S)
 
     def put_off(self) -> None:
-        """An event loop has read its port: the thread may sleep until the next one is due."""
+        """An event loop has read its port: where there are few, the thread may sleep until the next one is due."""
         with self._lock:
-            self._set_alarm()
+            if len(self.ports) <= FEW_PORTS:
+                self._set_alarm()
 
     def _set_alarm(self) -> None:
         late = LATENESS_FACTOR * self._late

@@ -165,3 +165,19 @@ def test_a_loop_that_has_read_puts_off_the_alarm_until_a_port_is_due(monkeypatch
     for watched in ports:
         thread.remove(watched)
     assert alarm.times.get(timeout=PATIENCE_S) == clock.now
+
+
+def test_of_many_ports_not_each_read_looks_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = Clock()
+    alarm = Noted(clock)
+    monkeypatch.setattr("lidario.port.thread.make_alarm", lambda: alarm)
+    thread, ports = ReadingThread(lambda: clock.now), [clock.watched(0.045) for _ in range(20)]
+    for watched in ports:
+        thread.add(watched)
+    # Each is looked at when it comes: the alarm rings, and is set again.
+    for _ in range(2 * len(ports) - 1):
+        alarm.times.get(timeout=PATIENCE_S)
+    thread.put_off()
+    assert alarm.times.empty()
+    for watched in ports:
+        thread.remove(watched)
