@@ -35,7 +35,7 @@ class Alarm(ABC):
         """Return when it is time."""
 
     def close(self) -> None:  # noqa: B027 - only where the system gave something
-        """Give back what the system gave. Nobody may wait then."""
+        """Give back what the system gave; no thread may wait then."""
 
 
 class WokenAlarm(Alarm):

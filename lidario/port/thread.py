@@ -132,7 +132,7 @@ class ReadingThread:
         self.ports: list[Served] = []  # those that it serves now; `add` and `remove` change that
         self._thread: threading.Thread | None = None
         self._late = UNKNOWN_LATE_S
-        self._alarm: Alarm = WokenAlarm()  # nobody waits for it; a thread has its own
+        self._alarm: Alarm = WokenAlarm()  # until the thread has its own
 
     def add(self, watched: Served) -> None:
         """Serve this port from now on; starts the thread where it does not run, as `start_thread`.
@@ -211,7 +211,7 @@ class ReadingThread:
             return None
 
     def forget_alarm(self) -> None:
-        """Nobody waits for the alarm any more; in a forked child, it is the parent's."""
+        """The thread has ended; or this is a forked child, and it is the parent's."""
         # Never closed twice, wherever a fork comes.
         alarm, self._alarm = self._alarm, WokenAlarm()
         alarm.close()
