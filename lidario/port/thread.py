@@ -5,10 +5,9 @@ computes for longer on its event loop would lose bytes. So while a stream runs, 
 before the buffer fills (`Watched.buffer_s`). It only moves bytes into the port's `Inbox` and notes when they came.
 The event loop takes them from there when it needs them, at the end of a revolution, and reads what came since. No
 thread wakes the other one: a loop that is late finds everything in the inbox, and one that has read puts off the
-alarm for which the thread sleeps (`lidario.port.alarm`). So the thread wakes where it is needed: once in a
-revolution of 100 ms of the fastest stream, twice on a busy machine, never where the buffer holds a whole one. What
-must be written again and again to keep a device going, and the loop is late with, is written likewise
-(`lidario.port.repeat`).
+alarm for which the thread sleeps (`lidario.port.alarm`). So the thread wakes where it is needed: twice in a
+revolution of 100 ms of the fastest stream, never where the buffer holds a whole one. What must be written again and
+again to keep a device going, and the loop is late with, is written likewise (`lidario.port.repeat`).
 
 One thread reads all ports of the process. It starts with the first stream and ends with the last. It is a daemon
 thread, so it never keeps a program from ending. A forked child has no such thread and starts its own when it opens
@@ -37,16 +36,17 @@ TOGETHER_S = 0.006
 """How much earlier than it must be a port is read, to read several at one wake-up."""
 LATENESS_FACTOR = 3.0
 """Safety factor on the observed lateness of the thread: as long as it is late, ports are read more often."""
-UNKNOWN_LATE_S = 0.005
-"""Lateness that is assumed of a thread that has just begun. On a machine that is not busy it falls below 2 ms in
-five seconds. Then one wake-up in a revolution of 100 ms of the fastest stream is enough."""
+RESERVE_SHARE = 0.3
+"""Share of the buffer that is kept free in any case: bytes come in bursts, one of which may come just behind a read.
+With 0.15 a revolution of 100 ms of the fastest stream takes one wake-up and not two, but an S2 lost up to 300 bytes
+behind a blocked loop, on a machine that was not busy."""
 FEW_PORTS = 8
 """Of more than these one is always due soon: looking at all, each time that one was read, would save no wake-up."""
 LEAST_SHARE = 0.2
 """Share of the buffer that may fill in any case, however late the thread is."""
 JOIN_S = 0.1
 """Longest time for which ending the thread is waited for. It takes less than a tenth of a millisecond."""
-_FORGET = 0.98
+_FORGET = 0.95
 """Share of the greatest lateness that is remembered after another wake-up."""
 
 
@@ -105,7 +105,8 @@ class Watched:
 
     def due(self, late: float) -> float:
         """As `Served`: before the buffer is full. The thread may have to wait for the interpreter."""
-        reserve = min(late + sys.getswitchinterval(), (1 - LEAST_SHARE) * self.buffer_s)
+        reserve = max(late + sys.getswitchinterval(), RESERVE_SHARE * self.buffer_s)
+        reserve = min(reserve, (1 - LEAST_SHARE) * self.buffer_s)
         return max(self.inbox.last_ns * 1e-9, self._tried) + self.buffer_s - reserve
 
     def serve(self, now: float) -> None:
@@ -131,7 +132,7 @@ class ReadingThread:
         self._lock = threading.RLock()
         self.ports: list[Served] = []  # those that it serves now; `add` and `remove` change that
         self._thread: threading.Thread | None = None
-        self._late = UNKNOWN_LATE_S
+        self._late = 0.0
         self._alarm: Alarm = WokenAlarm()  # until the thread has its own
 
     def add(self, watched: Served) -> None:

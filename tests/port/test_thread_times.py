@@ -51,21 +51,20 @@ class Clock:
 
 def test_a_port_that_nobody_reads_is_read_before_its_buffer_is_full() -> None:
     clock = Clock()
-    reads = [100.0, *clock.run(clock.watched(0.04), 0.2)]
-    # A thread may wait 5 ms for the interpreter.
+    reads = [100.0, *clock.run(clock.watched(0.05), 0.2)]
     assert [b - a for a, b in pairwise(reads)] == pytest.approx([0.035] * 5)
 
 
 def test_a_late_thread_reads_more_often() -> None:
     clock = Clock()
     watched = clock.watched(0.057)
-    for late, between in ((0.004, 0.048), (0.019, 0.033), (1.0, 0.0114)):
+    for late, between in ((0.004, 0.0399), (0.019, 0.033), (1.0, 0.0114)):
         reads = clock.run(watched, 0.2, late)
         assert reads[-1] - reads[-2] == pytest.approx(between)
 
 
 def test_a_loop_in_time_costs_no_wake_up_but_where_the_buffer_holds_no_whole_revolution() -> None:
-    for buffer_s, served in ((0.061, 30), (0.11, 0)):
+    for buffer_s, served in ((0.061, 60), (0.08, 30), (0.15, 0)):
         clock = Clock()
         watched = clock.watched(buffer_s)
         for _ in range(30):
@@ -84,7 +83,7 @@ def test_a_loop_that_is_blocked_at_any_moment_loses_nothing() -> None:
         watched.inbox.read()
         clock.run(watched, blocked_ms / 1000)
         reads = [watched.inbox.last_ns * 1e-9, *clock.run(watched, 1.0)]
-        assert max(b - a for a, b in pairwise(reads)) <= 0.0561
+        assert max(b - a for a, b in pairwise(reads)) <= 0.0428
 
 
 def thread_of(clock: Clock, *ports: Watched) -> ReadingThread:
@@ -97,9 +96,9 @@ def thread_of(clock: Clock, *ports: Watched) -> ReadingThread:
 def test_ports_that_are_due_soon_are_read_together() -> None:
     clock = Clock()
     thread = thread_of(clock, clock.watched(0.045), clock.watched(0.047))
-    clock.now += 0.04
+    clock.now += 0.0315
     thread.serve()
-    assert clock.reads == [100.04, 100.04]
+    assert clock.reads == [100.0315, 100.0315]
 
 
 def test_an_error_is_told_and_tried_again() -> None:
@@ -113,15 +112,15 @@ def test_an_error_is_told_and_tried_again() -> None:
     assert len(clock.run(watched, 0.1)) >= 2
 
 
-def test_lateness_is_remembered_for_a_while_and_some_is_assumed_at_first() -> None:
+def test_lateness_is_remembered_for_a_while() -> None:
     clock = Clock()
     thread = thread_of(clock, clock.watched(0.065))
-    for late, due in ((0.005, 0.045), (0.012, 0.024), (0.0001, 0.025)):
+    for late, due in ((0.002, 0.0455), (0.012, 0.024), (0.0001, 0.0258)):
         thread.note_lateness(late)
         assert thread.serve() == pytest.approx(clock.now + due, abs=0.001)
     for _ in range(400):
         thread.note_lateness(0.0001)
-    assert thread.serve() == pytest.approx(clock.now + 0.06, abs=0.001)
+    assert thread.serve() == pytest.approx(clock.now + 0.0455)
 
 
 class Noted(Alarm):
@@ -156,8 +155,8 @@ def test_a_loop_that_has_read_puts_off_the_alarm_until_a_port_is_due(monkeypatch
         due = alarm.times.get(timeout=PATIENCE_S)
         assert due > clock.now
     begun = clock.now
-    # The second one may stay unread for 10 ms longer.
-    for at, read, later in ((0.01, 0, 0.01), (0.03, 1, 0.01), (0.03, 0, 0.03)):
+    # The second one may stay unread for 7 ms longer.
+    for at, read, later in ((0.005, 0, 0.005), (0.03, 1, 0.005), (0.03, 0, 0.03)):
         clock.now = begun + at
         ports[read].inbox.read()
         thread.put_off()
