@@ -37,7 +37,7 @@ TOGETHER_S = 0.006
 LATENESS_FACTOR = 3.0
 """Safety factor on the observed lateness of the thread: as long as it is late, ports are read more often."""
 RESERVE_SHARE = 0.3
-"""Share of the buffer that is kept free in any case: bytes come in bursts, one of which may come just behind a read.
+"""Share of the buffer that is kept free in any case: bytes come in bursts, also just behind a read.
 With 0.15 a revolution of 100 ms of the fastest stream takes one wake-up and not two, but an S2 lost up to 300 bytes
 behind a blocked loop, on a machine that was not busy."""
 FEW_PORTS = 8
