@@ -179,7 +179,7 @@ class ReadingThread:
 
     def _set_alarm(self) -> None:
         late = LATENESS_FACTOR * self._late
-        self._alarm.set(min((each.due(late) for each in self.ports), default=0.0))
+        self._alarm.set(min((each.due(late) for each in self.ports), default=self._clock()))
 
     def _run(self, begun: Latch) -> None:
         with self._lock:

@@ -22,7 +22,7 @@ BUFFER_BYTES = 4096
 NETWORK_BUFFER_BYTES = 16 * 1024
 """What a socket surely keeps: of Linux's 208 KiB a datagram of 84 bytes takes nearly a kilobyte."""
 LONGEST_BUFFER_S = 0.25
-"""However slowly bytes come, a line is read that often: an unplugged one should be noticed soon."""
+"""However slowly bytes come, a line is read at least that often: an unplugged one should be noticed soon."""
 UNKNOWN_BUFFER_S = 0.04
 """Time in which the buffer may fill where not even the speed of the line is known."""
 EAGER_S = 0.003
