@@ -8,7 +8,6 @@ hand, and behind them all places of a window at once, as arrays.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -26,11 +25,9 @@ SEAM_Q6: Final = 30 << 6
 """New-scan marks within this of each other stand at the same place."""
 CHAIN_IN_PHASE: Final = 4
 """Nodes in the old phase that must follow each other, the first of them near the last angle."""
-CHAIN_NEARBY: Final = 8
-"""Nodes in another phase that must follow each other, the first of them near the last angle."""
 CHAIN_ALONE: Final = 16
-"""Nodes that must follow each other where there is no last angle to continue. One wrong phase in four passes the
-check bits of a node, so on random bytes a chain of 16 passes once in 4 billion times."""
+"""Nodes that must follow each other in another phase. One wrong phase in four passes the check bits of a node, so
+on random bytes a chain of 16 passes once in 4 billion times."""
 
 _CHECKED_CHAIN: Final = re.compile(
     b"(?:[%b][%b][\\x00-\\xb3][\\x00-\\xff]{2}){%d}"
@@ -93,22 +90,6 @@ def chain_steps(data: bytearray, at: int, length: int, mark: int | None) -> list
             steps.append(step)
         last = angle
     return steps
-
-
-def evenest(data: bytearray, places: Sequence[int], length: int, mark: int | None) -> int | None:
-    """Of the places where a chain begins, the one whose angle advances most evenly."""
-    best: tuple[bool, float, int] | None = None
-    for place in places:
-        steps = chain_steps(data, place, length, mark)
-        if steps is None:
-            continue
-        total = sum(steps)
-        mean = total / len(steps)
-        unevenness = sum(abs(step - mean) for step in steps) / max(abs(mean), 1.0)
-        rank = (total <= 0, unevenness, place)
-        if best is None or rank < best:
-            best = rank
-    return None if best is None else best[2]
 
 
 _BY_HAND: Final = 3

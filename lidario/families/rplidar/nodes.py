@@ -7,10 +7,10 @@ times in a row. So a node is believed only in its context:
 
 * in step, its angle must continue the one before by a small step, and a new-scan mark must stand where marks do;
 * out of step, a chain of nodes must pass that test together. Nodes in the old phase that also continue the
-  last angle need the shortest chain: a flipped bit costs one node. Another phase (a byte was lost) needs a
-  longer chain that continues the last angle. A chain with nothing to continue, as at the beginning of a
-  stream, must be the longest;
-* where several phases pass, the one that advances evenly is the rotor: distances read as angles jump, or stand.
+  last angle need a short chain: a flipped bit costs one node. In another phase (a byte was lost), and at the
+  beginning of a stream, it must be a long one;
+* where several phases pass, the first that advances is the rotor: the distances of an even wall, read as angles,
+  stand.
 
 The manual does not say at which angle a scan begins. Most devices mark it at 0, where the angles tell as much.
 Where the first mark of a stream stands elsewhere, or two in a row do at one place, revolutions follow those. A mark
@@ -28,7 +28,6 @@ from lidario.families.rplidar.chains import (
     BACKWARD_Q6,
     CHAIN_ALONE,
     CHAIN_IN_PHASE,
-    CHAIN_NEARBY,
     FORWARD_Q6,
     FULL_TURN_Q6,
     NEAR_Q6,
@@ -36,7 +35,6 @@ from lidario.families.rplidar.chains import (
     angle_at,
     apart,
     chain_steps,
-    evenest,
     fits,
     is_far,
     next_chain,
@@ -174,12 +172,13 @@ class NodeFormat(StreamFormat):
             for place in range(at, at + PHASES_BACK * SIZE, SIZE):
                 if self._near(data, place) and chain_steps(data, place, CHAIN_IN_PHASE, self._mark) is not None:
                     return place
-            nearby = [p for p in range(at, at + 2 * SIZE) if self._near(data, p)]
-            best = evenest(data, nearby, CHAIN_NEARBY, self._mark)
-            if best is not None:
-                return best
-        best = evenest(data, range(at, at + SIZE), CHAIN_ALONE, self._mark)
-        return -1 if best is None else best
+        standing = -1
+        for place in range(at, at + SIZE):
+            steps = chain_steps(data, place, CHAIN_ALONE, self._mark)
+            if steps is not None and sum(steps) > 0:
+                return place
+            standing = place if steps is not None and standing < 0 else standing
+        return standing
 
     def _next_place(self, data: bytearray, at: int) -> int:
         """The first place from `at` on from which `find_step` can see a chain, found without looking at each."""

@@ -97,6 +97,16 @@ def test_checking_as_an_array_finds_what_checking_one_by_one_finds(steps: list[i
     assert vars(whole) == vars(single)
 
 
+@pytest.mark.parametrize("cut", range(5))
+def test_an_even_wall_whose_distances_could_be_angles_is_not_taken_for_the_rotor(cut: int) -> None:
+    """From its fourth byte on, each of these nodes could be the beginning of one that stands."""
+    data = bytearray(b"".join(node(1000 + 29 * number, distance=0x0502) for number in range(60))[cut:])
+    stream, at = NodeFormat(), 0
+    while not (found := stream.next_stretch(data, at)).packets:
+        at = found.end
+    assert at % 5 == -cut % 5
+
+
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize(("angle", "told"), [(30 * 64, False), (30 * 64 + 1, True)])
 def test_a_mark_is_told_where_it_stands_elsewhere_than_at_0(angle: int, side: int, told: bool) -> None:
