@@ -294,7 +294,6 @@ class Port(Guarded, WallClock, asyncio.Protocol):
         Args:
             exc: Why; a DeviceLost is passed on as it is, and is told even where the port was closed as asked.
         """
-        self.set_repeat(b"")
         error = exc if isinstance(exc, DeviceLost) else None
         if error is None and self.explain_loss is not None:
             error = self.explain_loss()

@@ -13,7 +13,7 @@ import pytest
 from lidario.port.repeat import Repeat
 from lidario.port.serial import open_serial
 from lidario.port.thread import Served
-from tests.port.test_thread import Steady
+from tests.port.test_thread import Steady, threads
 from tests.support.ports import terminal_pair, written
 
 REQUEST = b"\xa5\x60"
@@ -106,6 +106,19 @@ async def test_the_thread_writes_it_while_the_loop_is_blocked_and_taps_see_it_in
         assert [now for *_, now in seen] == sorted(now for *_, now in seen)
         assert min(later - earlier for earlier, later in pairwise(out)) >= 100_000_000
         await port.close()
+
+
+@pytest.mark.parametrize("end", ["close", "abandon"])
+async def test_nothing_is_repeated_on_a_port_that_is_closed(end: str) -> None:
+    with terminal_pair() as (_, _, path):
+        port = await open_serial(path, 1_000_000)
+        port.set_repeat(REQUEST, 3600.0)
+        assert len(threads()) == 1
+        if end == "abandon":
+            port.abandon(b"stop")
+            assert threads() == []
+        await port.close()
+        assert threads() == []
 
 
 @pytest.mark.long

@@ -63,7 +63,7 @@ class DistanceFormat(StreamFormat):
         if geometry is not None:
             step = 360 / geometry.turn
             # Half a step around each sample belongs to it.
-            self.begin_deg: float = ((geometry.front - geometry.first + 0.5) * step) % 360
+            self.begin_deg: float = (geometry.front - geometry.first + 0.5) * step
             self.field_deg: float = -geometry.steps * step
 
     @property

@@ -162,7 +162,9 @@ def test_a_block_of_a_ust_is_known_by_its_steps() -> None:
     found = find_stream(memoryview(block), Known())
     assert found is not None
     assert found.title == "Hokuyo UST-10LX, UST-20LX or UTM-30LX"
-    assert found.stream.format.field_deg == pytest.approx(-270, abs=1)
+    wire = found.stream.format
+    assert wire.field_deg == pytest.approx(-270, abs=1)
+    assert wire.begin_deg == pytest.approx(-wire.field_deg / 2)
 
 
 def test_the_speed_is_what_the_device_tells() -> None:
