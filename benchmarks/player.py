@@ -196,6 +196,8 @@ class Bridge:
     def _serve(self) -> None:
         while True:
             client, _ = self._server.accept()
+            # Else each small piece waits until the one before is acknowledged, up to 40 ms (Nagle's algorithm).
+            client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             with client, contextlib.suppress(OSError):
                 while self._carry(client):
                     pass
