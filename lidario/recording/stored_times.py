@@ -14,7 +14,7 @@ from lidario.families.base import Stream
 from lidario.revolution.device_clock import StampReader
 from lidario.revolution.partial import part_of
 from lidario.revolution.timing import DEVICE_DELAY_SAMPLES
-from lidario.revolution.together import join_runs
+from lidario.revolution.together import joined
 from lidario.wire.blocks import Block
 from lidario.wire.events import Arrival, Packets
 from lidario.wire.formats import Ticks
@@ -50,8 +50,7 @@ class StoredTimes:
         wire = self._wire
         places = [0, *[at for at, _ in packets.skips if at], packets.count]
         parts = [part_of(packets, *each, None, wire, self._sample_ns) for each in pairwise(places)]
-        (found,) = join_runs([self._dated(part) for part in (parts if len(parts) > 1 else [packets])])
-        return found
+        return joined([self._dated(part) for part in (parts if len(parts) > 1 else [packets])])
 
     def _dated(self, packets: Packets) -> Packets:
         """As `dated`, where nothing was skipped but before the first of them."""

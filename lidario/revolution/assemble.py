@@ -22,12 +22,13 @@ from lidario.revolution.clock import several
 from lidario.revolution.ended import EndedRevolution, share_past
 from lidario.revolution.incoming import Clock
 from lidario.revolution.late_reads import dated_within
-from lidario.revolution.partial import PartialRevolution, SampleArrays, joined, part_of
+from lidario.revolution.partial import PartialRevolution, SampleArrays, part_of
 from lidario.revolution.seam import Seam, Split
 from lidario.revolution.sparse_speed import dated_angles
 from lidario.revolution.stats import AssemblerStats
 from lidario.revolution.steady import SteadyAssembler
 from lidario.revolution.timing import first_sample_ns
+from lidario.revolution.together import joined
 from lidario.scan import Scan
 from lidario.wire.blocks import packet_offsets
 from lidario.wire.events import Packets

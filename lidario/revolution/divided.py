@@ -15,8 +15,9 @@ import numpy as np
 
 from lidario.families.base import DecodedRevolution, Decoder, Samples
 from lidario.revolution.ended import FALSE_PART, UNEVEN, hides_a_turn
-from lidario.revolution.partial import PartialRevolution, SampleArrays, joined
+from lidario.revolution.partial import PartialRevolution, SampleArrays
 from lidario.revolution.timing import begins_of
+from lidario.revolution.together import joined
 from lidario.wire.blocks import Block, some_blocks
 from lidario.wire.events import Packets
 from lidario.wire.formats import HEADING_MASK, Headings, StreamFormat

@@ -25,7 +25,7 @@ from lidario.families.spans import LIKENESS
 from lidario.revolution.doubled import without
 from lidario.revolution.partial import part_of
 from lidario.revolution.stats import AssemblerStats
-from lidario.revolution.together import join_runs
+from lidario.revolution.together import joined
 from lidario.wire.blocks import packet_offsets
 from lidario.wire.events import Packets
 from lidario.wire.formats import HEADING_MASK, Headings
@@ -111,7 +111,7 @@ class FalsePackets:
         judged = self._can_tell and self.passing(headings, packets.skips) is None
         if not judged or self._begins(packets, headings) or self._goes_on(packets, headings):
             return packets, headings
-        (run,) = join_runs([packets] if (waiting := self.left()) is None else [waiting, packets])
+        run = packets if (waiting := self.left()) is None else joined([waiting, packets])
         false, waits = self._judge([int(each) & HEADING_MASK for each in self._wire.headings(run)], run.skips)
         self._stats.false_packets += len(false)
         # The time that they took has passed all the same.

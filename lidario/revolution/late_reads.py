@@ -14,7 +14,8 @@ from dataclasses import replace
 from itertools import accumulate
 
 from lidario.families.base import Decoder, Samples
-from lidario.revolution.partial import PartialRevolution, joined, part_of
+from lidario.revolution.partial import PartialRevolution, part_of
+from lidario.revolution.together import joined
 from lidario.wire.blocks import packet_offsets
 from lidario.wire.events import Arrival, Packets
 from lidario.wire.formats import StreamFormat

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.base import Samples
-from lidario.wire.blocks import Block, join_blocks, packet_offsets, some_blocks
+from lidario.revolution.together import joined
+from lidario.wire.blocks import packet_offsets, some_blocks
 from lidario.wire.events import Arrival, Packets
 from lidario.wire.formats import StreamFormat
 
@@ -123,22 +124,6 @@ class PartialRevolution:
     def last_ns(self) -> int:
         """Arrival of its latest packet."""
         return self.runs[-1].arrivals[-1][1] if self.runs else self.carried_ns
-
-
-def joined(runs: Sequence[Packets]) -> Packets:
-    """Packets that follow each other, as if they had been reported together; at least one run."""
-    if len(runs) == 1:
-        return runs[0]
-    arrivals: list[Arrival] = []
-    before = 0
-    for run in runs:
-        for count, at_ns in run.arrivals:
-            arrivals.append((before + count, at_ns))
-        before, _ = arrivals[-1]
-    blocks: list[Block] = []
-    join_blocks(blocks, [block for run in runs for block in run.blocks])
-    data = b"".join([run.data for run in runs])
-    return Packets(data, tuple(blocks), tuple(arrivals), cut=runs[-1].cut)
 
 
 def part_of(

@@ -14,7 +14,7 @@ from lidario.revolution.incoming import Clock
 from lidario.revolution.partial import MOST_IN_A_PART, parts_of
 from lidario.revolution.sectors import SectorAssembler
 from lidario.revolution.stats import AssemblerStats
-from lidario.revolution.together import join_runs, slices
+from lidario.revolution.together import joined, slices
 from lidario.revolution.whole import assembler_of
 from lidario.scan import Scan
 from lidario.wire.events import Arrival, Packets
@@ -62,7 +62,7 @@ class Pipeline:
         """Take bytes, all at once; return the scans that they complete. The arguments are those of `Link`."""
         runs = self._parse(data, now, arrivals)
         # What is counted to tell the time is counted between the places where bytes were skipped.
-        runs = runs if self._is_stored else join_runs(runs)
+        runs = [joined(runs)] if runs and not self._is_stored else runs
         return [scan for packets in runs for scan in self.assembler.add(packets)]
 
     def steps(self, data: bytes, now: int, arrivals: Sequence[Arrival] = ()) -> Iterator[list[Scan]]:
@@ -71,8 +71,8 @@ class Pipeline:
         for piece in slices(data, now, arrivals):
             runs += self._parse(*piece)
             yield []
-        for packets in join_runs(runs):
-            yield from self.take(packets)
+        if runs:
+            yield from self.take(joined(runs))
 
     def take(self, packets: Packets) -> Iterator[list[Scan]]:
         """Take packets that were parsed elsewhere, in steps of bounded work.

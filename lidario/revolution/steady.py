@@ -22,10 +22,11 @@ from lidario.revolution.build import DatedRevolution, build_scan, turned_by
 from lidario.revolution.clock import FEWEST_PACKETS, NOISE, Beginning, RevolutionClock
 from lidario.revolution.ended import FALSE_PART, UNEVEN, hides_a_turn
 from lidario.revolution.incoming import Clock, Incoming
-from lidario.revolution.partial import PartialRevolution, SampleArrays, joined, part_of
+from lidario.revolution.partial import PartialRevolution, SampleArrays, part_of
 from lidario.revolution.seam import Split
 from lidario.revolution.stats import AssemblerStats
 from lidario.revolution.timing import byte_ns_at, earliest_ns
+from lidario.revolution.together import joined
 from lidario.scan import Scan
 from lidario.wire.blocks import packet_offsets, some_blocks
 from lidario.wire.events import Packets

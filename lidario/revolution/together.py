@@ -52,10 +52,10 @@ def join_reads(
     return b"".join([data for data, _ in reads]), earliest_ns, arrivals
 
 
-def join_runs(runs: Sequence[Packets]) -> list[Packets]:
-    """Runs of packets that follow each other as one run; none of none."""
-    if len(runs) <= 1:
-        return list(runs)
+def joined(runs: Sequence[Packets]) -> Packets:
+    """Packets that follow each other, as if they had been reported together; at least one run."""
+    if len(runs) == 1:
+        return runs[0]
     blocks: list[Block] = []
     join_blocks(blocks, [block for run in runs for block in run.blocks])
     arrivals: list[Arrival] = []
@@ -70,11 +70,8 @@ def join_runs(runs: Sequence[Packets]) -> list[Packets]:
             arrivals.append((before + count, at_ns))
             apart = False
         before = arrivals[-1][0]
-    return [
-        Packets(
-            b"".join([run.data for run in runs]), tuple(blocks), tuple(arrivals), tuple(skips), cut=runs[-1].cut
-        )
-    ]
+    data = b"".join([run.data for run in runs])
+    return Packets(data, tuple(blocks), tuple(arrivals), tuple(skips), cut=runs[-1].cut)
 
 
 def _bytes_of(arrival: Arrival) -> int:

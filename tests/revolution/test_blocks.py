@@ -8,7 +8,7 @@ from lidario.revolution.assemble import Assembler
 from lidario.revolution.partial import MOST_IN_A_PART
 from lidario.revolution.pipeline import Pipeline
 from lidario.revolution.seam import Split
-from lidario.revolution.together import join_runs
+from lidario.revolution.together import joined
 from lidario.wire.blocks import packet_offsets
 from lidario.wire.envelope import DESCRIPTOR_SIZE
 from lidario.wire.events import Packets
@@ -63,5 +63,5 @@ def test_each_part_is_a_step_also_where_no_revolution_ends() -> None:
     """As of a peer that floods: all packets have one angle."""
     pipeline = Pipeline(KINDS["0x85 dense"].stream())
     pipeline.link.receive_data(blob("endless", 84 * 3 * MOST_IN_A_PART), 1)
-    (packets,) = join_runs([event for event in pipeline.link.events_received() if isinstance(event, Packets)])
+    packets = joined([event for event in pipeline.link.events_received() if isinstance(event, Packets)])
     assert list(pipeline.take(packets)) == [[], [], []]

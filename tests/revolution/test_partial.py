@@ -9,7 +9,8 @@ import pytest
 from lidario.families.base import DecodedRevolution, Samples
 from lidario.families.rplidar.formats import DenseFormat
 from lidario.families.ydlidar.formats import PointCloud
-from lidario.revolution.partial import PartialRevolution, SampleArrays, joined, part_of
+from lidario.revolution.partial import PartialRevolution, SampleArrays, part_of
+from lidario.revolution.together import joined
 from lidario.wire.blocks import Block, join_blocks
 from lidario.wire.events import Packets
 from lidario.wire.formats import StreamFormat

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import pytest
 
-from lidario.revolution.together import join_runs, slices
+from lidario.revolution.together import joined, slices
 from lidario.wire.events import Packets
 from lidario.wire.link import Link
 from tests.support.cases import KINDS, Case, named
@@ -28,7 +28,7 @@ def packets_of(link: Link) -> list[Packets]:
 @pytest.mark.parametrize("every", [1, 3, 10**6])
 def test_they_are_joined_with_the_time_of_each_read(case: Case, every: int) -> None:
     runs = runs_of(case, 1000, every)
-    (whole,) = join_runs(runs)
+    whole = joined(runs)
     assert whole.data == b"".join(run.data for run in runs)
     assert whole.count == sum(run.count for run in runs) == whole.arrivals[-1][0]
     assert sum(block.size * block.packets for block in whole.blocks) == len(whole.data)
@@ -56,7 +56,7 @@ def test_slices_are_the_same_bytes_with_the_same_times(case: Case, most: int) ->
         assert len(piece) <= most
         assert all(0 < size < len(piece) for size, _ in came)
         cut.receive_data(piece, now, came)
-    assert join_runs(packets_of(cut)) == join_runs(packets_of(whole))
+    assert joined(packets_of(cut)) == joined(packets_of(whole))
     assert cut.stats == whole.stats
 
 
@@ -66,6 +66,6 @@ def test_where_bytes_were_skipped_stays_known() -> None:
     packets = b"".join(case.packets)
     for begin in range(0, 4 * size, size):
         link.receive_data(packets[begin : begin + size] + bytes(7), 1)
-    (whole,) = join_runs(packets_of(link))
+    whole = joined(packets_of(link))
     assert whole.skips == ((3, 7), (6, 7), (9, 7))
     assert whole.skipped == 0

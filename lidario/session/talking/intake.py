@@ -19,7 +19,7 @@ from lidario.model import LineErrors
 from lidario.port.port import Port
 from lidario.port.turns import DELIVERY_BYTES, MOST_WAITING, Turns
 from lidario.recording.chronicle import Chronicle
-from lidario.revolution.together import SLICE, join_runs, slices
+from lidario.revolution.together import SLICE, joined, slices
 from lidario.wire.events import Packets, Response
 from lidario.wire.link import Link, LinkStats
 from lidario.wire.states import LinkState
@@ -85,8 +85,8 @@ class Intake(ABC):
             if not whole:
                 yield (None,)
         self.taken()
-        for packets in join_runs(runs):
-            yield self.deliver(packets)
+        if runs:
+            yield self.deliver(joined(runs))
 
     def deliver_to(self, callback: TakePackets | None) -> None:
         """Have `callback` take all packets, first those since the descriptor. With None, none are taken."""
