@@ -219,6 +219,8 @@ def test_samples_around_lost_packets_have_the_times_of_the_scan(case: Case) -> N
             begin += len(sector)
             off_ns = np.abs(sector.times_ns - sector.stamp_ns - since_ns)
             assert off_ns.max() <= case.sample_us * 1e3
+            ends_ns = sector.times_ns[-1] + sector.time_increment_ns
+            assert sector.stamp_ns + sector.duration_ns == pytest.approx(ends_ns, abs=case.sample_us * 1e3)
             checked += sector.lost_packets
     assert checked > 1
 
