@@ -3,8 +3,6 @@
 import ast
 import inspect
 import re
-import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,6 +10,7 @@ import pytest
 
 import lidario
 from lidario import filters
+from tests.support.children import ended
 
 API = Path(__file__).parent.parent / "docs" / "api"
 DOCUMENTED = [
@@ -106,17 +105,12 @@ def test_what_stands_in_public_signatures_is_public(name: str) -> None:
     assert not missing, f"{name} names {missing}, which cannot be imported from lidario"
 
 
-def in_a_fresh_interpreter(code: str) -> str:
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
-    return done.stdout.strip()
-
-
 EXTRAS = {"click", "rich", "mcap", "websockets", "zenoh", "matplotlib", "lidario.cli"}
 LOADED = "print(*sorted(sys.modules))"
 
 
 def test_importing_costs_next_to_nothing() -> None:
-    loaded = set(in_a_fresh_interpreter(f"import lidario, sys; {LOADED}").split())
+    loaded = set(ended(f"import lidario, sys; {LOADED}").stdout.split())
     assert "lidario" in loaded
     assert not loaded & (EXTRAS | {"numpy", "serial", "anyio"})
 
@@ -124,13 +118,13 @@ def test_importing_costs_next_to_nothing() -> None:
 @pytest.mark.long
 def test_the_command_waits_for_numpy_only_where_it_is_used() -> None:
     # The shell runs it at each completion.
-    loaded = set(in_a_fresh_interpreter(f"import lidario.cli.main, sys; {LOADED}").split())
+    loaded = set(ended(f"import lidario.cli.main, sys; {LOADED}").stdout.split())
     assert not loaded & {"numpy", "rich.console", "serial", "lidario.session.lidar"}
 
 
 @pytest.mark.long
 def test_no_public_name_brings_an_extra_along() -> None:
-    loaded = set(in_a_fresh_interpreter(f"from lidario import *; import sys; {LOADED}").split())
+    loaded = set(ended(f"from lidario import *; import sys; {LOADED}").stdout.split())
     assert {"numpy", "lidario.session.lidar"} <= loaded
     assert not loaded & EXTRAS
     # Nor the simulator, which only few need.

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from benchmarks import __main__ as measuring
+from tests.support.children import ended
 
 ROOT = Path(__file__).parent.parent
-PATIENCE_S = 60.0
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 MEASURING = "\n".join(
     path.read_text(encoding="utf-8") for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
@@ -30,10 +28,7 @@ MEASURED_BY = sorted(
 @pytest.mark.long
 def test_the_first_program_runs_as_a_process() -> None:
     program = re.findall(r"```python\n(.*?)```", README, re.DOTALL)[0]
-    result = subprocess.run(
-        [sys.executable, "-W", "error", "-c", program],
-        capture_output=True, text=True, timeout=PATIENCE_S, cwd=ROOT, check=False,
-    )  # fmt: skip
+    result = ended(program)
     assert result.returncode == 0, result.stderr
     assert len(result.stdout.splitlines()) >= 1
 

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import ast
-import os
 import socket
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -14,6 +11,7 @@ import pytest
 from lidario import simulate
 from lidario.cli.sim import name_of, server_of
 from lidario.sim.serve import TcpServer
+from tests.support.children import ended
 from tests.support.devices import both_families, change_info, make_rig
 from tests.support.loop import driven
 
@@ -91,13 +89,9 @@ def test_the_verbs_connect_to_what_a_source_names_and_to_nothing_else(tmp_path: 
     """
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-    ended = subprocess.run(
-        [sys.executable, "-c", VERBS, str(port), str(tmp_path)],
-        cwd=ROOT, capture_output=True, text=True, timeout=120, check=False,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
-    assert ended.returncode == 0, ended.stderr
-    seen = ended.stdout.splitlines()
+    done = ended(VERBS, str(port), str(tmp_path))
+    assert done.returncode == 0, done.stderr
+    seen = done.stdout.splitlines()
     named = f"socket.connect ('127.0.0.1', {port})"
     assert named in seen
     assert set(seen) <= {named, "socket.connect ('192.0.2.1', 9)", "socket.getaddrinfo 127.0.0.1"}, seen

@@ -4,21 +4,16 @@ from __future__ import annotations
 
 import signal
 import socket
-import subprocess
-import sys
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from pathlib import Path
+from contextlib import suppress
 
 import pytest
 
 from lidario.sim.serve import TcpServer
+from tests.support.children import FORKS, child, ended, line_of
 from tests.support.devices import make_rig, names
 from tests.support.ports import PATIENCE_S
 from tests.support.speeds import SpeedPtyServer
-
-ROOT = Path(__file__).parent.parent.parent
 
 INSIDE = """
 import asyncio, os, sys, lidario
@@ -68,21 +63,10 @@ def test_the_exit_of_a_forked_child_stops_nothing(program: str) -> None:
     rig = make_rig("rplidar")
     with (
         SpeedPtyServer(rig.device) as server,
-        subprocess.Popen(
-            [sys.executable, "-W", "ignore", "-c", program, server.path],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            cwd=ROOT,
-        ) as process,
+        child(FORKS + program, server.path) as process,
     ):
-        assert process.stdout is not None
         # A parent whose lidar was stopped waits for ever.
-        limit = threading.Timer(PATIENCE_S, process.kill)
-        limit.start()
-        told = process.stdout.readline()
-        limit.cancel()
+        told = line_of(process.stdout)
         with server.lock:
             scanning, log = rig.device.scanning, names(rig)
         _, errors = process.communicate("\n", timeout=PATIENCE_S)
@@ -95,7 +79,9 @@ def test_the_exit_of_a_forked_child_stops_nothing(program: str) -> None:
             assert not rig.device.scanning
 
 
-LEFT = """
+LEFT = (
+    FORKS
+    + """
 import asyncio, os, signal, sys, time, lidario
 
 def forked():
@@ -113,6 +99,7 @@ async def main():
         await lidar.scan()
         child = forked()
 """
+)
 REOPENED = """
     async with lidario.open_lidar(sys.argv[1], family="rplidar") as lidar:
         print("open again", flush=True)
@@ -136,27 +123,12 @@ lidario.run(main())
 """
 
 
-@contextmanager
-def running(program: str, address: str) -> Iterator[subprocess.Popen[str]]:
-    """A program that forks a child, which does nothing for a minute."""
-    arguments = [sys.executable, "-W", "ignore", "-c", LEFT + program, address]
-    with subprocess.Popen(
-        arguments,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=ROOT,
-    ) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
-
-
 @pytest.mark.long
 def test_a_port_is_free_when_it_is_closed_though_a_child_lives_on() -> None:
-    with SpeedPtyServer(make_rig("rplidar").device) as server, running(REOPENED, server.path) as process:
+    with (
+        SpeedPtyServer(make_rig("rplidar").device) as server,
+        child(LEFT + REOPENED, server.path) as process,
+    ):
         assert process.communicate(timeout=PATIENCE_S) == ("open again\n", "")
 
 
@@ -164,7 +136,7 @@ def test_a_port_is_free_when_it_is_closed_though_a_child_lives_on() -> None:
 def test_a_connection_ends_when_it_is_closed_though_a_child_lives_on() -> None:
     with socket.create_server(("127.0.0.1", 0)) as door, TcpServer(make_rig("rplidar").device) as server:
         door.settimeout(PATIENCE_S)
-        with running(CLOSED, f"tcp://127.0.0.1:{door.getsockname()[1]}") as process:
+        with child(LEFT + CLOSED, f"tcp://127.0.0.1:{door.getsockname()[1]}") as process:
             host, _ = door.accept()
             with host, socket.create_connection(server.address) as device:
                 pump = threading.Thread(target=relay, args=(device, host))
@@ -177,7 +149,10 @@ def test_a_connection_ends_when_it_is_closed_though_a_child_lives_on() -> None:
 
 @pytest.mark.long
 def test_a_signal_to_a_child_ends_the_child_and_not_the_program() -> None:
-    with SpeedPtyServer(make_rig("rplidar").device) as server, running(TERMINATED, server.path) as process:
+    with (
+        SpeedPtyServer(make_rig("rplidar").device) as server,
+        child(LEFT + TERMINATED, server.path) as process,
+    ):
         said = f"child ended by {-signal.SIGTERM}\nthe parent goes on\n"
         assert process.communicate(timeout=PATIENCE_S) == (said, "")
 
@@ -219,14 +194,7 @@ for change in (True, False):
 
 @pytest.mark.long
 def test_signals_do_in_a_child_what_the_program_has_chosen() -> None:
-    done = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", SIGNALLED],
-        capture_output=True,
-        text=True,
-        cwd=ROOT,
-        timeout=PATIENCE_S,
-        check=False,
-    )
+    done = ended(FORKS + SIGNALLED)
     assert (done.stdout.split(), done.stderr) == (["8", "7", "7", "8", "7"], "")
 
 

@@ -6,20 +6,17 @@ import asyncio
 import gc
 import math
 import os
-import subprocess
-import sys
 import threading
 import time
-from pathlib import Path
 
 import pytest
 
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
 from lidario.port.thread import ReadingThread, Watched, reading_thread
+from tests.support.children import FORKS, ended
 from tests.support.ports import PATIENCE_S, OnlyRead, Seen, Sink, opened_terminal, terminal_pair
 
-ROOT = Path(__file__).resolve().parents[2]
 NAME = "lidario: read ports"
 
 
@@ -240,12 +237,5 @@ print("child", os.waitstatus_to_exitcode(status), flush=True)
 @pytest.mark.long
 @pytest.mark.parametrize(("program", "told"), [(EXIT, "done\n"), (FORK, "child 7\n")], ids=["exit", "fork"])
 def test_the_thread_keeps_no_program_from_ending_and_a_child_has_its_own(program: str, told: str) -> None:
-    done = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", WITH_AN_OPEN_PORT + program],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-        cwd=ROOT,
-        check=False,
-    )
+    done = ended(FORKS + WITH_AN_OPEN_PORT + program)
     assert (done.stdout, done.returncode) == (told, 0), done.stderr

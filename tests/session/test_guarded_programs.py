@@ -18,6 +18,7 @@ from lidario.simulation import simulate
 from tests.cli.processes import served
 from tests.session.test_guarded import scan_once
 from tests.support.children import (
+    FORKS,
     UNDISTURBED,
     child,
     forget,
@@ -301,9 +302,7 @@ def test_a_response_that_the_device_still_owes(model: str, tmp_path: Path) -> No
 
 @pytest.mark.long
 def test_a_forked_child_neither_keeps_it_from_its_work_nor_begins_it() -> None:
-    # A fork beside threads is warned of by later Pythons.
-    program = "import warnings\nwarnings.simplefilter('ignore')\n" + HEAD + FORKING + RUN
-    with served("rplidar-s2") as server, child(program, server.path) as parent:
+    with served("rplidar-s2") as server, child(FORKS + HEAD + FORKING + RUN, server.path) as parent:
         forked = int(line_of(parent.stdout))
         try:
             assert not is_still(server)

@@ -23,6 +23,8 @@ BOUND = 60.0
 UNDISTURBED = "import logging\nlogging.getLogger('lidario').setLevel(logging.ERROR)\n"
 """Begin of a program whose stderr must stay empty: a terminal that a busy machine does not read in time loses
 bytes, and what that costs is logged as a warning."""
+FORKS = "import warnings\nwarnings.simplefilter('ignore')\n"
+"""Begin of a program that forks: beside threads later Pythons warn of it."""
 ROOT = Path(__file__).parents[2]
 _POLL_S = 0.002
 
@@ -39,7 +41,8 @@ def child(program: str, *arguments: str) -> AbstractContextManager[subprocess.Po
     """Start a Python program as a process; at the end of the block it is gone."""
     process = subprocess.Popen(
         [sys.executable, "-c", program, *arguments],
-        cwd=ROOT, env=_environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        cwd=ROOT, env=_environment(), text=True,
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
     return gone_behind(process)
 
