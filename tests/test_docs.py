@@ -63,7 +63,7 @@ def test_what_it_names_is_there(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", text):
         assert (path.parent / target).exists(), target
-    for name in re.findall(r"`((?:tests|lidario|examples|benchmarks|docs)/[\w./-]+)", text):
+    for name in re.findall(r"`((?:tests|lidario|examples|benchmarks|docs|\.ci|\.github)/[\w./-]+)", text):
         assert (ROOT / name.rstrip(".").replace("NAME", "rplidar")).exists(), name
     for file, name in re.findall(r"`(?:(tests/[\w/]+\.py)::)?(test_\w+)`", text):
         assert name in names_of_tests(file or "tests"), name
@@ -74,13 +74,6 @@ def test_every_page_is_in_the_contents() -> None:
     contents = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
     listed = re.findall(r": ([\w/-]+\.md)$", contents, re.MULTILINE)
     assert sorted(listed) == sorted(str(path.relative_to(DOCS)) for path in PAGES)
-
-
-@pytest.mark.parametrize("word", ["jupyter", "pandas", "occupancy", "deskew", "threads", "json"])
-def test_what_people_search_for_is_found(word: str) -> None:
-    """The site's search knows the words of its pages, and no others."""
-    found = [path for path in PAGES if re.search(rf"\b{word}\b", path.read_text(encoding="utf-8"), re.IGNORECASE)]
-    assert found
 
 
 def test_the_api_has_every_public_name() -> None:
@@ -117,3 +110,48 @@ def test_every_error_that_it_explains_is_raised_somewhere() -> None:
     for text in explained:
         for piece in text.split("…"):
             assert piece.strip() in source, f"no error says {piece.strip()!r}"
+
+
+# ------------------------------------------------------------------------------------------------- contributing
+
+CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("page", ["CONTRIBUTING.md", "docs/architecture.md"])
+def test_every_room_is_in_the_table(page: str) -> None:
+    rooms = {path.parent.name for path in (ROOT / "lidario").glob("*/__init__.py")}
+    text = (ROOT / page).read_text(encoding="utf-8")
+    assert rooms == set(re.findall(r"^\| `lidario/(\w+)/` \|", text, re.MULTILINE))
+
+
+def test_every_target_is_one_of_make() -> None:
+    lines = re.findall(r"^(\w[\w ]*):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+    targets = {name for line in lines for name in line.split()}
+    assert {"test", "check"} <= set(re.findall(r"`make ([\w-]+)[^`\n]*`", CONTRIBUTING)) <= targets
+
+
+def test_the_options_are_options(pytestconfig: pytest.Config) -> None:
+    options = re.findall(r"`(--[\w-]+)", CONTRIBUTING)
+    assert "--every-step" in options
+    for option in options:
+        assert pytestconfig.getoption(option) is not None
+
+
+@pytest.mark.parametrize("name", ["commands.py", "formats.py", "decode.py", "device.py", "simulated/packers.py"])
+def test_the_recipes_name_files_of_a_family(name: str) -> None:
+    assert f"`{name}`" in CONTRIBUTING
+    assert (ROOT / "lidario" / "families" / "rplidar" / name).exists()
+
+
+def test_every_name_is_defined_where_it_is_said_to_be() -> None:
+    for name, file in {
+        "FORMATS": "lidario/families/rplidar/formats.py",
+        "DECODERS": "lidario/families/rplidar/decode.py",
+        "FAMILIES": "lidario/families/registry.py",
+        "FAMILY": "lidario/families/rplidar/__init__.py",
+        "CASES": "tests/families/rplidar/about.py",
+        "MAKER": "tests/families/rplidar/about.py",
+        "both_families": "tests/support/devices.py",
+    }.items():
+        assert f"`{name}`" in CONTRIBUTING
+        assert re.search(rf"^{name}\b.* = ", (ROOT / file).read_text(encoding="utf-8"), re.MULTILINE), name
