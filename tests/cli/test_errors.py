@@ -46,20 +46,6 @@ def test_exit_codes(error: BaseException, code: int) -> None:
     assert exit_code(error) == code
 
 
-def test_further_lines_stand_under_the_first(capsys: pytest.CaptureFixture[str]) -> None:
-    report(
-        lidario.ConnectFailed(
-            "no permission for /dev/ttyUSB0 (group dialout); you are not in it.\n"
-            "sudo usermod -aG dialout $USER   then log out and in again",
-            reason="permission",
-        )
-    )
-    assert capsys.readouterr().err == (
-        "error: no permission for /dev/ttyUSB0 (group dialout); you are not in it.\n"
-        "       sudo usermod -aG dialout $USER   then log out and in again\n"
-    )
-
-
 @pytest.mark.parametrize("error", [ReaderGone(), Stopped(2), KeyboardInterrupt(), click.Abort()])
 def test_what_was_meant_is_not_complained_of(error: BaseException, capsys: pytest.CaptureFixture[str]) -> None:
     report(error)

@@ -8,8 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from lidario import LocalProtocolError, ResponseTimeout, SessionClosed, Unsupported
-from lidario.sim.rooms import make_world
+from lidario import LocalProtocolError, SessionClosed, Unsupported
 from tests.support.devices import SWITCHED, Rig, end_of, left_still, make_rig, names, some, take
 from tests.support.loop import now, now_ns
 
@@ -140,20 +139,6 @@ async def test_keep_spinning_stops_the_laser_alone(model: str) -> None:
         await lidar.scan()
     assert not rig.device.scanning
     assert rig.device.motor_on
-
-
-@pytest.mark.long
-async def test_two_lidars_share_nothing() -> None:
-    one, two = make_rig("rplidar", seed=1, world=make_world("circle")), make_rig("ydlidar", seed=2)
-    async with one.open() as first, two.open() as second:
-        ours, theirs = await asyncio.gather(take(first, 20), take(second, 20))
-        assert first.info.serial != second.info.serial
-        assert first.stats.scans != 0
-        assert [scan.seq for scan in ours] == [scan.seq for scan in theirs] == list(range(20))
-        one.device.mute = True
-        with pytest.raises(ResponseTimeout):
-            await take(first, 1)
-        assert len(await take(second, 1)) == 1
 
 
 async def test_a_forced_scan_does_not_wait_for_the_rotor() -> None:
