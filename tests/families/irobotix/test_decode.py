@@ -63,11 +63,3 @@ def test_a_frame_that_tells_its_last_angle() -> None:
     assert [each.angle_deg for each in irobotix.decode(frames)] == pytest.approx(
         samples.angle_deg.tolist(), abs=1e-4
     )
-
-
-@pytest.mark.parametrize("start", [35_999, 36_000, 65_535])
-def test_angles_stay_within_a_turn(start: int) -> None:
-    samples = FrameDecoder(FrameFormat).decode(
-        in_one_run(FrameFormat(), pack_measurement(start, [1.0] * 80, [0] * 80)), None
-    )
-    assert ((samples.angle_deg >= 0) & (samples.angle_deg < 360)).all()

@@ -1,17 +1,14 @@
 """Packets, records and noise of the LDROBOT stream."""
 
-from pathlib import Path
 from random import Random
 
 import numpy as np
 import pytest
 
-from lidario.families.ldrobot import TALKERS
 from lidario.families.ldrobot.decode import TriangleDecoder
 from lidario.families.ldrobot.formats import CRC, PacketFormat, TriangleFormat
 from lidario.families.ldrobot.simulated.device import pack_points, pack_response
 from lidario.families.scripts import hear
-from lidario.families.stream import Known
 from lidario.families.two_angles import TwoAngleDecoder
 from lidario.wire.events import Response
 from lidario.wire.link import Link
@@ -32,10 +29,6 @@ CLEAN = [
 BLOCKED = bytes((0x54, 0xE0, 1, ldrobot.crc8(b"\x54\xe0\x01")))
 """The record that tells of a blocked window."""
 LD19 = next(case for case in CASES if case.name == "ldrobot_ld19_6hz")
-DATA = Path(__file__).parents[2] / "data"
-REAL = Path(__file__).parents[4] / "shared" / "golden" / "ldrobot_ld06_real.npz"
-"""A recording of a real LD06 by somebody else: read where it lies beside the project, and never copied."""
-ALSO_REAL = [REAL] if REAL.exists() else []
 
 
 def test_the_manuals_example_and_its_check_value() -> None:
@@ -47,18 +40,6 @@ def test_the_manuals_example_and_its_check_value() -> None:
     assert samples.intensity.tolist()[:3] == [228, 226, 229]
     assert (samples.angle_deg[0], samples.angle_deg[-1]) == (pytest.approx(324.27), pytest.approx(334.7))
     assert samples.last.reported_rpm == pytest.approx(0x0868 / 6)
-
-
-@pytest.mark.exhaustive("chunk", sample=[None, 7], full=[None, 1, 7, 47, 64])
-@pytest.mark.parametrize("name", [name for name in golden.names_of("ldrobot") if "ld08" not in name])
-def test_records_between_packets_are_no_noise(name: str, chunk: int | None) -> None:
-    raw = golden.load(name).raw
-    found = feed(LD19, raw, chunk)
-    assert found.data == b"".join(ldrobot.split(raw))
-    records = (len(raw) - len(found.data)) / 4
-    assert found.stats.skipped_bytes == 0
-    assert 0 < found.stats.records <= records
-    assert found.stats.record_bytes == len(raw) - len(found.data)
 
 
 @pytest.mark.parametrize("chunk", [None, 1, 13])
@@ -174,24 +155,3 @@ def test_the_rate_is_told_by_step_and_speed() -> None:
     for name, rate in (("ldrobot_ld19_6hz", 4500), ("ldrobot_stl27l_13hz", 21_600), ("ldrobot_ld14p_6hz", 4000)):
         raw = b"".join(ldrobot.split(golden.load(name).raw)[:24])
         assert PacketFormat.samples_a_second(raw) == pytest.approx(rate, rel=0.01)
-
-
-@pytest.mark.parametrize("path", [DATA / "ldrobot_ld19_13hz.npz", *ALSO_REAL], ids=lambda path: path.stem)
-def test_a_recording_is_decoded_as_the_vendor_does(path: Path) -> None:
-    with np.load(path) as arrays:
-        truth = {
-            name: arrays[name]
-            for name in ("raw", "angle_deg", "distance_mm", "intensity", "stray_bytes", "sample_us")
-        }
-    raw = truth["raw"].tobytes()
-    received = feed(LD19, raw)
-    assert feed(LD19, raw, 1) == feed(LD19, raw, 100) == received
-    samples = TwoAngleDecoder(PacketFormat).decode(in_one_run(PacketFormat(), received.data), None)
-    np.testing.assert_array_equal(samples.distance_mm, truth["distance_mm"])
-    np.testing.assert_array_equal(samples.intensity, truth["intensity"])
-    off = (samples.angle_deg.astype(float) - truth["angle_deg"] + 180) % 360 - 180
-    assert np.abs(off).max() <= 1e-4
-    assert (received.stats.skipped_bytes, samples.lost) == (int(truth["stray_bytes"]), 0)
-    found = TALKERS.find_stream(memoryview(raw), Known())
-    assert found is not None
-    assert 1e9 / found.stream.sample_ns == pytest.approx(1e6 / float(truth["sample_us"]), rel=0.01)

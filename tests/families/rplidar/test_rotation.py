@@ -46,15 +46,6 @@ def test_another_step_is_believed_the_32nd_time_in_a_row(between: str) -> None:
     assert last < 2 * 137
 
 
-def test_so_is_the_next_one_though_the_one_before_was_believed_just_now() -> None:
-    rotation = NodeSteps(TURN)
-    rotation.follow(nodes_of(7))
-    for step, count in ((20, 137), (60, 48)):
-        *told, last = [lost(rotation.follow(nodes_of(step, count))) for _ in range(32)]
-        assert told == [2 * count] * 31
-        assert last < 2 * count
-
-
 def steps_of(*steps: int) -> Heads:
     """Nodes so far apart, and one behind them."""
     *angles, following = accumulate(steps, initial=0)
