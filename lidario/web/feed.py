@@ -2,9 +2,9 @@
 
 The first opening must succeed; its error is the caller's. From then on nothing ends it but a cancellation, and the
 end of a recording: a viewer would rather see "lost, reconnecting" than an end. The session itself comes back
-(``reconnect=True``). A recording may be played on from another place, and at another speed. What it does not come
-back from, such as a fault that a reset does not cure, makes the feed open the lidar again, at every second attempt
-by its serial number.
+(``reconnect=True``), also at a port with another name. A recording may be played on from another place, and at
+another speed. What the session does not come back from makes the feed open the same source again, and no other:
+the lidar that a recording is of, or that another machine publishes, may be plugged in here.
 """
 
 from __future__ import annotations
@@ -143,10 +143,7 @@ class Feed:
             await asyncio.sleep(_BACK_OFF_S[min(self._attempts, len(_BACK_OFF_S)) - 1])
 
     def _where(self) -> str:
-        """The source; at every second attempt to open it again, its serial number: a port may change its name."""
-        is_port = self.source == "auto" or "://" not in self.source or self.source.startswith("serial:")
-        if self._attempts % 2 and is_port and self.info is not None:
-            return f"id:{self.info.serial}"
+        """The source; of a recording, with the place and the speed at which it is played on."""
         if self.length_s is None:
             return self.source
         path, _, query = self.source.partition("?")
