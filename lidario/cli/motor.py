@@ -2,10 +2,13 @@
 
 No request only turns the rotor on every device: some start it with the laser. So the verb starts a stream, waits
 until the speed is measured, and ends the stream with the motor left on. A device whose motor stops with its laser
-cannot do that. There ``start`` is refused, and ``speed`` sets what the next stream will have.
+cannot do that. There ``start`` is refused, and ``speed`` sets what the next stream will have. Where that fails, or
+is ended by a signal, laser and motor are off.
 """
 
 from __future__ import annotations
+
+from contextlib import suppress
 
 import click
 
@@ -88,12 +91,15 @@ async def _turn(source: str, hertz: float | None) -> tuple[str, float | None]:
     """Returns what was done, and the speed in revolutions a second."""
     is_open = False
     try:
-        async with lidario.open_lidar(source, keep_spinning=True) as lidar, lidar.scans() as scans:
+        async with lidario.open_lidar(source, keep_spinning=True) as lidar:
             is_open = True
-            await anext(scans)
-            if hertz is not None:
-                await lidar.set_scan_frequency(hertz)
-            return "turning", lidar.measured_scan_frequency
+            try:
+                return "turning", await _speed_up(lidar, hertz)
+            except BaseException:
+                # Also behind Ctrl-C: what the verb does not bring about, it leaves still.
+                with suppress(lidario.LidarError):
+                    await lidar.stop(motor=True)
+                raise
     except lidario.Unsupported as error:
         if is_open:
             raise
@@ -103,6 +109,15 @@ async def _turn(source: str, hertz: float | None) -> tuple[str, float | None]:
             ) from error
     async with lidario.open_lidar(source) as lidar:
         return "set", await lidar.set_scan_frequency(hertz)
+
+
+async def _speed_up(lidar: lidario.Lidar, hertz: float | None) -> float | None:
+    """Let the rotor turn; returns the measured speed in revolutions a second."""
+    async with lidar.scans() as scans:
+        await anext(scans)
+        if hertz is not None:
+            await lidar.set_scan_frequency(hertz)
+        return lidar.measured_scan_frequency
 
 
 async def _stop(source: str) -> None:

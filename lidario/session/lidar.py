@@ -148,7 +148,7 @@ class Lidar(Streams, AsyncOnly):
         self._check_loop()
         return self._scanner.line.read()
 
-    async def stop(self) -> None:
+    async def stop(self, *, motor: bool = False) -> None:
         """Stop laser and motor, and end every stream; returns when that was seen. The session stays open.
 
         With `keep_spinning` it is the laser alone. Every reader ends at once, also one whose stream is just being
@@ -156,10 +156,16 @@ class Lidar(Streams, AsyncOnly):
         that moment, by a timer; and again until they were heard, which takes some hundredths of a second, and 2 s
         where a response is owed. Cancelling ends only the waiting.
 
+        Args:
+            motor: Stop the motor too, in spite of `keep_spinning`, which holds no more from then on.
+
         Raises:
             StreamFailed: Bytes still arrive after several stop requests.
+            InvalidValue: `motor` is neither True nor False.
         """
         self._check_open()
+        if yes_or_no(motor, "motor"):
+            self._at.dialogue.stopper.stop_motor_too()
         await self._scanner.stop()
 
     def tap(self, tap: Tap) -> None:

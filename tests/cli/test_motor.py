@@ -7,8 +7,8 @@ import json
 import pytest
 
 from lidario.families.registry import FAMILIES
-from tests.cli.processes import invoke, invoke_driven, served
-from tests.support.children import until
+from tests.cli.processes import end, invoke, invoke_driven, served, started
+from tests.support.children import is_still, requests, until
 
 FIRST, SECOND = (family.simulated[0] for family in FAMILIES[:2])
 
@@ -35,6 +35,22 @@ def test_speed_is_measured_where_the_motor_turns_alone() -> None:
         assert told["hertz"] == pytest.approx(12, rel=0.05)
         until(lambda: not server.device.scanning)
         assert server.device.motor_on
+
+
+@pytest.mark.long
+def test_what_is_refused_or_interrupted_leaves_the_motor_off() -> None:
+    with served(FIRST) as server:
+        ended = invoke("motor", "speed", "100", server.path)
+        assert ended.exit_code == 2
+        assert "is outside of this device's" in ended.stderr
+        assert requests(server)
+        until(lambda: is_still(server))
+        server.device.spin_up_s = 60.0  # type: ignore[attr-defined]
+        with started("motor", "start", server.path) as process:
+            until(lambda: server.device.motor_on)
+            end(process)
+        assert process.returncode == 130
+        until(lambda: is_still(server))
 
 
 @pytest.mark.long

@@ -141,6 +141,22 @@ async def test_keep_spinning_stops_the_laser_alone(model: str) -> None:
     assert rig.device.motor_on
 
 
+@pytest.mark.parametrize("model", ["rplidar-s2", *SWITCHED])
+@pytest.mark.parametrize("rests", [False, True])
+async def test_a_motor_that_is_kept_spinning_can_be_stopped_all_the_same(model: str, rests: bool) -> None:
+    rig = make_rig(model)
+    async with rig.open(keep_spinning=True) as lidar:
+        await lidar.scan()
+        if rests:
+            await lidar.stop()
+        assert rig.device.motor_on
+        await lidar.stop(motor=True)
+        assert not rig.device.scanning
+        assert not rig.device.motor_on
+        await lidar.scan()
+    assert not rig.device.motor_on
+
+
 async def test_a_forced_scan_does_not_wait_for_the_rotor() -> None:
     waits = {}
     for force in (False, True):

@@ -93,6 +93,11 @@ class Stopper:
     def _is_of_family(self) -> bool:
         return not self._device.is_guess or self._hearing.has_responded
 
+    def stop_motor_too(self) -> None:
+        """Leave the motor on no more; what was written before has left it on."""
+        if self.keep_spinning:
+            self.keep_spinning, self.still, self._moved = False, False, True
+
     def unseen(self) -> tuple[Sequence[Request], Sequence[Request], float]:
         """What a guard needs, who sees nothing of the device.
 
