@@ -36,6 +36,7 @@ from lidario.arguments import finite, number, shown, text_of, whole
 from lidario.errors import InvalidValue
 from lidario.laserscan import LaserScan
 from lidario.rotor import Rotor, before, turned
+from lidario.samples import in_single
 
 if TYPE_CHECKING:
     from lidario.scan import Scan
@@ -95,13 +96,13 @@ class BeamOptions:
         text_of(self.frame_id, "frame_id")
         finite(self.mount_yaw, "mount_yaw")
         nearest = finite(self.range_min, "range_min")
-        if not 0 <= nearest <= self.farthest:
+        if not 0 <= nearest <= self.farthest or in_single(nearest) == math.inf:
             raise InvalidValue(f"range_min must be between 0 and range_max: {nearest} to {self.farthest}")
 
     @property
     def farthest(self) -> float:
         """Metres beyond which a return counts as none."""
-        return math.inf if self.range_max is None else number(self.range_max, "range_max")
+        return math.inf if self.range_max is None else in_single(number(self.range_max, "range_max"))
 
 
 def resample(scan: Scan, rotor: Rotor, options: BeamOptions, beams: SupportsIndex | None = None) -> LaserScan:
@@ -114,7 +115,7 @@ def resample(scan: Scan, rotor: Rotor, options: BeamOptions, beams: SupportsInde
     if options.range_max is not None:
         stated = farthest
     else:
-        stated = float(scan.max_range) if 0 < scan.max_range < math.inf else FARTHEST_STATED_M
+        stated = float(scan.max_range) if 0 < in_single(scan.max_range) < math.inf else FARTHEST_STATED_M
 
     ranges, left_out = scan.ranges, scan.left_out
     places = _places(scan.device_angles, rotor, count)

@@ -16,6 +16,8 @@ from lidario.errors import InvalidValue
 
 FloatArray = NDArray[np.float32]
 _ArrayT = TypeVar("_ArrayT", bound=NDArray[np.generic])
+_BEYOND_M: Final = 1e30
+"""Farther than every range, and still a number in single precision."""
 _RADIAN: Final = float(np.float32(math.pi / 180.0))
 _ROUNDED: Final = 1e-6
 """Radians by which a turn may be exceeded that somebody has computed in single precision."""
@@ -101,6 +103,11 @@ def nearest_to(angles: FloatArray, angle: float, within: float) -> int | None:
     return index if away[index] <= within else None
 
 
+def in_single(metres: float) -> float:
+    """The same figure where single precision holds it, which ranges and messages have; beyond that, infinity."""
+    return math.copysign(math.inf, metres) if abs(metres) > _BEYOND_M else metres
+
+
 def mask_of(
     angles: FloatArray,
     ranges: FloatArray,
@@ -125,7 +132,7 @@ def mask_of(
     if between is not None:
         keep &= is_between(angles, between)
     if range_min is not None:
-        keep &= ranges >= number(range_min, "range_min")
+        keep &= ranges >= in_single(number(range_min, "range_min"))
     if range_max is not None:
-        keep &= ranges <= number(range_max, "range_max")
+        keep &= ranges <= in_single(number(range_max, "range_max"))
     return keep

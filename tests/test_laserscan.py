@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import replace
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from lidario.errors import InvalidValue
+from lidario.filters import RangeFilter
 from lidario.laserscan import LaserScan
 from tests.support.sweep import ORDERS, sweep
 from tests.test_model import FOUR, scan
@@ -82,6 +84,21 @@ def test_what_is_out_of_the_range_asked_for_did_not_return() -> None:
         [math.inf, 0.05, 12, math.inf, 5]
     )
     assert (laser.range_min, laser.range_max) == (0.05, 12.0)
+
+
+def test_a_range_that_no_message_holds_is_none() -> None:
+    far = scan([-10, -20], [29, 31], max_range=1e39)
+    for limit in (sys.float_info.max, 1e39, math.inf):
+        laser = far.to_laserscan(360, range_max=limit)
+        assert (laser.range_max, at(laser, -20)) == (math.inf, 31)
+        sent = LaserScan.from_cdr(laser.to_cdr())
+        assert sent is not None
+        assert sent.range_max == math.inf
+        assert len(far.select(range_max=limit)) == len(far.filtered(RangeFilter(0.0, limit))) == 2
+        assert len(far.select(range_min=limit)) == 0
+    assert far.to_laserscan(360).range_max == 40.0
+    with pytest.raises(InvalidValue, match="range_min must be"):
+        far.to_laserscan(360, range_min=1e39)
 
 
 @pytest.mark.parametrize(("told", "stated"), [(30.0, 30.0), (0.0, 40.0), (math.nan, 40.0), (math.inf, 40.0)])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +13,7 @@ from lidario.arguments import number, shown, yes_or_no
 from lidario.errors import InvalidValue
 from lidario.filters.base import MaskFilter
 from lidario.measured import MeasuredSamples
-from lidario.samples import is_between
-
-_BEYOND_M: Final = 1e30
-"""Farther than every range, and still a number in single precision."""
+from lidario.samples import in_single, is_between
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,9 +75,7 @@ class RangeFilter(MaskFilter):
         _check_thresholds(self)
 
     def leaves_out(self, record: MeasuredSamples, /) -> NDArray[np.bool_]:
-        lower, upper = (
-            min(max(each, -_BEYOND_M), _BEYOND_M) for each in (self.lower_threshold, self.upper_threshold)
-        )
+        lower, upper = in_single(self.lower_threshold), in_single(self.upper_threshold)
         # Comparing with NaN gives False.
         return (record.ranges < lower) | (record.ranges > upper)
 
