@@ -166,6 +166,8 @@ class Lidar(Streams, AsyncOnly):
         self._check_open()
         if yes_or_no(motor, "motor"):
             self._at.dialogue.stopper.stop_motor_too()
+            if self._reconnector is not None:
+                self._reconnector.stop_motor_too()
         await self._scanner.stop()
 
     def tap(self, tap: Tap) -> None:

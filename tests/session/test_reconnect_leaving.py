@@ -48,6 +48,20 @@ async def test_nor_is_it_stopped_when_the_session_is_closed_on_the_way(after_s: 
     assert not cable.rig.device.scanning
 
 
+@pytest.mark.parametrize("closes", [False, True])
+@on_the_way
+async def test_it_is_stopped_where_the_session_has_said_so_meanwhile(after_s: float, closes: bool) -> None:
+    async with on_a_cable("rplidar", keep_spinning=True) as (cable, lidar):
+        await lidar.scan()
+        await away_and_reached_again(cable, after_s)
+        await lidar.stop(motor=True)
+        if not closes:
+            await asyncio.sleep(3.0)
+            assert lidar.is_connected
+            assert left_still(cable.rig)
+    assert left_still(cable.rig)
+
+
 @on_the_way
 def test_the_loop_is_closed_on_the_way(rig: Rig, after_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
     loop = DrivenLoop()

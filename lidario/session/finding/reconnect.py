@@ -261,6 +261,11 @@ class Reconnector:
         self._places.last = place
         return connection, health
 
+    def stop_motor_too(self) -> None:
+        """The motor is left on no more, nor is that of a device which is just being reached."""
+        if self._dialogue is not None:
+            self._dialogue.stopper.stop_motor_too()
+
     def _began(self, dialogue: Dialogue) -> None:
         dialogue.stopper.keep_spinning = self._known.dialogue.stopper.keep_spinning
         self._dialogue = dialogue
