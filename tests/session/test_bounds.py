@@ -15,7 +15,7 @@ from typing import cast
 
 import pytest
 
-from lidario import Lidar, LidarError, run
+from lidario import Lidar, LidarError, ResponseTimeout, run
 from lidario.families.rplidar.formats import DenseFormat
 from lidario.model import LineErrors
 from lidario.port.port import Port
@@ -23,7 +23,7 @@ from lidario.port.turns import TURN_NS
 from lidario.session.talking.intake import Intake
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
-from tests.support.devices import FAMILIES, Rig, babble, call, make_rig
+from tests.support.devices import FAMILIES, Rig, babble, call, left_still, make_rig
 from tests.support.links import PACKETS
 from tests.support.loop import DrivenLoop, now, run_driven
 
@@ -82,6 +82,23 @@ def test_no_call_takes_longer_than_the_table_says(what: tuple[str, str]) -> None
     ]
     # The table is no guess: what it says is nearly reached, but for what takes no time at all.
     assert bound / 2 - 0.1 <= max(taken) <= bound, taken
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+async def test_a_device_that_begins_no_stream_is_given_up(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    said = re.search(r"begins no stream,[^.]*\s([\d.]+) s then", TEXT)
+    assert said is not None
+    bound = float(said[1])
+    rig = make_rig(name)
+    transmit = rig.device.transmit
+    monkeypatch.setattr(rig.device, "transmit", lambda at: b"" if rig.device.scanning else transmit(at))
+    async with rig.open() as lidar:
+        began = now()
+        with pytest.raises(ResponseTimeout):
+            await lidar.scan()
+        assert bound / 2 < now() - began <= bound
+        assert (await lidar.get_health()).ok
+    assert left_still(rig)
 
 
 def test_the_table_has_every_call() -> None:
