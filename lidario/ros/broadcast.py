@@ -41,8 +41,7 @@ HEARD_S: Final = 5.0
 RATE_S: Final = 3.0
 """Time over which the rate is measured."""
 FIRST_AGAIN_S: Final = 0.25
-"""From the first attempt to reach a router to the second; each wait is twice the one before. An attempt costs
-0.3 ms of processor time."""
+"""The first wait between attempts to reach a router; each is twice the one before. One costs 0.3 ms of a core."""
 LAST_AGAIN_S: Final = 4.0
 """The longest of these waits."""
 
@@ -62,6 +61,7 @@ class Broadcast(Entered):
 
     def __init__(self, lidar: Lidar, router: str = DEFAULT_ROUTER, robot: str | None = None) -> None:
         self.lidar = lidar
+        self._sessions: tuple[Lidar, ...] = (lidar,)
         self.router = router
         named = "" if robot is None else text_of(robot, "the name of a robot")
         self.robot: str = named or platform.node() or "unknown"
@@ -129,7 +129,16 @@ class Broadcast(Entered):
                     return
             # Laser and motor stop with the last reader of the lidar. Another task of this program may be one.
             _log.info("%s has no reader: its lidar rests until one comes", self.key)
-            await self._readers.wait()
+            await self._until_read()
+
+    async def _until_read(self) -> None:
+        """Return when a reader comes, or when a session is over: its stream tells why."""
+        waiting = [asyncio.ensure_future(each) for each in (self._readers.wait(), *map(_over, self._sessions))]
+        try:
+            await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for each in waiting:
+                each.cancel()
 
     async def _publish_all(self, stream: Any, idle_s: float | None) -> bool:
         """Publish until the stream ends: True. False after so many seconds without a reader."""
@@ -334,3 +343,8 @@ class Broadcast(Entered):
             self.on_change(connected)
         else:
             _log.warning("%s", " ".join(news.splitlines()))
+
+
+async def _over(lidar: Lidar) -> None:
+    async for _ in lidar.line_changes():
+        pass

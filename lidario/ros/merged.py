@@ -85,6 +85,7 @@ class MergedPublisher(Publisher):
             namespace=namespace, node=node, robot=robot,
         )  # fmt: skip
         self.lidars: tuple[Lidar, ...] = tuple(lidars)
+        self._sessions = self.lidars
         self._mounts, self._motion = mounts, motion
         self._frame_id = frame_id
         self._message_of = partial(

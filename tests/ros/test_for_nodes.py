@@ -14,7 +14,7 @@ from zenoh import ext
 import lidario
 from lidario.errors import InvalidValue
 from lidario.network.keys import parse_attachment
-from lidario.ros import Publisher, Share
+from lidario.ros import MergedPublisher, Publisher, Share
 from lidario.ros.names import CLOCK, LASERSCAN, LATEST_KEPT, TF_MESSAGE, Node
 from tests.support.loop import driven
 from tests.support.messages import decoded
@@ -138,6 +138,22 @@ async def test_a_lidar_that_rests_can_be_opened_and_starts(router: Router, raw: 
         remote, scans = await rig.take(share.key, 2)
         assert remote.info == lidar.info
         assert [scan.mode for scan in scans] == ["DenseBoost"] * 2
+
+
+@driven
+async def test_it_ends_with_its_session_also_while_its_lidar_rests() -> None:
+    device, other = lidario.simulate("rplidar-s2"), lidario.simulate("ydlidar-4ros")
+    async with lidario.open_lidar(device) as lidar, lidario.open_lidar(other) as beside:
+        mounts = [lidario.Mount(), lidario.Mount()]
+        resting = [Share(lidar, "over"), Publisher(lidar), MergedPublisher([beside, lidar], mounts=mounts)]
+        running = [asyncio.create_task(each.run(idle_stop=0.2)) for each in resting]
+        await asyncio.sleep(10.0)
+        assert (device.scanning, other.scanning) == (False, False)
+        assert not any(each.done() for each in running)
+        await lidar.close()
+        for each in running:
+            with pytest.raises(lidario.SessionClosed):
+                await asyncio.wait_for(each, BOUND_S)
 
 
 @driven
