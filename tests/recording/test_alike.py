@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -88,9 +89,7 @@ class Slot:
 
 
 class Kept(Slot):
-    """An object of ours, with fields that it shows to nobody."""
-
-    __module__ = "lidario.recording"
+    """An object with fields that it shows to nobody."""
 
     def __init__(self, slot: object, other: object) -> None:
         self._slot = slot
@@ -116,5 +115,5 @@ def test_every_field_of_every_object_is_looked_at(decoder: Pipeline, one: Any, o
 
 
 def test_of_what_is_not_known_no_two_are_alike(decoder: Pipeline) -> None:
-    unknown = object()
+    unknown = Lock()
     assert held(decoder, unknown) != held(decoder, unknown)
