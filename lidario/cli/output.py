@@ -2,7 +2,7 @@
 
 The reader of our stdout may be slow: ``| less``, Ctrl-S on the terminal, a slow program at the end of a pipe. While
 scans run, a write that blocks would block the event loop, and with it the port, whose buffer holds 60 ms, and
-the handling of SIGTERM. Therefore `Writer` writes from a thread, and the caller awaits it. Scans that arrive
+the handling of SIGTERM. Therefore a `Worker` writes from its thread, and the caller awaits it. Scans that arrive
 meanwhile are dropped whole at the mailbox and counted, and a signal still stops the device.
 
 A reader that has closed the pipe is not an error: it becomes `ReaderGone`, which ends the command silently.
@@ -65,6 +65,13 @@ class Worker:
         """Have `work` called after what was handed over before, without waiting."""
         self._work.put(work)
 
+    async def call(self, work: Callable[[], object]) -> None:
+        """Have the thread call `work`, and return, or raise, as it does.
+
+        Cancelling ends the waiting only; `work` may still be called.
+        """
+        await _done_by(self.put, work)
+
     def close(self) -> bool:
         """Let the thread finish; False when it cannot in time."""
         self._work.put(None)
@@ -77,25 +84,9 @@ class Worker:
                 work()
 
 
-class Writer(Worker):
-    """Writes to stdout from a thread, one piece at a time."""
-
-    def __init__(self) -> None:
-        super().__init__("lidario: stdout", GRACE_S)
-
-    async def write(self, text: str) -> None:
-        """Write `text` as `emit` does, and return when the reader has taken it or there is room for it.
-
-        Cancelling ends the waiting only; the text may still be written.
-        """
-        await self.call(lambda: emit(text))
-
-    async def call(self, work: Callable[[], object]) -> None:
-        """Have the thread call `work`, which writes to stdout, and return, or raise, as it does.
-
-        Cancelling ends the waiting only; `work` may still be called.
-        """
-        await _done_by(self.put, work)
+def stdout_worker() -> Worker:
+    """One for what is written to stdout while scans run; `Worker.call` returns when the reader has room for it."""
+    return Worker("lidario: stdout", GRACE_S)
 
 
 def emit_beside(text: str) -> Awaitable[None]:

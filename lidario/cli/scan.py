@@ -13,12 +13,13 @@ import sys
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from functools import partial
 
 import click
 
 import lidario
 from lidario.cli.errors import ExitCode, Stopped
-from lidario.cli.output import Writer, console, counted, introduced, progress, rendered
+from lidario.cli.output import Worker, console, counted, introduced, progress, rendered, stdout_worker
 from lidario.cli.parameters import WholeRange, guard_option, mode_option, reconnect_option, source_argument
 from lidario.cli.running import run
 from lidario.cli.settings import config_option, settings_of_file
@@ -64,7 +65,7 @@ def scan(
     if as_json and as_csv:
         raise click.UsageError("--json and --csv exclude each other")
     form = "json" if as_json else "csv" if as_csv else "people"
-    config, tally, writer = settings_of_file(), _Tally(), Writer()
+    config, tally, writer = settings_of_file(), _Tally(), stdout_worker()
     failure: Exception | None = None
 
     async def work() -> None:
@@ -100,7 +101,7 @@ def scan(
 
 
 async def _write(
-    stream: lidario.ScanStream, count: int, form: str, tally: _Tally, writer: Writer, waiting: ExitStack
+    stream: lidario.ScanStream, count: int, form: str, tally: _Tally, writer: Worker, waiting: ExitStack
 ) -> None:
     """Write so many scans, 0 for all that come, in one form: ``people``, ``json`` or ``csv``."""
     from lidario.cli import formats
@@ -113,8 +114,8 @@ async def _write(
             if form == "people" and tally.lidar is not None:
                 info = tally.lidar.info
                 message(f"{introduced(info.model, info.serial)}, mode {scan.mode}")
-            await writer.write(header)
-        await writer.write(written(scan))
+            await writer.call(partial(emit, header))
+        await writer.call(partial(emit, written(scan)))
         tally.last, tally.count = scan, tally.count + 1
         if tally.count == count:
             return

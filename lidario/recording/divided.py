@@ -156,21 +156,21 @@ def _spooled(file: IO[bytes], others: dict[int, Future[Joined | None]], number: 
         if size >= 0 and len(data := file.read(size)) == size:
             yield data
             continue
-        for each in others.values():
-            if each.done():
-                _check(each)
+        _check(others)
         if has_ended:
             return
         file.seek(begin)
         time.sleep(_POLL_S)
 
 
-def _check(other: Future[Joined | None]) -> None:
+def _check(others: dict[int, Future[Joined | None]]) -> None:
     """Raise what a process that has ended raises."""
-    try:
-        other.result()
-    except BrokenExecutor:
-        raise CannotRecord("a process that decodes a part of it was killed: is memory short?") from None
+    for other in others.values():
+        try:
+            if other.done():
+                other.result()
+        except BrokenExecutor:
+            raise CannotRecord("a process that decodes a part of it was killed: is memory short?") from None
 
 
 def _spool(division: _Division[Any], number: int) -> Joined | None:
@@ -245,9 +245,7 @@ class _Span(Generic[T]):
         while not (path := self._path_of(number)).exists():
             if not self._division.folder.exists():
                 return {}
-            for other in self._others.values():
-                if other.done():
-                    _check(other)
+            _check(self._others)
             time.sleep(_POLL_S)
         marks: dict[int, _Mark] = pickle.loads(path.read_bytes())
         return marks

@@ -147,7 +147,11 @@ class PlayedDevice:
             self._outgoing += self._stops[request].acknowledged
         elif request in self._starts:
             if not self.scanning and (piece := self._peek()) is not None:
-                self._begin(request, piece.stream)
+                began = self._recording.streams[piece.stream].began
+                head = Descriptor(began.mode.response_type, began.packet_size, continuous=True)
+                self._outgoing += self._device.respond(request, head)
+                self.scanning = True
+                self._player.rest()
         elif self.scanning:
             self._note(request, now, "while it scans")
             return
@@ -155,13 +159,6 @@ class PlayedDevice:
             head = Descriptor(found.kind, len(found.payload), continuous=False)
             self._outgoing += self._device.respond(request, head, found.payload)
         self._note(request, now, "")
-
-    def _begin(self, request: bytes, number: int) -> None:
-        began = self._recording.streams[number].began
-        head = Descriptor(began.mode.response_type, began.packet_size, continuous=True)
-        self._outgoing += self._device.respond(request, head)
-        self.scanning = True
-        self._player.rest()
 
     def _note(self, request: bytes, now: int, why: str) -> None:
         self._log.add(now, request.hex(" "), request, why)

@@ -10,7 +10,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from typing import Any
 
@@ -18,8 +18,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from lidario.cli.main import cli
-from lidario.cli.output import Writer
-from lidario.cli.streams import emit
+from lidario.cli.output import Worker
 from lidario.families.registry import family_of_simulated
 from lidario.sim.serve import PtyServer
 from tests.support.children import BOUND, ROOT, gone_behind
@@ -37,7 +36,7 @@ def invoke_driven(*arguments: str) -> Result:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("asyncio.events.new_event_loop", DrivenLoop)
         # A driven clock does not wait for the thread that usually writes.
-        patch.setattr(Writer, "write", write_at_once)
+        patch.setattr(Worker, "call", call_at_once)
         return invoke(*arguments)
 
 
@@ -82,8 +81,8 @@ def end(process: subprocess.Popen[str], number: signal.Signals = signal.SIGINT) 
     return process.communicate(timeout=BOUND)
 
 
-async def write_at_once(writer: Writer, text: str) -> None:
-    emit(text)
+async def call_at_once(_: Worker, work: Callable[[], object]) -> None:
+    work()
 
 
 def _environment() -> dict[str, str]:

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from click.testing import Result
 
-from lidario.cli.output import Writer
-from tests.cli.processes import in_memory, invoke, write_at_once
+from lidario.cli.output import Worker
+from tests.cli.processes import call_at_once, in_memory, invoke
 from tests.support.children import ROOT
 from tests.support.loop import DrivenLoop
 
@@ -32,7 +32,7 @@ def invoked(words: list[str]) -> tuple[Result, float]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("asyncio.events.new_event_loop", make)
-        patch.setattr(Writer, "write", write_at_once)
+        patch.setattr(Worker, "call", call_at_once)
         ended = invoke(*words)
     return ended, sum(loop.time() - began for loop, began in loops)
 

@@ -31,11 +31,10 @@ import click
 import pytest
 
 from lidario.cli.main import cli
-from lidario.cli.output import Writer
-from lidario.cli.streams import emit
+from lidario.cli.output import Worker
 from lidario.source import Source, as_source
 from lidario.testing.clock import clock_of
-from tests.cli.processes import invoke
+from tests.cli.processes import call_at_once, invoke
 from tests.support.inner import ASYNCIO_INI, forgetting, run_pytest
 
 ROOT = Path(__file__).parents[2]
@@ -104,15 +103,12 @@ def _fast_machine() -> Iterator[None]:
             clock.set(PACE)
         return loop
 
-    async def write_at_once(_: Writer, text: str) -> None:
-        emit(text)
-
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(simulated, "make_device", make_ready)
         patch.setattr(simulated, "usual_way", lambda _: "memory")
         patch.setattr(opening, "as_source", plugged_in)
         patch.setattr("asyncio.events.new_event_loop", fast_loop)
-        patch.setattr(Writer, "write", write_at_once)
+        patch.setattr(Worker, "call", call_at_once)
         yield
 
 

@@ -18,7 +18,6 @@ from lidario.families.hokuyo.commands import ACCEPTED, FILL, RESET, STOP, ask, m
 from lidario.families.hokuyo.decode import BlockDecoder
 from lidario.families.hokuyo.formats import DistanceFormat, StrengthFormat, range_of
 from lidario.families.hokuyo.geometry import Geometry, geometry_of
-from lidario.families.scripts import told
 from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, ScanMode
 from lidario.wire.envelope import Request
 from lidario.wire.events import Descriptor
@@ -147,7 +146,7 @@ class HokuyoDevice(Device):
         if self._geometry is None:
             yield from self.identify()
         assert self._geometry is not None
-        return (yield from told(self._geometry))
+        return self._geometry
 
 
 def find_stream(data: memoryview, known: Known) -> RawStream | None:
