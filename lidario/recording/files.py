@@ -23,8 +23,6 @@ from lidario.recording.opened import StoredFile
 from lidario.recording.read import McapRecording, Piece, StoredStream, StoredStreams, is_mcap
 from lidario.recording.sequence import files_of
 from lidario.recording.stored_times import StoredTimes
-from lidario.revolution.incoming import Incoming
-from lidario.revolution.stats import AssemblerStats
 from lidario.source import Source, parse_source
 from lidario.wire.events import Packets
 from lidario.wire.link import Link
@@ -112,15 +110,13 @@ class RawRecording(StoredStreams):
     def pieces(self, begin_ns: int | None = None) -> Iterator[Piece]:  # noqa: ARG002 - it has no times
         """As `StoredStreams.pieces`; a piece has come when its last whole packet was measured."""
         stream = self.streams[0].open()
-        link = Link()
+        link, times, at_ns = Link(), StoredTimes(stream), 0
         link.enter_stream(stream.format)
-        incoming = Incoming(stream, AssemblerStats(), StoredTimes(stream))
-        at_ns = 0
         with StoredFile(self.path, self.size) as file:
             file.seek(self.streams[0].began.at)
             while data := file.read(_PIECE):
                 link.receive_data(data, 0)
                 for event in link.events_received():
-                    if isinstance(event, Packets) and (taken := incoming.take(event)) is not None:
-                        at_ns = taken[0].received_ns
+                    if isinstance(event, Packets):
+                        at_ns = times.dated(event).received_ns
                 yield Piece(0, at_ns, data, 0.0)

@@ -1,4 +1,4 @@
-"""Settings of the 4ROS: by hand, and against the simulated device through a real `Link`, in driven time."""
+"""Settings of the 4ROS: by hand, and against the simulated device, in driven time."""
 
 import struct
 from contextlib import AbstractContextManager, nullcontext
