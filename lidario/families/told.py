@@ -7,9 +7,8 @@ that *jump* holds beyond was lost.
 1. **Each packet has its own step.** The rotor may turn evenly, speed up, stop or creep: the jump behind a packet is
    held against the longer of the two steps beside it.
 2. **A step that is like none beside it is damage** that a weak check value let pass; then that of its neighbours is
-   taken. Of a way that no step explains, one angle is damaged, and the other one tells where the packet begins and
-   ends: the smaller jump counts. What such a packet itself says of its samples is not changed, for that must not
-   depend on others.
+   taken. So is a way that no step explains, if the jump beside it would be as odd. The others tell the truth; what
+   such a packet itself says of its samples is not changed, for that must not depend on others.
 3. **What passed unseen passed as beside it**, but where the rotor all but stood: then as fast as it turns.
 """
 
@@ -36,8 +35,10 @@ FEWEST: Final = 6
 and the last one may be short."""
 _BACKWARD: Final = RETREAT_TURNS / 5
 """By so much, 2 degrees, a packet may begin before the end of the one before, with nothing missing."""
+_TOO_FAR: Final = 2.0
+"""Times the usual way from which a way cannot be one."""
 _ODD: Final = 3.0
-"""Steps by which a way may be off before one of its angles is taken for damaged."""
+"""Steps by which a way may be off before it is looked at whether one of its ends is wrong."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,14 +59,15 @@ class ToldWheel(Turning):
         step = _steps_of(way, counts)
         tails = first + way
         jumps = self._jumps(first, tails, heads.following)
-        if (jumps > self._one(step)).any():
-            usual = np.rint(np.multiply(np.subtract(counts, 1), step)).astype(np.int32)
-            odd = np.abs(way - usual) > _ODD * step
-            turned = int(np.add.reduce(np.where(odd, usual, way)))
-            for begins in (first, np.where(odd, tails - usual, first)):
-                for ends in (tails, np.where(odd, first + usual, tails)):
-                    np.minimum(jumps, self._jumps(begins, ends, heads.following), out=jumps)
         gaps = jumps > self._one(step)
+        if gaps.any():
+            usual: Floats = np.multiply(np.subtract(counts, 1), step, dtype=np.float64)
+            better = self._mended(heads, tails, jumps, usual, step)
+            if better is not None:
+                first, tails = better
+                jumps = self._jumps(first, tails, heads.following)
+                turned = int(np.add.reduce(tails - first))
+                gaps = jumps > self._one(step)
         mean = max(turned, 1) / inner
         if not gaps.any():
             if heads.following is not None:
@@ -124,6 +126,38 @@ class ToldWheel(Turning):
         jumps %= self.full_turn
         jumps[jumps > self.full_turn - int(self.full_turn * _BACKWARD)] = 0
         return jumps
+
+    def _mended(
+        self, heads: Heads, tails: Ints, jumps: Ints, usual: Floats, step: Floats
+    ) -> tuple[Ints, Ints] | None:
+        """Angles of first and last samples; one that is damaged is computed from the other one of its packet.
+
+        An angle is taken as damaged if it is farther from the other one than any speed explains, or if its packet
+        has an unusual way and the jump beside it disappears when the angle is computed. None where none is.
+        `tails` and `jumps` are as in `_jumps`, `usual` are the ways that each `step` to the next sample tells.
+        """
+        first, following = heads.first, heads.following
+        off = tails - first - usual
+        too_far = off > (_TOO_FAR - 1) * usual + step
+        odd = too_far | (np.abs(off) > _ODD * step)
+        if not odd.any():
+            return None
+        ways, one = np.rint(usual).astype(np.int32), self._one(step)
+        ahead = jumps > one
+        # The first angle is damaged if the next packet begins right behind the last angle,
+        wrong_first = too_far & ~ahead
+        if following is None:
+            wrong_first[-1] = False
+        # or if the packet before ends right before the first angle, once that is computed.
+        from_last = (tails - ways) % self.full_turn
+        near = self._jumps(from_last, tails, following) <= one
+        wrong_first[1:] |= odd[1:] & ahead[:-1] & near[:-1]
+        near = self._jumps(first, first + ways, following) <= one
+        wrong_last = ~wrong_first & ahead & (too_far | odd & near)
+        if not (wrong_first | wrong_last).any():
+            return None
+        begins = np.where(wrong_first, from_last, first)
+        return begins, np.where(wrong_first, from_last + ways, np.where(wrong_last, first + ways, tails))
 
 
 def _steps_of(way: Ints, counts: Ints | int) -> Floats:
