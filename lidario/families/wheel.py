@@ -150,7 +150,7 @@ class Wheel(PacedTurning):
         slower = earlier - spans
         # Behind a gap of almost a turn the next span is longer again.
         may_slow_down = (slower[-1] if self._certain else slower.max()) <= slack
-        return bool(may_slow_down and (spans >= -slack).all() and (slower >= -slack).all())
+        return bool(may_slow_down and (spans >= -1).all() and (slower >= -slack).all())
 
     # ------------------------------------------------------------------------------------------------- gaps
 
@@ -198,7 +198,8 @@ class Wheel(PacedTurning):
             slack = LIKENESS * fastest
             # Where it all but stood, it may be at speed at once.
             times = span / (usual := fastest if goes_on and last <= slack else last)
-            tells = 0 < times <= _TELLING
+            # A rotor does not turn back: a turn may hide there.
+            tells = span < -1 or 0 < times <= _TELLING
             # Of a slow rotor, one may be a gap all the same: behind it, the next one is like the one before again.
             alone = at < end and times > _HALFWAY and abs(likely - last) < abs(likely - span)
             # Of the fastest arc, as in `_is_steady`.

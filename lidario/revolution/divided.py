@@ -86,6 +86,7 @@ class DividedRevolution:
     gaps: list[tuple[int, int]] = field(default_factory=list)
     # Those that are missing behind the last packet that was decoded, and belong to no sector yet.
     lost_behind: int = 0
+    skipped_behind: int = 0  # samples that are missing behind it
     samples: int = 0  # samples that have come
     longest: int = 0  # bytes of the longest packet
     most_samples: int = 0  # its samples
@@ -108,8 +109,9 @@ class DividedRevolution:
             self.rest, self.gap = carried, self.lost > 0
             self.samples = self.last_samples = len(carried.angle)
         self.lost += self.partial.lost_before
-        if self.partial.skipped_behind_carried:
-            self.gaps.append((self.samples, self.partial.skipped_behind_carried))
+        self.skipped_behind = self.partial.skipped_behind_carried
+        if self.skipped_behind:
+            self.gaps.append((self.samples, self.skipped_behind))
 
     def come(self, packets: Packets, headings: Headings) -> list[int]:
         """Take note of when packets came: each tells when the revolution began, the least delayed one best.
@@ -161,6 +163,11 @@ class DividedRevolution:
             turn_ns = self.usual_ns or samples.last.samples * self.sample_ns
             gap = self.gap or samples.lost > samples.lost_behind
             self.certain &= not (turn_ns and hides_a_turn(found[-1] - self.first_ns, turn_ns, gap=gap))
+            # Where angles fell back by little, a part of another revolution is among them.
+            missing = self.skipped_behind + sum([skipped for _, skipped in samples.gaps]) - samples.skipped_behind
+            turned = (next_at - self.last) / self.wire.full_turn
+            self.certain &= missing <= (turned + 0.5) * samples.last.samples
+            self.skipped_behind = samples.skipped_behind
         else:
             self.certain &= self.wire.own_angles
         self.gaps += [(earlier + before, skipped) for before, skipped in samples.gaps]

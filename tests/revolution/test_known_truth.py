@@ -8,7 +8,7 @@ from itertools import product
 
 import pytest
 
-from benchmarks.truth_cases import CASES, happen, lose_share
+from benchmarks.truth_cases import CASES, Case, drifting, happen, lose_share, lose_stretches
 from benchmarks.truth_forms import FORMATS
 from benchmarks.truth_score import Score, is_right, score
 from benchmarks.truth_ways import receive
@@ -272,3 +272,26 @@ def test_sectors_behind_gaps_are_dated_nearly_as_well_as_scans(name: str, case: 
     )
     assert of_sectors < 2.5 * of_scans + 0.1
     assert most < 40
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["0x82 A2", "0x83 HQ", "0x84 A1", "0x85 S2", "4ROS", "X4", "LD19"])
+def test_no_sector_goes_on_behind_an_outage_of_nearly_a_turn(name: str) -> None:
+    """The angles fall back there by so little that the revolution seems to go on."""
+    form = FORMATS[name]
+    case = Case("", partial(lose_stretches, 1.37, 0.93 / form.hertz), drifting, 7.0)
+    stream, line = happen(case, form)
+    found = score(stream, line, receive(stream, line, "sectors"), timed=True)
+    assert found.mixed <= 0.002 * found.samples
+    assert found.kept > 0.82 * found.samples
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("name", "turns"), [("0x85 S1", 0.93), ("0x82 A2", 0.96)])
+def test_packets_that_seem_to_turn_back_may_hide_a_turn(name: str, turns: float) -> None:
+    """Time need not tell all of it: a read alone may be late."""
+    form = FORMATS[name]
+    case = Case("", partial(lose_stretches, 1.37, turns / form.hertz), drifting, 7.0)
+    stream, line = happen(case, form)
+    found = score(stream, line, receive(stream, line, "read"), timed=True)
+    assert (found.mixed, found.wrong) == (0, 0)
