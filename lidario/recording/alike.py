@@ -27,8 +27,8 @@ def held(pipeline: Pipeline, *others: object) -> bytes:
     written = io.BytesIO()
     try:
         _Writer(written, pipeline).dump((pipeline, others))
-    except (pickle.PicklingError, TypeError, AttributeError):
-        # What is not known to the last bit is like nothing else.
+    except (pickle.PicklingError, TypeError, AttributeError, ValueError, RecursionError):
+        # What is not known to the last bit is like nothing else; so are objects that hold each other.
         return os.urandom(16)
     return blake2b(written.getvalue(), digest_size=16).digest()
 

@@ -84,6 +84,8 @@ def test_it_knows_what_a_slow_way_tells(seed: int) -> None:
         for packet_ns, arc in ((300_000, 0.0), (300_000, 460.0), (2_000_000, 920.0)):
             assert pace.measured(packet_ns, arc) == pytest.approx(measured(points, packet_ns, arc))
         assert pace.measured(0, 460.0) is None
-    twin = pace.copy()
+    twin, doubted = pace.copy(), pace.copy()
+    doubted.doubt_last()
+    assert doubted.back_from_now() == pace.back_from_now()[:-1]
     pace.clear()
     assert (pace.back_from_now(), len(twin.back_from_now())) == ([], len(points))
