@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 from threading import Lock
+from typing import Any
 
+import numpy as np
 import pytest
 
 from lidario.recording.alike import held
@@ -80,6 +82,36 @@ def test_so_does_what_the_next_scan_is_numbered_by(
     before = held(decoder)
     monkeypatch.setattr(decoder.stats, name, value)
     assert held(decoder) != before
+
+
+class Slot:
+    __slots__ = ("_slot",)
+
+
+class Kept(Slot):
+    """An object with fields that it shows to nobody."""
+
+    def __init__(self, slot: object, other: object) -> None:
+        self._slot = slot
+        self._other = other
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (1, 2),
+        (True, None),
+        (b"a", b"b"),
+        ([1], (1,)),
+        ({1: 2}, {1: 3}),
+        (np.zeros(2, np.int32), np.zeros(2, np.float32)),
+    ],
+)
+def test_every_field_of_every_object_is_looked_at(decoder: Pipeline, one: Any, other: Any) -> None:
+    alike = held(decoder, Kept(one, Kept(one, one)))
+    assert alike == held(decoder, Kept(one, Kept(one, one)))
+    for differing in (Kept(other, Kept(one, one)), Kept(one, Kept(other, one)), Kept(one, Kept(one, other))):
+        assert held(decoder, differing) != alike
 
 
 def test_of_what_is_not_known_no_two_are_alike(decoder: Pipeline) -> None:
