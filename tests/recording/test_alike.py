@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -89,7 +88,9 @@ class Slot:
 
 
 class Kept(Slot):
-    """An object with fields that it shows to nobody."""
+    """An object of ours, with fields that it shows to nobody."""
+
+    __module__ = "lidario.recording"
 
     def __init__(self, slot: object, other: object) -> None:
         self._slot = slot
@@ -115,5 +116,5 @@ def test_every_field_of_every_object_is_looked_at(decoder: Pipeline, one: Any, o
 
 
 def test_of_what_is_not_known_no_two_are_alike(decoder: Pipeline) -> None:
-    unknown = Lock()
+    unknown = object()
     assert held(decoder, unknown) != held(decoder, unknown)
