@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from lidario.errors import ConnectFailed, RecordingError
-from lidario.families.base import Family, Stream
+from lidario.families.base import Decoder, Family, Stream
 from lidario.families.registry import family_named
 from lidario.recording.about import About
 from lidario.recording.chronicle import (
@@ -40,6 +40,7 @@ from lidario.recording.opened import StoredFile
 from lidario.recording.reached import StoredChunk
 from lidario.recording.sequence import RecordedFiles
 from lidario.recording.write import FileWriter
+from lidario.wire.formats import StreamFormat
 
 SPIN_UP_S = 5.0
 """Until the first packet; a replay does not wait for it."""
@@ -82,12 +83,7 @@ class StoredStream:
         Raises:
             RecordingError: This version does not know its format.
         """
-        found = self.family.stream_in(self.began.mode)
-        if found is None:
-            raise RecordingError(
-                f"the recording has packets of an unknown type, 0x{self.began.mode.response_type:02X}"
-            )
-        wire, decoder = found
+        wire, decoder = self._format()
         return Stream(
             format=wire,
             decoder=decoder,
@@ -99,6 +95,14 @@ class StoredStream:
             may_take_ns=self.began.may_take_ns,
             timed=self.timed,
         )
+
+    def _format(self) -> tuple[StreamFormat, Decoder]:
+        found = self.family.stream_in(self.began.mode)
+        if found is None:
+            raise RecordingError(
+                f"the recording has packets of an unknown type, 0x{self.began.mode.response_type:02X}"
+            )
+        return found
 
 
 class StoredStreams(ABC):
