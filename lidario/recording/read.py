@@ -97,6 +97,7 @@ class StoredStream:
         )
 
     def _format(self) -> tuple[StreamFormat, Decoder]:
+        """The format, and what decodes it; what another machine sends has its own."""
         found = self.family.stream_in(self.began.mode)
         if found is None:
             raise RecordingError(

@@ -163,7 +163,8 @@ class DividedRevolution:
             turn_ns = self.usual_ns or samples.last.samples * self.sample_ns
             gap = self.gap or samples.lost > samples.lost_behind
             self.certain &= not (turn_ns and hides_a_turn(found[-1] - self.first_ns, turn_ns, gap=gap))
-            # Where angles fell back by little, a part of another revolution is among them.
+            # Where half a turn more is missing than the angles passed, they fell back: a part of another revolution
+            # is among them.
             missing = self.skipped_behind + sum([skipped for _, skipped in samples.gaps]) - samples.skipped_behind
             turned = (next_at - self.last) / self.wire.full_turn
             self.certain &= missing <= (turned + 0.5) * samples.last.samples
