@@ -60,10 +60,10 @@ class _Surprises:
 class _Noting(PtyServer):
     """Notes what it writes, and when."""
 
-    def __init__(self, device: Any, **options: Any) -> None:
+    def __init__(self, device: SimulatedRplidar, chunk: int) -> None:
         self.written: list[bytes] = []
         self.times: list[int] = []
-        super().__init__(device, **options)
+        super().__init__(device, chunk=chunk)
 
     def _send(self, data: bytes) -> int:
         now = time.monotonic_ns()
@@ -118,7 +118,7 @@ def device() -> None:
     # The real one turns at 8 to 20 Hz; other models at 7.
     made = SimulatedRplidar(replace(PROFILES["rplidar-s2"], speed_conf=(600, 400, 1200)), world=_Surprises())
     made.spin_up_s = 0.0
-    with _Noting(made, tick=0.001, chunk=64) as server:
+    with _Noting(made, chunk=64) as server:
         print(server.path, flush=True)
         sys.stdin.readline()
         print(json.dumps(_report(server)), flush=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import lidario
-from benchmarks import damage, decode, export, garbage, stages, vendor, view
+from benchmarks import damage, decode, export, garbage, reaction, stages, vendor, view
 from benchmarks.models import FORMATS
 from benchmarks.report import Setting
 from benchmarks.streams import KINDS, capture
@@ -148,6 +148,13 @@ def test_the_page_of_damage_shows_what_its_command_prints(name: str) -> None:
     (table,) = damage.run(Setting(quick=False, words=(name,))).tables
     assert told is not None
     assert told[1].splitlines() == table.markdown().splitlines()[2:]
+
+
+@pytest.mark.long
+def test_obstacles_are_shown_to_a_reader_of_scans_and_to_one_of_sectors() -> None:
+    (table,) = reaction.run(Setting(quick=True)).tables
+    assert [row[0] for row in table.rows] == ["10 Hz, scans", "10 Hz, sectors"]
+    assert all(int(row[4]) > 0 for row in table.rows)
 
 
 @pytest.mark.long
