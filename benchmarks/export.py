@@ -1,11 +1,13 @@
 """Exporting a recording: seconds of a core, seconds that pass, and memory, by `lidario export` as a user calls it.
 
-The recording is made of ten driven seconds of a simulated lidar, whose bytes are repeated, with their times, until
-it is long enough. Several files are exported on several processes, and one long file is divided among them.
+The recording is made of ten seconds of a simulated lidar on a real line, whose bytes are repeated, with their times,
+until it is long enough: in memory its reads would be twelve times as many. Several files are exported on several
+processes, and one long file is divided among them.
 """
 
 from __future__ import annotations
 
+import asyncio
 import json
 import math
 import subprocess
@@ -20,13 +22,13 @@ from benchmarks.processes import ROOT
 from benchmarks.report import Result, Setting, Table
 from lidario.recording.read import McapRecording
 from lidario.recording.write import FileWriter
-from tests.support.loop import run_driven
 
-_SOURCE = "sim://rplidar-s2?via=memory"
+_SOURCE = "sim://rplidar-s2?via=pty"
 _SCANS = 100
 _PATIENCE_S = 900.0
 _FORMS = (".npz", ".mcap")
 _CHILD = """
+import asyncio
 import json, resource, subprocess, sys, time
 began = time.monotonic()
 done = subprocess.run(sys.argv[1:], capture_output=True, text=True)
@@ -81,7 +83,7 @@ def make_recording(path: Path, seconds: float) -> None:
             for _ in range(_SCANS):
                 await anext(scans)
 
-    run_driven(record)
+    asyncio.run(record())
     recording = McapRecording(few)
     stream, offset_ns = recording.streams[0], recording.about.clock_offset_ns
     pieces = list(recording.pieces())

@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from lidario.arguments import finite, number, shown, text_of, whole
 from lidario.errors import InvalidValue
 from lidario.laserscan import LaserScan
-from lidario.rotor import Rotor, before, turned
+from lidario.rotor import Rotor, before, turned, within_turn
 from lidario.samples import in_single
 
 if TYPE_CHECKING:
@@ -126,12 +126,15 @@ def resample(scan: Scan, rotor: Rotor, options: BeamOptions, beams: SupportsInde
     # First, so that every other sample of the beam says more.
     filled[places[left_out & on_grid]] = NO_RETURN[options.filtered]
     filled[places[on_grid & ~hit & ~left_out]] = NO_RETURN[options.no_return]
-    # From far to near, so that the nearest return is written last.
-    by_range = np.flatnonzero(hit)[np.argsort(ranges[hit], kind="stable")[::-1]]
-    filled[places[by_range]] = ranges[by_range]
+    hit_places, hit_ranges = places[hit], ranges[hit]
+    # A NaN is no minimum: not of those that are none in `filled`.
+    filled[hit_places] = hit_ranges
+    np.minimum.at(filled, hit_places, hit_ranges)
     strengths = np.zeros(0 if scan.intensities is None else count, np.float32)
     if scan.intensities is not None:
-        strengths[places[by_range]] = scan.intensities[by_range]
+        nearest_ones = np.flatnonzero(hit)[hit_ranges == filled[hit_places]]
+        # Of equal ones the first.
+        strengths[places[nearest_ones[::-1]]] = scan.intensities[nearest_ones[::-1]]
 
     field, rises = abs(rotor.field_deg), rotor.field_deg < 0
     step = math.radians(field) / count
@@ -173,7 +176,7 @@ def _places(device_angles: NDArray[np.floating], rotor: Rotor, count: int) -> ND
     begin_deg, field = rotor.begin_deg, rotor.field_deg
     if not len(device_angles):
         return np.zeros(0, np.intp)
-    away = math.copysign(1.0, field) * (device_angles.astype(np.float64) - begin_deg) % 360.0
+    away = within_turn(math.copysign(1.0, field) * (device_angles.astype(np.float64) - begin_deg))
     if abs(field) != 360.0:
         away = (away + _ROUNDING_DEG) % 360.0 - _ROUNDING_DEG
     # Evenly spaced samples stand at the edges of as many beams, and rounding must not put two of them into one.

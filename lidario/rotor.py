@@ -159,6 +159,11 @@ def before(degrees: float, most: float) -> float:
     return (degrees + most) % 360.0 - most
 
 
+def within_turn(degrees: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The same angles in [0, 360), as `%` has them, which takes five times as long."""
+    return degrees - 360.0 * np.floor(degrees / 360.0)
+
+
 def turned(device_angles: NDArray[np.floating], begin_deg: float) -> NDArray[np.float64]:
     """Angle from the begin of the revolution to each sample, degrees, shape (n,), without jumps at 360."""
     return _travelled(device_angles) + before(float(device_angles[0]) - begin_deg, _MOST_BEFORE_SEAM_DEG)
@@ -166,9 +171,10 @@ def turned(device_angles: NDArray[np.floating], begin_deg: float) -> NDArray[np.
 
 def _travelled(device_angles: NDArray[np.floating]) -> NDArray[np.float64]:
     """Angle from the first sample to each sample, degrees, shape (n,), without jumps at 360."""
-    steps = np.diff(device_angles.astype(np.float64), prepend=float(device_angles[0]))
+    travelled, steps = np.zeros(len(device_angles)), np.diff(device_angles.astype(np.float64))
     # A step is a forward one, up to a gap of three quarters, unless it goes back by less than a quarter.
-    return np.cumsum((steps + _MOST_BACKWARD_DEG) % 360.0 - _MOST_BACKWARD_DEG)
+    np.cumsum(within_turn(steps + _MOST_BACKWARD_DEG) - _MOST_BACKWARD_DEG, out=travelled[1:])
+    return travelled
 
 
 def _step(travelled: NDArray[np.float64], known: NDArray[np.int64] | None) -> tuple[float, NDArray[np.int64]]:
@@ -181,9 +187,10 @@ def _step(travelled: NDArray[np.float64], known: NDArray[np.int64] | None) -> tu
     gaps = int(np.count_nonzero(steps > 2.5 * np.median(steps))) if known is None else 0
     lag = max(1, min(count // _LAG_SHARE, count // (_LAG_SHARE_PER_GAP * (gaps + 1))))
     # The mean of the middle half: a median alone would keep the rounding of the angles.
-    lagged = np.sort((travelled[lag:] - travelled[:-lag]) / (numbers[lag:] - numbers[:-lag]))
+    lagged = (travelled[lag:] - travelled[:-lag]) / (numbers[lag:] - numbers[:-lag])
     quarter = len(lagged) // 4
-    step = float(np.mean(lagged[quarter : len(lagged) - quarter]))
+    middle = slice(quarter, len(lagged) - quarter)
+    step = float(np.mean(np.partition(lagged, (middle.start, middle.stop - 1))[middle]))
     if step <= 0:
         return step, numbers
     if known is not None:

@@ -8,8 +8,11 @@ from __future__ import annotations
 
 import json
 import math
+from itertools import chain
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import lidario
 
@@ -28,16 +31,15 @@ def as_json(scan: lidario.Scan) -> str:
 
 def as_csv(scan: lidario.Scan, begin: str = "") -> str:
     """One row per sample, with the time at which it was measured; each begins with `begin`, or its number."""
-    begin = begin or f"{scan.seq},"
     stamps = scan.times_ns + (scan.wall_stamp_ns - scan.stamp_ns)
-    intensities = [""] * len(scan) if scan.intensities is None else scan.intensities.tolist()
-    rows = zip(
-        stamps.tolist(), scan.angles.tolist(), scan.ranges.tolist(), scan.valid.tolist(), intensities, strict=True
-    )
-    return "".join(
-        f"{begin}{stamp},{angle:.{_ANGLE_DIGITS}f},{f'{distance:.{_RANGE_DIGITS}f}' if hit else ''},{intensity}\n"
-        for stamp, angle, distance, hit, intensity in rows
-    )
+    columns: list[NDArray[Any]] = [stamps, scan.angles, np.where(scan.valid, scan.ranges, np.nan)]
+    row = f"{begin or f'{scan.seq},'}%d,%.{_ANGLE_DIGITS}f,%.{_RANGE_DIGITS}f,"
+    if scan.intensities is not None:
+        columns.append(scan.intensities)
+        row += "%d"
+    # All rows in one go: it takes half as long as one by one.
+    values = tuple(chain.from_iterable(zip(*(column.tolist() for column in columns), strict=True)))
+    return (f"{row}\n" * len(scan) % values).replace(",nan,", ",,")
 
 
 def as_row(scan: lidario.Scan) -> str:
