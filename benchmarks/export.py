@@ -1,8 +1,7 @@
 """Exporting a recording: seconds of a core, seconds that pass, and memory, by `lidario export` as a user calls it.
 
-The recording is made of ten seconds of a simulated lidar on a real line, whose bytes are repeated, with their times,
-until it is long enough: in memory its reads would be twelve times as many. Several files are exported on several
-processes, and one long file is divided among them.
+The recording is made of ten seconds of a simulated lidar on a real line, whose bytes are repeated, with their
+times, until it is long enough: in memory its reads would be twelve times as many.
 """
 
 from __future__ import annotations
@@ -53,7 +52,7 @@ def run(setting: Setting) -> Result:
         other = Path(folder, "two.mcap")
         other.hardlink_to(path)
         for name, files, jobs, form in (
-            *((f"one file to {form}, -j {jobs}", [path], jobs, form) for form in _FORMS for jobs in (1, 2)),
+            *((f"one file to {form}", [path], 1, form) for form in _FORMS),
             ("two files to .npz, -j 1", [path, other], 1, ".npz"),
             ("two files to .npz, -j 2", [path, other], 2, ".npz"),
         ):
@@ -66,10 +65,6 @@ def run(setting: Setting) -> Result:
             )  # fmt: skip
             for out in Path(folder).glob("out-*"):
                 out.unlink()
-    for form in _FORMS:
-        alone, both = (found[f"one file to {form}, -j {jobs}"]["passed_s"] for jobs in (1, 2))
-        found[f"share{form}"] = both / alone
-        table.notes.append(f"One file to {form}: -j 2 takes {both / alone:.2f} of the time of -j 1.")
     table.notes.append("Start of Python and its imports included. Memory does not grow with the file.")
     return Result("export", [table], found)
 

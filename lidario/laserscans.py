@@ -80,10 +80,6 @@ class LaserScans:
         if self._begin_deg is not None or self._beams is not None or self._is_settled():
             yield from self.rest()
 
-    def use_grid_of(self, other: LaserScans) -> None:
-        """Make all messages on the grid that another one has found; then no scan waits."""
-        self._beams, self._begin_deg = other._beams, other._begin_deg
-
     def rest(self) -> Iterator[tuple[Scan, LaserScan]]:
         """The messages of the scans that wait, where a stream ends before the motor ran evenly."""
         waiting, self._waiting = self._waiting, []

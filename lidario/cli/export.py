@@ -1,13 +1,15 @@
-"""``lidario export``: the scans of recordings as NPZ, CSV or MCAP; several files at once, on processes.
-
-A single long recording is divided (`lidario.recording.divided`); the files are those of one process.
-"""
+"""``lidario export``: the scans of recordings as NPZ, CSV or MCAP; several files at once, on processes."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from contextlib import nullcontext
+import os
+import threading
+from collections.abc import Iterator
+from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
+from contextlib import contextmanager, nullcontext, suppress
 from functools import partial
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,14 +27,12 @@ if TYPE_CHECKING:
     from lidario.recording.decode_file import FileDecoder
     from lidario.recording.files import Known
 
-_SEQ = "#"
-
 
 @click.command()
 @click.argument("files", metavar="FILE...", nargs=-1, required=True, shell_complete=complete_file)
 @click.argument("out", metavar="OUT", type=as_file(".npz", ".csv", ".mcap"), shell_complete=complete_file)
 @click.option("-j", "jobs", type=WholeRange(min=1), default=1, show_default=True, metavar="N",
-              help="How many processes. Each takes one of the files; a single long one is divided.")  # fmt: skip
+              help="How many processes. Each takes one of the files.")  # fmt: skip
 @click.option("--family", metavar="NAME", help="Of bare bytes, where it cannot be told from them.")
 @click.option("--model", metavar="NAME", help="Of bare bytes: the lidar that sent them, as in x4.")
 @click.option("--sample-us", type=FiniteRange(min=0, min_open=True), metavar="US",
@@ -63,8 +63,7 @@ def export(
     only_with("an OUT that ends with .mcap", of_scans, out.casefold().endswith(".mcap"))
     laserscans_of(of_scans)
     known, config = Known(family, model, sample_us), settings_of_file()
-    divided = jobs if len(files) == 1 else 1
-    tasks = [(file, out.replace("{}", _name_of(file)), known, of_scans, force, config, divided) for file in files]
+    tasks = [(file, out.replace("{}", _name_of(file)), known, of_scans, force, config) for file in files]
     if len({target for _, target, *_ in tasks}) < len(tasks):
         raise click.BadParameter("two of the files have the same name", param_hint="FILE...")
     with progress(f"exporting {counted(len(tasks), 'file')} …"):
@@ -81,13 +80,11 @@ def _name_of(file: str) -> str:
     return Path(file).stem.replace("*", "").strip("-_") or "all"
 
 
-_Task = tuple[str, str, Any, dict[str, Any], bool, Any, int]
+_Task = tuple[str, str, Any, dict[str, Any], bool, Any]
 
 
 def _all(tasks: list[_Task], jobs: int) -> list[Exception]:
     """Export everything; what fails does not keep the others from being exported."""
-    from lidario.recording.divided import processes
-
     failures: list[Exception] = []
     with processes(jobs) if jobs > 1 else nullcontext() as pool:
         running = [
@@ -99,14 +96,45 @@ def _all(tasks: list[_Task], jobs: int) -> list[Exception]:
             except lidario.LidarError as error:
                 failures.append(error)
                 continue
+            except BrokenExecutor:
+                why = "a process was killed: is memory short?"
+                failures.append(lidario.CannotRecord(f"{task[1]} is not written: {why}"))
+                continue
             message(f"{task[1]}: {scans} scans")
             if damage:
                 message(f"note: {task[0]}: {damage}; everything else is exported")
     return failures
 
 
+@contextmanager
+def processes(count: int) -> Iterator[Executor]:
+    """So many processes, which end when this one is killed.
+
+    Where the block raises, as by Ctrl-C, they end in the midst of what they do.
+    """
+    # Not forked: a process that has threads, or a terminal in use, must not be copied.
+    context = get_context("spawn")
+    theirs, ours = context.Pipe(duplex=False)
+    with theirs, ours, ProcessPoolExecutor(count, context, _end_with_parent, (theirs,)) as pool:
+        try:
+            yield pool
+        except BaseException:
+            ours.close()
+            raise
+
+
+def _end_with_parent(lifeline: Connection) -> None:
+    def wait() -> None:
+        # The other end is closed, by the parent or with it.
+        with suppress(EOFError, OSError):
+            lifeline.recv_bytes()
+        os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()
+
+
 def export_one(
-    file: str, out: str, known: Known, of_scans: dict[str, Any], force: bool, config: lidario.Config, jobs: int
+    file: str, out: str, known: Known, of_scans: dict[str, Any], force: bool, config: lidario.Config
 ) -> tuple[int, str]:
     """Export one file; returns how many scans, and why it could not be read to its end. Runs in any process."""
     from lidario.recording.decode_file import FileDecoder
@@ -116,34 +144,21 @@ def export_one(
     own = config.of(decoder.recording.about.info.serial)
     decoder.filters = own.filters
     if out.casefold().endswith(".mcap"):
-        count = export_mcap(decoder, Path(out), laserscans_of(of_scans, own.frame), overwrite=force, jobs=jobs)
+        count = export_mcap(decoder, Path(out), laserscans_of(of_scans, own.frame), overwrite=force)
     else:
         write = export_npz if out.casefold().endswith(".npz") else _export_csv
-        count = write(decoder, Path(out), overwrite=force, jobs=jobs)
+        count = write(decoder, Path(out), overwrite=force)
     return count, decoder.recording.damage
 
 
-def _export_csv(decoder: FileDecoder, path: Path, *, overwrite: bool, jobs: int) -> int:
-    from lidario.cli.formats import CSV_HEADER
-    from lidario.recording.divided import divided
+def _export_csv(decoder: FileDecoder, path: Path, *, overwrite: bool) -> int:
+    from lidario.cli.formats import CSV_HEADER, as_csv
     from lidario.recording.export import write_whole
 
     count = 0
-    with (
-        write_whole(path, overwrite=overwrite) as part,
-        open(part, "w", encoding="ascii", newline="") as file,
-        divided(decoder, jobs, _csv_of, path.parent, lambda rows, shift: (rows[0] + shift, rows[1])) as parts,
-    ):
+    with write_whole(path, overwrite=overwrite) as part, open(part, "w", encoding="ascii", newline="") as file:
         file.write(CSV_HEADER)
-        for seq, rows in parts:
-            file.write(rows.replace(_SEQ, f"{seq},"))
+        for scan in decoder:
             count += 1
+            file.write(as_csv(scan))
     return count
-
-
-def _csv_of(scans: Iterable[lidario.Scan]) -> Iterator[tuple[int, str]]:
-    """The number of each scan, and its rows with a mark in its place: it is known later."""
-    from lidario.cli.formats import as_csv
-
-    for scan in scans:
-        yield scan.seq, as_csv(scan, _SEQ)

@@ -29,11 +29,11 @@ def as_json(scan: lidario.Scan) -> str:
     return json.dumps(scan.to_dict(), separators=(",", ":"), allow_nan=False) + "\n"
 
 
-def as_csv(scan: lidario.Scan, begin: str = "") -> str:
-    """One row per sample, with the time at which it was measured; each begins with `begin`, or its number."""
+def as_csv(scan: lidario.Scan) -> str:
+    """One row per sample, with the time at which it was measured; each begins with the number of the scan."""
     stamps = scan.times_ns + (scan.wall_stamp_ns - scan.stamp_ns)
     columns: list[NDArray[Any]] = [stamps, scan.angles, np.where(scan.valid, scan.ranges, np.nan)]
-    row = f"{begin or f'{scan.seq},'}%d,%.{_ANGLE_DIGITS}f,%.{_RANGE_DIGITS}f,"
+    row = f"{scan.seq},%d,%.{_ANGLE_DIGITS}f,%.{_RANGE_DIGITS}f,"
     if scan.intensities is not None:
         columns.append(scan.intensities)
         row += "%d"

@@ -47,11 +47,6 @@ class Pace:
         twin._points = [*self._points]  # noqa: SLF001 - its own
         return twin
 
-    def back_from_now(self) -> list[tuple[int, int, int]]:
-        """All that it knows, counted back from the latest packet, without a doubted time."""
-        points = self._points[:-1] if self._is_doubted else self._points
-        return [(at_ns, self._turned - turned, self._came - came) for at_ns, turned, came in points]
-
     def clear(self) -> None:
         """What comes does not follow what came."""
         self._points, self._is_doubted = [], False

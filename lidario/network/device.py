@@ -54,7 +54,7 @@ class RemoteStreams(StoredStreams):
         """The stream that runs."""
         return self.streams[0]
 
-    def pieces(self, begin_ns: int | None = None) -> Iterator[Piece]:  # noqa: ARG002
+    def pieces(self) -> Iterator[Piece]:
         """Nothing is stored."""
         return iter(())
 

@@ -7,14 +7,11 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Callable, Iterator
-from functools import partial
-from typing import TypeAlias
+from collections.abc import Iterator
 
 from lidario.arguments import path_of
 from lidario.families.base import Known
 from lidario.filters.base import Filter
-from lidario.recording.alike import held
 from lidario.recording.files import SEARCHED, open_stored
 from lidario.recording.offline import BLOCK, OfflineDecoder, ScanArrays, arrays_of
 from lidario.recording.opened import StoredFile
@@ -31,11 +28,6 @@ _BLOCK = 64 * 1024
 """Bytes that are decoded together, as in `lidario.recording.offline`."""
 BLOCK_NS = 4_000_000_000
 """Time of a block at most: of slow lidars, so many bytes are a minute."""
-
-
-Watch: TypeAlias = Callable[[int, int, Callable[[], bytes]], bool]
-"""Says, where a block of bytes ends, whether to go no further: by the place of that end, the time at which it was
-read, and a function that tells what the decoder holds, as a check value."""
 
 
 class FileDecoder:
@@ -61,14 +53,7 @@ class FileDecoder:
         self.filters: tuple[Filter, ...] = ()
 
     def __iter__(self) -> Iterator[Scan]:
-        return self._filtered(self._timed() if self.recording.timed else self._untimed())
-
-    def part(self, begin_ns: int | None, watch: Watch) -> Iterator[Scan]:
-        """As to iterate over it, from about a time on, and as far as `watch` says. Only of what has times."""
-        return self._filtered(self._timed(begin_ns, watch))
-
-    def _filtered(self, scans: Iterator[Scan]) -> Iterator[Scan]:
-        for scan in scans:
+        for scan in self._timed() if self.recording.timed else self._untimed():
             yield scan.filtered(*self.filters) if self.filters else scan
 
     def _untimed(self) -> Iterator[Scan]:
@@ -79,13 +64,13 @@ class FileDecoder:
             yield from decoder.scans_of(iter(lambda: file.read(BLOCK), b""))
         self._count(decoder.pipeline.link.stats)
 
-    def _timed(self, begin_ns: int | None = None, watch: Watch | None = None) -> Iterator[Scan]:
+    def _timed(self) -> Iterator[Scan]:
         number, offset_deg = -1, 0.0
         pipeline: Pipeline | None = None
         last: Scan | None = None
         last_ns = -(1 << 63)
-        for pieces in self._blocks(begin_ns):
-            begun, _, _, block_deg, behind, place = pieces[-1]
+        for pieces in self._blocks():
+            begun, _, _, block_deg, behind, _ = pieces[-1]
             if begun != number or pipeline is None:
                 self._end(pipeline)
                 number = begun
@@ -101,22 +86,14 @@ class FileDecoder:
             data, last_ns, arrivals = join_reads([(piece.data, piece.at_ns) for piece in pieces], last_ns)
             for last in pipeline.receive(data, last_ns, arrivals):
                 yield last
-            if (note := pipeline.take_note()) and begin_ns is None:
+            if note := pipeline.take_note():
                 _log.warning("%s: %s", self.recording.path, note)
-            if watch is not None:
-                left = None if last is None else (last.stamp_ns, last.rpm, last.duration_ns)
-                place += len(pieces[-1].data)
-                if watch(place, last_ns, partial(held, pipeline, number, offset_deg, last_ns, left)):
-                    break
         self._end(pipeline)
 
-    def _blocks(self, begin_ns: int | None) -> Iterator[list[Piece]]:
-        """Reads of one stream and zero-angle offset that are decoded together.
-
-        Where they end depends on what stands there alone, so parts of a file have the same blocks as the whole.
-        """
+    def _blocks(self) -> Iterator[list[Piece]]:
+        """Reads of one stream and zero-angle offset that are decoded together."""
         block, before = list[Piece](), None
-        for piece in self.recording.pieces(begin_ns):
+        for piece in self.recording.pieces():
             here = piece.stream, piece.zero_offset_deg, piece.place // _BLOCK, piece.at_ns // BLOCK_NS
             if block and here != before:
                 yield block

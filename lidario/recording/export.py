@@ -12,20 +12,18 @@ import tempfile
 import zipfile
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
-from copy import deepcopy
 from dataclasses import asdict
 from functools import partial
 from heapq import merge
+from itertools import chain
 from operator import itemgetter
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 
-from lidario.laserscan import LaserScan
 from lidario.laserscans import LaserScans
 from lidario.recording.decode_file import FileDecoder
-from lidario.recording.divided import divided
 from lidario.recording.read import Copy
 from lidario.recording.write import FileWriter, cannot_write
 from lidario.scan import Scan
@@ -61,10 +59,8 @@ class _GivenUp(Exception):
     """Ends a block whose file shall not appear."""
 
 
-def export_npz(decoder: FileDecoder, path: Path, *, overwrite: bool = False, jobs: int = 1) -> int:
+def export_npz(decoder: FileDecoder, path: Path, *, overwrite: bool = False) -> int:
     """Write all scans to an NPZ file; returns how many.
-
-    On so many processes, if the recording is long enough (`lidario.recording.divided`).
 
     It holds `device_angles`, `device_distances`, `intensities` (absent where the format has none), `starts`,
     `stamps_ns`, `lost_packets` and `meta`, as `lidario.ScanArrays` describes them; `meta` is a text in JSON. Stamps
@@ -80,7 +76,7 @@ def export_npz(decoder: FileDecoder, path: Path, *, overwrite: bool = False, job
         starts, stamps, lost = [0], [], []
         has_intensities = True
         modes: dict[str, None] = {}
-        for scan in files.enter_context(divided(decoder, jobs, iter, path.parent)):
+        for scan in decoder:
             angles.write(scan.device_angles.data)
             distances.write(scan.device_distances.data)
             if scan.intensities is None:
@@ -116,24 +112,16 @@ def export_mcap(
     messages: LaserScans | None = None,
     *,
     overwrite: bool = False,
-    jobs: int = 1,
 ) -> int:
     """Write a recording that holds each scan on ``/scan`` too; returns how many scans. As `export_npz` else."""
     recording = decoder.recording
     begun_ns = None
     messages = messages or LaserScans()
-    if jobs > 1 and not _find_grid(decoder, messages):
-        jobs = 1
-    make = partial(_made, messages)
-    with (
-        write_whole(path, overwrite=overwrite) as part,
-        divided(decoder, jobs, make, path.parent) as made,
-        closing(recording.copies()) as stored,
-    ):
+    with write_whole(path, overwrite=overwrite) as part, closing(recording.copies()) as stored:
         writer = FileWriter(part, recording.about, overwrite=True, target=path)
         try:
             # Each scan before the first chunk that is later.
-            scans: Iterator[Copy] = ((m.stamp_ns, partial(FileWriter.add_message, message=m)) for m in made)
+            scans = _messages(messages, decoder)
             for at_ns, write in merge(scans, stored, key=itemgetter(0)):
                 write(writer)
                 begun_ns = at_ns if begun_ns is None else begun_ns
@@ -148,21 +136,9 @@ def export_mcap(
     return writer.count_of_scans
 
 
-def _made(messages: LaserScans, scans: Iterable[Scan]) -> Iterator[LaserScan]:
-    for scan in scans:
-        yield from (message for _, message in messages.take(scan))
-    yield from (message for _, message in messages.rest())
-
-
-def _find_grid(decoder: FileDecoder, messages: LaserScans) -> bool:
-    """Have the first scans of a recording tell the grid of all; False where it is not theirs to tell."""
-    first, tried = FileDecoder(decoder.recording.path, recording=decoder.recording), deepcopy(messages)
-    first.filters = decoder.filters
-    for scan in first:
-        if any([*tried.take(scan)]):
-            messages.use_grid_of(tried)
-            return True
-    return False
+def _messages(made: LaserScans, scans: Iterable[Scan]) -> Iterator[Copy]:
+    for _, message in chain(chain.from_iterable(map(made.take, scans)), made.rest()):
+        yield message.stamp_ns, partial(FileWriter.add_message, message=message)
 
 
 def _add(archive: zipfile.ZipFile, name: str, array: np.ndarray[Any, Any]) -> None:

@@ -107,7 +107,7 @@ class RawRecording(StoredStreams):
         began = replace(began, mode=replace(stream.mode, typical=True))
         self.streams: tuple[StoredStream, ...] = (StoredStream(found, began, timed=False),)
 
-    def pieces(self, begin_ns: int | None = None) -> Iterator[Piece]:  # noqa: ARG002 - it has no times
+    def pieces(self) -> Iterator[Piece]:
         """As `StoredStreams.pieces`; a piece has come when its last whole packet was measured."""
         stream = self.streams[0].open()
         link, times, at_ns = Link(), StoredTimes(stream), 0

@@ -77,7 +77,6 @@ class Damage(NamedTuple):
     missing: bool = True
 
 
-LEFT_OUT = Damage("chunks are left out, as it was asked for")
 """In place of chunks that nobody wants."""
 
 
@@ -89,14 +88,8 @@ class _Index(NamedTuple):
     is_whole: bool = False
 
 
-def read_records(file: StoredFile, begin_ns: int = 0) -> Iterator[Channel | Message | Metadata | Damage]:
-    """The records of a file, as far as they can be read. Raises only RecordingError.
-
-    Args:
-        file: The file.
-        begin_ns: Chunks that end before are passed over unread, up to the first one that does not; but never the
-            first of all, which tells the channels.
-    """
+def read_records(file: StoredFile) -> Iterator[Channel | Message | Metadata | Damage]:
+    """The records of a file, as far as they can be read. Raises only RecordingError."""
     file.seek(0)
     if file.read(len(MAGIC)) != MAGIC:
         yield Damage("it does not begin as an MCAP file", missing=False)
@@ -106,7 +99,6 @@ def read_records(file: StoredFile, begin_ns: int = 0) -> Iterator[Channel | Mess
     yield from index.channels
     file.seek(len(MAGIC))
     crc: int | None = crc32(MAGIC)
-    is_first = True
     while True:
         head = file.read(_HEAD.size)
         if len(head) < _HEAD.size:
@@ -124,16 +116,6 @@ def read_records(file: StoredFile, begin_ns: int = 0) -> Iterator[Channel | Mess
         crc = None if crc is None else crc32(head, crc)
         largest = _LARGEST.get(opcode, _PASSED_OVER)
         is_whole = length <= min(largest, file.left)
-        if opcode == _CHUNK_OP and begin_ns and not is_first and _CHUNK.size <= length < file.left:
-            _, end_ns, _, _ = _CHUNK.unpack(file.read(_CHUNK.size))
-            if end_ns < begin_ns:
-                yield LEFT_OUT
-                crc = None
-                file.seek(behind)
-                continue
-            begin_ns = 0
-            file.seek(behind - length)
-        is_first = is_first and opcode != _CHUNK_OP
         content = file.read(length) if is_whole else b""
         crc = crc32(content, crc) if is_whole and crc is not None else None
         if opcode == _CHUNK_OP:

@@ -125,11 +125,8 @@ class StoredStreams(ABC):
         self.away_ns: tuple[int, ...] = ()
 
     @abstractmethod
-    def pieces(self, begin_ns: int | None = None) -> Iterator[Piece]:
-        """What was received in the streams, in order. Each call begins anew.
-
-        What was read before `begin_ns` is left out, as far as times are told and that is easy.
-        """
+    def pieces(self) -> Iterator[Piece]:
+        """What was received in the streams, in order. Each call begins anew."""
 
     def copies(self) -> Generator[Copy, None, None]:
         """Every chunk and event, in order; nothing where the file has only bytes."""
@@ -196,13 +193,13 @@ class McapRecording(StoredStreams):
         for stream in self.streams:
             stream.open()
 
-    def pieces(self, begin_ns: int | None = None) -> Iterator[Piece]:
+    def pieces(self) -> Iterator[Piece]:
         number = 0
         offset_ns = self.about.clock_offset_ns
         offsets, offset_deg = _offsets(self.streams[0])
         behind = False
         first, last = _bounds(self.streams[0])
-        for record in self._files.records(0 if begin_ns is None else begin_ns + offset_ns):
+        for record in self._files.records():
             if not isinstance(record, StoredChunk) or record.sent:
                 continue
             at_ns, begin, _, data = record

@@ -16,7 +16,7 @@ from pathlib import Path
 from lidario.errors import RecordingError
 from lidario.recording.about import NAME, About
 from lidario.recording.chronicle import StreamEvent, event_of
-from lidario.recording.mcap_records import LEFT_OUT, Channel, Damage, Message, Metadata, read_records
+from lidario.recording.mcap_records import Channel, Damage, Message, Metadata, read_records
 from lidario.recording.opened import StoredFile
 from lidario.recording.reached import TWICE, Reached, StoredChunk
 from lidario.recording.ros_messages import parse_text
@@ -63,11 +63,8 @@ class RecordedFiles:
                 raise RecordingError(f"{path} names recordings of several lidars: {names}. Name those of one")
             self.paths = tuple(each for *_, each in sorted(beginnings, key=lambda known: known[1:]))
 
-    def records(self, begin_ns: int = 0) -> Iterator[About | StoredChunk | StreamEvent | Damage]:
+    def records(self) -> Iterator[About | StoredChunk | StreamEvent | Damage]:
         """The beginning, the raw chunks, the chronicle, and what of the files is damaged.
-
-        Args:
-            begin_ns: What comes before, on the clock of the file, is left out as far as that is easy.
 
         Raises:
             RecordingError: A file was merged of several recordings or copies of one, or cannot be read.
@@ -75,9 +72,7 @@ class RecordedFiles:
         reached = Reached()
         for path in self.paths:
             several = len(self.paths) > 1
-            for record in self._records_of(path, reached, begin_ns):
-                if isinstance(record, StoredChunk):
-                    begin_ns = 0
+            for record in self._records_of(path, reached):
                 yield (
                     record._replace(why=f"{path.name}: {record.why}")
                     if several and isinstance(record, Damage)
@@ -85,14 +80,12 @@ class RecordedFiles:
                 )
         self.size = sum(self._sizes.values())
 
-    def _records_of(
-        self, path: Path, reached: Reached, begin_ns: int
-    ) -> Iterator[About | StoredChunk | StreamEvent | Damage]:
+    def _records_of(self, path: Path, reached: Reached) -> Iterator[About | StoredChunk | StreamEvent | Damage]:
         topics: dict[int, str] = {}
         begun: list[About] = []
         with StoredFile(path, self._sizes.get(path, 0)) as file:
             self._sizes[path] = file.size
-            for record in read_records(file, begin_ns):
+            for record in read_records(file):
                 if isinstance(record, Message):
                     topic = topics.get(record.channel)
                     if topic == RAW_TOPIC:
@@ -114,8 +107,7 @@ class RecordedFiles:
                         topics[record.number] = record.topic
                 elif isinstance(record, Damage):
                     reached.is_known = reached.is_known and not record.missing
-                    if record is not LEFT_OUT:
-                        yield record
+                    yield record
                 elif isinstance(record, Metadata) and record.name == NAME:
                     about = About.of(record.texts)
                     begun.append(about)

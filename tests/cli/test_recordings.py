@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import time
+from concurrent.futures import BrokenExecutor, Executor, Future
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -168,6 +170,24 @@ def test_several_files_are_exported_on_processes_and_one_bad_one_harms_no_other(
     assert "Traceback" not in done.stderr
     one, other = (tmp_path / "a.npz").read_bytes(), (tmp_path / "b.npz").read_bytes()
     assert len(one) == len(other) > 100_000
+
+
+class Killed(Executor):
+    """Processes that the system has killed."""
+
+    def submit(self, *_: Any, **__: Any) -> Future[Any]:
+        done = Future[Any]()
+        done.set_exception(BrokenExecutor("terminated abruptly"))
+        return done
+
+
+def test_a_process_that_is_killed_is_told(live: Live, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lidario.cli.export.processes", lambda _: Killed())
+    (tmp_path / "b.mcap").write_bytes(live.path.read_bytes())
+    done = invoke("export", str(live.path), str(tmp_path / "b.mcap"), str(tmp_path / "{}.npz"), "-j", "2")
+    assert done.exit_code == 4
+    assert f"{tmp_path / 'b.npz'} is not written: a process was killed" in done.stderr
+    assert [each.name for each in tmp_path.iterdir()] == ["b.mcap"]
 
 
 @pytest.mark.parametrize("option", ["--family", "--model", "--sample-us"])

@@ -79,13 +79,15 @@ def test_it_knows_what_a_slow_way_tells(seed: int) -> None:
         pace.add(spans, arrivals)
         calls.append((spans, arrivals))
         points = points_of(calls)
-        turned, came = sum(sum(each) for each, _ in calls), sum(len(each) for each, _ in calls)
-        assert pace.back_from_now() == [(at_ns, turned - there, came - packet) for at_ns, there, packet in points]
         for packet_ns, arc in ((300_000, 0.0), (300_000, 460.0), (2_000_000, 920.0)):
             assert pace.measured(packet_ns, arc) == pytest.approx(measured(points, packet_ns, arc))
         assert pace.measured(0, 460.0) is None
     twin, doubted = pace.copy(), pace.copy()
-    doubted.doubt_last()
-    assert doubted.back_from_now() == pace.back_from_now()[:-1]
     pace.clear()
-    assert (pace.back_from_now(), len(twin.back_from_now())) == ([], len(points))
+    assert pace.measured(300_000, 460.0) is None
+    assert twin.measured(300_000, 460.0) == pytest.approx(measured(points, 300_000, 460.0))
+    doubted.doubt_last()
+    latest = ([920, 460], [(2, points[-1][0] + 4_000_000)])
+    doubted.add(*latest)
+    points[-1:] = points_of([*calls, latest])[-1:]
+    assert doubted.measured(300_000, 460.0) == pytest.approx(measured(points, 300_000, 460.0))

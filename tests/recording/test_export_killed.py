@@ -12,7 +12,7 @@ import pytest
 
 from lidario import CannotRecord
 from lidario.recording.export import write_whole
-from tests.support.children import BOUND, child, line_of
+from tests.support.children import BOUND, child, gone_behind, line_of
 
 ROOT = Path(__file__).resolve().parents[2]
 WRITES = """
@@ -73,25 +73,43 @@ def test_it_appears_when_it_is_whole_as_any_new_file(
 
 
 WAITS = """
-import time
-from lidario.recording.divided import processes
+import os, sys, time
+from lidario.cli.export import processes
 if __name__ == "__main__":
     with processes(1) as pool:
+        print(pool.submit(os.getpid).result(), flush=True)
         for _ in range(3):
             pool.submit(time.sleep, 600)
+        if sys.argv[1:]:
+            time.sleep(600)
         raise KeyboardInterrupt
 """
 
 
-@pytest.mark.long
-def test_ctrl_c_does_not_wait_for_the_files_of_other_processes(tmp_path: Path) -> None:
+@pytest.fixture
+def waits(tmp_path: Path) -> list[str]:
+    """A program whose processes have long work to do, as the words of a command: spawned ones need its file."""
     program = tmp_path / "waits.py"
     program.write_text(WAITS)
+    return [sys.executable, str(program)]
+
+
+@pytest.mark.long
+def test_ctrl_c_does_not_wait_for_the_files_of_other_processes(waits: list[str]) -> None:
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(
-        [sys.executable, program], env=environment, stderr=subprocess.PIPE, timeout=BOUND, check=False
-    )
+    done = subprocess.run(waits, env=environment, capture_output=True, timeout=BOUND, check=False)
     assert done.stderr.endswith(b"KeyboardInterrupt\n")
+
+
+@pytest.mark.long
+def test_when_it_is_killed_no_other_process_goes_on(waits: list[str]) -> None:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    process = subprocess.Popen([*waits, "on"], env=environment, text=True, stdout=subprocess.PIPE)
+    with gone_behind(process):
+        line_of(process.stdout)
+        process.kill()
+        # It ends when nobody can write to it any more.
+        assert line_of(process.stdout) == ""
 
 
 @pytest.mark.parametrize("exists", [True, False])
