@@ -183,7 +183,8 @@ class Link:
             return
         while True:
             stray, descriptor = find_descriptor(self._buffer, request)
-            self._stray(stray)
+            if stray:
+                self._stray(stray)
             buffer = self._buffer
             if descriptor is None:
                 return

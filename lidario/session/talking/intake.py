@@ -56,8 +56,9 @@ class Intake(ABC):
     def data_received(self, data: bytes, now: int, arrivals: Sequence[tuple[int, int]] = ()) -> None:
         """Count what the port has lost; then the bytes are parsed, at once where nothing waits."""
         late = self.port.late
-        # They came before `data`: the port keeps what comes first.
-        self.link.discard_data(late.overflow_bytes - self._overflow)
+        if overflow := late.overflow_bytes - self._overflow:
+            # They came before `data`: the port keeps what comes first.
+            self.link.discard_data(overflow)
         self.stats.late_reads += late.full_reads - self._full_reads
         self._overflow, self._full_reads = late.overflow_bytes, late.full_reads
         size, idle = len(data) + DELIVERY_BYTES, not self._turns.waiting
