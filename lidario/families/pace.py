@@ -78,21 +78,32 @@ class Pace:
         Without an `arc`, for each packet that came. None where too little time has passed to tell, and where what a
         packet takes is not known (0).
         """
-        if not packet_ns or len(self._points) < 3:
+        halves = self._halves(packet_ns, arc)
+        if any(measured < _FEWEST or arcs <= 0 for measured, arcs in halves):
             return None
+        found = [measured / arcs for measured, arcs in halves]
+        return (found[0], found[1]) if found else None
+
+    def is_too_short(self, packet_ns: float, arc: float) -> bool:
+        """Whether the device cannot have measured a packet for each such arc, in either half of the time."""
+        # Each read may end in the midst of a packet: by one, the time may be off.
+        halves = self._halves(packet_ns, arc)
+        return bool(halves) and all(measured + 1 < (1 - OFF) * arcs for measured, arcs in halves)
+
+    def _halves(self, packet_ns: float, arc: float) -> list[tuple[float, float]]:
+        """Packets that the device has measured, and arcs or packets that came, in each half of the time."""
+        if not packet_ns or len(self._points) < 3:
+            return []
         points = self._without_outages()
         begin, end = points[0], points[-1]
-        if end.at_ns - begin.at_ns < 2 * _FEWEST * packet_ns:
-            return None
         middle = min(points, key=lambda point: abs(2 * point.at_ns - begin.at_ns - end.at_ns))
-        found: list[float] = []
-        for before, after in ((begin, middle), (middle, end)):
-            measured = (after.at_ns - before.at_ns) / packet_ns
-            arcs = (after.turned - before.turned) / arc if arc else after.came - before.came
-            if measured < _FEWEST or arcs <= 0:
-                return None
-            found.append(measured / arcs)
-        return found[0], found[1]
+        return [
+            (
+                (after.at_ns - before.at_ns) / packet_ns,
+                (after.turned - before.turned) / arc if arc else after.came - before.came,
+            )
+            for before, after in ((begin, middle), (middle, end))
+        ]
 
     def _without_outages(self) -> list[_Point]:
         """The points, as if nothing had passed where angles and time disagree, by what a turn mostly takes.

@@ -32,7 +32,6 @@ Without times, as in a file of bytes, spans that agree are taken for one arc eac
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import accumulate
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -168,7 +167,8 @@ class Wheel(PacedTurning):
                 return Arcs(np.maximum(spans, 0.0), None, 0.0, certain=False)
             begin = self._arc
             walk = self._walk(plain, followed=followed)
-        if self._certain and self._is_too_much(walk.missing, arrivals):
+        may_tell = self._certain and self._time_passes and any(walk.missing)
+        if may_tell and self._pace.is_too_short(self._packet_ns, begin):
             # What came before tells nothing of it.
             self._arc, self._fastest, self._confirmed, self._spans = begin, fastest, False, told
             self._pace.clear()
@@ -231,7 +231,8 @@ class Wheel(PacedTurning):
     def _is_strange(self, walk: _Walk, spans: Sequence[int]) -> bool:
         """Whether spans fit no whole number of arcs for some time: the speed may be another one."""
         fitting, known = walk.fitting, walk.known
-        if not known and len(spans) >= AGREEING and max(spans) <= (1 + LIKENESS) * min(spans):
+        agree = len(spans) >= AGREEING and max(spans) <= (1 + LIKENESS) * min(spans)
+        if agree and not (known and self._time_passes):
             # Gaps of so many arcs are never alike: the rotor had all but stood, and is at speed.
             self._strange, self._spans = _STRANGE, [*spans][-REMEMBERED:]
             return True
@@ -273,18 +274,6 @@ class Wheel(PacedTurning):
                 self._forget()
             return True
         return False
-
-    def _is_too_much(self, missing: Sequence[int], arrivals: Sequence[Arrival]) -> bool:
-        """Whether the device cannot have measured so many packets between reads, by both halves of them."""
-        if len(arrivals) < 3 or not (self._packet_ns and self._time_passes and any(missing)):
-            return False
-        passed = list(accumulate([1 + more for more in missing], initial=0))
-        points = [(at_ns / self._packet_ns, passed[count - 1]) for count, at_ns in arrivals]
-        begin, end = points[0], points[-1]
-        middle = min(points[1:-1], key=lambda point: abs(2 * point[0] - begin[0] - end[0]))
-        halves = (begin, middle), (middle, end)
-        # Each read may end in the midst of a packet: by one, the time may be off.
-        return all(after[0] - before[0] + 1 < (1 - OFF) * (after[1] - before[1]) for before, after in halves)
 
     def _learn(self, *, anew: bool) -> tuple[int, int]:
         """Find the arc from what is remembered: the largest group of spans that agree, and what time says of it.

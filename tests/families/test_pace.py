@@ -28,10 +28,10 @@ def points_of(calls: Sequence[Call]) -> list[Point]:
     return points[-64:]
 
 
-def measured(points: Sequence[Point], packet_ns: int, arc: float) -> tuple[float, float] | None:
-    """As `Pace.measured`."""
+def halves(points: Sequence[Point], packet_ns: int, arc: float) -> list[tuple[float, float]]:
+    """Packets that were measured in each half of the time, and arcs, or packets that came."""
     if len(points) < 3:
-        return None
+        return []
     steps = np.diff(np.array(points), axis=0)
     turning = steps[steps[:, 1] > 0]
     if len(turning):
@@ -42,17 +42,25 @@ def measured(points: Sequence[Point], packet_ns: int, arc: float) -> tuple[float
     points = [points[0], *(tuple(each) for each in (points[0] + np.cumsum(steps, axis=0)).tolist())]
     times = np.array([at_ns for at_ns, _, _ in points])
     middle = points[int(np.argmin(np.abs(times - (times[0] + times[-1]) / 2)))]
-    found = []
-    for (from_ns, from_turned, from_came), (to_ns, to_turned, to_came) in (
-        (points[0], middle),
-        (middle, points[-1]),
-    ):
-        packets = (to_ns - from_ns) / packet_ns
-        arcs = (to_turned - from_turned) / arc if arc else to_came - from_came
-        if packets < 8 or arcs <= 0:
-            return None
-        found.append(packets / arcs)
-    return found[0], found[1]
+    return [
+        ((to_ns - from_ns) / packet_ns, (to_turned - from_turned) / arc if arc else to_came - from_came)
+        for (from_ns, from_turned, from_came), (to_ns, to_turned, to_came) in (
+            (points[0], middle),
+            (middle, points[-1]),
+        )
+    ]
+
+
+def measured(points: Sequence[Point], packet_ns: int, arc: float) -> tuple[float, float] | None:
+    """As `Pace.measured`."""
+    found = [packets / arcs for packets, arcs in halves(points, packet_ns, arc) if packets >= 8 and arcs > 0]
+    return (found[0], found[1]) if len(found) == 2 else None
+
+
+def is_too_short(points: Sequence[Point], packet_ns: int, arc: float) -> bool:
+    """As `Pace.is_too_short`."""
+    found = halves(points, packet_ns, arc)
+    return len(found) == 2 and max(packets + 1 - 0.75 * arcs for packets, arcs in found) < 0
 
 
 def calls_of(random: np.random.Generator) -> list[Call]:
@@ -81,6 +89,8 @@ def test_it_knows_what_a_slow_way_tells(seed: int) -> None:
         points = points_of(calls)
         for packet_ns, arc in ((300_000, 0.0), (300_000, 460.0), (2_000_000, 920.0)):
             assert pace.measured(packet_ns, arc) == pytest.approx(measured(points, packet_ns, arc))
+        for arc in (230.0, 460.0, 920.0):
+            assert pace.is_too_short(2_000_000, arc) == is_too_short(points, 2_000_000, arc)
         assert pace.measured(0, 460.0) is None
     twin, doubted = pace.copy(), pace.copy()
     pace.clear()

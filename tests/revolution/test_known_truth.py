@@ -111,6 +111,15 @@ def test_a_rotor_that_turns_twice_as_fast_behind_an_outage_did_not_lose_each_sec
     assert found.seq_off <= 2
 
 
+@every_format
+@pytest.mark.parametrize("way", ["sectors", "file"])
+def test_what_it_turns_then_is_soon_known_where_less_tells_of_it(name: str, way: str) -> None:
+    """By time as soon as a few packets have come, or, where none tells, by packets that agree."""
+    found = _scored(name, "2 to 7 Hz, an outage of 1 s in it", way)
+    assert found.kept > 0.7 * found.samples
+    assert found.wrong < 0.016 * found.samples
+
+
 @pytest.mark.parametrize("name", ["G4", "X4"])
 def test_the_first_scan_of_a_device_that_tells_no_sample_time_is_dated_by_all_its_reads(name: str) -> None:
     """Within a packet, as all later ones are."""
