@@ -20,6 +20,8 @@ from lidario.wire.events import Arrival
 OFF: Final = 0.25
 """Part by which a number of packets that time or angles tell may be off a whole number."""
 _REMEMBERED: Final = 64
+SEVERAL: Final = 1.5
+"""Packets measured for each one that came, from which some are missing."""
 _FEWEST: Final = 8.0
 """Packets that the device must have measured in each half, for time to say anything: it is off by one or two."""
 
@@ -78,30 +80,33 @@ class Pace:
         Without an `arc`, for each packet that came. None where too little time has passed to tell, and where what a
         packet takes is not known (0).
         """
-        halves = self._halves(packet_ns, arc)
-        if any(measured < _FEWEST or arcs <= 0 for measured, arcs in halves):
-            return None
-        found = [measured / arcs for measured, arcs in halves]
+        found = list[float]()
+        for measured, turned, came in self._halves(packet_ns):
+            arcs = turned / arc if arc else came
+            if measured < _FEWEST or arcs <= 0:
+                return None
+            found.append(measured / arcs)
         return (found[0], found[1]) if found else None
 
     def is_too_short(self, packet_ns: float, arc: float) -> bool:
-        """Whether the device cannot have measured a packet for each such arc, in either half of the time."""
-        # Each read may end in the midst of a packet: by one, the time may be off.
-        halves = self._halves(packet_ns, arc)
-        return bool(halves) and all(measured + 1 < (1 - OFF) * arcs for measured, arcs in halves)
+        """Whether the device has measured hardly more packets than came, and fewer than there are such arcs."""
+        halves = self._halves(packet_ns)
+        for measured, turned, came in halves:
+            # Each read may end in the midst of a packet: by one, the time may be off.
+            arcs = turned / arc
+            if not _FEWEST / 2 <= measured < SEVERAL * came or measured + 1 >= (1 - OFF) * arcs:
+                return False
+        return bool(halves)
 
-    def _halves(self, packet_ns: float, arc: float) -> list[tuple[float, float]]:
-        """Packets that the device has measured, and arcs or packets that came, in each half of the time."""
+    def _halves(self, packet_ns: float) -> list[tuple[float, int, int]]:
+        """In each half of the time: packets that were measured, how far the rotor turned, and packets that came."""
         if not packet_ns or len(self._points) < 3:
             return []
         points = self._without_outages()
         begin, end = points[0], points[-1]
         middle = min(points, key=lambda point: abs(2 * point.at_ns - begin.at_ns - end.at_ns))
         return [
-            (
-                (after.at_ns - before.at_ns) / packet_ns,
-                (after.turned - before.turned) / arc if arc else after.came - before.came,
-            )
+            ((after.at_ns - before.at_ns) / packet_ns, after.turned - before.turned, after.came - before.came)
             for before, after in ((begin, middle), (middle, end))
         ]
 

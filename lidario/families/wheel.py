@@ -159,7 +159,9 @@ class Wheel(PacedTurning):
         told = plain if followed else plain[:-1]
         begin, fastest, revoked = self._arc, self._fastest, (0, 0)
         walk = self._walk(plain, followed=followed) if self._certain else None
-        is_strange = walk is None or self._is_strange(walk, told)
+        # Where no time passes, what came in one piece has skipped nothing.
+        alone = not self._time_passes and len(arrivals) == 1
+        is_strange = walk is None or self._is_strange(walk, told, alone=alone)
         if walk is None or is_strange or not self._confirmed:
             self._arc, self._fastest = begin, fastest
             revoked = self._learn(anew=is_strange)
@@ -167,7 +169,7 @@ class Wheel(PacedTurning):
                 return Arcs(np.maximum(spans, 0.0), None, 0.0, certain=False)
             begin = self._arc
             walk = self._walk(plain, followed=followed)
-        may_tell = self._certain and self._time_passes and any(walk.missing)
+        may_tell = self._confirmed and self._time_passes and any(walk.missing)
         if may_tell and self._pace.is_too_short(self._packet_ns, begin):
             # What came before tells nothing of it.
             self._arc, self._fastest, self._confirmed, self._spans = begin, fastest, False, told
@@ -228,11 +230,14 @@ class Wheel(PacedTurning):
         self._arc = self._fastest = last
         return _Walk(arcs, missing, fitting, known)
 
-    def _is_strange(self, walk: _Walk, spans: Sequence[int]) -> bool:
-        """Whether spans fit no whole number of arcs for some time: the speed may be another one."""
+    def _is_strange(self, walk: _Walk, spans: Sequence[int], *, alone: bool) -> bool:
+        """Whether spans fit no whole number of arcs for some time: the speed may be another one.
+
+        Where spans are `alone`, nothing but the angles tells of them: those that agree are taken for one arc each.
+        """
         fitting, known = walk.fitting, walk.known
         agree = len(spans) >= AGREEING and max(spans) <= (1 + LIKENESS) * min(spans)
-        if agree and not (known and self._time_passes):
+        if agree and (alone or not known):
             # Gaps of so many arcs are never alike: the rotor had all but stood, and is at speed.
             self._strange, self._spans = _STRANGE, [*spans][-REMEMBERED:]
             return True

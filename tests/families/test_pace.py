@@ -28,8 +28,8 @@ def points_of(calls: Sequence[Call]) -> list[Point]:
     return points[-64:]
 
 
-def halves(points: Sequence[Point], packet_ns: int, arc: float) -> list[tuple[float, float]]:
-    """Packets that were measured in each half of the time, and arcs, or packets that came."""
+def halves(points: Sequence[Point], packet_ns: int) -> list[tuple[float, int, int]]:
+    """What was measured, turned and came in each half of the time."""
     if len(points) < 3:
         return []
     steps = np.diff(np.array(points), axis=0)
@@ -43,7 +43,7 @@ def halves(points: Sequence[Point], packet_ns: int, arc: float) -> list[tuple[fl
     times = np.array([at_ns for at_ns, _, _ in points])
     middle = points[int(np.argmin(np.abs(times - (times[0] + times[-1]) / 2)))]
     return [
-        ((to_ns - from_ns) / packet_ns, (to_turned - from_turned) / arc if arc else to_came - from_came)
+        ((to_ns - from_ns) / packet_ns, to_turned - from_turned, to_came - from_came)
         for (from_ns, from_turned, from_came), (to_ns, to_turned, to_came) in (
             (points[0], middle),
             (middle, points[-1]),
@@ -53,14 +53,16 @@ def halves(points: Sequence[Point], packet_ns: int, arc: float) -> list[tuple[fl
 
 def measured(points: Sequence[Point], packet_ns: int, arc: float) -> tuple[float, float] | None:
     """As `Pace.measured`."""
-    found = [packets / arcs for packets, arcs in halves(points, packet_ns, arc) if packets >= 8 and arcs > 0]
+    arcs = [(packets, turned / arc if arc else came) for packets, turned, came in halves(points, packet_ns)]
+    found = [packets / each for packets, each in arcs if packets >= 8 and each > 0]
     return (found[0], found[1]) if len(found) == 2 else None
 
 
 def is_too_short(points: Sequence[Point], packet_ns: int, arc: float) -> bool:
     """As `Pace.is_too_short`."""
-    found = halves(points, packet_ns, arc)
-    return len(found) == 2 and max(packets + 1 - 0.75 * arcs for packets, arcs in found) < 0
+    found = halves(points, packet_ns)
+    short = [4 <= packets < min(1.5 * came, 0.75 * turned / arc - 1) for packets, turned, came in found]
+    return len(found) == 2 and all(short)
 
 
 def calls_of(random: np.random.Generator) -> list[Call]:
@@ -89,8 +91,8 @@ def test_it_knows_what_a_slow_way_tells(seed: int) -> None:
         points = points_of(calls)
         for packet_ns, arc in ((300_000, 0.0), (300_000, 460.0), (2_000_000, 920.0)):
             assert pace.measured(packet_ns, arc) == pytest.approx(measured(points, packet_ns, arc))
-        for arc in (230.0, 460.0, 920.0):
-            assert pace.is_too_short(2_000_000, arc) == is_too_short(points, 2_000_000, arc)
+        for packet_ns, arc in ((2_000_000, 230.0), (600_000, 920.0), (600_000, 400.0)):
+            assert pace.is_too_short(packet_ns, arc) == is_too_short(points, packet_ns, arc)
         assert pace.measured(0, 460.0) is None
     twin, doubted = pace.copy(), pace.copy()
     pace.clear()
