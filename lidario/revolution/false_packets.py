@@ -7,9 +7,10 @@ the packet behind it, back, which looks like a gap of almost a turn, or like the
 The packets beside it tell. A rotor turns on from packet to packet by at least an arc, and what was skipped as noise
 between them took its time on the line, too: an arc for as many bytes as a packet has. Packets that are gone only
 add to that. So of three packets, the one in the middle is false if there is room for both before the third, and it
-does not lie there. Until the third has come, the second waits: only where it is not as far ahead as its bytes tell,
-so in an undisturbed stream nothing does. Where so much is gone that two gaps may well make a whole turn together,
-nothing is judged.
+does not lie there; unless the third follows it, for a device may write text between and within its packets, and
+then more was skipped than the rotor turned. Until the third has come, the second waits: only where it is not as far
+ahead as its bytes tell, so in an undisturbed stream nothing does. Where so much is gone that two gaps may well make
+a whole turn together, nothing is judged.
 """
 
 from __future__ import annotations
@@ -148,7 +149,7 @@ class FalsePackets:
             return False
         before = self._last, self._advances.copy(), self._arc, self._mean
         heading, behind = int(headings[0]) & HEADING_MASK, 1 + packets.skipped / self._wire.shortest
-        if not self._is_odd(self._beyond(heading, behind), behind):
+        if not self._is_odd(self._beyond(heading, behind, self._last), behind):
             self._accept(heading, behind)
             if len(headings) == 1 or self.passing(headings[1:]) is not None:
                 return True
@@ -179,14 +180,18 @@ class FalsePackets:
         noise, behind, packet = dict(skips), 0.0, self._wire.shortest
         for at, heading in enumerate(headings):
             behind += 1 + noise.get(at, 0) / packet
-            beyond = self._beyond(heading, behind)
+            beyond = self._beyond(heading, behind, self._last)
             if self._is_odd(beyond, behind):
                 if at + 1 == len(headings):
                     return false, True
-                # Without it, at most half as much is missing; or it falls back behind where it should be.
-                third = behind + 1 + noise.get(at + 1, 0) / packet
-                missing = self._beyond(headings[at + 1], third)
-                if third * self._arc < self._full_turn and 2 * missing < min(beyond, self._full_turn - beyond):
+                between = 1 + noise.get(at + 1, 0) / packet
+                third = behind + between
+                # Without it, at most half as much is missing, or it falls back behind where it should be; and the
+                # one behind it does not follow it.
+                missing = self._beyond(headings[at + 1], third, self._last)
+                is_alone = self._is_odd(self._beyond(headings[at + 1], between, heading), between)
+                is_alone = is_alone and 2 * missing < min(beyond, self._full_turn - beyond)
+                if is_alone and third * self._arc < self._full_turn:
                     false.append(at)
                     continue
             self._accept(heading, behind)
@@ -197,9 +202,9 @@ class FalsePackets:
         """Whether one that is so far beyond so many arcs may be false."""
         return self._mean > 0 and beyond > behind * (self._mean - self._arc) + self._slack
 
-    def _beyond(self, heading: int, behind: float) -> float:
-        """How much farther than so many arcs the rotor turned since the last true packet; hardly below 0."""
-        return (heading - self._last - behind * self._arc + self._slack) % self._full_turn - self._slack
+    def _beyond(self, heading: int, behind: float, last: int) -> float:
+        """How much farther than so many arcs the rotor turned since another packet; hardly below 0."""
+        return (heading - last - behind * self._arc + self._slack) % self._full_turn - self._slack
 
     def _part(self, packets: Packets, begin: int, end: int) -> Packets:
         return part_of(packets, begin, end, packet_offsets(packets.blocks), self._wire, self._sample_ns)

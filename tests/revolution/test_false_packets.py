@@ -129,6 +129,19 @@ def test_amid_damage_the_bytes_that_were_skipped_tell_where_it_belongs(off: int,
     assert pipeline.stats.lost_packets == len(spoilt) + 1
 
 
+@pytest.mark.parametrize("text", [7, 29, 37, 80])
+@pytest.mark.parametrize("packets", [1, 2, 3])
+def test_a_text_within_packets_makes_none_behind_them_false(text: int, packets: int) -> None:
+    """More was skipped there than the rotor turned. A text in one packet of each six, or in some in a row."""
+    clean = numbered(24 * 8, 960)
+    told = {at for at in range(LEARNED, 24 * 7) if at % 6 < packets}
+    data = [packet[:50] + b"x" * text + packet[50:] if at in told else packet for at, packet in enumerate(clean)]
+    pipeline = Pipeline(stream_of(DENSE), BAUD)
+    pipeline.receive(b"".join(data), round(on_time(len(clean))))
+    pipeline.end()
+    assert (pipeline.stats.false_packets, pipeline.stats.lost_packets) == (0, len(told))
+
+
 @pytest.mark.parametrize("spoilt", [0, 2])
 def test_in_a_file_it_has_taken_its_time(spoilt: int) -> None:
     clean = numbered(24 * 5, 960)
