@@ -180,6 +180,12 @@ class DividedRevolution:
         ends = samples.ends
         self.last, self.last_samples = self.waiting_at, ends[-1] - (ends[-2] if len(ends) > 1 else 0)
         self.last_arc = (next_at - self.last) % self.wire.full_turn
+        if not samples.certain:
+            # A lone sample tells no step. What is missing behind it, the usual step does.
+            skipped = round(self.last_arc * self.usual_samples / self.wire.full_turn) - self.last_samples
+            if skipped > 0:
+                self.gaps.append((earlier + ends[-1], skipped))
+                self.skipped_behind, self.gap = skipped, True
         if samples.certain and samples.last.samples:
             self.usual_samples, self.by_speed_ns = samples.last.samples, samples.sample_ns
             if samples.lost_behind:

@@ -6,11 +6,13 @@ from dataclasses import replace
 from functools import partial
 from itertools import product
 
+import numpy as np
 import pytest
 
-from benchmarks.truth_cases import CASES, Case, drifting, happen, lose_share, lose_stretches
+from benchmarks.truth_cases import CASES, Case, Line, drifting, happen, lose, lose_share, lose_stretches
 from benchmarks.truth_forms import FORMATS
 from benchmarks.truth_score import Score, is_right, score
+from benchmarks.truth_streams import TrueStream
 from benchmarks.truth_ways import receive
 
 ONE_A_PARSER = ["0x81 S1", "0x82 A1", "0x83 HQ", "0x84 A3", "0x85 C1", "4ROS", "G4", "LD19"]
@@ -281,6 +283,26 @@ def test_sectors_behind_gaps_are_dated_nearly_as_well_as_scans(name: str, case: 
     )
     assert of_sectors < 2.5 * of_scans + 0.1
     assert most < 40
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["4ROS", "X4", "G4"])
+def test_sectors_behind_a_gap_behind_a_lone_sample_are_dated_by_the_usual_step(name: str) -> None:
+    """The first packet of a revolution holds one sample: it tells no step, and so not what is missing behind it."""
+    form = FORMATS[name]
+
+    def lose_half_a_turn(stream: TrueStream, random: np.random.Generator) -> Line:
+        turns, kept = stream.turns[stream.firsts[:-1]], np.ones(len(stream.firsts) - 1, np.bool_)
+        for start in np.flatnonzero(np.diff(stream.firsts) == 1)[5::2].tolist():
+            kept[start + 1 :] &= (turns[start + 1 :] > turns[start] + 0.5) | (turns[start + 1 :] < turns[start])
+        return lose(stream, kept, random, spoilt=False)
+
+    stream, line = happen(Case("", lose_half_a_turn, drifting), form)
+    found = score(stream, line, receive(stream, line, "sectors"), timed=True)
+    assert found.told == found.missing > 0
+    assert found.times_off_ms is not None
+    # The lone sample itself is dated by the read that it came in.
+    assert found.times_off_ms[1] < 1000 * line.pace_s[1]
 
 
 @pytest.mark.long
