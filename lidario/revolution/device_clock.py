@@ -43,7 +43,8 @@ _STEEPEST: Final = 0.02
 """By so much one clock is faster than another at most: one without a crystal may be off by a hundredth."""
 _EARLY_NS: Final = 100_000_000
 _LATE_NS: Final = 2_000_000_000
-"""What comes so much earlier or later than any has come is told by another clock: the device was restarted."""
+"""What comes so much earlier or later than any has come is told by another clock: the device was restarted. So is
+what should have come so much earlier than the packet before it."""
 
 Stamps: TypeAlias = NDArray[np.int64]
 _Point: TypeAlias = tuple[int, int]
@@ -161,7 +162,9 @@ class DeviceClock:
         if measured_ns is None:
             return None
         if is_last and not is_cut:
-            if self._earliest and not -_EARLY_NS < at_ns - measured_ns - self._ahead_ns < _LATE_NS:
+            should_ns = measured_ns + self._ahead_ns
+            went_on = should_ns > self._last_ns - _EARLY_NS and -_EARLY_NS < at_ns - should_ns < _LATE_NS
+            if self._earliest and not went_on:
                 self._earliest.clear()
                 self._ahead_ns = 0
                 return self._came(reader, at_ns, is_last=True)

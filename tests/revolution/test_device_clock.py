@@ -172,6 +172,17 @@ def test_where_decoding_began_makes_no_difference() -> None:
         assert found[behind:] == whole[begin + behind :]
 
 
+@pytest.mark.parametrize("begin_ms", [0.0, 4_000.0, 6_500.0, 7_500.0, 8_700.0, 20_000.0])
+def test_a_clock_that_began_anew_is_another_one_wherever_it_begins(begin_ms: float) -> None:
+    """That of the device said 9 s when it was restarted: what came then may seem as late as reads can be."""
+    data, times = made(4.0, begin_ms=5_000.0)
+    again, later = made(2.0, begin_ms=begin_ms)
+    times = np.concatenate((times, later + 4.3e9))
+    found = errors_ms(received(data + again, late_reads(times, 3, 16.0)), times)
+    assert max(found) < 17.0
+    assert min(found) > -12.0
+
+
 @pytest.mark.parametrize("turns", [1.0, 2.0, 7.5])
 def test_how_long_an_outage_was_the_stamps_tell_though_all_is_read_at_once(turns: float) -> None:
     """As behind a loop that was blocked: angles hide whole revolutions, and all bytes have one time."""
