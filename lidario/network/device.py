@@ -63,6 +63,13 @@ class RemoteStreams(StoredStreams):
         if isinstance(event, Responded) and len(event.request) + len(event.payload) <= LONGEST_RESPONSE:
             self._told.follow(event)
 
+    def turn(self, degrees: float) -> None:
+        """The stream that runs has another zero-angle offset now."""
+        before = self.stream.began
+        self.begin(replace(before, zero_offset_deg=degrees))
+        if self.opened is before:
+            self.opened = self.stream.began
+
     def begin(self, began: StreamBegan) -> None:
         """Another stream runs now."""
         self.streams: tuple[StoredStream, ...] = (replace(self.stream, began=began),)

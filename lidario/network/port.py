@@ -16,6 +16,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import Final
 
 from lidario.errors import DeviceLost
@@ -27,7 +28,7 @@ from lidario.network.messages import Entry, parse_raw_message
 from lidario.network.raw import in_order, reads_here
 from lidario.network.senders import OneSender, Senders
 from lidario.network.status import Status
-from lidario.recording.chronicle import StreamBegan, StreamEnded
+from lidario.recording.chronicle import StreamBegan, StreamEnded, ZeroOffsetSet
 from lidario.recording.fed import FedPort
 from lidario.recording.read import StoredStream
 from lidario.revolution.together import join_reads
@@ -156,6 +157,8 @@ class RemotePort(FedPort):
                 continue
             if isinstance(each, StreamBegan):
                 self._begin(each)
+            elif isinstance(each, ZeroOffsetSet):
+                self._begin(replace(self.stream.began, zero_offset_deg=each.zero_offset_deg), behind=each.behind)
             elif isinstance(each, StreamEnded):
                 self._flows = False
             elif each is not None:
@@ -169,8 +172,15 @@ class RemotePort(FedPort):
             if reads:
                 self.data_received(*join_reads(reads))
 
-    def _begin(self, began: StreamBegan) -> None:
-        if began == self.stream.began and self._flows:
+    def _begin(self, began: StreamBegan, *, behind: bool = False) -> None:
+        before = self.stream.began
+        if began == before and self._flows:
+            return
+        if self._flows and before == replace(began, zero_offset_deg=before.zero_offset_deg):
+            # The same stream goes on.
+            self._streams.turn(began.zero_offset_deg)
+            if self.audience is not None:
+                self.audience.set_zero_offset(self.offset_of(began.zero_offset_deg), behind=behind)
             return
         if self._raw and self.stream.family.stream_in(began.mode) is None:
             return

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from itertools import groupby
 from operator import attrgetter
 from typing import Final
@@ -17,7 +18,7 @@ from lidario.families.registry import FAMILIES
 from lidario.network.messages import Entry, parse_raw_message
 from lidario.network.status import Status
 from lidario.port.wall_clock import WallClock
-from lidario.recording.chronicle import MOST_NS, StreamBegan, StreamEnded, StreamEvent, event_of
+from lidario.recording.chronicle import MOST_NS, StreamBegan, StreamEnded, StreamEvent, ZeroOffsetSet, event_of
 from lidario.recording.read import StoredStream
 from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.pipeline import Pipeline
@@ -91,6 +92,8 @@ class RawDecoder:
                 continue
             if isinstance(each, StreamBegan):
                 self._begin(each)
+            elif isinstance(each, ZeroOffsetSet) and self._began is not None:
+                self._begin(replace(self._began, zero_offset_deg=each.zero_offset_deg), behind=each.behind)
             elif isinstance(each, StreamEnded):
                 self._end()
             yield []
@@ -103,8 +106,14 @@ class RawDecoder:
             data, self._last_ns, arrivals = join_reads(reads, self._last_ns)
             yield from self._pipeline.steps(data, self._last_ns, arrivals)
 
-    def _begin(self, began: StreamBegan) -> None:
-        if began == self._began:
+    def _begin(self, began: StreamBegan, *, behind: bool = False) -> None:
+        before, pipeline = self._began, self._pipeline
+        if began == before:
+            return
+        if pipeline and before and before == replace(began, zero_offset_deg=before.zero_offset_deg):
+            # The same stream goes on.
+            pipeline.assembler.set_zero_offset(began.zero_offset_deg, behind=behind)
+            self._began = began
             return
         self._end()
         if self._family is None or self._family.stream_in(began.mode) is None:

@@ -60,6 +60,7 @@ class FedPort(Port, ABC):
 
     `baudrate` is the speed of the line as it was; 0 where there was none. The session is the `audience`, None as
     long as it is not known, and takes packets while `is_wanted`. The port `is_over` when it is closed, or lost.
+    `offset_of` tells the zero-angle offset to add where the stream has another one.
     """
 
     def __init__(self, name: str, baudrate: int) -> None:
@@ -68,6 +69,7 @@ class FedPort(Port, ABC):
         self.audience: Audience | None = None
         self.is_wanted: bool = False
         self.is_over: bool = False
+        self.offset_of: Callable[[float], float] = lambda recorded_deg: recorded_deg
         self.connection_made(_FedLine(self))
 
     @property

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
 
@@ -40,7 +40,7 @@ class ReplayPort(FedPort):
     """A port with a recording at its other end; needs a running event loop.
 
     It is played at `rate`, 0 for as fast as it is read, again and again with `loop`, and first the `pieces`, where
-    that is not all of it. `offset_of` tells the zero-angle offset to add where the recording has another one.
+    that is not all of it.
     """
 
     def __init__(
@@ -51,7 +51,6 @@ class ReplayPort(FedPort):
         loop: bool = False,
         pieces: Iterator[Piece] | None = None,
     ) -> None:
-        self.offset_of: Callable[[float], float] = lambda recorded_deg: recorded_deg
         if recording.damage:
             _log.warning("%s: %s; everything else is played", recording.path, recording.damage)
         self._recording = recording

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 import time
-import weakref
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +13,7 @@ import pytest
 import lidario
 from lidario.families.base import Family
 from lidario.families.registry import FAMILIES
+from lidario.families.ydlidar.simulated.device import Simulated4Ros
 from lidario.network import raw
 from lidario.network.bus import Sample
 from lidario.network.device import RemoteStreams
@@ -25,13 +26,9 @@ from lidario.port.wall_clock import WallClock
 from lidario.recording.about import About
 from lidario.recording.chronicle import MOST_NS, Responded, StreamBegan, StreamEnded, ZeroOffsetSet, text_of
 from lidario.revolution.together import join_reads
-from lidario.ros import fleet
-from lidario.ros.fleet import FleetScan, WaitingScans
 from lidario.ros.share import RawFeed
 from lidario.scan import Scan
-from lidario.testing import make_scan
 from tests.support.loop import driven, run_driven
-from tests.test_model import FOUR
 
 MODELS = ("rplidar-s2", "ydlidar-4ros", "ldrobot-ld06")
 
@@ -57,14 +54,17 @@ class Clock(WallClock):
 class Sent:
     """What a publisher of raw bytes sends, and the scans that its own session made of them."""
 
-    def __init__(self, model: str, count: int = 6) -> None:
+    def __init__(self, model: str, count: int = 6, chosen: Mapping[int, bool] | None = None) -> None:
         self.messages: list[bytes] = []
         self.scans: list[Scan] = []
         self.status: Status | None = None
-        run_driven(lambda: self._run(model, count))
+        run_driven(lambda: self._run(model, count, chosen or {}))
 
-    async def _run(self, model: str, count: int) -> None:
-        async with lidario.open_lidar(lidario.simulate(model, spin_up=0)) as lidar:
+    async def _run(self, model: str, count: int, chosen: Mapping[int, bool]) -> None:
+        simulated = lidario.simulate(model, spin_up=0)
+        if isinstance(simulated, Simulated4Ros):
+            simulated.zero_offset = 42
+        async with lidario.open_lidar(simulated) as lidar:
             feed = RawFeed(lidar, self._send, lambda: None)
             feed.begin()
             async with lidar.scans() as scans:
@@ -75,6 +75,8 @@ class Sent:
                     self.status = Status.of(told.to_bytes(whole=False))
                     if len(self.scans) == count:
                         break
+                    if (on := chosen.get(len(self.scans))) is not None:
+                        await lidar.set_zero_offset(on)
             feed.end()
             self.offset_ns = round(self.scans[0].wall_stamp_ns - self.scans[0].stamp_ns)
 
@@ -119,6 +121,24 @@ def test_where_the_clock_of_the_reader_is_set_a_stream_goes_on_and_the_next_one_
     again = [scan for message in sent.messages for scan in added(decoder, message) or ()]
     assert [scan.stamp_ns for scan in again] == [scan.stamp_ns - 10**12 for scan in sent.scans]
     assert [scan.wall_stamp_ns for scan in again] == [scan.wall_stamp_ns for scan in sent.scans]
+
+
+@pytest.mark.parametrize("heard", [True, False])
+def test_another_zero_offset_in_mid_stream_interrupts_nothing(heard: bool) -> None:
+    """A reader has it from the same scan on; one that missed that is told by the next status, and loses nothing."""
+    sent = Sent("ydlidar-4ros", 9, {2: True, 5: False})
+    decoder, scans = sent.decoder(), list[Scan]()
+    for message in sent.messages:
+        if heard or b'"zero offset"' not in message:
+            scans += added(decoder, message) or ()
+        elif sent.status is not None:
+            entries = [each for each in parse_raw_message(message) or () if not each.is_event]
+            scans += added(decoder, encode_raw_message(entries)) or ()
+            decoder.learn(sent.status)
+    assert [scan.seq for scan in scans] == [scan.seq for scan in sent.scans]
+    assert len({round(float(scan.device_angles[0]), -1) for scan in sent.scans}) == 2
+    for own, other in zip(scans[:: 1 if heard else 8], sent.scans[:: 1 if heard else 8], strict=True):
+        np.testing.assert_array_equal(own.device_angles, other.device_angles)
 
 
 def test_a_message_that_is_missing_costs_a_part_of_one_revolution(sent: Sent) -> None:
@@ -202,32 +222,6 @@ def test_the_publishers_that_were_not_heard_for_longest_are_forgotten(monkeypatc
         assert senders.follow(sample)[1] == {2: 19, 4: 19}.get(number, 0)
 
 
-def test_a_slow_reader_sees_the_latest_of_every_lidar_and_what_is_missing() -> None:
-    waiting = WaitingScans(2)
-    for number, (key, lost) in enumerate([("a", 0), ("a", 3), ("b", 0), ("a", 0), ("a", 0)]):
-        waiting.put(FleetScan(key, FOUR, number, lost))
-    assert len(waiting) == 3
-    taken = [waiting.take() for _ in range(3)]
-    assert [(each.key, each.sent_ns, each.lost) for each in taken] == [("a", 3, 5), ("a", 4, 0), ("b", 2, 0)]
-    assert (len(waiting), waiting.dropped) == (0, 2)
-
-
-class Key(str):
-    """A key of which it is seen when it is forgotten."""
-
-
-def test_nothing_is_kept_of_a_lidar_whose_scans_are_gone(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Lidars come and go, and their number is not ours."""
-    monkeypatch.setattr(fleet, "MOST_BYTES", 1)
-    scans, keys = WaitingScans(2), [Key("dropped"), Key("taken")]
-    kept = [weakref.ref(key) for key in keys]
-    while keys:
-        scans.put(FleetScan(keys.pop(0), FOUR, 0, 0))
-    assert [each() for each in kept] == [None, "taken"]
-    scans.take()
-    assert kept[1]() is None
-
-
 def test_the_first_one_is_listened_to_as_long_as_it_sends() -> None:
     one = OneSender(b"", 0.0)
     assert one.follow(b"x", 0.0, lambda: False) == "rival"
@@ -277,32 +271,6 @@ def test_decoders_are_bounded_by_what_they_hold(sent: Sent, monkeypatch: pytest.
     count = len(decoders)
     assert decoders.of("b", bytes(16)) is last
     assert len(decoders) <= count
-
-
-def test_scans_that_wait_are_bounded_in_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """How many lidars there are is for the network to say."""
-    monkeypatch.setattr(fleet, "MOST_BYTES", 30_000)
-    scans = WaitingScans(4)
-    for number in range(100):
-        scans.put(FleetScan(f"k{number % 50}", FOUR, 0, 0))
-    left = len(scans)
-    assert scans.dropped == 100 - left
-    assert 5 < left < 20
-    assert [scans.take().key for _ in range(left)] == [f"k{number % 50}" for number in range(100 - left, 100)]
-    assert len(scans) == 0
-
-
-def test_scans_that_take_the_place_of_smaller_ones_are_bounded_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fleet, "MOST_BYTES", 30_000)
-    scans, large = WaitingScans(1), make_scan([0.0] * 1000, 1.0)
-    for scan in (FOUR, large):
-        for number in range(10):
-            scans.put(FleetScan(f"k{number}", scan, 0, 0))
-    assert [scans.take().key for _ in range(len(scans))] == ["k8", "k9"]
-    # A large one behind many small ones of other lidars pushes out as many as it needs.
-    for number in range(12):
-        scans.put(FleetScan(f"k{number}", large if number == 11 else FOUR, 0, 0))
-    assert [scans.take().key for _ in range(len(scans))] == [f"k{number}" for number in range(2, 12)]
 
 
 @driven

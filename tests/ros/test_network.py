@@ -60,6 +60,28 @@ async def test_scans_arrive_equal_and_info_and_health_with_them(router: Router, 
 
 
 @pytest.mark.long
+async def test_another_zero_offset_of_raw_bytes_interrupts_no_reader(router: Router) -> None:
+    """It had to start its stream again, up to a second later, and lost a revolution."""
+    async with Rig(router) as rig:
+        lidar = await rig.open("ydlidar")
+        await lidar.set_zero_offset(True)
+        share = await rig.enter_async_context(Share(lidar, "turned", raw=True, router=router.address))
+        rig.run(share)
+        await until(lambda: rig.sent)
+        _, stream = await rig.read("turned")
+        scans = [await anext(stream) for _ in range(3)]
+        await lidar.set_zero_offset(False)
+        # The next status tells it again.
+        scans += [await anext(stream) for _ in range(12)]
+        await until(lambda: rig.sent[-1].wall_stamp_ns >= scans[-1].wall_stamp_ns)
+    by_time = {round(scan.wall_stamp_ns, -5): scan for scan in rig.sent}
+    assert len({round(float(scan.device_angles[0]), -1) for scan in scans}) == 2
+    for scan in scans:
+        np.testing.assert_array_equal(scan.device_angles, by_time[round(scan.wall_stamp_ns, -5)].device_angles)
+    assert np.all(np.diff([scan.seq for scan in scans]) == 1)
+
+
+@pytest.mark.long
 async def test_a_topic_of_ros(router: Router) -> None:
     """Keys, tokens, payload, attachment and diagnostics, as a node would see them; ``zenoh:`` reads it, too."""
     node = Node(domain=9)

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 import lidario
+from lidario.families.ydlidar.simulated.device import Simulated4Ros
 from lidario.network.bus import Bus
 from lidario.network.sender import Sender
 from lidario.ros import Publisher, Share
@@ -57,6 +58,8 @@ class Rig(AsyncExitStack):
 
     async def open(self, family: str = "rplidar") -> lidario.Lidar:
         device = lidario.simulate(MODELS[family], spin_up=0)
+        if isinstance(device, Simulated4Ros):
+            device.zero_offset = 42
         return await self.enter_async_context(lidario.open_lidar(device))
 
     def work(self, doing: Coroutine[Any, Any, None]) -> asyncio.Task[None]:

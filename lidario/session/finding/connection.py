@@ -8,14 +8,18 @@ from __future__ import annotations
 
 import weakref
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
-from lidario.families.base import Device, Family
+from lidario.families.base import Family
 from lidario.model import DeviceInfo
 from lidario.port.background import run_in_thread
-from lidario.port.port import Port
 from lidario.session.talking.dialogue import Dialogue
 from lidario.session.talking.trouble import Trouble
 from lidario.source import Source
+
+if TYPE_CHECKING:
+    from lidario.recording.device import RecordedDevice
+    from lidario.recording.fed import FedPort
 
 _NO_TIME_S = 0.001
 
@@ -68,7 +72,6 @@ async def connect_recording(source: Source, family: str | None) -> Connection:
     pieces = await run_in_thread(lambda: pieces_from(recording, source.begin_s))
     port = ReplayPort(recording, rate=source.rate, loop=source.options.get("loop") == "1", pieces=pieces)
     device = RecordedDevice(recording, lambda: port.stream)
-    port.offset_of = device.offset_of
     return await _fed(port, recording.streams[0].family, device)
 
 
@@ -79,7 +82,8 @@ async def connect_remote(source: Source) -> Connection:
     return await _fed(*await open_remote(source))
 
 
-async def _fed(port: Port, family: Family, device: Device) -> Connection:
+async def _fed(port: FedPort, family: Family, device: RecordedDevice) -> Connection:
+    port.offset_of = device.offset_of
     # Nothing is under way on this line, so nothing has to be waited for.
     timing = replace(family.timing, quiet_s=_NO_TIME_S, boot_poll_s=_NO_TIME_S)
     connection = Connection(family, Dialogue(port, device, timing))
