@@ -25,7 +25,7 @@ import numpy as np
 from lidario.laserscans import LaserScans
 from lidario.recording.decode_file import FileDecoder
 from lidario.recording.read import Copy
-from lidario.recording.write import FileWriter, cannot_write
+from lidario.recording.write import FileWriter, cannot_write, file_time
 from lidario.scan import Scan
 from lidario.whole_file import whole_file
 
@@ -121,7 +121,7 @@ def export_mcap(
         writer = FileWriter(part, recording.about, overwrite=True, target=path)
         try:
             # Each scan before the first chunk that is later.
-            scans = _messages(messages, decoder)
+            scans = _messages(messages, decoder, recording.about.clock_offset_ns)
             for at_ns, write in merge(scans, stored, key=itemgetter(0)):
                 write(writer)
                 begun_ns = at_ns if begun_ns is None else begun_ns
@@ -136,9 +136,10 @@ def export_mcap(
     return writer.count_of_scans
 
 
-def _messages(made: LaserScans, scans: Iterable[Scan]) -> Iterator[Copy]:
-    for _, message in chain(chain.from_iterable(map(made.take, scans)), made.rest()):
-        yield message.stamp_ns, partial(FileWriter.add_message, message=message)
+def _messages(made: LaserScans, scans: Iterable[Scan], clock_offset_ns: int) -> Iterator[Copy]:
+    for scan, message in chain(chain.from_iterable(map(made.take, scans)), made.rest()):
+        at_ns = file_time(scan, message, clock_offset_ns)
+        yield at_ns, partial(FileWriter.add_message, at_ns=at_ns, message=message)
 
 
 def _add(archive: zipfile.ZipFile, name: str, array: np.ndarray[Any, Any]) -> None:

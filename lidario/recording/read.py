@@ -227,7 +227,7 @@ class McapRecording(StoredStreams):
                     first, last = _bounds(self.streams[number])
 
     def copies(self) -> Generator[Copy, None, None]:
-        at_ns = 0
+        at_ns = self.about.began_ns
         for record in self._files.records():
             if isinstance(record, StoredChunk):
                 at_ns = min(max(record.at_ns, 0), MOST_NS)

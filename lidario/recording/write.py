@@ -64,6 +64,11 @@ class _Sink(io.BytesIO):
         return data
 
 
+def file_time(scan: Scan, message: LaserScan, clock_offset_ns: int) -> int:
+    """When a scan was measured, by the clock of a file; its message has the wall clock, which may have been set."""
+    return message.stamp_ns - scan.wall_stamp_ns + scan.stamp_ns + clock_offset_ns
+
+
 class FileWriter:
     """One file that is being written. It raises CannotRecord where that cannot be, or ``mcap`` is missing.
 
@@ -149,14 +154,14 @@ class FileWriter:
 
     def add_scans(self, scans: Iterable[tuple[Scan, LaserScan]]) -> None:
         """Add the messages of scans, as `LaserScans` makes them."""
-        for _, message in scans:
-            self.add_message(message)
+        for scan, message in scans:
+            self.add_message(file_time(scan, message, self._about.clock_offset_ns), message)
 
-    def add_message(self, message: LaserScan) -> None:
+    def add_message(self, at_ns: int, message: LaserScan) -> None:
         """Add the message of a scan."""
         if SCAN_TOPIC not in self._channels:
             self._register(SCAN_TOPIC, LASERSCAN_TYPE, LASERSCAN_DEFINITION)
-        self._add(SCAN_TOPIC, message.stamp_ns, message.to_cdr())
+        self._add(SCAN_TOPIC, at_ns, message.to_cdr())
 
     def add_metadata(self, name: str, texts: dict[str, str]) -> None:
         """Add a named set of texts, beside those of the recording, for who knows the name.

@@ -31,6 +31,8 @@ def test_chunks_and_scans_stand_in_the_order_of_time(tmp_path: Path, model: str,
             elif isinstance(each, Message):
                 messages.append(each)
     assert all(a.log_time <= b.log_time for a, b in pairwise(messages))
+    # What came before the first chunk, too, has the time of the recording.
+    assert messages[-1].log_time - messages[0].log_time < 60e9
     scans = [each.log_time for each in messages if topics[each.channel_id] == SCAN_TOPIC]
     made = LaserScans()
     ready = [message.stamp_ns for scan in FileDecoder(live.path) for _, message in made.take(scan)]

@@ -7,9 +7,13 @@ from random import Random
 from typing import Any
 
 import pytest
+from mcap.reader import make_reader
 
 from lidario import open_lidar
 from lidario.port.wall_clock import WallClock
+from lidario.recording.decode_file import FileDecoder
+from lidario.recording.export import export_mcap
+from lidario.recording.write import SCAN_TOPIC
 from tests.support.devices import Rig
 
 HOUR_NS = 3600 * 10**9
@@ -76,6 +80,31 @@ async def test_a_replay_keeps_the_clock_with_which_it_was_recorded(
     async with open_lidar(path) as replayed, replayed.scans() as again:
         found = [ahead(await anext(again)) for _ in range(4)]
     assert set(found) == {ahead(first)}
+
+
+def times_in(path: Path) -> list[tuple[str, int]]:
+    """The topics of the messages of a file, and when each was written by its own clock."""
+    with open(path, "rb") as file:
+        return [(channel.topic, message.log_time) for _, channel, message in make_reader(file).iter_messages()]
+
+
+@pytest.mark.parametrize("step_ns", [HOUR_NS, -HOUR_NS])
+async def test_scans_stand_in_a_recording_by_the_clock_with_which_it_began(
+    rplidar: Rig, clock: _Clock, tmp_path: Path, step_ns: int
+) -> None:
+    """Beside the bytes that they were made of; what a scan says of the wall clock is another matter."""
+    path, exported = tmp_path / "run.mcap", tmp_path / "exported.mcap"
+    async with rplidar.open() as lidar, lidar.record(path, scans=True):
+        for ahead_ns in (0, step_ns):
+            clock.ahead_ns = ahead_ns
+            # Each is a stream of its own, and so has the clock of its beginning.
+            async with lidar.scans() as stream:
+                for _ in range(3):
+                    await anext(stream)
+    export_mcap(FileDecoder(path), exported)
+    for times in (times_in(path), times_in(exported)):
+        assert [topic for topic, _ in times].count(SCAN_TOPIC) >= 5
+        assert max(at_ns for _, at_ns in times) - min(at_ns for _, at_ns in times) < 60e9
 
 
 def test_a_thread_that_waits_while_it_reads_the_clocks_sees_no_setting(monkeypatch: pytest.MonkeyPatch) -> None:
