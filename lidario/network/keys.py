@@ -32,7 +32,7 @@ _TOKEN: Final = re.compile(r"(.+)/@lidario/alive/([^/]+)/([^/]+)/([^/]+)/([^/]+)
 _ATTACHMENT: Final = struct.Struct("<qqB16s")
 _GID_SIZE: Final = 16
 _LONGEST_KEY: Final = 512
-_BAD: Final = re.compile(r"[\x00-\x20#?$\x7f]|//|^/|/$|^$|(?<![/*])\*|\*(?![/*]|$)|\*\*\*|\*\*/\*")
+_BAD: Final = re.compile(r"[\x00-\x20#?$\x7f]|//|^/|/$|^$|(?<=[^/*])\*|\*(?![/*]|$)|\*\*\*|\*\*/\*")
 """What zenoh refuses: empty parts, some characters, `*` as a part of a word, and more wildcards than are needed."""
 _NOT_IN_TOKEN: Final = re.compile(r"[^A-Za-z0-9._-]")
 

@@ -169,6 +169,8 @@ def test_zenoh_takes_every_key_that_we_take(key: str) -> None:
 def test_wildcards_name_many() -> None:
     assert check_key("robots/*/scan", wildcards=True)
     assert check_key("robots/**", wildcards=True)
+    for everywhere in ("**", "*", "*/scan", "**/scan", "*/**"):
+        assert check_key(everywhere, wildcards=True) == everywhere
     with pytest.raises(InvalidValue, match="many"):
         check_key("robots/*/scan")
     with pytest.raises(InvalidValue):
