@@ -214,10 +214,16 @@ async def test_a_reader_that_leaves_stops_the_motors() -> None:
         stream = lidario.merged(front, rear, mounts=mounts)
         assert await anext(stream) is not None
         await front.stop()
+        async with asyncio.timeout(30):
+            # The other one goes on, and it is told which one is missing.
+            while (await anext(stream)).missing != (0,):
+                pass
+        assert one.is_still
+        await rear.stop()
         assert [cloud async for cloud in stream if False] == []
         with pytest.raises(StopAsyncIteration):
             await anext(stream)
-        assert one.is_still
+        assert two.is_still
 
 
 async def test_a_reader_ends_when_another_task_closes_its_stream() -> None:

@@ -12,7 +12,7 @@ import logging
 import platform
 from abc import abstractmethod
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from functools import partial
 from typing import Any, Final
@@ -29,6 +29,7 @@ from lidario.network.status import AWAY, Status
 from lidario.recording.about import About
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
+from lidario.session.streaming.stream import next_end, until_all
 from lidario.session.talking.trouble import Trouble
 from lidario.version import __version__
 
@@ -56,7 +57,6 @@ class Broadcast(Entered):
     """
 
     form: str
-
     _instead = "a publisher is entered asynchronously: write `async with`"
 
     def __init__(self, lidar: Lidar, router: str = DEFAULT_ROUTER, robot: str | None = None) -> None:
@@ -127,18 +127,22 @@ class Broadcast(Entered):
             async with self._stream(mode) as stream:
                 if await self._publish_all(stream, idle_stop):
                     return
-            # Laser and motor stop with the last reader of the lidar. Another task of this program may be one.
+                # Before it is left: another task may stop the lidar while that is awaited.
+                ends = [next_end(lidar.scans()) for lidar in self._sessions]
             _log.info("%s has no reader: its lidar rests until one comes", self.key)
-            await self._until_read()
+            if not await self._until_read(ends):
+                return
 
-    async def _until_read(self) -> None:
-        """Return when a reader comes, or when a session is over: its stream tells why."""
-        waiting = [asyncio.ensure_future(each) for each in (self._readers.wait(), *map(_over, self._sessions))]
+    async def _until_read(self, ends: Collection[asyncio.Future[None]]) -> bool:
+        """True when a reader comes; False when another task has stopped all lidars."""
+        reader, stopped = map(asyncio.ensure_future, (self._readers.wait(), until_all(ends)))
         try:
-            await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait({reader, stopped}, return_when=asyncio.FIRST_COMPLETED)
+            # The error that has ended a session is raised here.
+            return not stopped.done() or stopped.result() is not None
         finally:
-            for each in waiting:
-                each.cancel()
+            reader.cancel()
+            stopped.cancel()
 
     async def _publish_all(self, stream: Any, idle_s: float | None) -> bool:
         """Publish until the stream ends: True. False after so many seconds without a reader."""
@@ -343,8 +347,3 @@ class Broadcast(Entered):
             self.on_change(connected)
         else:
             _log.warning("%s", " ".join(news.splitlines()))
-
-
-async def _over(lidar: Lidar) -> None:
-    async for _ in lidar.line_changes():
-        pass

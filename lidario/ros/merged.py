@@ -41,7 +41,8 @@ class MergedPublisher(Publisher):
             await publisher.run()
 
     Or call `publish` with each cloud of `lidario.merged`. The list of a fleet names all of the lidars, the worst
-    health among them, and those that are away; ``/diagnostics`` tells of each.
+    health among them, and those that are away; ``/diagnostics`` tells of each. `run` ends where another task stops
+    them all: the others go on without the one that is stopped.
 
     Args:
         lidars: Open lidars of this event loop.

@@ -13,6 +13,7 @@ from lidario.entered import AsyncOnly
 from lidario.errors import Busy, InvalidValue
 from lidario.merging import OLDEST_S, Merged, MergedScans
 from lidario.points import Motion, Mount
+from lidario.scan import Scan
 from lidario.session.lidar import Lidar
 from lidario.session.streaming.stream import ScanStream, until_there
 
@@ -21,8 +22,9 @@ class MergedStream(AsyncOnly):
     """What `merged` returns: an asynchronous iterator of `Merged`, best used in ``async with``.
 
     Its streams begin with the first ``anext`` or with the block, and end with the block, with `close`, or with an
-    error; after a ``break``, with the last reference to it. An error of one lidar ends all. Two tasks cannot read
-    one stream.
+    error; after a ``break``, with the last reference to it. Where another task stops one of the lidars, or the
+    recording that it is comes to its end, the others go on, and `Merged.missing` tells of it; the iteration ends
+    with the last of them. An error of one lidar ends all. Two tasks cannot read one stream.
     """
 
     _instead = "several lidars are read asynchronously: write `async for cloud in lidario.merged(front, rear):`"
@@ -33,7 +35,7 @@ class MergedStream(AsyncOnly):
         self._mode = mode
         self._streams: list[ScanStream] = []
         self._entered = AsyncExitStack()
-        self._reading: list[asyncio.Task[None]] = []
+        self._reading: dict[int, asyncio.Task[None]] = {}
         self._is_read = False
         self._is_over = False
 
@@ -56,22 +58,22 @@ class MergedStream(AsyncOnly):
                 raise StopAsyncIteration
             await self._begin()
             while True:
-                await asyncio.wait(self._reading, return_when=asyncio.FIRST_COMPLETED)
+                await asyncio.wait(self._reading.values(), return_when=asyncio.FIRST_COMPLETED)
                 if self._is_over:
                     # Another task has closed it.
                     raise StopAsyncIteration
-                for number, each in enumerate(self._reading):
+                for number, each in self._reading.items():
                     if each.cancelled():
                         # The program has cancelled all tasks, and goes on. No scan was taken.
                         self._reading[number] = self._next(number)
-                ready = [number for number, each in enumerate(self._reading) if each.done()]
+                scans = await self._ready()
                 found = None
-                for number in ready:
-                    scan = await anext(self._streams[number])  # it is there: nothing comes between
-                    self._reading[number] = self._next(number)
-                    found = self._scans.take(number, scan, more=number != ready[-1])
+                for number, scan in scans.items():
+                    found = self._scans.take(number, scan, more=number != next(reversed(scans)))
                 if found is not None:
                     return found
+                if not self._reading:
+                    raise StopAsyncIteration
         except asyncio.CancelledError:
             # What is being read goes on, and nothing is lost.
             raise
@@ -81,13 +83,24 @@ class MergedStream(AsyncOnly):
         finally:
             self._is_read = False
 
+    async def _ready(self) -> dict[int, Scan]:
+        """The scans that are there. A lidar whose stream has ended is read no more."""
+        scans: dict[int, Scan] = {}
+        for number in [number for number, each in self._reading.items() if each.done()]:
+            try:
+                scans[number] = await anext(self._streams[number])  # it is there: nothing comes between
+                self._reading[number] = self._next(number)
+            except StopAsyncIteration:
+                del self._reading[number]
+        return scans
+
     async def close(self) -> None:
         """End the streams. Laser and motor of each lidar stop, unless another task reads it.
 
         Harmless when done before.
         """
         self._is_over = True
-        reading = tuple(self._reading)
+        reading = tuple(self._reading.values())
         self._reading.clear()
         for each in reading:
             each.cancel()
@@ -104,7 +117,7 @@ class MergedStream(AsyncOnly):
             return
         for lidar in self._lidars:
             self._streams.append(await self._entered.enter_async_context(lidar.scans(self._mode)))
-        self._reading += [self._next(number) for number in range(len(self._streams))]
+        self._reading.update((number, self._next(number)) for number in range(len(self._streams)))
         # Where a reader leaves by `break`, nobody closes it; the tasks would read on, and the motors turn.
         weakref.finalize(self, _abandon, asyncio.get_running_loop(), self._reading)
 
@@ -113,8 +126,8 @@ class MergedStream(AsyncOnly):
         return asyncio.create_task(until_there(self._streams[number]), name=f"lidario: read lidar {number}")
 
 
-def _abandon(loop: asyncio.AbstractEventLoop, reading: list[asyncio.Task[None]]) -> None:
-    for each in reading:
+def _abandon(loop: asyncio.AbstractEventLoop, reading: dict[int, asyncio.Task[None]]) -> None:
+    for each in reading.values():
         with suppress(RuntimeError):  # the loop is closed, and so are the sessions
             loop.call_soon_threadsafe(each.cancel)
 

@@ -157,6 +157,22 @@ async def test_it_ends_with_its_session_also_while_its_lidar_rests() -> None:
 
 
 @driven
+async def test_stopping_ends_it_also_while_its_lidar_rests() -> None:
+    device, other = lidario.simulate("rplidar-s2"), lidario.simulate("ydlidar-4ros")
+    async with lidario.open_lidar(device) as lidar, lidario.open_lidar(other) as beside:
+        both = MergedPublisher([beside, lidar], mounts=[lidario.Mount(), lidario.Mount()])
+        share, *others = (asyncio.create_task(each.run(idle_stop=0.2)) for each in (Share(lidar, "over"), both))
+        await asyncio.sleep(10.0)
+        await lidar.stop()
+        await asyncio.wait_for(share, BOUND_S)
+        await asyncio.sleep(1.0)
+        assert [each.done() for each in others] == [False]
+        await beside.stop()
+        await asyncio.wait_for(others[0], BOUND_S)
+        assert (device.scanning, other.scanning) == (False, False)
+
+
+@driven
 async def test_a_time_that_is_none() -> None:
     async with lidario.open_lidar(SIM) as lidar:
         with pytest.raises(InvalidValue, match="above 0"):

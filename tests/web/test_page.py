@@ -76,6 +76,10 @@ def test_pause_stops_the_picture_and_goes_on(url: str, opened: Open) -> None:
     # Scans still come, and are not shown.
     page.until(f"seen.scans > {before[1] + 3}")
     assert page.ask("scans[0].at(-1).seq") == before[0]
+    # It is not the last one that came before a loss, either.
+    came = page.ask("scans[0].at(-1).came.toLocaleTimeString()")
+    lost = "warnings({...lidars[0], state: 'lost'}, scans[0].at(-1)).map(each => each[1])"
+    assert page.ask(lost) == ["lost, reconnecting", f"The picture is of {came}."]
     page.click("#pause")
     page.until(f"scans[0].at(-1).seq > {before[0]}")
 
@@ -265,7 +269,7 @@ def test_after_unplugging_it_says_so_and_comes_back(opened: Open) -> None:
         # The last scan is still there, paler, with its time; what is no more so is not told.
         last = page.ask("scans[0].at(-1).seq")
         came = page.ask("scans[0].at(-1).came.toLocaleTimeString()")
-        page.until(f"document.body.innerText.includes('shows the last scan, of {came}.')")
+        page.until(f"document.body.innerText.includes('The picture is of {came}.')")
         # However long the reason is, with a source that has no place to break in.
         boxes = "[...document.querySelectorAll('section, dd, p')].map(each => each.getBoundingClientRect())"
         right = f"Math.max(...{boxes}.map(each => each.right))"

@@ -52,6 +52,8 @@ class Hub:
         self._deserted = deserted
         self._loop = asyncio.get_running_loop()
         self._linger: asyncio.TimerHandle | None = None
+        # Done when all readers are ended, with the error that they get.
+        self.ends: asyncio.Future[None] = self._loop.create_future()
 
     def __len__(self) -> int:
         return len(self._mailboxes) + len(self.joining)
@@ -120,6 +122,14 @@ class Hub:
         self._mailboxes.clear()
         self.joining = []
         self._see_parts()
+        if self._loop.is_closed():
+            return
+        ends, self.ends = self.ends, self._loop.create_future()
+        if error is None:
+            ends.set_result(None)
+        else:
+            ends.set_exception(twin_of(error))
+            ends.exception()  # it may be that nobody waits for it
 
     def linger(self) -> None:
         """Call `deserted` a second later, unless a reader comes before."""

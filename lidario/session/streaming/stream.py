@@ -14,7 +14,7 @@ import asyncio
 import math
 import weakref
 from collections import deque
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Collection, Coroutine
 from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar, cast
@@ -315,6 +315,24 @@ def until_there(stream: ReaderStream[Any]) -> Coroutine[Any, Any, None]:
     """Begin `stream`, and wait until its next scan is there, or its end; until that is taken a newer one wins."""
     stream._begin()  # noqa: SLF001 - of this module
     return stream._mailbox.wait()  # noqa: SLF001 - of this module
+
+
+def next_end(stream: ReaderStream[Any]) -> asyncio.Future[None]:
+    """What is done when `stream`, which need not be begun, would end; with the error that it would raise.
+
+    Raises:
+        LidarError: The session is over.
+    """
+    stream._check_open()  # noqa: SLF001 - of this module
+    return stream._source.hub.ends  # noqa: SLF001 - of this module
+
+
+async def until_all(ends: Collection[asyncio.Future[None]]) -> None:
+    """Return when all of these ends have come; the first one with an error raises it."""
+    done, _ = await asyncio.wait(ends, return_when=asyncio.FIRST_EXCEPTION)
+    for each in done:
+        if isinstance(error := each.exception(), LidarError):
+            raise twin_of(error)
 
 
 def _let_go(loop: asyncio.AbstractEventLoop, source: Scanner, mailbox: Mailbox[Any]) -> None:
