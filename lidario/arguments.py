@@ -19,6 +19,8 @@ from pathlib import Path
 
 from lidario.errors import InvalidValue
 
+MODERATE = 1e6
+"""More than metres, radians and seconds are; the products of such numbers are finite, also in single precision."""
 _MOST_SHOWN = 80
 _MOST_NS = 1 << 62
 _short = reprlib.Repr()
@@ -51,6 +53,14 @@ def finite(value: object, what: str) -> float:
     result = _as_float(value, what)
     if not math.isfinite(result):
         raise InvalidValue(f"{what} is a finite number, not {shown(value)}")
+    return result
+
+
+def moderate(value: object, what: str) -> float:
+    """The value as a float, if it is a number that can be meant: `MODERATE` at most, whatever its sign."""
+    result = finite(value, what)
+    if abs(result) > MODERATE:
+        raise InvalidValue(f"{what} is a number, at most {MODERATE:g} away from 0, not {shown(value)}")
     return result
 
 

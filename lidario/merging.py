@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.arguments import callable_of, finite, shown
+from lidario.arguments import callable_of, moderate, shown
 from lidario.beams import FARTHEST_STATED_M, NO_RETURN, BeamOptions, NoReturn, beam_count
 from lidario.errors import InvalidValue
 from lidario.laserscan import LaserScan
@@ -125,7 +125,7 @@ class MergedScans:
             raise InvalidValue(f"one lidar to 256 can be merged, each with a Mount, not {shown(mounts)}")
         if motion is not None and not isinstance(motion, Velocity):
             callable_of(motion, "motion that is no Velocity")
-        if not finite(oldest_s, "oldest_s") > 0:
+        if not moderate(oldest_s, "oldest_s") > 0:
             raise InvalidValue(f"oldest_s is seconds above 0, not {oldest_s:g}")
         self._mounts = tuple(mounts)
         self._motion = motion

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.arguments import callable_of, finite, shown
+from lidario.arguments import MODERATE, callable_of, moderate, shown
 from lidario.errors import InvalidValue
 
 
@@ -28,7 +28,7 @@ class _Planar:
 
     def __post_init__(self) -> None:
         for name, value in (("x", self.x), ("y", self.y), ("yaw", self.yaw)):
-            finite(value, f"{name} of a {type(self).__name__}")
+            object.__setattr__(self, name, moderate(value, f"{name} of a {type(self).__name__}"))
 
 
 class Mount(_Planar):
@@ -40,7 +40,7 @@ class Mount(_Planar):
         yaw: Direction of the lidar's forward axis, radians counter-clockwise from the robot's.
 
     Raises:
-        InvalidValue: One of them is no finite number.
+        InvalidValue: One of them is no number, or more than 1e6 away from 0.
     """
 
     __slots__ = ()
@@ -55,7 +55,7 @@ class Velocity(_Planar):
         yaw: Radians a second counter-clockwise.
 
     Raises:
-        InvalidValue: One of them is no finite number.
+        InvalidValue: One of them is no number, or more than 1e6 away from 0.
     """
 
     __slots__ = ()
@@ -175,7 +175,7 @@ def _poses(pose: PoseFunction, times_ns: NDArray[np.int64]) -> NDArray[np.float6
             f"the pose function must return an array of shape ({len(times_ns)}, 3) for {len(times_ns)} times: x, y "
             f"in metres and yaw in radians; it returned shape {poses.shape}"
         )
-    if not np.isfinite(poses).all():
+    if not (np.abs(poses) < MODERATE**2).all():
         # Points that are nowhere are not near either, and a robot would not stop for them.
         raise InvalidValue("the pose function must return finite poses; it returned some that are not")
     return poses

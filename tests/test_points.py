@@ -103,10 +103,11 @@ def test_a_pose_function_that_returns_something_else(shape: tuple[int, ...]) -> 
         FOUR.points(motion=wrong)
 
 
-def test_a_pose_that_is_nowhere_is_refused() -> None:
+@pytest.mark.parametrize("value", [np.nan, np.inf, -1e39])
+def test_a_pose_that_is_nowhere_is_refused(value: float) -> None:
     """Points that are NaN are not near, and a robot would not stop for them."""
     with pytest.raises(InvalidValue, match="must return finite poses"):
-        FOUR.points(motion=lambda times_ns: np.full((len(times_ns), 3), np.nan), at_ns=0)
+        FOUR.points(motion=lambda times_ns: np.full((len(times_ns), 3), value), at_ns=0)
 
 
 def test_a_wall_seen_while_driving_is_straight() -> None:

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.arguments import finite, shown, yes_or_no
+from lidario.arguments import moderate, shown, yes_or_no
 from lidario.errors import InvalidValue
 from lidario.filters.base import MaskFilter
 from lidario.measured import MeasuredSamples
@@ -19,8 +19,6 @@ from lidario.points import Mount
 
 _Floats = NDArray[np.float32]
 _ORIGIN: Final = Mount()
-_FARTHEST_M: Final = 1e6
-"""Products of much larger coordinates overflow in single precision."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +47,7 @@ class BoxFilter(MaskFilter):
 
     def __post_init__(self) -> None:
         for name in ("min_x", "max_x", "min_y", "max_y"):
-            object.__setattr__(self, name, _metres(getattr(self, name), f"{name} of a box"))
+            object.__setattr__(self, name, moderate(getattr(self, name), f"{name} of a box"))
         for axis, least, most in (("x", self.min_x, self.max_x), ("y", self.min_y, self.max_y)):
             if least > most:
                 raise InvalidValue(f"min_{axis} {least:g} is above max_{axis} {most:g}")
@@ -83,7 +81,7 @@ class PolygonFilter(MaskFilter):
 
     def __post_init__(self) -> None:
         try:
-            corners = tuple((_metres(x, "x of a corner"), _metres(y, "y of a corner")) for x, y in self.polygon)
+            corners = tuple((moderate(x, "x of a corner"), moderate(y, "y of a corner")) for x, y in self.polygon)
         except (TypeError, ValueError):
             corners = ()
         if len(corners) < 3:
@@ -115,16 +113,7 @@ def _mounted(record: MeasuredSamples, mount: Mount) -> tuple[_Floats, _Floats]:
     return x + mount.x, y + mount.y
 
 
-def _metres(value: object, what: str) -> float:
-    found = finite(value, what)
-    if abs(found) > _FARTHEST_M:
-        raise InvalidValue(f"{what} is metres, at most {_FARTHEST_M:g}, not {shown(value)}")
-    return found
-
-
 def _check_place(of: BoxFilter | PolygonFilter) -> None:
     if not isinstance(of.mount, Mount):
         raise InvalidValue(f"mount is a Mount, not {shown(of.mount)}")
-    _metres(of.mount.x, "x of a mount")
-    _metres(of.mount.y, "y of a mount")
     object.__setattr__(of, "invert", yes_or_no(of.invert, "invert"))

@@ -13,7 +13,7 @@ from typing import Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.arguments import finite, shown, whole, yes_or_no
+from lidario.arguments import MODERATE, finite, moderate, shown, whole, yes_or_no
 from lidario.errors import InvalidValue
 from lidario.filters.base import Filter, MaskFilter, RecordT
 from lidario.measured import MeasuredSamples, with_distances
@@ -25,7 +25,6 @@ _Floats = NDArray[np.float32]
 MOST_WINDOW: Final = 50
 """Neighbours on each side; each costs some microseconds for each scan."""
 MOST_MEDIAN: Final = 31
-FARTHEST_M: Final = 1e6
 FAR_APART_COS: Final = math.cos(math.radians(30.0))
 """Samples that stand farther apart, because others are missing between them, are no neighbours."""
 
@@ -137,9 +136,9 @@ class RadiusOutlierFilter(MaskFilter):
     window: int = 3
 
     def __post_init__(self) -> None:
-        radius = finite(self.radius_search, "radius_search")
-        if not 0 <= radius <= FARTHEST_M:
-            raise InvalidValue(f"radius_search is metres from 0 to {FARTHEST_M:g}, not {radius:g}")
+        radius = moderate(self.radius_search, "radius_search")
+        if radius < 0:
+            raise InvalidValue(f"radius_search is metres from 0 to {MODERATE:g}, not {radius:g}")
         object.__setattr__(self, "radius_search", radius)
         _check_count(self, "min_neighbors", 1, 2 * MOST_WINDOW)
         _check_count(self, "window", 1, MOST_WINDOW)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lidario import InvalidValue, Scan, Sector
-from lidario.arguments import finite, nanoseconds, shown, whole
+from lidario.arguments import MODERATE, finite, moderate, nanoseconds, shown, whole
 
 ArrayT = TypeVar("ArrayT", bound=NDArray[np.generic])
 
@@ -64,6 +64,7 @@ def make_scan(
             not from 0 to 255, `rpm` is not positive, or a stamp is no number of nanoseconds.
     """
     clockwise, millimetres, strengths = _samples(angles, ranges, intensities, rpm)
+    seq, max_range = whole(seq, "seq"), moderate(max_range, "max_range")
     stamp_ns, wall_stamp_ns = nanoseconds(stamp_ns, "stamp_ns"), nanoseconds(wall_stamp_ns, "wall_stamp_ns")
     order = np.argsort(clockwise, kind="stable")
     duration_ns = round(60e9 / rpm)
@@ -135,6 +136,7 @@ def make_sector(
     """
     clockwise, millimetres, strengths = _samples(angles, ranges, intensities, rpm)
     degrees, seq = finite(degrees, "the size of a sector"), whole(seq, "seq")
+    max_range = moderate(max_range, "max_range")
     parts = round(360.0 / degrees) if degrees >= SMALLEST_DEGREES else 0
     if not parts or not math.isclose(360.0 / degrees, parts):
         raise InvalidValue(f"a sector has at least 5 degrees, and 360 is a multiple of it; not so {degrees!r}")
@@ -192,7 +194,7 @@ def _samples(
         raise InvalidValue(
             f"there are {given.size} angles; ranges and intensities must be as many, or one number"
         ) from None
-    if given.ndim != 1 or not np.isfinite(given).all():
+    if given.ndim != 1 or not (np.abs(given) <= MODERATE).all():
         raise InvalidValue("angles are finite radians, in an array of shape (n,)")
     if (metres < 0).any():
         raise InvalidValue("ranges are metres from 0 on, or NaN where nothing comes back")
@@ -200,7 +202,7 @@ def _samples(
         millimetres = (metres * 1000.0).astype(np.float32)
     if strengths is not None and (not (strengths >= 0).all() or not (strengths <= 255).all()):
         raise InvalidValue("intensities are numbers from 0 to 255")
-    if finite(rpm, "rpm") <= 0.0:
+    if not moderate(rpm, "rpm") >= 1 / MODERATE:
         raise InvalidValue(f"rpm is a positive number of revolutions a minute, not {rpm}")
     degrees = (-np.degrees(given)) % 360.0
     clockwise = degrees.astype(np.float32)

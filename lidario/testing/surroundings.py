@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lidario import InvalidValue, Wall
-from lidario.arguments import finite, shown, whole
+from lidario.arguments import MODERATE, finite, moderate, shown, whole
 from lidario.sim.world import Floats, Segment, World, cast, segments_of
 
 
@@ -39,7 +39,8 @@ class Body:
 
     def __post_init__(self) -> None:
         table_of(self.path, 3, "the path of a body is [(seconds, x, y), ...]")
-        if finite(self.radius, "the radius of a body") <= 0.0:
+        object.__setattr__(self, "radius", moderate(self.radius, "the radius of a body"))
+        if self.radius <= 0.0:
             raise InvalidValue(f"the radius of a body is a positive number of metres, not {self.radius}")
 
     def at(self, seconds: float) -> tuple[float, float]:
@@ -137,7 +138,7 @@ def table_of(path: object, columns: int, what: str) -> Floats:
         table = np.asarray(path, np.float64)
     except (TypeError, ValueError, OverflowError):
         table = np.zeros(0)
-    if table.ndim != 2 or table.shape[1] != columns or not len(table) or not np.isfinite(table).all():
+    if table.ndim != 2 or table.shape[1] != columns or not len(table) or not (np.abs(table) <= MODERATE).all():
         raise InvalidValue(f"{what}, finite numbers, at least one of them, not {shown(path)}")
     if (np.diff(table[:, 0]) < 0).any():
         raise InvalidValue(f"{what}, goes forward in time, and this one goes back: {shown(path)}")
