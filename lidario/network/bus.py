@@ -23,7 +23,7 @@ from lidario.errors import ConnectFailed, InvalidValue
 from lidario.network.handover import ITEM_BYTES, Handover
 from lidario.network.router import check_router, the_package, why_no_router, words_of
 from lidario.network.sender import Sender, declare
-from lidario.port.background import run_in_thread
+from lidario.port.background import run_in_thread, running_loop
 
 if TYPE_CHECKING:
     import zenoh
@@ -92,6 +92,7 @@ class Bus:
             InvalidValue: The address is none.
             Unsupported: The package is not installed.
         """
+        running_loop()
         zenoh = the_package()
         check_router(router)
         try:

@@ -11,11 +11,25 @@ from collections.abc import Callable
 from functools import partial
 from typing import TypeVar
 
-from lidario.errors import ConnectFailed
+from lidario.errors import ConnectFailed, LocalProtocolError
 from lidario.port.thread import start_thread
 from lidario.system import NO_THREADS
 
 T = TypeVar("T")
+
+
+def running_loop() -> asyncio.AbstractEventLoop:
+    """The event loop that runs here.
+
+    Raises:
+        LocalProtocolError: None does: it was called outside of a coroutine, or under trio.
+    """
+    try:
+        return asyncio.get_running_loop()
+    except RuntimeError:
+        raise LocalProtocolError(
+            "lidario needs an asyncio event loop: under trio, run it by anyio.run(main, backend='asyncio')"
+        ) from None
 
 
 async def run_in_thread(call: Callable[[], T], discard: Callable[[T], None] | None = None) -> T:
@@ -27,7 +41,7 @@ async def run_in_thread(call: Callable[[], T], discard: Callable[[T], None] | No
     Raises:
         ConnectFailed: The system allows no more threads.
     """
-    loop = asyncio.get_running_loop()
+    loop = running_loop()
     future: asyncio.Future[T] = loop.create_future()
     # Who takes the result out of here keeps or discards it: the loop, which may stop at any moment, or the thread.
     held: list[T] = []

@@ -21,6 +21,7 @@ from lidario.network.messages import is_raw
 from lidario.network.raw import Decoders
 from lidario.network.senders import Senders
 from lidario.network.status import Status
+from lidario.port.background import running_loop
 from lidario.port.wall_clock import WallClock
 from lidario.scan import Scan
 
@@ -118,7 +119,7 @@ class Fleet(Entered):
         """
         if self._bus is not None:
             raise LocalProtocolError("a fleet can be started once: make another one")
-        loop = asyncio.get_running_loop()
+        loop = running_loop()
         self._clock = WallClock(lambda: round(loop.time() * 1e9))
         self._decoders = Decoders(self._clock)
         bus = await Bus.open(self._router)

@@ -15,7 +15,7 @@ from lidario.merging import OLDEST_S, Merged, MergedScans
 from lidario.points import Motion, Mount
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
-from lidario.session.streaming.stream import ScanStream, until_there
+from lidario.session.streaming.stream import ScanStream, check_loop, until_there
 
 
 class MergedStream(AsyncOnly):
@@ -36,6 +36,7 @@ class MergedStream(AsyncOnly):
         self._streams: list[ScanStream] = []
         self._entered = AsyncExitStack()
         self._reading: dict[int, asyncio.Task[None]] = {}
+        self._loop: asyncio.AbstractEventLoop | None = None
         self._is_read = False
         self._is_over = False
 
@@ -50,6 +51,8 @@ class MergedStream(AsyncOnly):
         return self
 
     async def __anext__(self) -> Merged:
+        if self._loop is not None:
+            check_loop(self._loop)
         if self._is_read:
             raise Busy("two tasks read one stream: give each its own, as lidario.merged() does")
         self._is_read = True
@@ -98,7 +101,16 @@ class MergedStream(AsyncOnly):
         """End the streams. Laser and motor of each lidar stop, unless another task reads it.
 
         Harmless when done before.
+
+        Raises:
+            LocalProtocolError: It was called in another event loop, such as one of another thread. The streams go
+                on.
         """
+        if self._loop is not None and self._loop.is_closed():
+            # The tasks that read have gone with it.
+            self._reading.clear()
+        elif self._loop is not None:
+            check_loop(self._loop)
         self._is_over = True
         reading = tuple(self._reading.values())
         self._reading.clear()
@@ -119,7 +131,8 @@ class MergedStream(AsyncOnly):
             self._streams.append(await self._entered.enter_async_context(lidar.scans(self._mode)))
         self._reading.update((number, self._next(number)) for number in range(len(self._streams)))
         # Where a reader leaves by `break`, nobody closes it; the tasks would read on, and the motors turn.
-        weakref.finalize(self, _abandon, asyncio.get_running_loop(), self._reading)
+        self._loop = asyncio.get_running_loop()
+        weakref.finalize(self, _abandon, self._loop, self._reading)
 
     def _next(self, number: int) -> asyncio.Task[None]:
         # It takes no scan: while the program is busy, the latest one wins. An error is raised where one is taken.

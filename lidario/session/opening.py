@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import logging
 import os
 from collections.abc import Generator
@@ -16,6 +15,7 @@ from lidario.config.read import Config, as_config
 from lidario.entered import AsyncOnly
 from lidario.errors import ConnectFailed, InvalidValue, LocalProtocolError, Unsupported
 from lidario.families.registry import check_family, check_source
+from lidario.port.background import running_loop
 from lidario.port.guard import check_guard
 from lidario.session.finding.connect import connect
 from lidario.session.finding.discovery import find_source, only_search, search_for
@@ -98,12 +98,7 @@ class OpenLidar(AsyncOnly):
 
     async def _open_asked(self) -> Lidar:
         asked = self._asked
-        try:
-            asyncio.get_running_loop()
-        except RuntimeError:
-            raise LocalProtocolError(
-                "lidario needs an asyncio event loop: under trio, run it by anyio.run(main, backend='asyncio')"
-            ) from None
+        running_loop()
         # anyio imports its backend where it is first used: 30 ms on the event loop, and an error where the program
         # has no file descriptor left. That must not come while a device is being stopped.
         anyio.CancelScope()

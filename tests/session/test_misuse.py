@@ -2,7 +2,7 @@
 
 import asyncio
 import logging
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from pathlib import Path
 from queue import Queue
@@ -14,6 +14,9 @@ import pytest
 
 import lidario
 from lidario import Busy, InternalError, InvalidValue, LocalProtocolError, SessionClosed
+from lidario.network.broker import Router
+from lidario.network.fleet import list_remote_lidars
+from lidario.ros import Fleet
 from lidario.session.streaming.control import StreamControl
 from lidario.session.talking.trouble import Trouble
 from tests.support.devices import Rig, take
@@ -67,11 +70,20 @@ async def test_a_lidar_and_a_recording_are_not_for_a_plain_with(rplidar: Rig, tm
                 raise AssertionError("never here")
 
 
-def test_without_an_asyncio_loop_one_sentence_says_so() -> None:
+@pytest.mark.parametrize(
+    "begin",
+    [
+        lambda: lidario.open_lidar("sim://rplidar-s2?via=memory"),
+        lidario.list_lidars,
+        lambda: Fleet("robots/*/scan").start(),
+        list_remote_lidars,
+        Router.open,
+    ],
+)
+def test_without_an_asyncio_loop_one_sentence_says_so(begin: Callable[[], Awaitable[object]]) -> None:
     """As under trio, which runs coroutines without asyncio."""
-    opening = lidario.open_lidar("sim://rplidar-s2?via=memory").__await__()
-    with pytest.raises(LocalProtocolError, match="asyncio"):
-        next(opening)
+    with pytest.raises(LocalProtocolError, match=r"anyio\.run"):
+        next(begin().__await__())
 
 
 async def test_values_that_cannot_be_right(rig: Rig) -> None:

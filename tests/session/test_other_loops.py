@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from lidario import Lidar, LocalProtocolError, SessionClosed
+from lidario import Lidar, LocalProtocolError, Mount, SessionClosed, merged
 from tests.support.devices import Rig, call, left_still
 from tests.support.loop import DrivenLoop
 
@@ -44,17 +44,20 @@ def test_a_session_that_is_used_after_its_loop_was_closed(rig: Rig) -> None:
 
     async def first() -> None:
         lidar = await rig.open()
-        held.extend([lidar, lidar.scans()])
-        await anext(held[1])
+        held.extend([lidar, lidar.scans(), merged(lidar, mounts=[Mount()])])
+        for stream in held[1:]:
+            await anext(stream)
 
     async def second() -> None:
-        lidar, stream = held
+        lidar, *streams = held
         for name in CALLS:
             with pytest.raises(SessionClosed, match="event loop"):
                 await call(lidar, name)
-        async with asyncio.timeout(PATIENCE_S):
-            with pytest.raises(LocalProtocolError, match="another event loop"):
-                await anext(stream)
+        for stream in streams:
+            async with asyncio.timeout(PATIENCE_S):
+                with pytest.raises(LocalProtocolError, match="another event loop"):
+                    await anext(stream)
+        await streams[1].close()
         await lidar.close()
 
     for main in (first, second):
@@ -95,15 +98,20 @@ async def test_a_session_that_another_thread_uses(rig: Rig) -> None:
 
 async def test_a_stream_that_a_loop_of_another_thread_leaves_goes_on(rig: Rig) -> None:
     async with rig.read() as (lidar, stream):
-        changes = lidar.line_changes()
+        changes, clouds = lidar.line_changes(), merged(lidar, mounts=[Mount()])
+        await anext(clouds)
 
         async def release() -> None:
             stream.release()
 
-        calls = (stream.aclose, release, lambda: anext(stream), lambda: anext(changes))
+        calls = (
+            stream.aclose, release, lambda: anext(stream), lambda: anext(changes), clouds.close,
+            lambda: anext(clouds),
+        )  # fmt: skip
         refused = refused_elsewhere(calls)
         assert len(refused) == len(calls)
         assert all("another event loop" in text for text in refused)
         async with asyncio.timeout(PATIENCE_S):
             await anext(stream)
+            await anext(clouds)
             assert (await anext(changes)).state == "connected"

@@ -28,7 +28,7 @@ from lidario.errors import ConnectFailed, ConnectReason, InvalidValue, LidarErro
 from lidario.families.adapters import ADAPTERS
 from lidario.families.registry import FAMILIES
 from lidario.model import DeviceInfo
-from lidario.port.background import run_in_thread
+from lidario.port.background import run_in_thread, running_loop
 from lidario.session.finding.connect import connect
 from lidario.session.finding.listening import BY_ID
 from lidario.source import Source
@@ -132,6 +132,7 @@ async def list_lidars(paths: Iterable[str | os.PathLike[str]] = ()) -> list[Foun
     if isinstance(paths, str | bytes) or not isinstance(paths, Iterable):
         raise InvalidValue(f"write list_lidars(['/dev/ttyUSB0']): it takes a list of ports, not {shown(paths)}")
     names = [str(path_of(path, "a port")) for path in paths]
+    running_loop()
     with await only_search():
         return await ask(list({name: PortInfo(name, "", "", "") for name in names}.values()), lambda _: True)
 
