@@ -26,10 +26,16 @@ devices."""
 
 
 class Senders:
-    """Follows the numbers of all publishers; those not heard for longest are forgotten first."""
+    """Follows the numbers of all publishers; those not heard for longest are forgotten first.
 
-    def __init__(self) -> None:
+    `mixed` is called with each key under which two send in turn, once.
+    """
+
+    def __init__(self, mixed: Callable[[str], object] = lambda _: None) -> None:
         self._numbers: OrderedDict[tuple[str, bytes], int] = OrderedDict()
+        # Who has sent last under a key, and whether that was told.
+        self._latest: OrderedDict[str, tuple[bytes, bool]] = OrderedDict()
+        self._mixed = mixed
 
     def follow(self, sample: Sample) -> tuple[Attachment | None, int]:
         """What was sent beside a message, and how many of its publisher's are missing since the one before."""
@@ -38,8 +44,15 @@ class Senders:
             return None, 0
         before = self._numbers.pop((sample.key, attachment.gid), None)
         self._numbers[sample.key, attachment.gid] = attachment.number
-        if len(self._numbers) > MOST:
-            self._numbers.popitem(last=False)
+        latest, told = self._latest.pop(sample.key, (attachment.gid, False))
+        # One that starts anew is another one, and who it was does not come back.
+        is_mixed = latest != attachment.gid and before is not None
+        self._latest[sample.key] = attachment.gid, told or is_mixed
+        if is_mixed and not told:
+            self._mixed(sample.key)
+        for known in (self._numbers, self._latest):
+            if len(known) > MOST:
+                known.popitem(last=False)
         # Whoever sends may write any number: one that goes back is a beginning.
         return attachment, 0 if before is None else max(0, attachment.number - before - 1)
 

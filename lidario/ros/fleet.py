@@ -7,6 +7,7 @@ key of its lidar. What is missing is told: the next scan of that lidar says how 
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections import deque
 from collections.abc import Iterable, Iterator
 from typing import Final, NamedTuple, Self
@@ -24,6 +25,8 @@ from lidario.network.status import Status
 from lidario.port.background import running_loop
 from lidario.port.wall_clock import WallClock
 from lidario.scan import Scan
+
+_log = logging.getLogger("lidario")
 
 MOST_MISSING: Final = 4096
 """Lidars of which messages are missing that no scan has told of yet."""
@@ -89,7 +92,7 @@ class Fleet(Entered):
         self._is_read = False
         self._waiter: asyncio.Future[None] | None = None
         self._bus: Bus | None = None
-        self._senders = Senders()
+        self._senders = Senders(_tell_mixed)
         self._missing: dict[str, int] = {}
         self._gaps = 0
         self._closed = False
@@ -198,6 +201,11 @@ class Fleet(Entered):
     def _wake(self) -> None:
         if self._waiter is not None and not self._waiter.done():
             self._waiter.set_result(None)
+
+
+def _tell_mixed(key: str) -> None:
+    text = "zenoh:%s: two publishers send under this key, and their scans come mixed. Give each its own key"
+    _log.warning(text, key)
 
 
 class WaitingScans:

@@ -11,6 +11,8 @@ import pytest
 
 import lidario
 from lidario.errors import ConnectFailed
+from lidario.network.keys import Attachment
+from lidario.network.messages import encode_scan
 from lidario.ros import Fleet, FleetScan, Share
 from lidario.scan import Scan
 from tests.support.network import BOUND_S, Rig, publish_in_vain, until
@@ -53,6 +55,24 @@ async def test_many_lidars_are_one_fleet_or_have_to_be_named(router: Router) -> 
         await fleet.close()
         with pytest.raises(StopAsyncIteration):
             await reading
+
+
+@pytest.mark.long
+async def test_two_lidars_under_one_key_are_told_once(router: Router, caplog: pytest.LogCaptureFixture) -> None:
+    """Not a publisher that starts anew: it does not come back as who it was."""
+    one, two, anew = (bytes([number]) * 16 for number in range(3))
+    async with Fleet("mixed/**", router=router.address) as fleet:
+        with client(router.address) as sender:
+            sent = [("mixed/b", one), ("mixed/b", anew), *(("mixed/a", each) for each in (one, two, one, two, one))]
+            for number, (key, gid) in enumerate(sent):
+                attachment = Attachment(number, 0, gid).to_bytes()
+                sender.put(key, encode_scan(FOUR), attachment=attachment)
+            seen = set[str]()
+            async with asyncio.timeout(BOUND_S):
+                while seen != {"mixed/a", "mixed/b"} or not caplog.messages:
+                    seen.add((await anext(fleet)).key)
+    assert len(caplog.messages) == 1
+    assert caplog.messages[0].startswith("zenoh:mixed/a: two publishers send under this key")
 
 
 @pytest.mark.long
