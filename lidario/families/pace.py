@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from statistics import median_low
 from typing import Final, NamedTuple, Self
 
 import numpy as np
@@ -119,10 +120,10 @@ class Pace:
             _Point(after.at_ns - before.at_ns, after.turned - before.turned, after.came - before.came)
             for before, after in pairwise(self._points)
         ]
-        each_ns = sorted([step.at_ns / step.turned for step in steps if step.turned > 0])
+        each_ns = [step.at_ns / step.turned for step in steps if step.turned > 0]
         if not each_ns:
             return self._points
-        turn_ns = each_ns[(len(each_ns) - 1) // 2] * self._full_turn
+        turn_ns = median_low(each_ns) * self._full_turn
         points = [self._points[0]]
         for step in steps:
             last = points[-1]

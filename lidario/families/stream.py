@@ -61,7 +61,7 @@ class Stream:
         samples.
         """
         samples = float(LONGEST_REVOLUTION)
-        if self.sample_ns > 0:
+        if self.sample_ns:
             samples = min(samples, self.most_ns / self.sample_ns)
         wire = self.format
         sizes = [(size, wire.samples_in((Block(size, 1),))) for size in (wire.shortest, wire.longest)]

@@ -28,17 +28,11 @@ Floats = NDArray[np.float64]
 
 _CHANGING: Final = 1.1
 """If the longest way of a revolution exceeds that of its mean step by this factor, its speed may change."""
-_SEVERAL: Final = 8
-"""Samples of a packet from which its own step is known well enough."""
 FEWEST: Final = 6
 """Packets from which the longest one is an ordinary one, where they are of any size: of a revolution, the first one
-and the last one may be short."""
+and the last one may be short. And the steps in a packet from which their mean is known well enough."""
 _BACKWARD: Final = RETREAT_TURNS / 5
 """By so much, 2 degrees, a packet may begin before the end of the one before, with nothing missing."""
-_TOO_FAR: Final = 2.0
-"""Times the usual way from which a way cannot be one."""
-_ODD: Final = 3.0
-"""Steps by which a way may be off before it is looked at whether one of its ends is wrong."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +48,7 @@ class ToldWheel(Turning):
         first, way, counts = heads.first, np.asarray(heads.way), heads.counts
         inner = heads.samples - len(first)
         turned = int(np.add.reduce(way)) if inner else 0
-        if turned <= 0:
+        if not turned:
             return Arcs(way, None, 0.0, certain=False)
         step = _steps_of(way, counts)
         tails = first + way
@@ -62,13 +56,11 @@ class ToldWheel(Turning):
         gaps = jumps > self._one(step)
         if gaps.any():
             usual: Floats = np.multiply(np.subtract(counts, 1), step, dtype=np.float64)
-            better = self._mended(heads, tails, jumps, usual, step)
-            if better is not None:
-                first, tails = better
-                jumps = self._jumps(first, tails, heads.following)
-                turned = int(np.add.reduce(tails - first))
-                gaps = jumps > self._one(step)
-        mean = max(turned, 1) / inner
+            first, tails = self._mended(heads, tails, jumps, usual, step)
+            jumps = self._jumps(first, tails, heads.following)
+            turned = int(np.add.reduce(tails - first))
+            gaps = jumps > self._one(step)
+        mean = turned / inner
         if not gaps.any():
             if heads.following is not None:
                 # With the jumps, all of which are known, it is more exact.
@@ -127,35 +119,23 @@ class ToldWheel(Turning):
         jumps[jumps > self.full_turn - int(self.full_turn * _BACKWARD)] = 0
         return jumps
 
-    def _mended(
-        self, heads: Heads, tails: Ints, jumps: Ints, usual: Floats, step: Floats
-    ) -> tuple[Ints, Ints] | None:
+    def _mended(self, heads: Heads, tails: Ints, jumps: Ints, usual: Floats, step: Floats) -> tuple[Ints, Ints]:
         """Angles of first and last samples; one that is damaged is computed from the other one of its packet.
 
-        An angle is taken as damaged if it is farther from the other one than any speed explains, or if its packet
-        has an unusual way and the jump beside it disappears when the angle is computed. None where none is.
-        `tails` and `jumps` are as in `_jumps`, `usual` are the ways that each `step` to the next sample tells.
+        An angle is taken as damaged if the jump beside it disappears when it is computed, or if it is farther from
+        the other one than any speed explains. `tails` and `jumps` are as in `_jumps`, `usual` are the ways that
+        each `step` to the next sample tells.
         """
         first, following = heads.first, heads.following
-        off = tails - first - usual
-        too_far = off > (_TOO_FAR - 1) * usual + step
-        odd = too_far | (np.abs(off) > _ODD * step)
-        if not odd.any():
-            return None
         ways, one = np.rint(usual).astype(np.int32), self._one(step)
         ahead = jumps > one
-        # The first angle is damaged if the next packet begins right behind the last angle,
-        wrong_first = too_far & ~ahead
-        if following is None:
-            wrong_first[-1] = False
-        # or if the packet before ends right before the first angle, once that is computed.
+        # The first angle is damaged if the packet before ends right before it, once it is computed,
         from_last = (tails - ways) % self.full_turn
         near = self._jumps(from_last, tails, following) <= one
-        wrong_first[1:] |= odd[1:] & ahead[:-1] & near[:-1]
+        wrong_first = np.append(False, ahead[:-1] & near[:-1])
+        # and the last one if no way is as long, or if the next packet then begins right behind it.
         near = self._jumps(first, first + ways, following) <= one
-        wrong_last = ~wrong_first & ahead & (too_far | odd & near)
-        if not (wrong_first | wrong_last).any():
-            return None
+        wrong_last = ~wrong_first & ahead & ((tails - first > 2 * usual + step) | near)
         begins = np.where(wrong_first, from_last, first)
         return begins, np.where(wrong_first, from_last + ways, np.where(wrong_last, first + ways, tails))
 
@@ -163,7 +143,7 @@ class ToldWheel(Turning):
 def _steps_of(way: Ints, counts: Ints | int) -> Floats:
     """How far the rotor turns from the last sample of each packet to the next one, if nothing is missing."""
     inner = np.broadcast_to(np.subtract(counts, 1), way.shape)
-    long = (inner >= min(_SEVERAL - 1, int(inner.max()))).nonzero()[0]
+    long = (inner >= min(FEWEST, int(inner.max()))).nonzero()[0]
     # It may turn by less than the headings resolve.
     own: Floats = np.maximum(way[long], 1) / inner[long]
     if len(own) > 1:

@@ -32,6 +32,7 @@ Without times, as in a file of bytes, spans that agree are taken for one arc eac
 from __future__ import annotations
 
 from collections.abc import Sequence
+from statistics import median_high
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -310,7 +311,7 @@ class Wheel(PacedTurning):
         # Time does not tell. Gaps only ever lengthen a span, so the short ones tell the truth.
         short = spans[len(spans) // 4]
         ordinary = [span for span in spans if abs(span - short) <= short / 2]
-        middle = ordinary[len(ordinary) // 2]
+        middle = median_high(ordinary)
         agreeing = sum(abs(span - middle) <= LIKENESS * middle for span in ordinary)
         self._take(float(middle), sure=agreeing >= AGREEING)
         return nothing

@@ -174,7 +174,7 @@ class Assembler(SteadyAssembler):
 
     def _discard(self) -> None:
         """What is missing in the revolution in the making is counted all the same."""
-        if not self.partial.even and (packets := self.partial.packets()) is not None:
+        if (packets := self.partial.packets()) is not None:
             self.stats.lost_packets += (self._decoded or self._decoder.decode(packets, None)).lost
         self._decoded = None
         self.stats.finish(self.stats.unfinished_packets, delivered=False)
@@ -186,7 +186,6 @@ class Assembler(SteadyAssembler):
     def _keep(self, packets: Packets, headings: Headings) -> None:  # noqa: ARG002 - for those who divide it
         partial, (count, received_ns) = self.partial, packets.arrivals[-1]
         partial.runs.append(packets)
-        partial.even = partial.even and self.incoming.passing is not None
         partial.size += len(packets.data)
         self.stats.unfinished_packets += count
         if received_ns - partial.runs[0].arrivals[0][1] > self._most_ns or partial.size > self._most_bytes:
@@ -237,7 +236,7 @@ class Assembler(SteadyAssembler):
         samples, self._decoded = self._decoded or self._decode(partial, packets, split, following, room), None
         self.incoming.measure(samples, packets)
         self.stats.lost_packets += samples.lost
-        self.partial.behind_gap = samples.lost_behind > 0 or not samples.certain
+        self.partial.behind_gap = bool(samples.lost_behind) or not samples.certain
         lost += samples.lost
         here = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
         if carried is not None:
@@ -263,7 +262,7 @@ class Assembler(SteadyAssembler):
 
     def _scan(self, ended: EndedRevolution) -> Scan | None:
         """Date a revolution and build its scan; None when it is not whole, or parts of two have met in it."""
-        ended.told = self._stream.sample_ns > 0
+        ended.told = bool(self._stream.sample_ns)
         ended.sample_ns = ended.samples.sample_ns or self.incoming.time.known_ns
         ended.start_ns = first_sample_ns(ended, self._byte_ns)
         if not ended.sample_ns:
@@ -286,7 +285,7 @@ class Assembler(SteadyAssembler):
         ended.spanned_ns += ended.missing_samples(gap_behind=self.partial.carried is None) * ended.sample_ns
         ordinary_ns = self._clock.usual_ns or ended.spanned_ns
         # What a program reads late it reads together: of an outage meanwhile only a gap in it tells where it was.
-        broken = ended.is_broken(wire, ordinary_ns) or (ended.lost > 0 and self._clock.is_late)
+        broken = ended.is_broken(wire, ordinary_ns) or (bool(ended.lost) and self._clock.is_late)
         told = samples.lost + partial.lost_behind_carried + ended.revoked
         if self._told_seq is None and self._ended_at is not None:
             least_ns = ended.least_ns(wire, self._clock.usual_ns)

@@ -59,7 +59,7 @@ def build_scan(
         wall_stamp_ns=wall_ns,
         time_increment_ns=round(sample_ns),
         duration_ns=round(spanned_ns),
-        rpm=60e9 / revolution_ns if revolution_ns > 0 else math.nan,
+        rpm=60e9 / revolution_ns if revolution_ns else math.nan,
         seq=seq,
         dropped_before=0,
         lost_packets=lost,

@@ -81,7 +81,7 @@ class Beginning:
     @property
     def tells_time(self) -> bool:
         """Whether its samples tell when the next one begins, if no whole revolution is missing between them."""
-        return self.spanned_ns > 0 and not (self.broken or self.borrowed)
+        return bool(self.spanned_ns) and not (self.broken or self.borrowed)
 
 
 class Passed(NamedTuple):
@@ -239,7 +239,7 @@ class RevolutionClock:
             self._last = last
             return -1, 0
         # More than one revolution has: an outage of almost one lies in it, and its angles fell back by little.
-        gap = last.lost > 0 or (last.broken and last.packets >= max(MORE_THAN_ONE * each, each + 1))
+        gap = last.lost or (last.broken and last.packets >= max(MORE_THAN_ONE * each, each + 1))
         unseen, passed = 0, int(late + NOISE) if late >= 1 - NOISE else 0
         if passed and self._hides:
             self._late_ns = (self._late_ns or 0) + here.read_ns

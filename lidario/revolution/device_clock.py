@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
+from statistics import median_high
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -97,7 +98,8 @@ class StampReader:
             (stamp * tick_ns - expected_ns + wrap_ns // 2) % wrap_ns - wrap_ns // 2 + behind * self._packet_ns
             for behind, stamp in enumerate(reversed(recent))
         )
-        alike = [each for each in found if abs(each - found[count // 2]) <= 2 * tick_ns]
+        middle_ns = median_high(found)
+        alike = [each for each in found if abs(each - middle_ns) <= 2 * tick_ns]
         if 2 * len(alike) <= count:
             return None
         # Each tells from when to when, a tick long. What all of them allow is shorter.
@@ -191,7 +193,7 @@ def _line_below(points: Sequence[_Point]) -> tuple[_Point, float]:
     if points[-1][0] - points[0][0] < _APART_NS:
         return min(points, key=_ahead_of), 0.0
     # Half of them lie behind it: one that came late after a pause has no say.
-    middle_ns = points[len(points) // 2][0]
+    middle_ns = median_high(at_ns for at_ns, _ in points)
     before, after = next(pair for pair in pairwise(_hull(points)) if pair[1][0] >= middle_ns)
     return before, min(max(_slope(before, after), -_STEEPEST), _STEEPEST)
 

@@ -106,7 +106,7 @@ class DividedRevolution:
         self.open = {count: OpenSector() for count in parts}
         carried, self.lost = self.partial.carried, self.partial.lost_behind_carried
         if carried is not None:
-            self.rest, self.gap = carried, self.lost > 0
+            self.rest, self.gap = carried, bool(self.lost)
             self.samples = self.last_samples = len(carried.angle)
         self.lost += self.partial.lost_before
         self.skipped_behind = self.partial.skipped_behind_carried
@@ -176,7 +176,7 @@ class DividedRevolution:
         self.waiting.clear()
         self.lost += self.lost_behind + samples.lost - samples.lost_behind
         self.lost_behind = samples.lost_behind
-        self.gap |= samples.lost > 0
+        self.gap |= bool(samples.lost)
         ends = samples.ends
         self.last, self.last_samples = self.waiting_at, ends[-1] - (ends[-2] if len(ends) > 1 else 0)
         self.last_arc = (next_at - self.last) % self.wire.full_turn

@@ -102,7 +102,7 @@ class EndedRevolution:
         partial, read_ns = self.partial, self.partial.last_ns
         waited_ns = samples.skipped_behind * self.sample_ns - (max(partial.ended_ns, read_ns) - read_ns)
         late_ns = self.elapsed_ns - passed * self.sample_ns - max(0.0, waited_ns)
-        if hides_a_turn(late_ns, ordinary_ns, gap=lost > 0 or not samples.fits):
+        if hides_a_turn(late_ns, ordinary_ns, gap=bool(lost) or not samples.fits):
             return True
         if not samples.certain:
             return not wire.own_angles or self.packets.count < _FEWEST_PACKETS

@@ -145,7 +145,7 @@ class FalsePackets:
 
     def _goes_on(self, packets: Packets, headings: Headings) -> bool:
         """Whether only the first packet stands behind skipped bytes, where they tell, and all others follow it."""
-        if not self._mean or self._waiting is not None or len(packets.skips) != (packets.skipped > 0):
+        if not self._mean or self._waiting is not None or len(packets.skips) != bool(packets.skipped):
             return False
         before = self._last, self._advances.copy(), self._arc, self._mean
         heading, behind = int(headings[0]) & HEADING_MASK, 1 + packets.skipped / self._wire.shortest

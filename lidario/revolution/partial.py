@@ -59,9 +59,6 @@ class PartialRevolution:
     moved: bool = False  # whether it began at a mark that stood elsewhere than the one before
     seam: int | None = None  # heading at which it should have begun; None where no split began it
     behind_gap: bool = True  # whether packets may be missing right before its first one
-    # Whether nothing was missing in the revolution before, and each packet since is as close behind the one before
-    # as they were there: then nothing is missing in this one.
-    even: bool = False
     # Of the packets that are missing right before its first one, those that are its own: they are counted with the
     # revolution before.
     lost_before: int = 0

@@ -39,15 +39,19 @@ class SampleTime:
 
     def __init__(self, told_ns: float, may_be_ns: Sequence[float] = (), *, timed: bool = True) -> None:
         self.ns: float = told_ns  # what counts; 0 while nothing is told or sure
-        # While that is 0, what it takes in most of the last revolutions; 0 before the first.
-        self.measured_ns: float = 0.0
         self._note = ""
         self._likely_ns = [told_ns] if told_ns else [*may_be_ns]
         self._is_sure = not timed
+        self._latest: deque[float] = deque(maxlen=_LATEST)
+        self._forget()
+
+    def _forget(self) -> None:
+        # While `ns` is 0, what it takes in most of the last revolutions; 0 before the first.
+        self.measured_ns: float = 0.0
         self._before_ns = 0.0
         self._begin_ns: int | None = None
         self._last_ns = 0
-        self._latest: deque[float] = deque(maxlen=_LATEST)
+        self._latest.clear()
         # Of the window: the time that passed before each read, and the samples that came with it.
         self._reads: list[tuple[int, int]] = []
 
@@ -67,7 +71,7 @@ class SampleTime:
 
     def suppose(self, revolution_samples: float, rpm: float) -> None:
         """Packets tell this speed, or NaN: while nothing is known, the likely time that fits it is taken."""
-        if not (self.ns or self._is_sure or math.isnan(rpm)) and revolution_samples * rpm > 0:
+        if not (self.ns or self._is_sure or math.isnan(rpm)) and revolution_samples * rpm:
             self.ns = self._nearest(60e9 / (revolution_samples * rpm))
 
     def add(self, samples: int, came_ns: int) -> None:
@@ -118,9 +122,8 @@ class SampleTime:
         else:
             return False
         # So that decoders that began elsewhere are alike.
-        self._is_sure, self._before_ns, self._begin_ns, self._last_ns, self._reads = True, 0.0, None, 0, []
-        self.measured_ns = 0.0
-        self._latest.clear()
+        self._is_sure = True
+        self._forget()
         return True
 
     def _nearest(self, measured_ns: float) -> float:

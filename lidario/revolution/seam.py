@@ -19,6 +19,7 @@ from bisect import bisect_left
 from collections import deque
 from collections.abc import Sequence
 from itertools import pairwise
+from statistics import median_high
 from typing import NamedTuple
 
 import numpy as np
@@ -173,8 +174,8 @@ class Seam:
         latest = [*(part[-_RECENT:] for part in self._recent), self._headings[max(0, index - _RECENT) : index]]
         before = [int(each) for part in latest for each in part][-_RECENT:]
         angles = [each & ~_FLAGS for each in before]
-        steps = sorted((later - earlier) % self._full_turn for earlier, later in pairwise(angles))
-        steady = steps[len(steps) // 2] if steps else 0
+        steps = [(later - earlier) % self._full_turn for earlier, later in pairwise(angles)]
+        steady = median_high(steps) if steps else 0
         if not steady:
             return False
         step = (heading - angles[-1]) % self._full_turn

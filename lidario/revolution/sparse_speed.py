@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from lidario.revolution.doubled import FASTEST_TURN_NS
 from lidario.wire.events import Packets
 from lidario.wire.formats import HEADING_MASK, StreamFormat
 
@@ -32,7 +33,7 @@ _NEAR: Final = np.arange(-_STEP, _STEP, 0.01)
 """The same, of those among which the best one is sought then."""
 _LEAST_TURNS: Final = 6.0
 """Revolutions that the packets must be apart, for their angles to tell a speed within some percent."""
-_FASTEST_HZ: Final = 30.0
+_FASTEST_HZ: Final = 1e9 / FASTEST_TURN_NS
 _LONGEST_NS: Final = 20e9
 """Packets farther apart are not compared: no rotor is so even, and more speeds would have to be tried."""
 

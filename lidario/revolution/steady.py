@@ -106,9 +106,7 @@ class SteadyAssembler:
         self._decoder, self._decoded = decoder, None
         self.stats.unfinished_packets += last - first
         self._settle(revolutions, samples, ends[-1] - (ends[-2] if len(ends) > 1 else 0))
-        self.partial = PartialRevolution(
-            whole=True, seam=splits[-1].seam, behind_gap=False, even=True, carried_ns=last_ns
-        )
+        self.partial = PartialRevolution(whole=True, seam=splits[-1].seam, behind_gap=False, carried_ns=last_ns)
         used = room + samples.revolutions[-1].before_seam
         if used < len(here.angle):
             self.partial.carried = here.part(used)
@@ -122,7 +120,7 @@ class SteadyAssembler:
         partial, marked, seam = self.partial, splits[0].marked, splits[0].seam
         sure = partial.whole and not (partial.moved or partial.behind_gap or partial.carried_packets)
         came = partial.runs or splits[0].packet > first
-        if not (sure and came) or self._stream.sample_ns <= 0 or self._clock.last is None:
+        if not (sure and came) or not self._stream.sample_ns or self._clock.last is None:
             return False
         for split in splits:
             # A mark that ended no revolution moved the seam: the decoder takes only one.

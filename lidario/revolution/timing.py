@@ -32,9 +32,8 @@ def first_sample_ns(ended: EndedRevolution, byte_ns: float) -> int:
     if samples.certain:
         found += begins_of(packets, samples, before + skipped, sample_ns)
     else:
-        unbroken = -1 if before and revolution.lost_behind_carried else samples.unbroken
         for count, at_ns in packets.arrivals:
-            if count > unbroken and found:
+            if count > samples.unbroken and found:
                 # Behind a gap the number of samples since the beginning is not known.
                 break
             found.append(at_ns - (before + samples.ends[count - 1] - 1) * sample_ns)

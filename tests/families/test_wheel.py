@@ -268,7 +268,7 @@ def test_a_packet_that_is_lost_while_a_rotor_stops_or_starts_changes_no_other_ar
         # In one in which it did nothing else, nothing tells how many there are.
         (Wheel(TURN), [0, 0, 0], 500),
         (NodeSteps(TURN), [500] * 64 + [0] * 128 + [500] * 64, 250),
-        (NodeSteps(TURN), [0] * 3, 500),
+        (NodeSteps(TURN), [0] * 2000, 500),
     ],
 )
 def test_a_revolution_in_which_it_stood_has_more_of_them(turn: Turning, spans: list[int], step: float) -> None:

@@ -9,10 +9,11 @@ from contextlib import suppress
 
 import pytest
 
+from lidario.port.forked import leave_nothing
 from lidario.sim.serve import TcpServer
 from tests.support.children import FORKS, child, ended, line_of
 from tests.support.devices import make_rig, names
-from tests.support.ports import PATIENCE_S
+from tests.support.ports import PATIENCE_S, open_files
 from tests.support.speeds import SpeedPtyServer
 
 INSIDE = """
@@ -77,6 +78,16 @@ def test_the_exit_of_a_forked_child_stops_nothing(program: str) -> None:
         assert process.returncode == 0, errors
         with server.lock:
             assert not rig.device.scanning
+
+
+def test_what_leads_to_nothing_takes_no_other_descriptor() -> None:
+    """Its other end learns that it was closed, and its number stays taken."""
+    here, there = socket.socketpair()
+    with here, there:
+        before = open_files()
+        leave_nothing(here.fileno())
+        assert open_files() == before
+        assert there.recv(1) == b""
 
 
 LEFT = (

@@ -69,6 +69,16 @@ async def test_forbidden(terminal: tuple[int, str], monkeypatch: pytest.MonkeyPa
     assert failed.reason == "permission"
 
 
+async def test_one_that_cannot_be_set_up_is_closed(
+    terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(self: serial.Serial) -> None:
+        raise serial.SerialException(5, "Input/output error")
+
+    monkeypatch.setattr(serial.Serial, "reset_input_buffer", fail)
+    assert (await failure(terminal[1])).reason == "missing"
+
+
 class SlowOpening:
     """Has pyserial take as long to open a port as the test likes."""
 

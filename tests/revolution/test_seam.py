@@ -99,6 +99,13 @@ def test_a_restart_elsewhere_is_one(restart: int) -> None:
     assert steady(restart) == [Split(8, marked=False, broken=True)]
 
 
+@pytest.mark.parametrize(("restart", "is_one"), [(1_000, True), (2_000, False), (3_000, True)])
+def test_of_uneven_steps_the_middle_one_is_the_steady_one(restart: int, is_one: bool) -> None:
+    headings = [0, 1_000, 2_000, 4_000, 6_000, 8_000, 11_000, 14_000]
+    found = Seam(TURN, 0).splits([*headings, headings[-1] + restart | RESTARTS])
+    assert [split.broken for split in found] == [True] * is_one
+
+
 def test_a_restart_of_which_no_step_is_known_is_one() -> None:
     assert Seam(TURN, 0).splits([20_000 | RESTARTS]) == [Split(0, marked=False, broken=True)]
     assert Seam(TURN, 0).splits([20_000, 21_000 | RESTARTS]) == [Split(1, marked=False, broken=True)]

@@ -12,15 +12,12 @@ from hypothesis import strategies as st
 
 from lidario.families.base import DecodedRevolution, Samples
 from lidario.families.rplidar.formats import DenseFormat
-from lidario.revolution.assemble import Assembler
 from lidario.revolution.clock import Beginning, RevolutionClock
 from lidario.revolution.ended import EndedRevolution
 from lidario.revolution.partial import PartialRevolution, SampleArrays
 from lidario.revolution.timing import first_sample_ns
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
-from tests.support.cases import KINDS, Case, named
-from tests.support.streams import in_one_run, stream_of
 
 WIRE = DenseFormat()
 SAMPLE_NS = 31250.0
@@ -103,40 +100,3 @@ def test_counting_revolutions(
         told.append(clock.follow(here).unseen)
     # Where no packet is known to be missing, late stamps might be all, until reads went on and they stayed late.
     assert sum(told) == (missing if at < len(beginnings) and (gap or read) else 0)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("case", KINDS, ids=named)
-@given(data=st.data())
-def test_what_is_missing_where_a_revolution_is_interrupted(case: Case, data: st.DataObject) -> None:
-    """It is counted without decoding what came of it, where nothing can be missing in that."""
-    wire, count = case.make_format(), case.turns[3][0].packet
-    end = data.draw(st.integers(1, count), "interrupted behind")
-    lost = data.draw(st.sets(st.integers(0, end - 1), max_size=4), "missing")
-    run = data.draw(st.sampled_from([1, 3, 16]), "packets at a time")
-    packet_ns = case.byte_ns * wire.shortest
-    found = []
-    for shorter in (True, False):
-        assembler = Assembler(stream_of(case))
-        for begin in range(0, end, run):
-            part = [case.packets[at] for at in range(begin, min(begin + run, end)) if at not in lost]
-            if part:
-                assembler.add(in_one_run(wire, b"".join(part), round((begin + run) * packet_ns)))
-        if not shorter:
-            assembler.partial.even = False
-        assembler.end()
-        found.append(assembler.stats)
-    assert found[0] == found[1]
-
-
-@pytest.mark.long
-def test_nothing_can_be_missing_behind_an_undisturbed_revolution() -> None:
-    even = set[str]()
-    for case in KINDS:
-        wire, assembler = case.make_format(), Assembler(stream_of(case))
-        for number, packet in enumerate(case.packets):
-            assembler.add(in_one_run(wire, packet, round(number * case.byte_ns * wire.shortest)))
-            if assembler.partial.even:
-                even.add(case.name.split("_")[0])
-                break
-    assert even >= {"rplidar", "ldrobot", "camsense"}

@@ -150,7 +150,7 @@ def _frame(data: bytearray, at: int, *commands: int) -> int:
         return NO_PACKET
     if len(head) < DATA:
         return 0
-    size = (head[6] << 8 | head[7]) + DATA
+    size = int.from_bytes(head[6:], "big") + DATA
     return size + SUM if size == head[2] else NO_PACKET
 
 

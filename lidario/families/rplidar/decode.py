@@ -145,7 +145,7 @@ class UltraDenseDecoder(CapsuleDecoder):
         output.distance *= np.float32(0.25)
         output.intensity[...] = intensity.reshape(output.intensity.shape)
         # For the smoothing of the next distance.
-        self._last_q2 = 0 if skipped is not None and skipped[-1] > 0 else int(distance_q2[-1])
+        self._last_q2 = 0 if skipped is not None and skipped[-1] else int(distance_q2[-1])
 
 
 class HqDecoder(ArcDecoder):

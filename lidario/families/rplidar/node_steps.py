@@ -16,6 +16,7 @@ A node has two check bits, so that a few bytes may pass for one whose angle is s
 from __future__ import annotations
 
 from collections.abc import Sequence
+from statistics import median_high
 from typing import Final
 
 import numpy as np
@@ -61,20 +62,20 @@ class NodeSteps(PacedTurning):
         if self._certain and followed and self._is_ordinary(self._typical, shortest, longest):
             # The mean is as good as the median where nothing is far from either, and much cheaper.
             self._typical, self._strange = total / len(spans), 0
-            times = 1.0 if self._confirmed else self._corrected(spans, arrivals, 1.0)
+            times = self._corrected(spans, arrivals, 1.0)
             if times == 1:
                 self._note_close(len(spans))
                 return Arcs(spans, None, total / len(spans), certain=True)
             steps, missing = self._walk(spans, followed=followed)
         else:
             steps, missing = self._walk(spans, followed=followed)
+            if self._typical <= 0:
+                return Arcs(np.maximum(spans, 0.0), None, 0.0, certain=False)
             times = self._corrected(spans, arrivals, 1 + float(missing.mean()))
             if times != 1:
                 steps, missing = self._walk(spans, followed=followed)
             elif not missing.any():
                 self._note_close(len(spans) - (not followed))
-        if self._typical <= 0:
-            return Arcs(np.maximum(spans, 0.0), None, 0.0, certain=False)
         skipped = missing if missing.any() else None
         # Where the rotor stood all the time, nodes tell of no step.
         step = float(steps.mean()) or self._typical
@@ -149,8 +150,6 @@ class NodeSteps(PacedTurning):
         for begin, chunk in zip(range(0, len(known), several), chunks, strict=True):
             self._take(chunk, slack)
             steps[begin : begin + several] = self._typical
-        if self._typical <= 0:
-            return steps, np.zeros(len(rough), np.intp)
         missing = _missing(rough, steps, slack / JITTER, _CORRECTED_TURNS * self._full_turn)
         for begin, chunk in zip(range(0, len(known), several), chunks, strict=True):
             if np.abs(chunk).max() < steps[begin] / 2:
@@ -179,9 +178,8 @@ class NodeSteps(PacedTurning):
     def _learn_first(self, spans: Steps) -> None:
         """The ordinary step as long as none is certain."""
         short = _short(spans)
-        ordinary = spans[np.abs(spans - short) <= short / 2]
-        if len(ordinary):
-            self._typical, _ = _middle(ordinary)
+        ordinary = spans[np.abs(spans - short) <= abs(short) / 2]
+        self._typical, _ = _middle(ordinary)
         self._certain = len(ordinary) >= CERTAIN_STEPS and self._typical > 0
 
 
@@ -196,10 +194,10 @@ def _short(spans: Steps) -> float:
 
 def _middle(spans: Steps) -> tuple[float, int]:
     """The ordinary one of several steps, and how many agree with it."""
-    median = float(np.sort(spans)[len(spans) // 2])
+    median = median_high(spans.tolist())
     # A step is a few units: one of 7.2 is 7 or 8, and the median 7.
-    near = spans[np.abs(spans - median) <= median / 2]
-    return (float(near.mean()) if len(near) else median), len(near)
+    near = spans[np.abs(spans - median) <= abs(median) / 2]
+    return float(near.mean()), len(near)
 
 
 def _missing(spans: Steps, steps: Steps, least: float, corrected: float) -> NDArray[np.intp]:
@@ -225,9 +223,9 @@ def _missing(spans: Steps, steps: Steps, least: float, corrected: float) -> NDAr
     missing = np.maximum(missing, 0)
     # So it is anywhere where a correction may be the cause. One that stands may be the one before once more; a gap
     # that is larger than others is the likelier one.
-    falls = (times < 1 - JITTER) & (spans != 0) & (steps >= least) & (spans > -corrected)
-    false = int(missing.sum()) - max(0, round(float((times - 1)[falls | leaps].sum())))
-    if false > 0 and falls.any():
+    falls = (times < 1 - JITTER) & (spans != 0) & (spans > -corrected)
+    false = int(missing.sum()) - round(float((times - 1)[falls | leaps].sum()))
+    if falls.any():
         order = np.argsort(missing, kind="stable")
         missing[order] = np.clip(np.cumsum(missing[order]) - false, 0, missing[order])
     return missing

@@ -107,7 +107,7 @@ class StreamControl:
         except ResponseTimeout as error:
             # A device that has stopped to protect itself starts no stream, and does not say so by itself. Nor does
             # one that does not know the mode. A damaged line loses the request, or the response before the packets.
-            lost = error.noise > 0 or wanted.mode in self.modes
+            lost = bool(error.noise) or wanted.mode in self.modes
             what, cause = f"no stream begins ({error})", "does it know this scan mode?"
             self.failure = Failure(what, cause, restart=lost, error=error)
             return

@@ -49,6 +49,7 @@ def test_what_begins_no_frame_is_not_waited_for(at: int) -> None:
 @pytest.mark.parametrize("count", [0, 81, 300])
 def test_no_others(count: int) -> None:
     other = pack_measurement(0, [100.0] * count, [9] * count)
+    assert FrameFormat().measure(bytearray(other), 0) == NO_PACKET
     assert counted(b"".join([PACKETS[0], other, *PACKETS[1:4]])) == (4, 0, len(other))
 
 

@@ -155,3 +155,8 @@ def test_the_rate_is_told_by_step_and_speed() -> None:
     for name, rate in (("ldrobot_ld19_6hz", 4500), ("ldrobot_stl27l_13hz", 21_600), ("ldrobot_ld14p_6hz", 4000)):
         raw = b"".join(ldrobot.split(golden.load(name).raw)[:24])
         assert PacketFormat.samples_a_second(raw) == pytest.approx(rate, rel=0.01)
+
+
+@pytest.mark.parametrize(("more", "packets"), [(1, 0), (2, 1)])
+def test_behind_noise_a_packet_is_believed_when_the_next_one_begins(more: int, packets: int) -> None:
+    assert feed(LD19, bytes(50) + CLEAN[0] + CLEAN[1][:more]).stats.packets == packets
