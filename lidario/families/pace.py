@@ -20,7 +20,8 @@ from lidario.wire.events import Arrival
 
 OFF: Final = 0.25
 """Part by which a number of packets that time or angles tell may be off a whole number."""
-_REMEMBERED: Final = 64
+REMEMBERED: Final = 64
+"""Reads, or spans, that are kept while a speed is not sure."""
 SEVERAL: Final = 1.5
 """Packets measured for each one that came, from which some are missing."""
 _FEWEST: Final = 8.0
@@ -73,7 +74,7 @@ class Pace:
             self._points.append(_Point(at_ns, turned, self._came + count))
         self._turned = turned + int(np.add.reduce(spans[begin:]))
         self._came += len(spans)
-        del self._points[:-_REMEMBERED]
+        del self._points[:-REMEMBERED]
 
     def measured(self, packet_ns: float, arc: float = 0.0) -> tuple[float, float] | None:
         """How many packets the device has measured for each arc, in each half of the time.

@@ -37,7 +37,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from lidario.families.pace import OFF, PacedTurning
+from lidario.families.pace import OFF, REMEMBERED, SEVERAL, PacedTurning
 from lidario.families.spans import (
     LIKENESS,
     RETREAT_TURNS,
@@ -57,9 +57,6 @@ TRUSTED_GAP: Final = 8
 """Missing packets up to which the arc over the gap says more than the last arc that was seen."""
 _TELLING: Final = TRUSTED_GAP + 1.5
 """Arcs up to which a span tells whether it is a whole number of them."""
-REMEMBERED: Final = 64
-"""Spans that are kept while the speed is not sure."""
-_HALFWAY: Final = 1.5
 _FITTING: Final = 0.75
 """Share of the spans that must be a whole number of arcs: where whole turns hide in them, fewer are, by chance."""
 _STRANGE: Final = 4
@@ -204,7 +201,7 @@ class Wheel(PacedTurning):
             # A rotor does not turn back: a turn may hide there.
             tells = span < -1 or 0 < times <= _TELLING
             # Of a slow rotor, one may be a gap all the same: behind it, the next one is like the one before again.
-            alone = at < end and times > _HALFWAY and abs(likely - last) < abs(likely - span)
+            alone = at < end and times > SEVERAL and abs(likely - last) < abs(likely - span)
             # Of the fastest arc, as in `_is_steady`.
             whole = max(1, round(times)) if span - last > slack else 1
             off = abs(span - whole * usual) / fastest
@@ -274,8 +271,8 @@ class Wheel(PacedTurning):
         by_time = self._pace.measured(self._packet_ns)
         if by_time is None:
             return True
-        if min(by_time) < _HALFWAY:
-            self._confirmed = max(by_time) < _HALFWAY
+        if min(by_time) < SEVERAL:
+            self._confirmed = max(by_time) < SEVERAL
             if self._confirmed:
                 self._forget()
             return True
@@ -301,7 +298,7 @@ class Wheel(PacedTurning):
                 told = self._arc
                 if anew or whole > 1:
                     self._take(arc / whole, sure=True)
-                self._confirmed = max(by_time) < _HALFWAY or whole > 1
+                self._confirmed = max(by_time) < SEVERAL or whole > 1
                 return self._revoked(told / self._arc) if whole > 1 else nothing
             if not self._confirmed:
                 self._certain = False
@@ -319,7 +316,7 @@ class Wheel(PacedTurning):
     def _are_several(self, spans: Sequence[int], arc: float) -> bool:
         """Whether spans are of one, two and more such arcs. Were they of half an arc, others would come too."""
         fitting, known = self._fitting(spans, arc)
-        longer = sum(span > _HALFWAY * arc for span in spans)
+        longer = sum(span > SEVERAL * arc for span in spans)
         return fitting >= _FITTING * known and longer >= _STRANGE and 4 * longer > len(spans)
 
     def _take(self, arc: float, *, sure: bool) -> None:

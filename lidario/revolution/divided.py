@@ -81,7 +81,7 @@ class DividedRevolution:
     last_samples: int = 0  # its samples
     last_arc: float = 0.0  # how far the rotor turned during it
     given: int = 0  # samples in these pieces
-    lost: int = 0  # packets known to be missing so far
+    lost: int = field(init=False)  # packets known to be missing so far
     # Where samples are missing so far: how many came before, and how many are missing there.
     gaps: list[tuple[int, int]] = field(default_factory=list)
     # Those that are missing behind the last packet that was decoded, and belong to no sector yet.

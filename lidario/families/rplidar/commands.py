@@ -19,9 +19,9 @@ from lidario.families.rplidar.formats import FORMATS
 from lidario.wire.envelope import Expected, Request, encode_request
 from lidario.wire.formats import StreamFormat
 
-STOP_SETTLE_S: Final = 0.010
+SETTLE_S: Final = 0.010
+"""Behind what stops or regulates."""
 RESET_SETTLE_S: Final = 0.500
-MOTOR_SETTLE_S: Final = 0.010
 HQ_PAYLOAD: Final = 33
 QUERY_TIMEOUT_S: Final = 0.5
 SCAN_TIMEOUT_S: Final = 2.0
@@ -52,7 +52,7 @@ def _query(name: str, data: bytes, expects: Expected) -> Request:
 
 FILL: Final = Request("FILL", bytes(HQ_PAYLOAD + 3))
 """What the longest request may lack: its length, its payload and its checksum. A length of 0 ends it at once."""
-STOP: Final = Request("STOP", encode_request(0x25), settle=STOP_SETTLE_S, ends_stream=True)
+STOP: Final = Request("STOP", encode_request(0x25), settle=SETTLE_S, ends_stream=True)
 RESET: Final = Request("RESET", encode_request(0x40), settle=RESET_SETTLE_S, ends_stream=True)
 GET_INFO: Final = _query("GET_INFO", encode_request(0x50), Expected(0x04, 20))
 GET_HEALTH: Final = _query("GET_HEALTH", encode_request(0x52), Expected(0x06, 3))
@@ -87,12 +87,12 @@ def set_lidar_conf(kind: Conf, value: bytes) -> Request:
 
 def motor_speed(rpm: int) -> Request:
     """MOTOR_SPEED_CTRL: the speed in revolutions a minute, 0 for off. It has no response."""
-    return Request("MOTOR_SPEED_CTRL", encode_request(0xA8, struct.pack("<H", rpm)), settle=MOTOR_SETTLE_S)
+    return Request("MOTOR_SPEED_CTRL", encode_request(0xA8, struct.pack("<H", rpm)), settle=SETTLE_S)
 
 
 def motor_pwm(duty: int) -> Request:
     """SET_MOTOR_PWM of an accessory board: a duty from 0, which is off, to 1023. It has no response."""
-    return Request("SET_MOTOR_PWM", encode_request(0xF0, struct.pack("<H", duty)), settle=MOTOR_SETTLE_S)
+    return Request("SET_MOTOR_PWM", encode_request(0xF0, struct.pack("<H", duty)), settle=SETTLE_S)
 
 
 def hq_scan(stream: StreamFormat) -> Request:

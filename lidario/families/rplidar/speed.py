@@ -65,7 +65,7 @@ def confirm(baudrate: int) -> Request:
     """NEW_BAUDRATE_CONFIRM: the device keeps the speed. It has no response."""
     payload = struct.pack("<HIH", 0x5F5F, baudrate, 0)
     # No document demands a pause.
-    return Request("NEW_BAUDRATE_CONFIRM", encode_request(0x90, payload), settle=commands.MOTOR_SETTLE_S)
+    return Request("NEW_BAUDRATE_CONFIRM", encode_request(0x90, payload), settle=commands.SETTLE_S)
 
 
 def change_speed(baudrate: int, present: int) -> Script[None]:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from lidario.families.rplidar.node_steps import NodeSteps
 from lidario.families.spans import Heads
-from lidario.families.told import ToldWheel
 from lidario.families.wheel import Wheel
 from tests.support.wheels import heads, lost, missing
 
@@ -256,30 +255,6 @@ def test_so_it_is_where_one_such_edge_stands_alone(off: int) -> None:
     rotation.follow(nodes_of(80))
     angles[10:90] -= off
     assert lost(rotation.follow(heads(headings(*(angles % TURN).tolist()), 0))) == 0
-
-
-@pytest.mark.parametrize(("back_deg", "known"), [(0.0, True), (1.9, True), (2.1, False)])
-def test_a_packet_may_begin_two_degrees_before_the_end_of_the_one_before(back_deg: float, known: bool) -> None:
-    """Farther back it is the long way round, and the rest of a revolution is missing."""
-    begins = headings(1000, 1950 - round(64 * back_deg), 2910)
-    arcs = ToldWheel(TURN, 48).follow(heads(begins, 3870, 96, np.full(3, 950)))
-    assert (lost(arcs) == 0) == known
-    if not known:
-        assert lost(arcs) == pytest.approx((TURN - 64 * back_deg) / 10, rel=0.01)
-
-
-def test_a_packet_that_tells_twice_the_usual_way_is_damaged_beside_a_gap_too() -> None:
-    ways = np.array([2375, 950, 950])  # and 950 is what one turns
-    arcs = ToldWheel(TURN, 48).follow(heads(headings(1000, 2920, 3880), 4840, 96, ways))
-    assert missing(arcs) == [96, 0, 0]
-
-
-def test_a_packet_that_is_lost_where_the_rotor_is_slow_is_missed_though_it_is_fast_elsewhere() -> None:
-    """From one of the slow packets to the next but one it turns by less than during one of the fast."""
-    steps, left = np.repeat([10, 3], 10), np.delete(np.arange(20), 15)
-    begins = np.cumsum(96 * steps) - 96 * steps
-    arcs = ToldWheel(TURN, 48).follow(heads(begins[left], 96 * steps.sum(), 96, 95 * steps[left]))
-    assert missing(arcs) == [96 * (at == 14) for at in range(19)]
 
 
 @given(
