@@ -23,7 +23,7 @@ OFF: Final = 0.25
 REMEMBERED: Final = 64
 """Reads, or spans, that are kept while a speed is not sure."""
 SEVERAL: Final = 1.5
-"""Packets measured for each one that came, from which some are missing."""
+"""Halfway from one arc, or packet, to two."""
 _FEWEST: Final = 8.0
 """Packets that the device must have measured in each half, for time to say anything: it is off by one or two."""
 
