@@ -26,7 +26,7 @@ Until a speed is sure by these rules, no arc is certain. What is known once stay
 it: nothing is learned anew behind a gap, but where the device cannot have measured as many packets as the arc
 would tell, the rotor has sped up meanwhile. What was told before it was sure is put right then (`Arcs.revoked`).
 
-Without times, as in a file of bytes, spans that agree are taken for one arc each.
+Without times, as in a file of bytes, spans that agree are taken for one arc each, where no byte was skipped.
 """
 
 from __future__ import annotations
