@@ -315,8 +315,6 @@ class RevolutionClock:
                 if here.read_ns and not (here.lost or confirmed):
                     confirmed = abs(here.read_ns / here.revolution_ns - (1 - here.over)) < NOISE
             if confirmed:
-                if self.needs_speed:
-                    self._search.forget()
                 self._sure = here
                 return
         if sure is not None:

@@ -58,10 +58,6 @@ class SparseSpeed:
         self._slowest_hz = 1e9 / slowest_ns
         self._points: deque[tuple[float, int]] = deque(maxlen=_MOST)
 
-    def forget(self) -> None:
-        """It is known otherwise."""
-        self._points.clear()
-
     def add(self, angle: float, at_ns: int) -> None:
         """A packet came; `angle` is where it begins, in revolutions."""
         # What was read late and together may be dated before what came before it.

@@ -266,6 +266,12 @@ def test_sectors_change_nothing_of_the_scans_where_each_second_packet_is_lost(na
     assert all(is_right(stream, sector) for sector in divided.sectors if sector.seq > 1)
 
 
+@pytest.mark.parametrize("name", ["0x84 A3", "4ROS", "0x81 S1"])
+def test_what_passed_unseen_before_a_sector_is_told_once(name: str) -> None:
+    found = _scored(name, "an outage of 0.7 s each second", "sectors")
+    assert found.told_revolutions == found.missing_revolutions > 30
+
+
 @pytest.mark.parametrize("case", ["braked by hand to 0.3 Hz in 20 ms", "standing for 0.5 s"])
 def test_sectors_change_nothing_of_the_speed_where_it_leaps(case: str) -> None:
     stream, line = happen(CASES[case], FORMATS["0x82 A1"])

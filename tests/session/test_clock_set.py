@@ -82,6 +82,22 @@ async def test_a_replay_keeps_the_clock_with_which_it_was_recorded(
     assert set(found) == {ahead(first)}
 
 
+async def test_a_recording_that_begins_behind_a_setting_has_the_new_clock(
+    rplidar: Rig, clock: _Clock, tmp_path: Path
+) -> None:
+    path = tmp_path / "run.mcap"
+    async with rplidar.read() as (lidar, stream):
+        await anext(stream)
+        clock.ahead_ns = HOUR_NS
+        for _ in range(3):
+            last = await anext(stream)
+        async with lidar.record(path):
+            for _ in range(4):
+                await anext(stream)
+    async with open_lidar(path) as replayed, replayed.scans() as again:
+        assert ahead(await anext(again)) == ahead(last)
+
+
 def times_in(path: Path) -> list[tuple[str, int]]:
     """The topics of the messages of a file, and when each was written by its own clock."""
     with open(path, "rb") as file:
