@@ -105,6 +105,19 @@ def test_a_program_that_reads_late_dates_what_came_by_what_is_missing_behind_it(
     assert found.times_off_ms[1] < 25
 
 
+def test_an_outage_within_one_late_read_is_told_by_the_clock_of_the_device() -> None:
+    def damage(stream: TrueStream, random: np.random.Generator) -> Line:
+        # The outages begin after 2 and 4 s; the second one lies within what a blocked program reads at once.
+        return replace(lose_stretches(2.0, 0.5, stream, random), blocked_ns=(3.2e9, 4.6e9))
+
+    stream, line = happen(Case("an outage that is read late", damage, drifting), FORMATS["LD19"])
+    found = score(stream, line, receive(stream, line, "read"), timed=True)
+    assert found.told_revolutions == found.missing_revolutions > 4
+    assert (found.wrong, found.mixed, found.seq_off) == (0, 0, 0)
+    assert found.times_off_ms is not None
+    assert found.times_off_ms[1] < 5
+
+
 @every_format
 def test_a_rotor_that_turns_twice_as_fast_behind_an_outage_did_not_lose_each_second_packet(name: str) -> None:
     found = _scored(name, "2 to 7 Hz, an outage of 1 s in it", "read")
