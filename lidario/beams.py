@@ -127,7 +127,7 @@ def resample(scan: Scan, rotor: Rotor, options: BeamOptions, beams: SupportsInde
     filled[places[left_out & on_grid]] = NO_RETURN[options.filtered]
     filled[places[on_grid & ~hit & ~left_out]] = NO_RETURN[options.no_return]
     hit_places, hit_ranges = places[hit], ranges[hit]
-    # A NaN is no minimum: not of those that are none in `filled`.
+    # First any return of a beam, in place of what stands there (NaN is below nothing), then the nearest one.
     filled[hit_places] = hit_ranges
     np.minimum.at(filled, hit_places, hit_ranges)
     strengths = np.zeros(0 if scan.intensities is None else count, np.float32)

@@ -177,5 +177,7 @@ def _poses(pose: PoseFunction, times_ns: NDArray[np.int64]) -> NDArray[np.float6
         )
     if not (np.abs(poses) < MODERATE**2).all():
         # Points that are nowhere are not near either, and a robot would not stop for them.
-        raise InvalidValue("the pose function must return finite poses; it returned some that are not")
+        raise InvalidValue(
+            "the pose function must return finite poses; it returned some that are not, or far too large"
+        )
     return poses

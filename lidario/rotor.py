@@ -160,7 +160,7 @@ def before(degrees: float, most: float) -> float:
 
 
 def within_turn(degrees: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The same angles in [0, 360), as `%` has them, which takes five times as long."""
+    """The same angles in [0, 360), as `%` has them, which takes much longer."""
     return degrees - 360.0 * np.floor(degrees / 360.0)
 
 

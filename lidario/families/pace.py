@@ -94,7 +94,8 @@ class Pace:
         """Whether the device has measured hardly more packets than came, and fewer than there are such arcs."""
         halves = self._halves(packet_ns)
         for measured, turned, came in halves:
-            # Each read may end in the midst of a packet: by one, the time may be off.
+            # Each read may end in the midst of a packet: by one, the time may be off. Of a few packets it is mostly
+            # reckoned (`Packets.cut`).
             arcs = turned / arc
             if not _FEWEST / 2 <= measured < SEVERAL * came or measured + 1 >= (1 - OFF) * arcs:
                 return False

@@ -27,7 +27,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from io import DEFAULT_BUFFER_SIZE
 from pathlib import Path
 
 from lidario.errors import Unsupported
@@ -55,6 +54,7 @@ _FAREWELL = b"farewell\n"
 _HURRIED = b"hurried\n"
 _NOTHING_YET = b"0.0 0.0 0\n"
 _STATES = {None: "-", False: "0", True: "1"}
+_SIZE_OF_PID = 16
 
 
 def check_guard() -> None:
@@ -242,7 +242,7 @@ def _started(port: str) -> tuple[socket.socket, int]:
                 setsigmask=signal.valid_signals(),
             )
         ours.settimeout(START_S)
-        pid = int(ours.recv(DEFAULT_BUFFER_SIZE))
+        pid = int(ours.recv(_SIZE_OF_PID))
     except BaseException:
         ours.close()
         if child:

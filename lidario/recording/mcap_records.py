@@ -77,9 +77,6 @@ class Damage(NamedTuple):
     missing: bool = True
 
 
-"""In place of chunks that nobody wants."""
-
-
 class _Index(NamedTuple):
     """What the end of a file says."""
 

@@ -27,6 +27,8 @@ from lidario.wire.blocks import packet_offsets
 from lidario.wire.events import Packets
 
 _LEAP_NS: Final = 60_000_000_000
+_MOST_UNSEEN: Final = 1_000_000
+"""Scans that may be missing at most: times come from the device, a peer or a file."""
 
 
 class WholeAssembler(SectorAssembler):
@@ -84,7 +86,7 @@ class WholeAssembler(SectorAssembler):
         interval_ns = turn_ns or math.nan
         if self._last_ns is not None and turn_ns:
             start_ns = max(start_ns, self._last_ns)
-            unseen = max(round((start_ns - self._last_ns) / turn_ns) - 1, 0)
+            unseen = min(max(round((start_ns - self._last_ns) / turn_ns) - 1, 0), _MOST_UNSEEN)
             interval_ns = (start_ns - self._last_ns) / (unseen + 1)
             self.stats.missed_scans += unseen
             self.stats.lost_packets += unseen

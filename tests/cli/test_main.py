@@ -26,6 +26,13 @@ def test_version_is_told_without_loading_what_verbs_need() -> None:
     assert not loaded & {"click", "rich"}
 
 
+def test_no_verb_loads_what_only_several_processes_need() -> None:
+    told = run("export", "--help", environment={"PYTHONPROFILEIMPORTTIME": "1"})
+    loaded = {line.rpartition("|")[2].strip() for line in told.stderr.splitlines()}
+    assert "lidario.cli.export" in loaded
+    assert not loaded & {"multiprocessing", "concurrent.futures.process"}
+
+
 @pytest.mark.parametrize("asked", ["", "3"])
 def test_numpy_starts_no_threads_unless_asked_to(asked: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each would use time of its own while the command starts."""

@@ -20,7 +20,7 @@ from lidario.wire.envelope import Expected, Request, encode_request
 from lidario.wire.formats import StreamFormat
 
 SETTLE_S: Final = 0.010
-"""Behind what stops or regulates."""
+"""Behind STOP, as the protocol manual has it, and behind motor commands, where only the SDK tells a figure."""
 RESET_SETTLE_S: Final = 0.500
 HQ_PAYLOAD: Final = 33
 QUERY_TIMEOUT_S: Final = 0.5

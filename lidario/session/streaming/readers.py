@@ -129,7 +129,7 @@ class Hub:
             ends.set_result(None)
         else:
             ends.set_exception(twin_of(error))
-            ends.exception()  # it may be that nobody waits for it
+            ends.exception()  # perhaps nobody waits for it: asyncio would log that
 
     def linger(self) -> None:
         """Call `deserted` a second later, unless a reader comes before."""

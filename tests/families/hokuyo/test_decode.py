@@ -93,6 +93,13 @@ def test_what_is_missing_between_two_scans_is_told_by_the_clock_of_the_device() 
     assert [scan.seq for scan in joined] == [0, 1, 2, 5, 6, 7]
 
 
+def test_times_that_nobody_can_mean_tell_a_bounded_number() -> None:
+    """They come from a device, a peer or a file, and so would the numbers of all scans that follow."""
+    assembler = WholeAssembler(stream())
+    scans_of([(CASE.packets[0], TURN_NS), (CASE.packets[0], 1 << 61)], assembler)
+    assert assembler.stats.missed_scans == 1_000_000
+
+
 def test_late_blocks_are_dated_by_the_clock_of_the_device() -> None:
     """The line delays each by up to 60 ms; the two clocks differ by a thousandth."""
     random = np.random.default_rng(4)
