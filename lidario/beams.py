@@ -1,9 +1,7 @@
 """A scan on the even grid of angles that the ROS message ``sensor_msgs/LaserScan`` describes, with right times.
 
 Each sample goes to the beam whose share of the circle contains it. The nearest return wins where several samples
-meet in one beam. A beam whose samples all came back without a return says ``no_return``. A beam without any sample
-is NaN, because nothing is known about it. Samples that filters took out count as absent, and ``filtered`` says what
-a beam becomes that has only such ones.
+meet in one beam. A beam without any sample is NaN, because nothing is known about it.
 
 **The choice of the grid.** The message promises that beam ``i`` was measured at ``stamp + i * time_increment``.
 This is one straight line in time over the whole grid, so the grid must begin and end where the revolution begins
@@ -15,12 +13,7 @@ Each beam stands in the middle of its share of the circle. With beams on the end
 last share would be one and the same, and would contain samples from both ends of the revolution.
 
 **A device that sees less than a turn** has a grid of its field alone (`Scan.field_of_view`): beside it nothing is
-known, and "no return" would say that the way is free there. Where its rotor turns counter-clockwise, times rise
-with the angles.
-
-**Where the grid begins.** At the seam (the device angle where revolutions begin) that the scan states, normally
-0, so that all scans have the same grid. Where the samples show another begin (a device that marks its own
-first packet, or corrected angles that all lie before the seam), the grid begins there.
+known, and "no return" would say that the way is free there.
 """
 
 from __future__ import annotations

@@ -15,15 +15,7 @@ from numpy.typing import NDArray
 from lidario.arguments import callable_of, shown
 from lidario.errors import InvalidValue
 from lidario.rotor import Gaps, Rotor, times_of
-from lidario.samples import (
-    is_between,
-    metres_at,
-    metres_of,
-    nearest_return,
-    radians_at,
-    radians_of,
-    read_only,
-)
+from lidario.samples import is_between, metres_of, nearest_return, radians_of, read_only
 
 _RecordT = TypeVar("_RecordT", bound="MeasuredSamples")
 
@@ -179,8 +171,9 @@ class MeasuredSamples:
 
     def _return(self, index: int) -> Return:
         # The arrays of all samples are not made for one of them.
+        one = slice(index, index + 1)
         return Return(
-            metres_at(self.device_distances.item(index)), radians_at(self.device_angles.item(index)), index
+            metres_of(self.device_distances[one]).item(), radians_of(self.device_angles[one]).item(), index
         )
 
     def _follow_rotor(self) -> Rotor | None:

@@ -18,7 +18,6 @@ FloatArray = NDArray[np.float32]
 _ArrayT = TypeVar("_ArrayT", bound=NDArray[np.generic])
 _BEYOND_M: Final = 1e30
 """Farther than every range, and still a number in single precision."""
-_RADIAN: Final = float(np.float32(math.pi / 180.0))
 _ROUNDED: Final = 1e-6
 """Radians by which a turn may be exceeded that somebody has computed in single precision."""
 
@@ -43,17 +42,6 @@ def metres_of(device_distances: FloatArray) -> FloatArray:
     metres = device_distances / np.float32(1000)
     metres[device_distances <= 0] = np.nan
     return read_only(metres)
-
-
-def metres_at(device_distance: float) -> float:
-    """As `metres_of`, of one; numpy takes three times as long for it."""
-    # The quotient in double precision, rounded to single, is that of single precision.
-    return float(np.float32(device_distance / 1000.0)) if device_distance > 0.0 else math.nan
-
-
-def radians_at(device_angle: float) -> float:
-    """As `radians_of`, of one."""
-    return float(np.float32(((360.0 if device_angle > 180.0 else 0.0) - device_angle) * _RADIAN))
 
 
 def check_radians(angle: float) -> None:

@@ -33,20 +33,15 @@ BLOCK_NS = 4_000_000_000
 class FileDecoder:
     """Decodes a file as `decode_file` does, and counts what became of it. It is iterated over once.
 
-    `recording` is the file, where it was opened before. Each scan passes the `filters`, in this order.
+    Each scan passes the `filters`, in this order.
 
     Raises:
         RecordingError: Nothing can be read of it; or, while it is iterated over, it cannot be read any more.
     """
 
-    def __init__(
-        self,
-        path: str | os.PathLike[str],
-        known: Known = Known(),  # noqa: B008
-        recording: StoredStreams | None = None,
-    ) -> None:
+    def __init__(self, path: str | os.PathLike[str], known: Known = Known()) -> None:  # noqa: B008
         self._known = known
-        self.recording: StoredStreams = recording or open_stored(path_of(path, "a recording"), known)
+        self.recording: StoredStreams = open_stored(path_of(path, "a recording"), known)
         self.skipped_bytes: int = 0
         self.packets: int = 0
         self.stats: AssemblerStats = AssemblerStats()
@@ -127,10 +122,9 @@ def decode_file(
 
     Args:
         path: The file.
-        family: Of bare bytes, the short name of the family; None to tell it from the bytes.
-        model: Of bare bytes, the model; None to tell it from the bytes. Where they leave a choice, it is a guess,
-            which is logged.
-        sample_us: Of bare bytes, microseconds a sample; None for what they tell, or the model usually takes.
+        family: Of bare bytes, as for `decode`.
+        model: Likewise.
+        sample_us: Likewise.
 
     Raises:
         RecordingError: Nothing can be read of it; or, while it is iterated over, it cannot be read any more.

@@ -44,12 +44,9 @@ from lidario.wire.formats import StreamFormat
 
 SPIN_UP_S = 5.0
 """Until the first packet; a replay does not wait for it."""
-
-
 LONGEST_PAUSE_NS = 5_000_000_000
 """Longest pause inside a stream that is played; live, a session starts a silent stream again within that time. A
 time that is wrong must not hold up a reader for years."""
-
 
 Copy = tuple[int, Callable[[FileWriter], None]]
 """The time of a chunk or event, and what adds it to another file."""
@@ -198,17 +195,12 @@ class McapRecording(StoredStreams):
         offset_ns = self.about.clock_offset_ns
         offsets, offset_deg = _offsets(self.streams[0])
         behind = False
-        first, last = _bounds(self.streams[0])
         for record in self._files.records():
             if not isinstance(record, StoredChunk) or record.sent:
                 continue
             at_ns, begin, _, data = record
             place = begin + len(data)
             at_ns = min(max(at_ns - offset_ns, -MOST_NS // 2), MOST_NS // 2)
-            if first <= begin and place < last and not offsets:
-                # Nearly always: all of it belongs to one stream.
-                yield Piece(number, at_ns, data, offset_deg, behind, begin)
-                continue
             while number < len(self.streams):
                 stream = self.streams[number]
                 end = place if stream.end is None else stream.end
@@ -224,7 +216,6 @@ class McapRecording(StoredStreams):
                 number += 1
                 if number < len(self.streams):
                     offsets, offset_deg = _offsets(self.streams[number])
-                    first, last = _bounds(self.streams[number])
 
     def copies(self) -> Generator[Copy, None, None]:
         at_ns = self.about.began_ns
@@ -260,11 +251,6 @@ def _copy(chunk: StoredChunk, at_ns: int, writer: FileWriter) -> None:
     if not chunk.sent:
         writer.go_on_at(at_ns, chunk.place)
     writer.add_chunk(at_ns, chunk.sent, chunk.data)
-
-
-def _bounds(stream: StoredStream) -> tuple[int, int]:
-    """Place of its first byte, and behind its last one."""
-    return stream.began.at, 2 * MOST_NS if stream.end is None else stream.end
 
 
 def _offsets(stream: StoredStream) -> tuple[deque[ZeroOffsetSet], float]:

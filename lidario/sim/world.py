@@ -90,6 +90,18 @@ def drawn(t: Floats, directions: npt.NDArray[np.int64] | int = 0) -> npt.NDArray
     return draw
 
 
+def hidden(ranges: Floats, off: Floats, distance: Floats, radius: float) -> Floats:
+    """The ranges where a round body stands in the way: so far away, and so many radians `off` each beam.
+
+    All of it in millimetres; a range of 0 is none. A scanner inside of a body sees nothing of it.
+    """
+    along, beside = distance * np.cos(off), distance * np.sin(off)
+    inside = radius * radius - beside * beside
+    near = along - np.sqrt(np.maximum(inside, 0.0))
+    met = (inside > 0.0) & (along > 0.0) & (distance > radius) & ((ranges == 0.0) | (near < ranges))
+    return np.where(met, near, ranges)
+
+
 class Walker:
     """A person of circular outline who walks round an ellipse in `period_s`; the scanner must stay outside."""
 
@@ -110,7 +122,6 @@ class Walker:
             raise ValueError("the walker's path leads over the scanner")
         bearing = np.degrees(np.arctan2(-y, x))
         width = np.degrees(np.arcsin(_GIRTH_M / distance))
-        self._girth = _GIRTH_M * 1000.0
         self._distance = distance * 1000.0
         self._bearing = bearing
         self._from = np.floor((bearing - width) * _PER_DEGREE).astype(np.int64)
@@ -125,15 +136,8 @@ class Walker:
         if not near.size:
             return
         when = ticks[near]
-        distance = self._distance[when]
         off = np.radians(angles[near] - self._bearing[when])
-        beside = distance * np.sin(off)
-        inside = self._girth * self._girth - beside * beside
-        met = inside > 0.0
-        near, off, distance, inside = near[met], off[met], distance[met], inside[met]
-        person = distance * np.cos(off) - np.sqrt(inside)
-        behind = ranges[near]
-        ranges[near] = np.where((behind == 0.0) | (person < behind), person, behind)
+        ranges[near] = hidden(ranges[near], off, self._distance[when], _GIRTH_M * 1000.0)
 
 
 @runtime_checkable

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TypeVar
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from lidario import InvalidValue, Scan, Sector
 from lidario.arguments import MODERATE, finite, moderate, nanoseconds, shown, whole
 
-ArrayT = TypeVar("ArrayT", bound=NDArray[np.generic])
+_Columns: TypeAlias = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8] | None]
 
 SMALLEST_DEGREES = 5.0
 ROUNDING_DEG = 1e-3
@@ -63,18 +63,16 @@ def make_scan(
         InvalidValue: The shapes do not fit together, an angle is not finite, a range is negative, an intensity is
             not from 0 to 255, `rpm` is not positive, or a stamp is no number of nanoseconds.
     """
-    clockwise, millimetres, strengths = _samples(angles, ranges, intensities, rpm)
+    samples = _samples(angles, ranges, intensities, rpm)
     seq, max_range = whole(seq, "seq"), moderate(max_range, "max_range")
     stamp_ns, wall_stamp_ns = nanoseconds(stamp_ns, "stamp_ns"), nanoseconds(wall_stamp_ns, "wall_stamp_ns")
-    order = np.argsort(clockwise, kind="stable")
+    order = np.argsort(samples[0], kind="stable")
     duration_ns = round(60e9 / rpm)
     return Scan(
-        device_angles=_read_only(clockwise[order]),
-        device_distances=_read_only(millimetres[order]),
-        intensities=None if strengths is None else _read_only(strengths[order]),
+        *_ordered(samples, order),
         stamp_ns=stamp_ns,
         wall_stamp_ns=wall_stamp_ns,
-        time_increment_ns=duration_ns // max(1, len(clockwise)),
+        time_increment_ns=duration_ns // max(1, len(order)),
         duration_ns=duration_ns,
         rpm=rpm,
         seq=seq,
@@ -134,7 +132,8 @@ def make_sector(
         InvalidValue: As for `make_scan`; or the samples spread over more than `degrees`, `degrees` is no such size,
             or the revolution has no sector `index`.
     """
-    clockwise, millimetres, strengths = _samples(angles, ranges, intensities, rpm)
+    samples = _samples(angles, ranges, intensities, rpm)
+    clockwise = samples[0]
     degrees, seq = finite(degrees, "the size of a sector"), whole(seq, "seq")
     max_range = moderate(max_range, "max_range")
     parts = round(360.0 / degrees) if degrees >= SMALLEST_DEGREES else 0
@@ -160,9 +159,7 @@ def make_sector(
     duration_ns = round(60e9 / rpm / parts)
     since_ns = (seq * parts + index) * duration_ns
     return Sector(
-        device_angles=_read_only(clockwise[order]),
-        device_distances=_read_only(millimetres[order]),
-        intensities=None if strengths is None else _read_only(strengths[order]),
+        *_ordered(samples, order),
         stamp_ns=_STAMP_NS + since_ns if stamp_ns is None else nanoseconds(stamp_ns, "stamp_ns"),
         wall_stamp_ns=(
             _WALL_STAMP_NS + since_ns if wall_stamp_ns is None else nanoseconds(wall_stamp_ns, "wall_stamp_ns")
@@ -180,9 +177,7 @@ def make_sector(
     )
 
 
-def _samples(
-    angles: ArrayLike, ranges: ArrayLike, intensities: ArrayLike | None, rpm: float
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8] | None]:
+def _samples(angles: ArrayLike, ranges: ArrayLike, intensities: ArrayLike | None, rpm: float) -> _Columns:
     """Clockwise degrees, millimetres and intensities of samples, as the device tells them."""
     given = np.atleast_1d(_numbers(angles, "angles"))
     metres = _numbers(ranges, "ranges")
@@ -219,7 +214,11 @@ def _numbers(values: ArrayLike, what: str) -> NDArray[np.float64]:
         raise InvalidValue(f"{what} are numbers, not {shown(values)}") from None
 
 
-def _read_only(array: ArrayT) -> ArrayT:
-    """As the arrays of every scan are."""
-    array.setflags(write=False)
-    return array
+def _ordered(samples: _Columns, order: NDArray[np.intp]) -> _Columns:
+    """The samples in this order; read-only, as the arrays of every scan are."""
+    angles, distances, strengths = samples
+    ordered = angles[order], distances[order], None if strengths is None else strengths[order]
+    for each in ordered:
+        if each is not None:
+            each.setflags(write=False)
+    return ordered

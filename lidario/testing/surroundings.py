@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lidario import InvalidValue, Wall
 from lidario.arguments import MODERATE, finite, moderate, shown, whole
-from lidario.sim.world import Floats, Segment, World, cast, segments_of
+from lidario.sim.world import Floats, Segment, World, cast, hidden, segments_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,16 +52,8 @@ class Body:
         """Shorten, in place, the beams (millimetres, degrees clockwise) that meet it before anything else."""
         when, xs, ys = np.asarray(self.path, np.float64).T
         x, y = np.interp(seconds, when, xs), np.interp(seconds, when, ys)
-        distance = np.hypot(x, y)
         off = np.radians(angles) + np.arctan2(y, x)  # clockwise angles: the bearing has the other sign
-        beside = distance * np.sin(off)
-        along = distance * np.cos(off)
-        inside = self.radius * self.radius - beside * beside
-        # A lidar inside of a body sees nothing of it.
-        met = (inside > 0.0) & (along > 0.0) & (distance > self.radius)
-        near = 1000.0 * (along - np.sqrt(np.maximum(inside, 0.0)))
-        nearer = met & ((ranges == 0.0) | (near < ranges))
-        np.copyto(ranges, near, where=nearer)
+        ranges[:] = hidden(ranges, off, 1000.0 * np.hypot(x, y), 1000.0 * self.radius)
 
 
 def room(width: float = 4.0, depth: float = 4.0) -> list[Wall]:
