@@ -61,7 +61,7 @@ def doctor(source: str, as_json: bool) -> int:
     machine = Machine()
     ports = lidario.list_serial_ports()
     adapters = [port for port in ports if port.adapter]
-    findings = of_machine(machine, [port.path for port in adapters])
+    findings = list(of_machine(machine, [port.path for port in adapters]))
     named = source not in ("", "auto")
     sources = [source] if named else [port.path for port in adapters]
     by_path = {port.path: port for port in ports}
@@ -84,9 +84,8 @@ def doctor(source: str, as_json: bool) -> int:
     return ExitCode.OK if ExitCode.OK in codes else codes[0]
 
 
-def of_machine(machine: Machine, ports: list[str]) -> list[Finding]:
+def of_machine(machine: Machine, ports: list[str]) -> Iterator[Finding]:
     """What programs and supply of the machine mean for ports such as these; nothing is opened."""
-    found: list[Finding] = []
     numbers = [(usb.vendor, usb.product) for usb in map(machine.usb, ports) if usb is not None]
     if not numbers:
         # The adapter may be missing just because brltty has taken it.
@@ -94,53 +93,46 @@ def of_machine(machine: Machine, ports: list[str]) -> list[Finding]:
     claimed = [pair for pair in numbers if machine.brltty_claims(*pair)]
     if all(machine.brltty_is_kept_off(*pair) for pair in claimed):
         text = "is kept from such adapters by a rule" if claimed else "does not take such adapters"
-        found.append(Finding("brltty", "ok", text))
+        yield Finding("brltty", "ok", text)
     else:
-        found.append(
-            Finding("brltty", "bad", "takes the adapter for a braille display, and its port disappears",
-                    f"{_RULES}   and plug it in again;\n"
-                    "or sudo apt remove brltty   where no braille display is in use")
+        yield Finding(
+            "brltty", "bad", "takes the adapter for a braille display, and its port disappears",
+            f"{_RULES}   and plug it in again;\n"
+            "or sudo apt remove brltty   where no braille display is in use",
         )  # fmt: skip
     if not machine.runs("ModemManager"):
-        found.append(Finding("ModemManager", "ok", "does not run"))
+        yield Finding("ModemManager", "ok", "does not run")
     elif ports and all(map(machine.is_no_modem, ports)):
-        found.append(Finding("ModemManager", "ok", "runs, and a rule keeps it from the port"))
+        yield Finding("ModemManager", "ok", "runs, and a rule keeps it from the port")
     else:
-        found.append(
-            Finding("ModemManager", "hint", "runs, and writes to new ports for some seconds to find a modem",
-                    f"{_RULES}   tells it to leave the port alone")
-        )  # fmt: skip
+        text = "runs, and writes to new ports for some seconds to find a modem"
+        yield Finding("ModemManager", "hint", text, f"{_RULES}   tells it to leave the port alone")
     if machine.is_undervolted():
-        found.append(
-            Finding("power", "bad", "the supply of this machine has fallen too low",
-                    "a stronger supply, or a powered USB hub for the lidar (5 V, 1.5 A when its motor starts)")
-        )  # fmt: skip
-    return found
+        cure = "a stronger supply, or a powered USB hub for the lidar (5 V, 1.5 A when its motor starts)"
+        yield Finding("power", "bad", "the supply of this machine has fallen too low", cure)
 
 
-def of_adapter(machine: Machine, port: lidario.PortInfo) -> list[Finding]:
+def of_adapter(machine: Machine, port: lidario.PortInfo) -> Iterator[Finding]:
     """What the adapter behind a port is, and whether its name stays the same; nothing is opened."""
     usb = machine.usb(port.path)
     if not port.adapter:
         text = f"{port.description or 'unknown'}: lidars are not sold with it"
-        return [Finding("adapter", "hint", text, port=port.path)]
+        yield Finding("adapter", "hint", text, port=port.path)
+        return
     fastest = ADAPTERS[port.adapter].fastest if port.adapter in ADAPTERS else 0
     speed = f", up to {fastest} baud" if fastest else ""
-    found = [Finding("adapter", "ok", port.adapter + speed, port=port.path)]
-    if usb is not None and usb.sleeps:
-        found.append(
-            Finding("power", "hint", "the system may let the adapter sleep while no program has it open",
-                    f"{_RULES}   keeps it awake", port.path)
-        )  # fmt: skip
-    if usb is not None and not is_unique(usb.serial):
-        found.append(
-            Finding("name", "hint", "the adapter has no serial number of its own: two such lidars may swap names",
-                    f"lidario udev {port.path} --name front   or open it as id:SERIAL", port.path)
-        )  # fmt: skip
-    elif usb is not None:
-        text = port.by_id or "the adapter has a serial number of its own"
-        found.append(Finding("name", "ok", text, port=port.path))
-    return found
+    yield Finding("adapter", "ok", port.adapter + speed, port=port.path)
+    if usb is None:
+        return
+    if usb.sleeps:
+        text = "the system may let the adapter sleep while no program has it open"
+        yield Finding("power", "hint", text, f"{_RULES}   keeps it awake", port.path)
+    if is_unique(usb.serial):
+        yield Finding("name", "ok", port.by_id or "the adapter has a serial number of its own", port=port.path)
+    else:
+        text = "the adapter has no serial number of its own: two such lidars may swap names"
+        cure = f"lidario udev {port.path} --name front   or open it as id:SERIAL"
+        yield Finding("name", "hint", text, cure, port.path)
 
 
 async def _of_device(machine: Machine, source: str, port: lidario.PortInfo | None) -> tuple[list[Finding], int]:
@@ -166,29 +158,29 @@ async def _of_device(machine: Machine, source: str, port: lidario.PortInfo | Non
     return found, ExitCode.OK
 
 
-def _of_speed(source: str, port: lidario.PortInfo | None, baudrate: int) -> list[Finding]:
+def _of_speed(source: str, port: lidario.PortInfo | None, baudrate: int) -> Iterator[Finding]:
     adapter = ADAPTERS.get(port.adapter) if port is not None else None
-    if adapter is None or not adapter.fastest or baudrate <= adapter.fastest:
-        return []
-    text = f"{baudrate} baud is more than the adapter is made for ({adapter.fastest})"
-    return [Finding("speed", "hint", text, "an adapter that is made for it", source)]
+    if adapter is not None and 0 < adapter.fastest < baudrate:
+        text = f"{baudrate} baud is more than the adapter is made for ({adapter.fastest})"
+        yield Finding("speed", "hint", text, "an adapter that is made for it", source)
 
 
 def _latency(machine: Machine, port: lidario.PortInfo | None) -> int | None:
     return None if port is None else machine.latency_ms(port.path)
 
 
-def _of_latency(before: int | None, during: int | None, source: str) -> list[Finding]:
+def _of_latency(before: int | None, during: int | None, source: str) -> Iterator[Finding]:
     """How long the adapter gathered bytes before it was opened, and while it was open."""
     if before is None or during is None:
-        return []
-    if during > SLOW_LATENCY_MS:
-        text = f"the adapter gathers bytes for {during} ms, so that scans come late by as much"
-        return [Finding("latency", "hint", text, f"{_RULES}   makes it 1 ms", source)]
+        return
     text = f"the adapter gathers bytes for {during} ms"
-    if before > during:
-        text += f" while lidario has it open, else for {before} ms"
-    return [Finding("latency", "ok", text, port=source)]
+    if during > SLOW_LATENCY_MS:
+        yield Finding(
+            "latency", "hint", f"{text}, so that scans come late by as much", f"{_RULES}   makes it 1 ms", source
+        )
+    else:
+        text += f" while lidario has it open, else for {before} ms" if before > during else ""
+        yield Finding("latency", "ok", text, port=source)
 
 
 async def _of_scans(source: str) -> list[Finding]:

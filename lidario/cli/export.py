@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from concurrent.futures import BrokenExecutor
-from contextlib import nullcontext
+import os
+import threading
+from collections.abc import Iterator
+from concurrent.futures import BrokenExecutor, Executor
+from contextlib import contextmanager, nullcontext, suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +22,8 @@ from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import message
 
 if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+
     from lidario.recording.decode_file import FileDecoder
     from lidario.recording.files import Known
 
@@ -80,8 +85,6 @@ _Task = tuple[str, str, Any, dict[str, Any], bool, Any]
 
 def _all(tasks: list[_Task], jobs: int) -> list[Exception]:
     """Export everything; what fails does not keep the others from being exported."""
-    from lidario.cli.processes import processes
-
     failures: list[Exception] = []
     with processes(jobs) if jobs > 1 else nullcontext() as pool:
         running = [
@@ -101,6 +104,37 @@ def _all(tasks: list[_Task], jobs: int) -> list[Exception]:
             if damage:
                 message(f"note: {task[0]}: {damage}; everything else is exported")
     return failures
+
+
+@contextmanager
+def processes(count: int) -> Iterator[Executor]:
+    """So many processes, which end when this one is killed.
+
+    Where the block raises, as by Ctrl-C, they end in the midst of what they do.
+    """
+    # Only here: loading them takes long.
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
+    # Not forked: a process that has threads, or a terminal in use, must not be copied.
+    context = get_context("spawn")
+    theirs, ours = context.Pipe(duplex=False)
+    with theirs, ours, ProcessPoolExecutor(count, context, _end_with_parent, (theirs,)) as pool:
+        try:
+            yield pool
+        except BaseException:
+            ours.close()
+            raise
+
+
+def _end_with_parent(lifeline: Connection) -> None:
+    def wait() -> None:
+        # The other end is closed, by the parent or with it.
+        with suppress(EOFError, OSError):
+            lifeline.recv_bytes()
+        os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()
 
 
 def export_one(

@@ -30,8 +30,8 @@ class _Told:
     info: lidario.DeviceInfo
     health: lidario.Health
     modes: tuple[lidario.ScanMode, ...]
-    frequency: float | None
-    limits: tuple[float, float] | None
+    frequency: float | None = None
+    limits: tuple[float, float] | None = None
 
 
 @click.command()
@@ -60,14 +60,13 @@ def info(source: str, as_json: bool) -> int:
 
 async def _ask(source: str) -> _Told:
     async with lidario.open_lidar(source) as lidar:
-        frequency: float | None = None
-        limits: tuple[float, float] | None = None
+        told = _Told(lidar.source, lidar.info, lidar.health, await lidar.get_modes())
         with suppress(lidario.Unsupported):
-            frequency = await lidar.get_scan_frequency()
+            told.frequency = await lidar.get_scan_frequency()
         # Of some it is known though they cannot be asked.
         with suppress(lidario.Unsupported):
-            limits = await lidar.get_scan_frequency_range()
-        return _Told(lidar.source, lidar.info, lidar.health, await lidar.get_modes(), frequency, limits)
+            told.limits = await lidar.get_scan_frequency_range()
+        return told
 
 
 def _facts(told: _Told) -> Table:

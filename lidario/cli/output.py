@@ -52,7 +52,7 @@ class Worker:
         ConnectFailed: The system allows no more threads.
     """
 
-    def __init__(self, name: str, grace_s: float) -> None:
+    def __init__(self, name: str, grace_s: float = GRACE_S) -> None:
         self._grace_s = grace_s
         self._work: queue.SimpleQueue[Callable[[], object] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
@@ -66,7 +66,7 @@ class Worker:
         self._work.put(work)
 
     async def call(self, work: Callable[[], object]) -> None:
-        """Have the thread call `work`, and return, or raise, as it does.
+        """Have the thread call `work`, and return, or raise, as it does; a write does when the reader has room.
 
         Cancelling ends the waiting only; `work` may still be called.
         """
@@ -82,11 +82,6 @@ class Worker:
         while (work := self._work.get()) is not None:
             with suppress(Exception):
                 work()
-
-
-def stdout_worker() -> Worker:
-    """One for what is written to stdout while scans run; `Worker.call` returns when the reader has room for it."""
-    return Worker("lidario: stdout", GRACE_S)
 
 
 def emit_beside(text: str) -> Awaitable[None]:

@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 
 import lidario
 from lidario.cli.errors import Stopped
-from lidario.cli.output import GRACE_S, Worker
+from lidario.cli.output import Worker
 from lidario.cli.streams import hurry, message, messages_by
 
 T = TypeVar("T")
@@ -85,7 +85,7 @@ def _told_beside() -> Iterator[None]:
     """Have a thread write messages in the block, and the log where that has no handler."""
     root, handler = logging.getLogger(), _Log(logging.WARNING)
     is_ours = not logging.getLogger("lidario").hasHandlers()
-    worker = Worker("lidario: messages", GRACE_S)
+    worker = Worker("lidario: messages")
     if is_ours:
         root.addHandler(handler)
     try:

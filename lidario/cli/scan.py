@@ -19,7 +19,7 @@ import click
 
 import lidario
 from lidario.cli.errors import ExitCode, Stopped
-from lidario.cli.output import Worker, console, counted, introduced, progress, rendered, stdout_worker
+from lidario.cli.output import Worker, console, counted, introduced, progress, rendered
 from lidario.cli.parameters import WholeRange, guard_option, mode_option, reconnect_option, source_argument
 from lidario.cli.running import run
 from lidario.cli.settings import config_option, settings_of_file
@@ -65,7 +65,7 @@ def scan(
     if as_json and as_csv:
         raise click.UsageError("--json and --csv exclude each other")
     form = "json" if as_json else "csv" if as_csv else "people"
-    config, tally, writer = settings_of_file(), _Tally(), stdout_worker()
+    config, tally, writer = settings_of_file(), _Tally(), Worker("lidario: stdout")
     failure: Exception | None = None
 
     async def work() -> None:

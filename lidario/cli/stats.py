@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import math
 import time
+from contextlib import suppress
 from dataclasses import dataclass, field
 from statistics import fmean, pstdev
 from typing import TYPE_CHECKING
@@ -145,12 +146,11 @@ async def _for_a_while(lidar: lidario.Lidar, scans: lidario.ScanStream, seconds:
     loop = asyncio.get_running_loop()
     before, began, cpu = lidar.stats, loop.time(), time.process_time()
     try:
-        async with asyncio.timeout(seconds):
-            # Only a recording comes to its end.
-            async for scan in scans:
-                into.add(scan)
-    except TimeoutError:
-        pass
+        # Only a recording comes to its end.
+        with suppress(TimeoutError):
+            async with asyncio.timeout(seconds):
+                async for scan in scans:
+                    into.add(scan)
     finally:
         into.seconds = loop.time() - began
         into.cpu = (time.process_time() - cpu) / max(into.seconds, 1e-9)

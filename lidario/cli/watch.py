@@ -4,7 +4,7 @@ It is drawn on the terminal's second screen, so that what was there before comes
 is wide, the figures stand beside the picture, else below it.
 
 `rich.Live` draws it. It writes where it is told to refresh, and holds its lock meanwhile. Therefore all its methods
-are called in one thread, that of `stdout_worker`. A terminal that takes no output (Ctrl-S, a slow line) then holds
+are called in one thread, that of a `Worker`. A terminal that takes no output (Ctrl-S, a slow line) then holds
 up the drawing, and neither the lidar nor a signal. At the end laser and motor are switched off first; then the
 display has `GRACE_S` to leave the second screen.
 """
@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from lidario.cli.errors import ExitCode, Stopped
-from lidario.cli.output import Worker, counted, facts, progress, stdout_worker, terminal
+from lidario.cli.output import Worker, counted, facts, progress, terminal
 from lidario.cli.parameters import guard_option, mode_option, source_argument
 from lidario.cli.running import nothing_logged, run
 from lidario.cli.settings import config_file, config_option
@@ -62,7 +62,7 @@ def watch(source: str, mode: str | int | None, guard: bool) -> int:
     from lidario.web.feed import Feed
 
     feed = Feed(source, mode=mode, guard=guard, config=config_file())
-    writer = stdout_worker()
+    writer = Worker("lidario: stdout")
     try:
         # The picture says what the log would say, and a line of the log would run through it.
         with suppress(Stopped), nothing_logged():

@@ -72,8 +72,9 @@ async def list_remote_lidars(router: str = DEFAULT_ROUTER) -> list[RemoteLidar]:
         if token is None:
             continue
         source = f"zenoh:{_short(token.key)}"
-        found[source] = RemoteLidar(source, *token[1:])
-        if (status := told.get(token.key)) is not None:
+        if (status := told.get(token.key)) is None:
+            found[source] = RemoteLidar(source, *token[1:])
+        else:
             about = status.about
             found[source] = RemoteLidar(
                 source, status.form, status.robot, about.info.model, about.info.serial, about.health, status.rate,

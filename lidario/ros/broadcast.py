@@ -48,13 +48,7 @@ LAST_AGAIN_S: Final = 4.0
 
 
 class Broadcast(Entered):
-    """One lidar on the network; the base of `Publisher` and `Share`.
-
-    Args:
-        lidar: An open lidar.
-        router: Address of the zenoh router.
-        robot: Name of this robot, for the list of a fleet; None for the name of this machine.
-    """
+    """One lidar on the network; the base of `Publisher` and `Share`, which tell the arguments."""
 
     form: str
     _instead = "a publisher is entered asynchronously: write `async with`"

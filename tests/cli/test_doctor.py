@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
@@ -44,7 +45,7 @@ def own_rules(machine: Machine) -> str:
     return rule_for(usb, "front")
 
 
-def of(findings: list[Finding], what: str) -> Finding:
+def of(findings: Iterable[Finding], what: str) -> Finding:
     (found,) = [each for each in findings if each.what == what]
     return found
 
@@ -107,7 +108,7 @@ def test_a_machine_whose_supply_falls(machine: Machine) -> None:
 
 
 def test_an_adapter_is_told_with_its_speed_and_its_name(machine: Machine) -> None:
-    found = of_adapter(machine, PORT)
+    found = list(of_adapter(machine, PORT))
     assert "1000000 baud" in of(found, "adapter").text
     assert of(found, "name").state == "hint"
     assert "lidario udev /dev/ttyUSB9" in of(found, "name").cure

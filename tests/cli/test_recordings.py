@@ -182,7 +182,7 @@ class Killed(Executor):
 
 
 def test_a_process_that_is_killed_is_told(live: Live, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lidario.cli.processes.processes", lambda _: Killed())
+    monkeypatch.setattr("lidario.cli.export.processes", lambda _: Killed())
     (tmp_path / "b.mcap").write_bytes(live.path.read_bytes())
     done = invoke("export", str(live.path), str(tmp_path / "b.mcap"), str(tmp_path / "{}.npz"), "-j", "2")
     assert done.exit_code == 4

@@ -74,7 +74,7 @@ def test_it_appears_when_it_is_whole_as_any_new_file(
 
 WAITS = """
 import os, sys, time
-from lidario.cli.processes import processes
+from lidario.cli.export import processes
 if __name__ == "__main__":
     with processes(1) as pool:
         print(pool.submit(os.getpid).result(), flush=True)
