@@ -22,17 +22,12 @@ class Latch:
     """Something that happens once, for which any number of threads may wait."""
 
     def __init__(self) -> None:
-        self._is_set = False
+        self.is_set: bool = False  # whether it has happened
         self._waiters: deque[threading.Lock] = deque()
-
-    @property
-    def is_set(self) -> bool:
-        """Whether it has happened."""
-        return self._is_set
 
     def set(self) -> None:
         """It has happened: every wait ends. To be called once, and not where Ctrl-C may come."""
-        self._is_set = True
+        self.is_set = True
         while self._waiters:
             self._waiters.popleft().release()
 
@@ -42,7 +37,7 @@ class Latch:
         waiter.acquire()
         self._waiters.append(waiter)
         # Looked at behind the line above: `set` finds the waiter, or the waiter finds that it is set.
-        while not (self._is_set or waiter.acquire(timeout=_WAIT_S)):
+        while not (self.is_set or waiter.acquire(timeout=_WAIT_S)):
             pass
 
 

@@ -73,41 +73,42 @@ def _away(scan: lidario.Scan, polar: bool) -> NDArray[np.float64]:
 def svg(scans: Sequence[lidario.Scan], title: str, *, polar: bool = False) -> str:
     """The picture of these scans, one over the other, as the text of a file."""
     reach = reach_of(scans, polar=polar)
-    grid = _rings(reach) if polar else _squares(reach)
-    parts = _head(title, grid[0])
+    grid, names = _rings(reach) if polar else _squares(reach)
+    dots = []
     for scan, opacity in zip(scans, opacities(len(scans)), strict=True):
         points = scan.xy()[scan.valid].astype(np.float64)[_away(scan, polar) <= reach] * (HALF / reach)
-        parts.append(_dots(points, COLOUR, opacity))
-    parts += _words(grid[1], legend_of(scans, reach, polar=polar))
+        dots.append(_dots(points, COLOUR, opacity))
     if not any(scan.valid.any() for scan in scans):
-        parts.append(
-            f'<text x="{MIDDLE}" y="{MIDDLE + 60}" text-anchor="middle">no returns in any direction</text>'
-        )
-    parts.append(_LIDAR)
-    return "\n".join(parts) + "\n"
+        names += f'<text x="{MIDDLE}" y="{MIDDLE + 60}" text-anchor="middle">no returns in any direction</text>'
+    return _drawn(title, grid, dots, names, legend_of(scans, reach, polar=polar))
 
 
 def clouds_svg(clouds: Sequence[tuple[NDArray[np.floating], str]], title: str, legend: str) -> str:
     """Clouds of points one over the other, each with its colour, as the text of a file; metres, shape (n, 2)."""
     far = np.concatenate([np.abs(xy).max(axis=1) for xy, _ in clouds])
     reach = max(1.0, math.ceil(float(np.quantile(far, SHOWN)) * 1.05)) if len(far) else 1.0
-    lines, names = _squares(reach)
-    parts = _head(title, lines)
+    grid, names = _squares(reach)
+    dots = []
     for xy, colour in clouds:
         near = xy.astype(np.float64)[np.abs(xy).max(axis=1) <= reach] * (HALF / reach)
         # Several scans of one wall are on the same dots; each is drawn once.
-        parts.append(_dots(np.unique(np.round(near, 1), axis=0), colour, 0.8))
-    return "\n".join([*parts, *_words(names, [legend]), _LIDAR]) + "\n"
+        dots.append(_dots(np.unique(np.round(near, 1), axis=0), colour, 0.8))
+    return _drawn(title, grid, dots, names, [legend])
 
 
-def _head(title: str, grid: str) -> list[str]:
-    return [
+def _drawn(title: str, grid: str, dots: Sequence[str], names: str, legend: Sequence[str]) -> str:
+    parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {SIZE} {SIZE}" font-family="sans-serif" '
         f'font-size="14" fill="#333">',
         f'<rect width="{SIZE}" height="{SIZE}" fill="#fff"/>',
         f'<text x="{MIDDLE}" y="24" text-anchor="middle" font-size="16">{escape(title)}</text>',
         f'<g stroke="#ddd" fill="none">{grid}</g>',
+        *dots,
+        f'<g stroke="#fff" stroke-width="5" stroke-linejoin="round" paint-order="stroke">{names}</g>',
     ]
+    for line, text in enumerate(reversed(legend)):
+        parts.append(f'<text x="{SIZE - 12}" y="{SIZE - 10 - 18 * line}" text-anchor="end">{text}</text>')
+    return "\n".join([*parts, _LIDAR]) + "\n"
 
 
 def _dots(points: NDArray[np.float64], colour: str, opacity: float) -> str:
@@ -116,13 +117,6 @@ def _dots(points: NDArray[np.float64], colour: str, opacity: float) -> str:
     dots = "".join(f"M{x:.1f} {y:.1f}h0" for x, y in zip(across.tolist(), down.tolist(), strict=True))
     pen = f'stroke="{colour}" stroke-width="2.2" stroke-linecap="round" opacity="{opacity:.2f}"'
     return f'<path d="{dots}" {pen}/>'
-
-
-def _words(names: str, legend: Sequence[str]) -> list[str]:
-    parts = [f'<g stroke="#fff" stroke-width="5" stroke-linejoin="round" paint-order="stroke">{names}</g>']
-    for line, text in enumerate(reversed(legend)):
-        parts.append(f'<text x="{SIZE - 12}" y="{SIZE - 10 - 18 * line}" text-anchor="end">{text}</text>')
-    return parts
 
 
 def _values(reach: float) -> list[float]:

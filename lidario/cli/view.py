@@ -71,12 +71,12 @@ def view(
     file = config_file()
     if file is not None:
         lidario.read_config(file)
-    feeds = []
-    for source, mount, colour in zip_longest(sources, mounts, colours):
-        feeds.append(
-            Feed(source, mode=mode, guard=guard, stays=True, folder=where, config=file, mount=mount,
-                 colour=colour or "")
-        )  # fmt: skip
+    feeds = [
+        Feed(
+            source, mode=mode, guard=guard, stays=True, folder=where, config=file, mount=mount, colour=colour or ""
+        )
+        for source, mount, colour in zip_longest(sources, mounts, colours)
+    ]
     # Whoever has the address may write it: with --lan only where the file was named.
     written = file or (None if lan else FILE)
     run_until_stopped(lambda: _serve(feeds, port, lan, written))

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import deque
 from contextlib import suppress
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from typing import Final
 
@@ -108,13 +109,8 @@ class Kept:
 
     def _behind(self) -> bytes:
         """The next bytes that came."""
-        found = b""
-        for _, sent, entry in self._held:
-            if isinstance(entry, bytes) and not sent:
-                found += entry[: REACH - len(found)]
-                if len(found) == REACH:
-                    break
-        return found
+        came = (entry[:REACH] for _, sent, entry in self._held if isinstance(entry, bytes) and not sent)
+        return b"".join(islice(came, REACH))[:REACH]
 
     def _without(self, event: StreamEvent) -> StreamEvent:
         if not isinstance(event, Responded):

@@ -15,8 +15,9 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterator, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from functools import partial
+from itertools import zip_longest
 from pathlib import Path
 from typing import NamedTuple
 
@@ -191,31 +192,23 @@ class McapRecording(StoredStreams):
             stream.open()
 
     def pieces(self) -> Iterator[Piece]:
-        number = 0
         offset_ns = self.about.clock_offset_ns
-        offsets, offset_deg = _offsets(self.streams[0])
-        behind = False
+        stretches = deque(_stretches(self.streams))
         for record in self._files.records():
             if not isinstance(record, StoredChunk) or record.sent:
                 continue
             at_ns, begin, _, data = record
             place = begin + len(data)
             at_ns = min(max(at_ns - offset_ns, -MOST_NS // 2), MOST_NS // 2)
-            while number < len(self.streams):
-                stream = self.streams[number]
-                end = place if stream.end is None else stream.end
-                low, high = max(begin, stream.began.at), min(place, end)
-                while low < high:
-                    while offsets and offsets[0].at <= low:
-                        _, offset_deg, behind = astuple(offsets.popleft())
-                    until = min(high, offsets[0].at) if offsets else high
-                    yield Piece(number, at_ns, data[low - begin : until - begin], offset_deg, behind, low)
-                    low = until
-                if place < end or stream.end is None:
+            while stretches:
+                number, first, end, offset = stretches[0]
+                low, high = max(begin, first), min(place, end)
+                if low < high:
+                    data_here = data[low - begin : high - begin]
+                    yield Piece(number, at_ns, data_here, offset.zero_offset_deg, offset.behind, low)
+                if place < end:
                     break
-                number += 1
-                if number < len(self.streams):
-                    offsets, offset_deg = _offsets(self.streams[number])
+                stretches.popleft()
 
     def copies(self) -> Generator[Copy, None, None]:
         at_ns = self.about.began_ns
@@ -253,6 +246,10 @@ def _copy(chunk: StoredChunk, at_ns: int, writer: FileWriter) -> None:
     writer.add_chunk(at_ns, chunk.sent, chunk.data)
 
 
-def _offsets(stream: StoredStream) -> tuple[deque[ZeroOffsetSet], float]:
-    """The changes of the zero-angle offset that are still to come, and the offset before."""
-    return deque(stream.offsets), stream.began.zero_offset_deg
+def _stretches(streams: Sequence[StoredStream]) -> Iterator[tuple[int, int, int, ZeroOffsetSet]]:
+    """From where to where which stream has which zero-angle offset, in places, in order."""
+    for number, stream in enumerate(streams):
+        end = 2 * MOST_NS if stream.end is None else stream.end
+        offsets = ZeroOffsetSet(stream.began.at, stream.began.zero_offset_deg), *stream.offsets
+        for offset, following in zip_longest(offsets, stream.offsets):
+            yield number, offset.at, end if following is None else min(following.at, end), offset

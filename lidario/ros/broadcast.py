@@ -51,6 +51,8 @@ class Broadcast(Entered):
     """One lidar on the network; the base of `Publisher` and `Share`, which tell the arguments."""
 
     form: str
+    key: str
+    """The key of the scans on the network."""
     _instead = "a publisher is entered asynchronously: write `async with`"
 
     def __init__(self, lidar: Lidar, router: str = DEFAULT_ROUTER, robot: str | None = None) -> None:
@@ -76,11 +78,6 @@ class Broadcast(Entered):
         self._trouble = Trouble()
         self._read = set[Sender]()
         self._readers = asyncio.Event()
-
-    @property
-    @abstractmethod
-    def key(self) -> str:
-        """The key of the scans."""
 
     @property
     def is_connected(self) -> bool:

@@ -133,7 +133,7 @@ class MergedPublisher(Publisher):
 
     def _each_second(self, status: Status) -> None:
         for lidar in self.lidars:
-            self._diagnose(lidar, f"{self._topic.lstrip('/')} {lidar.info.serial}", status.rate)
+            self._diagnose(lidar, f"{self.topic.lstrip('/')} {lidar.info.serial}", status.rate)
 
 
 def _cloud_of(scan: Merged, frame_id: str) -> PointCloud2:

@@ -8,7 +8,6 @@ which is that of the first return).
 from __future__ import annotations
 
 import math
-import struct
 from dataclasses import dataclass
 from typing import Final
 
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.arguments import finite, shown, text_of
-from lidario.cdr import LITTLE_ENDIAN, CdrWriter
+from lidario.cdr import CdrWriter
 from lidario.errors import InvalidValue
 from lidario.scan import Scan
 
@@ -27,24 +26,6 @@ _FLOAT32: Final = 7
 _UINT32: Final = 6
 """Numbers of the types in ``sensor_msgs/PointField``."""
 _LONGEST_NS: Final = (1 << 32) - 1
-
-
-def _fields() -> bytes:
-    """The sequence of ``PointField``: the same in every message but for its place, which is a multiple of four."""
-    writer = CdrWriter()
-    fields = dict(POINT.fields or {})
-    writer.uint32(len(fields))
-    for name, about in fields.items():
-        writer.text(name)
-        writer.uint32(about[1])
-        writer.byte(_UINT32 if name == "t" else _FLOAT32)
-        writer.uint32(1)
-    return writer.finish()[len(LITTLE_ENDIAN) :]
-
-
-_FIELDS: Final = _fields()
-_SIZES: Final = struct.Struct("<II")
-_BEHIND_FIELDS: Final = struct.Struct("<B3xIII")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,11 +46,20 @@ class PointCloud2:
         """The message as ROS 2 sends and stores it: CDR, lowest byte first."""
         head = CdrWriter()
         head.header(self.stamp_ns, self.frame_id)
-        head.align(4)
-        head.raw(_SIZES.pack(1, len(self.points)))
-        head.raw(_FIELDS)
+        head.uint32(1)  # height
+        head.uint32(len(self.points))
+        fields = dict(POINT.fields or {})
+        head.uint32(len(fields))
+        for name, (_, offset, *_) in fields.items():
+            head.text(name)
+            head.uint32(offset)
+            head.byte(_UINT32 if name == "t" else _FLOAT32)
+            head.uint32(1)
+        head.byte(False)  # the highest byte first
+        head.uint32(POINT.itemsize)
         size = POINT.itemsize * len(self.points)
-        head.raw(_BEHIND_FIELDS.pack(0, POINT.itemsize, size, size))
+        head.uint32(size)  # of a row
+        head.uint32(size)  # of all rows
         return b"".join((head.finish(), self.points.tobytes(), b"\x01"))
 
 

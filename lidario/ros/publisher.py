@@ -80,6 +80,8 @@ class Publisher(Broadcast):
     """
 
     form = "ros"
+    topic: str
+    """The full name of the topic."""
 
     def __init__(
         self,
@@ -109,7 +111,8 @@ class Publisher(Broadcast):
         super().__init__(lidar, router, robot)
         text_of(namespace, "a namespace")
         self._node = Node(node, "/" if namespace == "/" else qualified(namespace, "/"), domain, distro)
-        self._topic = self._node.topic(topic)
+        self.topic = self._node.topic(topic)
+        self.key = self._node.data_key(self.topic, LASERSCAN)
         self._messages = LaserScans(
             beams=beams, order=order, frame_id=frame_id, range_min=range_min, range_max=range_max,
             no_return=no_return, filtered=filtered, mount_yaw=mount_yaw, preset=preset,
@@ -126,16 +129,6 @@ class Publisher(Broadcast):
         self._scans: Sender | None = None
         self._diagnostics: Sender | None = None
         self._clock: Sender | None = None
-
-    @property
-    def topic(self) -> str:
-        """The full name of the topic."""
-        return self._topic
-
-    @property
-    def key(self) -> str:
-        """The key of the scans on the network."""
-        return self._node.data_key(self._topic, LASERSCAN)
 
     def publish(self, scan: Scan) -> None:
         """Publish a scan as LaserScan; an empty one is left out. Never waits: without a router it is lost.
@@ -160,7 +153,7 @@ class Publisher(Broadcast):
 
     def _declare(self, bus: Bus) -> bytes:
         bus.token(self._node.node_token(bus.id))
-        self._scans = self._outlet(bus, 1, self._topic, LASERSCAN)
+        self._scans = self._outlet(bus, 1, self.topic, LASERSCAN)
         self._diagnostics = self._outlet(bus, 2, "/diagnostics", DIAGNOSTICS)
         if self._mount is not None:
             static = self._outlet(bus, 3, "/tf_static", TF_MESSAGE, keeps_last=True)
@@ -182,7 +175,7 @@ class Publisher(Broadcast):
         return outlet
 
     def _each_second(self, status: Status) -> None:
-        self._diagnose(self.lidar, self._topic.lstrip("/"), status.rate)
+        self._diagnose(self.lidar, self.topic.lstrip("/"), status.rate)
 
     def _diagnose(self, lidar: Lidar, what: str, rate: float) -> None:
         """Say on ``/diagnostics`` how a lidar is."""

@@ -67,14 +67,9 @@ class Share(Broadcast):
         super().__init__(lidar, router, robot)
         raw = yes_or_no(raw, "raw")
         self.form = "raw" if raw else "scan"
-        self._key = check_key(key)
+        self.key = check_key(key)
         self._outlet: Sender | None = None
         self._raw = RawFeed(lidar, self._send_raw, partial(self._count, True)) if raw else None
-
-    @property
-    def key(self) -> str:
-        """The key of the scans on the network."""
-        return self._key
 
     def publish(self, scan: Scan) -> None:
         """Publish a scan. Of a raw share nothing is to be done: its bytes have been sent already."""
@@ -84,8 +79,8 @@ class Share(Broadcast):
             self._count(self._outlet.send(encode_scan(scan)))
 
     def _declare(self, bus: Bus) -> bytes:
-        gid = gid_of(f"{bus.id}/{self._key}")
-        self._outlet = bus.sender(self._key, gid)
+        gid = gid_of(f"{bus.id}/{self.key}")
+        self._outlet = bus.sender(self.key, gid)
         self._watch_readers(bus, self._outlet)
         if self._raw is not None:
             self._raw.begin()
