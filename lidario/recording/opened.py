@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Self
 
+from lidario.entered import Closing
 from lidario.errors import RecordingError
 from lidario.system import cause_of
 from lidario.whole_file import kind_of
 
 
-class StoredFile:
+class StoredFile(Closing):
     """A regular file, read in order or from any place; a context manager.
 
     Args:
@@ -54,10 +54,8 @@ class StoredFile:
             self._file.close()
             raise self._cut()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def close(self) -> None:
+        """Let go of it. Harmless when done before."""
         self._file.close()
 
     @property

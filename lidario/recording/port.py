@@ -1,11 +1,8 @@
 """Playing a recording to a session, as if its device were there (`lidario.recording.fed`).
 
-Pieces are handed over as they were recorded, with the times at which they came. While no stream is wanted the
-recording stands still.
-
-Where a live stream was interrupted, to ask something or to change the mode, the session is told to start its
-stream again, which leads to the next one of the recording. At the end of the file readers come to their end; who
-then reads again gets the recording from its beginning.
+While no stream is wanted the recording stands still. Where a live stream was interrupted, to ask something or to
+change the mode, the session is told to start its stream again, which leads to the next one of the recording. At the
+end of the file readers come to their end; who then reads again gets the recording from its beginning.
 
 With a rate of 0 it is played as fast as it is read: only while every reader waits for a scan. No scan is dropped
 then.

@@ -90,7 +90,7 @@ class Fleet(Entered):
         self._router = router
         self._scans = WaitingScans(depth)
         self._is_read = False
-        self._waiter: asyncio.Future[None] | None = None
+        self._news = asyncio.Event()
         self._bus: Bus | None = None
         self._senders = Senders(_tell_mixed)
         self._missing: dict[str, int] = {}
@@ -139,7 +139,7 @@ class Fleet(Entered):
     async def close(self) -> None:
         """End the reading; who waits gets the end of the iteration. Harmless when done before."""
         self._closed = True
-        self._wake()
+        self._news.set()
         if self._bus is not None:
             await self._bus.close()
 
@@ -159,12 +159,11 @@ class Fleet(Entered):
             while not self._scans:
                 if self._closed:
                     raise StopAsyncIteration
-                self._waiter = asyncio.get_running_loop().create_future()
-                await self._waiter
+                self._news.clear()
+                await self._news.wait()
             return self._scans.take()
         finally:
             self._is_read = False
-            self._waiter = None
 
     def _learn(self, sample: Sample) -> None:
         attachment, status = parse_attachment(sample.attachment), Status.of(sample.payload)
@@ -185,7 +184,7 @@ class Fleet(Entered):
                 self._scans.put(FleetScan(sample.key, scan, 0 if attachment is None else attachment.time_ns, gap))
                 gap = 0
             if scans:
-                self._wake()
+                self._news.set()
             yield
         if gap and len(self._missing) < MOST_MISSING:
             self._missing[sample.key] = gap
@@ -197,10 +196,6 @@ class Fleet(Entered):
         number = 0 if attachment is None else max(0, attachment.number)
         scan = whole_scan(sample, self._clock.wall_offset_ns, number)
         return None if scan is None else [[scan]]
-
-    def _wake(self) -> None:
-        if self._waiter is not None and not self._waiter.done():
-            self._waiter.set_result(None)
 
 
 def _tell_mixed(key: str) -> None:

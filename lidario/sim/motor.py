@@ -13,7 +13,6 @@ import numpy as np
 import numpy.typing as npt
 
 _STABLE = 0.02
-_TAUS_TO_REST = 25.0  # after so many time constants the approach is over: 1e-11 revolutions per second are left
 
 
 class Motor:
@@ -89,10 +88,7 @@ class Motor:
         angle = seconds * self._target + self._turns
         lag = (self._rate - self._target) * self._tau
         if lag:
-            if seconds.size and seconds[0] < _TAUS_TO_REST * self._tau:
-                angle += lag * -np.expm1(-seconds / self._tau)
-            else:
-                angle += lag
+            angle -= lag * np.expm1(-seconds / self._tau)
         if seconds.size and seconds[0] < 0:
             # Else the head would leap, by what it turns more or less from now on.
             np.copyto(angle, seconds * self._earlier + self._turns, where=seconds < 0)
