@@ -205,12 +205,14 @@ _NAMED = {name: kind for kind, name in _KINDS.items()}
 _Event = TypeVar("_Event", bound=StreamEvent)
 
 
-def moved(event: _Event, by: int, least: int = 0) -> _Event:
-    """The event, whose place is so many bytes farther, and not before `least`."""
+def moved(event: _Event, by: int, least: int = 0, clock_ns: int = 0) -> _Event:
+    """The event, its place so many bytes farther, and not before `least`, its clock set back by `clock_ns`."""
     if isinstance(event, Responded):
         return event
     if isinstance(event, Placed) and event.running is not None:
-        event = replace(event, running=moved(event.running, by, least))
+        event = replace(event, running=moved(event.running, by, least, clock_ns))
+    elif isinstance(event, StreamBegan):
+        event = replace(event, wall_offset_ns=event.wall_offset_ns - clock_ns)
     return replace(event, at=max(event.at + by, least))
 
 

@@ -128,11 +128,9 @@ def export_mcap(
                 if at_ns - begun_ns >= CHUNK_NS:
                     writer.flush()
                     begun_ns = None
-            writer.flush()
-        except BaseException:
+            writer.close()
+        finally:
             writer.abandon()
-            raise
-        writer.close()
     return writer.count_of_scans
 
 

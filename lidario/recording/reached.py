@@ -136,7 +136,8 @@ class Reached:
         Raises:
             RecordingError: The file tells again what came before.
         """
-        event = self._here(event)
+        # With the places and the clock of the first recording.
+        event = moved(event, self._shift, self._least, self._clock_ns)
         is_back = isinstance(event, Placed) and event.at < self._place_before
         if is_back or (isinstance(event, StreamBegan) and event == self._state.running):
             raise RecordingError(TWICE)
@@ -154,18 +155,6 @@ class Reached:
                 self._state.follow(missing)
                 yield missing
         self.place, self.is_known = event.at, True
-
-    def _here(self, event: StreamEvent) -> StreamEvent:
-        """An event of the recording that is read, with the places and the clock of the first one."""
-        if not self._shift and not self._clock_ns:
-            return event
-        event = moved(event, self._shift, self._least)
-        if isinstance(event, Placed) and event.running is not None:
-            return replace(event, running=self._on_clock(event.running))
-        return self._on_clock(event) if isinstance(event, StreamBegan) else event
-
-    def _on_clock(self, began: StreamBegan) -> StreamBegan:
-        return replace(began, wall_offset_ns=began.wall_offset_ns - self._clock_ns)
 
     def _missing(self, told: Placed) -> Iterator[StreamEvent]:
         before, now = self._state.running, told.running
