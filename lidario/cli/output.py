@@ -238,40 +238,33 @@ def progress(text: str) -> Iterator[Callable[[str], None]]:
     if not sys.stderr.isatty():
         yield lambda _: None
         return
-    spinning, before = _Spinning(text, sys.stderr), sys.stderr
-    worker = Worker("lidario: progress", PROGRESS_GRACE_S)
-    worker.put(spinning.run)
-    try:
-        yield spinning.show
-    finally:
-        spinning.over.set()
-        worker.close()
-        # A thread that is still blocked has not put it back.
-        sys.stderr = before
+    before, over = sys.stderr, threading.Event()
 
+    def show(told: str) -> None:
+        nonlocal text
+        text = told
 
-class _Spinning:
-    """A text behind a spinner, until it is over."""
-
-    def __init__(self, text: str, stream: TextIO) -> None:
-        self.over = threading.Event()
-        self._text = text
-        self._stream = stream
-
-    def show(self, text: str) -> None:
-        self._text = text
-
-    def run(self) -> None:
+    def spin() -> None:
         from rich.live import Live
         from rich.spinner import Spinner
 
-        console = terminal(self._stream)
-        shown = Spinner("line" if console.options.ascii_only else "dots", self._text, style="status.spinner")
+        console = terminal(before)
+        shown = Spinner("line" if console.options.ascii_only else "dots", text, style="status.spinner")
         display = Live(shown, console=console, auto_refresh=False, transient=True, redirect_stdout=False)
         # The terminal may go away meanwhile. The next write to it raises the same error.
         with suppress(OSError, ReaderGone), display:
             # A signal that ends the process at once would leave the cursor hidden.
             display.console.show_cursor(True)
-            while not self.over.wait(1 / SPINS_A_SECOND):
-                shown.update(text=self._text)
+            while not over.wait(1 / SPINS_A_SECOND):
+                shown.update(text=text)
                 display.refresh()
+
+    worker = Worker("lidario: progress", PROGRESS_GRACE_S)
+    worker.put(spin)
+    try:
+        yield show
+    finally:
+        over.set()
+        worker.close()
+        # A thread that is still blocked has not put it back.
+        sys.stderr = before
