@@ -120,24 +120,15 @@ class Walker:
         distance = np.hypot(x, y)
         if float(distance.min()) <= _GIRTH_M:
             raise ValueError("the walker's path leads over the scanner")
-        bearing = np.degrees(np.arctan2(-y, x))
-        width = np.degrees(np.arcsin(_GIRTH_M / distance))
         self._distance = distance * 1000.0
-        self._bearing = bearing
-        self._from = np.floor((bearing - width) * _PER_DEGREE).astype(np.int64)
-        self._span = np.ceil(2.0 * width * _PER_DEGREE).astype(np.int64)
+        self._bearing = np.degrees(np.arctan2(-y, x))
 
-    def occlude(self, ranges: Floats, angles: Floats, directions: npt.NDArray[np.int64], t: Floats) -> None:
-        """Shorten, in place, the beams that meet the person before anything else."""
+    def hide(self, ranges: Floats, angles: Floats, t: Floats) -> Floats:
+        """The ranges of these beams (millimetres, degrees clockwise), shorter where they meet the person first."""
         ticks = (t * _TICKS_PER_SECOND).astype(np.int64)
         ticks %= len(self._distance)
-        into = (directions - self._from[ticks]) & (DIRECTIONS - 1)
-        near = np.flatnonzero(into <= self._span[ticks])
-        if not near.size:
-            return
-        when = ticks[near]
-        off = np.radians(angles[near] - self._bearing[when])
-        ranges[near] = hidden(ranges[near], off, self._distance[when], _GIRTH_M * 1000.0)
+        off = np.radians(angles - self._bearing[ticks])
+        return hidden(ranges, off, self._distance[ticks], _GIRTH_M * 1000.0)
 
 
 @runtime_checkable
@@ -191,7 +182,7 @@ class World:
             return ranges
         t = np.broadcast_to(np.asarray(t_seconds, dtype=np.float64), angles.shape)
         if self.walker is not None:
-            self.walker.occlude(ranges, angles, directions, t)
+            ranges = self.walker.hide(ranges, angles, t)
         if self._noise is not None:
             noisy = ranges + self._noise[drawn(t, directions)]
             noisy *= ranges > 0.0
