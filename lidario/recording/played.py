@@ -14,6 +14,7 @@ from contextlib import suppress
 from lidario.errors import RecordingError, Unsupported
 from lidario.recording.player import Player
 from lidario.recording.read import Piece, StoredStreams
+from lidario.sim.device import Received
 from lidario.sim.line import RequestLog
 from lidario.wire.envelope import REQUEST_MAGIC
 from lidario.wire.events import Descriptor
@@ -35,7 +36,7 @@ class PlayedDevice:
         self.error: RecordingError | None = None
         self._recording = recording
         self._again = loop
-        self.log: RequestLog = RequestLog()
+        self._log = RequestLog()
         self._incoming = bytearray()
         self._outgoing = bytearray()
         self._player = Player(recording, rate)
@@ -58,6 +59,10 @@ class PlayedDevice:
     def baudrate(self) -> int:
         """As `SimulatedDevice.baudrate`; 0 where the line had none."""
         return self._recording.streams[0].began.baudrate or self._recording.about.baudrate
+
+    @property
+    def log(self) -> list[Received]:
+        return self._log
 
     @property
     def motor_on(self) -> bool:
@@ -156,4 +161,4 @@ class PlayedDevice:
         self._note(request, now, "")
 
     def _note(self, request: bytes, now: int, why: str) -> None:
-        self.log.add(now, request.hex(" "), request, why)
+        self._log.add(now, request.hex(" "), request, why)

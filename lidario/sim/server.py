@@ -11,9 +11,9 @@ import selectors
 import socket
 import threading
 import time
-from abc import abstractmethod
+from abc import ABC, abstractmethod
+from typing import Self
 
-from lidario.entered import Closing
 from lidario.sim.device import SimulatedDevice
 from lidario.sim.faults import Faults
 from lidario.sim.memory import MemoryLine
@@ -37,7 +37,7 @@ def _readable(sources: list[int | socket.socket], wait_s: float) -> list[int | s
         return [key.data for key, _ in selector.select(wait_s)]
 
 
-class Server(Closing):
+class Server(ABC):
     """The thread that runs the device; subclasses know the file descriptors.
 
     Hold `lock` while touching the device. Bytes that the client's buffer could not take are counted in `lost`.
@@ -57,6 +57,12 @@ class Server(Closing):
         self._ending = threading.Event()
         self._waker, self._woken = socket.socketpair()
         self._thread = threading.Thread(target=self._run, name="simulated device", daemon=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def unplug(self) -> None:
         """Pull out the cable: the client's port dies, and nothing can be opened any more."""
