@@ -197,16 +197,13 @@ class UdpServer(_AddressServer):
         return [self._socket]
 
     def _receive(self, readable: list[int | socket.socket]) -> bytes:
-        parts: list[bytes] = []
-        while self._socket in readable and len(parts) < 64:
-            try:
-                part, self._peer = self._socket.recvfrom(READ)
-            except BlockingIOError:
-                break
-            except OSError:
-                continue  # an earlier datagram was refused: the client is gone
-            parts.append(part)
-        return b"".join(parts)
+        if self._socket not in readable:
+            return b""
+        try:
+            data, self._peer = self._socket.recvfrom(READ)
+        except OSError:
+            return b""  # an earlier datagram was refused: the client is gone
+        return data
 
     def _send(self, data: bytes) -> int:
         if self._peer is None:

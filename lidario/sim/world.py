@@ -178,8 +178,6 @@ class World:
         directions = np.floor(angles * _PER_DEGREE).astype(np.int64)
         directions &= DIRECTIONS - 1
         ranges = self._static[directions]
-        if self.walker is None and self._noise is None:
-            return ranges
         t = np.broadcast_to(np.asarray(t_seconds, dtype=np.float64), angles.shape)
         if self.walker is not None:
             ranges = self.walker.hide(ranges, angles, t)
