@@ -172,8 +172,7 @@ class RevolutionClock:
     def is_followed(self, revolutions: Iterable[DatedRevolution]) -> bool:
         """Whether the next revolutions follow the last one, which must be known; it remembers nothing."""
         last = self._last
-        if last is None or not last.revolution_ns:
-            return False
+        assert last is not None
         before_ns, ordinary_ns, share = last.start_ns, last.revolution_ns, 1 - last.over
         for each in revolutions:
             elapsed = each.start_ns - before_ns

@@ -219,15 +219,13 @@ class DividedRevolution:
         return parts
 
     def finish(self, following: bytes, seam: int | None, *, broken: bool = False) -> None:
-        """The revolution has ended: decode the rest of it, unless that was done.
+        """The revolution has ended: decode the rest of it.
 
         Args:
             following: The packet behind it.
             seam: As for `Decoder.decode`.
             broken: Whether the stream began anew with that one.
         """
-        if self.is_finished:
-            return
         wire, left = self.wire, 0 if self.rest is None else len(self.rest)
         first = Packets(following, (Block(len(following), 1),), ((1, 0),))
         behind = ((int(wire.headings(first)[0]) & HEADING_MASK) - self.began) % wire.full_turn

@@ -207,3 +207,20 @@ def test_what_follows_packets_that_were_left_midway_at_a_seam_begins_a_revolutio
     next(left := assembler.ends(runs[1]))
     del left
     assert [round(scan.device_distances[0]) // 40 for scan in assembler.add(runs[2])] == [144, 168, 192]
+
+
+@pytest.mark.parametrize("gone", [None, 200], ids=["whole", "a packet gone"])
+def test_a_stream_that_its_reader_ends_between_two_revolutions_of_a_read_delivers_no_more(gone: int | None) -> None:
+    assembler = Assembler(stream_of(DENSE, sample_ns=float(SAMPLE_NS)), BAUD)
+    packets = numbered(24 * 12, 960)
+    known, rest = packets[:120], packets[120:gone] + packets[gone + 1 :] if gone else packets[120:]
+    assembler.add(arrived(b"".join(known), len(known), round(on_time(119))))
+    ready = assembler.ends(arrived(b"".join(rest), len(rest), round(on_time(len(packets) - 1))))
+    before = assembler.stats.scans
+    assert next(ready)
+    delivered = assembler.stats.scans - before
+    assembler.end()
+    assert next(ready, None) is None
+    counted = assembler.stats
+    assert counted.scans - before == delivered
+    assert counted.scan_packets + counted.discarded_packets == len(known) + len(rest)

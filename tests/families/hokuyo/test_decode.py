@@ -1,7 +1,5 @@
 """Blocks to arrays and scans: the vendor's own figures, the scalar reference, and what is missing between scans."""
 
-from collections.abc import Generator
-
 import numpy as np
 import pytest
 
@@ -141,6 +139,21 @@ def test_a_zero_offset_turns_the_field_too() -> None:
     assert one.angle_min == pytest.approx(other.angle_min)
 
 
+def test_a_zero_offset_behind_the_next_scan_turns_the_one_behind_it() -> None:
+    assembler, block = WholeAssembler(stream()), CASE.packets[0]
+    scans = scans_of([(block, TURN_NS)], assembler)
+    assembler.set_zero_offset(30.0, behind=True)
+    scans += scans_of([(at(block, 1000 + 100 * each), (2 + each) * TURN_NS) for each in range(3)], assembler)
+    begin = float(scans[0].device_angles[0])
+    assert [round(float(scan.device_angles[0]) - begin) % 360 for scan in scans] == [0, 0, 30, 30]
+
+
+def test_a_scan_that_comes_twice_is_delivered_once() -> None:
+    assembler, block = WholeAssembler(stream()), CASE.packets[0]
+    assert len(scans_of([(block, TURN_NS), (block, TURN_NS + MS)], assembler)) == 1
+    assert (assembler.stats.doubled_packets, assembler.stats.missed_scans) == (1, 0)
+
+
 @pytest.mark.parametrize("parts", [1, 3, 4, 8, 36, 360])
 def test_sectors_hold_each_sample_once_and_none_beside_the_field(parts: int) -> None:
     (scan,) = scans_of([(CASE.packets[0], TURN_NS)])
@@ -168,7 +181,6 @@ def test_a_stream_that_ends_between_two_scans_of_one_read_counts_each_packet_onc
     assert len(next(ready)) == 1
     # The reader of the first scan has ended the stream.
     assembler.end()
-    assert isinstance(ready, Generator)
-    ready.close()
+    assert next(ready, None) is None
     counted = assembler.stats
     assert (counted.scan_packets, counted.discarded_packets, counted.unfinished_packets) == (1, 3, 0)
