@@ -40,7 +40,8 @@ class Sector(MeasuredSamples):
         stamp_ns: When the first sample was measured, on the monotonic clock of the event loop. It rests on the
             packets that have come so far; the stamp of the `Scan` rests on all of them, and so may be a little
             earlier. That of the next sector is never before it.
-        wall_stamp_ns: As `Scan.wall_stamp_ns`.
+        wall_stamp_ns: The same instant in nanoseconds since the Unix epoch. Where the clock is set while a stream
+            runs, it goes on by the new time; in a recording, by that with which the recording began.
         time_increment_ns: Time from one sample to the next.
         duration_ns: Time from the first sample to the end of the sector.
         rpm: Speed of the rotor during the sector, revolutions a minute, by its angles; NaN where they do not tell.

@@ -122,9 +122,10 @@ def decode_file(
 
     Args:
         path: The file.
-        family: Of bare bytes, as for `decode`.
-        model: Likewise.
-        sample_us: Likewise.
+        family: Of bare bytes, the short name of the family; None to tell it from the bytes.
+        model: Of bare bytes, the model; None to tell it from the bytes. Where they leave a choice, it is a guess,
+            which is logged.
+        sample_us: Of bare bytes, microseconds a sample; None for what they tell, or the model usually takes.
 
     Raises:
         RecordingError: Nothing can be read of it; or, while it is iterated over, it cannot be read any more.
