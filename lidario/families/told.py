@@ -30,7 +30,9 @@ _CHANGING: Final = 1.1
 """If the longest way of a revolution exceeds that of its mean step by this factor, its speed may change."""
 FEWEST: Final = 6
 """Packets from which the longest one is an ordinary one, where they are of any size: of a revolution, the first one
-and the last one may be short. And the steps in a packet from which their mean is known well enough."""
+and the last one may be short."""
+_FEWEST_STEPS: Final = 6
+"""Steps in a packet from which their mean is known well enough."""
 _BACKWARD: Final = RETREAT_TURNS / 5
 """By so much, 2 degrees, a packet may begin before the end of the one before, with nothing missing."""
 
@@ -143,7 +145,7 @@ class ToldWheel(Turning):
 def _steps_of(way: Ints, counts: Ints | int) -> Floats:
     """How far the rotor turns from the last sample of each packet to the next one, if nothing is missing."""
     inner = np.broadcast_to(np.subtract(counts, 1), way.shape)
-    long = (inner >= min(FEWEST, int(inner.max()))).nonzero()[0]
+    long = (inner >= min(_FEWEST_STEPS, int(inner.max()))).nonzero()[0]
     # It may turn by less than the headings resolve.
     own: Floats = np.maximum(way[long], 1) / inner[long]
     if len(own) > 1:

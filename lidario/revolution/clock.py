@@ -38,8 +38,7 @@ third, it has 34 by right at times."""
 STAYED_LATE: Final = 0.5
 """Revolutions during which reads must go on and stamps stay late, where no packet is known to be missing."""
 NEARLY_ALL: Final = 0.9
-"""Share of a revolution, or of a packet, that is as good as all of it: from so many packets on, no more than what
-its angles tell is missing in a revolution."""
+"""Share of the packets of a revolution from which no more than what its angles tell is missing in it."""
 
 
 @dataclass(slots=True)

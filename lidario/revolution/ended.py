@@ -7,12 +7,14 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from lidario.families.base import Samples
-from lidario.revolution.clock import NEARLY_ALL, NOISE, Beginning
+from lidario.revolution.clock import NOISE, Beginning
 from lidario.revolution.partial import PartialRevolution, SampleArrays
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
 from lidario.wire.formats import HEADING_MASK, StreamFormat
 
+_WHOLE: Final = 0.9
+"""Revolutions by which a packet comes late if one has passed unseen where the angles show no gap: hardly less."""
 UNEVEN: Final = 1.5
 """Times the samples of a revolution from which parts of two have met in it."""
 _FEWEST_PACKETS: Final = 3
@@ -25,6 +27,8 @@ never more scans than revolutions."""
 _ORDINARY: Final = 0.5
 """Part of the longest packet of a format from which a packet is an ordinary one. The last packet of a revolution
 may be shorter, and a start packet is."""
+_FIRST_PACKET: Final = 0.9
+"""Arcs of a packet behind the seam within which a revolution begins; farther on, its beginning was lost."""
 _BEFORE_SEAM: Final = 1 / 12
 """Part of 360 degrees by which a heading may tremble back behind the seam."""
 
@@ -160,7 +164,7 @@ def hides_a_turn(late_ns: float, turn_ns: float, *, gap: bool) -> bool:
 
     A read alone may be late by much of a turn. Where a `gap` is known, a turn is likelier to hide in it.
     """
-    return late_ns > (1 - NOISE if gap else NEARLY_ALL) * turn_ns
+    return late_ns > (1 - NOISE if gap else _WHOLE) * turn_ns
 
 
 def _samples_of(samples: Samples, lost: int, skipped: int) -> float:
@@ -192,8 +196,7 @@ def share_before(wire: StreamFormat, revolution: PartialRevolution, samples: Sam
         return 0.0
     run = revolution.runs[0]
     over = share_past(wire, run.data[: run.blocks[0].size], revolution.seam or 0)
-    # By nearly a packet: farther on, its beginning was lost.
-    return over if over * samples.last.packets > NEARLY_ALL else 0.0
+    return over if over * samples.last.packets > _FIRST_PACKET else 0.0
 
 
 def share_past(wire: StreamFormat, packet: bytes, seam: int) -> float:

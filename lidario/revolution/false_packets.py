@@ -133,12 +133,13 @@ class FalsePackets:
 
         Measured: to judge each of the first 64 KiB makes decoding of a short file take up to 1.4 times as long.
         """
-        if self._mean or self._waiting is not None or len(headings) <= MEASURED + 1 or packets.skips:
+        first, others = headings[: MEASURED + 1], headings[MEASURED + 1 :]
+        if self._mean or self._waiting is not None or not len(others) or packets.skips:
             return False
         before = self._last, self._advances.copy()
-        for heading in headings[: MEASURED + 1]:
+        for heading in first:
             self._accept(int(heading) & HEADING_MASK, 1.0)
-        if self.passing(headings[MEASURED + 1 :]) is not None:
+        if self.passing(others) is not None:
             return True
         (self._last, self._advances), self._mean = before, 0.0
         return False

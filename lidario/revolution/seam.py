@@ -29,9 +29,10 @@ from lidario.wire.formats import BEGINS, RESTARTS, Headings
 _FLAGS = BEGINS | RESTARTS
 _UNMARKED_REVOLUTIONS = 2
 """Revolutions without a mark after which none is waited for any more."""
-_FEW = 8
-"""Headings from which the steady step is known. And steps, of 90 degrees at most, that a gap before the mark may
-have; wider ones would fit any angle by chance."""
+_RECENT = 8
+"""Headings from which the steady step is known."""
+_WIDEST_GAP = 8
+"""Steps, and at most 90 degrees, that a gap before the mark may have; wider ones would fit any angle by chance."""
 _UNSTEADY = 0.3
 """Part of a step by which it may be off."""
 
@@ -64,7 +65,7 @@ class Seam:
         self._armed = False
         self._passed_unmarked = False
         self._unmarked_revolutions = 0
-        self._recent: deque[Headings] = deque(maxlen=_FEW)
+        self._recent: deque[Headings] = deque(maxlen=_RECENT)
         self._headings: Headings = ()
 
     def splits(self, headings: Headings, passing: Sequence[int] | None = None) -> list[Split]:
@@ -170,15 +171,15 @@ class Seam:
 
     def _goes_on(self, index: int, heading: int) -> bool:
         """Whether a heading follows the one before by the steady step, or by a few of them."""
-        latest = [*(part[-_FEW:] for part in self._recent), self._headings[max(0, index - _FEW) : index]]
-        before = [int(each) for part in latest for each in part][-_FEW:]
+        latest = [*(part[-_RECENT:] for part in self._recent), self._headings[max(0, index - _RECENT) : index]]
+        before = [int(each) for part in latest for each in part][-_RECENT:]
         angles = [each & ~_FLAGS for each in before]
         steps = [(later - earlier) % self._full_turn for earlier, later in pairwise(angles)]
         steady = median_high(steps) if steps else 0
         if not steady:
             return False
         step = (heading - angles[-1]) % self._full_turn
-        passed, most = step / steady, min(_FEW * steady, self._near) + _UNSTEADY * steady
+        passed, most = step / steady, min(_WIDEST_GAP * steady, self._near) + _UNSTEADY * steady
         return step <= most and round(passed) > 0 and abs(passed - round(passed)) <= _UNSTEADY
 
     def _flagged(self, index: int, heading: int) -> Split | None:

@@ -71,6 +71,30 @@ def test_one_that_is_not_named_is_read_at_the_line_and_rate_of_one_that_is(famil
     assert {facts(model) for model in others} <= set(named)
 
 
+HEARING = {
+    # more_families_2.md 2
+    ("hlds", ""): (b"b", b"e", {}),
+    # more_families.md B1: 6 Hz are 2160 degrees a second.
+    ("ldrobot", "ld14p"): (
+        bytes.fromhex("54A004000000005E"),
+        bytes.fromhex("54A104000000004A"),
+        {6.0: bytes.fromhex("54A20470080000A1")},
+    ),
+}
+"""What starts and stops models, and what sets a speed. All others only talk."""
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_each_that_hears_is_started_stopped_and_turned_as_the_sheet_says(family: str) -> None:
+    for model in FAMILIES[family].all:
+        start, stop, speeds = HEARING.get((family, model.name), (b"", b"", {}))
+        assert (model.start, model.stop) == (start, stop)
+        assert (model.speeds is not None) == bool(speeds)
+        for hertz, request in speeds.items():
+            assert model.speeds is not None
+            assert model.speeds.request(round(hertz / model.speeds.step)).data == request
+
+
 TURNING: dict[str, tuple[int, Callable[[int, float], bytes]]] = {
     "neato": (360, lambda at, hertz: neato(at, [500.0] * 4, [90] * 4, rpm=60 * hertz)),
     "hlds": (360, lambda at, hertz: hlds(at, [500.0] * 6, [900] * 6, rpm=60 * hertz)),

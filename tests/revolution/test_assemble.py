@@ -95,6 +95,19 @@ def test_what_is_missing_in_the_revolution_in_the_making_is_told_when_the_stream
         assert (stats.lost_packets, stats.broken_scans, stats.missed_scans) == (3, 0, 0)
 
 
+@pytest.mark.parametrize(("away", "missed"), [(0.0, 1), (0.4, 1), (0.6, 1), (1.6, 2), (3.9, 4)])
+def test_a_stream_that_goes_on_has_missed_at_least_one_revolution(away: float, missed: int) -> None:
+    """However soon it is back: its first revolution is the rest of one."""
+    stats = AssemblerStats()
+    before = assemble(numbered(24 * 3 + 1, 960), stats=stats)
+    stats.leave_off(before[-1])
+    # The last scan lasted a turn. Then it was away, and the next stream begins with a tenth of a turn.
+    came_ns = before[-1].stamp_ns + before[-1].duration_ns + away * 960 * SAMPLE_NS
+    behind = assemble(numbered(24 * 3, 960, TURN - 2304), lambda number: came_ns + on_time(number), stats=stats)
+    assert [scan.seq for scan in behind] == [before[-1].seq + 1 + missed, before[-1].seq + 2 + missed]
+    assert stats.missed_scans == missed
+
+
 @pytest.mark.parametrize("lost", [1, 3, 5])
 def test_a_gap_behind_the_first_packet_of_a_stream_is_not_stretched_over(
     lost: int, monkeypatch: pytest.MonkeyPatch

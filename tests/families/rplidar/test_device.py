@@ -9,7 +9,7 @@ from lidario.families.base import Stream
 from lidario.families.rplidar.commands import Conf
 from lidario.families.rplidar.device import RplidarDevice
 from lidario.model import Health, HealthStatus, SampleRate, ScanMode
-from tests.support.rplidar_device import A1, DENSE_BOOST, STANDARD, conf, identified, info
+from tests.support.rplidar_device import A1, DENSE_BOOST, S2, STANDARD, conf, identified, info
 from tests.support.scripts import Answers, drive
 
 # -------------------------------------------------------------------------------------------------- identity
@@ -35,6 +35,17 @@ def test_an_identity_that_is_never_the_same_is_refused() -> None:
 def test_model_names(model: int, name: str) -> None:
     found, _ = drive(RplidarDevice().identify(), {b"\xa5\x50": info(model, (1, 2))})
     assert (found.model, found.firmware) == (f"RPLIDAR {name}", "1.02")
+
+
+@pytest.mark.parametrize(
+    ("address", "name"), [(None, "S2M1"), (b"", "S2M1"), (bytes(range(6)), "S2E")], ids=["silent", "none", "one"]
+)
+def test_an_s2_that_tells_an_ethernet_address_is_an_s2e(address: bytes | None, name: str) -> None:
+    """A response that tells no more than what was asked for tells no address."""
+    device = RplidarDevice()
+    device.baudrate = 0
+    found, _ = drive(device.identify(), {b"\xa5\x50": info(S2), **conf(Conf.MAC_ADDRESS, address)})
+    assert found.model == f"RPLIDAR {name}"
 
 
 @pytest.mark.parametrize(
