@@ -38,10 +38,10 @@ class SteadyAssembler:
     def __init__(
         self,
         stream: Stream,
-        baudrate: int = 0,
-        wall_offset_ns: int = 0,
-        stats: AssemblerStats | None = None,
-        clock: Clock | None = None,
+        baudrate: int,
+        wall_offset_ns: int,
+        stats: AssemblerStats | None,
+        clock: Clock | None,
     ) -> None:
         self.stats: AssemblerStats = stats or AssemblerStats()
         self._stream, self._decoder = stream, stream.decoder

@@ -145,11 +145,7 @@ def sectors_of(scan: Scan, parts: int) -> Iterator[Sector]:
 
 
 def assembler_of(
-    stream: Stream,
-    baudrate: int = 0,
-    wall_offset_ns: int = 0,
-    stats: AssemblerStats | None = None,
-    clock: Clock | None = None,
+    stream: Stream, baudrate: int, wall_offset_ns: int, stats: AssemblerStats | None, clock: Clock | None
 ) -> SectorAssembler:
     """What builds the scans of a stream; the arguments are those of `Assembler`."""
     made = WholeAssembler if stream.format.whole else SectorAssembler

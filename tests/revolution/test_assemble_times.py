@@ -5,6 +5,7 @@ import pytest
 
 from lidario.families.ydlidar import formats as ydlidar_formats
 from lidario.revolution.assemble import Assembler
+from lidario.revolution.pipeline import Pipeline
 from lidario.scan import Scan
 from lidario.wire.events import Packets
 from tests.support.cases import KINDS
@@ -21,6 +22,17 @@ def test_stamps_are_exact_on_a_line_that_delays_nothing() -> None:
         assert scan.wall_stamp_ns == scan.stamp_ns + 10**18
         assert scan.time_increment_ns == SAMPLE_NS
         assert scan.duration_ns == len(scan) * SAMPLE_NS
+
+
+@pytest.mark.parametrize("made", [Assembler, Pipeline])
+def test_unless_it_is_told_otherwise_the_wall_clock_is_that_of_the_stamps(
+    made: type[Assembler] | type[Pipeline],
+) -> None:
+    raw = arrived(b"".join(numbered(60, 960)), 60, 10**9)
+    assembler = made(stream_of(DENSE))
+    steps = assembler.ends(raw) if isinstance(assembler, Assembler) else assembler.take(raw)
+    scans = [scan for step in steps for scan in step]
+    assert [scan.wall_stamp_ns for scan in scans] == [scan.stamp_ns for scan in scans] != []
 
 
 @pytest.mark.parametrize("run", [1, 3, 7])
