@@ -48,7 +48,6 @@ class Beginning:
     start_ns: int  # when its first sample was measured
     over: float  # share of the revolution that was over by then: 0, unless its beginning was lost
     revolution_ns: float  # what a whole revolution takes at its speed; 0 when that is not known
-    revolution_packets: float  # how many packets a whole revolution has; 0 when that is not known
     packet_ns: float  # what a packet takes on average; 0 when that is not known
     packets: int  # how many came
     lost: int  # how many are known to be missing in it or right behind it
@@ -65,6 +64,11 @@ class Beginning:
     # When the last packet before it came, then each read from that of its beginning to that of its end; none when
     # that is not known.
     reads_ns: Sequence[int] = ()
+
+    @property
+    def revolution_packets(self) -> float:
+        """How many packets a whole revolution has; 0 when that is not known."""
+        return self.revolution_ns / self.packet_ns if self.packet_ns else 0.0
 
     @property
     def read_ns(self) -> int:
@@ -147,9 +151,8 @@ class RevolutionClock:
             self._search.add(angle, at_ns)
         revolution_ns = self._search.revolution_ns()
         if revolution_ns:
-            each = revolution_ns / self._packet_ns if self._packet_ns else 0.0
             self._sure = Beginning(
-                0, 0.0, revolution_ns, each, self._packet_ns, packets=0, lost=0, broken=False, borrowed=True
+                0, 0.0, revolution_ns, self._packet_ns, packets=0, lost=0, broken=False, borrowed=True
             )
 
     def restart(self, seam: float | None = None) -> None:
@@ -287,7 +290,6 @@ class RevolutionClock:
             self._packet_ns, self._ordinary = here.packet_ns, True
         elif self._ordinary:
             here.packet_ns = self._packet_ns
-            here.revolution_packets = here.revolution_ns / here.packet_ns
         else:
             self._packet_ns = max(self._packet_ns, here.packet_ns)
 
@@ -316,8 +318,7 @@ class RevolutionClock:
                 self._sure = here
                 return
         if sure is not None:
-            here.revolution_ns, here.revolution_packets = sure.revolution_ns, sure.revolution_packets
-            here.borrowed = True
+            here.revolution_ns, here.borrowed = sure.revolution_ns, True
         elif here.broken or not enough:
             here.revolution_ns = 0.0
 

@@ -136,7 +136,7 @@ class EndedRevolution:
     def beginning(self, wire: StreamFormat, *, broken: bool, number: int, packets_before: int) -> Beginning:
         """What it tells for counting; it must be dated. The arguments are as in `Beginning`."""
         packets, samples = self.packets, self.samples
-        packet_ns, revolution_packets, ordinary = packet_time(wire, packets, samples, self.sample_ns)
+        packet_ns, ordinary = packet_time(wire, packets, samples, self.sample_ns)
         over = share_before(wire, self.partial, samples)
         longest = wire.samples_in((Block(wire.longest, 1),))
         # What came at one moment, of a device that tells no time, took none as far as is known.
@@ -145,7 +145,6 @@ class EndedRevolution:
             self.start_ns,
             over=over,
             revolution_ns=self.turn_ns if samples.certain else 0.0,
-            revolution_packets=revolution_packets,
             packet_ns=packet_ns,
             packets=packets.count,
             lost=samples.lost,
@@ -173,21 +172,16 @@ def _samples_of(samples: Samples, lost: int, skipped: int) -> float:
     return max(lost * samples.ends[-1] / len(samples.ends), skipped)
 
 
-def packet_time(
-    wire: StreamFormat, packets: Packets, samples: Samples, sample_ns: float
-) -> tuple[float, float, bool]:
-    """What a packet takes, how many a revolution has, and whether an ordinary one came: as in `Beginning`."""
-    revolution_ns = samples.last.samples * sample_ns if samples.certain else 0.0
-    revolution_packets = samples.last.packets
+def packet_time(wire: StreamFormat, packets: Packets, samples: Samples, sample_ns: float) -> tuple[float, bool]:
+    """What a packet takes, and whether an ordinary one came: as in `Beginning`."""
     most = wire.samples_in((Block(wire.ordinary, 1),))
     longest = wire.samples_in((Block(max([size for size, _ in packets.blocks]), 1),))
     if longest < most * _ORDINARY:
         # Damage spares the short packets: of those alone nobody knows what an ordinary one takes, but not more than
         # the longest one. So never more packets are told as lost than were sent.
-        packet_ns = most * sample_ns
-        return packet_ns, revolution_ns / packet_ns, False
-    packet_ns = revolution_ns / revolution_packets if samples.certain else longest * sample_ns
-    return packet_ns, revolution_packets, True
+        return most * sample_ns, False
+    last = samples.last
+    return (last.samples / last.packets if samples.certain else longest) * sample_ns, True
 
 
 def share_before(wire: StreamFormat, revolution: PartialRevolution, samples: Samples) -> float:

@@ -137,7 +137,6 @@ class SteadyAssembler:
                 latest.start_ns,
                 over=0.0,
                 revolution_ns=latest.revolution_ns,
-                revolution_packets=decoded.packets,
                 packet_ns=latest.revolution_ns / decoded.packets,
                 packets=packets,
                 lost=0,

@@ -13,7 +13,7 @@ MS = 1_000_000
 
 def beginning(start: float, lost: int = 0, over: float = 0.0) -> Beginning:
     """The next revolution begins, `start` revolutions after the stream; in its packets are such figures."""
-    return Beginning(round(start * 100 * MS), over, 100.0 * MS, 80.0, 1.25 * MS, 80 - lost, lost, broken=False)
+    return Beginning(round(start * 100 * MS), over, 100.0 * MS, 1.25 * MS, 80 - lost, lost, broken=False)
 
 
 def told(beginnings: Iterable[Beginning]) -> list[Passed]:

@@ -178,15 +178,11 @@ def test_of_short_packets_nobody_knows_what_an_ordinary_one_takes(
     sizes = (10 + 2 * 7, 10 + 2 * longest)
     packets = Packets(bytes(sum(sizes)), tuple(Block(size, 1) for size in sizes), ((2, END_NS),))
     samples = decoded(2, 20.0, certain=certain)
-    packet_ns, count, known = packet_time(PointCloud(), packets, samples, SAMPLE_NS)
-    assert known is ordinary
-    if not ordinary:
-        assert (packet_ns, count) == (80 * SAMPLE_NS, 10.0 if certain else 0.0)
-    else:
-        assert (packet_ns, count) == ((40 if certain else longest) * SAMPLE_NS, 20.0)
+    each = 80 if not ordinary else 40 if certain else longest
+    assert packet_time(PointCloud(), packets, samples, SAMPLE_NS) == (each * SAMPLE_NS, ordinary)
     # Where all are alike, an ordinary one came.
     alike = partial(2, END_NS).runs[0]
-    assert packet_time(DenseFormat(), alike, samples, SAMPLE_NS) == (EACH * SAMPLE_NS, 20.0, True)
+    assert packet_time(DenseFormat(), alike, samples, SAMPLE_NS) == (EACH * SAMPLE_NS, True)
 
 
 @pytest.mark.parametrize(("there", "behind", "broken"), [(1590, 0, False), (1610, 0, True), (1590, 500, False)])

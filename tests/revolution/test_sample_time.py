@@ -17,9 +17,12 @@ from lidario.families.rplidar.decode import DenseDecoder
 from lidario.families.spans import Heads
 from lidario.revolution.pipeline import Pipeline
 from lidario.revolution.sample_time import SampleTime
+from lidario.revolution.sectors import SectorAssembler
 from lidario.scan import Scan
 from lidario.wire.envelope import DESCRIPTOR_SIZE
 from lidario.wire.events import Packets
+from tests.support.cases import CASES, Case, named
+from tests.support.streams import in_one_run, stream_of
 
 MS = 1_000_000
 TOLD_NS = 100_000.0
@@ -176,6 +179,19 @@ def test_what_came_at_one_moment_tells_no_time(name: str) -> None:
     assert len(scans) > 5
     assert pipeline.stats.lost_packets == 0
     assert all(scan.time_increment_ns == 0 for scan in scans)
+
+
+@pytest.mark.parametrize("sectors", [(), (8,)])
+@pytest.mark.parametrize("case", CASES, ids=named)
+def test_short_packets_that_came_at_one_moment_are_counted_too(case: Case, sectors: tuple[int, ...]) -> None:
+    """As where damage has spared them alone: how many an ordinary revolution has, nothing tells."""
+    short = [packet for packet in case.packets if len(packet) == min(map(len, case.packets))]
+    assembler = SectorAssembler(stream_of(case, sample_ns=0.0))
+    assembler.divide(sectors, lambda *_: None)
+    assembler.add(in_one_run(case.make_format(), b"".join(short), 1))
+    assembler.end()
+    stats = assembler.stats
+    assert stats.scan_packets + stats.discarded_packets + stats.doubled_packets == len(short)
 
 
 def test_a_revolution_that_does_not_end_and_whose_times_fall_back_is_given_up() -> None:

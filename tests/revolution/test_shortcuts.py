@@ -83,7 +83,6 @@ def test_counting_revolutions(
                 round(start_ns + (before + share) * turn_ns),
                 before,
                 turn_ns,
-                80.0,
                 turn_ns / 80,
                 packets=80 - 5 * lost,
                 lost=5 * lost,
