@@ -52,8 +52,8 @@ class Beginning:
     packets: int  # how many came
     lost: int  # how many are known to be missing in it or right behind it
     broken: bool  # whether parts of several revolutions may have met in it, so that `lost` is not all
-    number: int = 0  # its number, by what was counted until then; where it is only a part, that of the one before
-    packets_before: int = 0  # packets that came, or are counted as lost, before it
+    number: int  # its number, by what was counted until then; where it is only a part, that of the one before
+    packets_before: int  # packets that came, or are counted as lost, before it
     # Whether `packet_ns` is that of an ordinary packet. If not, only short ones came, and it is that of the longest
     # packet of the format.
     ordinary: bool = True
@@ -101,9 +101,13 @@ class RevolutionClock:
     Args:
         slowest_ns: What a revolution takes at most.
         exact: Whether the device's own clock tells the times, so that no stamp is late.
+
+    Attributes:
+        usual_ns: What a revolution takes at the latest speed that was sure; 0 while none was.
+        needs_speed: Whether no speed was ever sure by packets that follow each other, so that `learn_speed` helps.
     """
 
-    def __init__(self, slowest_ns: float = 1e9, *, exact: bool = False) -> None:
+    def __init__(self, slowest_ns: float, *, exact: bool = False) -> None:
         self._least_late = 0.0 if exact else STAYED_LATE
         self._search = SparseSpeed(slowest_ns)
         self._anchor: Beginning | None = None
@@ -114,20 +118,11 @@ class RevolutionClock:
         self._spanned_ns = self._hides = 0.0
         self._late_ns: int | None = None
         self._last: Beginning | None = None
-        self._sure: Beginning | None = None
+        self.usual_ns: float = 0.0
+        self.needs_speed: bool = True
         self._seam = 0.0
         self._packet_ns = 0.0
         self._ordinary = False
-
-    @property
-    def usual_ns(self) -> float:
-        """What a revolution takes at the latest speed that was sure; 0 while none was."""
-        return 0.0 if self._sure is None else self._sure.revolution_ns
-
-    @property
-    def needs_speed(self) -> bool:
-        """Whether no speed was ever sure by packets that follow each other, so that `learn_speed` helps."""
-        return self._sure is None or self._sure.borrowed
 
     @property
     def is_late(self) -> bool:
@@ -141,19 +136,13 @@ class RevolutionClock:
         So it is where nothing is known of it, where the stamps are late at the moment, and where the next one
         has to tell the speed, or how many passed since the anchor.
         """
-        sure = self._sure
-        unknown = self._late_ns is not None or self._is_open or sure is None or sure.borrowed
-        return None if unknown else self._last
+        return None if self._late_ns is not None or self._is_open or self.needs_speed else self._last
 
     def learn_speed(self, packets: Iterable[tuple[float, int]]) -> None:
         """Packets came: where each begins, in revolutions, and when it came."""
         for angle, at_ns in packets:
             self._search.add(angle, at_ns)
-        revolution_ns = self._search.revolution_ns()
-        if revolution_ns:
-            self._sure = Beginning(
-                0, 0.0, revolution_ns, self._packet_ns, packets=0, lost=0, broken=False, borrowed=True
-            )
+        self.usual_ns = self._search.revolution_ns() or self.usual_ns
 
     def restart(self, seam: float | None = None) -> None:
         """The stream began anew: nothing is known of the revolution before.
@@ -186,7 +175,8 @@ class RevolutionClock:
 
     def settle(self, last: Beginning) -> None:
         """Remember revolutions of which `is_followed` is true, by the last of them."""
-        self._last = self._sure = last
+        self._last = last
+        self._be_sure(last)
         self._be_anchor(last)
 
     def follow(self, here: Beginning) -> Passed:
@@ -202,7 +192,7 @@ class RevolutionClock:
             return Passed(0, 0)
         elapsed = here.start_ns - anchor.start_ns
         self._spanned_ns += last.spanned_ns if last is not None and last.tells_time else math.nan
-        if self._sure is None:
+        if not self.usual_ns:
             # What passed is counted when one is.
             self._is_open = True
             return Passed(0, several(self._missing_by_clock(here, elapsed)))
@@ -272,6 +262,9 @@ class RevolutionClock:
         alike = 1 / ALIKE < self.usual_ns / last.revolution_ns < ALIKE
         return last.borrowed and not (last.broken or alike)
 
+    def _be_sure(self, here: Beginning) -> None:
+        self.usual_ns, self.needs_speed = here.revolution_ns, False
+
     def _be_anchor(self, here: Beginning, unseen: int = 0, lost: int = 0) -> None:
         here.number += unseen
         here.packets_before += lost
@@ -300,12 +293,12 @@ class RevolutionClock:
         first revolution it is what its angles tell. But enough must have come of it, or it must be like what was
         sure: gaps that are alike by chance tell of another speed.
         """
-        sure = self._sure
-        alike = sure is not None and 1 / ALIKE < here.revolution_ns / sure.revolution_ns < ALIKE
+        usual_ns = self.usual_ns
+        alike = bool(usual_ns) and 1 / ALIKE < here.revolution_ns / usual_ns < ALIKE
         enough = alike or (here.lost <= here.packets and (here.own or here.packets >= FEWEST_PACKETS))
         if here.revolution_ns and not here.broken and enough:
             if last is None:
-                confirmed = sure is None or alike
+                confirmed = not usual_ns or alike
             else:
                 elapsed = (here.start_ns - last.start_ns) / here.revolution_ns
                 confirmed = abs(elapsed - (1 + here.over - last.over)) < NOISE
@@ -315,10 +308,10 @@ class RevolutionClock:
                 if here.read_ns and not (here.lost or confirmed):
                     confirmed = abs(here.read_ns / here.revolution_ns - (1 - here.over)) < NOISE
             if confirmed:
-                self._sure = here
+                self._be_sure(here)
                 return
-        if sure is not None:
-            here.revolution_ns, here.borrowed = sure.revolution_ns, True
+        if usual_ns:
+            here.revolution_ns, here.borrowed = usual_ns, True
         elif here.broken or not enough:
             here.revolution_ns = 0.0
 

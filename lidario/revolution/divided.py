@@ -66,40 +66,41 @@ class DividedRevolution:
     offset_deg: float  # zero-angle offset of all its sectors
     usual_samples: float = 0.0  # what it has, by the latest speed that was certain; 0 where that is not known
     by_speed_ns: float = 0.0  # nanoseconds a sample, where the speed decides that; else 0
-    ends: tuple[tuple[int, tuple[int, ...]], ...] = ()  # where sectors end, as `ends_of`; `at` is the next one
+    # Where sectors end, as `ends_of`; `at` is the next one.
+    ends: tuple[tuple[int, tuple[int, ...]], ...] = field(init=False)
     at: int = 0
     # The sectors in the making, by how many a revolution has.
-    open: dict[int, OpenSector] = field(default_factory=dict)
+    open: dict[int, OpenSector] = field(init=False)
     waiting: list[Packets] = field(default_factory=list)  # packets that were not decoded
-    waiting_at: int = 0  # how far behind the seam the last of them begins
+    waiting_at: int = field(init=False)  # how far behind the seam the last of them begins
     rest: SampleArrays | None = None  # samples that were decoded and belong to no sector yet
     decoded: list[Samples] = field(default_factory=list)  # what was decoded so far
     # The samples before `rest`, those that were carried over first, divided where a sector ends.
     pieces: list[SampleArrays] = field(default_factory=list)
     passed: int = 0  # how far behind the seam the headings have come
     last: int = 0  # how far behind the seam the last packet that was decoded begins
-    last_samples: int = 0  # its samples
-    last_arc: float = 0.0  # how far the rotor turned during it
+    last_samples: int = field(init=False)  # its samples
+    last_arc: float = field(init=False)  # how far the rotor turned during it
     given: int = 0  # samples in these pieces
     lost: int = field(init=False)  # packets known to be missing so far
     # Where samples are missing so far: how many came before, and how many are missing there.
     gaps: list[tuple[int, int]] = field(default_factory=list)
     # Those that are missing behind the last packet that was decoded, and belong to no sector yet.
     lost_behind: int = 0
-    skipped_behind: int = 0  # samples that are missing behind it
+    skipped_behind: int = field(init=False)  # samples that are missing behind it
     samples: int = 0  # samples that have come
     longest: int = 0  # bytes of the longest packet
-    most_samples: int = 0  # its samples
+    most_samples: int = field(init=False)  # its samples
     packets: int = 0  # how many packets they are
-    sample_ns: float = 0.0  # nanoseconds a sample, as far as that is known
+    sample_ns: float = field(init=False)  # nanoseconds a sample, as far as that is known
     first_ns: float = math.inf  # earliest estimate of when the first sample arrived; infinite when there is none
     gap: bool = False  # whether a gap is known, so that the number of samples tells no time any more
     certain: bool = True  # whether the angles of all that was decoded are, and no turn passed unseen among it
     seq: int | None = None  # its number, once told
     unseen: int = 0  # revolutions before it that were counted as missing when that was told
     is_finished: bool = False  # whether it has ended, and all of it was decoded
-    crossed: int = 0  # how many samples of `rest` belong to it then; the others lie behind the seam
-    before_seam: int = 0  # how many samples of its packets do
+    crossed: int = field(init=False)  # how many samples of `rest` belong to it then; the others lie behind the seam
+    before_seam: int = field(init=False)  # how many samples of its packets do
 
     def __post_init__(self, parts: tuple[int, ...]) -> None:
         self.ends = ends_of(self.wire.full_turn, parts)

@@ -13,12 +13,12 @@ MS = 1_000_000
 
 def beginning(start: float, lost: int = 0, over: float = 0.0) -> Beginning:
     """The next revolution begins, `start` revolutions after the stream; in its packets are such figures."""
-    return Beginning(round(start * 100 * MS), over, 100.0 * MS, 1.25 * MS, 80 - lost, lost, broken=False)
+    return Beginning(round(start * 100 * MS), over, 100.0 * MS, 1.25 * MS, 80 - lost, lost, False, 0, 0)
 
 
 def told(beginnings: Iterable[Beginning]) -> list[Passed]:
     """What a clock tells of them, each with the number that was counted up to it."""
-    clock, number, packets, found = RevolutionClock(), 0, 0, list[Passed]()
+    clock, number, packets, found = RevolutionClock(1e9), 0, 0, list[Passed]()
     for each in beginnings:
         found.append(clock.follow(replace(each, number=number, packets_before=packets)))
         number += 1 + found[-1].unseen
@@ -76,7 +76,7 @@ def numbered(start: float, number: int, **changes: object) -> Beginning:
 
 def test_what_passes_while_nothing_is_known_is_told_afterwards() -> None:
     """Behind a restart, and before a speed was ever sure."""
-    clock = RevolutionClock()
+    clock = RevolutionClock(1e9)
     assert [clock.follow(numbered(n, n)).unseen for n in (0, 1, 2)] == [0, 0, 0]
     clock.restart()
     # The fifth one begins, and only three have a number.
@@ -98,7 +98,7 @@ def test_one_that_begins_a_whole_revolution_early_is_none(
     early: float, is_none: bool, read_ns: int, packets: int
 ) -> None:
     """Where it is known when bytes were read, and not all of it came. The next one is one revolution on."""
-    clock = RevolutionClock()
+    clock = RevolutionClock(1e9)
     reads_ns = behind_a_silence(read_ns)
     for n in range(4):
         assert clock.follow(numbered(n, n, reads_ns=reads_ns)).unseen == 0
@@ -112,7 +112,7 @@ def test_one_that_begins_a_whole_revolution_early_is_none(
 
 def test_revolutions_that_begin_elsewhere_from_now_on_are_not_told_as_missing() -> None:
     """Seen with 0x81: a stream that begins at 281 degrees, and marks at 270."""
-    clock = RevolutionClock()
+    clock = RevolutionClock(1e9)
     clock.follow(numbered(0, -1, over=281.25 / 360))
     clock.restart(270 / 360)
     assert clock.follow(numbered(0.96875, 0)).unseen == 0
@@ -126,7 +126,7 @@ def test_revolutions_that_begin_elsewhere_from_now_on_are_not_told_as_missing() 
 @pytest.mark.parametrize(("seam", "unseen"), [(0.3, 4), (0.7, 5)])
 def test_behind_a_seam_that_moved_rather_too_few_are_told(seam: float, unseen: int) -> None:
     """Revolutions begin three or seven tenths later from now on; the nearer of both beginnings is meant."""
-    clock = RevolutionClock()
+    clock = RevolutionClock(1e9)
     for number in range(3):
         clock.follow(numbered(number, number))
     clock.restart(seam)
@@ -138,7 +138,7 @@ def test_behind_a_seam_that_moved_rather_too_few_are_told(seam: float, unseen: i
 
 
 def test_what_passed_before_a_speed_was_known_is_told_then() -> None:
-    clock = RevolutionClock()
+    clock = RevolutionClock(1e9)
     first = numbered(0.4, -1, over=0.4, revolution_ns=0.0, broken=True, packets=1)
     unknown = numbered(4, 0, revolution_ns=0.0, broken=True, packets=1)
     assert [clock.follow(each).unseen for each in (first, unknown)] == [0, 0]
@@ -149,7 +149,7 @@ def test_what_passed_before_a_speed_was_known_is_told_then() -> None:
 @pytest.mark.parametrize(("lost", "revolution_ns"), [(39, 100.0 * MS), (40, 100.0 * MS), (41, 0.0)])
 def test_the_first_speed_is_known_where_half_of_the_packets_came(lost: int, revolution_ns: float) -> None:
     first = beginning(0, lost)
-    RevolutionClock().follow(first)
+    RevolutionClock(1e9).follow(first)
     assert first.revolution_ns == revolution_ns
 
 
@@ -161,7 +161,7 @@ def test_what_is_over_of_a_revolution_counts() -> None:
 
 def test_a_speed_is_confirmed_by_where_both_revolutions_begin() -> None:
     """The rotor is 30 % slower, and of the first slow revolution 40 % were lost: its beginning was in time."""
-    clock = RevolutionClock()
+    clock = RevolutionClock(1e9)
     for each in (numbered(0, 0), numbered(1, 1)):
         clock.follow(each)
     here = numbered(2 + 0.4 * 1.3, 2, over=0.4, revolution_ns=130.0 * MS)

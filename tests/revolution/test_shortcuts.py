@@ -87,12 +87,14 @@ def test_counting_revolutions(
                 packets=80 - 5 * lost,
                 lost=5 * lost,
                 broken=False,
+                number=0,  # both are told below
+                packets_before=0,
                 reads_ns=(0, round(10 * turn_ns), round(10.6 * turn_ns)) if read else (),
             )
         )
         start_ns += turn_ns * (1 + missing * (number + 1 == at))
         turn_ns *= speed
-    clock, told = RevolutionClock(), list[int]()
+    clock, told = RevolutionClock(1e9), list[int]()
     for here in beginnings:
         here.number = len(told) + sum(told)
         here.packets_before = 80 * here.number
