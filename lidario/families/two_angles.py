@@ -39,8 +39,6 @@ class TwoAngleFormat(LayoutFormat):
         It is more exact than a vendor's figure: a real LDROBOT LD06 measured 4546 samples a second and not 4500.
         """
         rows = np.frombuffer(packets, cls.layout)
-        if not len(rows):
-            return 0.0
         way = cls.way_of(rows)
         even = _even(way) & _even(rows["speed"])
         turned = int(way[even].sum())
