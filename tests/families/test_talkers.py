@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,12 +11,15 @@ from lidario.families.camsense import TALKERS as CAMSENSE
 from lidario.families.hlds import TALKERS as HLDS
 from lidario.families.hlds.simulated.device import pack_packet as hlds
 from lidario.families.irobotix import TALKERS as IROBOTIX
+from lidario.families.irobotix.simulated.device import pack_failure as irobotix_failure
 from lidario.families.irobotix.simulated.device import pack_measurement as irobotix
 from lidario.families.ldrobot import TALKERS as LDROBOT
 from lidario.families.neato import TALKERS as NEATO
 from lidario.families.neato.simulated.device import pack_packet as neato
-from lidario.families.talking import TalkingModel
+from lidario.families.talking import TalkingDevice, TalkingModel
 from lidario.families.ydlidar.models import MODELS as YDLIDAR
+from lidario.model import Health, HealthStatus
+from tests.support.scripts import played
 from tests.support.streams import in_one_run
 
 DOCS = Path(__file__).parents[2] / "docs/devices.md"
@@ -118,6 +122,25 @@ def test_what_a_sample_takes_follows_from_the_speed_that_packets_tell(family: st
         told_ns = model.wire().told_sample_ns(run)
         assert told_ns is not None
         assert told_ns.tolist() == pytest.approx([1e3 * expected_us] * 12, rel=1e-9)
+
+
+ROTORS = {
+    "neato": (neato(0, [500.0] * 4, [90] * 4, rpm=300), neato(0, [500.0] * 4, [90] * 4, rpm=60)),
+    "irobotix": (irobotix(0, [500.0] * 30, [90] * 30, hertz=5.0), irobotix_failure(1.0)),
+}
+"""Families whose motor the host powers: a packet of one that turns, and of one that hardly does."""
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_whether_the_rotor_turns_is_all_that_they_tell_of_their_health(family: str) -> None:
+    """They have no code of it."""
+    device, (turns, hardly) = TalkingDevice(FAMILIES[family]), ROTORS.get(family, (b"", b""))
+    assert replace(played(device.health(), lambda _: turns), note="") == Health(HealthStatus.OK, 0)
+    if family in ROTORS:
+        told = played(device.health(), lambda _: hardly)
+        assert replace(told, note="") == Health(HealthStatus.WARNING, 0)
+        assert " 60 revolutions a minute" in told.note
+    assert (FAMILIES[family].rotor is not None) == (family in ROTORS)
 
 
 SLOWEST_HZ = {

@@ -104,12 +104,17 @@ def test_one_that_sends_more_a_revolution_than_any_that_only_talks_is_none_of_th
             return bytes(silent(samples))
         return b"" if request.expects is None else None
 
+    device = YdlidarDevice()
     if is_known:
-        info = played(YdlidarDevice().overhear(), talks)
+        info = played(device.overhear(), talks)
+        health = played(device.health(), talks)
+        assert (health.status, health.code) == (HealthStatus.OK, 0)
+        assert "?model=" in health.note
+        assert played(YdlidarDevice(MODELS["x3"]).health(), talks) == Health(HealthStatus.OK, 0)
         assert (info.model, info.firmware, info.hardware, info.serial) == ("YDLIDAR X2, X3 or alike", "", 0, "")
     else:
         with pytest.raises(ResponseTimeout):
-            played(YdlidarDevice().overhear(), talks)
+            played(device.overhear(), talks)
 
 
 def test_a_lost_scan_header_leads_to_a_new_start_from_standstill(bench: Bench) -> None:
@@ -139,8 +144,14 @@ def test_what_is_not_this_device_is_not_decoded() -> None:
     with pytest.raises(Unsupported, match="one scan mode"):
         played(device.start(ScanMode(1, "Boost", 31.25, 30, 0x85)), lambda _: b"")
     played(device.identify(), lambda _: bytes((99,)) + bytes(19))
-    with pytest.raises(Unsupported, match="model 99"):
+    with pytest.raises(Unsupported, match="model 99") as refused:
         played(device.start(mode), lambda _: b"")
+    listed = str(refused.value).partition("lidario decodes models ")[2].partition(". If")[0].split(", ")
+    # Those that tell a code: one that only talks is not known by it.
+    assert {"6 (X4)", "4 (S4)", "101 (4ROS)", "101 (TG30)", "140 (Tmini)"} <= set(listed)
+    assert not {"6 (X2)", "6 (X3)", "6 (X4 Pro)", "4 (S2 Pro)", "100 (TX8)"} & set(listed)
+    codes = [int(each.partition(" ")[0]) for each in listed]
+    assert codes == sorted(codes)
 
 
 @pytest.mark.parametrize("name", ["4ros", "x4", "tmini"])
