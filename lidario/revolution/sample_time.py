@@ -37,6 +37,8 @@ class SampleTime:
         timed: As `Stream.timed`. Times that were made from the sample time cannot speak against it.
     """
 
+    _last_ns: int  # when the samples before came; none did while `_begin_ns` is None
+
     def __init__(self, told_ns: float, may_be_ns: Sequence[float] = (), *, timed: bool = True) -> None:
         self.ns: float = told_ns  # what counts; 0 while nothing is told or sure
         self._note = ""
@@ -50,7 +52,6 @@ class SampleTime:
         self.measured_ns: float = 0.0
         self._before_ns = 0.0
         self._begin_ns: int | None = None
-        self._last_ns = 0
         self._latest.clear()
         # Of the window: the time that passed before each read, and the samples that came with it.
         self._reads: list[tuple[int, int]] = []
@@ -84,20 +85,20 @@ class SampleTime:
             # They came together with the ones before.
             if self._reads:
                 passed_ns, before = self._reads.pop()
+                self._latest.pop()
                 self._take(passed_ns, before + samples)
         else:
             if self._last_ns - self._begin_ns >= WINDOW_NS and len(self._reads) >= FEWEST:
                 if self._is_told_by(self._reads):
                     return
                 self._begin_ns, self._reads = self._last_ns, []
-            self._latest.append(0.0)
             self._take(came_ns - self._last_ns, samples)
         self._last_ns = came_ns
 
     def _take(self, passed_ns: int, samples: int) -> None:
         """So many samples came, that long behind those before."""
         self._reads.append((passed_ns, samples))
-        self._latest[-1] = passed_ns / samples
+        self._latest.append(passed_ns / samples)
         if not self.ns:
             self.measured_ns = median(self._latest)
 

@@ -58,6 +58,12 @@ def test_the_data_of_a_frame_are_whole_samples() -> None:
     assert counted(b"".join([PACKETS[0], cut, *PACKETS[1:4]])) == (4, 0, len(cut))
 
 
+@pytest.mark.parametrize("data", [b"", b"\x69\x00"])
+def test_one_that_tells_of_the_rotor_has_one_byte_of_data(data: bytes) -> None:
+    other = pack_frame(0xAE, data)
+    assert counted(b"".join([PACKETS[0], other, *PACKETS[1:4]])) == (4, 0, len(other))
+
+
 def test_other_frames_are_records() -> None:
     assert pack_failure(5.25)[4:] != FAILURE[4:]  # another version, and so another sum
     raw = b"".join([FAILURE, pack_failure(1.0), *PACKETS[:5], pack_frame(0xAB, b"\x01\x02"), *PACKETS[5:9]])
