@@ -63,7 +63,7 @@ def dated_within(
             unseen.append(part)
         found.append((complete, at_ns))
         begin, last_ns = complete, at_ns
-    return replace(packets, arrivals=tuple(found)) if len(found) > len(packets.arrivals) else packets
+    return replace(packets, arrivals=tuple(found))
 
 
 def _is_whole(packets: Packets, decoder: Decoder, wire: StreamFormat, sample_ns: float) -> bool:

@@ -147,11 +147,7 @@ def part_of(
             arrivals.append((complete - begin, at_ns))
     if complete > end:
         # What stands behind them was measured after them and was there already: they were late by that much.
-        if wire.shortest == wire.longest:
-            behind = wire.samples * (complete - end)
-        else:
-            behind = wire.samples_in(some_blocks(packets.blocks, end, complete))
-        at_ns -= round(behind * sample_ns)
+        at_ns -= round(wire.samples_in(some_blocks(packets.blocks, end, complete)) * sample_ns)
     arrivals.append((end - begin, at_ns))
     skips = packets.skips and tuple([(at - begin, size) for at, size in packets.skips if begin <= at < end])
     return Packets(packets.data[offsets[begin] : offsets[end]], blocks, tuple(arrivals), skips, cut=complete > end)
