@@ -18,6 +18,7 @@ from lidario.revolution.ended import FALSE_PART, UNEVEN, hides_a_turn
 from lidario.revolution.partial import PartialRevolution, SampleArrays
 from lidario.revolution.timing import begins_of
 from lidario.revolution.together import joined
+from lidario.sector import Sector
 from lidario.wire.blocks import Block, some_blocks
 from lidario.wire.events import Packets
 from lidario.wire.formats import HEADING_MASK, Headings, StreamFormat
@@ -49,8 +50,7 @@ class OpenSector:
     begin: int = 0  # samples of the revolution before it
     lost: int = 0  # packets of the revolution that were lost before it
     first: int = 0  # number of the first of its pieces
-    after_ns: int = 0  # when the sector before it began
-    behind_ns: int = 0  # when that one ended
+    last: Sector | None = None  # the sector before it, of those that came
 
 
 @dataclass(slots=True, eq=False)

@@ -179,17 +179,15 @@ class SectorAssembler(Assembler):
                 elif at < here.given:
                     gaps.append((at - done.begin, skipped))
             stamp_ns, mode = start_ns + round(before * sample_ns), self._stream.mode
-            less = round((done.behind_ns - stamp_ns) / sample_ns)
-            if gaps and less >= here.most_samples:
-                # What came behind the gap was sooner than that allows, by a packet or more: less is missing there.
-                at, skipped = gaps[0]
-                less = min(skipped, less)
-                gaps[0], stamp_ns = (at, skipped - less), stamp_ns + round(less * sample_ns)
-            stamp_ns = max(stamp_ns, done.after_ns)
+            if (last := done.last) is not None:
+                less = round((last.stamp_ns + last.duration_ns - stamp_ns) / sample_ns)
+                if gaps and less >= here.most_samples:
+                    # What came behind the gap was sooner than that allows, by a packet or more: less is missing.
+                    at, skipped = gaps[0]
+                    less = min(skipped, less)
+                    gaps[0], stamp_ns = (at, skipped - less), stamp_ns + round(less * sample_ns)
+                stamp_ns = max(stamp_ns, last.stamp_ns)
             duration_ns = round((len(arrays.angle) + sum([skipped for _, skipped in gaps])) * sample_ns)
-            here.open[count] = OpenSector(
-                done.index + 1, here.given, here.lost, len(here.pieces), stamp_ns, stamp_ns + duration_ns
-            )
             sector = Sector(
                 device_angles=read_only(turned_by(arrays.angle, here.offset_deg)),
                 device_distances=read_only(arrays.distance),
@@ -208,6 +206,7 @@ class SectorAssembler(Assembler):
                 max_range=mode.max_distance,
                 field_of_view=here.wire.field_deg,
             )
+            here.open[count] = OpenSector(done.index + 1, here.given, here.lost, len(here.pieces), sector)
             self._publish_sector(count, with_gaps(sector, gaps) if lost else sector)
 
     def _number(self, here: DividedRevolution, start_ns: int) -> int:
