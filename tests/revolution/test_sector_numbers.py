@@ -1,0 +1,42 @@
+"""The numbers and the times of sectors, wherever the clock stands and whatever passed unseen before them."""
+
+import pytest
+
+from tests.revolution.test_sectors import divided
+from tests.support.cases import CASES
+from tests.support.kept import arrivals
+from tests.support.streams import assembled
+
+
+@pytest.mark.parametrize("lost", [False, True])
+@pytest.mark.parametrize("name", ["rplidar_9k_85", "ydlidar_4ros_room10", "hlds_lds01_5hz"])
+def test_where_the_clock_stands_makes_no_difference(name: str, lost: bool) -> None:
+    """A recording, or another machine, may count from any moment, also one that is to come."""
+    case = next(each for each in CASES if each.name == name)
+    left = [number for number in range(len(case.packets)) if not lost or number % 40 != 20]
+    raw, times = b"".join(case.packets[number] for number in left), arrivals(case, left)
+
+    def told(begin_ns: int) -> list[tuple[int, int, int]]:
+        found = divided(case, raw, (8,), 64, lambda offset: times(offset) + begin_ns)
+        return [(each.seq, each.stamp_ns - begin_ns, each.duration_ns) for each in found.order]
+
+    assert told(10**12) == told(-(10**12)) != []
+
+
+@pytest.mark.parametrize("turn", [0, 2])
+@pytest.mark.parametrize("name", ["rplidar_9k_82", "rplidar_9k_85", "ydlidar_4ros_room10", "ydlidar_x4_11hz"])
+def test_what_passes_unseen_is_counted_once(name: str, turn: int) -> None:
+    """Whether the first sector behind it tells it or, as behind the first revolution, the scan."""
+    case = next(each for each in CASES if each.name == name)
+    begins = [samples[0].packet for samples in case.turns]
+    gone = range((begins[turn] + begins[turn + 1]) // 2, begins[turn + 5] - 2)
+    left = [number for number in range(len(case.packets)) if number not in gone]
+    raw = b"".join(case.packets[number] for number in left)
+    plain = assembled(case, raw, 64, arrivals(case, left))
+    assert plain.stats.missed_scans > 1
+    found = divided(case, raw, (8,), 64, arrivals(case, left))
+    assert found.stats == plain.stats
+    # Behind the first revolution no speed is sure: the first sector keeps the number that it was given.
+    begin = 1 if turn == 0 else 0
+    assert [scan.seq for scan in found.scans[begin:]] == [scan.seq for scan in plain.scans[begin:]]
+    assert found.scans[begin:]
