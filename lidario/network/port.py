@@ -103,7 +103,7 @@ class RemotePort(FedPort):
     def receive(self, sample: Sample) -> Iterable[None] | None:
         """Take what was published under the key of the lidar; what is returned is work, in steps."""
         self._heard = self._loop.time()
-        if self.is_over or self.is_forked:
+        if not self.is_open:
             return None
         attachment, gap = self._senders.follow(sample)
         gid = b"" if attachment is None else attachment.gid
@@ -123,7 +123,8 @@ class RemotePort(FedPort):
     def learn(self, sample: Sample) -> None:
         """Take a status."""
         status, attachment = Status.of(sample.payload), parse_attachment(sample.attachment)
-        if status is None or self.is_over or self._sender.is_other(b"" if attachment is None else attachment.gid):
+        gid = b"" if attachment is None else attachment.gid
+        if status is None or not self.is_open or self._sender.is_other(gid):
             return
         if status.lost != self._away and (now := self._loop.time()) - self._told_away_at >= AGAIN_S:
             self._away, self._told_away_at = status.lost, now
@@ -218,7 +219,7 @@ class RemotePort(FedPort):
         self._timer = self._loop.call_later(seconds, self._watch)
 
     def _watch(self) -> None:
-        if self.is_over or not self._bus.is_connected:
+        if not self.is_open or not self._bus.is_connected:
             return
         silent_s = self._loop.time() - self._heard
         if self._has_token and not self._tokens:

@@ -77,7 +77,6 @@ def check_guard() -> None:
 
 async def start_guard(port: str) -> Guard:
     """Start the process, in a thread. Cancelling ends it again."""
-    check_guard()
     loop = asyncio.get_running_loop()
     guard = await run_in_thread(lambda: Guard(port, loop), Guard.dismiss_at_once)
     guard.watch()

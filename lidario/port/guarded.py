@@ -37,7 +37,7 @@ class Guarded:
     def _open_line(self) -> Line | None:
         """The line; None where it is closed, and in a forked child."""
         line = self._line
-        return None if line is None or self.is_forked or line.is_closing() else line
+        return None if line is None or self.is_forked or line.is_closing else line
 
     def add_tap(self, tap: Tap) -> None:
         """Have `tap` called with every chunk in either direction, after the taps that are there.

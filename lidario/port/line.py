@@ -65,11 +65,8 @@ class Line(ABC):
     It calls `Port.connection_made` first and `Port.connection_lost` last, both once.
     """
 
+    is_closing: bool = False  # whether it is closed, or will be as soon as what is pending is written
     repeat: Repeat | None = None  # what a thread writes where the loop is late with it; None where no thread can
-
-    @abstractmethod
-    def is_closing(self) -> bool:
-        """Whether it is closed, or will be as soon as what is pending is written."""
 
     @abstractmethod
     def write(self, data: bytes) -> None:

@@ -52,16 +52,16 @@ class PolledLine(Line):
         loop: asyncio.AbstractEventLoop,
         port: Port,
         handle: int,
-        write: Callable[[bytes], object],
+        write: Callable[[bytes], int],
         read: Read | None = None,
         kind: Kind = TERMINAL,
     ) -> None:
         self._loop = loop
         self._port = port
         self._handle = handle
+        self._write_now = write  # returns how many bytes the system took; raises OSError where it took none
         self._schedule: Schedule | None = None
         self._running = False
-        self._closing = False
         self._error: Exception | None = None  # why it turned out to be dead
         self._watching = False
         self._timer: asyncio.TimerHandle | None = None
@@ -76,23 +76,20 @@ class PolledLine(Line):
 
     def lose(self, error: Exception) -> None:
         """The line turns out to be dead. Ignored where it is closed, and in a forked child."""
-        if not self._closing and not self._port.is_forked:
+        if not self.is_closing and not self._port.is_forked:
             self._error = error
             self.abort()
 
-    def is_closing(self) -> bool:
-        return self._closing
-
     def start(self) -> None:
         """Begin to read; ignored when `stop` was called before."""
-        if not self._closing:
+        if not self.is_closing:
             self._running = True
             self._wait()
 
     def stop(self) -> None:
         """Stop reading. What is held stays for `hand_over`."""
         self._running = False
-        self._closing = True
+        self.is_closing = True
         self._watch(False)
         self.release()
 
@@ -144,7 +141,7 @@ class PolledLine(Line):
 
     def _read(self) -> None:
         """Read all there is."""
-        if not self._closing:
+        if not self.is_closing:
             try:
                 self._inbox.read()
             except OSError as error:
@@ -193,7 +190,7 @@ class PolledLine(Line):
             self._inbox.share(False)
         # Not earlier: Ctrl-C may come anywhere above, and then `stop` removes it.
         self._dropped = None
-        if schedule is not None and self._port.is_real_time and not self._closing:
+        if schedule is not None and self._port.is_real_time and not self.is_closing:
             self._inbox.share(True)
             # Noted before it is read, as above.
             self._watched.buffer_s = schedule.buffer_s

@@ -93,7 +93,7 @@ def _open(path: str, baudrate: int) -> Adapter:
 class _SerialLine(PolledLine, asyncio.Protocol):
     """One open serial port: pyserial-asyncio's transport, with reading, direct writing and closing of our own.
 
-    The transport tells it what it has read before it was told to pause, and when it has ended.
+    The transport reads nothing, and tells it when it has ended.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop, port: Port, device: Adapter) -> None:
@@ -111,9 +111,9 @@ class _SerialLine(PolledLine, asyncio.Protocol):
         with contextlib.suppress(*FOREIGN):
             self._errors = self._errors_before = count_errors(device.fileno())
             self._counts = True
-        self._drain_timer: asyncio.TimerHandle | None = None
         self._transport = serial_asyncio.SerialTransport(loop, self, device)
-        # The transport has just queued its own start of reading; these two run after it.
+        # The transport has just queued its own start of reading; these two run after it, in the same turn of the
+        # loop, so that it reads nothing.
         loop.call_soon(self._transport.pause_reading)
         loop.call_soon(self.start)
 
@@ -160,19 +160,14 @@ class _SerialLine(PolledLine, asyncio.Protocol):
         if data:
             self._transport.write(data)
 
-    def _write_now(self, data: bytes) -> int:
-        """Return how many bytes the system took; raise OSError where it took none."""
-        if not POSIX:
-            return self._device.write_now(data)
-        # pyserial is asked each time: the number of a port that was closed may be another file's by now.
-        return os.write(self._device.fileno(), data)
-
     def write_without_loop(self, data: bytes) -> None:
-        with contextlib.suppress(*FOREIGN):
-            self._write_now(data)
+        # It may run in any thread, and the number of a port that was closed may be another file's by now.
+        if self._device.is_open:
+            with contextlib.suppress(*FOREIGN):
+                self._write_now(data)
 
     def close(self) -> None:
-        if not self._closing and not self._port.is_forked:
+        if not self.is_closing and not self._port.is_forked:
             self.stop()
             self._drained_by = self._loop.time() + DRAIN_S
             self._drain()
@@ -187,7 +182,7 @@ class _SerialLine(PolledLine, asyncio.Protocol):
                 self._transport.abort()
 
     def close_without_loop(self) -> None:
-        self._closing = True
+        self.is_closing = True
         self.release()
         if not self._device.is_open:
             return
@@ -195,24 +190,18 @@ class _SerialLine(PolledLine, asyncio.Protocol):
         with contextlib.suppress(*FOREIGN):
             self._device.close()
 
-    def stop(self) -> None:
-        super().stop()
-        if self._drain_timer is not None:
-            self._drain_timer.cancel()
-            self._drain_timer = None
-
     def _drain(self) -> None:
         """Close once everything written has left, or when it has not left in time."""
-        self._drain_timer = None
-        if not self._is_drained():
-            if self._loop.time() < self._drained_by:
-                self._drain_timer = self._loop.call_later(_DRAIN_POLL_S, self._drain)
-            else:
-                _log.warning("%s: closed before all was sent, which took more than %g s", self._port.name, DRAIN_S)
-                self.abort()
+        if self._ended:
             return
-        self._ended = True
-        self._transport.close()
+        if self._is_drained():
+            self._ended = True
+            self._transport.close()
+        elif self._loop.time() < self._drained_by:
+            self._loop.call_later(_DRAIN_POLL_S, self._drain)
+        else:
+            _log.warning("%s: closed before all was sent, which took more than %g s", self._port.name, DRAIN_S)
+            self.abort()
 
     def _is_drained(self) -> bool:
         if self._transport.get_write_buffer_size():
@@ -236,12 +225,10 @@ class _SerialLine(PolledLine, asyncio.Protocol):
 
     def connection_lost(self, exc: Exception | None) -> None:
         """The transport has ended, perhaps by itself: hand over what was held, close the port, and report it."""
+        self._ended = True
         self.stop()
         self.hand_over()
         self._count()
         with contextlib.suppress(*FOREIGN):
             self._device.close()
         self._port.connection_lost(self._error or exc)
-
-    def data_received(self, data: bytes) -> None:
-        self._port.data_received(data)

@@ -171,7 +171,6 @@ class MemoryTransport(Line):
         self._loop = loop
         self._port = port
         self._line = line
-        self._closing = False
         self._timer: asyncio.TimerHandle | None = None
         # As `open_serial` does. The device remembers the speed of the line before.
         if port.baudrate:
@@ -181,10 +180,7 @@ class MemoryTransport(Line):
     @property
     def is_open(self) -> bool:
         """Whether a session may still use it; one whose event loop is closed cannot."""
-        return not self._closing and not self._loop.is_closed()
-
-    def is_closing(self) -> bool:
-        return self._closing
+        return not self.is_closing and not self._loop.is_closed()
 
     def write(self, data: bytes) -> None:
         self._of_device(lambda now: self._line.write(data, now))
@@ -202,7 +198,7 @@ class MemoryTransport(Line):
         self.write(data)
 
     def close_without_loop(self) -> None:
-        self._closing = True
+        self.is_closing = True
 
     def _deliver(self) -> None:
         """The device may have something to send."""
@@ -223,7 +219,7 @@ class MemoryTransport(Line):
 
         Where it fails, the line ends.
         """
-        if self._closing:
+        if self.is_closing:
             return None
         now = self._port.now()
         try:
@@ -234,15 +230,15 @@ class MemoryTransport(Line):
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
-        if due is not None and not (self._closing or self._loop.is_closed()):
+        if due is not None and not (self.is_closing or self._loop.is_closed()):
             self._timer = self._loop.call_at(max(due, now + round(TICK_S * 1e9)) * 1e-9, self._deliver)
         return done
 
     def end(self, error: Exception | None) -> None:
         """Have the port told that the line is gone; harmless when done before."""
-        if self._closing:
+        if self.is_closing:
             return
-        self._closing = True
+        self.is_closing = True
         if self._timer is not None:
             self._timer.cancel()
         if not self._loop.is_closed():

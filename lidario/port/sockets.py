@@ -11,8 +11,7 @@ import contextlib
 import errno
 import os
 import socket
-from collections.abc import Awaitable, Callable, Sequence
-from typing import TypeVar
+from collections.abc import Sequence
 
 from lidario.errors import ConnectFailed
 from lidario.port.background import run_in_thread
@@ -22,7 +21,7 @@ from lidario.port.port import Port
 from lidario.port.reading import PolledLine
 from lidario.system import cause_of
 
-T = TypeVar("T")
+CONNECT_TIMEOUT_S = 5.0
 BUFFER = 1 << 20
 """Bytes that the system is asked to keep until they are read; it may grant less."""
 POSIX = os.name == "posix"
@@ -34,16 +33,17 @@ async def connected(
     name: str,
     host: str,
     number: int,
-    connect: Callable[[str], Awaitable[T]],
+    kind: socket.SocketKind,
+    options: Sequence[tuple[int, int, int]] = (),
     *,
-    seconds: float,
     late: str,
     unreachable: str,
-) -> T:
-    """Return what `connect` makes of the first address of a host that takes it; translate what the system says.
+) -> socket.socket:
+    """A socket that is connected to the first address of a host that takes it; translate what the system says.
 
-    Each address has its share of so many seconds. Where all of it takes longer, the error says `late`; where there
-    is no way to the host, it asks `unreachable`.
+    Before that, `options` are set: level, option and value of each. Each address has its share of
+    `CONNECT_TIMEOUT_S`. Where all of it takes longer, the error says `late`; where there is no way to the host, it
+    asks `unreachable`.
 
     Raises:
         ConnectFailed: It could not be done; the reason is ``refused``. Cancelling leaves nothing open.
@@ -53,8 +53,14 @@ async def connected(
         raise ConnectFailed(f"{name}: not an address that can be connected to", reason="refused")
     await run_in_thread(lambda: wait_for_guard(name))
     try:
-        async with asyncio.timeout(seconds):
-            return await _first(await run_in_thread(lambda: _addresses(host)), connect, seconds)
+        async with asyncio.timeout(CONNECT_TIMEOUT_S):
+            *others, last = await run_in_thread(lambda: _addresses(host))
+            for address in others:
+                # One that does not respond leaves the others their share of the time; a TimeoutError is an OSError.
+                with contextlib.suppress(OSError):
+                    async with asyncio.timeout(CONNECT_TIMEOUT_S / (len(others) + 1)):
+                        return await _connect(address, number, kind, options)
+            return await _connect(last, number, kind, options)
     except TimeoutError as error:
         raise ConnectFailed(f"{name}: {late}", reason="refused") from error
     except (OSError, ValueError) as error:
@@ -68,14 +74,21 @@ def _addresses(host: str) -> list[str]:
     return [socket.getnameinfo(address, socket.NI_NUMERICHOST)[0] for *_, address in found]
 
 
-async def _first(addresses: Sequence[str], connect: Callable[[str], Awaitable[T]], seconds: float) -> T:
-    *others, last = addresses
-    for address in others:
-        # One that does not respond leaves the others their share of the time; a TimeoutError is an OSError.
+async def _connect(
+    address: str, number: int, kind: socket.SocketKind, options: Sequence[tuple[int, int, int]]
+) -> socket.socket:
+    made = socket.socket(socket.AF_INET6 if ":" in address else socket.AF_INET, kind)
+    try:
+        made.setblocking(False)
+        for level, option, value in options:
+            made.setsockopt(level, option, value)
         with contextlib.suppress(OSError):
-            async with asyncio.timeout(seconds / len(addresses)):
-                return await connect(address)
-    return await connect(last)
+            made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
+        await asyncio.get_running_loop().sock_connect(made, (address, number))
+    except BaseException:
+        made.close()
+        raise
+    return made
 
 
 def _why(error: Exception, unreachable: str) -> str:
@@ -89,24 +102,6 @@ def _why(error: Exception, unreachable: str) -> str:
     if code == errno.ECONNREFUSED:
         return f"{text}. Is the server running, and is the port number right?"
     return f"{text}. {unreachable}" if code in _UNREACHABLE else text
-
-
-async def connect_socket(made: socket.socket, address: str, number: int) -> socket.socket:
-    """Connect a socket of the family of an address; it is closed where that fails, or is cancelled."""
-    try:
-        made.setblocking(False)
-        with contextlib.suppress(OSError):
-            made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
-        await asyncio.get_running_loop().sock_connect(made, (address, number))
-    except BaseException:
-        made.close()
-        raise
-    return made
-
-
-def family_of(address: str) -> socket.AddressFamily:
-    """That of an address in figures."""
-    return socket.AF_INET6 if ":" in address else socket.AF_INET
 
 
 class SocketLine(PolledLine):
@@ -143,7 +138,7 @@ class SocketLine(PolledLine):
             self._socket.send(data)
 
     def close(self) -> None:
-        if not self._closing:
+        if not self.is_closing:
             self.abort()
 
     def abort(self) -> None:
@@ -151,7 +146,7 @@ class SocketLine(PolledLine):
         self._loop.call_soon(self._end)
 
     def close_without_loop(self) -> None:
-        self._closing = self._ended = True
+        self.is_closing = self._ended = True
         self.release()
         self._socket.close()
 

@@ -10,9 +10,8 @@ import socket
 
 from lidario.port.inbox import CONNECTION
 from lidario.port.port import Port
-from lidario.port.sockets import SocketLine, connect_socket, connected, family_of
+from lidario.port.sockets import CONNECT_TIMEOUT_S, SocketLine, connected
 
-CONNECT_TIMEOUT_S = 5.0
 _KEEPALIVE = (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 3))
 """Seconds of silence before the first probe, between two, and how many may fail: a dead bridge is seen in 11 s."""
 _AGAIN_S = 0.005
@@ -26,22 +25,16 @@ async def open_tcp(name: str, host: str, number: int, baudrate: int = 0) -> Port
         ConnectFailed: Unknown host, refused, impossible address, or no response within five seconds. Cancelling
             leaves nothing open.
     """
-
-    async def connect(address: str) -> socket.socket:
-        made = socket.socket(family_of(address), socket.SOCK_STREAM)
-        made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        made.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        for option, value in _KEEPALIVE:
-            if hasattr(socket, option):
-                made.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
-        return await connect_socket(made, address, number)
-
+    options = [(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1), (socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)]
+    for option, value in _KEEPALIVE:
+        if hasattr(socket, option):
+            options.append((socket.IPPROTO_TCP, getattr(socket, option), value))
     made = await connected(
         name,
         host,
         number,
-        connect,
-        seconds=CONNECT_TIMEOUT_S,
+        socket.SOCK_STREAM,
+        options,
         late=f"no response within {CONNECT_TIMEOUT_S:g} s. Is it switched on, and in this network?",
         unreachable="Is it switched on, and in this network?",
     )
@@ -74,11 +67,11 @@ class _TcpLine(SocketLine):
             return
         if self._unsent:
             self._loop.call_later(_AGAIN_S, self._send)
-        elif self._closing:
+        elif self.is_closing:
             self.abort()
 
     def close(self) -> None:
-        if self._unsent and not self._closing:
+        if self._unsent and not self.is_closing:
             self.stop()
         else:
             super().close()

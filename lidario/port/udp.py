@@ -14,9 +14,7 @@ import socket
 from lidario.errors import DeviceLost
 from lidario.port.inbox import DATAGRAMS
 from lidario.port.port import Port
-from lidario.port.sockets import SocketLine, connect_socket, connected, family_of
-
-RESOLVE_TIMEOUT_S = 5.0
+from lidario.port.sockets import CONNECT_TIMEOUT_S, SocketLine, connected
 
 
 async def open_udp(name: str, host: str, number: int) -> Port:
@@ -29,9 +27,8 @@ async def open_udp(name: str, host: str, number: int) -> Port:
         name,
         host,
         number,
-        lambda address: connect_socket(socket.socket(family_of(address), socket.SOCK_DGRAM), address, number),
-        seconds=RESOLVE_TIMEOUT_S,
-        late=f"the name was not resolved within {RESOLVE_TIMEOUT_S:g} s. Is the name of the host right?",
+        socket.SOCK_DGRAM,
+        late=f"the name was not resolved within {CONNECT_TIMEOUT_S:g} s. Is the name of the host right?",
         unreachable="Is this computer in the network of the lidar?",
     )
     port = Port(name)

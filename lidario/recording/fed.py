@@ -59,8 +59,8 @@ class FedPort(Port, ABC):
     """A port at whose other end no device is; needs a running event loop.
 
     `baudrate` is the speed of the line as it was; 0 where there was none. The session is the `audience`, None as
-    long as it is not known, and takes packets while `is_wanted`. The port `is_over` when it is closed, or lost.
-    `offset_of` tells the zero-angle offset to add where the stream has another one.
+    long as it is not known, and takes packets while `is_wanted`. `offset_of` tells the zero-angle offset to add
+    where the stream has another one.
     """
 
     def __init__(self, name: str, baudrate: int) -> None:
@@ -68,7 +68,6 @@ class FedPort(Port, ABC):
         self.is_live = False
         self.audience: Audience | None = None
         self.is_wanted: bool = False
-        self.is_over: bool = False
         self.offset_of: Callable[[float], float] = lambda recorded_deg: recorded_deg
         self.connection_made(_FedLine(self))
 
@@ -84,8 +83,8 @@ class FedPort(Port, ABC):
 
     def end(self, error: DeviceLost | None = None) -> None:
         """The line is closed, or lost. Harmless when done before."""
-        if not self.is_over:
-            self.is_over, self.is_wanted = True, False
+        if (line := self._open_line()) is not None:
+            line.is_closing, self.is_wanted = True, False
             self.let_go(error)
 
     @abstractmethod
@@ -94,7 +93,8 @@ class FedPort(Port, ABC):
 
     def end_without_loop(self) -> None:
         """As `end`, after the event loop was closed."""
-        self.is_over = True
+        if (line := self._open_line()) is not None:
+            line.is_closing = True
 
     def follow(self, audience: Audience) -> None:
         """Name the session that is fed."""
@@ -109,7 +109,7 @@ class FedPort(Port, ABC):
         self._loop.call_soon(self._send, encode_descriptor(announced))
 
     def _send(self, descriptor: bytes) -> None:
-        if not self.is_over:
+        if self.is_open:
             self.data_received(descriptor)
 
 
@@ -119,11 +119,8 @@ class _FedLine(Line):
     def __init__(self, port: FedPort) -> None:
         self._port = port
 
-    def is_closing(self) -> bool:
-        return self._port.is_over
-
     def write(self, data: bytes) -> None:
-        if data == PLAY and not self._port.is_over:
+        if data == PLAY:
             self._port.announce()
 
     def set_polling(self, schedule: Schedule | None) -> None:

@@ -109,7 +109,7 @@ class ReplayPort(FedPort):
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
-        if not self.is_wanted or self.is_over:
+        if not self.is_wanted:
             return
         if not self._rate:
             if self.audience is None or self.audience.is_waiting:
@@ -125,7 +125,7 @@ class ReplayPort(FedPort):
     def _play(self) -> None:
         self._timer = None
         for _ in range(MOST_AT_ONCE):
-            if not self.is_wanted or self.is_over or self.is_forked:
+            if not self.is_wanted or self.is_forked:
                 return
             piece = self._peek()
             if piece is None or piece.stream != self._number:
@@ -161,7 +161,7 @@ class ReplayPort(FedPort):
         """The stream is over: go on with the next one, or end."""
         self.is_wanted: bool = False
         ended = piece is None
-        if piece is None and not self.is_over:
+        if piece is None and self.is_open:
             self._player.begin_anew()
             piece = self._peek()
             if not self._again:
@@ -169,7 +169,7 @@ class ReplayPort(FedPort):
             elif piece is not None:
                 self._shift_ns = self._last_ns + LOOP_GAP_NS - piece.at_ns
         self._number = 0 if piece is None else piece.stream
-        if self.audience is None or self.is_over:
+        if self.audience is None or not self.is_open:
             return
         if ended and (not self._again or piece is None or not self._brings_scans(self.audience)):
             self.audience.finish()

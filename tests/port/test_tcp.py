@@ -17,7 +17,6 @@ import pytest
 
 from lidario import ConnectFailed, open_lidar
 from lidario.port.port import Port
-from lidario.port.sockets import connected as in_turn
 from lidario.port.tcp import open_tcp
 from lidario.sim.serve import TcpServer
 from tests.port.test_thread import Steady, block_until_read, threads
@@ -260,12 +259,18 @@ async def test_an_address_that_is_silent_leaves_time_for_the_next_one(monkeypatc
     monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: known)
     asked = list[str]()
 
-    async def connect(address: str) -> None:
+    async def connect(address: str, *_: object) -> socket.socket:
         asked.append(address)
         if address == "127.0.0.2":
             await asyncio.Event().wait()
+        return one
 
-    await in_turn("tcp://x", "x.example", 1, connect, seconds=0.2, late="too late", unreachable="")
+    monkeypatch.setattr("lidario.port.sockets.CONNECT_TIMEOUT_S", 0.2)
+    monkeypatch.setattr("lidario.port.sockets._connect", connect)
+    one, other = socket.socketpair()
+    with other:
+        port = await open_tcp("tcp://x", "x.example", 1)
+        await port.close()
     assert asked == ["127.0.0.2", "127.0.0.1"]
 
 
