@@ -255,7 +255,7 @@ class Bench:
         await self.lidar.stop()
         # Of a stream that was started below the session.
         self.connection.dialogue.stop_device()
-        await self.connection.dialogue.settled_down()
+        await self.connection.dialogue.stopper.surely_settled()
 
     def _see(self, way: str, data: bytes, now: int) -> None:
         if way == "in":

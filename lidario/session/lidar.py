@@ -78,7 +78,6 @@ class Lidar(Streams, AsyncOnly):
             self._scanner.failures.come_back = reconnector.begin
         at.dialogue.port.follow(self._scanner)
         self._recorded = RecordedSession(at, self._scanner, source, config.filters)
-        self._closed = False
         self._loop = asyncio.get_running_loop()
         self._abandoned = weakref.finalize(self, _abandon, at, self._scanner, reconnector)
         connection.release()
@@ -90,7 +89,8 @@ class Lidar(Streams, AsyncOnly):
 
     def __repr__(self) -> str:
         state = "scanning" if self.is_scanning else "idle"
-        state = "closed" if self._closed else state if self.is_connected else "away"
+        if not self.is_connected:
+            state = "closed" if isinstance(self._at.dialogue.fatal, SessionClosed) else "away"
         return f"<Lidar {self.info.model} {self.info.serial} on {self.source}: {state}>"
 
     @property
@@ -101,7 +101,7 @@ class Lidar(Streams, AsyncOnly):
     @property
     def is_connected(self) -> bool:
         """Whether there is a line to the device; False after its loss, also while the session comes back."""
-        return not self._closed and not self._scanner.control.is_away and self._at.dialogue.fatal is None
+        return not self._scanner.control.is_away and self._at.dialogue.fatal is None
 
     @property
     def can_be_stopped(self) -> bool:
@@ -137,8 +137,8 @@ class Lidar(Streams, AsyncOnly):
     @property
     def stats(self) -> Stats:
         """Counters since the session was opened, summed over all lines to the device."""
-        reconnects = 0 if self._reconnector is None else self._reconnector.count
-        return self._counters.stats(self._at.dialogue, self._scanner.totals, self._scanner.hub.dropped, reconnects)
+        scanner, reconnects = self._scanner, 0 if self._reconnector is None else self._reconnector.count
+        return self._counters.stats(self._at.dialogue, scanner.control.totals, scanner.hub.dropped, reconnects)
 
     def line_changes(self) -> LineChanges:
         """What becomes of the line, for ``async for``: lost, back, over; for programs that show it.
@@ -246,8 +246,8 @@ class Lidar(Streams, AsyncOnly):
                 on: close it in its own loop.
         """
         self._check_loop()
-        self._closed = True
-        self._scanner.failures.end(SessionClosed(f"the session on {self.source} was closed"))
+        text = f"the session on {self.source} was closed; open_lidar() makes a new one"
+        self._scanner.failures.end(SessionClosed(text))
         if self._reconnector is not None:
             self._reconnector.cancel()
         await self._at.dialogue.close()
@@ -259,7 +259,7 @@ class Lidar(Streams, AsyncOnly):
         self._abandoned.detach()
         if ended:
             return
-        await self._scanner.ended()
+        await self._scanner.starter.ended()
         await self._recorded.close()
 
     async def __aenter__(self) -> Self:
@@ -290,8 +290,6 @@ class Lidar(Streams, AsyncOnly):
             self._reconnector.proven = True
 
     def _check_open(self) -> None:
-        if self._closed:
-            raise SessionClosed(f"the session on {self.source} was closed; open_lidar() makes a new one")
         fatal = self._at.dialogue.fatal
         if fatal is not None and not self._scanner.control.is_away:
             raise twin_of(fatal)

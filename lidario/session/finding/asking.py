@@ -203,7 +203,7 @@ async def leave(connection: Connection) -> None:
     dialogue = connection.dialogue
     dialogue.stop_device()
     try:
-        await dialogue.settled_down()
+        await dialogue.stopper.surely_settled()
     finally:
         connection.release()
         dialogue.port.attach(None)

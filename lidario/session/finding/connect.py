@@ -186,14 +186,14 @@ class _Search:
         return connection
 
     async def leave(self, *, found_nothing: bool) -> None:
-        """Leave what may be at the port still, and begin to close it.
+        """Leave what may be at the port still, and begin to close it; it may be closed already.
 
         Where the search was ended before it `found_nothing`, it is first found out what the device is.
         """
         port, families = self._port, {each.family for each in self.tries}
         if self._known is not None:
             await self._woken.stop()
-            self._known.hang_up()
+            await self._known.close()
         elif not port.is_closing:
             # One of a known family may hear us although its responses do not reach us.
             helps = len(families) == 1 or not found_nothing
@@ -238,7 +238,4 @@ class _Search:
             # It may hear us although its responses do not reach us.
             await leave(connection)
             return None
-        except BaseException:
-            await dialogue.close()
-            raise
         return connection

@@ -73,12 +73,8 @@ class StreamControl:
         return self.wanted.mode if self.wanted is not None and self.is_scanning else None
 
     def go(self, event: Event) -> None:
-        """Take the one step that the table knows for `event`; raises RuntimeError where it knows none."""
-        before = self.state
-        try:
-            self.state = TRANSITIONS[before][event]
-        except KeyError:
-            raise RuntimeError(f"{event.name} cannot happen while {before.name}") from None
+        """Take the one step that the table knows for `event`; raises KeyError where it knows none."""
+        before, self.state = self.state, TRANSITIONS[self.state][event]
         if before is not self.state:
             _log.debug("%s: %s -> %s", event.value, before.value, self.state.value)
 

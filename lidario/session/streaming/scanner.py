@@ -32,7 +32,7 @@ from lidario.session.streaming.control import StreamControl
 from lidario.session.streaming.failures import Failures
 from lidario.session.streaming.line_changes import LineWatch
 from lidario.session.streaming.readers import Hub
-from lidario.session.streaming.running import Failure, Totals
+from lidario.session.streaming.running import Failure
 from lidario.session.streaming.starter import Starter
 from lidario.session.streaming.states import State
 from lidario.session.streaming.stream import Mailbox
@@ -53,7 +53,6 @@ class Scanner:
     def __init__(self, at: At, latency: float) -> None:
         self.hub: Hub = Hub(self._deserted)
         self.control: StreamControl = StreamControl(at, latency, self.hub, self._suspect)
-        self.totals: Totals = self.control.totals
         self.rests: bool = True  # whether a device that nobody reads is stopped soon
         self.line: LineWatch = LineWatch()
         self._at = at
@@ -61,7 +60,7 @@ class Scanner:
         self._asks = False
         self._loop = asyncio.get_running_loop()
         self.failures: Failures = Failures(self.control, at, self.hub, self.line)
-        self._starter = Starter(self.control, at, self.hub, self.failures, self._lock)
+        self.starter: Starter = Starter(self.control, at, self.hub, self.failures, self._lock)
 
     # ------------------------------------------------------------------------------------------------ readers
 
@@ -69,7 +68,7 @@ class Scanner:
         """Hand scans to `mailbox` from now on; start the device in that mode unless it runs in it already."""
         self.hub.add(mailbox, mode, force)
         self.control.want()
-        self._starter.work_soon()
+        self.starter.work_soon()
 
     def leave(self, mailbox: Mailbox[Any], *, lingers: bool = False) -> None:
         """Hand `mailbox` no more; the last one to leave stops the device, at once or a little later."""
@@ -93,7 +92,7 @@ class Scanner:
 
     @property
     def scans(self) -> int:
-        return self.totals.assembled.scans
+        return self.control.totals.assembled.scans
 
     @property
     def is_waiting(self) -> bool:
@@ -112,7 +111,7 @@ class Scanner:
     def deliver(self, scan: Scan, missed: int) -> None:
         """As `Audience` of another machine's lidar: a scan that came whole, and how many are missing before it."""
         if self.control.state is State.RUNNING:
-            counted = self.totals.assembled
+            counted = self.control.totals.assembled
             counted.missed_scans += missed
             counted.resume(scan.stamp_ns)
             scan = changed(scan, seq=counted.scans + counted.missed_scans)
@@ -120,7 +119,7 @@ class Scanner:
             for parts in self.hub.parts:
                 for sector in sectors_of(scan, parts):
                     self.hub.publish_sector(parts, sector)
-            self.totals.continued = scan
+            self.control.totals.continued = scan
             self.hub.publish(scan)
 
     def finish(self) -> None:
@@ -227,24 +226,20 @@ class Scanner:
         """There is a new line to the device: start the stream on it if one is wanted, else stop the device."""
         self.failures.adopt()
         self.control.adopt()
-        self._starter.work_soon()
-
-    async def ended(self) -> None:
-        """Return when the task that starts streams has ended, after `end`."""
-        await self._starter.ended()
+        self.starter.work_soon()
 
     # ------------------------------------------------------------------------------------------------ inside
 
     def _suspect(self, failure: Failure) -> None:
         """The stream brings no scans."""
         if self.failures.suspect(failure):
-            self._starter.work_soon()
+            self.starter.work_soon()
 
     def _resume(self) -> None:
         """The device is free again: have the stream started again, if it has readers."""
         if self.hub.is_read:
             self.control.resume()
-            self._starter.work_soon()
+            self.starter.work_soon()
 
     def _deserted(self) -> None:
         """Nobody reads: stop the device. During a question or a restart it is left: `between` asks again."""

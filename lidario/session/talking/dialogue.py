@@ -237,11 +237,6 @@ class Dialogue(Intake, Waiting):
         self.deliver_to(None)
         self.stopper.stop()
 
-    async def settled_down(self) -> None:
-        """As `Stopper.surely_settled`, shielded from anyio's cancellation."""
-        with anyio.CancelScope(shield=True):
-            await self.stopper.surely_settled()
-
     def hang_up(self, *, patient: bool = True) -> None:
         """Leave the device still, then close the port; without waiting. Nothing is delivered any more.
 

@@ -25,6 +25,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import anyio
+
 from lidario.errors import Unsupported
 from lidario.families.base import Device
 from lidario.session.talking.readiness import CLOCK_S, Readiness
@@ -127,12 +129,10 @@ class Stopper:
         self.try_now()
 
     def try_now(self) -> None:
-        """Write the stop requests if they are wanted and the device listens; else come back when it does.
+        """While they are wanted: write the stop requests if the device listens; else come back when it does.
 
-        Harmless at any time. Called whenever the device has responded.
+        Called whenever the device has responded.
         """
-        if not self.wanted:
-            return
         if self._attempts and not (self._doubtful and self._hearing.owes_until <= self._loop.time() + CLOCK_S):
             return  # written already, and nothing that was owed has come since
         due = self._hearing.free_at(self._patient_until)
@@ -152,16 +152,17 @@ class Stopper:
         """Return when it is seen that they were heard, or `settled` has said that it cannot be.
 
         A cancellation that comes meanwhile is raised afterwards: the program may close the loop as soon as it goes
-        on, and no timer writes anything after that.
+        on, and no timer writes anything after that. Anyio's cancellation does not come here.
         """
         cancelled: asyncio.CancelledError | None = None
-        while self.wanted and self._timer is not None and self._port.is_open:
-            try:
-                await asyncio.sleep(max(0.0, self._due - self._loop.time()))
-                if self.wanted and self._timer is not None and self._due - self._loop.time() <= CLOCK_S:
-                    self._step()  # Ctrl-C may have ended the timer's own call in its midst
-            except asyncio.CancelledError as error:
-                cancelled = error
+        with anyio.CancelScope(shield=True):
+            while self.wanted and self._timer is not None and self._port.is_open:
+                try:
+                    await asyncio.sleep(max(0.0, self._due - self._loop.time()))
+                    if self.wanted and self._timer is not None and self._due - self._loop.time() <= CLOCK_S:
+                        self._step()  # Ctrl-C may have ended the timer's own call in its midst
+                except asyncio.CancelledError as error:
+                    cancelled = error
         if cancelled is not None:
             raise cancelled
 
