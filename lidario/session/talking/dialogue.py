@@ -258,8 +258,9 @@ class Dialogue(Intake, Waiting):
         self.hang_up(patient=patient)
         if self._loop.is_closed():
             return
+        # One scope behind the other: where Ctrl-C comes between two lines of an inner one, the outer one fails.
+        await self.stopper.surely_settled()
         with anyio.CancelScope(shield=True):
-            await self.stopper.surely_settled()
             await self.port.wait_closed()
 
     def abandon(self) -> None:
