@@ -26,12 +26,13 @@ from lidario.port.port import Port
 from lidario.session.finding.connect import connect
 from lidario.session.finding.connection import Connection
 from lidario.session.finding.discovery import find_source, search_for
+from lidario.session.finding.reconnect import Reconnector
 from lidario.session.lidar import Lidar
 from lidario.session.opening import DEFAULT_LATENCY_S
 from lidario.session.talking.dialogue import play
 from lidario.session.talking.handshake import healthy
 from lidario.sim.device import SimulatedDevice
-from lidario.source import as_source
+from lidario.source import Source, as_source
 from lidario.wire.envelope import Request
 
 T = TypeVar("T")
@@ -61,12 +62,12 @@ class Bench:
         self,
         connection: Connection,
         health: Health,
-        source: str,
+        source: Source,
         simulated: SimulatedDevice | None,
-        kind: str,
     ) -> None:
-        self.kind: str = kind
-        self.lidar: Lidar = Lidar(connection, health, source, DEFAULT_LATENCY_S, False, rests=False)
+        self.kind: str = source.kind
+        alone = Reconnector(None, source)
+        self.lidar: Lidar = Lidar(connection, health, source.text, DEFAULT_LATENCY_S, False, alone, rests=False)
         self.connection: Connection = connection
         self.simulated: SimulatedDevice | None = simulated
         self.pause: Callable[[float], None] = time.sleep
@@ -294,7 +295,7 @@ async def open_bench(
                 health = await healthy(connection.dialogue)
             except DeviceFault as error:
                 health = error.health
-            return Bench(connection, health, found.text, where.device, found.kind)
+            return Bench(connection, health, found, where.device)
         except BaseException:
             await connection.dialogue.close()
             raise

@@ -63,16 +63,14 @@ class TimerAlarm(Alarm):
 
     Raises:
         OSError: The system gives no timer.
+        AttributeError: It is none that could.
     """
 
     def __init__(self) -> None:
         super().__init__()
         # The interpreter lock is kept: the calls take no time, and waiting for it would.
         library = ctypes.PyDLL(None, use_errno=True)
-        try:
-            create, self._set = library.timerfd_create, library.timerfd_settime
-        except AttributeError as error:
-            raise OSError("no timerfd_create") from error
+        create, self._set = library.timerfd_create, library.timerfd_settime
         create.argtypes = (ctypes.c_int, ctypes.c_int)
         self._set.argtypes = (ctypes.c_int, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
         # Two times, the first of which is that of repeats; each in seconds and nanoseconds.

@@ -80,6 +80,16 @@ class PolledLine(Line):
             self._error = error
             self.abort()
 
+    def _write_some(self, data: bytes) -> bytes:
+        """Write what the system takes; return the rest, none of a line that turns out to be dead."""
+        try:
+            return data[self._write_now(data) :]
+        except BlockingIOError:
+            return data
+        except OSError as error:
+            self.lose(error)
+            return b""
+
     def start(self) -> None:
         """Begin to read; ignored when `stop` was called before."""
         if not self.is_closing:

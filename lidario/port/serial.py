@@ -150,13 +150,7 @@ class _SerialLine(PolledLine, asyncio.Protocol):
 
     def write(self, data: bytes) -> None:
         if not self._transport.get_write_buffer_size():
-            try:
-                data = data[self._write_now(data) :]
-            except BlockingIOError:
-                pass
-            except OSError as error:
-                self.lose(error)
-                return
+            data = self._write_some(data)
         if data:
             self._transport.write(data)
 

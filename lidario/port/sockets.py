@@ -126,20 +126,14 @@ class SocketLine(PolledLine):
         return None if handle < 0 else (handle, False)
 
     def write(self, data: bytes) -> None:
-        try:
-            self._socket.send(data)
-        except BlockingIOError:
-            pass
-        except OSError as error:
-            self.lose(error)
+        self._write_some(data)
 
     def write_without_loop(self, data: bytes) -> None:
         with contextlib.suppress(OSError):
             self._socket.send(data)
 
     def close(self) -> None:
-        if not self.is_closing:
-            self.abort()
+        self.abort()
 
     def abort(self) -> None:
         self.stop()

@@ -57,21 +57,14 @@ class _TcpLine(SocketLine):
     def _send(self) -> None:
         if self._ended or self._port.is_forked:
             return
-        try:
-            self._unsent = self._unsent[self._socket.send(self._unsent) :]
-        except BlockingIOError:
-            pass
-        except OSError as error:
-            self._unsent, self._error = b"", error
-            self.abort()
-            return
+        self._unsent = self._write_some(self._unsent)
         if self._unsent:
             self._loop.call_later(_AGAIN_S, self._send)
         elif self.is_closing:
             self.abort()
 
     def close(self) -> None:
-        if self._unsent and not self.is_closing:
+        if self._unsent:
             self.stop()
         else:
             super().close()

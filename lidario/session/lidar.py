@@ -59,7 +59,7 @@ class Lidar(Streams, AsyncOnly):
         source: str,
         latency: float,
         keep_spinning: bool,
-        reconnector: Reconnector | None = None,
+        reconnector: Reconnector,
         config: LidarConfig = LidarConfig(),  # noqa: B008 - it never changes
         *,
         rests: bool = True,
@@ -72,9 +72,9 @@ class Lidar(Streams, AsyncOnly):
         at.dialogue.stopper.keep_spinning = keep_spinning
         self._scanner.failures.take_note(health)
         self._counters = Counters()
-        if reconnector is not None:
-            reconnector.adopt = weakref.WeakMethod(self._adopt)
-            reconnector.gave_up, reconnector.unused = self._scanner.failures.end, self._scanner.unused
+        reconnector.adopt = weakref.WeakMethod(self._adopt)
+        reconnector.gave_up, reconnector.unused = self._scanner.failures.end, self._scanner.unused
+        if reconnector.comes_back:
             self._scanner.failures.come_back = reconnector.begin
         at.dialogue.port.follow(self._scanner)
         self._recorded = RecordedSession(at, self._scanner, source, config.filters)
@@ -137,8 +137,8 @@ class Lidar(Streams, AsyncOnly):
     @property
     def stats(self) -> Stats:
         """Counters since the session was opened, summed over all lines to the device."""
-        scanner, reconnects = self._scanner, 0 if self._reconnector is None else self._reconnector.count
-        return self._counters.stats(self._at.dialogue, scanner.control.totals, scanner.hub.dropped, reconnects)
+        totals, dropped = self._scanner.control.totals, self._scanner.hub.dropped
+        return self._counters.stats(self._at.dialogue, totals, dropped, self._reconnector.count)
 
     def line_changes(self) -> LineChanges:
         """What becomes of the line, for ``async for``: lost, back, over; for programs that show it.
@@ -166,8 +166,7 @@ class Lidar(Streams, AsyncOnly):
         self._check_open()
         if yes_or_no(motor, "motor"):
             self._at.dialogue.stopper.stop_motor_too()
-            if self._reconnector is not None:
-                self._reconnector.stop_motor_too()
+            self._reconnector.stop_motor_too()
         await self._scanner.stop()
 
     def tap(self, tap: Tap) -> None:
@@ -248,12 +247,11 @@ class Lidar(Streams, AsyncOnly):
         self._check_loop()
         text = f"the session on {self.source} was closed; open_lidar() makes a new one"
         self._scanner.failures.end(SessionClosed(text))
-        if self._reconnector is not None:
-            self._reconnector.cancel()
+        self._reconnector.cancel()
         await self._at.dialogue.close()
         # Where the loop is closed the coroutine is being collected, and nothing can be waited for.
         ended = self._loop.is_closed()
-        if self._reconnector is not None and not ended:
+        if not ended:
             await self._reconnector.ended()
         # Not earlier: a KeyboardInterrupt may come anywhere above, and then the finalizer stops the device.
         self._abandoned.detach()
@@ -286,7 +284,7 @@ class Lidar(Streams, AsyncOnly):
         self._scanner.failures.take_note(health)
         self._recorded.adopt()
         self._scanner.adopt()
-        if self._reconnector is not None and not self.is_scanning:
+        if not self.is_scanning:
             self._reconnector.proven = True
 
     def _check_open(self) -> None:
@@ -309,9 +307,8 @@ class Lidar(Streams, AsyncOnly):
             )
 
 
-def _abandon(at: At, scanner: Scanner, reconnector: Reconnector | None) -> None:
+def _abandon(at: At, scanner: Scanner, reconnector: Reconnector) -> None:
     """The session was never closed and nobody holds it any more, or the program ends: leave the device still."""
     scanner.abandon()
     at.dialogue.abandon()
-    if reconnector is not None:
-        reconnector.abandon()
+    reconnector.abandon()

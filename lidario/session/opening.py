@@ -17,7 +17,6 @@ from lidario.errors import ConnectFailed, InvalidValue, LocalProtocolError, Unsu
 from lidario.families.registry import check_family, check_source
 from lidario.port.background import running_loop
 from lidario.port.guard import check_guard
-from lidario.session.finding.connect import connect
 from lidario.session.finding.discovery import find_source, only_search, search_for
 from lidario.session.finding.reconnect import Reconnect, Reconnector
 from lidario.session.lidar import Lidar
@@ -120,18 +119,16 @@ class OpenLidar(AsyncOnly):
             raise InvalidValue("keep_spinning: a recording has no motor")
         if asked.guard and not source.is_driven_from_here:
             _log.info("guard: nothing at %s goes on when this program dies, so there is none", source.text)
-        reconnector = None if asked.reconnect is None else Reconnector(asked.reconnect, source)
+        reconnector = Reconnector(asked.reconnect, source)
         try:
             return await self._open_on(source, reconnector)
         except BaseException:
-            if reconnector is not None:
-                reconnector.release()
+            reconnector.release()
             raise
 
-    async def _open_on(self, source: Source, reconnector: Reconnector | None) -> Lidar:
+    async def _open_on(self, source: Source, reconnector: Reconnector) -> Lidar:
         asked = self._asked
-        first = connect if reconnector is None else reconnector.connect
-        connection = await first(source, asked.family, asked.baudrate, guard=asked.guard)
+        connection = await reconnector.connect(source, asked.family, asked.baudrate, guard=asked.guard)
         try:
             # A recording and another machine's lidar tell it themselves, and only when they are open.
             check_family(source, asked.family, connection.info.family)

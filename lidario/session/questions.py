@@ -37,7 +37,7 @@ FASTEST_LINE = 4_000_000
 class Questions(ABC):
     """What `Lidar` asks and sets."""
 
-    def __init__(self, at: At, scanner: Scanner, reconnector: Reconnector | None) -> None:
+    def __init__(self, at: At, scanner: Scanner, reconnector: Reconnector) -> None:
         self._at = at
         self._scanner = scanner
         self._reconnector = reconnector
@@ -263,13 +263,12 @@ class Questions(ABC):
         """Set something on the device; one that comes back shall be set to it again."""
         device = self._open_device()
         value = await self._scanner.ask(lambda: script(device))
-        if self._reconnector is not None:
-            self._reconnector.settings[name] = script
+        self._reconnector.settings[name] = script
         return value
 
     def _open_device(self) -> Device:
         self._check_open()
-        if self._reconnector is not None and self._scanner.control.is_away:
+        if self._at.dialogue.fatal is not None:  # then it is away
             raise self._reconnector.away_error()
         return self._at.dialogue.device
 

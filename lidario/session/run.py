@@ -54,7 +54,8 @@ def run(main: Coroutine[Any, Any, T], *, debug: bool | None = None) -> T:
     given: object = main
     if not isinstance(given, Coroutine):
         raise InvalidValue(f"write `lidario.run(main())`: it takes a coroutine, not {shown(given)}")
-    if _loop_runs():
+    with suppress(RuntimeError):  # none runs
+        asyncio.get_running_loop()
         main.close()
         raise LocalProtocolError("an event loop runs here already, as in a notebook: write `await main()`")
     try:
@@ -82,14 +83,6 @@ def run(main: Coroutine[Any, Any, T], *, debug: bool | None = None) -> T:
         # Its cleanup can go no further where something has ended the loop a second time: that is raised.
         with suppress(RuntimeError):
             main.close()
-
-
-def _loop_runs() -> bool:
-    try:
-        asyncio.get_running_loop()
-    except RuntimeError:
-        return False
-    return True
 
 
 class _Signals:

@@ -80,7 +80,7 @@ async def test_who_wants_what_runs_joins_at_once_unless_others_wait() -> None:
         return [each.mailbox for each in hub.joining]
 
     hub.add(reading, None, False)
-    assert (waiting(), hub.is_read) == ([reading], False)
+    assert (waiting(), hub.readers) == ([reading], {})
     hub.joining.clear()
     hub.let_in(reading)
     for mailbox, mode in ((joins, None), (chooses, "Standard"), (follows, None)):

@@ -56,7 +56,7 @@ class OnlyRead(PolledLine):
     """A descriptor that is read as a serial port is, and what it was lost by; nothing is written."""
 
     def __init__(self, port: Port, handle: int) -> None:
-        super().__init__(asyncio.get_running_loop(), port, handle, print)
+        super().__init__(asyncio.get_running_loop(), port, handle, len)
         self.lost: list[Exception] = []
         self.ended = asyncio.Event()
 

@@ -76,13 +76,14 @@ class Reconnect:
 
 
 class Reconnector:
-    """Brings one session back, as often as it is needed."""
+    """Brings one session back, as often as it is needed; never, where there is no policy."""
 
-    def __init__(self, policy: Reconnect, source: Source) -> None:
+    def __init__(self, policy: Reconnect | None, source: Source) -> None:
+        self.comes_back: bool = policy is not None
         self.count: int = 0  # how often the session has come back
         # What the user has set, in the order of setting: each makes the script that sets it again.
         self.settings: dict[str, Callable[[Device], Script[object]]] = {}
-        self._policy = policy
+        self._policy = policy or Reconnect()
         self._places = Places(source)
         self._simulation: Simulation | None = None
         self._loop = asyncio.get_running_loop()
@@ -100,6 +101,8 @@ class Reconnector:
 
     async def connect(self, source: Source, family: str | None, baudrate: int | None, *, guard: bool) -> Connection:
         """Connect for the first time, and note which device it is, as `lidario.session.finding.connect.connect`."""
+        if not self.comes_back:
+            return await connect(source, family, baudrate, guard=guard)
         if source.kind == "sim":
             from lidario.port.simulated import Simulation  # a fifth of the import time, for those who need it
 
@@ -202,11 +205,9 @@ class Reconnector:
     async def _try_until_found(self) -> tuple[Connection, Health]:
         if not self.proven:
             await self._wait()
-        while True:
-            found = await self._attempt()
-            if found is not None:
-                return found
+        while (found := await self._attempt()) is None:
             await self._wait()
+        return found
 
     async def _wait(self) -> None:
         wait, self._wait_s = self._wait_s, min(2 * self._wait_s, self._policy.longest_wait_s)

@@ -43,9 +43,9 @@ class Hub:
         self.dropped: int = 0  # scans that slow readers missed, summed over all of them
         # The numbers of sectors that revolutions have for the readers here.
         self.parts: frozenset[int] = frozenset()
-        self.on_parts: Callable[[], None] | None = None  # called when that has changed
-        # In the order in which they came: a run is repeated exactly.
-        self._mailboxes: dict[Mailbox[Any], None] = {}
+        self.on_parts: Callable[[], None] = lambda: None  # called when that has changed
+        # Those who were let in, in the order in which they came: a run is repeated exactly.
+        self.readers: dict[Mailbox[Any], None] = {}
         self._watchers: list[Callable[[Scan], None]] = []
         # Called each time a reader has taken a scan or has left. Where it is set, no scan is dropped.
         self.on_taken: Callable[[], None] | None = None
@@ -56,36 +56,31 @@ class Hub:
         self.ends: asyncio.Future[None] = self._loop.create_future()
 
     def __len__(self) -> int:
-        return len(self._mailboxes) + len(self.joining)
-
-    @property
-    def is_read(self) -> bool:
-        """Whether anybody has been let in."""
-        return bool(self._mailboxes)
+        return len(self.readers) + len(self.joining)
 
     @property
     def is_waiting(self) -> bool:
         """Whether every reader has taken all its scans."""
-        return all(mailbox.is_empty for mailbox in self._mailboxes)
+        return all(mailbox.is_empty for mailbox in self.readers)
 
     def add(self, mailbox: Mailbox[Any], mode: str | int | None, force: bool) -> None:
         """Let a reader in, or have it wait."""
         self.cancel_linger()
-        if mode is None and self._mailboxes and not self.joining:
+        if mode is None and self.readers and not self.joining:
             self.let_in(mailbox)
         else:
             self.joining.append(Joining(mailbox, mode, force))
 
     def let_in(self, mailbox: Mailbox[Any]) -> None:
         """Begin to hand scans to `mailbox`."""
-        self._mailboxes[mailbox] = None
+        self.readers[mailbox] = None
         mailbox.on_taken = self.on_taken
         self._see_parts()
 
     def discard(self, mailbox: Mailbox[Any]) -> None:
         """This one reads no more, nor does it wait."""
         mailbox.end()
-        self._mailboxes.pop(mailbox, None)
+        self.readers.pop(mailbox, None)
         self.joining = [each for each in self.joining if each.mailbox is not mailbox]
         self._see_parts()
         if self.on_taken is not None:
@@ -104,22 +99,22 @@ class Hub:
         self.latest = scan
         for watcher in self._watchers.copy():
             watcher(scan)
-        for mailbox in tuple(self._mailboxes):
+        for mailbox in tuple(self.readers):
             if not mailbox.parts:
                 self.dropped += mailbox.put(scan)
 
     def publish_sector(self, parts: int, sector: Sector) -> None:
         """Hand `sector` to everybody who reads so many of a revolution."""
-        for mailbox in tuple(self._mailboxes):
+        for mailbox in tuple(self.readers):
             if mailbox.parts == parts:
                 mailbox.put(sector)
 
     def end(self, error: LidarError | None = None) -> None:
         """End every reader, those who wait included; each gets an error of its own: tracebacks do not mix."""
         self.cancel_linger()
-        for mailbox in (*self._mailboxes, *(each.mailbox for each in self.joining)):
+        for mailbox in (*self.readers, *(each.mailbox for each in self.joining)):
             mailbox.end(None if error is None else twin_of(error))
-        self._mailboxes.clear()
+        self.readers.clear()
         self.joining = []
         self._see_parts()
         if self._loop.is_closed():
@@ -144,7 +139,7 @@ class Hub:
 
     def check_deserted(self) -> None:
         """Call `deserted` if nobody reads, and no timer is about to call it."""
-        if self._linger is None and not self._mailboxes and not self.joining:
+        if self._linger is None and not self.readers and not self.joining:
             self._deserted()
 
     def _linger_over(self) -> None:
@@ -152,8 +147,7 @@ class Hub:
         self.check_deserted()
 
     def _see_parts(self) -> None:
-        parts = frozenset(mailbox.parts for mailbox in self._mailboxes if mailbox.parts)
+        parts = frozenset(mailbox.parts for mailbox in self.readers if mailbox.parts)
         if parts != self.parts:
             self.parts = parts
-            if self.on_parts is not None:
-                self.on_parts()
+            self.on_parts()

@@ -135,21 +135,19 @@ class Scanner:
             self.control.keep_modes(await self.ask(self._at.dialogue.device.modes))
         return self.control.modes
 
-    def ask(self, script: Callable[[], Script[T]]) -> Awaitable[T]:
+    async def ask(self, script: Callable[[], Script[T]]) -> T:
         """Run a script of the family, with the stream interrupted if one runs, and started again after it.
 
         A script that asks the device nothing, or refuses, does so at once, and does not interrupt the stream.
         Cancelling gives up the response; the stream is started again all the same.
-
-        Returns:
-            What is to be awaited for its result.
         """
         held = script()
         try:
             first = next(held)
         except StopIteration as stop:
-            return _told(stop.value)
-        return self.between(lambda: play(held, self._at.dialogue.ask, first))
+            told: T = stop.value
+            return told
+        return await self.between(lambda: play(held, self._at.dialogue.ask, first))
 
     async def between(self, action: Callable[[], Awaitable[T]], *, vital: bool = False) -> T:
         """Await `action` while no stream runs; the stream is started again after it, whatever becomes of it.
@@ -237,7 +235,7 @@ class Scanner:
 
     def _resume(self) -> None:
         """The device is free again: have the stream started again, if it has readers."""
-        if self.hub.is_read:
+        if self.hub.readers:
             self.control.resume()
             self.starter.work_soon()
 
@@ -246,7 +244,3 @@ class Scanner:
         may_turn = self.rests and not self._at.dialogue.stopper.still
         if not self._asks and (self.control.is_scanning or may_turn):
             self.control.unwant()
-
-
-async def _told(result: T) -> T:
-    return result

@@ -114,7 +114,7 @@ class Starter:
             if wanted != control.wanted:
                 control.wanted = wanted
                 await control.interrupt()
-        if not hub.is_read and control.is_scanning:
+        if not hub.readers and control.is_scanning:
             control.unwant()
         else:
             control.resume()
@@ -131,7 +131,7 @@ class Starter:
             return running
         modes = (*control.modes, *self._at.dialogue.device.unlisted_modes())
         wanted = Wanted(choose_mode(modes, control.usual_mode if mode is None else mode), force)
-        if running is None or not self._hub.is_read:
+        if running is None or not self._hub.readers:
             return wanted
         if wanted.mode != running.mode:
             raise LocalProtocolError(

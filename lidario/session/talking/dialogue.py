@@ -165,7 +165,7 @@ class Dialogue(Intake, Waiting):
             now = self._loop.time()
             timeout = min(request.timeout, self._longest, max(self._until - now, RESPONSE_S))
             # As the pause in `write`: noted before it is written.
-            self._readiness.asked(now, timeout)
+            self._readiness.asked_at, self._readiness.due = now, now + timeout
             self.write((request,))
             if request.expects is None:
                 return b""

@@ -31,8 +31,9 @@ class Readiness:
         self._link = link
         self._loop = asyncio.get_running_loop()
         self.listens_at: float = 0.0  # when the pause is over that the last request demands, on the loop's clock
-        self._asked_at = 0.0
-        self._due = 0.0
+        # When the last question was written, and until when its response is waited for.
+        self.asked_at: float = 0.0
+        self.due: float = 0.0
         # Until when a response that was given up may still come, on the loop's clock; 0 for none.
         self.late_until: float = 0.0
         self.has_responded: bool = False  # whether the device has ever responded
@@ -45,21 +46,17 @@ class Readiness:
         """Until when the device may be busy with a response that has not come, on the loop's clock; 0 for none."""
         if self._link.state is not _AWAITING:
             return self.late_until
-        return max(self._due, self._latest)
+        return max(self.due, self._latest)
 
     @property
     def _latest(self) -> float:
         """Until when the response to the last question may come, from a device that is there; 0 from none."""
         is_there = self.has_responded or self._link.stats.bytes_received
-        return self._asked_at + LATEST_RESPONSE_S if is_there else 0.0
+        return self.asked_at + LATEST_RESPONSE_S if is_there else 0.0
 
     def pause(self, settle: float) -> None:
         """A request is about to be written that demands a pause of so many seconds."""
         self.listens_at = max(self.listens_at, self._loop.time() + settle + _MARGIN_S)
-
-    def asked(self, now: float, timeout: float) -> None:
-        """A question is about to be written, whose response is waited for for so many seconds."""
-        self._asked_at, self._due = now, now + timeout
 
     def give_up(self) -> None:
         """The response has not come in time."""
@@ -77,12 +74,12 @@ class Readiness:
             return self._loop.time() + _DECIDED_S
         if self._link.state is not _AWAITING:
             return self.listens_at
-        return max(self.listens_at, min(self._due, patient_until))
+        return max(self.listens_at, min(self.due, patient_until))
 
     def next_question_at(self) -> float:
         """When the next question may be written, 0 for now. Gives up a response that is overdue."""
         now = self._loop.time()
-        if self._link.state is _AWAITING and self._due - now <= CLOCK_S:
+        if self._link.state is _AWAITING and self.due - now <= CLOCK_S:
             self.give_up()
-        until = self._due if self._link.state is _AWAITING else self.listens_at
+        until = self.due if self._link.state is _AWAITING else self.listens_at
         return until if until - now > CLOCK_S else 0.0
