@@ -17,6 +17,7 @@ from typing import Final
 from lidario.conformance.bench import Bench
 from lidario.conformance.hidden import REACH, Numbers
 from lidario.errors import Unsupported
+from lidario.families.registry import family_named
 from lidario.recording.about import About
 from lidario.recording.chronicle import Responded, StreamEvent, text_of
 from lidario.recording.device import recalled
@@ -41,7 +42,7 @@ class Kept:
 
     def __init__(self, bench: Bench, path: Path, source: str, *, overwrite: bool) -> None:
         self._dialogue = bench.connection.dialogue
-        self._family = bench.connection.family
+        self._family = family_named(bench.connection.info.family)
         self._lidar = bench.lidar
         self._source = source
         self.numbers: Numbers = Numbers()

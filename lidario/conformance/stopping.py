@@ -129,7 +129,7 @@ async def reset_boots(bench: Bench) -> str:
     try:
         await bench.lidar.reset()
     except ResponseTimeout as error:
-        limit = bench.connection.family.timing.boot_s
+        limit = bench.connection.dialogue.timing.boot_s
         raise Broken(f"no response within {limit:g} s: {error}") from None
     took = bench.now() - began
     after = await bench.lidar.get_info()

@@ -59,8 +59,8 @@ async def connected(
                 # One that does not respond leaves the others their share of the time; a TimeoutError is an OSError.
                 with contextlib.suppress(OSError):
                     async with asyncio.timeout(CONNECT_TIMEOUT_S / (len(others) + 1)):
-                        return await _connect(address, number, kind, options)
-            return await _connect(last, number, kind, options)
+                        return await connect_socket(address, number, kind, options)
+            return await connect_socket(last, number, kind, options)
     except TimeoutError as error:
         raise ConnectFailed(f"{name}: {late}", reason="refused") from error
     except (OSError, ValueError) as error:
@@ -74,9 +74,10 @@ def _addresses(host: str) -> list[str]:
     return [socket.getnameinfo(address, socket.NI_NUMERICHOST)[0] for *_, address in found]
 
 
-async def _connect(
+async def connect_socket(
     address: str, number: int, kind: socket.SocketKind, options: Sequence[tuple[int, int, int]]
 ) -> socket.socket:
+    """Connect to an address in figures; the socket is closed where that fails, or is cancelled."""
     made = socket.socket(socket.AF_INET6 if ":" in address else socket.AF_INET, kind)
     try:
         made.setblocking(False)

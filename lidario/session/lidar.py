@@ -5,9 +5,6 @@ it interrupts them, asks, and has them started again: the readers see a longer s
 `Stats.interruptions` counts it. A question that needs no request, or is refused, interrupts nothing.
 
 With `reconnect`, the line to the device may change in the life of a session: `_adopt` takes a new one over.
-
-However a session ends, the stop requests are written: before anything is awaited, or, where the device does not
-listen at that moment, by a timer some milliseconds later.
 """
 
 from __future__ import annotations

@@ -25,8 +25,6 @@ from lidario.wire.formats import StreamFormat
 from lidario.wire.states import LinkState
 from lidario.wire.stats import LinkStats
 
-__all__ = ["Link", "LinkStats"]
-
 _SLICE = 64 * 1024
 """Bytes parsed at a time, unless told otherwise: as many as come while a program blocks its loop for a second."""
 _AWAIT_RESPONSE, _STREAMING = LinkState.AWAIT_RESPONSE, LinkState.STREAMING

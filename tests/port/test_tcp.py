@@ -266,7 +266,7 @@ async def test_an_address_that_is_silent_leaves_time_for_the_next_one(monkeypatc
         return one
 
     monkeypatch.setattr("lidario.port.sockets.CONNECT_TIMEOUT_S", 0.2)
-    monkeypatch.setattr("lidario.port.sockets._connect", connect)
+    monkeypatch.setattr("lidario.port.sockets.connect_socket", connect)
     one, other = socket.socketpair()
     with other:
         port = await open_tcp("tcp://x", "x.example", 1)

@@ -12,8 +12,9 @@ from lidario.scan import Scan
 from lidario.wire.blocks import Block, join_blocks, packet_offsets
 from lidario.wire.events import Descriptor, Event, Packets
 from lidario.wire.formats import StreamFormat, Stretch
-from lidario.wire.link import Link, LinkStats
+from lidario.wire.link import Link
 from lidario.wire.states import LinkState
+from lidario.wire.stats import LinkStats
 from tests.support.cases import Case, Sample
 
 Chunks = int | Sequence[int] | None

@@ -81,7 +81,7 @@ class Woken:
 
 def begun(port: Port, attempt: Attempt) -> Connection:
     """The connection to what is asked; nothing was written."""
-    return Connection(attempt.family, Dialogue(port, made(port, attempt), attempt.family.timing))
+    return Connection(Dialogue(port, made(port, attempt), attempt.family.timing))
 
 
 def made(port: Port, attempt: Attempt) -> Device:

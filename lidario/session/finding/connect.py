@@ -85,7 +85,7 @@ async def connect(
         connection = await search.find(patient=patient, by_dtr=source.model is None)
         if connection is not None:
             if adapter is not None:
-                LAST_AT[adapter] = connection.family.name, port.baudrate
+                LAST_AT[adapter] = connection.info.family, port.baudrate
             if not connection.dialogue.device.can_be_stopped:
                 port.unguard()
             return connection

@@ -34,8 +34,7 @@ class Connection:
 
     info: DeviceInfo  # what it says it is; there once it has responded
 
-    def __init__(self, family: Family, dialogue: Dialogue) -> None:
-        self.family: Family = family  # whose dialect the device speaks
+    def __init__(self, dialogue: Dialogue) -> None:
         self.dialogue: Dialogue = dialogue  # the conversation with it
         self._finalizer = weakref.finalize(self, dialogue.abandon)
 
@@ -86,6 +85,6 @@ async def _fed(port: FedPort, family: Family, device: RecordedDevice) -> Connect
     port.offset_of = device.offset_of
     # Nothing is under way on this line, so nothing has to be waited for.
     timing = replace(family.timing, quiet_s=_NO_TIME_S, boot_poll_s=_NO_TIME_S)
-    connection = Connection(family, Dialogue(port, device, timing))
+    connection = Connection(Dialogue(port, device, timing))
     connection.info = await connection.dialogue.run(device.identify())
     return connection

@@ -242,7 +242,7 @@ class Reconnector:
     async def _reach(self, place: Source, speed: int) -> tuple[Connection, Health]:
         """Connect to the device at `place`, and make it as it was; `speed` is 0 where the line has none."""
         known = self._known
-        connection = await self._connect(place, known.family.name, speed, patient=False, on_dialogue=self._began)
+        connection = await self._connect(place, known.info.family, speed, patient=False, on_dialogue=self._began)
         dialogue = connection.dialogue
         try:
             if connection.info.serial != known.info.serial or self._nameless(place):

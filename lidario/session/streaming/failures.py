@@ -130,8 +130,8 @@ class Failures:
             await self._cure(health, "before a stream was started")
         self._doubtful = False
 
-    def suspect(self, failure: Failure) -> bool:
-        """The stream brings no scans; whether the device is to be asked.
+    def suspect(self, failure: Failure) -> None:
+        """The stream brings no scans: the device is to be asked, by `judge`.
 
         Where noise arrives, no response would be understood: the stream ends.
         """
@@ -140,10 +140,9 @@ class Failures:
             if counted := self._at.dialogue.errors.meaning():
                 why = f"; only noise arrives, with {counted}"
             self._fail(StreamFailed(failure.what + why))
-            return False
-        self._control.failure = failure
-        self._doubtful = True
-        return True
+        else:
+            self._control.failure = failure
+            self._doubtful = True
 
     def could_not_start(self, error: LidarError) -> None:
         """Tell everybody who waits for the stream, unless the session comes back."""

@@ -230,8 +230,8 @@ class Scanner:
 
     def _suspect(self, failure: Failure) -> None:
         """The stream brings no scans."""
-        if self.failures.suspect(failure):
-            self.starter.work_soon()
+        self.failures.suspect(failure)
+        self.starter.work_soon()
 
     def _resume(self) -> None:
         """The device is free again: have the stream started again, if it has readers."""

@@ -11,7 +11,6 @@ later and elsewhere, and STOP would be late.
 from __future__ import annotations
 
 import asyncio
-import math
 import weakref
 from collections import deque
 from collections.abc import Callable, Collection, Mapping
@@ -19,11 +18,10 @@ from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar, cast
 
-from lidario.arguments import finite, shown, whole, yes_or_no
+from lidario.arguments import shown, whole, yes_or_no
 from lidario.entered import AsyncOnly
 from lidario.errors import Busy, InvalidValue, LidarError, LocalProtocolError
 from lidario.measured import changed
-from lidario.revolution.sectors import MOST_PARTS
 from lidario.scan import Scan
 from lidario.sector import Sector
 from lidario.session.talking.trouble import twin_of
@@ -35,8 +33,6 @@ T = TypeVar("T")
 
 _HOLD_S = 60.0
 """For how long a timer holds a reader that waits. Then another timer does, if it still waits."""
-DEFAULT_DEGREES = 45.0
-"""Size of a sector, where a program names none."""
 
 
 class Hold:
@@ -301,25 +297,6 @@ class SectorStream(ReaderStream[Sector]):
     """
 
     _instead = "sectors come asynchronously: write `async for sector in lidar.sectors():`"
-
-
-def parts_of(degrees: float) -> int:
-    """How many sectors of that size a revolution has.
-
-    Raises:
-        InvalidValue: 360 degrees are no whole number of them, or they are smaller than 5 degrees.
-    """
-    try:
-        parts = 360.0 / finite(degrees, "the size of a sector")
-        count = round(parts)
-    except (ValueError, ZeroDivisionError, OverflowError):
-        count, parts = 0, math.nan
-    if not 1 <= count <= MOST_PARTS or not math.isclose(parts, count, rel_tol=1e-6):
-        raise InvalidValue(
-            f"a sector has at least {360 // MOST_PARTS} degrees, and 360 is a multiple of it; "
-            f"not so {shown(degrees)}"
-        )
-    return count
 
 
 def begin(stream: ReaderStream[Any]) -> None:

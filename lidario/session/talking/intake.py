@@ -21,8 +21,9 @@ from lidario.port.turns import DELIVERY_BYTES, MOST_WAITING, Turns
 from lidario.recording.chronicle import Chronicle
 from lidario.revolution.together import SLICE, joined, slices
 from lidario.wire.events import Packets, Response
-from lidario.wire.link import Link, LinkStats
+from lidario.wire.link import Link
 from lidario.wire.states import LinkState
+from lidario.wire.stats import LinkStats
 
 IDLE_SLICE: Final = 8192
 """Bytes that are parsed in one step while nothing waits: a revolution of most devices."""
