@@ -45,16 +45,20 @@ class Hold:
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self.waiter: asyncio.Future[None] | None = None  # what the reader waits for
+        self.is_over: bool = False  # whether no timer holds it any more
         self._loop = loop
         self._timer = loop.call_later(_HOLD_S, self._stay)
 
     def _stay(self) -> None:
         if self.waiter is not None:
             self._timer = self._loop.call_later(_HOLD_S, self._stay)
+        else:
+            self.is_over = True
 
     def end(self) -> None:
-        """No reader will wait any more."""
+        """The reader is woken, and may not wait any more."""
         self._timer.cancel()
+        self.is_over = True
 
 
 class Mailbox(Generic[T]):
@@ -87,7 +91,8 @@ class Mailbox(Generic[T]):
     @property
     def hold(self) -> Hold | None:
         """By what its reader is kept alive; None where it has not waited for a while."""
-        return None if self._hold is None else self._hold()
+        hold = None if self._hold is None else self._hold()
+        return None if hold is None or hold.is_over else hold
 
     @hold.setter
     def hold(self, hold: Hold) -> None:
