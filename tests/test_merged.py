@@ -226,32 +226,6 @@ async def test_a_reader_that_leaves_stops_the_motors() -> None:
         assert two.is_still
 
 
-@pytest.mark.long
-def test_a_reader_whose_task_nobody_holds_goes_on() -> None:
-    """Also where one of its streams has ended."""
-    missing = list[tuple[int, ...]]()
-
-    async def read(clouds: lidario.MergedStream) -> None:
-        async for cloud in clouds:
-            missing.append(cloud.missing)
-
-    async def main() -> None:
-        async with (
-            lidario.open_lidar(SimulatedLidar()) as front,
-            lidario.open_lidar(SimulatedLidar()) as rear,
-            lidario.merged(front, rear, mounts=[Mount(), Mount()]) as clouds,
-        ):
-            asyncio.ensure_future(read(clouds))  # noqa: RUF006 - that is the question
-            for awaited in ((), (0,)):
-                async with asyncio.timeout(30):
-                    while not missing or missing[-1] != awaited:
-                        await asyncio.sleep(0.02)
-                        gc.collect()
-                await front.stop()
-
-    asyncio.run(main())
-
-
 async def test_a_reader_ends_when_another_task_closes_its_stream() -> None:
     async with lidario.open_lidar(SimulatedLidar()) as lidar:
         clouds = lidario.merged(lidar, mounts=[Mount()])

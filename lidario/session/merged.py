@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import weakref
 from collections.abc import Sequence
-from contextlib import AsyncExitStack
+from contextlib import AsyncExitStack, suppress
 from typing import Self
 
 from lidario.arguments import shown
@@ -14,7 +15,7 @@ from lidario.merging import OLDEST_S, Merged, MergedScans
 from lidario.points import Motion, Mount
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
-from lidario.session.streaming.stream import ScanStream, begin, check_loop, until_there
+from lidario.session.streaming.stream import ScanStream, check_loop, until_there
 
 
 class MergedStream(AsyncOnly):
@@ -32,9 +33,9 @@ class MergedStream(AsyncOnly):
         self._lidars = tuple(lidars)
         self._scans = scans
         self._mode = mode
-        # Those that have not ended, by the number of their lidar.
-        self._streams: dict[int, ScanStream] = {}
+        self._streams: list[ScanStream] = []
         self._entered = AsyncExitStack()
+        self._reading: dict[int, asyncio.Task[None]] = {}
         self._loop: asyncio.AbstractEventLoop | None = None
         self._is_read = False
         self._is_over = False
@@ -56,17 +57,28 @@ class MergedStream(AsyncOnly):
             raise Busy("two tasks read one stream: give each its own, as lidario.merged() does")
         self._is_read = True
         try:
+            if self._is_over:
+                raise StopAsyncIteration
             await self._begin()
-            while self._streams and not self._is_over:
-                scans = await self._next()
+            while True:
+                await asyncio.wait(self._reading.values(), return_when=asyncio.FIRST_COMPLETED)
+                if self._is_over:
+                    # Another task has closed it.
+                    raise StopAsyncIteration
+                for number, each in self._reading.items():
+                    if each.cancelled():
+                        # The program has cancelled all tasks, and goes on. No scan was taken.
+                        self._reading[number] = self._next(number)
+                scans = await self._ready()
                 found = None
                 for number, scan in scans.items():
                     found = self._scans.take(number, scan, more=number != next(reversed(scans)))
                 if found is not None:
                     return found
-            raise StopAsyncIteration
+                if not self._reading:
+                    raise StopAsyncIteration
         except asyncio.CancelledError:
-            # No scan was taken, and nothing is lost.
+            # What is being read goes on, and nothing is lost.
             raise
         except BaseException:
             await self.close()
@@ -74,14 +86,15 @@ class MergedStream(AsyncOnly):
         finally:
             self._is_read = False
 
-    async def _next(self) -> dict[int, Scan]:
-        """Wait until scans are there, and take them. A lidar whose stream has ended is read no more."""
+    async def _ready(self) -> dict[int, Scan]:
+        """The scans that are there. A lidar whose stream has ended is read no more."""
         scans: dict[int, Scan] = {}
-        for number in await until_there(self._streams):
+        for number in [number for number, each in self._reading.items() if each.done()]:
             try:
                 scans[number] = await anext(self._streams[number])  # it is there: nothing comes between
+                self._reading[number] = self._next(number)
             except StopAsyncIteration:
-                del self._streams[number]
+                del self._reading[number]
         return scans
 
     async def close(self) -> None:
@@ -93,19 +106,43 @@ class MergedStream(AsyncOnly):
             LocalProtocolError: It was called in another event loop, such as one of another thread. The streams go
                 on.
         """
-        if self._loop is not None and not self._loop.is_closed():
+        if self._loop is not None and self._loop.is_closed():
+            # The tasks that read have gone with it.
+            self._reading.clear()
+        elif self._loop is not None:
             check_loop(self._loop)
         self._is_over = True
-        await self._entered.aclose()
+        reading = tuple(self._reading.values())
+        self._reading.clear()
+        for each in reading:
+            each.cancel()
+        try:
+            # Not one by one: a cancellation of theirs would look like one of the task that waits here.
+            if reading:
+                await asyncio.wait(reading)
+        finally:
+            self._streams = []
+            await self._entered.aclose()
 
     async def _begin(self) -> None:
-        if self._loop is not None or self._is_over:
+        if self._reading or self._is_over:
             return
-        for number, lidar in enumerate(self._lidars):
-            self._streams[number] = await self._entered.enter_async_context(lidar.scans(self._mode))
-        for stream in self._streams.values():
-            begin(stream)
+        for lidar in self._lidars:
+            self._streams.append(await self._entered.enter_async_context(lidar.scans(self._mode)))
+        self._reading.update((number, self._next(number)) for number in range(len(self._streams)))
+        # Where a reader leaves by `break`, nobody closes it; the tasks would read on, and the motors turn.
         self._loop = asyncio.get_running_loop()
+        weakref.finalize(self, _abandon, self._loop, self._reading)
+
+    def _next(self, number: int) -> asyncio.Task[None]:
+        # It takes no scan: while the program is busy, the latest one wins. An error is raised where one is taken.
+        return asyncio.create_task(until_there(self._streams[number]), name=f"lidario: read lidar {number}")
+
+
+def _abandon(loop: asyncio.AbstractEventLoop, reading: dict[int, asyncio.Task[None]]) -> None:
+    for each in reading.values():
+        with suppress(RuntimeError):  # the loop is closed, and so are the sessions
+            loop.call_soon_threadsafe(each.cancel)
 
 
 def merged(

@@ -13,7 +13,7 @@ from __future__ import annotations
 import asyncio
 import weakref
 from collections import deque
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Coroutine
 from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar, cast
@@ -35,7 +35,7 @@ _HOLD_S = 60.0
 """For how long a timer holds a reader that waits. Then another timer does, if it still waits."""
 
 
-class Hold:
+class _Hold:
     """Keeps a reader alive that waits, where the program itself holds no reference to its task.
 
     Only a timer of the event loop holds this object. A finalizer reaches the mailbox, and must not reach the frames
@@ -45,20 +45,16 @@ class Hold:
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self.waiter: asyncio.Future[None] | None = None  # what the reader waits for
-        self.is_over: bool = False  # whether no timer holds it any more
         self._loop = loop
         self._timer = loop.call_later(_HOLD_S, self._stay)
 
     def _stay(self) -> None:
         if self.waiter is not None:
             self._timer = self._loop.call_later(_HOLD_S, self._stay)
-        else:
-            self.is_over = True
 
     def end(self) -> None:
-        """The reader is woken, and may not wait any more."""
+        """No reader will wait any more."""
         self._timer.cancel()
-        self.is_over = True
 
 
 class Mailbox(Generic[T]):
@@ -76,7 +72,7 @@ class Mailbox(Generic[T]):
         self.total_dropped: int = 0  # scans dropped altogether
         self._depth = depth
         self._scans: deque[T] = deque()
-        self._hold: weakref.ref[Hold] | None = None
+        self._hold: weakref.ref[_Hold] | None = None
         self.ended: bool = False  # whether no more scans will come
         self._error: LidarError | None = None
         # Called when the reader has taken a scan. Where it is set, no scan is dropped: who has set it puts more
@@ -87,16 +83,6 @@ class Mailbox(Generic[T]):
     def is_empty(self) -> bool:
         """Whether the reader has taken every scan."""
         return not self._scans
-
-    @property
-    def hold(self) -> Hold | None:
-        """By what its reader is kept alive; None where it has not waited for a while."""
-        hold = None if self._hold is None else self._hold()
-        return None if hold is None or hold.is_over else hold
-
-    @hold.setter
-    def hold(self, hold: Hold) -> None:
-        self._hold = weakref.ref(hold)
 
     def put(self, scan: T) -> int:
         """Add a scan; returns how many were dropped for it (0 or 1)."""
@@ -118,7 +104,7 @@ class Mailbox(Generic[T]):
             self.ended = True
             self._error = error
             self._wake()
-            if (hold := self.hold) is not None:
+            if self._hold is not None and (hold := self._hold()) is not None:
                 hold.end()
 
     async def get(self) -> T:
@@ -129,7 +115,7 @@ class Mailbox(Generic[T]):
             LidarError: The stream ended with this error.
             Busy: Another task is waiting already.
         """
-        await until_any((self,))
+        await self.wait()
         if not self._scans:
             if self._error is not None:
                 raise twin_of(self._error)
@@ -139,33 +125,31 @@ class Mailbox(Generic[T]):
             self.on_taken()
         return scan
 
-    def _wake(self) -> None:
-        waiter = None if (hold := self.hold) is None else hold.waiter
-        if waiter is not None and not waiter.done() and not waiter.get_loop().is_closed():
-            waiter.set_result(None)
+    async def wait(self) -> None:
+        """Return when a scan is held, or no more will come.
 
-
-async def until_any(mailboxes: Collection[Mailbox[Any]]) -> None:
-    """Return when one of these, which have one reader, holds a scan, or no more will come to it.
-
-    Raises:
-        Busy: Another task is waiting already.
-    """
-    hold: Hold | None = None
-    for each in mailboxes:
-        hold = each.hold or hold
+        Raises:
+            Busy: Another task is waiting already.
+        """
+        hold = None if self._hold is None else self._hold()
         if hold is not None and hold.waiter is not None:
             raise Busy("two tasks read one stream: give each its own, as each call of lidar.scans() does")
-    while all(each.is_empty and not each.ended for each in mailboxes):
-        loop = asyncio.get_running_loop()
-        hold = hold or Hold(loop)
-        for each in mailboxes:
-            each.hold = hold
-        hold.waiter = loop.create_future()
-        try:
-            await hold.waiter
-        finally:
-            hold.waiter = None
+        while not self._scans and not self.ended:
+            loop = asyncio.get_running_loop()
+            if hold is None:
+                hold = _Hold(loop)
+                self._hold = weakref.ref(hold)
+            hold.waiter = loop.create_future()
+            try:
+                await hold.waiter
+            finally:
+                hold.waiter = None
+
+    def _wake(self) -> None:
+        hold = None if self._hold is None else self._hold()
+        waiter = None if hold is None else hold.waiter
+        if waiter is not None and not waiter.done() and not waiter.get_loop().is_closed():
+            waiter.set_result(None)
 
 
 def check_loop(loop: asyncio.AbstractEventLoop | None, what: str = "the stream was begun") -> None:
@@ -304,19 +288,10 @@ class SectorStream(ReaderStream[Sector]):
     _instead = "sectors come asynchronously: write `async for sector in lidar.sectors():`"
 
 
-def begin(stream: ReaderStream[Any]) -> None:
-    """Have scans come to `stream`, unless they do already."""
+def until_there(stream: ReaderStream[Any]) -> Coroutine[Any, Any, None]:
+    """Begin `stream`, and wait until its next scan is there, or its end; until that is taken a newer one wins."""
     stream._begin()  # noqa: SLF001 - of this module
-
-
-async def until_there(streams: Mapping[T, ReaderStream[Any]]) -> list[T]:
-    """Wait until the next scan of one of these, which have one reader, is there, or its end; return of which.
-
-    Until that is taken, a newer one wins.
-    """
-    mailboxes = {key: stream._mailbox for key, stream in streams.items()}  # noqa: SLF001 - of this module
-    await until_any(mailboxes.values())
-    return [key for key, each in mailboxes.items() if each.ended or not each.is_empty]
+    return stream._mailbox.wait()  # noqa: SLF001 - of this module
 
 
 def next_end(stream: ReaderStream[Any]) -> asyncio.Future[None]:
