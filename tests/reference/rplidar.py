@@ -174,7 +174,7 @@ def _decode_84(number: int, packet: bytes, following: bytes) -> list[Sample]:
             index = 3 * cabin + third
             distance_mm = max(signed_mm, 0)
             raw_deg = _beam_deg(ULTRA_CAPSULE, packet, following, index)
-            angle_deg = wrap(raw_deg - _correction_84_deg(4 * distance_mm))
+            angle_deg = wrap(raw_deg - correction_deg(4 * distance_mm))
             samples.append(Sample(number, index, raw_deg, angle_deg, float(distance_mm), None))
     return samples
 
@@ -192,8 +192,8 @@ def _variable_bit_scale(coded: int) -> tuple[int, int]:
     return coded, 0
 
 
-def _correction_84_deg(distance_q2: int) -> float:
-    """How far behind the beam angle the target is; in the vendor's integer steps."""
+def correction_deg(distance_q2: int) -> float:
+    """How far behind the beam angle the target is of a model that triangulates; in the vendor's integer steps."""
     if distance_q2 < 200:
         radians_q16 = trunc(7.5 * 3.1415926535 * 65536 / 180)
     else:

@@ -3,20 +3,28 @@
 A chain is tested by hand where one is expected. On a line of noise or heavy damage none is, and to try each byte
 costs many times what a clean line does, up to 70 % of a core. So a few places that look like nodes are tried by
 hand, and behind them all places of a window at once, as arrays.
+
+Models that triangulate tell of a return the angle at which it lies, up to 8 degrees behind the beam, and of a
+sample without one that of the beam (transcripts of an A1M8). So angles leap ahead where returns end, and fall back
+where they begin. How far a return lies behind the beam follows from its distance, as in 0x84; so the beams follow
+each other in small steps where the angles do not. Which of the two a device tells is not known.
 """
 
 from __future__ import annotations
 
 import re
-from typing import Any, Final
+from functools import cache
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lidario.families.rplidar.cabins import near_range_corrections
+
 SIZE: Final = 5
 FULL_TURN_Q6: Final = 360 << 6
 BACKWARD_Q6: Final = 3 << 6
-"""How far one node may fall back behind the other: triangulating models correct angles by about that much."""
+"""How far one node may fall back behind the other: what is near scatters by so much."""
 FORWARD_Q6: Final = 8 << 6
 """How far one node may run ahead of the other while in step: a few lost nodes at the slowest rate."""
 NEAR_Q6: Final = 30 << 6
@@ -41,9 +49,30 @@ _CHECKED_CHAIN: Final = re.compile(
 """Nodes in a row whose check bits hold and whose angles are below 360 degrees: searched for faster than by hand."""
 
 
+class Heading(NamedTuple):
+    """What a node tells of the rotor, in 1/64 degrees."""
+
+    angle: int
+    beam: int  # where the beam was, if the angle is that of a return beside it
+
+
 def angle_at(data: bytes | bytearray, at: int) -> int:
     """The angle of the node at `at`, in 1/64 degrees."""
     return data[at + 1] >> 1 | data[at + 2] << 7
+
+
+def heading_at(data: bytes | bytearray, at: int) -> Heading:
+    """The heading of the node at `at`."""
+    angle = angle_at(data, at)
+    return Heading(angle, (angle + int(behind_beam()[data[at + 3] | data[at + 4] << 8])) % FULL_TURN_Q6)
+
+
+@cache
+def behind_beam() -> NDArray[np.int32]:
+    """How far behind the beam a return lies, in 1/64 degrees, by its distance in 1/4 mm; 0 where there is none."""
+    behind = np.repeat(near_range_corrections(64.0)[: 1 << 14], 4).astype(np.int32)
+    behind[0] = 0
+    return behind
 
 
 def apart(one: int, other: int) -> int:
@@ -67,6 +96,12 @@ def step_between(earlier: int, later: int) -> int:
     return 0 if step >= FULL_TURN_Q6 - BACKWARD_Q6 else step
 
 
+def ahead_of(last: Heading, data: bytearray, at: int) -> int:
+    """Degrees/64 by which the node at `at` is ahead of the last one: by the angles, or less by the beams."""
+    here = heading_at(data, at)
+    return min(step_between(last.angle, here.angle), step_between(last.beam, here.beam))
+
+
 def chain_steps(data: bytearray, at: int, length: int, mark: int | None) -> list[int] | None:
     """The steps between `length` nodes from `at`, or None if one of them cannot follow the other."""
     steps: list[int] = []
@@ -84,12 +119,19 @@ def chain_steps(data: bytearray, at: int, length: int, mark: int | None) -> list
             if not fits(angle, mark) or (mark is None and marks > 1):
                 return None
         if last >= 0:
-            step = (angle - last + BACKWARD_Q6) % FULL_TURN_Q6 - BACKWARD_Q6
+            step = _signed(last, angle)
+            if step > FORWARD_Q6:
+                step = _signed(heading_at(data, place - SIZE).beam, heading_at(data, place).beam)
             if step > FORWARD_Q6:
                 return None
             steps.append(step)
         last = angle
     return steps
+
+
+def _signed(earlier: int, later: int) -> int:
+    """Degrees/64 from one angle to the next, below 0 where it falls back a little."""
+    return (later - earlier + BACKWARD_Q6) % FULL_TURN_Q6 - BACKWARD_Q6
 
 
 _BY_HAND: Final = 3
@@ -100,11 +142,11 @@ _REACH: Final = CHAIN_ALONE * SIZE
 """Bytes of the longest chain."""
 
 
-def next_chain(data: bytearray, at: int, last: int | None, mark: int | None) -> int | None:
+def next_chain(data: bytearray, at: int, last: Heading | None, mark: int | None) -> int | None:
     """The first place from `at` on where nodes may go on, or None: what is near `last`, or a longest chain.
 
-    A few more places are found than those where they do. `last` is the last angle that was believed, if any, and
-    `mark` where marks stand, once that is known.
+    A few more places are found than those where they do. `last` is that of the last node that was believed, if any,
+    and `mark` where marks stand, once that is known.
     """
     place = at
     for _ in range(_BY_HAND):
@@ -112,7 +154,7 @@ def next_chain(data: bytearray, at: int, last: int | None, mark: int | None) -> 
         if found is None:
             return None
         place = found.start()
-        near = last is not None and step_between(last, angle_at(data, place)) <= NEAR_Q6
+        near = last is not None and ahead_of(last, data, place) <= NEAR_Q6
         length = CHAIN_IN_PHASE if near else CHAIN_ALONE
         if len(data) - place < length * SIZE or chain_steps(data, place, length, mark) is not None:
             return place
@@ -126,7 +168,7 @@ def next_chain(data: bytearray, at: int, last: int | None, mark: int | None) -> 
     return None
 
 
-def _likely(raw: NDArray[np.uint8], last: int | None, mark: int | None) -> NDArray[np.bool_]:
+def _likely(raw: NDArray[np.uint8], last: Heading | None, mark: int | None) -> NDArray[np.bool_]:
     """At which places of the bytes a chain may begin, as `next_chain` says."""
     if len(raw) < _REACH:
         return np.zeros(0, np.bool_)
@@ -138,7 +180,11 @@ def _likely(raw: NDArray[np.uint8], last: int | None, mark: int | None) -> NDArr
     marked = (first & 1).view(np.bool_)
     if mark is not None:
         whole &= ~marked | _within(angle, -SEAM_Q6, SEAM_Q6) | _within(angle - mark, -SEAM_Q6, SEAM_Q6)
+    beam = np.zeros_like(angle)
+    beam[:-2] = raw[4:].astype(np.int32) << 8 | raw[3:-1]
+    beam = (behind_beam().take(beam) + angle) % FULL_TURN_Q6
     follows = _within(angle[SIZE:] - angle[:-SIZE], -BACKWARD_Q6, FORWARD_Q6)
+    follows |= _within(beam[SIZE:] - beam[:-SIZE], -BACKWARD_Q6, FORWARD_Q6)
     follows &= whole[SIZE:]
     follows &= whole[:-SIZE]
     if mark is None:
@@ -154,7 +200,8 @@ def _likely(raw: NDArray[np.uint8], last: int | None, mark: int | None) -> NDArr
     if last is None:
         return alone
     likely: NDArray[np.bool_] = two[:-SIZE] & follows[2 * SIZE :]
-    likely &= _within(angle[: len(likely)] - last, -BACKWARD_Q6, NEAR_Q6)
+    near = _within(angle[: len(likely)] - last.angle, -BACKWARD_Q6, NEAR_Q6)
+    likely &= near | _within(beam[: len(likely)] - last.beam, -BACKWARD_Q6, NEAR_Q6)
     likely[:count] |= alone
     return likely
 

@@ -41,7 +41,7 @@ from lidario.families.rplidar.formats import (
     UltraDenseFormat,
     UltraFormat,
 )
-from lidario.families.rplidar.node_steps import NodeSteps
+from lidario.families.rplidar.node_steps import Nodes, NodeSteps
 from lidario.families.rplidar.nodes import NODE
 from lidario.families.spans import Arcs, Heads, Ints
 from lidario.families.told import ToldWheel
@@ -188,10 +188,10 @@ class NodeDecoder(ArcDecoder):
     def _heads(self, packets: Packets, following: bytes | None) -> Heads:
         rows: NDArray[np.void] = np.frombuffer(packets.data, NODE)
         after = None if following is None else following[1] >> 1 | following[2] << 7
-        return Heads((rows["angle"] >> 1).astype(np.int32), after, 1, None, rows)
+        return Heads((rows["angle"] >> 1).astype(np.int32), after, 1, None, Nodes(rows, following))
 
     def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:  # noqa: ARG002 - nodes are not moved
-        rows, distance = heads.read, output.distance[:, 0]
+        rows, distance = heads.read.rows, output.distance[:, 0]
         np.divide(heads.first, 64.0, out=output.angle[:, 0], dtype=np.float32, casting="same_kind")
         distance[...] = rows["distance"]
         distance *= 0.25

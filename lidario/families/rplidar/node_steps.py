@@ -11,18 +11,22 @@ for the mean of a few dozen steps:
 3. **The clock has the last word** where steps agree: they are one each, or a whole number of them.
 
 A node has two check bits, so that a few bytes may pass for one whose angle is somewhere else.
+
+Where the angles leap, it may be that they are those of returns beside the beam (`chains`): then the beams count, if
+they are evener.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from statistics import median_high
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.pace import OFF, PacedTurning
+from lidario.families.rplidar.chains import behind_beam, heading_at
 from lidario.families.spans import Arcs, Heads, Ints, by_revolution, spans_between
 from lidario.wire.events import Arrival
 
@@ -49,6 +53,19 @@ _CORRECTED_TURNS: Final = 1 / 45
 """How far angles are corrected at most: 8 degrees in the vendor's SDK 2.1.0, which does it for other formats."""
 
 
+class Nodes(NamedTuple):
+    """Nodes as they were read."""
+
+    rows: NDArray[Any]  # of the layout `lidario.families.rplidar.nodes.NODE`
+    following: bytes | None  # the one behind them; None where it is not known
+
+    def beams(self, heads: Heads, full_turn: int) -> Heads:
+        """Where the beams were, if the angles in `heads` are those of returns beside them."""
+        first = (heads.first + behind_beam().take(self.rows["distance"])) % full_turn
+        following = None if self.following is None else heading_at(self.following, 0).beam
+        return heads._replace(first=first, following=following)
+
+
 class NodeSteps(PacedTurning):
     """Follows the nodes of one stream."""
 
@@ -59,6 +76,10 @@ class NodeSteps(PacedTurning):
     def follow(self, heads: Heads, arrivals: Sequence[Arrival] = ()) -> Arcs:
         followed = heads.following is not None
         spans, shortest, longest, total = spans_between(heads, self._full_turn, self._retreat)
+        if isinstance(heads.read, Nodes) and not self._is_ordinary(self._typical, shortest, longest):
+            beams = spans_between(heads.read.beams(heads, self._full_turn), self._full_turn, self._retreat)
+            if _unevenness(beams[0]) < _unevenness(spans):
+                spans, shortest, longest, total = beams
         if self._certain and followed and self._is_ordinary(self._typical, shortest, longest):
             # The mean is as good as the median where nothing is far from either, and much cheaper.
             self._typical, self._strange = total / len(spans), 0
@@ -181,6 +202,10 @@ class NodeSteps(PacedTurning):
         ordinary = spans[np.abs(spans - short) <= abs(short) / 2]
         self._typical, _ = _middle(ordinary)
         self._certain = len(ordinary) >= CERTAIN_STEPS and self._typical > 0
+
+
+def _unevenness(spans: Ints) -> float:
+    return float(np.abs(spans - np.median(spans)).sum())
 
 
 def _parts(spans: Steps, size: int) -> list[Steps]:

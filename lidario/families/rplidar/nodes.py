@@ -5,7 +5,8 @@ inverse; bit 0 of the second byte is always 1; then 15 bits of angle in 1/64 deg
 1/4 mm. Two fixed bits let one wrong phase in four pass, and since walls are smooth, wrong phases pass many
 times in a row. So a node is believed only in its context:
 
-* in step, its angle must continue the one before by a small step, and a new-scan mark must stand where marks do;
+* in step, it must continue the one before by a small step of the angle or of the beam (`chains`), and a new-scan
+  mark must stand where marks do;
 * out of step, a chain of nodes must pass that test together. Nodes in the old phase that also continue the
   last angle need a short chain: a flipped bit costs one node. In another phase (a byte was lost), and at the
   beginning of a stream, it must be a long one;
@@ -32,13 +33,15 @@ from lidario.families.rplidar.chains import (
     FULL_TURN_Q6,
     NEAR_Q6,
     SIZE,
+    Heading,
+    ahead_of,
     angle_at,
     apart,
     chain_steps,
     fits,
+    heading_at,
     is_far,
     next_chain,
-    step_between,
 )
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
@@ -77,7 +80,7 @@ class NodeFormat(StreamFormat):
     def __init__(self) -> None:
         super().__init__()
         self._in_step = False
-        self._last: int | None = None
+        self._last: Heading | None = None
         # Where marks stand, once one was seen, and where the last one did that was not believed.
         self._mark: int | None = None
         # Whether a mark far from 0 was among the nodes that passed; None before any has.
@@ -122,11 +125,12 @@ class NodeFormat(StreamFormat):
         """Take the node at `at` if it continues the one before."""
         if not self._goes_on(data, at) or (data[at] & 1 and not fits(angle_at(data, at), self._mark)):
             return False
-        begins, self._last = self._last is None, angle_at(data, at)
+        begins, self._last = self._last is None, heading_at(data, at)
         # So it is behind damage, too, where nodes are followed anew.
         if data[at] & 1 and not begins:
-            self._mark = self._last if self._mark is None else self._mark
-            self._marked_far = self._marked_far or is_far(self._last)
+            angle = self._last.angle
+            self._mark = angle if self._mark is None else self._mark
+            self._marked_far = self._marked_far or is_far(angle)
         return True
 
     def _take_many(self, data: bytearray, at: int, count: int) -> int:
@@ -134,13 +138,13 @@ class NodeFormat(StreamFormat):
         done = 0
         for other in self._not_ordinary(data, at, count):
             if other > done:
-                self._last = angle_at(data, at + (other - 1) * SIZE)
+                self._last = heading_at(data, at + (other - 1) * SIZE)
             # It may be right all the same: a new scan's mark, or the first node behind 360 degrees.
             if not self._takes(data, at + other * SIZE):
                 return other
             done = other + 1
         if count > done:
-            self._last = angle_at(data, at + (count - 1) * SIZE)
+            self._last = heading_at(data, at + (count - 1) * SIZE)
         return count
 
     def next_stretch(self, data: bytearray, at: int) -> Stretch:
@@ -186,13 +190,13 @@ class NodeFormat(StreamFormat):
         return len(data) if place is None else max(at, place - (PHASES_BACK - 1) * SIZE)
 
     def _near(self, data: bytearray, place: int) -> bool:
-        return self._last is not None and step_between(self._last, angle_at(data, place)) <= NEAR_Q6
+        return self._last is not None and ahead_of(self._last, data, place) <= NEAR_Q6
 
     def _goes_on(self, data: bytearray, at: int) -> bool:
         """Whether the node at `at` is a small step ahead of the one before; its mark is not looked at."""
         if self.measure(data, at) != SIZE or not self.intact(data, at, SIZE):
             return False
-        return self._last is None or step_between(self._last, angle_at(data, at)) <= FORWARD_Q6
+        return self._last is None or ahead_of(self._last, data, at) <= FORWARD_Q6
 
     def _repeats(self, data: bytearray, at: int) -> bool:
         """Whether the node that ended the run is marked where the last one was that was not believed.

@@ -1,5 +1,6 @@
 """Which five bytes are a node, alone and in company."""
 
+from collections.abc import Sequence
 from copy import deepcopy
 
 import numpy as np
@@ -9,8 +10,10 @@ from hypothesis import strategies as st
 
 from lidario.families.rplidar.nodes import NodeFormat
 from lidario.families.rplidar.simulated.packers import pack_standard
+from lidario.recording.offline import OfflineDecoder
 from lidario.wire.blocks import Block
 from lidario.wire.formats import BEGINS
+from tests.reference.rplidar import correction_deg
 from tests.support.streams import arrived
 
 TURN = 23040
@@ -54,6 +57,48 @@ def test_a_node_in_step_continues_the_one_before(behind: int, follows: bool) -> 
     for base in (5000, 100, TURN - 50):
         data = bytearray(node((base + behind) % TURN))
         assert in_step(base).run(data, 0).packets == ((Block(5, 1),) if follows else ()), base
+
+
+def triangulated(beams: Sequence[float], distances: Sequence[int]) -> bytes:
+    """Nodes as an A1 sends them: returns lie beside the beam, by their distance in mm; 0 is none, at the beam."""
+    nodes, turns = b"", [int(beam // 360) for beam in beams]
+    for beam, mm, turn, before in zip(beams, distances, turns, [turns[0], *turns], strict=False):
+        angle = beam - correction_deg(4 * mm) if mm else beam
+        nodes += node(int(angle * 64) % TURN, start=turn > before, distance=4 * mm, quality=15 if mm else 0)
+    return nodes
+
+
+@pytest.mark.parametrize("pair", [(4300, 0), (0, 4300), (160, 0), (0, 160), (160, 4300), (4300, 160), (349, 1243)])
+@pytest.mark.parametrize("step", [0.4, 1.02, 1.3])
+def test_where_returns_begin_and_end_nodes_continue_the_beam(pair: tuple[int, int], step: float) -> None:
+    """Their angles leap by up to 10 degrees, and fall back by 9."""
+    before, behind = pair
+    for base in (100.0, 356.0):
+        for count in (1, 30):
+            beams = [base + step * at for at in range(-30, count)]
+            data = bytearray(triangulated(beams, [before] * 30 + [behind] * count))
+            stream = NodeFormat()
+            assert stream.run(data[:150], 0).packets == (Block(5, 30),)
+            assert stream.run(data, 150).packets == (Block(5, count),)
+
+
+@pytest.mark.parametrize("poles", [0, 9])
+@pytest.mark.parametrize("missing", [0.0, 0.02, 0.1, 0.5])
+def test_of_a_model_that_triangulates_no_node_is_taken_for_damage(missing: float, poles: int) -> None:
+    """Of 4 m x 6 m, with poles at 0.16 m, each so many degrees wide, and samples without a return."""
+    random, step = np.random.default_rng(1), 1.27
+    beams = [40 + step * at for at in range(round(10.5 * 360 / step))]
+    walls = [1000 * min(3 / max(abs(np.cos(b)), 1e-9), 2 / max(abs(np.sin(b)), 1e-9)) for b in np.radians(beams)]
+    mm = [160 if beam % 40 < poles else int(wall) for beam, wall in zip(beams, walls, strict=True)]
+    nodes = triangulated(beams, [each if random.random() >= missing else 0 for each in mm])
+    decoder = OfflineDecoder(b"\xa5\x5a\x05\x00\x00\x40\x81" + nodes)
+    scans = list(decoder)
+    assert decoder.pipeline.link.stats.skipped_bytes == 0
+    assert decoder.pipeline.stats.lost_packets == 0
+    assert len(scans) == 9
+    assert all(len(scan) == pytest.approx(360 / step, abs=9 / step) for scan in scans)
+    samples_a_turn = [60e9 / (scan.rpm * scan.time_increment_ns) for scan in scans]
+    assert samples_a_turn == pytest.approx([360 / step] * 9, rel=0.002)
 
 
 def test_out_of_step_sixteen_in_a_row_are_needed() -> None:
@@ -191,13 +236,16 @@ def noise_before(data: bytearray, stream: NodeFormat | None = None) -> int:
 LEAPING = b"".join(map(node, (0, 5000, 10000, 15000)))
 """Nodes, but none continues the one before."""
 CHAIN = b"".join(node(3000 + 7 * k) for k in range(40))
+BESIDE_THE_BEAM = triangulated([50 + k for k in range(40)], [0, 0, 4300, 0, 700] * 8)
+"""A chain whose angles leap."""
 
 
-def test_a_chain_is_found_wherever_it_begins_behind_what_is_none() -> None:
+@pytest.mark.parametrize("chain", [CHAIN, BESIDE_THE_BEAM])
+def test_a_chain_is_found_wherever_it_begins_behind_what_is_none(chain: bytes) -> None:
     """As if each byte was tried, though many are looked at together."""
     for filled in [*range(920, 1060), *range(1960, 2060)]:
         noise = LEAPING * 3 + bytes(filled)
-        assert noise_before(bytearray(noise + CHAIN)) == len(noise)
+        assert noise_before(bytearray(noise + chain)) == len(noise)
 
 
 @pytest.mark.parametrize("base", [3000, 5, TURN - 20])
@@ -208,6 +256,16 @@ def test_so_is_a_short_one_that_continues_the_last_node(base: int) -> None:
         noise = leaping * 3 + bytes(filled)
         found = noise_before(bytearray(noise + near + bytes(400)), in_step((base - 10) % TURN))
         assert found == len(noise), filled
+
+
+def test_it_may_continue_the_beam() -> None:
+    leaping = b"".join(node(k) for k in (5000, 10000, 15000, 20000))
+    for filled in [0, 13, *range(985, 1065, 4)]:
+        stream = NodeFormat()
+        stream.run(bytearray(triangulated([float(k) for k in range(40, 60)], [0] * 20)), 0)
+        near = triangulated([float(k) for k in range(60, 68)], [4300] * 8)
+        noise = leaping * 3 + bytes(filled)
+        assert noise_before(bytearray(noise + near + bytes(400)), stream) == len(noise), filled
 
 
 @pytest.mark.parametrize(("damaged", "count", "found"), [(1, 3, False), (1, 4, True), (2, 5, True), (3, 4, True)])

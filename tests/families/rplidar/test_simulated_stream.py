@@ -88,6 +88,24 @@ class TestStream:
             assert before.angle_deg > 359.5
             assert at.angle_deg < 0.5
 
+    @pytest.mark.parametrize("model", ["rplidar-a1", "rplidar-a2", "rplidar-s1"])
+    def test_returns_lie_beside_the_beam_where_the_device_triangulates(self, model: str) -> None:
+        """As in transcripts of an A1M8: by the correction of 0x84, and a sample without a return is at the beam."""
+        direction = np.arange(32768)
+        bench = Bench(model, world=World(np.where(direction % 3000 < 900, 0.0, 600.0 + direction / 10)))
+        bench.ask(DUTY_660)
+        stream = bench.ask(SCAN, 2 * SECOND)
+        beams = [
+            sample.angle_deg + rplidar.correction_deg(round(4 * sample.distance_mm))
+            if sample.distance_mm and model != "rplidar-s1"
+            else sample.angle_deg
+            for sample in rplidar.decode(0x81, packets_of(0x81, stream[stream.index(b"\xa5\x5a") + 7 :]))
+        ]
+        # Angles and what is taken off them are rounded.
+        steps = np.diff(np.unwrap(beams, period=360.0))
+        assert len(steps) > 1500
+        assert np.abs(steps - steps.mean()).max() < 0.2
+
     @pytest.mark.parametrize(
         ("model", "mode_id"),
         [("rplidar-s2", 1), ("rplidar-express", 1), ("rplidar-ultra", 2), ("rplidar-ultradense", 1)],

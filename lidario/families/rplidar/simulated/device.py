@@ -283,7 +283,9 @@ class SimulatedRplidar(Chassis[Profile, MeasurementStream]):
             self._waiting = mode
             return
         origin = now if force else max(now, stable)
-        self._stream = MeasurementStream(mode, origin, self._motor, self.world)
+        self._stream = MeasurementStream(
+            mode, origin, self._motor, self.world, triangulates=self.profile.triangulates
+        )
 
     def _end_stream(self, now: int) -> None:
         self._waiting = None

@@ -116,6 +116,11 @@ class Profile:
         return bool(self.mac)
 
     @property
+    def triangulates(self) -> bool:
+        """Whether its beam leaves beside its eye, as on the A series, so that returns lie beside the beam."""
+        return self.model < 0x40
+
+    @property
     def unknown(self) -> set[str]:
         """Requests that other models know, and this one does not."""
         known = {

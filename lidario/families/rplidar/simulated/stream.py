@@ -6,7 +6,9 @@ with numpy, ahead of its time, however short the steps in which the device is as
 
 Angles in the capsule formats go in equal steps from one start angle to the next (S-series interface manual,
 DenseBoost response). Two formats shift each sample by an amount of its own, which the host subtracts: 0x82
-carries it, in 0x84 it follows from the distance (vendor SDK 2.1.0, ultra capsule unpacker).
+carries it, in 0x84 it follows from the distance (vendor SDK 2.1.0, ultra capsule unpacker). In 0x81 models that
+triangulate do that themselves: a return has the angle at which it lies, a sample without one that of the beam
+(users' transcripts of an A1M8, which agree with 0x84's formula).
 """
 
 from __future__ import annotations
@@ -30,8 +32,11 @@ _EXPRESS_OFFSETS_Q3 = np.array([18 + k % 5 for k in range(32)])  # 2.25° to 2.7
 class MeasurementStream:
     """One measurement stream, from `origin` on, in nanoseconds; the motor keeps its speed until `built_until`."""
 
-    def __init__(self, mode: Mode, origin: int, motor: Motor, world: World | CheckedWorld) -> None:
+    def __init__(
+        self, mode: Mode, origin: int, motor: Motor, world: World | CheckedWorld, *, triangulates: bool = False
+    ) -> None:
         self.mode = mode
+        self._triangulates = triangulates
         self.size: int
         self.size, self._per_packet = mode.packet
         self.period: int = mode.period_ns
@@ -81,6 +86,13 @@ class MeasurementStream:
         mm *= mm <= self._max_mm
         return mm
 
+    def _triangulate(self, degrees: Floats, times: Floats) -> Floats:
+        """As `_measure`, where returns lie beside the beam, which is at these angles."""
+        mm = self._measure(degrees - 8.0, times)
+        for _ in range(2):  # the shift depends on the distance, the distance on the shift
+            mm = self._measure(degrees - _ultra_shift(mm), times)
+        return mm
+
     def _capsules(self, packet: int, count: int) -> tuple[npt.NDArray[np.int64], Floats, Floats]:
         """Start angles (count,) in q6, and degrees and times of all samples of these packets."""
         turns, times = self._head(packet * self._per_packet, count * self._per_packet)
@@ -88,10 +100,13 @@ class MeasurementStream:
 
     def _standard(self, packet: int, count: int) -> bytes:
         turns, times = self._head(packet - 1, count + 1)  # one before, to see where a revolution begins
-        mm = self._measure(turns[1:] * 360.0, times[1:])
+        degrees = turns[1:] * 360.0
+        mm = self._triangulate(degrees, times[1:]) if self._triangulates else self._measure(degrees, times[1:])
+        mm = _carried(mm, 65535 / 4)
+        behind = np.where(mm > 0.0, _ultra_shift(mm), 0.0) if self._triangulates else 0.0
         begins = np.diff(np.floor(turns)) > 0.0
-        distance = np.rint(_carried(mm, 65535 / 4) * 4.0).astype(np.int64)
-        return packers.pack_standard(_q6(turns[1:]), distance, _strength(mm) >> 2, begins)
+        distance = np.rint(mm * 4.0).astype(np.int64)
+        return packers.pack_standard(_q6(turns[1:] - behind / 360.0), distance, _strength(mm) >> 2, begins)
 
     def _express(self, packet: int, count: int) -> bytes:
         start, degrees, times = self._capsules(packet, count)
@@ -112,10 +127,7 @@ class MeasurementStream:
     def _ultra(self, packet: int, count: int) -> bytes:
         samples = count * 96
         turns, times = self._head(packet * 96, samples + 1)  # one more: predictions need the next packet
-        degrees = turns * 360.0
-        mm = self._measure(degrees - 8.0, times)
-        for _ in range(2):  # the shift depends on the distance, the distance on the shift
-            mm = self._measure(degrees - _ultra_shift(mm), times)
+        mm = self._triangulate(turns * 360.0, times)
         return packers.pack_ultra(
             _q6(turns[:samples:96]),
             mm[:samples].reshape(count, 96),
@@ -152,7 +164,10 @@ def _strength(mm: Floats) -> npt.NDArray[np.int64]:
 
 
 def _ultra_shift(mm: Floats) -> Floats:
-    """Degrees that the host subtracts from a sample of response type 0x84 (vendor SDK 2.1.0, without rounding)."""
+    """Degrees by which a return lies behind the beam, of a model that triangulates.
+
+    The host subtracts them from samples of response type 0x84 (vendor SDK 2.1.0, without rounding).
+    """
     k = 98361.0 / np.maximum(mm * 4.0, 1.0)
     far = 8.0 - np.degrees((k * 64.0 + k**3 / 98304.0) / 65536.0)
     return np.where(mm * 4.0 < 200.0, 7.5, far)
