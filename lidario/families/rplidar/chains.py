@@ -8,6 +8,8 @@ Models that triangulate tell of a return the angle at which it lies, up to 8 deg
 sample without one that of the beam (transcripts of an A1M8). So angles leap ahead where returns end, and fall back
 where they begin. How far a return lies behind the beam follows from its distance, as in 0x84; so the beams follow
 each other in small steps where the angles do not. Which of the two a device tells is not known.
+
+Some samples have a quality and no distance. Their angles may be corrected, by what nothing tells.
 """
 
 from __future__ import annotations
@@ -31,6 +33,8 @@ NEAR_Q6: Final = 30 << 6
 """A chain that begins within this of the last angle continues it."""
 SEAM_Q6: Final = 30 << 6
 """New-scan marks within this of each other stand at the same place."""
+UNTOLD_Q6: Final = 4 << 6
+"""How far a sample with a quality and no distance is supposed to lie behind the beam: half of the most."""
 CHAIN_IN_PHASE: Final = 4
 """Nodes in the old phase that must follow each other, the first of them near the last angle."""
 CHAIN_ALONE: Final = 16
@@ -63,12 +67,22 @@ def angle_at(data: bytes | bytearray, at: int) -> int:
 
 def heading_at(data: bytes | bytearray, at: int) -> Heading:
     """The heading of the node at `at`."""
-    angle = angle_at(data, at)
-    return Heading(angle, (angle + int(behind_beam()[data[at + 3] | data[at + 4] << 8])) % FULL_TURN_Q6)
+    angle, distance = angle_at(data, at), data[at + 3] | data[at + 4] << 8
+    is_untold = not distance and data[at] >> 2
+    behind = UNTOLD_Q6 if is_untold else int(_behind_beam()[distance])
+    return Heading(angle, (angle + behind) % FULL_TURN_Q6)
+
+
+def beams_of(angle: NDArray[np.int32], quality: NDArray[Any], distance: NDArray[Any]) -> NDArray[np.int32]:
+    """As `Heading.beam`, of many nodes, by the fields of those."""
+    behind = _behind_beam().take(distance)
+    behind[(distance == 0) & (quality >> 2 > 0)] = UNTOLD_Q6
+    beams: NDArray[np.int32] = (angle + behind) % FULL_TURN_Q6
+    return beams
 
 
 @cache
-def behind_beam() -> NDArray[np.int32]:
+def _behind_beam() -> NDArray[np.int32]:
     """How far behind the beam a return lies, in 1/64 degrees, by its distance in 1/4 mm; 0 where there is none."""
     behind = np.repeat(near_range_corrections(64.0)[: 1 << 14], 4).astype(np.int32)
     behind[0] = 0
@@ -180,9 +194,9 @@ def _likely(raw: NDArray[np.uint8], last: Heading | None, mark: int | None) -> N
     marked = (first & 1).view(np.bool_)
     if mark is not None:
         whole &= ~marked | _within(angle, -SEAM_Q6, SEAM_Q6) | _within(angle - mark, -SEAM_Q6, SEAM_Q6)
-    beam = np.zeros_like(angle)
-    beam[:-2] = raw[4:].astype(np.int32) << 8 | raw[3:-1]
-    beam = (behind_beam().take(beam) + angle) % FULL_TURN_Q6
+    distance = np.zeros_like(angle)
+    distance[:-2] = raw[4:].astype(np.int32) << 8 | raw[3:-1]
+    beam = beams_of(angle, first, distance)
     follows = _within(angle[SIZE:] - angle[:-SIZE], -BACKWARD_Q6, FORWARD_Q6)
     follows |= _within(beam[SIZE:] - beam[:-SIZE], -BACKWARD_Q6, FORWARD_Q6)
     follows &= whole[SIZE:]

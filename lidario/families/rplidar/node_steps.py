@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.pace import OFF, PacedTurning
-from lidario.families.rplidar.chains import behind_beam, heading_at
+from lidario.families.rplidar.chains import beams_of, heading_at
 from lidario.families.spans import Arcs, Heads, Ints, by_revolution, spans_between
 from lidario.wire.events import Arrival
 
@@ -59,9 +59,9 @@ class Nodes(NamedTuple):
     rows: NDArray[Any]  # of the layout `lidario.families.rplidar.nodes.NODE`
     following: bytes | None  # the one behind them; None where it is not known
 
-    def beams(self, heads: Heads, full_turn: int) -> Heads:
+    def beams(self, heads: Heads) -> Heads:
         """Where the beams were, if the angles in `heads` are those of returns beside them."""
-        first = (heads.first + behind_beam().take(self.rows["distance"])) % full_turn
+        first = beams_of(heads.first, self.rows["quality"], self.rows["distance"])
         following = None if self.following is None else heading_at(self.following, 0).beam
         return heads._replace(first=first, following=following)
 
@@ -77,7 +77,7 @@ class NodeSteps(PacedTurning):
         followed = heads.following is not None
         spans, shortest, longest, total = spans_between(heads, self._full_turn, self._retreat)
         if isinstance(heads.read, Nodes) and not self._is_ordinary(self._typical, shortest, longest):
-            beams = spans_between(heads.read.beams(heads, self._full_turn), self._full_turn, self._retreat)
+            beams = spans_between(heads.read.beams(heads), self._full_turn, self._retreat)
             if _unevenness(beams[0]) < _unevenness(spans):
                 spans, shortest, longest, total = beams
         if self._certain and followed and self._is_ordinary(self._typical, shortest, longest):

@@ -60,11 +60,15 @@ def test_a_node_in_step_continues_the_one_before(behind: int, follows: bool) -> 
 
 
 def triangulated(beams: Sequence[float], distances: Sequence[int]) -> bytes:
-    """Nodes as an A1 sends them: returns lie beside the beam, by their distance in mm; 0 is none, at the beam."""
+    """Nodes as an A1 sends them: returns lie beside the beam, by their distance in mm; 0 is none, at the beam.
+
+    Where it is negative, the node has a quality and no distance, though its angle is corrected by that.
+    """
     nodes, turns = b"", [int(beam // 360) for beam in beams]
     for beam, mm, turn, before in zip(beams, distances, turns, [turns[0], *turns], strict=False):
-        angle = beam - correction_deg(4 * mm) if mm else beam
-        nodes += node(int(angle * 64) % TURN, start=turn > before, distance=4 * mm, quality=15 if mm else 0)
+        angle = beam - correction_deg(4 * abs(mm)) if mm else beam
+        told = 4 * max(mm, 0)
+        nodes += node(int(angle * 64) % TURN, start=turn > before, distance=told, quality=15 if mm else 0)
     return nodes
 
 
@@ -80,6 +84,15 @@ def test_where_returns_begin_and_end_nodes_continue_the_beam(pair: tuple[int, in
             stream = NodeFormat()
             assert stream.run(data[:150], 0).packets == (Block(5, 30),)
             assert stream.run(data, 150).packets == (Block(5, count),)
+
+
+def test_so_they_do_where_a_return_has_a_quality_and_no_distance() -> None:
+    """As in the transcript of an A1: such a node lies beside the beam, by what it does not tell."""
+    distances = [0, 0, -490, 0, 0, -360, 404, 405, 407, 0, 0, 412, -3000, 0, 412, -160] * 3
+    for base in (100.0, 300.0):
+        data = bytearray(triangulated([base + 1.14 * at for at in range(len(distances))], distances))
+        assert NodeFormat().run(data, 0).packets == (Block(5, len(distances)),)
+        assert noise_before(data) == 0
 
 
 @pytest.mark.parametrize("poles", [0, 9])
@@ -236,7 +249,7 @@ def noise_before(data: bytearray, stream: NodeFormat | None = None) -> int:
 LEAPING = b"".join(map(node, (0, 5000, 10000, 15000)))
 """Nodes, but none continues the one before."""
 CHAIN = b"".join(node(3000 + 7 * k) for k in range(40))
-BESIDE_THE_BEAM = triangulated([50 + k for k in range(40)], [0, 0, 4300, 0, 700] * 8)
+BESIDE_THE_BEAM = triangulated([50 + k for k in range(40)], [0, 0, 4300, 0, -700] * 8)
 """A chain whose angles leap."""
 
 
