@@ -33,7 +33,6 @@ from lidario.families.rplidar.chains import (
     FULL_TURN_Q6,
     NEAR_Q6,
     SIZE,
-    Heading,
     ahead_of,
     angle_at,
     apart,
@@ -42,6 +41,7 @@ from lidario.families.rplidar.chains import (
     heading_at,
     is_far,
     next_chain,
+    step_between,
 )
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
@@ -80,7 +80,8 @@ class NodeFormat(StreamFormat):
     def __init__(self) -> None:
         super().__init__()
         self._in_step = False
-        self._last: Heading | None = None
+        # The last node that was believed.
+        self._last: bytearray | None = None
         # Where marks stand, once one was seen, and where the last one did that was not believed.
         self._mark: int | None = None
         # Whether a mark far from 0 was among the nodes that passed; None before any has.
@@ -125,10 +126,10 @@ class NodeFormat(StreamFormat):
         """Take the node at `at` if it continues the one before."""
         if not self._goes_on(data, at) or (data[at] & 1 and not fits(angle_at(data, at), self._mark)):
             return False
-        begins, self._last = self._last is None, heading_at(data, at)
+        begins, self._last = self._last is None, data[at : at + SIZE]
         # So it is behind damage, too, where nodes are followed anew.
         if data[at] & 1 and not begins:
-            angle = self._last.angle
+            angle = angle_at(data, at)
             self._mark = angle if self._mark is None else self._mark
             self._marked_far = self._marked_far or is_far(angle)
         return True
@@ -138,13 +139,13 @@ class NodeFormat(StreamFormat):
         done = 0
         for other in self._not_ordinary(data, at, count):
             if other > done:
-                self._last = heading_at(data, at + (other - 1) * SIZE)
+                self._last = data[at + (other - 1) * SIZE : at + other * SIZE]
             # It may be right all the same: a new scan's mark, or the first node behind 360 degrees.
             if not self._takes(data, at + other * SIZE):
                 return other
             done = other + 1
         if count > done:
-            self._last = heading_at(data, at + (count - 1) * SIZE)
+            self._last = data[at + (count - 1) * SIZE : at + count * SIZE]
         return count
 
     def next_stretch(self, data: bytearray, at: int) -> Stretch:
@@ -186,17 +187,29 @@ class NodeFormat(StreamFormat):
 
     def _next_place(self, data: bytearray, at: int) -> int:
         """The first place from `at` on from which `find_step` can see a chain, found without looking at each."""
-        place = next_chain(data, at, self._last, self._mark)
+        last = None if self._last is None else heading_at(self._last, 0)
+        place = next_chain(data, at, last, self._mark)
         return len(data) if place is None else max(at, place - (PHASES_BACK - 1) * SIZE)
 
     def _near(self, data: bytearray, place: int) -> bool:
-        return self._last is not None and ahead_of(self._last, data, place) <= NEAR_Q6
+        last = self._last
+        return (
+            last is not None
+            and self.measure(data, place) == SIZE
+            and ahead_of(heading_at(last, 0), data, place) <= NEAR_Q6
+        )
 
     def _goes_on(self, data: bytearray, at: int) -> bool:
         """Whether the node at `at` is a small step ahead of the one before; its mark is not looked at."""
         if self.measure(data, at) != SIZE or not self.intact(data, at, SIZE):
             return False
-        return self._last is None or ahead_of(self._last, data, at) <= FORWARD_Q6
+        last = self._last
+        # By the angle first: mostly that is enough, and this is done for each node where few come at once.
+        return (
+            last is None
+            or step_between(angle_at(last, 0), angle_at(data, at)) <= FORWARD_Q6
+            or ahead_of(heading_at(last, 0), data, at) <= FORWARD_Q6
+        )
 
     def _repeats(self, data: bytearray, at: int) -> bool:
         """Whether the node that ended the run is marked where the last one was that was not believed.
