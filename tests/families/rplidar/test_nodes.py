@@ -53,7 +53,7 @@ def test_what_one_node_may_say(angle: int, start: bool, believed: bool) -> None:
     ],
 )
 def test_a_node_in_step_continues_the_one_before(behind: int, follows: bool) -> None:
-    """A little backwards too: models that triangulate correct their angles by so much."""
+    """A little backwards too: what is near scatters by so much."""
     for base in (5000, 100, TURN - 50):
         data = bytearray(node((base + behind) % TURN))
         assert in_step(base).run(data, 0).packets == ((Block(5, 1),) if follows else ()), base
