@@ -5,6 +5,7 @@ import asyncio
 import pytest
 
 from lidario import ConnectFailed, Lidar, list_lidars, open_lidar
+from lidario.families.camsense.simulated.device import pack_packet as pack_camsense
 from lidario.families.registry import FAMILIES
 from lidario.families.rplidar.simulated.packers import pack_dense
 from lidario.model import LineErrors
@@ -143,3 +144,14 @@ def test_how_garbage_is_explained(source: str, speeds: tuple[int, ...], says: st
     heard.see("in", bytes(range(1, 200)), 0)
     told = str(heard.nothing_responds(as_source(source), FAMILIES, speeds, LineErrors(framing=3)))
     assert f"199 bytes of garbage came back{says}" in told
+
+
+@pytest.mark.parametrize("start", [0, 0xA000])
+def test_packets_that_a_camsense_sends_until_its_rotor_turns_are_told_as_that(start: int) -> None:
+    """Their start is their end (more_families_2.md 4.1)."""
+    heard = ReceivedInSilence()
+    heard.see("in", pack_camsense(start, start, [0.0] * 8, [0] * 8, rpm=30.0) * 5, 0)
+    told = str(heard.nothing_responds(as_source("/dev/ttyUSB0"), FAMILIES, (115200,), LineErrors()))
+    assert told.endswith(
+        "Camsense packets among them, which measure nothing. Does its motor turn, and at the right speed?"
+    )

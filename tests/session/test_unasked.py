@@ -147,6 +147,16 @@ async def test_one_that_is_silent_is_not_found(rig: Rig) -> None:
     assert caught.value.reason == "silent"
 
 
+@pytest.mark.long
+@pytest.mark.parametrize(("model", "title"), [("neato-xv11", "Neato"), ("irobotix-delta2a", "3irobotix")])
+async def test_one_whose_rotor_is_too_slow_to_measure_says_so_when_it_is_opened(model: str, title: str) -> None:
+    """All that comes says so (more_families_2.md 3.6 and 5.3): it is no garbage."""
+    rig = make_rig(model)
+    rig.device.power_motor(60.0, now_ns())
+    with pytest.raises(ConnectFailed, match=f"{title} packets among them, which measure nothing. Does its motor"):
+        await rig.open()
+
+
 @talkers
 async def test_one_that_falls_silent_is_told_of_and_may_come_back(rig: Rig) -> None:
     async with rig.read() as (lidar, stream):

@@ -4,6 +4,8 @@
   where nothing was heard, so nothing has to be stopped before the question, and where one family would have to wait
   for another.
 - Then the models are asked that need the control line DTR. For the others it is cleared again.
+- Where a line that was silent streams after all, and before each later round of one that streams, it is listened to
+  again: one that only talks hears no question, and sends its packets when it has had power for a while.
 - Each later round asks with patience, until each was asked after the longest time for which a device does not hear:
   it holds half a request, or it boots.
 """
@@ -11,7 +13,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterator
+from collections.abc import Awaitable, Callable, Iterator
 from contextlib import nullcontext, suppress
 from itertools import count
 from typing import NamedTuple
@@ -94,16 +96,34 @@ def made(port: Port, attempt: Attempt) -> Device:
 
 
 async def ask_in_turns(
-    port: Port, tries: list[Attempt], woken: Woken, *, quick: bool, silent: bool, patient: bool
+    port: Port,
+    tries: list[Attempt],
+    woken: Woken,
+    hear_again: Callable[[], Awaitable[Connection | None]],
+    received: ReceivedInSilence,
+    *,
+    quick: bool,
+    silent: bool,
+    patient: bool,
 ) -> Connection | None:
-    """Ask at each speed, again and again, until each was asked when its device must have heard it; or None."""
+    """Ask at each speed, again and again, until each was asked when its device must have heard it; or None.
+
+    `received` counts what comes: where that is more than a response, `hear_again` listens to what streams.
+    """
     loop = asyncio.get_running_loop()
     longest = max(each.family.timing.forget_s for each in tries)
     # Where something arrives, no device boots: then only half a request can keep one from hearing.
     deadlines = {each: loop.time() + (longest if silent else each.family.timing.forget_s) for each in tries}
-    left = list(tries)
+    left, is_heard, before = list(tries), not silent, received.total
     for number in count():
+        is_heard = is_heard and not number
         for each in tuple(left):
+            if not is_heard and received.total - before > RESPONSE_BYTES:
+                # One that only talks was given power just now, or its rotor has its speed.
+                connection = await hear_again()
+                if connection is not None:
+                    return connection
+                is_heard, before = True, received.total
             began = loop.time()
             # Once: a silent port is given up soon, and requests of other families may stop it meanwhile.
             patience_s = each.family.timing.starts_s if silent and number == quick else 0.0

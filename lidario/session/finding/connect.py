@@ -28,7 +28,7 @@ from lidario.port.udp import open_udp
 from lidario.session.finding.asking import Attempt, Woken, ask_in_turns, begun, find_by_dtr, leave
 from lidario.session.finding.connection import Connection, connect_recording, connect_remote
 from lidario.session.finding.leaving import leave_still
-from lidario.session.finding.listening import LAST_AT, ReceivedInSilence, adapter_of, listen
+from lidario.session.finding.listening import LAST_AT, Heard, ReceivedInSilence, adapter_of, listen
 from lidario.session.talking.dialogue import Dialogue
 from lidario.session.talking.handshake import introduce
 from lidario.source import Source
@@ -75,7 +75,7 @@ async def connect(
     # Where Ctrl-C has ended it, what follows is run by the garbage collector.
     loop = asyncio.get_running_loop()
     received = ReceivedInSilence()
-    search = _Search(port, tries, on_dialogue)
+    search = _Search(port, tries, received, on_dialogue)
     port.add_tap(received.see)
     try:
         if on_port is not None:
@@ -164,11 +164,21 @@ def _by_likelihood(families: Sequence[Family]) -> list[Attempt]:
 
 
 class _Search:
-    """Looks for the device at an open port; `tries` is what it may be, or was asked as, once nothing was found."""
+    """Looks for the device at an open port; `tries` is what it may be, or was asked as, once nothing was found.
 
-    def __init__(self, port: Port, tries: list[Attempt], on_dialogue: Callable[[Dialogue], None] | None) -> None:
+    `received` counts what comes from the port.
+    """
+
+    def __init__(
+        self,
+        port: Port,
+        tries: list[Attempt],
+        received: ReceivedInSilence,
+        on_dialogue: Callable[[Dialogue], None] | None,
+    ) -> None:
         self.tries: list[Attempt] = tries
         self._port = port
+        self._received = received
         self._loop = asyncio.get_running_loop()
         self._on_dialogue = on_dialogue
         self._woken = Woken(port)
@@ -205,24 +215,38 @@ class _Search:
 
     async def _find_among(self, *, patient: bool) -> Connection | None:
         """The device, where several families or speeds are to be tried."""
-        port, tries = self._port, self.tries
-        speeds = list(dict.fromkeys(each.baudrate for each in tries))
-        # All are listened to, also those that hear nothing.
-        heard = await listen(port, speeds, list(dict.fromkeys(each.family for each in tries)))
+        tries = every = self.tries
+        heard = await self._listen(every)
         if heard.stream is not None:
-            at = heard.stream
-            # Where several families have a model of the name that the user gave, it is that one.
-            known = next((each for each in tries if (each.family, each.baudrate) == at), Attempt(*at))
-            self.tries = [known]
-            return await self._try_known(known)
+            return await self._try_heard(heard.stream, every)
         tries = [each for each in tries if _may_hear(each)] or tries
         families = {each.family for each in tries}
         # One that is waited for shortly may be late. Then at another speed it is noise, but not at the same.
         quick = heard.silent and len(families) > 1 and all(a.baudrate != b.baudrate for a, b in pairwise(tries))
         tries = [each._replace(is_guess=len(families) > 1) for each in tries]
-        connection = await ask_in_turns(port, tries, self._woken, quick=quick, silent=heard.silent, patient=patient)
+
+        async def hear_again() -> Connection | None:
+            again = await self._listen(every)
+            return None if again.stream is None else await self._try_heard(again.stream, every)
+
+        connection = await ask_in_turns(
+            self._port, tries, self._woken, hear_again, self._received,
+            quick=quick, silent=heard.silent, patient=patient,
+        )  # fmt: skip
         self.tries = tries
         return connection
+
+    async def _listen(self, every: Sequence[Attempt]) -> Heard:
+        """Listen to all of them, also to those that hear nothing."""
+        speeds = list(dict.fromkeys(each.baudrate for each in every))
+        return await listen(self._port, speeds, list(dict.fromkeys(each.family for each in every)))
+
+    async def _try_heard(self, stream: tuple[Family, int], every: Sequence[Attempt]) -> Connection | None:
+        """Ask the one of them whose stream was recognised."""
+        # Where several families have a model of the name that the user gave, it is that one.
+        known = next((each for each in every if (each.family, each.baudrate) == stream), Attempt(*stream))
+        self.tries = [known]
+        return await self._try_known(known)
 
     async def _try_known(self, known: Attempt, *, patient: bool = True) -> Connection | None:
         """Ask the one family at the one speed that it can be, with patience; None when there is no response."""

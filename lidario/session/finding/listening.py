@@ -118,6 +118,15 @@ def family_of_stream(data: bytearray, families: Sequence[Family] = FAMILIES) -> 
     return family
 
 
+def _idle_family(data: bytearray) -> Family | None:
+    """Of whose packets some measure nothing, and say so: the rotor is too slow, or not even; None of nobody's."""
+    return next((each for each in FAMILIES if any(_has_records(data, kind()) for kind in each.formats)), None)
+
+
+def _has_records(data: bytearray, wire: StreamFormat) -> bool:
+    return any(wire.other_record(data, found.start()) > 0 for found in wire.header.finditer(data))
+
+
 def _whole_packets(data: bytearray, stream_format: StreamFormat) -> tuple[int, int]:
     """How many intact packets there are, and of how many bytes together."""
     at = packets = size = 0
@@ -161,6 +170,9 @@ class ReceivedInSilence:
         family = family_of_stream(self._kept)
         if family is not None:
             return f"{self.total} bytes came back, {family.title} packets among them: it streams, but does not obey"
+        family = _idle_family(self._kept)
+        if family is not None:
+            return f"{self.total} bytes came back, {family.title} packets among them, which measure nothing"
         if counted := errors.meaning():
             return f"{self.total} bytes of garbage came back, with {counted}"
         why = "at a wrong baud rate" if has_speed else "from no lidar"
@@ -183,6 +195,8 @@ class ReceivedInSilence:
         if source.model is not None and heard is not None and heard in asked:
             said = f"{self.total} bytes came back, {heard.title} packets among them, but of another model than"
             said, cure = f"{said} {quoted(source.model)}", "Is ?model= right?"
+        elif heard is None and _idle_family(self._kept) is not None:
+            cure = "Does its motor turn, and at the right speed?"
         return ConnectFailed(
             f"{source.address} opened, but nothing responds{at} (asked as {titles}): {said}. {cure}",
             reason="silent",
