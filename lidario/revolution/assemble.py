@@ -252,8 +252,10 @@ class Assembler(SteadyAssembler):
             self.partial.carry(here.part(crossed), samples)
             lost -= samples.lost_behind
         elif samples.lost_behind and not split.broken:
-            behind = share_past(self._stream.format, following, split.seam) * samples.last.packets
-            self.partial.lost_before = min(samples.lost_behind, round(behind))
+            # By samples: one packet may hold a single one, the next forty.
+            behind = share_past(self._stream.format, following, split.seam) * samples.last.samples
+            lost_behind = samples.lost_behind
+            self.partial.lost_before = min(lost_behind, round(lost_behind * behind / samples.skipped_behind))
         gaps = partial.gaps(samples, room, crossed, revoked=bool(revoked)) if samples.gaps or lost else []
         arrays = here.part(room if revoked else 0, crossed)
         if not len(arrays.angle):

@@ -11,11 +11,12 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from lidario import decode
 from lidario.families.rplidar.simulated import packers
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.revolution.clock import Beginning, RevolutionClock
 from lidario.scan import Scan
-from tests.support.cases import KINDS, Case, named
+from tests.support.cases import CASES, KINDS, Case, named
 from tests.support.numbered import BAUD, DENSE, SAMPLE_NS, TURN, Arrival, assemble, numbered, numbers, on_time
 from tests.support.streams import arrived, in_one_run, stream_of
 
@@ -81,6 +82,21 @@ def test_a_gap_across_the_seam_is_told_by_both_revolutions(before: int, behind: 
     assert sum(told) == before + behind == stats.lost_packets
     for lost, scan in zip(told, scans, strict=True):
         assert abs(960 - len(scan) - 40 * lost) <= 20
+
+
+@pytest.mark.parametrize("ordinary", [0, 1, 2])
+@pytest.mark.parametrize("name", ["ydlidar_4ros_room10", "ydlidar_x4_11hz"])
+def test_a_start_packet_that_is_missing_is_told_by_the_revolution_that_it_begins(name: str, ordinary: int) -> None:
+    """It holds one sample, those behind it forty: what lies behind the seam is told by samples."""
+    case = next(each for each in CASES if each.name == name)
+    starts = [at for at, packet in enumerate(case.packets) if packet[2] & 1]
+    gone = range(starts[3], starts[3] + 1 + ordinary)
+    left = [packet for at, packet in enumerate(case.packets) if at not in gone]
+    whole, scans = (list(decode(b"".join(each), family="ydlidar")) for each in (case.packets, left))
+    told = [scan.lost_packets for scan in scans]
+    missing = [len(one) - len(other) for one, other in zip(whole, scans, strict=True)]
+    assert sum(told) == len(gone)
+    assert [bool(lost) for lost in told] == [bool(samples) for samples in missing]
 
 
 def test_what_is_missing_in_the_revolution_in_the_making_is_told_when_the_stream_ends() -> None:
