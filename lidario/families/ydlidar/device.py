@@ -86,7 +86,7 @@ class YdlidarDevice(Device):
 
     def _be(self, model: Model) -> None:
         self._model = model
-        self.can_be_stopped: bool = not model.one_way or bool(model.dtr)
+        self.can_be_stopped: bool = not model.one_way or model.dtr
         # The motor of one that hears requests stops with its laser.
         self.can_keep_spinning: bool = model.one_way
         # The data sheet's, since the device cannot be asked.

@@ -38,8 +38,7 @@ class Model:
     fine_above: tuple[int, int] | None = None
     protection: bool = False  # whether it has power-down protection that may be toggled
     reach: float = 12.0  # farthest distance in metres
-    # State of the DTR line at which its motor runs; None where the line means nothing to it.
-    dtr: bool | None = None
+    dtr: bool = False  # whether its motor turns only while DTR is asserted
     other_code: int | None = None  # what some of them tell in place of `code`; None where all tell that
 
     @property
@@ -96,7 +95,7 @@ MODELS: Final = {
         Model("tmini-plus-sh", "Tmini Plus SH", 152, 230_400, KINDS["sh"], (4000,), (6.0, 12.0)),
         Model("x2", "X2", 6, 115_200, _X, (3000,), None, one_way=True, reach=8.0, dtr=True),
         Model("x3", "X3", 6, 115_200, _X, (3000,), None, one_way=True, reach=8.0),
-        Model("x4pro", "X4 Pro", 6, 128_000, KINDS["x-flags"], (5000,), None, one_way=True, reach=10.0, dtr=False),
+        Model("x4pro", "X4 Pro", 6, 128_000, KINDS["x-flags"], (5000,), None, one_way=True, reach=10.0),
         Model("s2pro", "S2 Pro", 4, 115_200, _X, (3000,), None, one_way=True, reach=8.0, dtr=True),
         Model("tx8", "TX8", 100, 115_200, _TG, (4000,), None, one_way=True, reach=8.0),
     )
