@@ -6,7 +6,6 @@ import asyncio
 import logging
 import os
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -19,7 +18,7 @@ from lidario import InvalidValue, Unsupported, open_lidar, simulate
 from lidario.port import guard_process
 from lidario.port.background import run_in_thread
 from lidario.port.diagnose import busy, holders
-from lidario.port.guard import NAME, Guard, start_guard, wait_for_guard
+from lidario.port.guard import Guard, start_guard, wait_for_guard
 from lidario.port.serial import open_serial
 from lidario.wire.envelope import Request
 from tests.cli.processes import served
@@ -238,38 +237,6 @@ def test_a_port_that_a_guard_has_is_held_by_its_program(monkeypatch: pytest.Monk
 
         asyncio.run(main())
         assert guards_of(os.getpid()) == []
-
-
-@pytest.mark.parametrize("name", ["tcp://x:1", "/dev/lidar"])
-def test_the_guard_of_a_dead_program_is_waited_for_and_no_longer(
-    name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    if name.startswith("/"):
-        # Another name of the same port.
-        held, name = name, str(tmp_path / "lidar")
-        os.symlink(held, name)
-    else:
-        held = name
-    program = subprocess.Popen(["true"])
-    program.wait()
-    command = [sys.executable, "-I", "-S", "-c", "print(flush=True); input()", NAME, str(program.pid), held]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as guard:
-        assert guard.stdout is not None
-        guard.stdout.readline()
-        slept: list[float] = []
-
-        def sleep(seconds: float) -> None:
-            slept.append(seconds)
-            guard.kill()
-            guard.wait()
-
-        monkeypatch.setattr("lidario.port.guard.time.sleep", sleep)
-        wait_for_guard("tcp://y:1")
-        assert slept == []
-        wait_for_guard(name)
-        # It is noticed within a twentieth of a second.
-        assert len(slept) == 1
-        assert slept[0] <= 0.05
 
 
 @pytest.mark.parametrize("hurried", [False, True])

@@ -149,8 +149,9 @@ async def test_what_the_search_may_have_started_is_left_still(
     model: str, ended_after_s: float | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     device = make_rig(model).device
-    serial_in_memory(monkeypatch, mute=device)
-    device.receive(bytes.fromhex("54A104000000004A") if model == "ldrobot-ld14p" else b"e", now_ns())
+    written = serial_in_memory(monkeypatch, mute=device)
+    stop = bytes.fromhex("54A104000000004A") if model == "ldrobot-ld14p" else b"e"
+    device.receive(stop, now_ns())
     assert not device.motor_on
     device.mute = True
     with pytest.raises((ConnectFailed, TimeoutError)):
@@ -159,6 +160,7 @@ async def test_what_the_search_may_have_started_is_left_still(
     # What was written last may still be under way.
     await asyncio.sleep(1.0)
     assert not device.motor_on
+    assert written.came_whole(stop)
 
 
 @pytest.mark.long

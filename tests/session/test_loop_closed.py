@@ -18,6 +18,8 @@ from tests.support.cable import Cable, cable_to
 from tests.support.devices import SWITCHED, Rig, both_families, leave_streaming, left_still, make_rig, names
 from tests.support.discards import all_obeyed
 from tests.support.loop import START, DrivenLoop, unless_unfinished
+from tests.support.simulated_rplidar import MOTOR_600
+from tests.support.speeds import serial_in_memory
 
 Interrupt = Callable[[DrivenLoop, "asyncio.Task[None]"], None]
 TIMES = 4
@@ -55,6 +57,7 @@ def run_and_close(
 ) -> int:
     """Run `work`, interrupt it when the loop has gone round `at` times, close the loop; the turns that it went.
 
+    Where `at` is 0, `what` is called in each turn, and decides by itself.
     A plain loop cancels nothing when KeyboardInterrupt comes out of it: `loop.run_until_complete`, Ctrl-C,
     `loop.close`. The session is garbage then, also where a reader waited.
     """
@@ -64,7 +67,9 @@ def run_and_close(
     async def main() -> None:
         task = asyncio.current_task()
         assert task is not None
-        loop.at_turn = lambda turn: what(loop, task) if at <= turn < at + (1 if plain else TIMES) else None
+        loop.at_turn = lambda turn: (
+            what(loop, task) if not at or at <= turn < at + (1 if plain else TIMES) else None
+        )
         async with rig.open(reconnect=reconnect) as lidar:
             await work(lidar)
 
@@ -166,6 +171,49 @@ def test_ended_while_one_is_searched_that_was_started_and_does_not_respond(monke
         with suppress(ConnectFailed):
             searched(rig, at, interrupt)
         assert left_still(rig) or not rig.device.log, (at, names(rig)[-4:])
+
+
+@pytest.mark.usefixtures("quick_collection")
+@pytest.mark.parametrize("ended_after_s", [0.5, 2.0, 4.0])
+@pytest.mark.parametrize("model", ["ldrobot-ld14p", "hlds-lds01"])
+def test_ended_while_others_are_asked_and_one_was_started_before(
+    model: str, ended_after_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It runs at another speed, and what is asked just now is stopped at its own."""
+    rig = make_rig(model)
+    stop = bytes.fromhex("54A104000000004A") if model == "ldrobot-ld14p" else b"e"
+    rig.device.receive(stop, round(START * 1e9))
+    rig.device.mute = True
+    written = serial_in_memory(monkeypatch, only=rig.device)
+    monkeypatch.setattr(Rig, "open", lambda rig, **_: open_lidar("only"))
+
+    def end(loop: DrivenLoop, task: asyncio.Task[None]) -> None:
+        if loop.time() > START + ended_after_s:
+            interrupt(loop, task)
+
+    run_and_close(rig, nothing, 0, end, monkeypatch, plain=True)
+    assert names(rig).count("start") > 0
+    assert not rig.device.motor_on
+    assert written.came_whole(stop)
+
+
+@pytest.mark.usefixtures("quick_collection")
+def test_ended_while_one_is_asked_whose_motor_was_left_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is stopped at its own speed, also where others were started at another one before."""
+    rig = make_rig("rplidar-c1")
+    rig.device.receive(MOTOR_600, round(START * 1e9))
+    assert rig.device.motor_on
+    rig.device.log.clear()
+    written = serial_in_memory(monkeypatch, only=rig.device)
+    monkeypatch.setattr(Rig, "open", lambda rig, **_: open_lidar("only"))
+
+    def end(loop: DrivenLoop, task: asyncio.Task[None]) -> None:
+        if rig.device.log:
+            interrupt(loop, task)
+
+    run_and_close(rig, nothing, 0, end, monkeypatch, plain=True)
+    assert left_still(rig), names(rig)
+    assert 230_400 in {speed for speed, _ in written[-3:]}
 
 
 OUT_S = 0.3

@@ -57,6 +57,16 @@ def gone_behind(process: subprocess.Popen[AnyStr]) -> Iterator[subprocess.Popen[
             process.kill()
 
 
+@contextmanager
+def guard_like(program: int, line: str) -> Iterator[subprocess.Popen[bytes]]:
+    """A process that looks like the guard that this program has at that line, until it is killed."""
+    command = [sys.executable, "-I", "-S", "-c", "print(flush=True); input()", NAME, str(program), line]
+    with gone_behind(subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)) as guard:
+        assert guard.stdout is not None
+        guard.stdout.readline()
+        yield guard
+
+
 def _environment() -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "error"}
 

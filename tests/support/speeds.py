@@ -42,35 +42,61 @@ _LEVELS = [bytes((0, *(byte >> bit & 1 for bit in range(8)), 1)) for byte in ran
 _BYTES = {tuple(byte >> bit & 1 for bit in range(8)): byte for byte in range(256)}
 
 
+class Written(list[tuple[int, bytes]]):
+    """All that was written, with the speed at which it was."""
+
+    def __init__(self) -> None:
+        self.garbled: set[int] = set()  # places of what was still under way when the line got another speed
+
+    def came_whole(self, data: bytes) -> bool:
+        """Whether these bytes were not garbled when they were written last."""
+        return max(place for place, (_, each) in enumerate(self) if each == data) not in self.garbled
+
+
+class _SpeedPort(Port):
+    """A port that notes what is garbled by another speed."""
+
+    def __init__(self, path: str, baudrate: int, written: Written) -> None:
+        super().__init__(path, baudrate)
+        self._written = written
+        self.sent_ns = 0
+
+    def set_baudrate(self, baudrate: int) -> None:
+        if baudrate not in (0, self.baudrate) and self.now() < self.sent_ns:
+            self._written.garbled.add(len(self._written) - 1)
+        super().set_baudrate(baudrate)
+
+
 class _SpeedLine(MemoryLine):
     """A line in memory whose host has a speed of its own."""
 
-    def __init__(self, device: Any, port: Port, written: list[tuple[int, bytes]]) -> None:
+    def __init__(self, device: Any, port: _SpeedPort, written: Written) -> None:
         super().__init__(device)
         self._port = port
         self._written = written
 
     def write(self, data: bytes, now: int) -> None:
         self._written.append((self._port.baudrate, data))
+        self._port.sent_ns = now + len(data) * 10 * 10**9 // self._port.baudrate
         super().write(misread(data, self._port.baudrate, self.device.baudrate), now)
 
     def read(self, now: int) -> bytes:
         return misread(super().read(now), self.device.baudrate, self._port.baudrate)
 
 
-def serial_in_memory(patch: pytest.MonkeyPatch, **devices: Any) -> list[tuple[int, bytes]]:
+def serial_in_memory(patch: pytest.MonkeyPatch, **devices: Any) -> Written:
     """Have serial ports of these names lead to these devices, on the clock of the loop; each can be open once.
 
     Returns:
         Everything that is written to them, with the speed at which it is written; it grows.
     """
-    written: list[tuple[int, bytes]] = []
-    ports: dict[str, Port] = {}
+    written = Written()
+    ports: dict[str, _SpeedPort] = {}
 
     async def open_serial(path: str, baudrate: int) -> Port:
         if path in ports and ports[path].is_open:
             raise busy(path)
-        port = ports[path] = Port(path, baudrate)
+        port = ports[path] = _SpeedPort(path, baudrate, written)
         line = _SpeedLine(devices[path], port, written)
         port.connection_made(MemoryTransport(asyncio.get_running_loop(), port, line))
         return port
@@ -79,7 +105,7 @@ def serial_in_memory(patch: pytest.MonkeyPatch, **devices: Any) -> list[tuple[in
     return written
 
 
-def plugged_in(patch: pytest.MonkeyPatch, adapter: str = "CP2102", **devices: Any) -> list[tuple[int, bytes]]:
+def plugged_in(patch: pytest.MonkeyPatch, adapter: str = "CP2102", **devices: Any) -> Written:
     """The same, and have the system list these ports, with that adapter; "" for one that nobody knows."""
     ports = [PortInfo(path, "", adapter, "") for path in devices]
     patch.setattr("lidario.session.finding.discovery.list_serial_ports", lambda: ports)

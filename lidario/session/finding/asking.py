@@ -13,8 +13,9 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Awaitable, Callable, Iterator
-from contextlib import nullcontext, suppress
+from contextlib import suppress
 from itertools import count
 from typing import NamedTuple
 
@@ -60,30 +61,41 @@ class Woken:
         if stop:
             self._stops.add((baudrate, stop))
 
-    async def stop(self, then: int = 0) -> None:
-        """Stop them, and leave the line at the speed `then`."""
-        # Where the loop is closed, nothing is awaited, and nothing can be shielded.
-        with nullcontext() if self._loop.is_closed() else anyio.CancelScope(shield=True):
-            for baudrate, stop in sorted(self._stops):
-                if not self._port.is_open:
-                    return
+    async def stop(self) -> None:
+        """Stop them. Where the loop is closed, as `abandon`."""
+        if self._loop.is_closed():
+            self.abandon()
+            return
+        with anyio.CancelScope(shield=True):
+            for _ in self._stop():
+                await anyio.sleep(SENT_S)
+
+    def abandon(self) -> None:
+        """Stop them, also without a loop. It blocks for 20 ms for each of them, and is for finalizers."""
+        for _ in self._stop():
+            time.sleep(SENT_S)
+
+    def _stop(self) -> Iterator[None]:
+        """Stop them one by one; the line has its speed again behind them.
+
+        At each step, what is still under way would be garbled by another speed.
+        """
+        speed = self._port.baudrate
+        for baudrate, stop in sorted(self._stops):
+            if self._port.is_open:
                 self._at(baudrate)
                 self._port.write(stop)
-                if not self._loop.is_closed():
-                    # What is still under way would be garbled by another speed.
-                    await anyio.sleep(SENT_S)
-            if self._stops:
-                self._stops.clear()
-                self._at(then)
+                yield
+        self._at(speed)
 
     def _at(self, baudrate: int) -> None:
         with suppress(ConnectFailed):
             self._port.set_baudrate(baudrate)
 
 
-def begun(port: Port, attempt: Attempt) -> Connection:
-    """The connection to what is asked; nothing was written."""
-    return Connection(Dialogue(port, made(port, attempt), attempt.family.timing))
+def begun(port: Port, attempt: Attempt, woken: Woken) -> Connection:
+    """The connection to what is asked; nothing was written. With it, what was `woken` before is abandoned."""
+    return Connection(Dialogue(port, made(port, attempt), attempt.family.timing), woken.abandon)
 
 
 def made(port: Port, attempt: Attempt) -> Device:
@@ -194,7 +206,7 @@ async def ask_once(
         port.set_baudrate(attempt.baudrate)
     except ConnectFailed:
         return None  # the adapter cannot do it; its device runs at another speed
-    connection = begun(port, attempt)
+    connection = begun(port, attempt, woken)
     dialogue = connection.dialogue
     try:
         usual_s = QUICK_S if quick else attempt.family.timing.probe_s
@@ -208,11 +220,9 @@ async def ask_once(
         woken.add(attempt.baudrate, dialogue.device.end_search())
         return None
     except BaseException:
-        if loop.is_closed():
-            await woken.stop(attempt.baudrate)
-        if dialogue.stats.response_bytes or loop.is_closed():
+        if dialogue.stats.response_bytes:
             await dialogue.close()
-        else:
+        elif not loop.is_closed():  # else the finalizer of the connection does it
             await leave(connection)
         raise
     return connection

@@ -251,7 +251,7 @@ class _Search:
     async def _try_known(self, known: Attempt, *, patient: bool = True) -> Connection | None:
         """Ask the one family at the one speed that it can be, with patience; None when there is no response."""
         self._port.set_baudrate(known.baudrate)
-        connection = begun(self._port, known)
+        connection = begun(self._port, known, self._woken)
         dialogue = connection.dialogue
         try:
             self._known = dialogue

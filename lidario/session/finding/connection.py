@@ -7,6 +7,7 @@ looked at in `lidario.session.finding.connect`.
 from __future__ import annotations
 
 import weakref
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -29,18 +30,24 @@ class Connection:
 
     Ctrl-C is raised wherever the interpreter is, also between two statements that belong together. So this is made
     before anything is written, and lives in the frames that open the device; when they are gone, its finalizer
-    writes the stop requests. The session lets go of it as soon as it has a finalizer of its own.
+    writes the stop requests, behind what `before` does. The session lets go of it as soon as it has a finalizer of
+    its own.
     """
 
     info: DeviceInfo  # what it says it is; there once it has responded
 
-    def __init__(self, dialogue: Dialogue) -> None:
+    def __init__(self, dialogue: Dialogue, before: Callable[[], None] = lambda: None) -> None:
         self.dialogue: Dialogue = dialogue  # the conversation with it
-        self._finalizer = weakref.finalize(self, dialogue.abandon)
+        self._finalizer = weakref.finalize(self, _abandon, before, dialogue)
 
     def release(self) -> None:
         """Somebody else takes care of the device from now on, or nobody has responded."""
         self._finalizer.detach()
+
+
+def _abandon(before: Callable[[], None], dialogue: Dialogue) -> None:
+    before()
+    dialogue.abandon()
 
 
 @dataclass(slots=True)
