@@ -23,8 +23,7 @@ _LAST_S: Final = 2**31 - 1
 class Alarm(ABC):
     """One thread waits; any thread sets until when. Times are seconds of the monotonic clock."""
 
-    def __init__(self) -> None:
-        self.at: float = 0.0  # until when
+    at: float = 0.0  # until when
 
     @abstractmethod
     def set(self, at: float) -> None:
@@ -42,7 +41,6 @@ class WokenAlarm(Alarm):
     """Where no timer can be set anew: the thread wakes at each time that it was told, and looks."""
 
     def __init__(self) -> None:
-        super().__init__()
         self._earlier = threading.Event()
 
     def set(self, at: float) -> None:
@@ -67,7 +65,6 @@ class TimerAlarm(Alarm):
     """
 
     def __init__(self) -> None:
-        super().__init__()
         # The interpreter lock is kept: the calls take no time, and waiting for it would.
         library = ctypes.PyDLL(None, use_errno=True)
         create, self._set = library.timerfd_create, library.timerfd_settime

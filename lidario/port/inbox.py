@@ -110,15 +110,15 @@ class Inbox:
         self._shared = True
         self._chunks: list[bytes] = []
         self._arrivals: list[tuple[int, int]] = []
-        # The usual pace: how many bytes came, and since when. The time in which nobody read is left out.
-        self._came = self._since_ns = 0
-        self._behind_ns = 0  # how long before it was read the last of them came
+        # The usual pace: how many bytes came, and in which time. Where nobody read, that is left out.
+        self._came = self._took_ns = 0
+        self._from_ns = 0  # since when what is read next has come; 0 where nothing came yet
 
     def share(self, shared: bool) -> None:
         """Allow or forbid reads of the other thread; when this returns, a read in progress has ended."""
         with self._lock:
             self._shared = shared
-            self._came = self._since_ns = 0
+            self._came = self._took_ns = self._from_ns = 0
 
     def read(self, *, from_thread: bool = False) -> None:
         """Read all there is, and keep it with the time.
@@ -159,17 +159,17 @@ class Inbox:
             at_ns, size = now, self.size
             if pieces:
                 data = b"".join((*pieces, data))
-            if self._came and len(data) >= kind.size - 1:
-                takes_ns = len(data) * (self.last_ns - self._since_ns) // self._came
-                full_ns = self.last_ns - self._behind_ns + takes_ns
+            is_rest = self._from_ns < self.last_ns
+            if self._came and (is_rest or len(data) >= kind.size - 1):
+                full_ns = self._from_ns + len(data) * self._took_ns // self._came
                 at_ns = full_ns if now - full_ns > _STOOD_NS else now
-            behind_ns = now - at_ns
-            if self._since_ns:
-                self._since_ns += behind_ns - self._behind_ns if behind_ns else 0
+            if self._from_ns:
                 self._came += len(data)
-            elif data:
-                self._since_ns = now
-            self.last_ns, self._behind_ns = now, behind_ns
+                self._took_ns += at_ns - self._from_ns
+            if self._from_ns or data:
+                # Behind what is read in a row at most there is more of the same time.
+                self._from_ns = at_ns if left <= 0 or len(pieces) >= MOST_READS else now
+            self.last_ns = now
             size += len(data)
             if size > INBOX_BYTES:
                 self._late.overflow_bytes += len(data)

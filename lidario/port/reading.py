@@ -172,7 +172,7 @@ class PolledLine(Line):
             else:
                 pause = min(pause, _ALONE_SHARE * schedule.buffer_s)
             if pause <= 0:
-                pause = max(schedule.latency - _TIMER_S, schedule.latency / 2)
+                pause = schedule.latency - _TIMER_S
         if pause <= 0 and self._handle < 0:
             pause = _POLL_S
         if pause <= 0:
@@ -180,16 +180,16 @@ class PolledLine(Line):
             if self._inbox.size:
                 self.hand_over()
             return
-        if self._watching:
-            self._watch(False)
+        self._watch(False)
         self._timer = self._loop.call_later(pause, self._poll)
 
     def _watch(self, on: bool) -> None:
-        if on and not self._watching:
-            self._loop.add_reader(self._handle, self._poll)
-        elif self._watching and not on:
-            self._loop.remove_reader(self._handle)
-        self._watching = on
+        if on is not self._watching:
+            if on:
+                self._loop.add_reader(self._handle, self._poll)
+            else:
+                self._loop.remove_reader(self._handle)
+            self._watching = on
 
     def _watch_in_thread(self, schedule: Schedule | None) -> None:
         """Have the thread read beside the loop while there is a schedule; None for no longer."""

@@ -6,13 +6,14 @@ import asyncio
 import math
 import os
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 
 import pytest
 
 from lidario.port.port import Port
 from lidario.port.thread import Watched, reading_thread
 from tests.support.ports import PATIENCE_S, Plan, Seen, Sink, opened, terminal_pair
+from tests.test_no_threads import no_threads
 
 
 @asynccontextmanager
@@ -52,8 +53,12 @@ async def test_what_is_held_comes_in_one_piece_with_the_time_of_each_read(
         assert sink.times == [third]
 
 
-@pytest.mark.long
-async def test_nothing_is_held_for_longer_than_half_a_second(terminal: tuple[int, str]) -> None:
+@pytest.mark.parametrize("hold_s", [pytest.param(None, marks=pytest.mark.long), 0.05])
+async def test_nothing_is_held_for_longer_than_half_a_second(
+    hold_s: float | None, terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if hold_s is not None:
+        monkeypatch.setattr("lidario.port.reading.HOLD_S", hold_s)
     master, path = terminal
     # A schedule that makes no sense: no poll for a minute, and nothing is ever needed.
     plan = Plan(0.01, *[60.0] * 10, hold=math.inf, latency=0.002)
@@ -61,7 +66,39 @@ async def test_nothing_is_held_for_longer_than_half_a_second(terminal: tuple[int
         os.write(master, b"here")
         await sink.until(4)
         held_s = asyncio.get_running_loop().time() - seen.reads[0][1] * 1e-9
-        assert 0.49 <= held_s < 5
+        assert (hold_s or 0.5) - 0.01 <= held_s < 5
+
+
+async def test_the_loop_sleeps_while_the_thread_reads(
+    terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("lidario.port.reading.HOLD_S", 3600.0)
+    master, path = terminal
+    plan = Plan(*[60.0] * 10, hold=math.inf, buffer_s=0.02)
+    async with held_port(path, plan) as (_, sink, _):
+        for count in range(1, 11):
+            os.write(master, b"x")
+            await until_read(count)
+        # It would have polled fifteen times.
+        assert plan.rests
+        assert not sink.chunks
+
+
+async def test_where_no_thread_can_be_started_the_loop_reads_before_the_buffer_is_full(
+    terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("lidario.port.reading.HOLD_S", 3600.0)
+    master, path = terminal
+    async with opened(path, 1_000_000) as (port, sink):
+        with no_threads():
+            port.set_polling(Plan(*[60.0] * 100_000, buffer_s=0.02))
+        os.set_blocking(master, False)
+        async with asyncio.timeout(PATIENCE_S):
+            # Many times what the system keeps.
+            while len(sink.data) < 500_000:
+                with suppress(BlockingIOError):
+                    os.write(master, bytes(4096))
+                await asyncio.sleep(0.001)
 
 
 async def test_no_more_than_32_kib_are_held(terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -285,3 +285,19 @@ def test_the_other_task_ends_what_a_silent_device_does_not(
 ) -> None:
     for a in READERS if b is b_stops else A:
         two_tasks(family, a, b, 1 if every_step else stride, silent=True)
+
+
+async def test_one_that_the_other_task_has_stopped_is_woken_again_for_the_next_question() -> None:
+    """It hears nothing while DTR is cleared, as the other task has left it behind a question without a response."""
+    async with (rig := make_rig("ydlidar-x4")).open() as lidar:
+        rig.device.mute = True
+        asking = asyncio.ensure_future(lidar.get_health())
+        await asyncio.sleep(0.1)
+        stopping = asyncio.ensure_future(lidar.stop())
+        await asyncio.sleep(1.2)
+        assert left_still(rig)
+        rig.device.mute = False
+        assert (await asking).ok
+        await stopping
+        await asyncio.sleep(3.0)
+        assert left_still(rig)
