@@ -91,7 +91,7 @@ class StreamFormat(ABC):
 
     def __init__(self) -> None:
         self._in_step = True
-        self._due = 0
+        self._due: int  # while it is out of step: the next packet is due so far behind the place asked about
 
     @classmethod
     def sample_us(cls, packets: bytes) -> float:  # noqa: ARG003
@@ -173,7 +173,7 @@ class StreamFormat(ABC):
             self._in_step = False
             self._due = size
         noise = self._end_of_noise(data, at)
-        self._due = 0 if self._in_step else self._due - (noise - at)
+        self._due -= noise - at
         if noise == at and self._in_step:
             # What was waited for begins right here, and it is whole.
             run = self.run(data, at)

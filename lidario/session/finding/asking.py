@@ -1,8 +1,8 @@
 """Asking a device that nothing is known of, in rounds.
 
 - The first round waits shortly at each speed, since a healthy device responds within milliseconds. It is made
-  where nothing was heard, so nothing has to be stopped before the question, and where one family would have to wait
-  for another.
+  where nothing was heard, so nothing has to be stopped before the question, and where no two are asked at one speed
+  in a row.
 - Then the models are asked that need the control line DTR. For the others it is cleared again.
 - Where a line that was silent streams after all, and before each later round of one that streams, it is listened to
   again: one that only talks hears no question, and sends its packets when it has had power for a while.

@@ -222,7 +222,7 @@ class _Search:
         tries = [each for each in tries if _may_hear(each)] or tries
         families = {each.family for each in tries}
         # One that is waited for shortly may be late. Then at another speed it is noise, but not at the same.
-        quick = heard.silent and len(families) > 1 and all(a.baudrate != b.baudrate for a, b in pairwise(tries))
+        quick = heard.silent and all(a.baudrate != b.baudrate for a, b in pairwise(tries))
         tries = [each._replace(is_guess=len(families) > 1) for each in tries]
 
         async def hear_again() -> Connection | None:
