@@ -34,24 +34,27 @@ async def test_revolutions_that_come_late_and_whole_are_delivered(rig: Rig, bloc
         assert (other.stamp_ns - one.stamp_ns) * 1e-9 == pytest.approx(rig.turn_s, rel=0.1)
 
 
-BLOCKED_S = 0.05
-"""For so long the program blocks its loop: then the descriptor and many packets are read at once."""
-
-
-async def test_a_stream_that_was_stopped_as_it_began_leaves_no_packets_to_the_next(rig: Rig) -> None:
+@pytest.mark.parametrize("received", [False, True])
+@pytest.mark.parametrize("block_s", [0.05, 0.6])
+async def test_a_stream_that_was_stopped_as_it_began_leaves_no_packets_to_the_next(
+    rig: Rig, block_s: float, received: bool
+) -> None:
+    """Descriptor and packets, also of whole revolutions, are read at once behind the stop, or just before it."""
     loop = driven_loop()
     async with rig.open() as lidar:
         await lidar.get_modes()
         reading = asyncio.ensure_future(anext(lidar.scans()))
         while "scan" not in rig.device.log[-1].name:
             await asyncio.sleep(0.0001)
-        loop.block(BLOCKED_S)
-        await asyncio.sleep(0)  # so that `stop` and what was received come in one step, before the start can end
+        loop.block(block_s)
+        for _ in range(1 + received):
+            await asyncio.sleep(0)  # so that `stop` and what was received come before the start can end
         await lidar.stop()
         await asyncio.wait([reading])
         assert isinstance(reading.exception(), StopAsyncIteration)
         assert lidar.stats.discarded_packets > 1, "no packet came before the stop requests"
-        await lidar.scan()
+        stopped_ns = now_ns()
+        assert (await lidar.scan()).stamp_ns > stopped_ns
         stats = lidar.stats
         assert stats.lost_packets == stats.broken_scans == stats.missed_scans == 0, stats
 

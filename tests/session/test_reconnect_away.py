@@ -235,3 +235,14 @@ async def test_a_question_on_the_new_line_ends_at_once_when_the_session_is_close
             await asked
         assert now() - began < 0.001
         await closing
+
+
+async def test_where_nothing_responds_other_places_are_looked_at_within_two_seconds() -> None:
+    async with on_a_cable("rplidar", reconnect=Reconnect(limit_s=20.0)) as (cable, lidar):
+        stream = lidar.scans()
+        await anext(stream)
+        cable.pull()
+        cable.rig.device.mute = True
+        cable.plug(boots=False)
+        await end_of(stream, DeviceLost, "did not come back")
+    assert max(later - earlier for earlier, later in itertools.pairwise(cable.attempts[1:])) < 2.0
