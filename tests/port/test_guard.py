@@ -122,6 +122,15 @@ async def test_where_the_system_cannot_it_is_said(monkeypatch: pytest.MonkeyPatc
         open_lidar(guard=np.zeros(2))  # type: ignore[arg-type]
 
 
+async def test_it_keeps_nothing_open_that_its_program_writes_to() -> None:
+    """Who reads what the program says until its end would wait for the guard, too."""
+    guard = await start_guard("x")
+    (process,) = own_guards()
+    assert {os.readlink(f"/proc/{process}/fd/{number}") for number in (1, 2)} == {"/dev/null"}
+    guard.dismiss_at_once()
+    await ended(process)
+
+
 async def test_cancelled_while_it_starts_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     started = asyncio.Event()
     loop = asyncio.get_running_loop()
