@@ -74,7 +74,7 @@ async def test_the_loop_sleeps_while_the_thread_reads(
 ) -> None:
     monkeypatch.setattr("lidario.port.reading.HOLD_S", 3600.0)
     master, path = terminal
-    plan = Plan(*[60.0] * 10, hold=math.inf, buffer_s=0.02)
+    plan = Plan(*[0.9] * 10, hold=math.inf, buffer_s=0.02)
     async with held_port(path, plan) as (_, sink, _):
         for count in range(1, 11):
             os.write(master, b"x")
