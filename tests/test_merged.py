@@ -14,6 +14,8 @@ from lidario import InvalidValue, Mount, Velocity
 from lidario.filters import AngularBoundsFilter
 from lidario.merging import Merged, MergedScans
 from lidario.testing import SimulatedLidar, make_scan, room
+from tests.support.devices import left_still, make_rig
+from tests.support.loop import driven
 
 ALL = np.linspace(-math.pi, math.pi, 360, endpoint=False)
 MS = 1_000_000
@@ -224,6 +226,17 @@ async def test_a_reader_that_leaves_stops_the_motors() -> None:
         with pytest.raises(StopAsyncIteration):
             await anext(stream)
         assert two.is_still
+
+
+@driven
+async def test_a_reader_that_leaves_by_break_is_no_reader_any_more() -> None:
+    rigs = [make_rig("rplidar", seed=seed) for seed in (1, 2)]
+    async with rigs[0].open() as front, rigs[1].open() as rear:
+        async for _ in lidario.merged(front, rear, mounts=[Mount(), Mount()]):
+            break
+        gc.collect()
+        await asyncio.sleep(3.0)
+        assert all(left_still(rig) for rig in rigs)
 
 
 async def test_a_reader_ends_when_another_task_closes_its_stream() -> None:

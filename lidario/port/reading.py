@@ -141,13 +141,11 @@ class PolledLine(Line):
         try:
             self._read()
             now = inbox.last_ns * 1e-9
-            # A timer may come that little early.
-            held_long = now >= inbox.first_ns * 1e-9 + HOLD_S - _TIMER_S
+            held_long = now >= inbox.first_ns * 1e-9 + HOLD_S
             if schedule is None or held_long or inbox.size >= HOLD_BYTES or schedule.due - now <= _JUST_BEFORE_S:
                 self.hand_over()
         finally:
-            if self._schedule is not None or not self._watching:
-                self._wait()
+            self._wait()
 
     def _read(self) -> None:
         """Read all there is."""

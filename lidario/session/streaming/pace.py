@@ -64,7 +64,7 @@ class Pace:
         self._eager = latency < EAGER_S
         self._behind_s = wire_s + (1.0 if self._eager else 1.75) * packet_s
         self._period = 0.0
-        self._unsteady = 0.0
+        self._unsteady: float  # known with the period
         self._received = received
         self._last = math.inf
         # No stream is faster than its line.
@@ -78,8 +78,10 @@ class Pace:
         since, self._last = now - self._last, now
         self._revolution_due = 0.0
         self.due = self._sector_due
-        measured = 60 / scan.rpm if scan.rpm > 0 else 0.0
-        if not measured or since < _LEAST_INTERVAL * measured:
+        if not scan.rpm > 0:
+            return
+        measured = 60 / scan.rpm
+        if since < _LEAST_INTERVAL * measured:
             # Scans come faster than their speed says: several late ones at once, or the device tells a wrong rate.
             return
         expected, deviation = self._period or measured, measured - self._period
