@@ -14,6 +14,7 @@ from lidario import InvalidValue, Mount, Velocity
 from lidario.filters import AngularBoundsFilter
 from lidario.merging import Merged, MergedScans
 from lidario.testing import SimulatedLidar, make_scan, room
+from tests.support.cable import on_a_cable
 from tests.support.devices import left_still, make_rig
 from tests.support.loop import driven
 
@@ -229,14 +230,20 @@ async def test_a_reader_that_leaves_stops_the_motors() -> None:
 
 
 @driven
-async def test_a_reader_that_leaves_by_break_is_no_reader_any_more() -> None:
-    rigs = [make_rig("rplidar", seed=seed) for seed in (1, 2)]
-    async with rigs[0].open() as front, rigs[1].open() as rear:
+@pytest.mark.parametrize("away", [False, True])
+async def test_a_reader_that_leaves_by_break_is_no_reader_any_more(away: bool) -> None:
+    """Also where the line of one is lost, and no scan comes that would end the waiting for it."""
+    other = make_rig("ydlidar")
+    async with on_a_cable("rplidar") as (cable, front), other.open() as rear:
         async for _ in lidario.merged(front, rear, mounts=[Mount(), Mount()]):
+            if away:
+                cable.pull()
             break
         gc.collect()
         await asyncio.sleep(3.0)
-        assert all(left_still(rig) for rig in rigs)
+        assert not front.is_scanning
+        assert left_still(other)
+        assert away or left_still(cable.rig)
 
 
 async def test_a_reader_ends_when_another_task_closes_its_stream() -> None:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import weakref
 from collections.abc import Sequence
-from contextlib import AsyncExitStack, suppress
+from contextlib import AsyncExitStack
 from typing import Self
 
 from lidario.arguments import shown
@@ -130,19 +129,12 @@ class MergedStream(AsyncOnly):
         for lidar in self._lidars:
             self._streams.append(await self._entered.enter_async_context(lidar.scans(self._mode)))
         self._reading.update((number, self._next(number)) for number in range(len(self._streams)))
-        # Where a reader leaves by `break`, nobody closes it; the tasks would read on, and the motors turn.
         self._loop = asyncio.get_running_loop()
-        weakref.finalize(self, _abandon, self._loop, self._reading)
 
     def _next(self, number: int) -> asyncio.Task[None]:
         # It takes no scan: while the program is busy, the latest one wins. An error is raised where one is taken.
+        # It does not hold the stream: where a reader leaves by `break`, the streams go with this one.
         return asyncio.create_task(until_there(self._streams[number]), name=f"lidario: read lidar {number}")
-
-
-def _abandon(loop: asyncio.AbstractEventLoop, reading: dict[int, asyncio.Task[None]]) -> None:
-    for each in reading.values():
-        with suppress(RuntimeError):  # the loop is closed, and so are the sessions
-            loop.call_soon_threadsafe(each.cancel)
 
 
 def merged(
