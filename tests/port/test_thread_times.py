@@ -101,6 +101,11 @@ def test_ports_that_are_due_soon_are_read_together() -> None:
     assert clock.reads == [100.0315, 100.0315]
 
 
+def test_a_thread_that_was_never_late_sleeps_until_the_buffer_is_nearly_full() -> None:
+    clock = Clock()
+    assert thread_of(clock, clock.watched(0.05)).serve() == pytest.approx(clock.now + 0.035)
+
+
 def test_an_error_is_told_and_tried_again() -> None:
     clock = Clock()
     watched = clock.watched(0.04)
