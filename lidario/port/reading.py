@@ -170,7 +170,7 @@ class PolledLine(Line):
             else:
                 pause = min(pause, _ALONE_SHARE * schedule.buffer_s)
             if pause <= 0:
-                pause = schedule.latency - _TIMER_S
+                pause = max(schedule.latency - _TIMER_S, schedule.latency / 2)
         if pause <= 0 and self._handle < 0:
             pause = _POLL_S
         if pause <= 0:

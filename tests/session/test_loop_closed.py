@@ -54,12 +54,13 @@ def run_and_close(
     *,
     plain: bool = False,
     reconnect: bool = False,
+    by_hand: bool = False,
 ) -> int:
     """Run `work`, interrupt it when the loop has gone round `at` times, close the loop; the turns that it went.
 
     Where `at` is 0, `what` is called in each turn, and decides by itself.
     A plain loop cancels nothing when KeyboardInterrupt comes out of it: `loop.run_until_complete`, Ctrl-C,
-    `loop.close`. The session is garbage then, also where a reader waited.
+    `loop.close`. The session is garbage then, also where a reader waited; `by_hand`, its coroutine is closed first.
     """
     loop = DrivenLoop()
     monkeypatch.setattr("lidario.port.port.time.sleep", loop.block)
@@ -75,8 +76,12 @@ def run_and_close(
 
     if plain:
         loop.set_exception_handler(unless_unfinished)
+        coroutine = main()
         with suppress(KeyboardInterrupt), closing(loop):
-            loop.run_until_complete(main())
+            loop.run_until_complete(coroutine)
+        if by_hand:
+            coroutine.close()
+        del coroutine
         turns = loop.turns
     else:
         with asyncio.Runner(loop_factory=lambda: loop) as runner:
@@ -173,11 +178,15 @@ def test_ended_while_one_is_searched_that_was_started_and_does_not_respond(monke
         assert left_still(rig) or not rig.device.log, (at, names(rig)[-4:])
 
 
+by_both = pytest.mark.parametrize("by_hand", [False, True])
+
+
 @pytest.mark.usefixtures("quick_collection")
+@by_both
 @pytest.mark.parametrize("ended_after_s", [0.5, 2.0, 4.0])
 @pytest.mark.parametrize("model", ["ldrobot-ld14p", "hlds-lds01"])
 def test_ended_while_others_are_asked_and_one_was_started_before(
-    model: str, ended_after_s: float, monkeypatch: pytest.MonkeyPatch
+    model: str, ended_after_s: float, by_hand: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It runs at another speed, and what is asked just now is stopped at its own."""
     rig = make_rig(model)
@@ -191,14 +200,15 @@ def test_ended_while_others_are_asked_and_one_was_started_before(
         if loop.time() > START + ended_after_s:
             interrupt(loop, task)
 
-    run_and_close(rig, nothing, 0, end, monkeypatch, plain=True)
+    run_and_close(rig, nothing, 0, end, monkeypatch, plain=True, by_hand=by_hand)
     assert names(rig).count("start") > 0
     assert not rig.device.motor_on
     assert written.came_whole(stop)
 
 
 @pytest.mark.usefixtures("quick_collection")
-def test_ended_while_one_is_asked_whose_motor_was_left_on(monkeypatch: pytest.MonkeyPatch) -> None:
+@by_both
+def test_ended_while_one_is_asked_whose_motor_was_left_on(by_hand: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """It is stopped at its own speed, also where others were started at another one before."""
     rig = make_rig("rplidar-c1")
     rig.device.receive(MOTOR_600, round(START * 1e9))
@@ -211,7 +221,7 @@ def test_ended_while_one_is_asked_whose_motor_was_left_on(monkeypatch: pytest.Mo
         if rig.device.log:
             interrupt(loop, task)
 
-    run_and_close(rig, nothing, 0, end, monkeypatch, plain=True)
+    run_and_close(rig, nothing, 0, end, monkeypatch, plain=True, by_hand=by_hand)
     assert left_still(rig), names(rig)
     assert 230_400 in {speed for speed, _ in written[-3:]}
 
