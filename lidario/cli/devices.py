@@ -130,7 +130,7 @@ def _show_fleet(router: str, *, as_json: bool) -> int:
         titles = ("source", "robot", "model", "serial number", "health", "scans/s")
         emit(rendered(console(), table(titles, map(_row_of, found), right=("scans/s",))))
     else:
-        message(f"no lidar is published through {router}; `lidario publish --zenoh KEY` publishes one")
+        message(f"no lidar is published; `lidario publish --zenoh KEY --router {router}` publishes one")
     return ExitCode.OK if found else ExitCode.NO_DEVICE
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import re
+import shlex
 from ipaddress import ip_address
 
 import click
@@ -34,7 +35,8 @@ def router(addresses: tuple[str, ...], config: str | None) -> int:
         async with await lidario.ros.Router.open(*addresses, config=config) as served:
             taken = emit_beside("".join(f"{address}\n" for address in served.addresses))
             message("a zenoh router, until Ctrl-C; for instance")
-            message("  lidario publish --zenoh robots/r7/scan")
+            for address in served.addresses[:1]:
+                message(f"  lidario publish --zenoh robots/r7/scan --router {shlex.quote(address)}")
             open_to_all = [each for each in served.addresses if not config and not is_private(each)]
             if open_to_all:
                 message(f"everybody who reaches {open_to_all[0]} may publish and read: --config FILE names who may")

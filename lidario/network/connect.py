@@ -109,7 +109,7 @@ async def _nobody(bus: Bus, key: str) -> ConnectFailed:
         one = tokens[0]
         text = f"zenoh:{one.key} is published by {one.robot}, which does not respond: does its program hang?"
         return ConnectFailed(text, reason="silent")
-    text = f"no lidar is published under {key} at {bus.router}; `lidario devices --zenoh` lists those that are"
+    text = f"no lidar is published under {key}; `lidario devices --zenoh --router {bus.router}` lists all"
     return ConnectFailed(text, reason="missing")
 
 

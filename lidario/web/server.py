@@ -148,12 +148,18 @@ class LiveServer:
             OSError: The port is taken, or not allowed.
         """
         listening = Listening(self._door, self._host, self._port)
-        self._server = await serve(
-            self._serve_viewer, sock=listening, backlog=BACKLOG,
-            process_request=self._check_request, compression=None, max_size=MOST_BYTES, max_queue=4,
-            close_timeout=CLOSE_S, server_header=None, logger=_noise,
-            create_connection=cast("type[ServerConnection]", partial(Connection, self._door, _may_send)),
-        )  # fmt: skip
+        try:
+            self._server = await serve(
+                self._serve_viewer, sock=listening, backlog=BACKLOG,
+                process_request=self._check_request, compression=None, max_size=MOST_BYTES, max_queue=4,
+                close_timeout=CLOSE_S, server_header=None, logger=_noise,
+                create_connection=cast("type[ServerConnection]", partial(Connection, self._door, _may_send)),
+            )  # fmt: skip
+        except BaseException:
+            # Cancelled: asyncio has begun to listen, and its server is lost with the call.
+            asyncio.get_running_loop().remove_reader(listening)
+            listening.close()
+            raise
         # Not localhost: a browser tries ::1 first, where another program may listen.
         self.url = f"http://{self._host}:{self.port}/" + (f"?token={self._token}" if self._token else "")
         self._ticking = asyncio.create_task(self._tick())

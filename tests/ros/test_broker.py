@@ -103,6 +103,8 @@ def test_the_command_serves_until_ctrl_c() -> None:
         assert process.wait(BOUND) == 0
         told = rest_of(process.stderr)
     assert "a zenoh router, until Ctrl-C" in told
+    # As it is printed, it reaches this router and not another one.
+    assert f"lidario publish --zenoh robots/r7/scan --router {address}\n" in told
     assert "may publish and read" not in told
 
 

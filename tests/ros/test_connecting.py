@@ -23,6 +23,7 @@ async def test_nobody_and_no_router(router: Router, monkeypatch: pytest.MonkeyPa
     with pytest.raises(ConnectFailed, match="no lidar is published under nothing/here") as caught:
         await lidario.open_lidar(f"zenoh:nothing/here?router={router.address}")
     assert caught.value.reason == "missing"
+    assert f"`lidario devices --zenoh --router {router.address}` lists" in str(caught.value)
     with pytest.raises(ConnectFailed, match=r"no zenoh router responds at tcp/127\.0\.0\.1:1") as caught:
         await lidario.open_lidar("zenoh:nothing/here?router=tcp/127.0.0.1:1")
     assert caught.value.reason == "refused"

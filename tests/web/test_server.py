@@ -7,6 +7,7 @@ import json
 import struct
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
+from typing import Any
 
 import pytest
 from websockets.asyncio.client import ClientConnection, connect
@@ -15,6 +16,7 @@ from websockets.typing import Origin
 
 from lidario import Scan
 from lidario.web import server as module
+from lidario.web.door import Listening
 from lidario.web.feed import Feed
 from lidario.web.frames import pack_scan
 from lidario.web.server import AHEAD, LiveServer
@@ -208,6 +210,27 @@ async def test_closing_does_not_wait_for_a_connection_that_says_nothing(said: by
         writer.close()
         with suppress(ConnectionError):
             await reader.read()
+
+
+async def test_cancelling_its_start_leaves_no_port_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As by Ctrl-C at that moment: asyncio begins to listen, and waits for a turn of the loop."""
+    opened: list[Listening] = []
+
+    def open_one(*where: Any) -> Listening:
+        opened.append(Listening(*where))
+        return opened[-1]
+
+    monkeypatch.setattr(module, "Listening", open_one)
+    starting = asyncio.create_task(LiveServer([], host="127.0.0.1", port=0).__aenter__())
+    await asyncio.sleep(0)
+    assert len(opened) == 1
+    assert not starting.done()
+    descriptor = opened[0].fileno()
+    starting.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await starting
+    assert opened[0].fileno() == -1
+    assert not asyncio.get_running_loop().remove_reader(descriptor)
 
 
 async def test_no_noise_from_strangers(capfd: pytest.CaptureFixture[str]) -> None:
