@@ -55,8 +55,10 @@ def play(file: str, rate: float, loop: bool, pty: bool, tcp: str | None) -> int:
 
 
 def _serve(server: PtyServer | TcpServer | UdpServer, device: PlayedDevice, file: str) -> int:
+    speed = f" at {device.baudrate} baud" if device.baudrate else ""
+
     async def work() -> None:
-        await announce(server, f"{file} at {device.baudrate} baud, until its end or Ctrl-C")
+        await announce(server, f"{file}{speed}, until its end or Ctrl-C")
         await _until_finished(device)
 
     with server:

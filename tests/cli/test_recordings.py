@@ -311,3 +311,13 @@ def test_play_serves_another_process(live: Live) -> None:
         assert len(done.stdout.splitlines()) == 2
         end(process)
     assert process.returncode == 0
+
+
+@pytest.mark.long
+def test_play_tells_no_speed_that_is_not_known(live: Live, tmp_path: Path) -> None:
+    """As of bare bytes, or of what came over a network."""
+    bare = tmp_path / "raw.bin"
+    bare.write_bytes(live.received)
+    with started("play", str(bare), "--loop", "--tcp", ":0") as process:
+        line_of(process.stdout)
+        assert f"\n{bare}, until its end or Ctrl-C" in end(process)[1]
