@@ -148,7 +148,10 @@ def _mount(value: object, place: str) -> Mount:
     table = _table(value, place)
     _known(table, _PLACES, place)
     x, y, yaw = (_number(table.get(each, 0.0), f"{place}: {each}") for each in _PLACES)
-    return Mount(x, y, radians(yaw))
+    try:
+        return Mount(x, y, radians(yaw))
+    except InvalidValue as error:
+        raise InvalidValue(f"{place}: {error}") from None
 
 
 def parse_filter(value: object, mount: Mount | None, place: str) -> Filter:

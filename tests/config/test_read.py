@@ -71,6 +71,7 @@ def test_an_empty_file_says_nothing(tmp_path: Path) -> None:
         ("[lidars.A]\nmount = 3", r"\[lidars.A\]: mount is a table, not 3"),
         ("[lidars.A]\nmount = {yaw = 3}", r"'yaw' means nothing here; there are x, y, yaw_deg"),
         ("[lidars.A]\nmount = {x = 'a'}", r"mount: x"),
+        ("[lidars.A]\nmount = {x = 1e300}", r"\[lidars.A\]: mount: x of a Mount is a number, at most 1e\+06 away"),
         ("[lidars]\nA = 3", r"\[lidars.A\] is a table, not 3"),
         ("[lidars.A]\n[lidars.a]", "twice"),
         ("[lidars.A]\nfilters = 3", r"filters are a list"),

@@ -78,6 +78,18 @@ async def test_the_mode_is_that_of_each_reader_that_asks_for_none(settings: Path
     assert [scan.mode for scan in scans] == ["Standard"] * 3
 
 
+async def test_a_mode_that_the_device_lacks_is_told_as_that_of_the_settings(tmp_path: Path) -> None:
+    """Nobody has named one where it is read."""
+    path = tmp_path / "x.toml"
+    path.write_text("[default]\nmode = 'nix'\n")
+    async with lidario.open_lidar(SimulatedLidar("rplidar-s2"), config=path) as session:
+        with pytest.raises(Unsupported, match=r"^mode = 'nix' of the settings: this device has no"):
+            await session.scan()
+        with pytest.raises(Unsupported, match="no scan mode 'other'"):
+            await session.scan("other")
+        assert (await session.scan("Standard")).mode == "Standard"
+
+
 async def test_where_it_is_mounted_is_known_to_those_who_merge(tmp_path: Path) -> None:
     path = tmp_path / "x.toml"
     path.write_text("[default]\nmount = { x = 100.0 }\n")

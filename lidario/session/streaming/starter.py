@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 
+from lidario.arguments import shown
 from lidario.errors import LidarError, LocalProtocolError, Unsupported
 from lidario.session.finding.connection import At
 from lidario.session.streaming.control import NotWanted, StreamControl
@@ -130,7 +131,13 @@ class Starter:
         if running is not None and mode is None:
             return running
         modes = (*control.modes, *self._at.dialogue.device.unlisted_modes())
-        wanted = Wanted(choose_mode(modes, control.usual_mode if mode is None else mode), force)
+        usual = control.usual_mode
+        try:
+            wanted = Wanted(choose_mode(modes, usual if mode is None else mode), force)
+        except Unsupported as error:
+            if mode is None:
+                raise Unsupported(f"mode = {shown(usual)} of the settings: {error}") from None
+            raise
         if running is None or not self._hub.readers:
             return wanted
         if wanted.mode != running.mode:
