@@ -13,7 +13,7 @@ for the mean of a few dozen steps:
 A node has two check bits, so that a few bytes may pass for one whose angle is somewhere else.
 
 Where the angles leap, it may be that they are those of returns beside the beam (`chains`): then the beams count, if
-they are evener.
+they are much evener.
 """
 
 from __future__ import annotations
@@ -78,7 +78,8 @@ class NodeSteps(PacedTurning):
         spans, shortest, longest, total = spans_between(heads, self._full_turn, self._retreat)
         if isinstance(heads.read, Nodes) and not self._is_ordinary(self._typical, shortest, longest):
             beams = spans_between(heads.read.beams(heads), self._full_turn, self._retreat)
-            if _unevenness(beams[0]) < _unevenness(spans):
+            # Damage alone makes either a little evener.
+            if 2 * _unevenness(beams[0]) < _unevenness(spans):
                 spans, shortest, longest, total = beams
         if self._certain and followed and self._is_ordinary(self._typical, shortest, longest):
             # The mean is as good as the median where nothing is far from either, and much cheaper.
