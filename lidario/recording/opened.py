@@ -9,6 +9,7 @@ missing behind a map kills the program (SIGBUS).
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 
 from lidario.entered import Closing
@@ -88,4 +89,8 @@ class StoredFile(Closing):
 
 
 def _unreadable(path: Path, error: OSError) -> RecordingError:
-    return RecordingError(f"{path} cannot be read: {cause_of(error)}")
+    cause = cause_of(error)
+    if re.match("(sim|tcp|udp|serial|socket):/|zenoh:", str(path)):
+        # A path has one slash where a source has two.
+        cause = "it names a lidar, and a recording is a file: `lidario record` makes one"
+    return RecordingError(f"{path} cannot be read: {cause}")

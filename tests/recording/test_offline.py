@@ -245,6 +245,14 @@ def test_a_file_that_is_gone_before_it_was_decoded(name: str, tmp_path: Path) ->
         next(scans)
 
 
+@pytest.mark.parametrize("source", ["sim://rplidar-s2", "tcp://192.168.1.7:2000", "zenoh:robots/7/scan"])
+def test_a_lidar_is_no_recording(source: str) -> None:
+    with pytest.raises(
+        RecordingError, match="names a lidar, and a recording is a file: `lidario record` makes one"
+    ):
+        next(lidario.decode_file(source))
+
+
 @pytest.mark.parametrize("options", ["", "?loop=1", "?loop=1&rate=0", "?loop=1&rate=50"])
 @driven
 async def test_a_recording_without_a_full_revolution_ends_also_in_a_loop(options: str, tmp_path: Path) -> None:
