@@ -90,7 +90,7 @@ class Assembler(SteadyAssembler):
 
         What is left when it is closed, or when the stream is ended meanwhile, counts as discarded.
         """
-        taken = self.incoming.take(event)
+        taken = self.incoming.take(event, self._clock.usual_ns)
         if taken is None:
             return
         (packets, headings), ended = taken, self.ended

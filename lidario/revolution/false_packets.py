@@ -119,13 +119,15 @@ class FalsePackets:
         run = without(run, false, as_noise=True) if false else run
         if waits:
             last = run.count - 1
-            self._waiting, self._stats.waiting_packets = self._part(run, last, run.count), 1
+            self._waiting = self._part(run, last, run.count)
+            self._stats.waiting_packets += 1
             run = self._part(run, 0, last)
         return run, self._wire.headings(run) if run.data else ()
 
     def left(self) -> Packets | None:
         """The packet that waits, which does so no longer; None where none does."""
-        waiting, self._waiting, self._stats.waiting_packets = self._waiting, None, 0
+        waiting, self._waiting = self._waiting, None
+        self._stats.waiting_packets -= waiting is not None
         return waiting
 
     def _begins(self, packets: Packets, headings: Headings) -> bool:

@@ -8,8 +8,10 @@ from lidario.families.base import Samples, Stream
 from lidario.revolution.device_clock import DeviceClock
 from lidario.revolution.doubled import DoubledPackets
 from lidario.revolution.false_packets import FalsePackets
+from lidario.revolution.pauses import Pauses
 from lidario.revolution.sample_time import SampleTime
 from lidario.revolution.stats import AssemblerStats
+from lidario.revolution.together import joined
 from lidario.wire.events import Packets
 from lidario.wire.formats import Headings
 
@@ -46,9 +48,19 @@ class Incoming:
         self.is_live: bool = clock is None and stream.timed  # whether time goes on while packets are missing
         self._is_timed = stream.timed
         self._clock: Clock = clock or DeviceClock(stream)
+        # Neither times that are told nor those that were made from samples are late.
+        self._pauses = Pauses(stream, stats) if self.is_live and not self.is_exact else None
 
-    def take(self, event: Packets) -> tuple[Packets, Headings] | None:
-        """The next packets and their headings: none false, none twice, and dated. None where none is left."""
+    def take(self, event: Packets, turn_ns: float = 0.0) -> tuple[Packets, Headings] | None:
+        """The next packets and their headings: none false, none twice, and dated. None where none is left.
+
+        `turn_ns` is what a revolution takes, or 0: what comes late by as much may wait.
+        """
+        if self._pauses is not None:
+            come = self._pauses.take(event, self.time.known_ns, turn_ns)
+            if come is None:
+                return None
+            event = come
         headings = self._format.headings(event)
         self.passing = self._false.passing(headings, event.skips)
         if self.passing is not None:
@@ -60,8 +72,10 @@ class Incoming:
         return (self._clock.dated(event), headings) if event.data else None
 
     def left(self) -> Packets | None:
-        """The packet that still waits, where the stream has ended: it is taken for true."""
-        return self._false.left()
+        """The packets that still wait, where the stream has ended: they are taken for true."""
+        held = [self._false.left(), None if self._pauses is None else self._pauses.left()]
+        found = [each for each in held if each is not None]
+        return joined(found) if found else None
 
     def read_at(self, event: Packets, number: int) -> int:
         """When the read came that completed packet `number`; 0 where times were made from the samples."""

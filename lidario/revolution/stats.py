@@ -28,7 +28,7 @@ class AssemblerStats:
     discarded_packets: int = 0
     doubled_packets: int = 0  # packets that came once more, right behind themselves, and were dropped
     false_packets: int = 0  # noise that passed for a packet, as its angle shows
-    waiting_packets: int = 0  # packets that wait until it is known whether they are false
+    waiting_packets: int = 0  # packets that wait: whether they are false, or late, the next ones tell
     unfinished_packets: int = 0  # packets of the revolution in the making
     # Stamp and length in nanoseconds of the last revolution before the device went away, until the first one after
     # it is back. Not a counter.
