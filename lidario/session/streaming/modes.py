@@ -10,7 +10,7 @@ from lidario.arguments import shown
 from lidario.errors import Unsupported
 from lidario.families.base import Device
 from lidario.model import ScanMode
-from lidario.session.streaming.pace import BITS_A_BYTE
+from lidario.session.streaming.forecast import BITS_A_BYTE
 
 
 class Wanted(NamedTuple):

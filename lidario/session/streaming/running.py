@@ -24,7 +24,7 @@ from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.pipeline import Pipeline
 from lidario.scan import Scan
 from lidario.session.finding.connection import At
-from lidario.session.streaming.pace import Pace
+from lidario.session.streaming.forecast import Forecast
 from lidario.session.streaming.readers import Hub
 from lidario.session.talking.dialogue import Dialogue
 from lidario.wire.events import Packets
@@ -97,7 +97,7 @@ class Running:
         self._baudrate = stream.speed_on(dialogue.port.baudrate)
         wall_offset_ns = dialogue.port.wall_offset_ns
         self._pipeline = Pipeline(stream, self._baudrate, wall_offset_ns, totals.assembled, link=dialogue.link)
-        self._pace = Pace(stream, self._baudrate, latency, dialogue.stats.bytes_received)
+        self._forecast = Forecast(stream, self._baudrate, latency, dialogue.stats.bytes_received)
         self._watchdog: asyncio.TimerHandle | None = None
         self._keepalive: asyncio.TimerHandle | None = None
         self._began = self._last_packet = self._last_scan = self._loop.time()
@@ -121,7 +121,7 @@ class Running:
             continues=self._totals.assembled.left_off is not None,
         )
         self._dialogue.deliver_to(self._take)
-        self._dialogue.port.set_polling(self._pace)
+        self._dialogue.port.set_polling(self._forecast)
         if self._dialogue.port.is_live:
             self._watch()
         if (keepalive := stream.keepalive) is not None:
@@ -153,7 +153,7 @@ class Running:
     def divide(self) -> None:
         """Publish the sectors that somebody reads, from the next revolution on."""
         self._pipeline.assembler.divide(self._hub.parts, self._hub.publish_sector)
-        self._pace.expect(math.nan)
+        self._forecast.expect(math.nan)
 
     def _take(self, packets: Packets) -> Iterator[None]:
         self._last_packet = self._loop.time()
@@ -164,7 +164,7 @@ class Running:
         for scans in self._pipeline.take(packets):
             for scan in scans:
                 self._last_scan = self._last_packet
-                self._pace.turned(scan, self._dialogue.stats.bytes_received, self._last_packet)
+                self._forecast.turned(scan, self._dialogue.stats.bytes_received, self._last_packet)
                 self._totals.continued = scan
                 self._hub.publish(scan)
             if scans and (note := self._pipeline.take_note()):
@@ -174,7 +174,7 @@ class Running:
                 self._discarded = counted.broken_scans
             yield
         if self._hub.parts:
-            self._pace.expect(self._pipeline.assembler.next_ns)
+            self._forecast.expect(self._pipeline.assembler.next_ns)
 
     def _follow_clock(self, wall_offset_ns: int) -> None:
         step_s = (wall_offset_ns - self._pipeline.assembler.wall_offset_ns) * 1e-9

@@ -40,7 +40,7 @@ _NOISE = 0.03
 """Share of the period by which it may deviate as noise; beyond that the speed has changed."""
 
 
-class Pace:
+class Forecast:
     """Follows the revolutions of one stream. All times are seconds of the event loop's clock.
 
     Args:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from lidario.revolution.sectors import SectorAssembler
-from lidario.session.streaming.pace import Pace
+from lidario.session.streaming.forecast import Forecast
 from lidario.wire.blocks import Block
 from tests.support.cases import KINDS, Case, named
 from tests.support.samples import one_a_parser
@@ -31,24 +31,24 @@ def test_a_sector_is_handed_over_in_time(case: Case) -> None:
     published: list[int] = []
     assembler = SectorAssembler(stream)
     assembler.divide((8,), lambda _, sector: published.append(sector.index))
-    pace = Pace(stream, 0, LATENCY_S)
+    forecast = Forecast(stream, 0, LATENCY_S)
     taken = polls = 0
     now, delays = 0.0, list[float]()
     while taken < len(ends):
-        pause = pace.due - now if pace.due > now else LATENCY_S - TIMER_S
-        now += min(pause, 0.7 * pace.buffer_s) + chance.uniform(0.0, TIMER_S)
+        pause = forecast.due - now if forecast.due > now else LATENCY_S - TIMER_S
+        now += min(pause, 0.7 * forecast.buffer_s) + chance.uniform(0.0, TIMER_S)
         polls += 1
         come = next((number for number in range(taken, len(ends)) if ends[number] > now), len(ends))
-        if come == taken or pace.due - now > 1e-5:
+        if come == taken or forecast.due - now > 1e-5:
             continue
         for packet in range(taken, come):
             before = len(published)
             scans = assembler.add(in_one_run(stream.format, case.packets[packet], round(ends[packet] * 1e9)))
             for scan in scans:
-                pace.turned(scan, 0, now)
+                forecast.turned(scan, 0, now)
             if len(published) > before:
                 delays.append(now - ends[packet])
-        pace.expect(assembler.next_ns)
+        forecast.expect(assembler.next_ns)
         taken = come
     assert len(delays) >= 20
     assert np.percentile(delays[4:], 99) < LATENCY_S + 0.001

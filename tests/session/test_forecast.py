@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidario.scan import Scan
-from lidario.session.streaming.pace import Pace
+from lidario.session.streaming.forecast import Forecast
 from tests.support.cases import CASES
 from tests.support.streams import stream_of
 
@@ -24,26 +24,28 @@ NOTHING = np.zeros(0, np.float32)
 SCAN = Scan(NOTHING, NOTHING, None, 0, 0, 0, 0, 600.0, 0, 0, 0, "DenseBoost")
 
 
-def pace(latency: float = 0.005) -> Pace:
-    return Pace(stream_of(DENSE, sample_ns=31_250.0), 1_000_000, latency)
+def forecast(latency: float = 0.005) -> Forecast:
+    return Forecast(stream_of(DENSE, sample_ns=31_250.0), 1_000_000, latency)
 
 
-def turning(pace: Pace, *starts: float, size: int = TURN_BYTES, received: int = 0, first_s: float = 0.1) -> Pace:
+def turning(
+    here: Forecast, *starts: float, size: int = TURN_BYTES, received: int = 0, first_s: float = 0.1
+) -> Forecast:
     """After scans that began at these times, each of `size` bytes; the first took `first_s`.
 
     Each is handed over when it is whole, 5 ms late.
     """
-    pace.turned(SCAN, received - size, starts[0] - 1)
+    here.turned(SCAN, received - size, starts[0] - 1)
     for number, (last, start) in enumerate(pairwise((starts[0] - first_s, *starts))):
         period = start - last
         scan = replace(SCAN, stamp_ns=round(start * 1e9), rpm=60 / period)
-        pace.turned(scan, received + number * size, start + period + 2 * PACKET_S + WIRE_S + 0.005)
-    return pace
+        here.turned(scan, received + number * size, start + period + 2 * PACKET_S + WIRE_S + 0.005)
+    return here
 
 
 def test_before_the_first_scan_nothing_is_known() -> None:
-    assert pace().due == 0
-    unknown = pace()
+    assert forecast().due == 0
+    unknown = forecast()
     unknown.turned(SCAN, TURN_BYTES, 0.1)
     assert unknown.due == 0
     unknown.turned(replace(SCAN, rpm=float("nan")), 2 * TURN_BYTES, 0.2)
@@ -54,14 +56,14 @@ def test_before_the_first_scan_nothing_is_known() -> None:
 @pytest.mark.parametrize("times", [2, 50])
 def test_a_device_that_tells_its_rate_wrong_is_not_believed(times: int, latency: float) -> None:
     """It says 600 rpm, and its scans come so many times as often."""
-    wrong = pace(latency)
+    wrong = forecast(latency)
     for number in range(1, 20):
         wrong.turned(replace(SCAN, stamp_ns=round(number * 1e8 / times)), number * TURN_BYTES, number * 0.1 / times)
         assert wrong.due <= number * 0.1 / times
 
 
 def test_several_scans_at_once_are_not_several_turns() -> None:
-    late = turning(pace(), 0.0, 0.1, 0.2)
+    late = turning(forecast(), 0.0, 0.1, 0.2)
     for number in (3, 4):
         late.turned(replace(SCAN, stamp_ns=number * 10**8), 5 * TURN_BYTES, 0.55)
     assert late.due <= 0.55
@@ -69,7 +71,7 @@ def test_several_scans_at_once_are_not_several_turns() -> None:
 
 def test_a_stamp_that_is_too_late_makes_no_scan_late() -> None:
     """However a scan is dated: a turn after it came, the next is there."""
-    odd = turning(pace(), 0.0, 0.1, 0.2)
+    odd = turning(forecast(), 0.0, 0.1, 0.2)
     odd.turned(replace(SCAN, stamp_ns=400_000_000), 4 * TURN_BYTES, 0.41)
     assert odd.due == pytest.approx(0.51)
 
@@ -78,49 +80,52 @@ def test_a_stamp_that_is_too_late_makes_no_scan_late() -> None:
 def test_a_steady_rotor_is_predicted(period: float, turns: int, begin: float) -> None:
     starts = [begin + n * period for n in range(turns + 1)]
     for latency, early, packets in ((0.005, 0.0, 1.75), (0.0, 0.002, 1.0)):
-        steady = turning(pace(latency), *starts, first_s=period)
+        steady = turning(forecast(latency), *starts, first_s=period)
         # The scan that is being measured began one period ago, and its last packet needs another behind it.
         expected = starts[-1] + 2 * period + packets * PACKET_S + WIRE_S - early
         assert steady.due == pytest.approx(expected, abs=1e-6)
 
 
 def test_one_stamp_that_is_off_hardly_moves_the_prediction() -> None:
-    exact = turning(pace(), 0.0, 0.1, 0.2, 0.3).due
-    assert turning(pace(), 0.0, 0.1, 0.2, 0.302).due - exact == pytest.approx(0.003, abs=2e-4)
-    assert turning(pace(), 0.0, 0.1, 0.202, 0.3).due == pytest.approx(exact, abs=2e-3)
+    exact = turning(forecast(), 0.0, 0.1, 0.2, 0.3).due
+    assert turning(forecast(), 0.0, 0.1, 0.2, 0.302).due - exact == pytest.approx(0.003, abs=2e-4)
+    assert turning(forecast(), 0.0, 0.1, 0.202, 0.3).due == pytest.approx(exact, abs=2e-3)
 
 
 @pytest.mark.parametrize("scans", [2, 5])
 def test_the_buffer_fills_as_fast_as_the_bytes_of_one_revolution_came(scans: int) -> None:
-    buffer_s = turning(pace(), *(0.1 * at for at in range(scans))).buffer_s
+    buffer_s = turning(forecast(), *(0.1 * at for at in range(scans))).buffer_s
     assert buffer_s == pytest.approx(BUFFER_BYTES / TURN_BYTES * 0.1)
 
 
 def test_when_the_speed_changes_one_looks_early_rather_than_late() -> None:
-    faster = turning(pace(), 0.0, 0.1, 0.2, 0.29)
+    faster = turning(forecast(), 0.0, 0.1, 0.2, 0.29)
     assert faster.due == pytest.approx(0.29 + 2 * 0.09 + 1.75 * PACKET_S + WIRE_S)
     # More than 3 % are no noise.
-    hardly = turning(pace(), 0.0, 0.1, 0.2, 0.296)
+    hardly = turning(forecast(), 0.0, 0.1, 0.2, 0.296)
     assert hardly.due == pytest.approx(0.296 + 2 * 0.096 + 1.75 * PACKET_S + WIRE_S)
-    slower = turning(pace(), 0.0, 0.1, 0.2, 0.4)
+    slower = turning(forecast(), 0.0, 0.1, 0.2, 0.4)
     assert slower.due == pytest.approx(0.4 + 2 * 0.1 + 1.75 * PACKET_S + WIRE_S)
     # From then on the new speed is the one to expect.
-    steady = turning(pace(), 0.0, 0.1, 0.2, 0.4, 0.6, 0.8)
+    steady = turning(forecast(), 0.0, 0.1, 0.2, 0.4, 0.6, 0.8)
     assert steady.due == pytest.approx(0.8 + 2 * 0.2 + 1.75 * PACKET_S + WIRE_S)
 
 
 def test_where_every_moment_counts_an_unsteady_rotor_is_looked_after_earlier() -> None:
-    calm, wary = turning(pace(), 0.0, 0.1, 0.2, 0.302), turning(pace(0.0), 0.0, 0.1, 0.2, 0.302)
+    calm, wary = turning(forecast(), 0.0, 0.1, 0.2, 0.302), turning(forecast(0.0), 0.0, 0.1, 0.2, 0.302)
     assert calm.due - wary.due == pytest.approx(0.75 * PACKET_S + GUARD_S + 0.002, abs=1e-6)
     # Steadiness forgives.
-    steady = turning(pace(0.0), 0.0, 0.1, 0.2, 0.302, *(0.402 + np.arange(12) * 0.1))
+    steady = turning(forecast(0.0), 0.0, 0.1, 0.2, 0.302, *(0.402 + np.arange(12) * 0.1))
     assert steady.due == pytest.approx(1.502 + 0.2 + PACKET_S + WIRE_S - GUARD_S, abs=3e-4)
 
 
 def test_each_steady_revolution_halves_how_much_earlier_one_looks() -> None:
     starts = [0.0, 0.1, 0.2, 0.302, 0.402, 0.502]
     earlier = [
-        turning(pace(), *starts[:count]).due - turning(pace(0.0), *starts[:count]).due - 0.75 * PACKET_S - GUARD_S
+        turning(forecast(), *starts[:count]).due
+        - turning(forecast(0.0), *starts[:count]).due
+        - 0.75 * PACKET_S
+        - GUARD_S
         for count in (3, 4, 5, 6)
     ]
     assert earlier == pytest.approx([0.0, 0.002, 0.001, 0.0005], abs=1e-6)
@@ -128,7 +133,7 @@ def test_each_steady_revolution_halves_how_much_earlier_one_looks() -> None:
 
 def test_a_sector_counts_as_long_as_it_is_known_when_the_next_one_is_complete() -> None:
     """It is polled for a millisecond later, as an adapter delivers; then the revolution counts again."""
-    both = turning(pace(), 0.0, 0.1, 0.2)
+    both = turning(forecast(), 0.0, 0.1, 0.2)
     whole = both.due
     both.expect(0.33e9)
     assert both.due == pytest.approx(0.331)
@@ -137,38 +142,38 @@ def test_a_sector_counts_as_long_as_it_is_known_when_the_next_one_is_complete() 
 
 
 def test_where_bytes_take_no_time_a_revolution_is_due_that_much_sooner() -> None:
-    timed, untimed = pace(), Pace(stream_of(DENSE, sample_ns=31_250.0), 0, 0.005)
+    timed, untimed = forecast(), Forecast(stream_of(DENSE, sample_ns=31_250.0), 0, 0.005)
     assert turning(timed, 0.0, 0.1, 0.2).due - turning(untimed, 0.0, 0.1, 0.2).due == pytest.approx(WIRE_S)
 
 
 def test_what_came_before_the_stream_is_not_counted() -> None:
-    fresh = turning(pace(), 0.0)
-    later = Pace(stream_of(DENSE, sample_ns=31_250.0), 1_000_000, 0.005, 10**9)
+    fresh = turning(forecast(), 0.0)
+    later = Forecast(stream_of(DENSE, sample_ns=31_250.0), 1_000_000, 0.005, 10**9)
     turning(later, 0.0, received=10**9)
     assert later.due == fresh.due > 0.11
 
 
 @given(st.integers(100, 20_000))
 def test_the_buffer_never_fills_while_a_port_is_unread(size: int) -> None:
-    even = turning(pace(), 0.0, 0.1, 0.2, size=size)
+    even = turning(forecast(), 0.0, 0.1, 0.2, size=size)
     # Nothing is faster than the line.
     bytes_a_second = min(size / 0.1, 100_000)
     assert even.buffer_s == pytest.approx(min(BUFFER_BYTES / bytes_a_second, 0.25))
 
 
 def test_before_the_first_scan_the_line_is_taken_to_be_full() -> None:
-    assert pace().buffer_s * 100_000 == pytest.approx(BUFFER_BYTES)
-    assert 0.01 < Pace(stream_of(DENSE, sample_ns=31_250.0), 0, 0.005).buffer_s < 0.05
+    assert forecast().buffer_s * 100_000 == pytest.approx(BUFFER_BYTES)
+    assert 0.01 < Forecast(stream_of(DENSE, sample_ns=31_250.0), 0, 0.005).buffer_s < 0.05
 
 
 def test_a_socket_holds_more_than_a_terminal() -> None:
-    timed, untimed = pace(), Pace(stream_of(DENSE, sample_ns=31_250.0), 0, 0.005)
+    timed, untimed = forecast(), Forecast(stream_of(DENSE, sample_ns=31_250.0), 0, 0.005)
     for each in (timed, untimed):
         turning(each, 0.0, 0.1, 0.2)
     assert untimed.buffer_s >= 2 * timed.buffer_s
 
 
 def test_the_bytes_of_many_revolutions_at_once_do_not_look_like_a_faster_line() -> None:
-    late = turning(pace(), 0.0, 0.1, 0.2)
+    late = turning(forecast(), 0.0, 0.1, 0.2)
     late.turned(replace(SCAN, stamp_ns=300_000_000), 23 * TURN_BYTES, 2.2)
-    assert late.buffer_s >= pace().buffer_s
+    assert late.buffer_s >= forecast().buffer_s
