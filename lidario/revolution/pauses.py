@@ -64,9 +64,10 @@ class Pauses:
         if before_ns is None or not (sample_ns and turn_ns) or run.received_ns - before_ns < late_ns:
             return run
         arrivals, silence, done = [*run.arrivals], None, 0
+        damaged = {number for number, _ in run.skips}
         for read, (complete, at_ns) in enumerate(run.arrivals):
-            # In a longer one the revolution is given up.
-            if silence is None and late_ns <= at_ns - before_ns <= self._most_ns:
+            # Where bytes were skipped the line was not silent; in a longer silence the revolution is given up.
+            if silence is None and done not in damaged and late_ns <= at_ns - before_ns <= self._most_ns:
                 silence = _Silence(read, done, before_ns, at_ns)
             if silence is not None:
                 passed_ns = self._samples(run.blocks, silence.packets, complete) * sample_ns
