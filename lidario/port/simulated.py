@@ -198,7 +198,7 @@ class MemoryTransport(Line):
         self.write(data)
 
     def close_without_loop(self) -> None:
-        self.is_closing = True
+        self.is_closing: bool = True
 
     def _deliver(self) -> None:
         """The device may have something to send."""

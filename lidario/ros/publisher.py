@@ -112,7 +112,7 @@ class Publisher(Broadcast):
         text_of(namespace, "a namespace")
         self._node = Node(node, "/" if namespace == "/" else qualified(namespace, "/"), domain, distro)
         self.topic = self._node.topic(topic)
-        self.key = self._node.data_key(self.topic, LASERSCAN)
+        self.key: str = self._node.data_key(self.topic, LASERSCAN)
         self._messages = LaserScans(
             beams=beams, order=order, frame_id=frame_id, range_min=range_min, range_max=range_max,
             no_return=no_return, filtered=filtered, mount_yaw=mount_yaw, preset=preset,

@@ -67,7 +67,7 @@ class Share(Broadcast):
         super().__init__(lidar, router, robot)
         raw = yes_or_no(raw, "raw")
         self.form = "raw" if raw else "scan"
-        self.key = check_key(key)
+        self.key: str = check_key(key)
         self._outlet: Sender | None = None
         self._raw = RawFeed(lidar, self._send_raw, partial(self._count, True)) if raw else None
 
