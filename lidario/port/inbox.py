@@ -110,7 +110,7 @@ class Inbox:
         self._shared = True
         self._chunks: list[bytes] = []
         self._arrivals: list[tuple[int, int]] = []
-        # The usual pace: how many bytes came, and in which time. Where nobody read, that is left out.
+        # The usual pace: how many bytes came, and how long that took; without the time in which nobody read.
         self._came = self._took_ns = 0
         self._from_ns = 0  # since when what is read next has come; 0 where nothing came yet
 

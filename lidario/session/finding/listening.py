@@ -119,7 +119,7 @@ def family_of_stream(data: bytearray, families: Sequence[Family] = FAMILIES) -> 
 
 
 def _idle_family(data: bytearray) -> Family | None:
-    """Of whose packets some measure nothing, and say so: the rotor is too slow, or not even; None of nobody's."""
+    """Whose packets are among the bytes that say of themselves that they measure nothing: the rotor is too slow."""
     return next((each for each in FAMILIES if any(_has_records(data, kind()) for kind in each.formats)), None)
 
 
