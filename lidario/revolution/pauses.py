@@ -77,7 +77,8 @@ class Pauses:
                 if not is_late or at_ns - silence.ended_ns >= STAYED_LATE * turn_ns:
                     silence = None
             before_ns, done = at_ns, complete
-        run = replace(run, arrivals=tuple(arrivals))
+        if (dated := tuple(arrivals)) != run.arrivals:
+            run = replace(run, arrivals=dated)
         return run if silence is None else self._wait(run, silence, sample_ns)
 
     def left(self) -> Packets | None:
