@@ -167,7 +167,7 @@ class Inbox:
                 self._came += len(data)
                 self._took_ns += at_ns - self._from_ns
             if self._from_ns or data:
-                # Behind what is read in a row at most there is more of the same time.
+                # As much as may be read in a row was read: what is left came no later.
                 self._from_ns = at_ns if left <= 0 or len(pieces) >= MOST_READS else now
             self.last_ns = now
             size += len(data)

@@ -9,7 +9,7 @@ sample without one that of the beam (transcripts of an A1M8). So angles leap ahe
 where they begin. How far a return lies behind the beam follows from its distance, as in 0x84; so the beams follow
 each other in small steps where the angles do not. Which of the two a device tells is not known.
 
-Some samples have a quality and no distance. Their angles may be corrected, by what nothing tells.
+Some samples have a quality and no distance. Their angles may be corrected too; by how much, nothing tells.
 """
 
 from __future__ import annotations
