@@ -16,6 +16,7 @@ import os
 import select
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 
 INBOX_BYTES = 1024 * 1024
@@ -135,7 +136,7 @@ class Inbox:
         with self._lock:
             if self._closed or (from_thread and not self._shared):
                 return
-            kind, pieces, left = self._kind, list[bytes](), MOST_BYTES
+            kind, is_cut = self._kind, False
             try:
                 data = self._read(self._handle)
                 if not data and kind.more and _is_readable(self._handle):
@@ -143,22 +144,12 @@ class Inbox:
                     data = self._read(self._handle)
                     if not data:
                         raise OSError(kind.ended)
-                self._late.full_reads += kind.loses and len(data) >= kind.more
-                while len(data) >= kind.more and left > 0 and len(pieces) < MOST_READS:
-                    # All that waited gets one time, or else the last of it would seem to have come late.
-                    pieces.append(data)
-                    left -= len(data)
-                    data = self._read(self._handle)
+                if len(data) >= kind.more:
+                    data, is_cut = self._read_on(data)
             except BlockingIOError:
-                data = b""
-            except OSError:
-                if not pieces:
-                    raise
                 data = b""
             now = self._clock()
             at_ns, size = now, self.size
-            if pieces:
-                data = b"".join((*pieces, data))
             is_rest = self._from_ns < self.last_ns
             if self._came and (is_rest or len(data) >= kind.size - 1):
                 full_ns = self._from_ns + len(data) * self._took_ns // self._came
@@ -167,8 +158,8 @@ class Inbox:
                 self._came += len(data)
                 self._took_ns += at_ns - self._from_ns
             if self._from_ns or data:
-                # As much as may be read in a row was read: what is left came no later.
-                self._from_ns = at_ns if left <= 0 or len(pieces) >= MOST_READS else now
+                # What is left came no later.
+                self._from_ns = at_ns if is_cut else now
             self.last_ns = now
             size += len(data)
             if size > INBOX_BYTES:
@@ -177,6 +168,20 @@ class Inbox:
                 self._chunks.append(data)
                 self._arrivals.append((size, at_ns))
                 self.size, self.first_ns = size, self.first_ns or now
+
+    def _read_on(self, first: bytes) -> tuple[bytes, bool]:
+        """Behind a read that was full, all else that waits, and whether that is more than may be read in a row.
+
+        All of it gets one time, or else the last of it would seem to have come late.
+        """
+        kind, pieces, left = self._kind, [first], MOST_BYTES - len(first)
+        self._late.full_reads += kind.loses
+        # Where the line has died, the next read tells it.
+        with suppress(OSError):
+            while len(pieces[-1]) >= kind.more and left > 0 and len(pieces) < MOST_READS:
+                pieces.append(self._read(self._handle))
+                left -= len(pieces[-1])
+        return b"".join(pieces), left <= 0 or len(pieces) >= MOST_READS
 
     def take(self) -> tuple[list[bytes], list[tuple[int, int]]]:
         """Return what was kept, and empty the inbox: the chunks, and how many bytes had come by when."""

@@ -59,7 +59,7 @@ class FalsePackets:
         self._forwards = wire.full_turn * (1 - RETREAT_TURNS)
         self._last = -1
         # How far the rotor turned from each of the latest to the next one, for as many bytes as a packet has: at
-        # least, and on average; 0 where that is not known.
+        # least, and on average; neither is known while that is 0.
         self._advances: list[float] = []
         self._arc = self._mean = 0.0
         # What of it may be the speed that changes: a part of the fastest turning, as the slower a rotor turns, the
@@ -136,7 +136,7 @@ class FalsePackets:
         Measured: to judge each of the first 64 KiB makes decoding of a short file take up to 1.4 times as long.
         """
         first, others = headings[: MEASURED + 1], headings[MEASURED + 1 :]
-        if self._mean or self._waiting is not None or not len(others) or packets.skips:
+        if self._mean or not len(others) or packets.skips:
             return False
         before = self._last, self._advances.copy()
         for heading in first:
@@ -172,9 +172,10 @@ class FalsePackets:
     def _measure(self) -> None:
         """Where enough have come, find how far the rotor turns."""
         latest = self._advances = self._advances[-MEASURED:]
-        known = len(latest) == MEASURED and max(latest) <= self._farthest
-        self._arc, self._mean = (min(latest), sum(latest) / MEASURED) if known else (0.0, 0.0)
-        self._slack = max(self._slack, LIKENESS * self._arc + 1)
+        self._mean = 0.0
+        if len(latest) == MEASURED and max(latest) <= self._farthest:
+            self._arc, self._mean = min(latest), sum(latest) / MEASURED
+            self._slack = max(self._slack, LIKENESS * self._arc + 1)
 
     def _judge(self, headings: Sequence[int], skips: Sequence[tuple[int, int]]) -> tuple[list[int], bool]:
         """Which of them are false, and whether the last one has to wait; the skips are those of `Packets`."""

@@ -77,7 +77,7 @@ async def test_what_waits_behind_a_blocked_loop_came_together(peer: socket.socke
     await port.close()
 
 
-@pytest.mark.parametrize(("name", "most", "read"), [("MOST_READS", 8, 27), ("MOST_BYTES", 9, 12)])
+@pytest.mark.parametrize(("name", "most", "read"), [("MOST_READS", 8, 24), ("MOST_BYTES", 9, 9)])
 async def test_a_flood_is_read_in_parts(
     peer: socket.socket, name: str, most: int, read: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

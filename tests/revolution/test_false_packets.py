@@ -110,10 +110,13 @@ def test_each_follows_where_it_is_a_little_ahead(
 
 @pytest.mark.parametrize("off", [-2, 1, 4, 16, 64])
 @pytest.mark.parametrize("size", [84, 100, 84 * 24])
-def test_amid_damage_the_bytes_that_were_skipped_tell_where_it_belongs(off: int, size: int) -> None:
-    """Half of the packets are damaged, and of one that passes the angle is off by some times 4 degrees."""
+@pytest.mark.parametrize("damaged", [(0, 1), (1, 2)])
+def test_amid_damage_the_bytes_that_were_skipped_tell_where_it_belongs(
+    off: int, size: int, damaged: tuple[int, int]
+) -> None:
+    """Of each four packets two are damaged, and of one that passes the angle is off by some times 4 degrees."""
     packets = numbered(24 * 6, 960)
-    spoilt = {at: bytes(84) for at in range(LEARNED, 24 * 5) if at % 4 in (1, 2)}
+    spoilt = {at: bytes(84) for at in range(LEARNED, 24 * 5) if at % 4 in damaged}
     false = {24 * 3 + 7: numbered(1, 960, 960 * 7 + 256 * off)[0]}
     data = b"".join([(false | spoilt).get(at, packet) for at, packet in enumerate(packets)])
     pipeline, scans = Pipeline(stream_of(DENSE), BAUD), list[Scan]()
