@@ -219,6 +219,30 @@ class DividedRevolution:
                 self.lost, self.lost_behind = self.lost + self.lost_behind, 0
         return parts
 
+    def placed(self, done: OpenSector, start_ns: int) -> tuple[int, list[tuple[int, int]]]:
+        """When the first sample of a sector was measured, and where samples are missing among its own.
+
+        Args:
+            done: The sector, whose end the rotor has passed.
+            start_ns: When the first sample of the revolution was measured.
+        """
+        before, gaps = done.begin, list[tuple[int, int]]()
+        for at, skipped in self.gaps:
+            if at <= done.begin:
+                before += skipped
+            elif at < self.given:
+                gaps.append((at - done.begin, skipped))
+        stamp_ns = start_ns + round(before * self.sample_ns)
+        if (last := done.last) is not None:
+            less = round((last.stamp_ns + last.duration_ns - stamp_ns) / self.sample_ns)
+            if gaps and less >= self.most_samples:
+                # What came behind the gap was sooner than that allows, by a packet or more: less is missing.
+                at, skipped = gaps[0]
+                less = min(skipped, less)
+                gaps[0], stamp_ns = (at, skipped - less), stamp_ns + round(less * self.sample_ns)
+            stamp_ns = max(stamp_ns, last.stamp_ns)
+        return stamp_ns, gaps
+
     def finish(self, following: bytes, seam: int | None, *, broken: bool = False) -> None:
         """The revolution has ended: decode the rest of it.
 

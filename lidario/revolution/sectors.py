@@ -157,7 +157,7 @@ class SectorAssembler(Assembler):
 
     def _hand_out(self, here: DividedRevolution) -> None:
         """The rotor has passed the end of sectors: publish those of which samples came and angles are certain."""
-        sample_ns = here.sample_ns
+        sample_ns, mode = here.sample_ns, self._stream.mode
         for count in here.pass_end():
             done = here.open[count]
             pieces = here.pieces[done.first :]
@@ -172,21 +172,7 @@ class SectorAssembler(Assembler):
             if here.seq is None:
                 here.seq = self._number(here, start_ns)
             lost = max(0, here.lost - done.lost)
-            before, gaps = done.begin, list[tuple[int, int]]()
-            for at, skipped in here.gaps:
-                if at <= done.begin:
-                    before += skipped
-                elif at < here.given:
-                    gaps.append((at - done.begin, skipped))
-            stamp_ns, mode = start_ns + round(before * sample_ns), self._stream.mode
-            if (last := done.last) is not None:
-                less = round((last.stamp_ns + last.duration_ns - stamp_ns) / sample_ns)
-                if gaps and less >= here.most_samples:
-                    # What came behind the gap was sooner than that allows, by a packet or more: less is missing.
-                    at, skipped = gaps[0]
-                    less = min(skipped, less)
-                    gaps[0], stamp_ns = (at, skipped - less), stamp_ns + round(less * sample_ns)
-                stamp_ns = max(stamp_ns, last.stamp_ns)
+            stamp_ns, gaps = here.placed(done, start_ns)
             duration_ns = round((len(arrays.angle) + sum([skipped for _, skipped in gaps])) * sample_ns)
             sector = Sector(
                 device_angles=read_only(turned_by(arrays.angle, here.offset_deg)),
