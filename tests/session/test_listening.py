@@ -203,7 +203,7 @@ async def test_cancelled_while_it_listens_it_asks_only_those_whose_motor_the_ope
         ports.append(port)
         return await listen(port, *rest)
 
-    monkeypatch.setattr("lidario.session.finding.connect.listen", spied)
+    monkeypatch.setattr("lidario.session.finding.search.listen", spied)
     with pytest.raises(TimeoutError):
         async with asyncio.timeout(LISTEN_S / 2):
             await open_lidar("rests")

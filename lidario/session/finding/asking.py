@@ -1,22 +1,15 @@
-"""Asking a device that nothing is known of, in rounds.
+"""Asking a device that nothing is known of, once, and what such a question leaves behind.
 
-- The first round waits shortly at each speed, since a healthy device responds within milliseconds. It is made
-  where nothing was heard, so nothing has to be stopped before the question, and where no two are asked at one speed
-  in a row.
-- Then the models are asked that need the control line DTR. For the others it is cleared again.
-- Where a line that was silent streams after all, and before each later round of one that streams, it is listened to
-  again: one that only talks hears no question, and sends its packets when it has had power for a while.
-- Each later round asks with patience, until each was asked after the longest time for which a device does not hear:
-  it holds half a request, or it boots.
+A question may start a device that hears it, and its response may be late or damaged. So what may have been started
+is kept (`Woken`), and is stopped when the search ends.
 """
 
 from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
-from itertools import count
 from typing import NamedTuple
 
 import anyio
@@ -105,55 +98,6 @@ def made(port: Port, attempt: Attempt) -> Device:
     device.baudrate = None if is_pseudo_terminal(port.name) else port.baudrate
     device.is_guess = attempt.is_guess
     return device
-
-
-async def ask_in_turns(
-    port: Port,
-    tries: list[Attempt],
-    woken: Woken,
-    hear_again: Callable[[], Awaitable[Connection | None]],
-    received: ReceivedInSilence,
-    *,
-    quick: bool,
-    silent: bool,
-    patient: bool,
-) -> Connection | None:
-    """Ask at each speed, again and again, until each was asked when its device must have heard it; or None.
-
-    `received` counts what comes: where that is more than a response, `hear_again` listens to what streams.
-    """
-    loop = asyncio.get_running_loop()
-    longest = max(each.family.timing.forget_s for each in tries)
-    # Where something arrives, no device boots: then only half a request can keep one from hearing.
-    deadlines = {each: loop.time() + (longest if silent else each.family.timing.forget_s) for each in tries}
-    left, is_heard, before = list(tries), not silent, received.total
-    for number in count():
-        is_heard = is_heard and not number
-        for each in tuple(left):
-            if not is_heard and received.total - before > RESPONSE_BYTES:
-                # One that only talks was given power just now, or its rotor has its speed.
-                connection = await hear_again()
-                if connection is not None:
-                    return connection
-                is_heard, before = True, received.total
-            began = loop.time()
-            # Once: a silent port is given up soon, and requests of other families may stop it meanwhile.
-            patience_s = each.family.timing.starts_s if silent and number == quick else 0.0
-            connection = await ask_once(
-                port, each, woken, quick=quick and not number, patience_s=patience_s or None
-            )
-            if connection is not None:
-                return connection
-            if began >= deadlines[each] and not (quick and not number):
-                left.remove(each)
-        if number == (quick and patient) and all(each.model is None for each in tries):
-            # Not at the end: meanwhile the time passes in which others cannot hear.
-            connection = await find_by_dtr(port, tries, woken)
-            if connection is not None:
-                return connection
-        if not left or not patient:
-            return None
-    return None
 
 
 async def find_by_dtr(port: Port, tries: list[Attempt], woken: Woken) -> Connection | None:

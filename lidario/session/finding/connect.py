@@ -1,36 +1,32 @@
 """From a source to a device that has introduced itself.
 
-Where family and speed are known, the device is asked at once, for as long as a half request that a killed program
-left may keep it from hearing. Otherwise the line is first listened to (`listen`): a device that
-streams is recognised by that. What remains unknown is found by asking (`lidario.session.finding.asking`).
-
-At one speed the families are asked in the order of the registry. Speeds are ordered by rank, each family's
-likeliest first, so that a family with one speed does not wait for all speeds of another. Where a device was found
-before on the same adapter, its family and speed come first (`LAST_AT`).
+The port is opened, what may be at its other end is listed, and then searched for
+(`lidario.session.finding.search`). At one speed the families stand in the order of the registry. Speeds are ordered
+by rank, each family's likeliest first, so that a family with one speed does not wait for all speeds of another.
+Where a device was found before on the same adapter, its family and speed come first (`LAST_AT`).
 """
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Sequence
-from itertools import pairwise, zip_longest
+from itertools import zip_longest
 from typing import TYPE_CHECKING
 
 import anyio
 
-from lidario.errors import ConnectFailed, DeviceLost, ResponseTimeout
+from lidario.errors import ConnectFailed, DeviceLost
 from lidario.families.base import Family
 from lidario.families.registry import FAMILIES, families_of_model, family_named, family_of_simulated
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
 from lidario.port.tcp import open_tcp
 from lidario.port.udp import open_udp
-from lidario.session.finding.asking import Attempt, Woken, ask_in_turns, begun, find_by_dtr, leave
+from lidario.session.finding.asking import Attempt
 from lidario.session.finding.connection import Connection, connect_recording, connect_remote
-from lidario.session.finding.leaving import leave_still
-from lidario.session.finding.listening import LAST_AT, Heard, ReceivedInSilence, adapter_of, listen
+from lidario.session.finding.listening import LAST_AT, ReceivedInSilence, adapter_of
+from lidario.session.finding.search import Search
 from lidario.session.talking.dialogue import Dialogue
-from lidario.session.talking.handshake import introduce
 from lidario.source import Source
 
 if TYPE_CHECKING:
@@ -75,7 +71,7 @@ async def connect(
     # Where Ctrl-C has ended it, what follows is run by the garbage collector.
     loop = asyncio.get_running_loop()
     received = ReceivedInSilence()
-    search = _Search(port, tries, received, on_dialogue)
+    search = Search(port, tries, received, on_dialogue)
     port.add_tap(received.see)
     try:
         if on_port is not None:
@@ -151,115 +147,7 @@ async def _opened(
     return port, tries, adapter
 
 
-def _may_hear(each: Attempt) -> bool:
-    """Whether a silent device of that family may hear a request at that speed."""
-    asked_at = each.family.asked_at
-    return asked_at is None or each.baudrate in (0, *asked_at)
-
-
 def _by_likelihood(families: Sequence[Family]) -> list[Attempt]:
     """Every speed of every family: the likeliest of each family first, then the second of each, and so on."""
     ranks = zip_longest(*([Attempt(family, speed) for speed in family.baudrates] for family in families))
     return [each for rank in ranks for each in rank if each is not None]
-
-
-class _Search:
-    """Looks for the device at an open port; `tries` is what it may be, or was asked as, once nothing was found.
-
-    `received` counts what comes from the port.
-    """
-
-    def __init__(
-        self,
-        port: Port,
-        tries: list[Attempt],
-        received: ReceivedInSilence,
-        on_dialogue: Callable[[Dialogue], None] | None,
-    ) -> None:
-        self.tries: list[Attempt] = tries
-        self._port = port
-        self._received = received
-        self._loop = asyncio.get_running_loop()
-        self._on_dialogue = on_dialogue
-        self._woken = Woken(port)
-        # The one with what was known from the beginning, or was recognised by its stream.
-        self._known: Dialogue | None = None
-
-    async def find(self, *, patient: bool, by_dtr: bool) -> Connection | None:
-        """The device, or None; `by_dtr`: also where one model may be none that is dark while DTR is cleared."""
-        if len(self.tries) > 1:
-            connection = await self._find_among(patient=patient)
-        else:
-            connection = await self._try_known(self.tries[0], patient=patient)
-        if connection is None and len(self.tries) == 1 and by_dtr:
-            connection = await find_by_dtr(self._port, self.tries, self._woken)
-        return connection
-
-    async def leave(self, *, found_nothing: bool) -> None:
-        """Leave what may be at the port still, and begin to close it; it may be closed already.
-
-        Where the search was ended before it `found_nothing`, it is first found out what the device is.
-        """
-        port, families = self._port, {each.family for each in self.tries}
-        if self._known is not None:
-            await self._woken.stop()
-            await self._known.close()
-        elif not port.is_closing:
-            # One of a known family may hear us although its responses do not reach us.
-            helps = len(families) == 1 or not found_nothing
-            if helps and port.is_open and not self._loop.is_closed():
-                await leave_still(port, self.tries, self._woken)
-            else:
-                await self._woken.stop()
-                port.close_soon()
-
-    async def _find_among(self, *, patient: bool) -> Connection | None:
-        """The device, where several families or speeds are to be tried."""
-        tries = every = self.tries
-        heard = await self._listen(every)
-        if heard.stream is not None:
-            return await self._try_heard(heard.stream, every)
-        tries = [each for each in tries if _may_hear(each)] or tries
-        families = {each.family for each in tries}
-        # One that is waited for shortly may be late. Then at another speed it is noise, but not at the same.
-        quick = heard.silent and all(a.baudrate != b.baudrate for a, b in pairwise(tries))
-        tries = [each._replace(is_guess=len(families) > 1) for each in tries]
-
-        async def hear_again() -> Connection | None:
-            again = await self._listen(every)
-            return None if again.stream is None else await self._try_heard(again.stream, every)
-
-        connection = await ask_in_turns(
-            self._port, tries, self._woken, hear_again, self._received,
-            quick=quick, silent=heard.silent, patient=patient,
-        )  # fmt: skip
-        self.tries = tries
-        return connection
-
-    async def _listen(self, every: Sequence[Attempt]) -> Heard:
-        """Listen to all of them, also to those that hear nothing."""
-        speeds = list(dict.fromkeys(each.baudrate for each in every))
-        return await listen(self._port, speeds, list(dict.fromkeys(each.family for each in every)))
-
-    async def _try_heard(self, stream: tuple[Family, int], every: Sequence[Attempt]) -> Connection | None:
-        """Ask the one of them whose stream was recognised."""
-        # Where several families have a model of the name that the user gave, it is that one.
-        known = next((each for each in every if (each.family, each.baudrate) == stream), Attempt(*stream))
-        self.tries = [known]
-        return await self._try_known(known)
-
-    async def _try_known(self, known: Attempt, *, patient: bool = True) -> Connection | None:
-        """Ask the one family at the one speed that it can be, with patience; None when there is no response."""
-        self._port.set_baudrate(known.baudrate)
-        connection = begun(self._port, known, self._woken)
-        dialogue = connection.dialogue
-        try:
-            self._known = dialogue
-            if self._on_dialogue is not None:
-                self._on_dialogue(dialogue)
-            connection.info = await introduce(dialogue, known.family.timing.forget_s if patient else 0.0)
-        except ResponseTimeout:
-            # It may hear us although its responses do not reach us.
-            await leave(connection)
-            return None
-        return connection
