@@ -24,6 +24,7 @@ from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.pipeline import Pipeline
 from lidario.revolution.together import join_reads
 from lidario.scan import Scan
+from lidario.wire.events import EARLIEST_NS
 
 MOST_DECODER_BYTES: Final = 32 << 20
 """Of all decoders of a fleet: those of a thousand lidars."""
@@ -61,7 +62,7 @@ class RawDecoder:
         self._family: Family | None = None
         self._began: StreamBegan | None = None
         self._pipeline: Pipeline | None = None
-        self._last_ns = -(1 << 63)
+        self._last_ns = EARLIEST_NS
 
     @property
     def held(self) -> int:
@@ -121,7 +122,7 @@ class RawDecoder:
         self._began, self._wall_offset_ns = began, self._clock.wall_offset_ns
         stream = StoredStream(self._family, began).open()
         self._pipeline = Pipeline(stream, began.baudrate, self._wall_offset_ns, self.stats)
-        self._last_ns = -(1 << 63)
+        self._last_ns = EARLIEST_NS
 
     def _end(self) -> None:
         if self._pipeline is not None:

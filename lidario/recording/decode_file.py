@@ -20,6 +20,7 @@ from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.pipeline import Pipeline
 from lidario.revolution.together import join_reads
 from lidario.scan import Scan
+from lidario.wire.events import EARLIEST_NS
 from lidario.wire.stats import LinkStats
 
 _log = logging.getLogger("lidario")
@@ -63,7 +64,7 @@ class FileDecoder:
         number, offset_deg = -1, 0.0
         pipeline: Pipeline | None = None
         last: Scan | None = None
-        last_ns = -(1 << 63)
+        last_ns = EARLIEST_NS
         for pieces in self._blocks():
             begun, _, _, block_deg, behind, _ = pieces[-1]
             if begun != number or pipeline is None:

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from lidario.families.base import Stream
 from lidario.revolution.doubled import FASTEST_TURN_NS
-from lidario.wire.events import Arrival, Packets
+from lidario.wire.events import EARLIEST_NS, Arrival, Packets
 from lidario.wire.formats import Ticks
 
 _ASKED: Final = 8
@@ -123,7 +123,7 @@ class DeviceClock:
         self._earliest: deque[_Point] = deque(maxlen=BUCKETS)
         self._line: tuple[_Point, float] = ((0, 0), 0.0)
         self._ahead_ns = 0
-        self._last_ns = -(1 << 63)
+        self._last_ns = EARLIEST_NS
 
     @property
     def is_told(self) -> bool:

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from lidario.wire.blocks import Block, join_blocks
-from lidario.wire.events import Arrival, Packets
+from lidario.wire.events import EARLIEST_NS, Arrival, Packets
 
 SLICE: Final = 2048
 """Bytes that are parsed in one step. Those that look most like packets and are none take 2 us each."""
@@ -32,7 +32,7 @@ def slices(
 
 
 def join_reads(
-    reads: Sequence[tuple[bytes, int]], earliest_ns: int = -(1 << 63)
+    reads: Sequence[tuple[bytes, int]], earliest_ns: int = EARLIEST_NS
 ) -> tuple[bytes, int, list[Arrival]]:
     """Reads and their times as one piece, as `Receiver.data_received` takes it; at least one.
 

@@ -9,12 +9,15 @@ from __future__ import annotations
 from bisect import bisect_right
 from dataclasses import dataclass
 from operator import itemgetter
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 from lidario.wire.blocks import Block
 
 Arrival: TypeAlias = tuple[int, int]
 """How much had come, and when: a number of bytes or of packets, and the time in the caller's nanoseconds."""
+
+EARLIEST_NS: Final = -(1 << 63)
+"""Before all times that are told."""
 
 
 @dataclass(frozen=True, slots=True)
