@@ -87,20 +87,7 @@ class RecordedFiles:
             self._sizes[path] = file.size
             for record in read_records(file):
                 if isinstance(record, Message):
-                    topic = topics.get(record.channel)
-                    if topic == RAW_TOPIC:
-                        chunk = reached.chunk(record)
-                        if reached.jumped:
-                            reached.jumped = False
-                            yield Damage(
-                                "its times jump, and what follows is shown without the jump", missing=False
-                            )
-                        if chunk is not None:
-                            yield chunk
-                    elif topic == EVENTS_TOPIC:
-                        event = event_of(parse_text(record.data) or "")
-                        if event is not None:
-                            yield from reached.event(event)
+                    yield from _told(record, topics.get(record.channel), reached)
                 elif isinstance(record, Channel):
                     topics.pop(record.number, None)
                     if record.topic in (RAW_TOPIC, EVENTS_TOPIC):
@@ -139,3 +126,18 @@ class RecordedFiles:
                     # Older versions did not tell.
                     return about, record.at_ns
         return about, about.began_ns
+
+
+def _told(message: Message, topic: str | None, reached: Reached) -> Iterator[StoredChunk | StreamEvent | Damage]:
+    """What a message of one of our topics tells: bytes, or an event of the chronicle; nothing of another."""
+    if topic == RAW_TOPIC:
+        chunk = reached.chunk(message)
+        if reached.jumped:
+            reached.jumped = False
+            yield Damage("its times jump, and what follows is shown without the jump", missing=False)
+        if chunk is not None:
+            yield chunk
+    elif topic == EVENTS_TOPIC:
+        event = event_of(parse_text(message.data) or "")
+        if event is not None:
+            yield from reached.event(event)
