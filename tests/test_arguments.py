@@ -114,6 +114,7 @@ CALLS: dict[str, Callable[[Any], object]] = {
     **each(SCAN.to_laserscan),
     **each(lidario.LaserScans),
     "Scan.filtered(filters)": lambda value: SCAN.filtered(lambda _: value),
+    "Scan.filtered(what is none)": lambda value: None if callable(value) else SCAN.filtered(value),
     "Sector.filtered(filters)": lambda value: SECTOR.filtered(lambda _: value),
     **filter_calls(SCAN),
     **each(lidario.LaserScan.from_cdr),

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Sequence
-from operator import eq
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -63,10 +63,8 @@ class DoubledPackets:
         """Which of the next packets are the packet before once more; mostly none."""
         if isinstance(headings, np.ndarray):
             same = (np.flatnonzero(headings[1:] == headings[:-1]) + 1).tolist()
-        elif any(map(eq, headings, headings[1:])):
-            same = [at for at in range(1, len(headings)) if headings[at] == headings[at - 1]]
         else:
-            same = []
+            same = [at for at, (before, here) in enumerate(pairwise(headings), 1) if before == here]
         last = b"" if self.before is None else self.before.data[-self.before.blocks[-1].size :]
         # Where something came between them, in a file nothing else tells how far they are apart.
         if last and packets.data[: packets.blocks[0].size] == last and packets.skipped <= len(last):
