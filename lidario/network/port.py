@@ -240,6 +240,12 @@ class RemotePort(FedPort):
             self._timer.cancel()
         self._closer = self._loop.create_task(self._close(error), name="lidario: close zenoh")
 
+    async def wait_closed(self) -> None:
+        """As `Port.wait_closed`; zenoh takes two seconds at most, also where the publisher was lost."""
+        await super().wait_closed()
+        if self._closer is not None and not self.is_forked:
+            await asyncio.wait([self._closer])
+
     async def _close(self, error: DeviceLost | None) -> None:
         try:
             if error is not None:

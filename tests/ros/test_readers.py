@@ -14,6 +14,7 @@ from mcap.reader import make_reader
 import lidario
 from lidario.errors import CannotRecord, ConnectFailed, Unsupported
 from lidario.model import Health, HealthStatus
+from lidario.network.bus import Bus
 from lidario.network.status import Status
 from lidario.ros import Publisher, Share
 from tests.support.network import BOUND_S, Rig, publish_in_vain, until
@@ -53,6 +54,30 @@ async def test_a_recording_goes_on_when_the_robot_is_back(router: Router, tmp_pa
         assert recording.files > 1
     assert lidario.summarize(recording.source).losses == 1
     assert_same_scans(taken, list(lidario.decode_file(recording.source)))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("reconnect", [False, True])
+async def test_a_session_ends_when_the_line_that_was_lost_is_closed_too(
+    router: Router, reconnect: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No task is left at the end of a test, although zenoh takes a while to close."""
+    monkeypatch.setattr("lidario.network.port.GONE_S", 0.05)
+    close = Bus.close
+
+    async def close_late(bus: Bus) -> None:
+        await asyncio.sleep(0.3)
+        await close(bus)
+
+    monkeypatch.setattr(Bus, "close", close_late)
+    async with Rig(router) as rig:
+        lidar = await rig.open()
+        async with Share(lidar, "late/scan", raw=True, router=router.address) as share:
+            rig.run(share)
+            await until(lambda: rig.sent)
+            remote, scans = await rig.read("late/scan", reconnect=reconnect)
+            await anext(scans)
+        await until(lambda: not remote.is_connected)
 
 
 @pytest.mark.long
