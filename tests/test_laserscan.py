@@ -132,6 +132,13 @@ def test_evenly_spaced_samples_have_a_beam_each(count: int, begin: float) -> Non
     assert np.isnan(even.to_laserscan(2 * count, order="measured").ranges[1::2]).all()
 
 
+@pytest.mark.parametrize("off", [0.3, 0.9, 2.0])
+def test_samples_beyond_an_end_of_the_grid_stay_at_that_end(off: float) -> None:
+    """As corrected angles may be; at the other end they would be of another time by a whole revolution."""
+    laser = scan([off, -90, -180, -270, -360 - off], [1, 2, 3, 4, 5]).to_laserscan(36, order="measured")
+    np.testing.assert_array_equal(laser.ranges[[0, 9, 18, 27, 35]], [1, 2, 3, 4, 5])
+
+
 def test_formats_without_intensity_have_none_in_ros() -> None:
     assert scan([0], [1]).to_laserscan().intensities.shape == (0,)
 
