@@ -39,6 +39,15 @@ def expected(made: Scan, mount: Mount, pose: tuple[float, float, float], index: 
     )
 
 
+@pytest.mark.parametrize("made", [Mount, Velocity])
+@pytest.mark.parametrize("name", ["x", "y", "yaw"])
+def test_a_place_is_of_numbers_that_can_be_meant(made: type[Mount | Velocity], name: str) -> None:
+    assert isinstance(getattr(made(**{name: 1}), name), float)
+    for wrong in ("1", math.nan, 1e7):
+        with pytest.raises(InvalidValue, match=f"{name} of a {made.__name__}"):
+            made(**{name: wrong})  # type: ignore[arg-type]
+
+
 @given(NEAR, NEAR, st.floats(-7, 7))
 def test_a_mounted_lidar(x: float, y: float, yaw: float) -> None:
     mount = Mount(x, y, yaw)

@@ -1,12 +1,14 @@
 """A line that pauses and catches up, or an outage: where packets stay away for about a turn, the next reads tell.
 
-A network may bring nothing for a tenth of a second, and then all of it in pieces. By the first piece alone this
-looks like an outage in which the rotor has turned once, of which the angles tell nothing: a revolution that lacks
-nothing would be taken for parts of two. But bytes come late, and never early. If those behind the first piece come
-faster than they were measured, the line was late. Behind an outage they come at the pace of the device.
+A network may bring nothing for a tenth of a second, and then all of it in pieces, perhaps with more pauses between.
+By the first piece alone this looks like an outage in which the rotor has turned once, of which the angles tell
+nothing: a revolution that lacks nothing would be taken for parts of two. But bytes come late, and never early. If
+those behind the first piece come faster than they were measured, the line was late. Behind an outage they come at
+the pace of the device.
 
-So packets that come so late wait for the reads behind them, until the line has caught up, or has not for half a
-turn. If it has, they are dated by what came behind them.
+So it is followed how late the line is behind a silence: by how long what came has taken to measure. Packets that
+come late by most of a turn wait for the reads behind them, until the line has caught up, or has come no nearer to
+that while half a turn came. If it has caught up, they are dated by what came behind them.
 """
 
 from __future__ import annotations
@@ -27,13 +29,21 @@ LATE: Final = 1 - NOISE
 """Turns by which packets must be late to wait."""
 
 
-class _Silence(NamedTuple):
-    """One behind which packets wait."""
+class _Line(NamedTuple):
+    """How late a line is, by the reads so far."""
 
-    read: int  # number of the first read behind it
+    at_ns: int  # when it was read last
+    late_ns: float = 0.0  # how late that was
+    stayed_ns: float = 0.0  # how long it took to measure what has come since it has been about as late
+    most_ns: float = 0.0  # how late it was meanwhile, at most
+
+
+class _Wait(NamedTuple):
+    """From where on packets wait."""
+
+    read: int  # number of the first read of them
     packets: int  # how many came before it
-    began_ns: int  # when the last of these came
-    ended_ns: int  # when the first one behind it came
+    before: _Line  # the line by then
 
 
 class Pauses:
@@ -47,7 +57,7 @@ class Pauses:
     def __init__(self, stream: Stream, stats: AssemblerStats) -> None:
         self._wire, self._stats = stream.format, stats
         self._most_ns = stream.most_ns
-        self._before_ns: int | None = None  # the read before those of which packets wait
+        self._line: _Line | None = None  # without the packets that wait
         self._waiting: list[Packets] = []
 
     def take(self, event: Packets, sample_ns: float, turn_ns: float) -> Packets | None:
@@ -59,27 +69,37 @@ class Pauses:
             turn_ns: What a revolution takes, likewise.
         """
         run = event if (waited := self.left()) is None else joined([waited, event])
-        before_ns, self._before_ns = self._before_ns, run.received_ns
-        late_ns = LATE * turn_ns
-        if before_ns is None or not (sample_ns and turn_ns) or run.received_ns - before_ns < late_ns:
+        line, self._line = self._line, _Line(run.received_ns)
+        if line is None or not (sample_ns and turn_ns):
             return run
-        arrivals, silence, done = [*run.arrivals], None, 0
+        if not line.late_ns and run.received_ns - line.at_ns < NOISE * turn_ns:
+            return run
+        arrivals, done, wait = [*run.arrivals], 0, None
         damaged = {number for number, _ in run.skips}
         for read, (complete, at_ns) in enumerate(run.arrivals):
-            # Where bytes were skipped the line was not silent; in a longer silence the revolution is given up.
-            if silence is None and done not in damaged and late_ns <= at_ns - before_ns <= self._most_ns:
-                silence = _Silence(read, done, before_ns, at_ns)
-            if silence is not None:
-                passed_ns = self._samples(run.blocks, silence.packets, complete) * sample_ns
-                is_late = at_ns - silence.began_ns - passed_ns >= late_ns
-                if not is_late:
-                    self._date(arrivals, silence, read, run.blocks, sample_ns)
-                if not is_late or at_ns - silence.ended_ns >= STAYED_LATE * turn_ns:
-                    silence = None
-            before_ns, done = at_ns, complete
+            before, silent_ns = line, at_ns - line.at_ns
+            if silent_ns > self._most_ns:
+                # The revolution is given up.
+                line, wait = _Line(at_ns), None
+            elif line.late_ns or silent_ns >= NOISE * turn_ns:
+                # Where bytes were skipped the line was not silent: their time is not known.
+                some = silent_ns / sample_ns if done in damaged else self._samples(run.blocks, done, complete)
+                line = _behind(line, at_ns, some * sample_ns, turn_ns)
+            else:
+                line = _Line(at_ns)
+            if line.late_ns >= LATE * turn_ns:
+                wait = wait or _Wait(read, done, before)
+            elif wait is not None:
+                self._date(arrivals, wait, read, run.blocks, sample_ns)
+                wait = None
+            if line.stayed_ns >= STAYED_LATE * turn_ns:
+                # It was an outage, or so little that it does not matter.
+                line, wait = _Line(at_ns), None
+            done = complete
+        self._line = line
         if (dated := tuple(arrivals)) != run.arrivals:
             run = replace(run, arrivals=dated)
-        return run if silence is None else self._wait(run, silence, sample_ns)
+        return run if wait is None else self._wait(run, wait, sample_ns)
 
     def left(self) -> Packets | None:
         """The packets that wait, which do so no longer; None where none do."""
@@ -90,24 +110,32 @@ class Pauses:
         self._stats.waiting_packets -= waited.count
         return waited
 
-    def _wait(self, run: Packets, silence: _Silence, sample_ns: float) -> Packets | None:
-        """Packets behind a silence wait; returns those before it."""
-        self._before_ns = silence.began_ns
-        self._stats.waiting_packets += run.count - silence.packets
-        if not silence.packets:
+    def _wait(self, run: Packets, wait: _Wait, sample_ns: float) -> Packets | None:
+        """Have packets wait; returns those before them."""
+        self._line = wait.before
+        self._stats.waiting_packets += run.count - wait.packets
+        if not wait.packets:
             self._waiting = [run]
             return None
-        self._waiting = [part_of(run, silence.packets, run.count, None, self._wire, sample_ns)]
-        return part_of(run, 0, silence.packets, None, self._wire, sample_ns)
+        self._waiting = [part_of(run, wait.packets, run.count, None, self._wire, sample_ns)]
+        return part_of(run, 0, wait.packets, None, self._wire, sample_ns)
 
     def _date(
-        self, arrivals: list[Arrival], silence: _Silence, last: int, blocks: Sequence[Block], sample_ns: float
+        self, arrivals: list[Arrival], wait: _Wait, last: int, blocks: Sequence[Block], sample_ns: float
     ) -> None:
-        """The reads behind a silence, up to the `last` one, came late: by what came behind each."""
-        for read in range(last, silence.read, -1):
+        """The reads that waited, up to the `last` one, came late: by what came behind each."""
+        for read in range(last, wait.read, -1):
             (before, at_ns), (complete, behind_ns) = arrivals[read - 1], arrivals[read]
             measured_ns = behind_ns - round(self._samples(blocks, before, complete) * sample_ns)
-            arrivals[read - 1] = before, max(silence.began_ns, min(at_ns, measured_ns))
+            arrivals[read - 1] = before, max(wait.before.at_ns, min(at_ns, measured_ns))
 
     def _samples(self, blocks: Sequence[Block], begin: int, end: int) -> int:
         return self._wire.samples_in(some_blocks(blocks, begin, end))
+
+
+def _behind(line: _Line, at_ns: int, came_ns: float, turn_ns: float) -> _Line:
+    """How late a line is when more was read, which took so long to measure."""
+    late_ns = max(0.0, line.late_ns + at_ns - line.at_ns - came_ns)
+    if line.late_ns and abs(late_ns - line.most_ns) < NOISE * turn_ns:
+        return _Line(at_ns, late_ns, line.stayed_ns + came_ns, max(late_ns, line.most_ns))
+    return _Line(at_ns, late_ns, 0.0, late_ns)

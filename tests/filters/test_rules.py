@@ -107,6 +107,7 @@ def test_intensity(scan: Scan, one: float, two: float) -> None:
         for hit, strength in zip(scan.valid.tolist(), scan.intensities.tolist(), strict=True)
     ]
     agrees(scan, IntensityFilter(lower, upper), expected)
+    agrees(scan, IntensityFilter(), [False] * len(scan))
 
 
 @given(scans(), st.tuples(*[st.floats(-4, 4)] * 4), st.tuples(*[st.floats(-3, 3)] * 3), st.booleans())

@@ -20,13 +20,16 @@ Read = tuple[float, float]
 """Up to where in the stream it reads, in seconds of the stream, and when."""
 
 
-def reads_of(begin: float, pause: float = 0.0, piece: float = 0.0) -> list[Read]:
-    """Reads at an even pace, but for a pause; behind it comes a piece of so many seconds, and soon all the rest."""
+def reads_of(begin: float, *pauses: tuple[float, float]) -> list[Read]:
+    """Reads at an even pace, but for pauses; behind each comes a piece of so many seconds, soon all the rest."""
     times = [number * POLL_S for number in range(1, round(SECONDS / POLL_S) - 1)]
     reads = [(at, at) for at in times if at <= begin]
-    if pause:
-        now = begin + pause
-        reads += [(reads[-1][0] + piece, now), (now + 2 * POLL_S, now + 2 * POLL_S)]
+    upto, now = reads[-1]
+    for pause, piece in pauses:
+        upto, now = upto + piece, now + pause
+        reads.append((upto, now))
+    if pauses:
+        reads.append((now + 2 * POLL_S, now + 2 * POLL_S))
     return reads + [(at, at) for at in times if at > reads[-1][1]]
 
 
@@ -63,8 +66,31 @@ def clean(name: str) -> list[Scan]:
 @pytest.mark.parametrize("piece_s", [0.004, 0.013])
 def test_a_pause_of_a_turn_costs_nothing(name: str, turns: float, phase: float, piece_s: float) -> None:
     turn_s = TURN_S.get(name, 0.1)
-    reads = reads_of(1.2 + phase * turn_s, turns * turn_s, piece_s)
-    expected = clean(name)
+    costs_nothing(name, reads_of(1.2 + phase * turn_s, (turns * turn_s, piece_s)))
+
+
+@pytest.mark.exhaustive("name", sample=ONE_A_PARSER, full=list(KINDS))
+@pytest.mark.exhaustive("phase", sample=[0.35], full=[0.05, 0.35, 0.65, 0.95])
+@pytest.mark.parametrize(
+    "pauses",
+    [
+        [(0.54, 0.01), (0.97, 0.36), (1.17, 1.62)],
+        [(0.6, 0.2), (0.6, 0.2), (0.5, 0.4)],
+        [(1.1, 0.2), (0.5, 0.3), (0.5, 0.9)],
+        [(2.0, 0.1), (0.6, 1.0), (0.6, 1.0), (0.6, 1.0)],
+        [(0.45, 0.1), (0.45, 0.1), (0.45, 0.1), (0.45, 0.1)],
+    ],
+)
+def test_nor_does_one_that_pauses_again_before_it_has_caught_up(
+    name: str, phase: float, pauses: list[tuple[float, float]]
+) -> None:
+    """As the terminal of a device that waits for its reader, on a machine that is busy; in turns."""
+    turn_s = TURN_S.get(name, 0.1)
+    costs_nothing(name, reads_of(1.2 + phase * turn_s, *[(turn_s * one, turn_s * other) for one, other in pauses]))
+
+
+def costs_nothing(name: str, reads: Sequence[Read]) -> None:
+    turn_s, expected = TURN_S.get(name, 0.1), clean(name)
     for together in (False, True):
         scans, stats = scans_of(name, reads, together=together)
         assert (stats.missed_scans, stats.broken_scans, stats.lost_packets, stats.waiting_packets) == (0, 0, 0, 0)
