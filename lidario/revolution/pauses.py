@@ -8,7 +8,7 @@ the pace of the device.
 
 So it is followed how late the line is behind a silence: by how long what came has taken to measure. Packets that
 come late by most of a turn wait for the reads behind them, until the line has caught up, or has come no nearer to
-that while half a turn came. If it has caught up, they are dated by what came behind them.
+that in some reads of half a turn. If it has caught up, they are dated by what came behind them.
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ from lidario.wire.events import Arrival, Packets
 
 LATE: Final = 1 - NOISE
 """Turns by which packets must be late to wait."""
+_READS: Final = 3
+"""So many must be about as late behind an outage. Fewer may all come from a machine that has no time to read."""
 
 
 class _Line(NamedTuple):
@@ -34,7 +36,8 @@ class _Line(NamedTuple):
 
     at_ns: int  # when it was read last
     late_ns: float = 0.0  # how late that was
-    stayed_ns: float = 0.0  # how long it took to measure what has come since it has been about as late
+    stayed: int = 0  # reads since it has been about as late
+    stayed_ns: float = 0.0  # how long it took to measure what they brought
     most_ns: float = 0.0  # how late it was meanwhile, at most
 
 
@@ -92,7 +95,7 @@ class Pauses:
             elif wait is not None:
                 self._date(arrivals, wait, read, run.blocks, sample_ns)
                 wait = None
-            if line.stayed_ns >= STAYED_LATE * turn_ns:
+            if line.stayed_ns >= STAYED_LATE * turn_ns and line.stayed >= _READS:
                 # It was an outage, or so little that it does not matter.
                 line, wait = _Line(at_ns), None
             done = complete
@@ -137,5 +140,6 @@ def _behind(line: _Line, at_ns: int, came_ns: float, turn_ns: float) -> _Line:
     """How late a line is when more was read, which took so long to measure."""
     late_ns = max(0.0, line.late_ns + at_ns - line.at_ns - came_ns)
     if line.late_ns and abs(late_ns - line.most_ns) < NOISE * turn_ns:
-        return _Line(at_ns, late_ns, line.stayed_ns + came_ns, max(late_ns, line.most_ns))
-    return _Line(at_ns, late_ns, 0.0, late_ns)
+        most_ns = max(late_ns, line.most_ns)
+        return _Line(at_ns, late_ns, line.stayed + 1, line.stayed_ns + came_ns, most_ns)
+    return _Line(at_ns, late_ns, 0, 0.0, late_ns)
