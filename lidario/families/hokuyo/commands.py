@@ -58,8 +58,12 @@ def check_of(line: bytes | bytearray) -> int:
     return (sum(line) & 0x3F) + 0x30
 
 
-def read_lines(payload: bytes) -> Told | None:
-    """What stands between the echo and the empty line; None where a check character is wrong."""
+def read_lines(payload: bytes, *, came_twice: bool = False) -> Told | None:
+    """What stands between the echo and the empty line; None where a check character is wrong.
+
+    What `came_twice` is not damaged: that is how the device says it. Of an URG-04LX it is known that the check
+    character of its serial number is wrong, and that a line without a name stands before it (ros-drivers/urg_c #4).
+    """
     status, *rest = payload.split(b"\n")[:_MOST_LINES]
     if len(status) != 3 or check_of(status[:2]) != status[2]:
         return None
@@ -67,7 +71,10 @@ def read_lines(payload: bytes) -> Told | None:
     for line in rest:
         text = line[:-1]
         if not text or line[-1] not in (check_of(text), check_of(text.removesuffix(b";"))):
-            return None
+            if not came_twice:
+                return None
+            if b":" not in text:
+                continue
         name, _, value = text[:_LONGEST_LINE].decode("latin-1").removesuffix(";").partition(":")
         lines[name.strip()] = printable(value.strip())
     return Told(status[:2].decode("latin-1"), lines)
@@ -80,10 +87,10 @@ def ask(word: str) -> Script[dict[str, str]]:
         RemoteProtocolError: The device refuses, or each response came damaged.
     """
     # An empty line first: it ends what another program, or another question, has left half written.
-    request = _request(word, b"\n" + word.encode() + b"\n")
+    request, payload = _request(word, b"\n" + word.encode() + b"\n"), b""
     for _ in range(_ATTEMPTS):
-        payload = yield request
-        told = read_lines(payload)
+        before, payload = payload, (yield request)
+        told = read_lines(payload, came_twice=payload == before)
         if told is not None and told.status == OBEYED:
             return told.lines
         if payload == SCIP_1:

@@ -28,9 +28,13 @@ SPIN_UP_S: Final = 4.0
 """The rotor turns already; the laser is switched on by the request, and no document says how long that takes."""
 PATIENCE_S: Final = 1.0
 """A damaged byte costs a whole scan of some thousand, so on a poor line dozens of them may be missing in turn."""
-_DISTANCE_ALONE: Final = "URG-04LX"  # how the models begin that do not know ``ME``
-_WELL: Final = re.compile(r"\b(well|stable|no error)\b", re.IGNORECASE)
-_FAILED: Final = re.compile(r"\b(malfunction|failure)\b", re.IGNORECASE)
+_DISTANCE_ALONE: Final = ("URG-04LX", "UBG-04LX", "UHG-08LX")
+"""How the models begin that do not know ``ME``. One that is asked all the same may obey nothing until its power was
+cut (ros-drivers/urg_c #4)."""
+# "Sensor works well." (URG-04LX), "Stable 000 no error." (UTM-30LX), "sensor is working normally" (UST);
+# "Trouble!! Error No. =[00->33]" (a UTM-30LX; jsk-ros-pkg/jsk_robot #873).
+_WELL: Final = re.compile(r"\b(well|stable|normally|no error)\b", re.IGNORECASE)
+_FAILED: Final = re.compile(r"\b(malfunction|failure|trouble|(?<!no )error)\b", re.IGNORECASE)
 _CODE: Final = re.compile(r"\d{1,5}", re.ASCII)
 _USUAL: Final = {
     (44, 725): ("URG-04LX", Geometry(44, 725, 384, 1024, 20, 5600, 600)),
@@ -98,12 +102,11 @@ class HokuyoDevice(Device):
     def health(self) -> Script[Health]:
         """As `Device.health`: in words; the note has them where they do not say that it is well."""
         state = (yield from ask("II")).get("STAT", "")
-        code = _CODE.search(state)
-        if _FAILED.search(state):
-            return Health(HealthStatus.ERROR, int(code[0]) if code else 0, f"it says: {state}")
-        if not state or _WELL.search(state):
+        has_failed = _FAILED.search(state) is not None
+        if not has_failed and (not state or _WELL.search(state)):
             return Health(HealthStatus.OK, 0)
-        return Health(HealthStatus.WARNING, int(code[0]) if code else 0, f"it says: {state}")
+        code = int((_CODE.findall(state) or ["0"])[-1])
+        return Health(HealthStatus.ERROR if has_failed else HealthStatus.WARNING, code, f"it says: {state}")
 
     def modes(self) -> Script[tuple[ScanMode, ...]]:
         geometry = yield from self._field()

@@ -1,9 +1,11 @@
 """What a device says of itself, in words, and on a poor line: each scan is one packet that a lost byte damages."""
 
+import re
+
 import pytest
 
 from lidario import RemoteProtocolError, open_lidar
-from lidario.families.hokuyo.commands import check_of
+from lidario.families.hokuyo.commands import check_of, read_lines
 from lidario.families.hokuyo.device import FORMATS, HokuyoDevice, mode_for
 from lidario.families.hokuyo.simulated.device import pack_lines
 from lidario.model import Health, HealthStatus
@@ -16,6 +18,12 @@ from tests.support.scripts import played
 STATES = {
     "Sensor works well.": Health(HealthStatus.OK, 0),
     "Stable 000 no error.": Health(HealthStatus.OK, 0),
+    # A UST-20LX (ros-drivers/urg_node #6), and a UTM-30LX in need of a restart (jsk-ros-pkg/jsk_robot #873).
+    "sensor is working normally": Health(HealthStatus.OK, 0),
+    "Trouble!! Error No. =[00->33]": Health(HealthStatus.ERROR, 33, "it says: Trouble!! Error No. =[00->33]"),
+    # The vendor counts these as stable (UrgNetwork/urg_library #26): it measures, and something is to be told.
+    "failed to synchronize": Health(HealthStatus.WARNING, 0, "it says: failed to synchronize"),
+    "working abnormally": Health(HealthStatus.WARNING, 0, "it says: working abnormally"),
     "malfunction 32": Health(HealthStatus.ERROR, 32, "it says: malfunction 32"),
     "Internal failure": Health(HealthStatus.ERROR, 0, "it says: Internal failure"),
     "Warming up 7": Health(HealthStatus.WARNING, 7, "it says: Warming up 7"),
@@ -28,6 +36,38 @@ def test_its_health_is_told_in_words(state: str) -> None:
     response = pack_lines(b"II", [f"STAT:{state}"], counts_semicolon=False)
     payload = response.removeprefix(b"II\n").removesuffix(b"\n\n")
     assert played(HokuyoDevice().health(), lambda _: payload) == STATES[state]
+
+
+# What devices responded, in transcripts of their users: an URG-04LX-UG01 to VV, an URG-04LX to PP and II, and a
+# UTM-30LX-EW to PP.
+TOLD = {
+    "URG-04LX-UG01": "VEND:Hokuyo Automatic Co.,Ltd.;[ PROD:SOKUIKI Sensor URG-04LX-UG01(Simple-URG);[ "
+    "FIRM:3.4.03(17/Dec./2012);T PROT:SCIP 2.0;N SERI:H1510998;V",
+    "URG-04LX": "MODL:URG-04LX(Hokuyo Automatic Co.,Ltd.);N DMIN:20;4 DMAX:5600;_ ARES:1024;\\ AMIN:44;7 "
+    "AMAX:725;o AFRT:384;6 SCAN:600;e",
+    "its state": "LASR:OFF;7 SCSP:Initial(600[rpm])<-Default setting by user;A MESM:IDLE;: "
+    "SBPS:19200[bps]<-Default setting by user;A TIME:081615;N STAT:Sensor works well.;8",
+    "UTM-30LX-EW": "MODL:UTM-30LX-EW;I DMIN:23;7 DMAX:60000;J ARES:1440;^ AMIN:0;? AMAX:1080;Z AFRT:540;0 "
+    "SCAN:2400;U",
+}
+
+
+@pytest.mark.parametrize("text", TOLD.values(), ids=TOLD)
+def test_what_real_devices_told_is_read(text: str) -> None:
+    lines_ = re.split(r" (?=[A-Z]{4}:)", text)
+    told = read_lines("\n".join(("00P", *lines_)).encode())
+    assert told is not None
+    assert [f"{name}:{value}" for name, value in told.lines.items()] == [line[:-2] for line in lines_]
+
+
+@pytest.mark.parametrize("model", ["URG-04LX", "UBG-04LX-F01", "UHG-08LX", "UTM-30LX"])
+def test_an_old_model_is_not_asked_for_intensities(model: str) -> None:
+    """The SCIP 2.0 specification of the first three has no ME; of an URG-04LX it is known that it may hang."""
+    device = HokuyoDevice()
+    modes = played(
+        device.modes(), lambda request: lines(**FIELD | {"MODL": model}) if b"PP" in request.data else WELL
+    )
+    assert len(modes) == (2 if model == "UTM-30LX" else 1)
 
 
 def test_it_measures_distances_alone_where_nothing_else_is_asked_for() -> None:
@@ -49,6 +89,7 @@ def lines(**fields: object) -> bytes:
     return b"\n".join(line + bytes((check_of(line),)) for line in (b"00", *told))
 
 
+WELL = lines(PROD="URG")
 FIELD: dict[str, object] = {
     "MODL": "URG-04LX", "DMIN": 20, "DMAX": 5600, "ARES": 1024, "AMIN": 44, "AMAX": 725, "AFRT": 384, "SCAN": 600,
 }  # fmt: skip
@@ -63,7 +104,7 @@ def test_a_field_that_cannot_be_is_asked_for_again(spoilt: int) -> None:
     def answer(request: Request) -> bytes:
         nonlocal asked
         asked += b"PP" in request.data
-        return next(fields) if b"PP" in request.data else lines(PROD="URG")
+        return next(fields) if b"PP" in request.data else WELL
 
     if spoilt == 2:
         with pytest.raises(RemoteProtocolError, match=r"cannot be: .*AMIN:900"):

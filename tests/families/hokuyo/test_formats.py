@@ -216,6 +216,29 @@ def test_a_device_is_asked_again_where_that_helps(responses: list[bytes], asked:
     assert heard == asked.split()
 
 
+# The check character of the last line is wrong, and a line without a name stands before it.
+WRONG = WELL + b"\nI\nSERI:H0614967;x"
+
+
+@pytest.mark.parametrize(
+    ("responses", "heard"),
+    [
+        ([WRONG, WRONG], {"A": "7", "SERI": "H0614967"}),
+        ([WRONG, WRONG[:-4] + b"8;x", WELL], {"A": "7"}),
+        ([WRONG, DAMAGED, WRONG], None),
+    ],
+)
+def test_what_comes_twice_alike_is_not_damaged(responses: list[bytes], heard: dict[str, str] | None) -> None:
+    """Some URG-04LX have a wrong check character behind their serial number (ros-drivers/urg_c #4)."""
+    waits = iter(responses)
+    if heard is None:
+        with pytest.raises(RemoteProtocolError, match="could be read"):
+            played(ask("VV"), lambda _: next(waits))
+    else:
+        assert played(ask("VV"), lambda _: next(waits)) == heard
+    assert not list(waits)
+
+
 @pytest.mark.parametrize(
     ("response", "asked", "why"),
     [

@@ -89,9 +89,9 @@ def test_a_single_scan_needs_the_laser() -> None:
 @pytest.mark.parametrize(
     ("text", "status"),
     [
-        ("XX\n", "0E"), ("MD\n", "0H"), ("MD00440725010000\n", "0D"), ("MD0043072501000\n", "05"),
-        ("MD0044072601000\n", "05"), ("MD0400030001000\n", "05"), ("ME0044072501000\n", "0E"),
-        ("\xa5\x50VV\n", "0E"), ("SS999999\n", "0F"),
+        ("XX\n", "0E"), ("MD\n", "0C"), ("MD00440725010000\n", "0D"), ("MD0043072501000\n", "04"),
+        ("MD0044072601000\n", "04"), ("MD0044O72501000\n", "0H"), ("MD0400030001000\n", "05"),
+        ("ME0044072501000\n", "0E"), ("\xa5\x50VV\n", "0E"), ("SS999999\n", "0F"),
     ],
 )  # fmt: skip
 def test_what_it_does_not_know_is_refused_and_logged(text: str, status: str) -> None:
@@ -104,7 +104,7 @@ def test_what_it_does_not_know_is_refused_and_logged(text: str, status: str) -> 
 def test_half_a_line_waits_and_an_empty_one_ends_it() -> None:
     host = Dialogue()
     assert host.say("MD0044") == ""
-    assert host.say("\n").startswith("MD0044\n0H")
+    assert host.say("\n").startswith("MD0044\n0C")
     assert host.say("\n\n") == ""
     assert host.fields("VV")["VEND"]
 
@@ -116,6 +116,8 @@ def test_while_its_clock_is_adjusted_it_obeys_nothing_else() -> None:
     echo, status, clock = host.say("TM1\n").removesuffix("\n\n").split("\n")
     assert (echo, status, clock) == ("TM1", "00P", hokuyo.sealed(clock[:4]))
     assert host.say("TM2\n") == "TM2\n00P\n\n"
+    # The clock is told at any time (seqsense/urg_stamped).
+    assert host.say("TM1\n").startswith("TM1\n00P\n")
     assert host.fields("VV")["VEND"]
 
 
@@ -125,7 +127,7 @@ def test_an_old_one_obeys_nothing_else_before_it_is_told_to_speak_scip_2() -> No
     assert host.say("VV\n") == "VV\nE\n\n"
     assert host.say("SCIP2.0\n") == "SCIP2.0\n0\n\n"
     assert host.fields("VV")["VEND"]
-    assert host.say("RS\n", 2.0) == ""
+    assert host.say("RS\n", 2.0) == "RS\n00P\n\n"
     assert host.say("VV\n") == "VV\nE\n\n"
 
 
@@ -134,8 +136,8 @@ def test_a_failed_laser_is_told_and_cured_by_a_reset() -> None:
     host.say("MD0044072501000\n", 0.5)
     host.device.protection_stop(32)
     host.hear(0.5)
-    assert host.fields("II")["STAT"] == "malfunction 32"
-    assert host.say("MD0044072501000\n").startswith("MD0044072501000\n01")
-    assert host.say("RS\n", 0.5) == ""
+    assert host.fields("II")["STAT"] == "Trouble!! Error No. =[00->32]"
+    assert host.say("MD0044072501000\n").startswith("MD0044072501000\n50")
+    assert host.say("RS\n", 0.5) == "RS\n00P\n\n"
     assert host.say("VV\n", 1.0) == ""
     assert host.fields("II")["STAT"] == "Sensor works well."

@@ -5,11 +5,11 @@ the laser, which ``BM`` and a request to measure switch on, and ``QT`` and ``RS`
 long the first scan waits for it. A scan begins every turn, and is sent when its last step was measured. Its clock
 is that of its first step.
 
-Lines are written from the SCIP 2.0 specification alone. Statuses and the states of ``%ST``: hokuyolx 0.9.0. Made
-up, for no document at hand tells it: an empty line has no response; steps that cannot be have status 05; steps that
-are joined tell the nearest distance; a device whose laser failed refuses with 01, and says so in ``II``; ``RS`` is
-obeyed without a response. One that begins in SCIP 1.1 responds with ``E`` to all but ``SCIP2.0``
-(more_families_2.md 6.1), and begins so again after ``RS`` (made up).
+Lines and statuses are written from the SCIP 2.0 specification alone, the states of ``%ST`` from hokuyolx 0.9.0.
+What it says of itself are the words of real devices, in transcripts of their users. That ``TM1`` tells the clock at
+any time, that ``RS`` has a response and an empty line has none, a simulator tells that was held against real ones
+(seqsense/urg_stamped). Made up: how long ``RS`` takes. One that begins in SCIP 1.1 responds with ``E`` to all but
+``SCIP2.0`` (more_families_2.md 6.1), and begins so again after ``RS`` (made up).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _NAMES = {
     "MD": "start", "ME": "start_intensity", "GD": "get_scan", "GE": "get_scan_intensity", "TM": "clock",
     "SC": "leave_scip1", "SS": "set_speed", "%S": "get_laser_state", "HS": "sensitivity", "CR": "motor_speed",
 }  # fmt: skip
-_STATUSES = {"QT": "00", "TM1": "04", "HS0": "00", "HS1": "00", "CR00": "00"}
+_STATUSES = {"QT": "00", "RS": "00", "HS0": "00", "HS1": "00", "CR00": "00"}
 _MEASURE = re.compile(r"(M[DE])(\d{4})(\d{4})(\d{2})(\d)(\d{2})", re.ASCII)
 _ONCE = re.compile(r"(G[DE])(\d{4})(\d{4})(\d{2})", re.ASCII)
 
@@ -48,6 +48,8 @@ class Profile:
     name: str  # its name in ``sim://`` sources
     model: int  # decides what is random
     product: str  # as it calls itself
+    told: tuple[str, str]  # its vendor's name for it, and its firmware
+    well: str  # what it says of its state
     line: int = USB  # speed at which bytes leave, in bits a second
     turn: int = 1440  # steps of 360 degrees
     span: tuple[int, int] = (0, 1080)  # first and last step
@@ -67,14 +69,20 @@ class Profile:
         return f"{line}, {self.rpm // 60} scans/s of {steps + 1} steps, {steps * 360 / self.turn:.0f} degrees"
 
 
+_NORMAL = "sensor is working normally"
 PROFILES = by_name(
     Profile(
-        "hokuyo-urg04lx", 1, "URG-04LX", turn=1024, span=(44, 725), front=384, reach_mm=(20, 5600), rpm=600,
-        intensity=False, nothing=0, counts_semicolon=True,
+        "hokuyo-urg04lx", 1, "URG-04LX", ("SOKUIKI Sensor URG-04LX", "3.4.03(17/Dec./2012)"), "Sensor works well.",
+        turn=1024, span=(44, 725), front=384, reach_mm=(20, 5600), rpm=600, intensity=False, nothing=0,
     ),
-    Profile("hokuyo-ust10lx", 2, "UST-10LX", line=ETHERNET),
-    Profile("hokuyo-ust20lx", 3, "UST-20LX", line=ETHERNET, reach_mm=(20, 60_000)),
-    Profile("hokuyo-utm30lx", 4, "UTM-30LX", reach_mm=(23, 60_000), nothing=1),
+    Profile("hokuyo-ust10lx", 2, "UST-10LX", ("UST-10LX", "2.23.0000"), _NORMAL, line=ETHERNET),
+    Profile(
+        "hokuyo-ust20lx", 3, "UST-20LX", ("UST-20LX", "2.23.0000"), _NORMAL, line=ETHERNET, reach_mm=(20, 60_000)
+    ),
+    Profile(
+        "hokuyo-utm30lx", 4, "UTM-30LX", ("SOKUIKI Sensor TOP-URG UTM-30LX", "1.16.01(16/Nov./2009)"),
+        "Stable 000 no error.", reach_mm=(23, 60_000), nothing=1,
+    ),
 )  # fmt: skip
 
 
@@ -149,18 +157,17 @@ class SimulatedHokuyo(Chassis[Profile, _Stream]):
             lines = pack_lines(echo, tell, counts_semicolon=self.profile.counts_semicolon)
             self._respond(self._garbled(lines), now, text)
             return ""
-        if text == "RS":
-            self._reset(now)
-            return ""
         if word in ("MD", "ME", "GD", "GE"):
             return self._measure(text, now)
         told = {"%ST": sealed(self._state().encode()), "TM1": pack_clock(self._clock(now))}.get(text)
-        if told is not None and (word != "TM" or self._adjusting):
+        if told is not None:
             self._respond(echo + b"\n" + sealed(b"00") + told + b"\n", now, text)
             return ""
         status = _STATUSES.get(text, "0F" if word == "SS" else "0E")
         if text == "QT":
             self.halt(now)
+        elif text == "RS":
+            self._reset(now)
         elif text == "BM":
             status = self._laser_on(now)
         elif text in ("TM0", "TM2"):
@@ -171,11 +178,11 @@ class SimulatedHokuyo(Chassis[Profile, _Stream]):
     def _texts(self, now: int) -> dict[str, list[str]]:
         """The lines of each response that consists of them, by its request."""
         of = self.profile
-        state = f"malfunction {self.health[1]}" if self.health[0] else "Sensor works well."
+        state = f"Trouble!! Error No. =[00->{self.health[1]:02}]" if self.health[0] else of.well
         return {
             "VV": [
-                "VEND:Hokuyo Automatic Co.,Ltd.", f"PROD:SOKUIKI Sensor {of.product}", "FIRM:3.4.03(17/Dec./2012)",
-                "PROT:SCIP 2.0", f"SERI:{self._serial}",
+                "VEND:Hokuyo Automatic Co.,Ltd.", f"PROD:{of.told[0]}", f"FIRM:{of.told[1]}", "PROT:SCIP 2.0",
+                f"SERI:{self._serial}",
             ],
             "PP": [
                 f"MODL:{of.product}(Hokuyo Automatic Co.,Ltd.)", f"DMIN:{of.reach_mm[0]}", f"DMAX:{of.reach_mm[1]}",
@@ -194,11 +201,14 @@ class SimulatedHokuyo(Chassis[Profile, _Stream]):
         if word[1] == "E" and not self.profile.intensity:
             status = "0E"
         elif found is None:
-            status = "0D" if len(text) > (15 if word[0] == "M" else 12) else "0H"
+            length = 15 if word[0] == "M" else 12
+            status = "0H" if len(text) == length else "0D" if len(text) > length else "0C"
         elif self.health[0]:
-            status = "01"
-        elif not self.profile.span[0] <= int(found[2]) <= int(found[3]) <= self.profile.span[1]:
+            status = "50"
+        elif int(found[2]) > int(found[3]):
             status = "05"
+        elif not self.profile.span[0] <= int(found[2]) <= int(found[3]) <= self.profile.span[1]:
+            status = "04"
         elif word[0] == "G" and not self.motor_on:
             status = "10"
         if status != "00" or found is None:
