@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 
 import lidario
+from lidario.families.ydlidar.formats import INFO_HEADER, SCAN_HEADER
+from lidario.families.ydlidar.simulated.device import make_simulated
 from lidario.recording.offline import OfflineDecoder
 from tests.cli.processes import invoke
 from tests.reference import golden, ldrobot
@@ -90,6 +92,43 @@ def test_a_rate_that_can_be_set_follows_from_the_told_speed() -> None:
         assert scans[2].rpm == pytest.approx(scans[2].reported_rpm, rel=0.02)
     guessed = list(lidario.decode(golden.load("ydlidar_tg15_12hz").raw))
     assert guessed[2].rpm == pytest.approx(guessed[2].reported_rpm, rel=0.02)
+
+
+def heard_of(name: str) -> bytes:
+    """What a simulated device that only talks sends in a second."""
+    device = make_simulated(name, seed=3)
+    device.set_dtr(True, 0)
+    return b"".join(device.transmit(at) for at in range(0, 1_000_000_000, 50_000_000))
+
+
+@pytest.mark.parametrize(
+    ("name", "code", "guess"),
+    [
+        ("ydlidar-x3", 6, "X2"),
+        ("ydlidar-s2-pro", 4, "S2 Pro"),
+        ("ydlidar-tx8", 100, "TX8"),
+        ("ydlidar-x3", 77, "X2"),
+    ],
+)
+def test_one_that_only_talks_is_not_taken_for_one_of_the_same_code(
+    name: str, code: int, guess: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    """They tell their code when they get power (X2 manual, 3)."""
+    told = INFO_HEADER + bytes((code, 10, 1, 1)) + bytes(16)
+    with caplog.at_level(logging.WARNING, "lidario"):
+        scans = list(lidario.decode(told + heard_of(name)))
+    assert f"which YDLIDAR sent these bytes is a guess: {guess}, " in caplog.text
+    assert scans[1].rpm == pytest.approx(360, rel=0.01)
+
+
+@pytest.mark.parametrize("header", [b"", SCAN_HEADER])
+def test_one_that_announces_its_stream_is_what_it_told(header: bytes, caplog: pytest.LogCaptureFixture) -> None:
+    """A real X4 told this (a driver for the STM32); without the header it may as well be an X4 Pro."""
+    told = bytes.fromhex("A55A1400000004 060A0101 02000200000602010000000002010500")
+    with caplog.at_level(logging.WARNING, "lidario"):
+        scans = list(lidario.decode(told + header + without_speed("ydlidar_x4_11hz")))
+    assert bool(caplog.text) is not bool(header)
+    same(scans, list(lidario.decode(without_speed("ydlidar_x4_11hz"), model="x4")))
 
 
 @pytest.mark.parametrize(

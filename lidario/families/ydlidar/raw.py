@@ -3,7 +3,8 @@
 It begins behind the scan header (4ROS development manual, 3.1), or with the first intact packet where the header
 was not recorded. What the samples mean, only the model tells: by the device information, where that was recorded
 before the stream, or by the user. Else it is guessed: a model measures at one rate of a few, and that rate is the
-samples of a revolution times its speed, which start packets tell. The bytes carry no time.
+samples of a revolution times its speed, which start packets tell. The bytes carry no time. Models that only talk
+tell a code, too, when they get power (X2 manual, 3). One that responds may have the same: its stream has a header.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 from lidario.families.base import Decoder, Known, RawStream, raw_stream
 from lidario.families.ydlidar.decode import KINDS
 from lidario.families.ydlidar.formats import FORMATS, FULL_TURN_Q6, INFO_HEADER, START_BIT, PointCloud, packet_heads
-from lidario.families.ydlidar.models import MODELS, Model, model_of
+from lidario.families.ydlidar.models import MODELS, Model
 from lidario.model import ScanMode
 from lidario.wire.events import Packets
 from lidario.wire.formats import StreamFormat
@@ -26,6 +27,7 @@ from lidario.wire.link import Link
 _HEADER: Final = re.compile(rb"\xa5\x5a.{3}[\x40-\x7f]\x81", re.DOTALL)
 """The scan header; its length is to be ignored (manual 3.1)."""
 _LIKELY: Final = tuple(MODELS[name] for name in ("4ros", "x4", "g6", "tmini", "g2", "tmini-plus-sh"))
+_MODELS: Final = (*_LIKELY, *(model for model in MODELS.values() if model not in _LIKELY))
 """Which of the models that fit is taken, the first of them first."""
 _MEASURED: Final = 64 * 1024  # bytes by which samples a revolution and speed are known
 _LONG: Final = 8  # samples of a packet from which its step is known well enough
@@ -82,11 +84,13 @@ def find_stream(data: memoryview, known: Known) -> RawStream | None:
         return None
     begin, made = best
     turn = turn_in(data[begin : begin + _MEASURED], made())
-    guess = ""
-    model = named or _told(data[:begin])
-    if model is None or model.kind.wire is not made:
-        model, guess = _guessed(turn, made)
     header = _HEADER.search(data[:begin])
+    told = [named] if named else _told(data[:begin], responds=header is not None)
+    told = [model for model in told if model.kind.wire is made]
+    if len({(model.kind, model.rates) for model in told}) == 1:
+        model, guess = told[0], ""
+    else:
+        model, guess = _guessed(turn, told or [model for model in _MODELS if model.kind.wire is made])
     return raw_stream(
         begin if header is None else header.end(),
         model.kind.wire(),
@@ -98,10 +102,11 @@ def find_stream(data: memoryview, known: Known) -> RawStream | None:
     )
 
 
-def _told(before: memoryview) -> Model | None:
-    """The model that the device said it is, if that stands in these bytes."""
+def _told(before: memoryview, *, responds: bool) -> list[Model]:
+    """The models that the device may be by what it said, if that stands in these bytes."""
     at = bytes(before).rfind(INFO_HEADER)
-    return model_of(before[at + len(INFO_HEADER)]) if 0 <= at < len(before) - len(INFO_HEADER) else None
+    code = before[at + len(INFO_HEADER)] if 0 <= at < len(before) - len(INFO_HEADER) else -1
+    return [model for model in _MODELS if code in model.codes and not (responds and model.one_way)]
 
 
 def _first_packet(data: memoryview, wire: PointCloud) -> int | None:
@@ -131,10 +136,8 @@ def turn_in(data: memoryview, wire: PointCloud) -> Turn:
     return Turn(FULL_TURN_Q6 / step if step else 0.0, float(np.median(codes[1:] or codes)))
 
 
-def _guessed(turn: Turn, wire: type[PointCloud]) -> tuple[Model, str]:
-    """The likeliest model with packets of that format, and the words that tell what it was taken for."""
-    models = [*_LIKELY, *(model for model in MODELS.values() if model not in _LIKELY)]
-    models = [model for model in models if model.kind.wire is wire]
+def _guessed(turn: Turn, models: list[Model]) -> tuple[Model, str]:
+    """The likeliest of these models, and the words that tell what it was taken for."""
     fitting = [model for model in models if turn.unlike(model) <= _UNLIKE]
     # Those that differ alike stay in their order.
     fitting.sort(key=lambda model: turn.unlike(model) // _ALIKE)

@@ -221,7 +221,7 @@ class Simulated4Ros(Chassis[Profile, PointStream]):
         super()._restart(now, up)
         self._begun = False
         self.set_speed, self.protected = self.profile.factory_speed, False
-        if self.profile.announces and not self.profile.one_way:
+        if self.profile.announces:
             self._queue.push(pack_response(_SETTING, self.info()), up)
 
 

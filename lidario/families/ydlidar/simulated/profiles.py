@@ -95,7 +95,7 @@ def _triangle(
         sample_ns=1_000_000_000 // per_second,
         layout=layout,
         triangle=triangle,
-        speed_base=0,
+        speed_base=30 if layout is MILLIMETRES else 0,
         reach_mm=(100.0, 12_000.0),
         factory_speed=700 if commands else 600,
         speeds=(500, 1200) if triangle else (600, 1200),
