@@ -146,6 +146,19 @@ def test_how_garbage_is_explained(source: str, speeds: tuple[int, ...], says: st
     assert f"199 bytes of garbage came back{says}" in told
 
 
+BOOT = b"Piccolo Laser Distance Scanner\r\nAll Rights Reserved\r\n\r\nLoader\tV2.4.13386\r\nCPU\tF2802x/c600\r\n"
+
+
+@pytest.mark.parametrize("before", [b"", bytes(range(128, 256)) * 8])
+def test_text_is_told_and_no_garbage(before: bytes) -> None:
+    """An XV-11 whose supply was too weak said this again and again (rohbotics/xv_11_laser_driver #6)."""
+    heard = ReceivedInSilence()
+    heard.see("in", before + BOOT * 3, 0)
+    told = str(heard.nothing_responds(as_source("/dev/ttyUSB0"), FAMILIES, (115200,), LineErrors(framing=3)))
+    assert "bytes came back, text among them: 'Piccolo Laser Distance Scanner'. Is that a lidar? One that" in told
+    assert told.endswith("restarts: is its supply too weak (5 V, 1.5 A)?")
+
+
 @pytest.mark.parametrize("start", [0, 0xA000])
 def test_packets_that_a_camsense_sends_until_its_rotor_turns_are_told_as_that(start: int) -> None:
     """Their start is their end (more_families_2.md 4.1)."""

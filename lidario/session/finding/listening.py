@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -47,6 +48,8 @@ _PACKETS = 3
 _SHARE = 0.5
 """Part of the bytes that must be whole packets. The first and the last one of three are mostly incomplete."""
 _MOSTLY = 0.9
+_TEXT: Final = re.compile(rb"([\t\x20-\x7e]{16,})\r?\n")
+"""A line of text. Among 4096 random bytes one stands by chance in one case of 300 thousand."""
 
 
 class Heard(NamedTuple):
@@ -127,6 +130,11 @@ def _has_records(data: bytearray, wire: StreamFormat) -> bool:
     return any(wire.other_record(data, found.start()) > 0 for found in wire.header.finditer(data))
 
 
+def _text_in(data: bytearray) -> str:
+    """The longest line of text among the bytes; empty where there is none."""
+    return max(_TEXT.findall(data), key=len, default=b"").decode("ascii").strip()
+
+
 def _whole_packets(data: bytearray, stream_format: StreamFormat) -> tuple[int, int]:
     """How many intact packets there are, and of how many bytes together."""
     at = packets = size = 0
@@ -162,7 +170,7 @@ class ReceivedInSilence:
             self._kept += data[: KEPT - len(self._kept)]
 
     def describe(self, errors: LineErrors, *, has_speed: bool = True) -> str:
-        """In words: nothing, zeros, packets of some family, or garbage; a network has no wrong baud rate."""
+        """In words: nothing, zeros, packets of some family, text, or garbage; a network has no wrong baud rate."""
         if not self.total:
             return "nothing came back"
         if self._kept.count(0) >= _MOSTLY * len(self._kept):
@@ -173,6 +181,8 @@ class ReceivedInSilence:
         family = _idle_family(self._kept)
         if family is not None:
             return f"{self.total} bytes came back, {family.title} packets among them, which measure nothing"
+        if text := _text_in(self._kept):
+            return f"{self.total} bytes came back, text among them: {quoted(text)}"
         if counted := errors.meaning():
             return f"{self.total} bytes of garbage came back, with {counted}"
         why = "at a wrong baud rate" if has_speed else "from no lidar"
@@ -197,6 +207,10 @@ class ReceivedInSilence:
             said, cure = f"{said} {quoted(source.model)}", "Is ?model= right?"
         elif heard is None and _idle_family(self._kept) is not None:
             cure = "Does its motor turn, and at the right speed?"
+        elif heard is None and _text_in(self._kept):
+            cure = (
+                "Is that a lidar? One that says so again and again restarts: is its supply too weak (5 V, 1.5 A)?"
+            )
         return ConnectFailed(
             f"{source.address} opened, but nothing responds{at} (asked as {titles}): {said}. {cure}",
             reason="silent",
