@@ -2,7 +2,7 @@
 
 They stream for as long as their rotor turns, and hear nothing. The host powers the motor by wires of its own, so no
 request sets the speed; what is measured is told. Sources: 3irobotix's SDK 1.7.1 and protocol documents, community
-ports; nothing was tried with a device.
+ports, and what owners of four turrets tell of their frames; nothing was tried with a device.
 
 How many frames a revolution has tells two kinds of models apart, and each kind measures alike.
 """

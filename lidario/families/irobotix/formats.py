@@ -16,7 +16,7 @@ Data of AD::
     0   u8      speed of the rotor, 1/20 revolutions a second
     1   i16     calibration, which the vendor's SDK does not apply either
     3   u16     angle of the first sample, 1/100 degrees
-   (5   u16     angle of the last one: of a Delta-2D; the length of the data tells)
+   (5   u16     angle of the last one: of a Delta-2C Pro, and of some Delta-2D; the length of the data tells)
         N x     u8 signal; u16 distance in quarter millimetres, 0 where nothing came back
 
 How many samples a frame has, changes with the speed and from frame to frame. Two thirds of a head are fixed and the

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+import lidario
 from lidario.families.irobotix import TALKERS
 from lidario.families.irobotix.decode import FrameDecoder, frames_a_turn
 from lidario.families.irobotix.formats import FifteenFormat, FrameFormat
-from lidario.families.irobotix.simulated.device import pack_measurement
+from lidario.families.irobotix.simulated.device import pack_failure, pack_frame, pack_measurement
 from lidario.families.stream import Known
 from tests.families.irobotix.about import CASES
 from tests.reference import irobotix
@@ -49,6 +50,37 @@ def test_one_frame_alone_tells_no_model(case: Case, spoilt: int) -> None:
     assert found is not None
     kind = FifteenFormat if "2g" in case.name else FrameFormat
     assert type(found.stream.format) is kind
+
+
+# What real ones had: samples of a frame, speed (1/20 Hz), calibration, microseconds of a sample. A frame in a test
+# of R2D2-2019; heads of two turrets at 115200 baud; a Delta-2D of which the SangamIO driver describes 67064 frames.
+REAL = [
+    ([47], 0x82, 135, 204.6),
+    ([21], 0x7B, -36, 483.9),
+    ([17], 0x75, -32, 628.5),
+    ([19, 18, 20, 19], 0x80, 10, 514.0),
+]
+
+
+@pytest.mark.parametrize(("counts", "speed", "calibration", "sample_us"), REAL)
+def test_frames_of_real_devices(counts: list[int], speed: int, calibration: int, sample_us: float) -> None:
+    """They have any length, also at 115200 baud, and a calibration; each is a sixteenth of a revolution."""
+    frames = [pack_failure(speed / 20)] * 3
+    for at in range(16 * 4):
+        count = counts[at % len(counts)]
+        frame = pack_measurement(at % 16 * 2250, [2126.5] * count, [70] * count, hertz=speed / 20)
+        head = frame[8:9] + calibration.to_bytes(2, "big", signed=True) + frame[11:-2]
+        frames.append(pack_frame(0xAD, head))
+    found = TALKERS.find_stream(memoryview(b"".join(frames)), Known())
+    assert found is not None
+    assert type(found.stream.format) is FrameFormat
+    assert found.stream.sample_ns == pytest.approx(1e3 * sample_us, rel=1e-3)
+    scans = list(lidario.decode(b"".join(frames)))
+    turn = 16 // len(counts) * sum(counts)
+    assert [(len(scan), scan.lost_packets) for scan in scans] == [(turn, 0)] * 2
+    assert scans[0].rpm == pytest.approx(3 * speed, rel=1e-3)
+    assert scans[0].device_angles[0] == 0
+    assert set(scans[0].device_distances.tolist()) == {2126.5}
 
 
 def test_a_frame_that_tells_its_last_angle() -> None:
