@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.pace import OFF, PacedTurning
-from lidario.families.rplidar.chains import beams_of, heading_at
+from lidario.families.rplidar.chains import FULL_TURN_Q6, beams_of
 from lidario.families.spans import Arcs, Heads, Ints, by_revolution, spans_between
 from lidario.wire.events import Arrival
 
@@ -34,6 +34,7 @@ Steps = NDArray[np.float64]
 
 RETREAT_TURNS: Final = 1 / 12
 """How far nodes fall back at most: without a check value, a few bytes may pass for nodes up to 30 degrees ahead."""
+_RETREAT_Q6: Final = round(RETREAT_TURNS * FULL_TURN_Q6)
 JITTER: Final = 0.75
 """Share of an ordinary step by which steps may scatter: only a doubled one is a lost node."""
 SEVERAL: Final = 32
@@ -61,9 +62,15 @@ class Nodes(NamedTuple):
 
     def beams(self, heads: Heads) -> Heads:
         """Where the beams were, if the angles in `heads` are those of returns beside them."""
-        first = beams_of(heads.first, self.rows["quality"], self.rows["distance"])
-        following = None if self.following is None else heading_at(self.following, 0).beam
-        return heads._replace(first=first, following=following)
+        rows = self.rows
+        if self.following is not None:
+            rows = np.concatenate((rows, np.frombuffer(self.following, rows.dtype, 1)))
+        beams = beams_of((rows["angle"] >> 1).astype(np.int32), rows["distance"])
+        told = np.flatnonzero((rows["distance"] > 0) | (rows["quality"] >> 2 == 0))
+        if 2 <= len(told) < len(rows):
+            beams = _between(beams[told], told, len(rows))
+        following = None if self.following is None else int(beams[-1])
+        return heads._replace(first=beams[: len(self.rows)], following=following)
 
 
 class NodeSteps(PacedTurning):
@@ -203,6 +210,27 @@ class NodeSteps(PacedTurning):
         ordinary = spans[np.abs(spans - short) <= abs(short) / 2]
         self._typical, _ = _middle(ordinary)
         self._certain = len(ordinary) >= CERTAIN_STEPS and self._typical > 0
+
+
+def _between(beams: Ints, told: NDArray[np.intp], count: int) -> NDArray[np.int32]:
+    """Where so many beams were of which some are told: evenly between those, but for nodes that are missing.
+
+    Of a gap nothing tells where it is; it is told before the next beam that is known.
+    """
+    counts = np.diff(told)
+    arcs = (np.diff(beams) + _RETREAT_Q6) % FULL_TURN_Q6 - _RETREAT_Q6
+    beside = arcs[counts == 1]
+    usual = float(np.median(beside)) if len(beside) else float(arcs.sum() / counts.sum())
+    missing = np.ceil(arcs / max(1.0, usual) - counts - JITTER)
+    each = arcs / (counts + np.maximum(missing, 0.0))
+    places = np.arange(count)
+    before = np.clip(np.searchsorted(told, places, "right") - 1, 0, len(each) - 1)
+    along = np.concatenate(((0,), np.cumsum(arcs)))
+    way = along[before] + (places - told[before]) * each[before]
+    way[told] = along
+    way[told[-1] :] = along[-1] + (places[told[-1] :] - told[-1]) * usual
+    found: NDArray[np.int32] = (np.rint(way + beams[0]) % FULL_TURN_Q6).astype(np.int32)
+    return found
 
 
 def _unevenness(spans: Ints) -> float:

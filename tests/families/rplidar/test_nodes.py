@@ -95,22 +95,50 @@ def test_so_they_do_where_a_return_has_a_quality_and_no_distance() -> None:
         assert noise_before(data) == 0
 
 
+@pytest.mark.parametrize("mm", [120, 160, 900, 12000])
+@pytest.mark.parametrize("other", [120, 160, 900, 12000])
+def test_so_they_do_whatever_the_angle_of_one_without_a_distance_is_corrected_by(mm: int, other: int) -> None:
+    """From 3.6 degrees ahead of the beam to 8 behind it; between returns, between none, and between each other."""
+    distances = [4000] * 5 + [-mm, -other, -mm, 4000, 4000, -other, 4000, 0, 0, -mm, 0, -other, 0, 0] + [160] * 5
+    for base in (100.0, 350.0):
+        data = bytearray(triangulated([base + 1.14 * at for at in range(len(distances))], distances))
+        assert NodeFormat().run(data, 0).packets == (Block(5, len(distances)),)
+        assert noise_before(data) == 0
+
+
+def test_behind_a_sample_without_a_distance_nothing_is_told_of_what_is_elsewhere() -> None:
+    for beyond in (22.0, -17.0):
+        data = bytearray(triangulated([100.0, 101.0, 102.0, 102.0 + beyond], [4000, 4000, -900, 4000]))
+        assert NodeFormat().run(data, 0).packets == (Block(5, 3),)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("poles", [0, 9])
-@pytest.mark.parametrize("missing", [0.0, 0.02, 0.1, 0.5])
-def test_of_a_model_that_triangulates_no_node_is_taken_for_damage(missing: float, poles: int) -> None:
-    """Of 4 m x 6 m, with poles at 0.16 m, each so many degrees wide, and samples without a return."""
+@pytest.mark.parametrize(
+    ("missing", "untold"), [(0.0, 0.0), (0.02, 0.0), (0.1, 0.0), (0.5, 0.0), (0.0, 0.25), (0.6, 0.25), (0.0, 0.5)]
+)
+def test_of_a_model_that_triangulates_no_node_is_taken_for_damage(
+    missing: float, untold: float, poles: int
+) -> None:
+    """Of 4 m x 6 m, with poles at 0.16 m, each so many degrees wide, and samples without a return.
+
+    Some have a quality and no distance, and their angles are corrected by anything. An A1M8 in an open room sent
+    61 to 84 % without a distance, and a quarter of all was of that kind (cpane/heron, rplidar-a1m8-findings).
+    """
     random, step = np.random.default_rng(1), 1.27
     beams = [40 + step * at for at in range(round(10.5 * 360 / step))]
     walls = [1000 * min(3 / max(abs(np.cos(b)), 1e-9), 2 / max(abs(np.sin(b)), 1e-9)) for b in np.radians(beams)]
     mm = [160 if beam % 40 < poles else int(wall) for beam, wall in zip(beams, walls, strict=True)]
-    nodes = triangulated(beams, [each if random.random() >= missing else 0 for each in mm])
+    for at, kind in enumerate(random.random(len(mm))):
+        anything = -int(120 * 100 ** random.random())
+        mm[at] = 0 if kind < missing else anything if kind < missing + untold else mm[at]
+    nodes = triangulated(beams, mm)
     decoder = OfflineDecoder(b"\xa5\x5a\x05\x00\x00\x40\x81" + nodes)
     scans = list(decoder)
     assert decoder.pipeline.link.stats.skipped_bytes == 0
     assert decoder.pipeline.stats.lost_packets == 0
     assert len(scans) == 9
-    assert all(len(scan) == pytest.approx(360 / step, abs=9 / step) for scan in scans)
+    assert all(len(scan) == pytest.approx(360 / step, abs=12 / step) for scan in scans)
     samples_a_turn = [60e9 / (scan.rpm * scan.time_increment_ns) for scan in scans]
     assert samples_a_turn == pytest.approx([360 / step] * 9, rel=0.002)
     # What is missing is counted all the same.
