@@ -191,9 +191,12 @@ async def test_turns_are_told_apart_even_if_the_device_never_marks_one(monkeypat
         np.testing.assert_allclose(scan.ranges, 2.0, atol=0.002)
 
 
-@pytest.mark.parametrize("model", ["rplidar-s2", "rplidar-s1"])
+@pytest.mark.parametrize(
+    ("model", "sends"), [("rplidar-s2", 0x85), ("rplidar-s1", 0x85), ("rplidar-c1", 0x85), ("rplidar-a1", 0x82)]
+)
 @pytest.mark.parametrize("name", ["Legacy express", "legacy EXPRESS"])
-async def test_a_legacy_express_scan_can_be_asked_for_by_name(model: str, name: str) -> None:
+async def test_a_legacy_express_scan_can_be_asked_for_by_name(model: str, sends: int, name: str) -> None:
+    """A C1 and an S1 respond with the descriptor of 0x85, as programs expect it that read them."""
     rig = make_rig(model, world=make_world("circle"))
     async with rig.open() as lidar:
         async with lidar.scans(name) as stream:
@@ -201,7 +204,10 @@ async def test_a_legacy_express_scan_can_be_asked_for_by_name(model: str, name: 
         assert name.casefold() not in [mode.name.casefold() for mode in await lidar.get_modes()]
         assert scans[-1].mode == "Legacy express"
         np.testing.assert_allclose(scans[-1].ranges, 2.0, atol=0.005)
-        samples = 1e9 * rig.turn_s / (rig.device.profile.modes[-1].us_q8 / 0.256)
+        legacy = rig.device.profile.legacy_express
+        assert legacy is not None
+        assert legacy.response_type == sends
+        samples = 60e6 / rig.device.profile.own_rpm / (legacy.us_q8 / 256)
         assert len(scans[-1]) == pytest.approx(samples, rel=0.02)
         # Its number is that of another mode.
         assert (await lidar.scan(0)).mode == "Standard"

@@ -40,7 +40,8 @@ NODE_TYPE: Final = 0x81
 EXPRESS_TYPE: Final = 0x82
 HQ_TYPE: Final = 0x83
 LEGACY_EXPRESS: Final = ScanMode(0, "Legacy express", 0.0, 0.0, EXPRESS_TYPE)
-"""Working mode 0 (S-series interface manual, EXPRESS_SCAN); how far it measures no document says."""
+"""Working mode 0 (S-series interface manual, EXPRESS_SCAN); how far it measures no document says. A C1 and an S1
+respond with 0x85."""
 HQ_SCAN: Final = ScanMode(0, "HQ scan", 0.0, 0.0, HQ_TYPE)
 """HQ_SCAN, which the vendor's SDK defines and never sends; no document says which devices know it."""
 

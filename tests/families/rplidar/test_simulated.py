@@ -250,7 +250,8 @@ class TestAnswers:
             ("rplidar-s1", 0, 244, 40), ("rplidar-s1", 1, 108, 40), ("rplidar-s2", 0, 62.5, 30),
             ("rplidar-s2", 1, 31.25, 30), ("rplidar-s3", 0, 62.5, 16), ("rplidar-s3", 1, 31.25, 40),
             ("rplidar-a1", 0, 508, 12), ("rplidar-a1", 1, 254, 12), ("rplidar-a1", 3, 127, 12),
-            ("rplidar-a1", 4, 201, 12), ("rplidar-a2", 3, 62.5, 16), ("rplidar-a3", 3, 62.5, 25),
+            ("rplidar-a1", 4, 201, 12), ("rplidar-a2", 0, 252, 16), ("rplidar-a2", 1, 126, 16),
+            ("rplidar-a2", 3, 63, 16), ("rplidar-a2", 4, 100, 16), ("rplidar-a3", 3, 63, 25),
             ("rplidar-c1", 0, 200, 16), ("rplidar-c1", 1, 200, 40),
         ],
     )  # fmt: skip

@@ -172,12 +172,14 @@ class Profile:
     def legacy_express(self) -> Mode | None:
         """What EXPRESS_SCAN starts by working mode 0: 0x82, as fast as GET_SAMPLERATE tells of EXPRESS_SCAN.
 
-        None where the line cannot carry that, and where firmware without GET_LIDAR_CONF has it among its modes.
+        C and S models send 0x85 (programs for a C1 and an S1). None where the line cannot carry that, and where
+        firmware without GET_LIDAR_CONF has it among its modes.
         """
         fast = self.express
         if not self.has_conf or fast is None:
             return None
-        mode = Mode(0, "Legacy express", 0x82, fast.us_q8, fast.max_distance_q8)
+        kind = 0x82 if self.triangulates else 0x85
+        mode = Mode(0, "Legacy express", kind, fast.us_q8, fast.max_distance_q8)
         return mode if self._carries(mode) else None
 
     @property

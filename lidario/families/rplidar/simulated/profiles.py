@@ -10,11 +10,12 @@ model byte      logs: A1M8 0x18, A2M12 0x2C, C1M1 0x41, S1M1 0x61, S2M1 0x71; A3
 firmware        the same logs: A1 1.29 hardware 7, A2 and A3 1.32 hardware 6, S1 1.28, C1, S2 and S3 1.02,
                 these of hardware 18
 baud rate       launch files of the vendor's ROS driver
-A1 modes        the log of one device (issue 2 of rplidar.net): all five modes, their times and 12 m
-A2, A3 modes    logs: Sensitivity with 16000 samples a second and 16 m (A2M12) or 25 m (A3M1) is typical, and the
-                ids of Boost, Sensitivity and Stability (A3M1). The rates of the others are assumed
-C1 modes        logs: 5000 samples a second, 16 m in Standard and 40 m in DenseBoost; no log has the response types
-                (0x81 and 0x85, as on the S series, are assumed), nor which mode is typical (assumed: DenseBoost)
+A1 modes        logs of three devices (issue 2 of rplidar.net, thijses/rplidar, cpane/heron): all five modes, their
+                times and 12 m
+A2, A3 modes    an A2M12 (dark-sorceror/hack-the-north-2026): all five modes, their times and 16 m. An A3M1 (issue
+                84 of robopeak/rplidar_ros): the same rates, rounded, and 25 m
+C1 modes        logs: 5000 samples a second, 16 m in Standard and 40 m in DenseBoost. 0x81 and 0x85: programs that
+                read a C1. Nothing tells which mode is typical (assumed: DenseBoost)
 S1 modes        the log of one device: 244 µs and 108 µs a sample, 40 m in both modes. The S-series
                 interface manual, figure 3-3, prints 4600 and 9200 samples a second, and 16 m for Standard
 S2 modes        rates: figure 3-3 and logs agree. Distances: a log, 30 m in both modes; figure 3-3 prints
@@ -27,8 +28,8 @@ motor           SDK 2.1.0 (`checkMotorCtrlSupport`): A1 by DTR, A2 and A3 by an 
 speeds          S2: a user's report of conf 0x01, 0x04 and 0x05; S1 and S3 are assumed to tell the same. C1: 8 to
                 12 Hz by its data sheet. A1: 7.14 Hz in a user's report; the motor is not regulated. 660 is the
                 usual duty of an accessory board
-boot time       S1: users report 2 s; the others: the manual's 500 ms and a little more
-banner          A1, A2: ArduPilot's driver: 56 to 63 letters that begin with the words given here. A3: as the A2
+boot time       S1: users report 2 s. A1: 0.67 s (cpane/heron). The others: the manual's 500 ms and a little more
+banner          A1 of firmware 1.29, A2M8 of 1.27, A2M12: as users read them; the others: by their example
 ==============  =======================================================================================
 
 **Formats**: `rplidar-express`, `-hq`, `-ultra` and `-ultradense` stand for no product; each sends one more format.
@@ -72,24 +73,27 @@ def _s_series(name: str, model: int, standard_m: float, dense_m: float) -> Profi
     return _device(name, model, 1_000_000, _standard(16000, standard_m), _dense(32000, dense_m), firmware=(1, 2))
 
 
-_BANNER = b"RP LIDAR System.\r\nFirmware 1.29, hardware 7\r\nsimulated, ok\r\n"
-_A2_BANNER = _BANNER.replace(b"1.29, hardware 7", b"1.32, hardware 6")
 _A1_RPM = 428.0
 _ETHERNET = 100_000_000  # bits a second: bytes leave at once
 
 
-def _five_modes(metres: float, *rates: float) -> tuple[Mode, ...]:
-    standard, express, boost, sensitivity, stability = rates
+def _five_modes(metres: float, *times_us: float) -> tuple[Mode, ...]:
+    """By the time of a sample in Standard, Express, Boost and Sensitivity, and Stability."""
+    standard, express, boost, stability = (1e6 / each for each in times_us)
     return (
         _standard(standard, metres), _express(express, metres), _mode(2, "Boost", 0x84, boost, metres),
-        _mode(3, "Sensitivity", 0x84, sensitivity, metres), _mode(4, "Stability", 0x84, stability, metres),
+        _mode(3, "Sensitivity", 0x84, boost, metres), _mode(4, "Stability", 0x84, stability, metres),
     )  # fmt: skip
+
+
+def _banner(firmware: str, hardware: int, model: int) -> bytes:
+    return f"RP LIDAR System.\r\nFirmware Ver {firmware}, HW Ver {hardware}\r\nModel: {model:x}\r\n".encode()
 
 
 def _a_series(name: str, model: int, metres: float) -> Profile:
     return _device(
-        name, model, 256_000, *_five_modes(metres, 4000, 8000, 16000, 16000, 10000), typical=3, firmware=(1, 32),
-        hardware=6, speed_conf=(600,), motor="pwm", pwm_ref=660, banner=_A2_BANNER,
+        name, model, 256_000, *_five_modes(metres, 252, 126, 63, 100), typical=3, firmware=(1, 32), hardware=6,
+        speed_conf=(600,), motor="pwm", pwm_ref=660, banner=_banner("1.32 - rtm", 6, model),
     )  # fmt: skip
 
 
@@ -98,8 +102,9 @@ def _ethernet(name: str, model: int, mac: str) -> Profile:
 
 
 _A1 = _device(
-    "rplidar-a1", 0x18, 115_200, *_five_modes(12, 1e6 / 508, 1e6 / 254, 1e6 / 127, 1e6 / 127, 1e6 / 201), typical=3,
-    hardware=7, speed_conf=(600,), pwm_ref=660, motor="dtr", own_rpm=_A1_RPM, banner=_BANNER, follows="an A1M8",
+    "rplidar-a1", 0x18, 115_200, *_five_modes(12, 508, 254, 127, 201), typical=3, hardware=7, speed_conf=(600,),
+    pwm_ref=660, motor="dtr", own_rpm=_A1_RPM, boot_s=0.67, banner=_banner("1.29 - rtm", 7, 0x18),
+    follows="an A1M8",
 )  # fmt: skip
 _C1 = _device(
     "rplidar-c1", 0x41, 460_800, _standard(5000, 16), _dense(5000, 40), firmware=(1, 2), speed_conf=(600, 480, 720)
@@ -142,12 +147,13 @@ _AWKWARD = (
     _device("rplidar-no-modes", 0x71, 1_000_000, _standard(16000, 30), listed=False, oddity="lists no modes"),
     replace(_A2, name="rplidar-a2-empty-list", model=0x26, baudrate=115_200,
             modes=(_standard(2000, 8), _express(4000, 8)), typical=1, firmware=(1, 27), hardware=5, listed=False,
-            oddity="lists no modes"),
+            banner=_banner("1.27 - rc9", 5, 0x26), oddity="lists no modes"),
     replace(_A2, name="rplidar-a2-no-board", motor="fixed", oddity="no accessory board"),
     replace(_C1, name="rplidar-c1-fixed", motor="fixed", speed_conf=(), oddity="takes no speed"),
     replace(_A1, name="rplidar-old-firmware",
             modes=(_mode(0, "Express", 0x82, 4000, 12), _mode(0xFF, "Standard", 0x81, 2000, 12)), typical=0,
-            firmware=(1, 20), hardware=5, has_conf=False, speed_conf=(), oddity="lists no modes", follows=""),
+            firmware=(1, 20), hardware=5, has_conf=False, speed_conf=(), banner=_banner("1.20 - rtm", 5, 0x18),
+            oddity="lists no modes", follows=""),
 )  # fmt: skip
 
 PROFILES: dict[str, Profile] = by_name(*SOLD, *_FORMATS, *_AWKWARD)
