@@ -107,6 +107,31 @@ class TestStream:
         assert np.abs(steps - steps.mean()).max() < 0.2
 
     @pytest.mark.parametrize(
+        ("metres", "least", "most"), [(0.0, 358.6, 360.0), (0.2, 357.0, 359.0), (9.0, 350.6, 352.4)]
+    )
+    def test_an_a1_marks_the_sample_before_its_beam_passes_0(
+        self, metres: float, least: float, most: float
+    ) -> None:
+        """Over 139 revolutions of a real one marks stood at 351.4 to 359.5 degrees (cpane/heron)."""
+        bench = Bench("rplidar-a1", world=World(np.full(32768, 1000.0 * metres)))
+        stream = bench.ask(SCAN, 2 * SECOND)
+        packets = packets_of(0x81, stream[stream.index(b"\xa5\x5a") + 7 :])
+        marked = [sample.angle_deg for sample in rplidar.decode(0x81, [each for each in packets if each[0] & 1])]
+        assert len(marked) in (13, 14, 15)
+        assert least <= min(marked) <= max(marked) <= most
+
+    @pytest.mark.parametrize(("metres", "offset"), [(0.0, 0.0), (0.5, 5.25), (0.2, 1.125), (8.0, 7.875)])
+    def test_an_a_model_carries_in_0x82_how_far_returns_lie_behind_the_beam(
+        self, metres: float, offset: float
+    ) -> None:
+        """Of a real A2 that was 7 degrees, and less of what is near (change 4 of Roboticia/RPLidar)."""
+        bench = Bench("rplidar-a2", world=World(np.full(32768, 1000.0 * metres)))
+        bench.begin(bench.mode(1))
+        packets = packets_of(0x82, bench.run(500 * MS, step=7 * MS)[7:])
+        carried = {each[8] & 15 | (each[4] & 3) << 4 for each in packets[1:]}
+        assert carried == {round(8 * offset)}
+
+    @pytest.mark.parametrize(
         ("model", "mode_id"),
         [("rplidar-s2", 1), ("rplidar-express", 1), ("rplidar-ultra", 2), ("rplidar-ultradense", 1)],
     )

@@ -8,7 +8,10 @@ Angles in the capsule formats go in equal steps from one start angle to the next
 DenseBoost response). Two formats shift each sample by an amount of its own, which the host subtracts: 0x82
 carries it, in 0x84 it follows from the distance (vendor SDK 2.1.0, ultra capsule unpacker). In 0x81 models that
 triangulate do that themselves: a return has the angle at which it lies, a sample without one that of the beam
-(users' transcripts of an A1M8, which agree with 0x84's formula).
+(users' transcripts of an A1M8, which agree with 0x84's formula). What 0x82 carries is taken to be the same: of an
+A2 it was 7 degrees, and less of what is near (change 4 of Roboticia/RPLidar).
+
+An A1M8 marks in 0x81 the sample before its beam passes 0: at 351.4 to 359.5 degrees, by the distance (cpane/heron).
 """
 
 from __future__ import annotations
@@ -26,7 +29,6 @@ from lidario.sim.world import CheckedWorld, World
 Floats = npt.NDArray[np.float64]
 
 _STRETCH = 4096  # samples built in one go: numpy's overhead is negligible, and it fits in the caches
-_EXPRESS_OFFSETS_Q3 = np.array([18 + k % 5 for k in range(32)])  # 2.25° to 2.75°, so both halves are in use
 
 
 class MeasurementStream:
@@ -99,18 +101,21 @@ class MeasurementStream:
         return _q6(turns[:: self._per_packet]), turns * 360.0, times
 
     def _standard(self, packet: int, count: int) -> bytes:
-        turns, times = self._head(packet - 1, count + 1)  # one before, to see where a revolution begins
-        degrees = turns[1:] * 360.0
-        mm = self._triangulate(degrees, times[1:]) if self._triangulates else self._measure(degrees, times[1:])
+        turns, times = self._head(packet - 1, count + 2)  # one more at either end, to see where a revolution begins
+        passes = np.diff(np.floor(turns)) > 0.0
+        turns, times = turns[1:-1], times[1:-1]
+        degrees = turns * 360.0
+        mm = self._triangulate(degrees, times) if self._triangulates else self._measure(degrees, times)
         mm = _carried(mm, 65535 / 4)
         behind = np.where(mm > 0.0, _ultra_shift(mm), 0.0) if self._triangulates else 0.0
-        begins = np.diff(np.floor(turns)) > 0.0
+        begins = passes[1:] if self._triangulates else passes[:-1]
         distance = np.rint(mm * 4.0).astype(np.int64)
-        return packers.pack_standard(_q6(turns[1:] - behind / 360.0), distance, _strength(mm) >> 2, begins)
+        return packers.pack_standard(_q6(turns - behind / 360.0), distance, _strength(mm) >> 2, begins)
 
     def _express(self, packet: int, count: int) -> bytes:
         start, degrees, times = self._capsules(packet, count)
-        offsets = np.tile(_EXPRESS_OFFSETS_Q3, count)
+        mm = self._triangulate(degrees, times)
+        offsets = np.where(mm > 0.0, np.clip(np.rint(_ultra_shift(mm) * 8.0), 0.0, 63.0), 0.0).astype(np.int64)
         mm = _carried(self._measure(degrees - offsets / 8.0, times), 16383.0)
         return packers.pack_express(start, mm, offsets, new_stream=packet == 0)
 
