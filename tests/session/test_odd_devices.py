@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lidario import HealthStatus, Scan, Unsupported, open_lidar
+from lidario import HealthStatus, Scan, StreamFailed, Unsupported, open_lidar
 from lidario.families.hokuyo.simulated.device import PROFILES as HOKUYOS
 from lidario.families.hokuyo.simulated.device import SimulatedHokuyo
 from lidario.families.rplidar.simulated.device import Profile, SimulatedRplidar
 from lidario.families.rplidar.simulated.requests import Request
 from lidario.sim.rooms import make_world
-from tests.support.devices import Rig, change_info, make_rig, names, some, take
+from tests.support.devices import Rig, change_info, end_of, make_rig, names, some, take
 from tests.support.loop import now_ns
 from tests.support.speeds import serial_in_memory
 
@@ -213,6 +213,43 @@ async def test_a_legacy_express_scan_can_be_asked_for_by_name(model: str, sends:
         assert (await lidar.scan(0)).mode == "Standard"
     (request,) = [each.data for each in rig.device.log if each.name == "express_scan"]
     assert request == bytes.fromhex("A58205000000000022")
+
+
+@pytest.mark.parametrize(
+    ("before", "mode", "vain", "goes_on"),
+    [
+        ("Boost", "Stability", 1, True),
+        ("Sensitivity", "Stability", 1, True),
+        # Once is enough: then the rotor is the likelier reason, and so it is behind another format, or none.
+        ("Boost", "Stability", 2, False),
+        ("Express", "Stability", 1, False),
+        (None, "Stability", 1, False),
+    ],
+)
+async def test_a_stream_that_is_announced_in_vain_behind_one_like_it_is_started_again(
+    before: str | None, mode: str, vain: int, goes_on: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So did an A1 in two of eleven starts of Stability, both behind other modes in 0x84 (cpane/heron)."""
+    rig = make_rig("rplidar-a1")
+    async with rig.open() as lidar:
+        if before:
+            assert (await lidar.scan(before)).mode == before
+        left, start = [vain], rig.device.HANDLERS["express_scan"]
+
+        def in_vain(device: SimulatedRplidar, request: Request) -> str:
+            why: str = start(device, request)
+            if left[0]:
+                left[0] -= 1
+                device.halt(request.ended)
+            return why
+
+        monkeypatch.setitem(type(rig.device).HANDLERS, "express_scan", in_vain)
+        async with lidar.scans(mode) as stream:
+            if goes_on:
+                assert (await anext(stream)).mode == mode
+                assert lidar.stats.restarts == 1
+            else:
+                assert "does the rotor turn?" in str(await end_of(stream, StreamFailed))
 
 
 @pytest.mark.parametrize(

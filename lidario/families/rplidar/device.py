@@ -39,6 +39,7 @@ SLOWEST_TURN_S: Final = 1.0
 NODE_TYPE: Final = 0x81
 EXPRESS_TYPE: Final = 0x82
 HQ_TYPE: Final = 0x83
+ULTRA_TYPE: Final = 0x84
 LEGACY_EXPRESS: Final = ScanMode(0, "Legacy express", 0.0, 0.0, EXPRESS_TYPE)
 """Working mode 0 (S-series interface manual, EXPRESS_SCAN); how far it measures no document says. A C1 and an S1
 respond with 0x85."""
@@ -55,6 +56,9 @@ class RplidarDevice(MotorDriven):
         super().__init__()
         self._firmware: tuple[int, int] = (0, 0)
         self._is_ethernet = False
+        # The mode that was started last, and whether its stream may have been announced in vain.
+        self._mode: ScanMode | None = None
+        self._may_be_silent = False
 
     def stop(self) -> Request:
         return commands.STOP
@@ -129,6 +133,9 @@ class RplidarDevice(MotorDriven):
         if force and mode.response_type != NODE_TYPE:
             raise Unsupported(f"only a plain mode (response type 0x81) can be forced, and {mode.name!r} is none")
         sample_us = mode.sample_us or (yield from self._sample_us(mode))
+        before, self._mode = self._mode, mode
+        if before is not None and before != mode:
+            self._may_be_silent = before.response_type == mode.response_type == ULTRA_TYPE
         yield from self._start_motor()
         stream = FORMATS[mode.response_type]()
         if mode.response_type == NODE_TYPE:
@@ -152,6 +159,14 @@ class RplidarDevice(MotorDriven):
             spin_up_s=SPIN_UP_S,
             slowest_turn_s=SLOWEST_TURN_S,
         )
+
+    def explain_silence(self, lasted_s: float) -> Script[bool]:
+        """As `Device.explain_silence`: where one mode in 0x84 follows another, a start in vain is tried again.
+
+        An A1 announced two of eleven such streams in Stability and sent nothing (cpane/heron, firmware 1.29).
+        """
+        again, self._may_be_silent = self._may_be_silent and not lasted_s, False
+        return (yield from super().explain_silence(lasted_s)) or again
 
     def network_address(self) -> Script[NetworkAddress]:
         return ask_address()
