@@ -249,7 +249,10 @@ async def test_a_stream_that_is_announced_in_vain_behind_one_like_it_is_started_
                 assert (await anext(stream)).mode == mode
                 assert lidar.stats.restarts == 1
             else:
-                assert "does the rotor turn?" in str(await end_of(stream, StreamFailed))
+                # A supply that is too weak is the usual reason (Slamtec/rplidar_ros issues 5 and 86, issue 95 of
+                # robopeak/rplidar_ros): the device responds then, and its health is ok.
+                says = str(await end_of(stream, StreamFailed))
+                assert says.endswith("does the rotor turn? Is the power supply strong enough?")
 
 
 @pytest.mark.parametrize(
