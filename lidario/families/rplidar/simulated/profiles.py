@@ -4,8 +4,8 @@
 counts. The sources of the figures:
 
 ==============  =======================================================================================
-model byte      logs: A1M8 0x18, A2M12 0x2C, C1M1 0x41, S1M1 0x61, S2M1 0x71; A3M1 0x31, S3M1 0x81 and T1M1
-                0x91 follow from the naming rule of the vendor's SDK 2.1.0; no source has those of S2L and S2E,
+model byte      logs: A1M8 0x18, A2M12 0x2C, C1M1 0x41, S1M1 0x61, S2M1 0x71, S3M1 0x81; A3M1 0x31 and T1M1 0x91
+                follow from the naming rule of the vendor's SDK 2.1.0; no source has those of S2L and S2E,
                 which are given the S2's
 firmware        the same logs: A1 1.29 hardware 7, A2 and A3 1.32 hardware 6, S1 1.28, C1, S2 and S3 1.02,
                 these of hardware 18
