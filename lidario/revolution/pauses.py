@@ -37,7 +37,7 @@ class _Line(NamedTuple):
     at_ns: int  # when it was read last
     late_ns: float = 0.0  # how late that was
     stayed: int = 0  # reads since it has been about as late
-    stayed_ns: float = 0.0  # how long it took to measure what they brought
+    stayed_ns: float = 0.0  # for how long
     most_ns: float = 0.0  # how late it was meanwhile, at most
 
 
@@ -59,6 +59,7 @@ class Pauses:
 
     def __init__(self, stream: Stream, stats: AssemblerStats) -> None:
         self._wire, self._stats = stream.format, stats
+        self._samples_a_byte = self._wire.samples_in((Block(self._wire.longest, 1),)) / self._wire.longest
         self._most_ns = stream.most_ns
         self._line: _Line | None = None  # without the packets that wait
         self._waiting: list[Packets] = []
@@ -78,16 +79,13 @@ class Pauses:
         if not line.late_ns and run.received_ns - line.at_ns < NOISE * turn_ns:
             return run
         arrivals, done, wait = [*run.arrivals], 0, None
-        damaged = {number for number, _ in run.skips}
         for read, (complete, at_ns) in enumerate(run.arrivals):
             before, silent_ns = line, at_ns - line.at_ns
             if silent_ns > self._most_ns:
                 # The revolution is given up.
                 line, wait = _Line(at_ns), None
             elif line.late_ns or silent_ns >= NOISE * turn_ns:
-                # Where bytes were skipped the line was not silent: their time is not known.
-                some = silent_ns / sample_ns if done in damaged else self._samples(run.blocks, done, complete)
-                line = _behind(line, at_ns, some * sample_ns, turn_ns)
+                line = _behind(line, at_ns, self._measured(run, done, complete) * sample_ns, turn_ns)
             else:
                 line = _Line(at_ns)
             if line.late_ns >= LATE * turn_ns:
@@ -132,14 +130,24 @@ class Pauses:
             measured_ns = behind_ns - round(self._samples(blocks, before, complete) * sample_ns)
             arrivals[read - 1] = before, max(wait.before.at_ns, min(at_ns, measured_ns))
 
+    def _measured(self, run: Packets, begin: int, end: int) -> float:
+        """How many samples these packets have, and about how many were skipped before them: they took time, too."""
+        skipped = sum([size for number, size in run.skips if begin <= number < end])
+        return self._samples(run.blocks, begin, end) + skipped * self._samples_a_byte
+
     def _samples(self, blocks: Sequence[Block], begin: int, end: int) -> int:
         return self._wire.samples_in(some_blocks(blocks, begin, end))
 
 
 def _behind(line: _Line, at_ns: int, came_ns: float, turn_ns: float) -> _Line:
     """How late a line is when more was read, which took so long to measure."""
-    late_ns = max(0.0, line.late_ns + at_ns - line.at_ns - came_ns)
-    if line.late_ns and abs(late_ns - line.most_ns) < NOISE * turn_ns:
+    silent_ns, noise_ns = at_ns - line.at_ns, NOISE * turn_ns
+    later_ns = silent_ns - came_ns
+    if silent_ns < noise_ns:
+        # It was not silent: what has not come is missing.
+        later_ns = min(later_ns, 0.0)
+    late_ns = max(0.0, line.late_ns + later_ns)
+    if line.late_ns and abs(late_ns - line.most_ns) < noise_ns:
         most_ns = max(late_ns, line.most_ns)
-        return _Line(at_ns, late_ns, line.stayed + 1, line.stayed_ns + came_ns, most_ns)
+        return _Line(at_ns, late_ns, line.stayed + 1, line.stayed_ns + silent_ns, most_ns)
     return _Line(at_ns, late_ns, 0, 0.0, late_ns)
