@@ -191,7 +191,7 @@ class ReadingThread:
         begun.set()
         while is_needed and self.serve() is not None:
             self._alarm.wait()
-            self.note_lateness(self._clock() - self._alarm.at)
+            self._late = max(self._clock() - self._alarm.at, _FORGET * self._late)
 
     def serve(self) -> float | None:
         """Read the ports that are due, and set the alarm for the next one: return when, or None when none is left.
@@ -216,10 +216,6 @@ class ReadingThread:
         # Never closed twice, wherever a fork comes.
         alarm, self._alarm = self._alarm, WokenAlarm()
         alarm.close()
-
-    def note_lateness(self, late: float) -> None:
-        """Take note of how late the thread woke up, in seconds."""
-        self._late = max(late, _FORGET * self._late)
 
 
 class _Process:

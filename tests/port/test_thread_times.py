@@ -117,17 +117,6 @@ def test_an_error_is_told_and_tried_again() -> None:
     assert len(clock.run(watched, 0.1)) >= 2
 
 
-def test_lateness_is_remembered_for_a_while() -> None:
-    clock = Clock()
-    thread = thread_of(clock, clock.watched(0.065))
-    for late, due in ((0.002, 0.0455), (0.012, 0.024), (0.0001, 0.0258)):
-        thread.note_lateness(late)
-        assert thread.serve() == pytest.approx(clock.now + due, abs=0.001)
-    for _ in range(400):
-        thread.note_lateness(0.0001)
-    assert thread.serve() == pytest.approx(clock.now + 0.0455)
-
-
 class Noted(Alarm):
     """An alarm on a clock that the test moves, which notes what it is set to."""
 
@@ -141,10 +130,30 @@ class Noted(Alarm):
         self.at = at
         self.times.put(at)
         if at <= self._clock.now:
-            self._rung.release()
+            self.ring()
+
+    def ring(self) -> None:
+        self._rung.release()
 
     def wait(self) -> None:
         assert self._rung.acquire(timeout=PATIENCE_S)
+
+
+def test_lateness_is_remembered_for_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = Clock()
+    alarm = Noted(clock)
+    monkeypatch.setattr("lidario.port.thread.make_alarm", lambda: alarm)
+    thread, watched = ReadingThread(lambda: clock.now), clock.watched(0.065)
+    thread.add(watched)
+    due = alarm.times.get(timeout=PATIENCE_S)
+    slept: list[float] = []
+    for late in (0.002, 0.012, *[0.0001] * 400):
+        clock.now = due + late
+        alarm.ring()
+        due = alarm.times.get(timeout=PATIENCE_S)
+        slept.append(due - clock.now)
+    assert [*slept[:3], slept[-1]] == pytest.approx([0.0455, 0.024, 0.0258, 0.0455], abs=1e-6)
+    thread.remove(watched)
 
 
 def test_a_loop_that_has_read_puts_off_the_alarm_until_a_port_is_due(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,8 +18,9 @@ from lidario.network.broker import Router
 from lidario.network.fleet import list_remote_lidars
 from lidario.ros import Fleet
 from lidario.session.streaming.control import StreamControl
+from lidario.session.streaming.modes import Wanted
 from lidario.session.talking.trouble import Trouble
-from tests.support.devices import Rig, take
+from tests.support.devices import Rig, left_still, take
 from tests.support.ports import PATIENCE_S
 
 
@@ -112,7 +113,10 @@ async def test_whatever_is_as_good_as_true(ydlidar: Rig) -> None:
 async def test_a_mistake_of_ours_in_a_start_ends_the_session_and_stops_the_device(
     rig: Rig, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def blunder(*_: object) -> None:
+    start = StreamControl.start
+
+    async def blunder(control: StreamControl, wanted: Wanted) -> None:
+        await start(control, wanted)
         raise IndexError("a bug")
 
     monkeypatch.setattr(StreamControl, "start", blunder)
@@ -121,6 +125,8 @@ async def test_a_mistake_of_ours_in_a_start_ends_the_session_and_stops_the_devic
             await lidar.scan()
         with pytest.raises(InternalError):
             await lidar.get_health()
+        await asyncio.sleep(0.5)
+        assert left_still(rig)
     assert "a bug" in caplog.text
 
 

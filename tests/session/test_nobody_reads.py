@@ -14,11 +14,12 @@ from lidario import LidarError, Unsupported
 from lidario.families.ydlidar.simulated.device import PROFILES
 from lidario.model import HealthStatus
 from lidario.session.lidar import Lidar
-from lidario.session.streaming.readers import LINGER_S
 from tests.support.devices import EVERY_KIND, Rig, call, left_still, make_rig, names, take
 from tests.support.discards import all_obeyed
 from tests.support.loop import driven_loop, run_driven
 
+LINGER_S = 1.0
+"""How long what nobody reads goes on."""
 TURN_UNASKED = ("rplidar-a1", "ydlidar-x2", "ldrobot-ld14p", "hlds")
 """One of each way to be stopped: DTR asserted, DTR cleared, a request, a letter."""
 ONLY_TALK = ("ldrobot", "neato", "camsense", "irobotix")

@@ -97,6 +97,8 @@ async def test_a_mistake_of_ours_ends_the_stream_and_says_so(rig: Rig, monkeypat
         monkeypatch.setattr(Seam, "splits", blunder)
         error = await end_of(stream, InternalError, r"IndexError\('a bug'\).*report")
         assert isinstance(error.__cause__, IndexError)
+        await asyncio.sleep(0.5)
+        assert left_still(rig)
 
 
 async def test_a_device_that_does_not_come_back_from_a_reset(rig: Rig) -> None:

@@ -16,7 +16,6 @@ from lidario.session.streaming.modes import Wanted, choose_mode
 from lidario.session.streaming.readers import Hub
 from lidario.session.streaming.states import State
 from lidario.session.talking.handshake import come_back
-from lidario.session.talking.trouble import mistake_of_ours
 
 
 class Starter:
@@ -92,8 +91,7 @@ class Starter:
                     finally:
                         control.starting = False
         except Exception as error:
-            self._at.dialogue.fail(mistake_of_ours("lidario failed when it started a stream", error))
-            self._at.dialogue.stop_device()
+            self._at.dialogue.mistaken(error, "when it started a stream")
         finally:
             self._task = None
 

@@ -104,10 +104,10 @@ class Dialogue(Intake, Waiting):
             if self.stopper.wanted:
                 self.stopper.try_now()
 
-    def mistaken(self, error: Exception) -> None:
+    def mistaken(self, error: Exception, when: str = "at what the device sent") -> None:
         """As `Intake.mistaken`. It ends the dialogue: it must not leave readers waiting."""
         if self.fatal is None:
-            self.fail(mistake_of_ours("lidario failed at what the device sent", error))
+            self.fail(mistake_of_ours(f"lidario failed {when}", error))
         self.stop_device()
 
     def connection_lost(self, error: LidarError | None) -> None:
