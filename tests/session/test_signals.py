@@ -9,6 +9,7 @@ import subprocess
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from types import SimpleNamespace
 
 import pytest
 
@@ -118,35 +119,6 @@ def test_without_run_sigterm_leaves_the_device_scanning() -> None:
 
 
 @pytest.mark.long
-def test_a_program_that_blocks_its_loop_is_ended_by_ctrl_c_when_patience_is_over() -> None:
-    blocking = """
-import time
-import lidario.session.run
-lidario.session.run.PATIENCE_S = 0.2
-
-async def main():
-    print(0, flush=True)
-    while True:
-        time.sleep(0.01)
-
-lidario.run(main())
-"""
-    with child(UNDISTURBED + blocking) as process:
-        line_of(process.stdout)
-        process.send_signal(signal.SIGINT)
-        with pytest.raises(subprocess.TimeoutExpired):
-            process.wait(0.5)
-        # To a program that had no turn meanwhile, both are one.
-        for _ in range(8):
-            process.send_signal(signal.SIGINT)
-            with suppress(subprocess.TimeoutExpired):
-                process.wait(BOUND / 8)
-                break
-        returned, _, said = ended_by(process)
-        assert (returned, said.splitlines()[-1]) == (-signal.SIGINT, "KeyboardInterrupt")
-
-
-@pytest.mark.long
 def test_a_hang_up_that_is_ignored_stays_ignored() -> None:
     """As under nohup."""
     with running(f"signal.signal(signal.SIGHUP, signal.SIG_IGN)\n{RUN}") as (server, process):
@@ -230,6 +202,20 @@ def test_who_presses_ctrl_c_twice_ends_no_cleanup(holder: str) -> None:
     with pytest.raises(KeyboardInterrupt):
         lidario.run(main())
     assert done == ["begun", "ended"]
+
+
+def test_a_program_that_blocks_its_loop_is_ended_by_ctrl_c_behind_5_s(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [100.0]
+    monkeypatch.setattr("lidario.session.run.time", SimpleNamespace(monotonic=lambda: now[-1]))
+
+    async def main() -> None:
+        for passed in (0.0, 3.0, 5.0, 5.1, 6.0):
+            now.append(100.0 + passed)
+            signal.raise_signal(signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt):
+        lidario.run(main())
+    assert now[-1] == 105.1
 
 
 @pytest.mark.long

@@ -94,8 +94,8 @@ class Forecast:
             expected = self._period
             self._unsteady = max(abs(deviation), self._unsteady / 2)
         # After a blocked loop all that came meanwhile counts for the first of many scans.
-        buffer_s = max(self._buffer * expected / size if size else 0.0, self._least_buffer_s)
-        self.buffer_s = min(buffer_s, LONGEST_BUFFER_S)
+        if size:
+            self.buffer_s = min(max(self._buffer * expected / size, self._least_buffer_s), LONGEST_BUFFER_S)
         early_s = GUARD_S + self._unsteady if self._eager else 0.0
         whole = scan.stamp_ns * 1e-9 + 2 * expected + self._behind_s
         self._revolution_due = min(whole, now + expected) - early_s

@@ -199,9 +199,8 @@ class Dialogue(Intake, Waiting):
         if stop:
             await self._until_it_listens()
             self.write((self.device.stop(),))
-        if self.stopper.wanted or self.link.state is _AWAITING:
-            await self._until_it_listens()
-        listens_at = max(self._loop.time(), self._readiness.listens_at)
+        await self._until_it_listens()
+        listens_at = self._loop.time()
         while self.link.state is LinkState.DRAINING:
             now, last = self._loop.time(), max(listens_at, self._heard_at)
             if (left := last + self.timing.quiet_s - now) <= CLOCK_S:

@@ -143,7 +143,10 @@ class Stopper:
             self._write()
 
     async def written(self) -> None:
-        """Return when the stop requests are written, or the port is dead; after 0.6 s at most."""
+        """Return when the stop requests are written, or the port is dead; after 0.6 s at most.
+
+        Where the speed of the line is being changed, nothing is heard for longer: 2.7 s at most.
+        """
         # A timer that is late or put off makes another round; nothing can wake this too early or never.
         while self.wanted and not self._attempts and self._timer is not None and self._port.is_open:  # noqa: ASYNC110
             await asyncio.sleep(max(0.0, self._due - self._loop.time()))
