@@ -136,14 +136,14 @@ class Guard:
             last: What is written once after them, since the device may not hear anything then.
             listens_at: When the device listens at the latest, on the monotonic clock.
         """
-        listens_at = listens_at if listens_at > time.monotonic() else 0.0
+        awaits_change = listens_at > time.monotonic()
         settle = max(request.settle for request in requests) + MARGIN_S
         # As `lidario.port.guard_process.order_in` reads it.
-        words = [repr(settle), repr(listens_at), str(len(last))]
+        words = [repr(settle), repr(listens_at if awaits_change else 0.0), str(len(last))]
         words += [_STATES[request.dtr] + request.data.hex() for request in (*last, *requests)]
         message = " ".join(words).encode() + b"\n"
         if message != self._told and self.send(message):
-            self._told, self.awaits_change = message, listens_at > 0.0
+            self._told, self.awaits_change = message, awaits_change
 
     def dismiss(self, then: Callable[[], None]) -> None:
         """Say farewell: nothing is to be stopped any more. Calls `then` when it has let go of the line."""

@@ -151,7 +151,7 @@ class Inbox:
             now = self._clock()
             at_ns, size = now, self.size
             is_rest = self._from_ns < self.last_ns
-            if self._came and (is_rest or len(data) >= kind.size - 1):
+            if self._came and (is_rest or len(data) >= (kind.more or kind.size)):
                 full_ns = self._from_ns + len(data) * self._took_ns // self._came
                 at_ns = full_ns if now - full_ns > _STOOD_NS else now
             if self._from_ns:

@@ -28,7 +28,7 @@ HOLD_S = 0.5
 """Longest time for which bytes are held; below the 0.6 s after which the session takes silence for a failure
 (`lidario.session.streaming.running.SILENCE_S`)."""
 HOLD_BYTES = 32 * 1024
-"""Most bytes that are held: what `Link` takes in one piece."""
+"""Most bytes that are held."""
 _JUST_BEFORE_S = 1e-5
 """A poll that comes that little early is in time: much less than a packet takes, and more than the resolution of a
 clock."""

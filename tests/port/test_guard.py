@@ -124,8 +124,12 @@ async def test_where_the_system_cannot_it_is_said(monkeypatch: pytest.MonkeyPatc
 
 async def test_it_keeps_nothing_open_that_its_program_writes_to() -> None:
     """Who reads what the program says until its end would wait for the guard, too."""
+    # What else a program leaves to its children: a loop has this descriptor, or another file.
+    os.set_inheritable(3, True)
     guard = await start_guard("x")
+    os.set_inheritable(3, False)
     (process,) = own_guards()
+    assert sorted(os.listdir(f"/proc/{process}/fd")) == ["0", "1", "2"]
     assert {os.readlink(f"/proc/{process}/fd/{number}") for number in (1, 2)} == {"/dev/null"}
     guard.dismiss_at_once()
     await ended(process)

@@ -12,6 +12,7 @@ import pytest
 
 from lidario.port.port import Port
 from lidario.port.thread import Watched, reading_thread
+from tests.support.loop import driven, now
 from tests.support.ports import PATIENCE_S, Plan, Seen, Sink, opened, terminal_pair
 from tests.test_no_threads import no_threads
 
@@ -110,6 +111,36 @@ async def test_no_more_than_32_kib_are_held(terminal: tuple[int, str], monkeypat
             os.write(master, bytes(4096))
             await (until_read(4096 * count) if count < 8 else sink.until(32768))
         assert [len(chunk) for chunk in sink.chunks] == [32768]
+
+
+class Overdue:
+    """A schedule by which a revolution is late, and when it was looked at."""
+
+    buffer_s = 1.0
+    latency = 0.005
+
+    def __init__(self) -> None:
+        self.seen = list[float]()
+
+    @property
+    def due(self) -> float:
+        self.seen.append(now())
+        return 0.0
+
+
+@pytest.mark.parametrize(("latency", "pause"), [(0.01, 0.009), (0.005, 0.004), (0.001, 0.0005)])
+@driven
+async def test_what_is_overdue_is_polled_for_within_the_latency_by_a_timer_that_is_late(
+    latency: float, pause: float
+) -> None:
+    overdue = Overdue()
+    overdue.latency = latency
+    with terminal_pair() as (_, _, path):
+        async with opened(path, 1_000_000) as (port, _):
+            port.set_polling(overdue)
+            await asyncio.sleep(3.5 * pause)
+    begun, *polled = sorted(set(overdue.seen))
+    assert [at - begun for at in polled] == pytest.approx([pause, 2 * pause, 3 * pause])
 
 
 @pytest.mark.parametrize("way", ["poll", "set_polling", "close", "pulled"])

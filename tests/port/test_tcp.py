@@ -21,7 +21,7 @@ from lidario.port.tcp import open_tcp
 from lidario.sim.serve import TcpServer
 from tests.port.test_thread import Steady, block_until_read, threads
 from tests.support.devices import make_rig
-from tests.support.loop import now
+from tests.support.loop import driven, now
 from tests.support.ports import PATIENCE_S, Sink, arrived, on_both_loops
 from tests.support.speeds import SpeedPtyServer
 
@@ -253,25 +253,26 @@ async def test_a_host_with_several_addresses(monkeypatch: pytest.MonkeyPatch) ->
         await open_tcp("tcp://x", "x.example", number)
 
 
-@on_both_loops
-async def test_an_address_that_is_silent_leaves_time_for_the_next_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    known = [(socket.AF_INET, socket.SOCK_STREAM, 0, "", (f"127.0.0.{each}", 0)) for each in (2, 1)]
+@driven
+async def test_addresses_that_are_silent_leave_the_next_ones_their_share_of_5_s(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    known = [(socket.AF_INET, socket.SOCK_STREAM, 0, "", (f"127.0.0.{each}", 0)) for each in (2, 3, 1)]
     monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: known)
-    asked = list[str]()
+    asked, began = dict[str, float](), now()
 
     async def connect(address: str, *_: object) -> socket.socket:
-        asked.append(address)
-        if address == "127.0.0.2":
+        asked[address] = now() - began
+        if address != "127.0.0.1":
             await asyncio.Event().wait()
         return one
 
-    monkeypatch.setattr("lidario.port.sockets.CONNECT_TIMEOUT_S", 0.2)
     monkeypatch.setattr("lidario.port.sockets.connect_socket", connect)
     one, other = socket.socketpair()
     with other:
         port = await open_tcp("tcp://x", "x.example", 1)
         await port.close()
-    assert asked == ["127.0.0.2", "127.0.0.1"]
+    assert asked == pytest.approx({"127.0.0.2": 0.0, "127.0.0.3": 5 / 3, "127.0.0.1": 10 / 3})
 
 
 @pytest.mark.long

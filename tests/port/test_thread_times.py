@@ -95,7 +95,8 @@ def thread_of(clock: Clock, *ports: Watched) -> ReadingThread:
 
 def test_ports_that_are_due_soon_are_read_together() -> None:
     clock = Clock()
-    thread = thread_of(clock, clock.watched(0.045), clock.watched(0.047))
+    # The last one is due 6.7 ms behind the first.
+    thread = thread_of(clock, *map(clock.watched, (0.045, 0.053, 0.0545)))
     clock.now += 0.0315
     thread.serve()
     assert clock.reads == [100.0315, 100.0315]

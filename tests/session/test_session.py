@@ -194,13 +194,20 @@ async def test_taps_see_every_byte_in_both_directions(rig: Rig) -> None:
         assert len(seen["out"]) == heard
 
 
-async def test_the_sample_rate_and_what_there_is_not_yet(rplidar: Rig) -> None:
+async def test_the_sample_rate_and_what_there_is_not_before_a_stream_and_behind_it(rplidar: Rig) -> None:
     async with rplidar.open() as lidar:
         rate = await lidar.get_sample_rate()
         assert (rate.standard_us, rate.express_us) == (62, 31)
         assert "idle" in repr(lidar)
         assert lidar.mode is None
         assert lidar.measured_scan_frequency is None
+        async with lidar.scans("Standard") as stream:
+            scan = await anext(stream)
+            assert "scanning" in repr(lidar)
+            assert lidar.mode in await lidar.get_modes()
+            assert (lidar.mode and lidar.mode.name) == scan.mode
+            assert lidar.measured_scan_frequency == scan.rpm / 60
+        assert lidar.mode is None
     assert "closed" in repr(lidar)
 
 
