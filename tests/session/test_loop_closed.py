@@ -6,6 +6,7 @@ a session comes back: no task goes on, and a device that was reached is still.
 
 import asyncio
 import gc
+import math
 from collections.abc import Awaitable, Callable
 from contextlib import closing, suppress
 from functools import partial
@@ -183,20 +184,22 @@ by_both = pytest.mark.parametrize("by_hand", [False, True])
 
 @pytest.mark.usefixtures("quick_collection")
 @by_both
-@pytest.mark.parametrize("ended_after_s", [0.5, 2.0, 4.0])
+@pytest.mark.parametrize(
+    ("ended_after_s", "mute_s"), [(0.5, math.inf), (2.0, math.inf), (4.0, math.inf), (1.1, 1.0)]
+)
 @pytest.mark.parametrize("model", ["ldrobot-ld14p", "hlds-lds01"])
 def test_ended_while_others_are_asked_and_one_was_started_before(
-    model: str, ended_after_s: float, by_hand: bool, monkeypatch: pytest.MonkeyPatch
+    model: str, ended_after_s: float, mute_s: float, by_hand: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It runs at another speed, and what is asked just now is stopped at its own."""
+    """It runs at another speed, and what is asked just now is stopped at its own; or it is just being heard."""
     rig = make_rig(model)
     stop = bytes.fromhex("54A104000000004A") if model == "ldrobot-ld14p" else b"e"
     rig.device.receive(stop, round(START * 1e9))
-    rig.device.mute = True
     written = serial_in_memory(monkeypatch, only=rig.device)
     monkeypatch.setattr(Rig, "open", lambda rig, **_: open_lidar("only"))
 
     def end(loop: DrivenLoop, task: asyncio.Task[None]) -> None:
+        rig.device.mute = loop.time() <= START + mute_s
         if loop.time() > START + ended_after_s:
             interrupt(loop, task)
 

@@ -91,17 +91,22 @@ async def test_under_another_name_held_for_a_while_beside_other_ports(
 
 
 async def test_a_port_that_nobody_has_named_is_asked_15_times_in_vain(monkeypatch: pytest.MonkeyPatch) -> None:
-    ports = list[PortInfo]()
+    always, other = (PortInfo(f"/dev/{name}", "", "CP2102", "") for name in ("always", "other"))
+    ports = [always]
     monkeypatch.setattr("lidario.session.finding.discovery.list_serial_ports", lambda: ports)
     places = Places(Source("/dev/named", "serial", "/dev/named"))
     await places.begin()
-    ports.append(PortInfo("/dev/other", "", "CP2102", ""))
+    ports.append(other)
     for _ in range(15):
         there = await places.candidates()
         assert there == [Source(port, "serial", port) for port in ("/dev/named", "/dev/other")]
         for place in there:
             places.silent(place)
     assert await places.candidates() == there[:1]
+    # What has been away may be what is looked for.
+    for now, count in (([], 1), ([always, other], 3)):
+        ports[:] = now
+        assert len(await places.candidates()) == count
 
 
 @pytest.mark.long

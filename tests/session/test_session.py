@@ -97,10 +97,13 @@ async def test_after_close_everything_says_so(rig: Rig) -> None:
     assert left_still(rig)
     with pytest.raises(SessionClosed):
         await reading
+    for called in (lidar.get_health, lidar.get_modes, lidar.stop, lidar.__aenter__):
+        with pytest.raises(SessionClosed):
+            await called()
     with pytest.raises(SessionClosed):
-        await lidar.get_health()
+        lidar.tap(print)
     with pytest.raises(SessionClosed):
-        await lidar.stop()
+        lidar.record("never.mcap")
     for each in (unread, lidar.scans()):
         with pytest.raises(SessionClosed, match="open_lidar"):
             await anext(each)
