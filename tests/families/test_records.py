@@ -13,6 +13,8 @@ from lidario.families.neato.simulated.device import pack_packet as neato
 from lidario.families.ydlidar.formats import PointCloud
 from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_response, pack_time_stamp
 from lidario.wire.formats import NO_PACKET, StreamFormat
+from lidario.wire.link import Link
+from tests.support.links import receive
 
 CHECKED: dict[str, tuple[StreamFormat, bytes]] = {
     "ldrobot response": (LdrobotFormat(), ldrobot(0xA2, b"\x70\x08\0\0")),
@@ -56,3 +58,13 @@ def test_a_response_that_claims_to_be_longer_than_any_is_none() -> None:
     assert {LdrobotFormat().other_record(bytearray(longer[:size]), 0) for size in range(3, len(longer) + 1)} == {
         NO_PACKET
     }
+
+
+@pytest.mark.parametrize("size", [None, 1])
+@pytest.mark.parametrize("name", ["irobotix rotor", "irobotix other"])
+def test_one_whose_check_value_is_strong_is_known_behind_noise(name: str, size: int | None) -> None:
+    link = Link()
+    link.enter_stream(FrameFormat())
+    # A packet is longer: the last one waits for more.
+    receive(link, b"noise" + 4 * ALL[name][1], 0, size)
+    assert (link.stats.records, link.stats.skipped_bytes) == (3, 5)

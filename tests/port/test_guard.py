@@ -87,6 +87,8 @@ async def test_a_simulated_device_needs_none(source: str, caplog: pytest.LogCapt
     caplog.set_level(logging.INFO, "lidario")
     async with open_lidar(simulate("rplidar-s2") if source == "device" else source, guard=True, reconnect=True):
         assert own_guards() == []
+    async with open_lidar("sim://rplidar-s2?via=memory"):
+        pass  # nobody has asked for one
     assert len([record for record in caplog.records if record.message.startswith("guard: nothing at")]) == 1
 
 

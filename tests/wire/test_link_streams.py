@@ -29,6 +29,7 @@ def test_a_stream_begins_right_behind_its_descriptor(size: int | None) -> None:
     assert all(isinstance(event, Packets) for event in events[1:])
     assert b"".join(event.data for event in events if isinstance(event, Packets)) == b"".join(PACKETS)
     assert (link.stats.packets, link.stats.stray_bytes, link.stats.skipped_bytes) == (12, 2, 0)
+    assert link.stream_at == 2 + len(DENSE)
 
 
 @pytest.mark.parametrize("descriptor", ["A55A5400004087", "A55A5500004082", "A55A5400000082", "A55A8400004085"])
