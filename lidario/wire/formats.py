@@ -201,14 +201,14 @@ class StreamFormat(ABC):
                 if record != NO_PACKET:
                     self._in_step = 0 < record <= len(data) - place
                     return place
-            if size > 0 and self.intact(data, place, size):
+            if size != NO_PACKET and self.intact(data, place, size):
                 proof = self._proof(data, place, size, due=at + self._due)
                 if proof is None:
                     return place
                 if proof:
                     self._in_step = True
                     return place
-            elif size > 0 and place == at + self._due:
+            elif size != NO_PACKET and place == at + self._due:
                 if self.mend(data, place, size):
                     self._in_step = True
                     return place
@@ -228,7 +228,7 @@ class StreamFormat(ABC):
             expected = self.measure(data, due)
             if expected == 0 or expected > len(data) - due:
                 return None
-            if expected > 0 and self.intact(data, due, expected):
+            if expected != NO_PACKET and self.intact(data, due, expected):
                 return False
         follower = self.measure(data, behind)
         if follower == NO_PACKET:
