@@ -99,6 +99,17 @@ async def test_closing_waits_for_a_response_that_nobody_waits_for_any_more(
     await asyncio.gather(asking, return_exceptions=True)
 
 
+async def test_the_response_to_a_question_that_was_cancelled_is_counted_and_dropped(rig: Rig) -> None:
+    async with rig.open() as lidar:
+        rig.device.response_delay_s = 0.05
+        asking = asyncio.ensure_future(lidar.get_health())
+        await asyncio.sleep(0.01)
+        asking.cancel()
+        assert await lidar.get_info() == lidar.info
+        assert asking.cancelled()
+        assert lidar.stats.late_responses == 1
+
+
 async def test_a_response_that_has_come_too_late_is_owed_no_longer(rig: Rig) -> None:
     async with rig.open() as lidar:
         await lidar.scan()

@@ -81,7 +81,7 @@ class Dialogue(Intake, Waiting):
         self.device: Device = device  # the device as its family sees it
         self._longest = self._until = math.inf
         # When bytes came last while no response was outstanding.
-        self._heard_at = 0.0
+        self._heard_at = -math.inf
         # What has woken the device for the operation in progress.
         self._wake: Request | None = None
         self._readiness = Readiness(self.link)
