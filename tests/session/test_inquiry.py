@@ -127,10 +127,11 @@ async def test_after_a_rest_the_device_is_asked_before_it_is_started(rig: Rig) -
         await lidar.scan()
         await lidar.stop()
         asked = len(names(rig))
+        await asyncio.sleep(4.9)
         await lidar.scan()
         await lidar.stop()
         assert "get_health" not in names(rig)[asked:]
-        await asyncio.sleep(10.0)
+        await asyncio.sleep(5.1)
         asked = len(names(rig))
         rig.device.protection_stop(CODE)
         began = now()

@@ -25,6 +25,9 @@ async def test_a_speed_that_the_mode_does_not_fit_is_refused_and_nothing_has_cha
         # 32000 samples a second, 40 of them in 84 bytes; a start bit, eight data bits, a stop bit.
         with pytest.raises(InvalidValue, match=r"'DenseBoost' sends 67200 bytes.* carries 25600.* 672000 baud"):
             await lidar.set_baudrate(256_000)
+        for wrong in (9599, 4_000_001):
+            with pytest.raises(InvalidValue, match=f"{wrong} is no speed from 9600 to 4000000 baud"):
+                await lidar.set_baudrate(wrong)
         assert lidar.stats.interruptions == 0
         assert (lidar.baudrate, rplidar.device.baudrate) == (1_000_000, 1_000_000)
         assert len(await anext(stream)) > 3000

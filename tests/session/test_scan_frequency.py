@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from lidario import InvalidValue
+from lidario import InvalidValue, RemoteProtocolError
 from tests.support.devices import Rig, left_still, some
 from tests.support.loop import now
 
@@ -21,6 +21,19 @@ async def test_the_set_speed_is_checked_against_the_measured_one(rig: Rig) -> No
         slowest, fastest = await lidar.get_scan_frequency_range()
         assert 5.0 <= slowest < fastest <= 20.0
         assert (await anext(stream)).rpm == pytest.approx(600, rel=0.05)
+
+
+async def test_a_rotor_that_does_not_turn_at_the_set_speed_within_10_s_is_told(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("lidario.session.questions.SPEED_TOLERANCE", -1.0)
+    async with rig.read() as (lidar, _):
+        began = now()
+        with pytest.raises(
+            RemoteProtocolError, match=r"^9\S+ Hz is set, but the rotor turns at 9\S+ Hz after 10 s"
+        ):
+            await lidar.set_scan_frequency(9.0)
+        assert now() - began < 12.0
 
 
 async def test_a_speed_behind_which_another_task_sets_one_is_not_waited_for(rig: Rig) -> None:

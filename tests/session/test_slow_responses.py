@@ -110,6 +110,15 @@ async def test_the_response_to_a_question_that_was_cancelled_is_counted_and_drop
         assert lidar.stats.late_responses == 1
 
 
+async def test_a_response_that_never_comes_is_waited_for_2_s_and_no_longer(rig: Rig) -> None:
+    async with rig.open() as lidar:
+        rig.device.mute = True
+        asking, began = asyncio.ensure_future(lidar.get_health()), now()
+        await asyncio.sleep(0.1)
+    assert 2.0 < now() - began < 2.3
+    await asyncio.gather(asking, return_exceptions=True)
+
+
 async def test_a_response_that_has_come_too_late_is_owed_no_longer(rig: Rig) -> None:
     async with rig.open() as lidar:
         await lidar.scan()

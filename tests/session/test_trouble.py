@@ -66,7 +66,7 @@ async def test_a_line_that_is_never_quiet_is_not_called_a_device_that_goes_on_se
     async with open_lidar("sim://rplidar-s2?via=memory&fault=babble:1000&seed=3") as lidar:
         # As if too little came through for a scan.
         monkeypatch.setattr(EndedRevolution, "is_broken", lambda *_: True)
-        await end_of(lidar.scans(), why="the device does not hear them, or it is noise on the line")
+        await end_of(lidar.scans(), why="after 3 STOP requests: the device does not hear them, or it is noise")
         monkeypatch.undo()
 
 
