@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from lidario.port import guard_process
 from lidario.port.guard import wait_for_guard
 from lidario.port.tcp import open_tcp
 from lidario.port.udp import open_udp
@@ -88,7 +87,7 @@ def test_one_that_stays_is_not_waited_for_for_ever(dead_program: int, monkeypatc
         patch.setattr("lidario.port.guard.time.monotonic", lambda: clock)
         began = clock
         wait_for_guard("tcp://x:1")
-    assert guard_process.LONGEST_S < clock - began < 10.0
+    assert 4.0 <= clock - began < 4.3
 
 
 @pytest.mark.parametrize("ended", [False, True])

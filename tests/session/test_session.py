@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from lidario import LocalProtocolError, SessionClosed, Unsupported
+from lidario import LocalProtocolError, SessionClosed, Stats, Unsupported
 from tests.support.devices import SWITCHED, Rig, end_of, left_still, make_rig, names, some, take
 from tests.support.loop import now, now_ns
 
@@ -186,6 +186,7 @@ async def test_taps_see_every_byte_in_both_directions(rig: Rig) -> None:
 
     async with rig.open() as lidar:
         before = lidar.stats.bytes_received
+        assert lidar.stats == Stats(bytes_received=before, response_bytes=before)
         lidar.tap(tap)
         await take(lidar, 2)
         await lidar.stop()

@@ -110,11 +110,17 @@ async def test_the_response_to_a_question_that_was_cancelled_is_counted_and_drop
         assert lidar.stats.late_responses == 1
 
 
-async def test_a_response_that_never_comes_is_waited_for_2_s_and_no_longer(rig: Rig) -> None:
+async def test_a_response_that_never_comes_is_waited_for_2_s_but_by_the_stop_requests_for_a_tenth(rig: Rig) -> None:
     async with rig.open() as lidar:
+        asked, began = len(names(rig)), now()
         rig.device.mute = True
-        asking, began = asyncio.ensure_future(lidar.get_health()), now()
-        await asyncio.sleep(0.1)
+        asking = asyncio.ensure_future(lidar.get_health())
+        await asyncio.sleep(0.05)
+        closing = asyncio.ensure_future(lidar.close())
+        for passed_s, is_written in ((0.09, False), (0.02, True)):
+            await asyncio.sleep(passed_s)
+            assert ("stop" in names(rig)[asked:]) is is_written
+        await closing
     assert 2.0 < now() - began < 2.3
     await asyncio.gather(asking, return_exceptions=True)
 

@@ -265,7 +265,7 @@ def test_cancelled_at_any_step_it_is_left_still_although_it_may_have_taken_the_n
             await asyncio.wait([changing])
             took = loop.turns - first
             if not closed:
-                await asyncio.sleep(4.0)
+                await asyncio.sleep(1.5)
                 assert not made.device.motor_on, f"cancelled at {turn}"
         assert left_still(made), f"cancelled at {turn}"
         return took
