@@ -87,6 +87,16 @@ async def test_a_mistake_in_a_device_in_memory_ends_the_port(where: str, calls: 
 
 
 @driven
+async def test_a_device_in_memory_is_polled_once_in_2_ms_at_most() -> None:
+    port, sink = connect_in_memory(Broken("")), Sink()
+    port.attach(sink)
+    port.write(b"request")
+    await asyncio.sleep(0.1)
+    await port.close()
+    assert 49 <= len(sink.data) <= 51
+
+
+@driven
 async def test_a_device_that_fails_at_stop_is_told_although_the_port_is_being_closed() -> None:
     port, sink = connect_in_memory(Broken("receive")), Sink()
     port.attach(sink)

@@ -80,7 +80,12 @@ async def test_each_delivery_has_its_own_time_while_the_loop_is_blocked() -> Non
         assert sink.chunks == [b"\0\1\2\3\4"]
         arrivals = [*sink.arrivals[0], (5, sink.times[0])]
         assert all(before <= at <= after for before, (_, at), after in zip(written, arrivals, read, strict=True))
-        await port.close()
+        # What is held when the connection ends comes before its end.
+        peer.sendall(b"held")
+        block_until_read(4)
+        peer.close()
+        assert await sink.until_lost() is not None
+        assert sink.data == b"\0\1\2\3\4held"
     assert threads() == []
 
 
