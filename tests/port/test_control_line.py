@@ -56,14 +56,14 @@ def test_it_is_set_behind_the_stop_requests_where_the_loop_was_closed(
     """Some models hear nothing while it is asserted."""
     master, _, path = ends
     driver = FakeDriver(path, monkeypatch)
-    before: list[tuple[bytes, list[bool]]] = []
+    before: list[tuple[float, bytes, list[bool]]] = []
     monkeypatch.setattr(
-        "lidario.port.port.time.sleep", lambda _: before.append((written(master, 4), states(driver)))
+        "lidario.port.port.time.sleep", lambda for_s: before.append((for_s, written(master, 4), states(driver)))
     )
     with asyncio.Runner() as runner:
         port = runner.run(open_serial(path, 115200))
     port.abandon(b"stop", dtr=True)
-    assert before == [(b"stop", OPENED)]
+    assert before == [(0.01, b"stop", OPENED)]
     assert states(driver) == [*OPENED, True]
 
 

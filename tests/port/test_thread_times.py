@@ -185,7 +185,7 @@ def test_of_many_ports_not_each_read_looks_at_all(monkeypatch: pytest.MonkeyPatc
     clock = Clock()
     alarm = Noted(clock)
     monkeypatch.setattr("lidario.port.thread.make_alarm", lambda: alarm)
-    thread, ports = ReadingThread(lambda: clock.now), [clock.watched(0.045) for _ in range(20)]
+    thread, ports = ReadingThread(lambda: clock.now), [clock.watched(0.045) for _ in range(9)]
     for watched in ports:
         thread.add(watched)
     # Each is looked at when it comes: the alarm rings, and is set again.
