@@ -161,7 +161,7 @@ class _SerialLine(PolledLine, asyncio.Protocol):
                 self._write_now(data)
 
     def close(self) -> None:
-        if not self.is_closing and not self._port.is_forked:
+        if not self._port.is_forked:
             self.stop()
             self._drained_by = self._loop.time() + DRAIN_S
             self._drain()

@@ -17,7 +17,10 @@ CALLS = ("get_health", "get_modes", "scan", "stop", "reset", "set_scan_frequency
 REFUSED_ELSEWHERE: list[Callable[[Lidar], Awaitable[Any]]] = [
     *(partial(call, name=name) for name in CALLS),
     Lidar.close,
+    Lidar.__aenter__,
     lambda lidar: lidar.__aexit__(None, None, None),
+    lambda lidar: lidar.record("never.mcap").__aenter__(),
+    lambda lidar: anext(lidar.line_changes()),
 ]
 """In another thread. After the loop was closed, closing is harmless instead."""
 
