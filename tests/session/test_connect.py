@@ -117,10 +117,15 @@ async def test_what_came_back_is_said(babble: bytes, verdict: str, monkeypatch: 
     assert "1000000, 512000, 230400, 115200, 256000, 128000, 460800 or 153600 baud" in str(caught.value)
     assert "powered" in str(caught.value)
     assert caught.value.reason == "silent"
-    # A speed that is named, by either way, is the only one.
-    for source, baudrate in (("/dev/babbler", 256_000), ("serial:///dev/babbler?baud=256000", None)):
-        with pytest.raises(ConnectFailed, match=" at 256000 baud"):
-            await open_lidar(source, baudrate=baudrate)
+    # What is named, by either way, is all that is asked.
+    for source, family, baudrate, speed in (
+        ("/dev/babbler", None, 256_000, 256_000),
+        ("serial:///dev/babbler?baud=256000", None, None, 256_000),
+        ("/dev/babbler", "neato", None, 115_200),
+        ("serial:///dev/babbler?family=neato", None, None, 115_200),
+    ):
+        with pytest.raises(ConnectFailed, match=f" at {speed} baud"):
+            await open_lidar(source, family=family, baudrate=baudrate)
 
 
 def test_the_received_is_bounded() -> None:
