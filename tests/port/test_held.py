@@ -54,20 +54,14 @@ async def test_what_is_held_comes_in_one_piece_with_the_time_of_each_read(
         assert sink.times == [third]
 
 
-@pytest.mark.parametrize("hold_s", [pytest.param(None, marks=pytest.mark.long), 0.05])
-async def test_nothing_is_held_for_longer_than_half_a_second(
-    hold_s: float | None, terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    if hold_s is not None:
-        monkeypatch.setattr("lidario.port.reading.HOLD_S", hold_s)
+@driven
+async def test_nothing_is_held_for_longer_than_half_a_second(terminal: tuple[int, str]) -> None:
     master, path = terminal
-    # A schedule that makes no sense: no poll for a minute, and nothing is ever needed.
-    plan = Plan(0.01, *[60.0] * 10, hold=math.inf, latency=0.002)
-    async with held_port(path, plan) as (_, sink, seen):
+    # A schedule that makes no sense: nothing is ever needed.
+    async with held_port(path, Plan(*[3600.0] * 10)) as (_, sink, seen):
         os.write(master, b"here")
         await sink.until(4)
-        held_s = asyncio.get_running_loop().time() - seen.reads[0][1] * 1e-9
-        assert (hold_s or 0.5) - 0.01 <= held_s < 5
+        assert now() - seen.reads[0][1] * 1e-9 == pytest.approx(0.5)
 
 
 async def test_the_loop_sleeps_while_the_thread_reads(
