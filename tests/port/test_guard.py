@@ -24,7 +24,8 @@ from lidario.wire.envelope import Request
 from tests.cli.processes import served
 from tests.support.children import children_that_ended, guards_of, is_still, own_guards, requests, until
 from tests.support.drivers import LOW_LATENCY, SPEED_FLAG, FakeDriver
-from tests.support.ports import PATIENCE_S, terminal_pair, written
+from tests.support.loop import driven, now
+from tests.support.ports import PATIENCE_S, Sink, terminal_pair, written
 
 STOP = Request("STOP", b"stop!", settle=0.01)
 
@@ -70,15 +71,20 @@ async def test_one_that_was_killed_is_told_once_and_the_session_goes_on(caplog: 
     assert len(told()) == 1
 
 
-@pytest.mark.long
-async def test_one_that_is_stopped_does_not_keep_the_port(monkeypatch: pytest.MonkeyPatch) -> None:
-    with served("rplidar-s2") as server:
-        lidar = await open_lidar(server.path, guard=True)
+@driven
+async def test_one_that_is_stopped_keeps_the_port_for_half_a_second() -> None:
+    with terminal_pair() as (_, _, path):
+        port = await open_serial(path, 115200)
+        await port.guard()
+        port.attach(Sink(), lambda: ([STOP], [], 0.0))
         (guard,) = own_guards()
+        assert guard in dict(holders(path))
         os.kill(guard, signal.SIGSTOP)
-        await lidar.close()
+        began = now()
+        await port.close()
+        assert now() - began == pytest.approx(0.5)
         await ended(guard)
-        assert list(holders(server.path)) == []
+        assert list(holders(path)) == []
 
 
 @pytest.mark.long
