@@ -78,7 +78,7 @@ async def test_one_that_is_stopped_keeps_the_port_for_half_a_second() -> None:
         await port.guard()
         port.attach(Sink(), lambda: ([STOP], [], 0.0))
         (guard,) = own_guards()
-        assert guard in dict(holders(path))
+        await run_in_thread(lambda: until(lambda: guard in dict(holders(path))))
         os.kill(guard, signal.SIGSTOP)
         began = now()
         await port.close()
