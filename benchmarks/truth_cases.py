@@ -110,6 +110,11 @@ def _from_half(hertz: float, seconds: Floats) -> Floats:
     return 0.5 + 9.5 * np.clip(seconds / 3.0, 0.0, 1.0)
 
 
+def _from_rest(hertz: float, seconds: Floats) -> Floats:
+    """Standing for a second, as where a stream is read from before its motor starts."""
+    return hertz * -np.expm1(-np.maximum(seconds - 1.0, 0.0) / 0.4)
+
+
 def _spin_up(hertz: float, seconds: Floats) -> Floats:
     """As a motor speeds up that is driven evenly, from two turns a second on."""
     return hertz - (hertz - 2.0) * np.exp(-seconds / 0.7)
@@ -265,6 +270,8 @@ def _cases() -> Iterator[Case]:
     yield Case("an outage of 0.4 s each 0.6 s", partial(lose_stretches, 0.6, 0.4), drifting, 8.0)
     yield Case("an outage of 0.7 s each second", partial(lose_stretches, 1.0, 0.7), drifting, 8.0)
     yield Case("braked by hand to 0.3 Hz in 20 ms", _clean, partial(_braked, 0.3, 0.02))
+    yield Case("from rest", _clean, _from_rest)
+    yield Case("from rest right before the seam", _clean, _from_rest, begin=0.98)
     yield Case("standing for 3 s", _clean, partial(_standing, lasts_s=3.0), 8.0)
     yield Case("standing for 0.5 s", _clean, _standing)
     yield Case("standing for 0.5 s, 60 % gone", partial(lose_share, 60, spoilt=False), _standing)

@@ -98,7 +98,7 @@ class Wheel(PacedTurning):
         spans, shortest, longest, total = spans_between(heads, self._full_turn, self._retreat)
         known = spans if followed else spans[:-1]
         is_alike = self._certain and _are_alike(self._arc, shortest, longest)
-        if is_alike or self._is_steady(known, longest, shortest > 0):
+        if is_alike or self._is_steady(known, longest):
             if not followed:
                 spans[-1] = spans[-2]
                 total += int(spans[-1])
@@ -136,9 +136,9 @@ class Wheel(PacedTurning):
             self._forget()
         return Arcs(spans, None, steps[-1], certain=True, steps=steps)
 
-    def _is_steady(self, spans: Ints, longest: int, moves: bool) -> bool:
-        """Whether each span is one arc: not much longer than the span before. `moves`: whether none is 0."""
-        if len(spans) < (1 if self._certain else AGREEING) or not (self._certain or moves):
+    def _is_steady(self, spans: Ints, longest: int) -> bool:
+        """Whether each span is one arc: not much longer than the span before. While none is known, it must turn."""
+        if len(spans) < (1 if self._certain else AGREEING) or not (self._certain or spans[-1] > 0):
             return False
         earlier = np.empty_like(spans)
         earlier[0], earlier[1:] = round(self._arc) if self._certain else spans[0], spans[:-1]

@@ -61,6 +61,7 @@ class Beginning:
     borrowed: bool = False  # whether its speed is that of a revolution before, since its own is not known
     # What its samples took, and those that are known to be missing; 0 when that is not known.
     spanned_ns: float = 0.0
+    came_ns: float = 0.0  # what its samples took, however far the rotor turned meanwhile; 0 when that is not known
     # When the last packet before it came, then each read from that of its beginning to that of its end; none when
     # that is not known.
     reads_ns: Sequence[int] = ()
@@ -113,9 +114,9 @@ class RevolutionClock:
         self._anchor: Beginning | None = None
         # Whether all since the anchor is to be counted: nothing else tells what passed.
         self._is_open = False
-        # Since the anchor: what the samples took, how many revolutions silences may hide, and how long reads went
-        # on since a beginning was late.
-        self._spanned_ns = self._hides = 0.0
+        # Since the anchor: what the samples took, if they tell when the next one begins, and in any case; how many
+        # revolutions silences may hide; and how long reads went on since a beginning was late.
+        self._spanned_ns = self._came_ns = self._hides = 0.0
         self._late_ns: int | None = None
         self._last: Beginning | None = None
         self.usual_ns: float = 0.0
@@ -192,6 +193,7 @@ class RevolutionClock:
             return Passed(0, 0)
         elapsed = here.start_ns - anchor.start_ns
         self._spanned_ns += last.spanned_ns if last is not None and last.tells_time else math.nan
+        self._came_ns += 0.0 if last is None else last.came_ns
         if not self.usual_ns:
             # What passed is counted when one is.
             self._is_open = True
@@ -207,6 +209,8 @@ class RevolutionClock:
         if math.isnan(self._spanned_ns):
             turns = elapsed / here.revolution_ns + anchor.over - here.over
             unseen = int(turns + NOISE) - (here.number - anchor.number)
+            # While samples came none passed unseen, as of a rotor that stood or started.
+            unseen = min(unseen, int((elapsed - self._came_ns) / here.revolution_ns + NOISE))
         else:
             unseen = int((elapsed - self._spanned_ns) / here.revolution_ns + NOISE)
         # Where too many were counted, that many are left out later.
@@ -269,7 +273,7 @@ class RevolutionClock:
         here.number += unseen
         here.packets_before += lost
         self._anchor, self._is_open, self._late_ns = here, False, None
-        self._spanned_ns = self._hides = 0.0
+        self._spanned_ns = self._came_ns = self._hides = 0.0
 
     def _missing_by_clock(self, here: Beginning, elapsed: float) -> int:
         """Packets missing since the anchor beyond those known, by what one takes; below 0 where more are known."""

@@ -217,6 +217,7 @@ def test_of_a_rotor_that_stands_so_long_that_the_revolution_is_given_up_time_tel
     [
         "10 to 1 Hz in 1 s",
         "0.5 to 10 Hz in 3 s",
+        "from rest",
         "5 to 10 Hz in 0.5 s",
         "4 to 1 Hz in 0.5 s, at once",
         "spinning up in jerks of 2 to 7.6 Hz",
