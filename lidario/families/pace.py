@@ -149,10 +149,9 @@ class PacedTurning(Turning):
         self._packet_ns, self._time_passes = 0.0, True
         # Whether a speed is known, and whether time confirms it.
         self._certain = self._confirmed = False
-        # How long what comes has not been like that speed.
-        self._strange = 0
-        # Packets that were told to follow each other, while time could still speak against that.
-        self._close = 0
+        # How long what comes has not been like that speed, and packets that were told to follow each other while
+        # time could still speak against that.
+        self._strange = self._close = 0
         self._pace = Pace(full_turn)
 
     def tell_time(self, sample_ns: float, *, passes: bool = True) -> None:

@@ -25,6 +25,7 @@ from lidario.wire.formats import StreamFormat
 T = TypeVar("T")
 STATUSES: Final = (HealthStatus.OK, HealthStatus.WARNING, HealthStatus.ERROR)
 """Health by its number, the same in every family so far."""
+HEAR_S: Final = 0.5  # how long the packets by which a device is known may take
 MOST_DIFFERENT: Final = 5  # responses that are all different, after which no more are asked for
 LINKED: Final = 2  # packets in a row that prove that a device which only talks streams at this speed
 RUNS: Final = 12  # how many runs of `LINKED` packets are heard where damage lets no longer ones through
@@ -84,7 +85,7 @@ def health_of(request: Request, told: bytes) -> Script[Health]:
 
 
 def hear(
-    wire: StreamFormat, packets: int = LINKED, timeout: float = 0.5, wake: bytes = b"", attempts: int = 1
+    wire: StreamFormat, packets: int = LINKED, timeout: float = HEAR_S, wake: bytes = b"", attempts: int = 1
 ) -> Request:
     """Wait for so many packets in a row; their bytes are the response.
 

@@ -25,7 +25,7 @@ from lidario.families.base import (
     Timing,
     raw_stream,
 )
-from lidario.families.scripts import LINKED, NOT_STOPPED, begin, frequency_within, hear, hear_runs, told
+from lidario.families.scripts import HEAR_S, LINKED, NOT_STOPPED, begin, frequency_within, hear, hear_runs, told
 from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.wire.envelope import Request
 from lidario.wire.events import Descriptor
@@ -43,7 +43,6 @@ TIMING: Final = Timing(
     probe_s=0.12,
 )
 """Of those that nothing starts or stops."""
-HEAR_S: Final = 0.5  # how long the packets by which a device is known may take
 SPIN_UP_S: Final = 3.0
 START_ATTEMPTS: Final = 2
 """What starts a device may be lost, and is harmless to one that runs: ROBOTIS' driver sends it to such, too."""

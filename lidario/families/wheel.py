@@ -140,11 +140,10 @@ class Wheel(PacedTurning):
         """Whether each span is one arc: not much longer than the span before. While none is known, it must turn."""
         if len(spans) < (1 if self._certain else AGREEING) or not (self._certain or spans[-1] > 0):
             return False
-        earlier = np.empty_like(spans)
-        earlier[0], earlier[1:] = round(self._arc) if self._certain else spans[0], spans[:-1]
+        arcs = np.append(round(self._arc), spans) if self._certain else spans
         # Of the fastest arc: the slower a rotor turns, the more any change is for it. Spans are rounded.
         slack = LIKENESS * max(longest, self._arc) + 1
-        slower = earlier - spans
+        slower = arcs[:-1] - arcs[1:]
         # Behind a gap of almost a turn the next span is longer again.
         may_slow_down = (slower[-1] if self._certain else slower.max()) <= slack
         return bool(may_slow_down and (spans >= -1).all() and (slower >= -slack).all())

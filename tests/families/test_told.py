@@ -45,6 +45,13 @@ def packets_of(ways: list[int], jumps: list[int]) -> Heads:
     return heads(begins[:-1], int(begins[-1]), 96, np.array(ways))
 
 
+@pytest.mark.parametrize("way", [0, 6, 20])
+def test_what_is_lost_behind_a_short_packet_is_counted_by_the_long_ones_beside_it(way: int) -> None:
+    packets = packets_of([285] * 8 + [way] + [950] * 8, [3] * 8 + [970] + [10] * 8)
+    arcs = ToldWheel(TURN, 48).follow(packets._replace(counts=np.array([96] * 8 + [3] + [96] * 8)))
+    assert missing(arcs) == [96 * (at == 8) for at in range(17)]
+
+
 @pytest.mark.parametrize("which", ["first", "last"])
 @pytest.mark.parametrize("at", [1, 5, 10])
 def test_a_packet_of_which_an_angle_is_damaged_hides_none(at: int, which: str) -> None:

@@ -30,7 +30,17 @@ from typing import Final, TypeVar
 
 from lidario.errors import RemoteProtocolError, ResponseTimeout, Unsupported
 from lidario.families.base import Device, Keepalive, Script, Stream
-from lidario.families.scripts import NOT_STOPPED, agreed, begin, frequency_within, health_of, hear, hear_runs, told
+from lidario.families.scripts import (
+    HEAR_S,
+    NOT_STOPPED,
+    agreed,
+    begin,
+    frequency_within,
+    health_of,
+    hear,
+    hear_runs,
+    told,
+)
 from lidario.families.ydlidar import commands
 from lidario.families.ydlidar.models import FOUR_ROS, MODELS, ONE_WAY, Model, model_of
 from lidario.families.ydlidar.raw import turn_in
@@ -46,7 +56,6 @@ SLOWEST_TURN_S: Final = 0.5
 KEEPALIVE_S: Final = 0.4
 """The manual demands less than 3 s; the SDK repeats every second. A program that blocks its event loop for 2.5 s
 may begin to do so just before the next one is due, and must not stop the device by that."""
-HEAR_S: Final = 0.5
 BY_DTR_S: Final = 1.0
 """How long a motor that DTR has switched on may take until packets come, besides the 0.5 s that `DTR_TURNS` waits.
 An assumption: no data sheet tells it. The vendor's SDK discards the points of the first 1.0 to 1.5 s after a start,

@@ -81,18 +81,20 @@ def test_health_gives_up_after_each_way_was_tried_twice(bench: Bench) -> None:
 
 @pytest.mark.parametrize("model", [None, "4ros", "x4", "x2", "tx8"])
 def test_only_one_that_hears_is_told_to_stop_and_only_one_that_may_talk_is_listened_to(model: str | None) -> None:
-    """While it streams: one whose STOP was lost is told again."""
+    """While it streams: one whose STOP was lost is told again. A motor that DTR turns has longer to begin."""
     one_way = model in ("x2", "tx8")
-    asked: list[bytes] = []
+    asked, waited = list[bytes](), list[float]()
 
     def silent(request: Request) -> bytes | None:
         asked.append(request.data)
+        waited.extend([] if request.data else [request.timeout])
         return b"" if request.expects is None else None
 
     with pytest.raises(ResponseTimeout):
         played(YdlidarDevice(None if model is None else MODELS[model]).overhear(), silent)
     twice = [] if one_way else [commands.STOP.data, commands.GET_INFO.data] * 2
     assert asked == twice + [b""] * (one_way or model is None)
+    assert waited == [1.0 if model == "x2" else 0.5] * (one_way or model is None)
 
 
 @pytest.mark.parametrize(("samples", "is_known"), [(1250, True), (1350, False)])

@@ -93,9 +93,9 @@ def test_how_long_samples_are_is_told_also_by_a_start_packet_that_saw_nothing(na
     layout = Layout(kind.wire.sample_size, kind.unit, flags=kind.flags, bits=kind.bits)
     start = pack_points([seen_mm], 0, 0, control=1, layout=layout, intensities=70)
     parts = [pack_points([900] * 40, at, at + 2245, layout=layout, intensities=70) for at in range(0, 23040, 2304)]
-    found = find_stream(memoryview(start + b"".join(parts)), Known())
+    found = find_stream(memoryview(bytes(1000) + start + b"".join(parts)), Known())
     assert found is not None
-    assert found.begin == 0
+    assert found.begin == 1000
     assert isinstance(found.stream.format, PointCloud)
     assert found.stream.format.sample_size == kind.wire.sample_size
 

@@ -8,10 +8,11 @@ import pytest
 
 from lidario.errors import InvalidValue, RemoteProtocolError, ResponseTimeout
 from lidario.families.ydlidar.device import YdlidarDevice
+from lidario.families.ydlidar.models import MODELS
 from lidario.families.ydlidar.simulated.device import PROFILES, Simulated4Ros
 from lidario.wire.envelope import Request
 from tests.support.bench_4ros import Bench
-from tests.support.scripts import played
+from tests.support.scripts import drive, played
 
 
 @pytest.mark.parametrize("hertz", [5.0, 5.1, 6.96, 7.0, 7.9, 8.04, 9.5, 10.0, 11.95, 12.0])
@@ -146,6 +147,17 @@ def test_two_toggles_tell_protection_and_leave_it(before: bool, lost: int) -> No
 
     assert played(YdlidarDevice().explain_silence(0.0), lossy) is enabled
     assert toggles == (3 if lost else 2)
+
+
+@pytest.mark.parametrize(
+    ("model", "protected", "lasted_s"), [("x4", False, 0.0), ("4ros", True, 0.0), ("4ros", False, 2.0)]
+)
+def test_protection_is_not_toggled_where_it_explains_nothing(model: str, protected: bool, lasted_s: float) -> None:
+    """A model has none, it is known to be on, or it would have stopped the device later."""
+    device = YdlidarDevice(MODELS[model])
+    if protected:
+        played(device.power_down_protection(True), lambda _: b"\0")
+    assert drive(device.explain_silence(lasted_s), {}) == (False, [])
 
 
 def test_a_response_that_is_no_state_of_protection_tells_nothing() -> None:
