@@ -54,11 +54,11 @@ class Timing:
     """How long the devices of a family take."""
 
     quiet_s: float  # silence after a STOP that proves the stream has ended
-    drain_s: float  # longest time that may take before STOP is sent again
     boot_s: float  # longest time from RESET until the device responds
-    boot_poll_s: float  # how often it is asked meanwhile
     forget_s: float  # how long a device may hold half a request before it forgets it
     probe_s: float  # how long an identifying request may stay without a response at one baud rate
+    drain_s: float = 0.5  # longest time that silence may take before STOP is sent again
+    boot_poll_s: float = 0.25  # how often a device that was reset is asked
     starts_s: float = 0.0  # how long one may send nothing that was just started, and responds by its stream alone
 
 

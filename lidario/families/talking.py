@@ -34,10 +34,8 @@ from lidario.wire.formats import StreamFormat
 TIMING: Final = Timing(
     # A packet takes 17 ms at most, and a USB adapter may hold bytes back for 16 ms.
     quiet_s=0.06,
-    drain_s=0.5,
     # It cannot be restarted from here.
     boot_s=3.0,
-    boot_poll_s=0.25,
     # It hears nothing. One that has just been given power sends a second or two later.
     forget_s=3.0,
     probe_s=0.12,

@@ -30,6 +30,16 @@ def test_each_family_has_its_tests_and_its_streams(family: Family) -> None:
     assert list((TESTS / "families" / family.name).glob("test_simulated*.py"))
 
 
+SLOWEST_MS = {"rplidar": 19.3, "ydlidar": 10.0, "hokuyo": 100.0, "ldrobot": 5.3}
+"""How far the packets of the slowest model are apart that can be stopped; 17 ms, at most, of the others."""
+
+
+@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.name)
+def test_a_line_counts_as_quiet_only_after_the_slowest_packets(family: Family) -> None:
+    """An adapter may hold bytes for 16 ms more, and nothing waits for much longer than that."""
+    assert 16 < 1e3 * family.timing.quiet_s - SLOWEST_MS.get(family.name, 17.0) < 46
+
+
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.name)
 def test_a_packet_is_known_by_its_first_two_bytes(family: Family) -> None:
     """The rest is for `measure`: of a longer header, one that the end of a read cuts would be missed."""

@@ -22,7 +22,6 @@ FAMILY: Final = Family(
         drain_s=1.0,
         # In no document: RS sets everything back and is answered at once.
         boot_s=3.0,
-        boot_poll_s=0.25,
         forget_s=0.5,
         probe_s=0.15,
     ),

@@ -53,10 +53,8 @@ FAMILY: Final = Family(
         # The slowest packets are those of an A1 in Stability: one in 19.3 ms, behind an adapter that may hold them
         # for 16 ms more.
         quiet_s=0.045,
-        drain_s=0.5,
         # Users report 2 s of silence from an S1; the vendor's ROS node gives it 15 s.
         boot_s=8.0,
-        boot_poll_s=0.25,
         # "Request packets' format": a request must be complete within 5 s.
         forget_s=5.0,
         probe_s=0.15,

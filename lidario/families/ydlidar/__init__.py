@@ -23,11 +23,9 @@ FAMILY: Final = Family(
     timing=Timing(
         # Packets come every 2 ms, and a USB adapter may hold bytes back for 16 ms.
         quiet_s=0.05,
-        drain_s=0.5,
         # How long a restart takes and how soon it responds is in no document; the SDK waits up to
         # 1 s for device information.
         boot_s=5.0,
-        boot_poll_s=0.25,
         # Commands are two bytes long, so the next one completes what was left of the last.
         forget_s=0.5,
         probe_s=0.15,

@@ -4,7 +4,6 @@ import struct
 
 import pytest
 
-from lidario.families.rplidar import FAMILY
 from lidario.families.rplidar.simulated.device import PROFILES, Profile, make_simulated
 from tests.support.simulated_rplidar import (
     EXPRESS_1,
@@ -150,13 +149,6 @@ class TestProtectionStop:
         assert bench.why == "in protection stop"
         # So no pause follows it.
         assert bench.ask(GET_HEALTH)[7:] == b"\x02\x07\x00"
-
-
-def test_a_line_counts_as_quiet_only_after_the_slowest_packets() -> None:
-    """An adapter may hold bytes for 16 ms more."""
-    slowest = max(mode.period_ns for profile in PROFILES.values() for mode in profile.modes)
-    assert slowest > 19 * MS
-    assert slowest + 16 * MS < FAMILY.timing.quiet_s * SECOND < 60 * MS
 
 
 def test_an_overloaded_line_is_refused() -> None:
