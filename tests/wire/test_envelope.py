@@ -50,6 +50,13 @@ def test_requests_are_the_sheets_bytes() -> None:
     }
 
 
+def test_devices_are_left_alone_behind_requests_that_have_no_response() -> None:
+    """10 ms, and an RPLIDAR that restarts half a second (rplidar.md 7)."""
+    without = {text: request.settle for text, request in SENT.items() if request.expects is None}
+    paused = ("A5 25", "A5 A8 02 58 02 55", "A5 A8 02 00 00 0F", "A5 65", "A5 00", "A5 80")
+    assert without == dict.fromkeys(paused, 0.01) | {"A5 40": 0.5}
+
+
 def test_the_sheets_other_checksums() -> None:
     assert encode_request(0xF0, bytes.fromhex("9402")) == bytes.fromhex("A5F0029402C1")
     assert encode_request(0xFF, bytes(4)) == bytes.fromhex("A5FF04000000005E")
