@@ -30,7 +30,6 @@ _LIKELY: Final = tuple(MODELS[name] for name in ("4ros", "x4", "g6", "tmini", "g
 _MODELS: Final = (*_LIKELY, *(model for model in MODELS.values() if model not in _LIKELY))
 """Which of the models that fit is taken, the first of them first."""
 _MEASURED: Final = 64 * 1024  # bytes by which samples a revolution and speed are known
-_LONG: Final = 8  # samples of a packet from which its step is known well enough
 _UNLIKE: Final = 0.08
 """By so much a rate may differ from that of a model. Speeds are told in tenths of Hz, and that of the TG models, by
 the vendor's SDK, 0.4 Hz too high."""
@@ -123,17 +122,17 @@ def turn_in(data: memoryview, wire: PointCloud) -> Turn:
     link = Link()
     link.enter_stream(wire)
     link.receive_data(data, 0)
-    steps, codes = [0.0], [0.0]
+    steps, codes = list[float](), list[int]()
     for event in link.events_received():
         if isinstance(event, Packets):
             heads = packet_heads(event).astype(np.int32)
             counts, ways = heads[:, 1] >> 8, ((heads[:, 3] >> 1) - (heads[:, 2] >> 1)) % FULL_TURN_Q6
-            several = counts >= _LONG
+            several = counts > 1
             steps += (ways[several] / (counts[several] - 1)).tolist()
-            told = heads[:, 1][(heads[:, 1] & START_BIT) != 0] & 0xFF
+            told = heads[heads[:, 1] & START_BIT != 0, 1] & 0xFF
             codes += (told[told > START_BIT] >> 1).tolist()
-    step = float(np.median(steps[1:] or steps))
-    return Turn(FULL_TURN_Q6 / step if step else 0.0, float(np.median(codes[1:] or codes)))
+    step = float(np.median(steps or 0))
+    return Turn(FULL_TURN_Q6 / step if step else 0.0, float(np.median(codes or 0)))
 
 
 def _guessed(turn: Turn, models: list[Model]) -> tuple[Model, str]:

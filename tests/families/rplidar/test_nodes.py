@@ -88,7 +88,7 @@ def test_where_returns_begin_and_end_nodes_continue_the_beam(pair: tuple[int, in
 
 def test_so_they_do_where_a_return_has_a_quality_and_no_distance() -> None:
     """As in the transcript of an A1: such a node lies beside the beam, by what it does not tell."""
-    distances = [0, 0, -490, 0, 0, -360, 404, 405, 407, 0, 0, 412, -3000, 0, 412, -160] * 3
+    distances = [0, 0, -490, 0, 0, -360, 404, 405, 407, 0, 0, 412, -3000, 0, 4300, -160] * 3
     for base in (100.0, 300.0):
         data = bytearray(triangulated([base + 1.14 * at for at in range(len(distances))], distances))
         assert NodeFormat().run(data, 0).packets == (Block(5, len(distances)),)

@@ -87,14 +87,14 @@ def test_only_one_that_hears_is_told_to_stop_and_only_one_that_may_talk_is_liste
 
     def silent(request: Request) -> bytes | None:
         asked.append(request.data)
-        waited.extend([] if request.data else [request.timeout])
+        waited.extend([] if request.expects is None else [request.timeout * request.attempts])
         return b"" if request.expects is None else None
 
     with pytest.raises(ResponseTimeout):
         played(YdlidarDevice(None if model is None else MODELS[model]).overhear(), silent)
     twice = [] if one_way else [commands.STOP.data, commands.GET_INFO.data] * 2
     assert asked == twice + [b""] * (one_way or model is None)
-    assert waited == [1.0 if model == "x2" else 0.5] * (one_way or model is None)
+    assert waited == [0.25] * (len(twice) // 2) + [1.0 if model == "x2" else 0.5] * (one_way or model is None)
 
 
 @pytest.mark.parametrize(("samples", "is_known"), [(1250, True), (1350, False)])
@@ -134,7 +134,10 @@ def test_a_lost_scan_header_leads_to_a_new_start_from_standstill(bench: Bench) -
     bench.ask(third)
     with pytest.raises(StopIteration) as done:
         script.send(b"")
-    assert done.value.value.format is third.stream
+    stream = done.value.value
+    assert stream.format is third.stream
+    # 2.5 s are assumed for the motor, and a margin; 3 Hz is the lowest speed that packets can tell.
+    assert (stream.spin_up_s, stream.slowest_turn_s, stream.zero_offset_deg) == (4.0, 1.5 / 3, 0)
     assert bench.pass_time(2.0).startswith(b"\xaa\x55")
 
 

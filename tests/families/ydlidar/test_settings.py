@@ -136,8 +136,8 @@ def test_a_toggle_whose_answer_was_lost_ends_in_the_wanted_state(
 
 
 @pytest.mark.parametrize("before", [False, True])
-@pytest.mark.parametrize("lost", [0, 1, 2])
-def test_two_toggles_tell_protection_and_leave_it(before: bool, lost: int) -> None:
+@pytest.mark.parametrize(("lost", "lasted_s"), [(0, 0.0), (1, 2.6), (2, 3.9)])
+def test_two_toggles_tell_protection_and_leave_it(before: bool, lost: int, lasted_s: float) -> None:
     enabled, toggles = before, 0
 
     def lossy(request: Request) -> bytes | None:
@@ -145,15 +145,16 @@ def test_two_toggles_tell_protection_and_leave_it(before: bool, lost: int) -> No
         enabled, toggles = not enabled, toggles + 1
         return None if toggles == lost else bytes((not enabled,))
 
-    assert played(YdlidarDevice().explain_silence(0.0), lossy) is enabled
+    assert played(YdlidarDevice().explain_silence(lasted_s), lossy) is enabled
     assert toggles == (3 if lost else 2)
 
 
 @pytest.mark.parametrize(
-    ("model", "protected", "lasted_s"), [("x4", False, 0.0), ("4ros", True, 0.0), ("4ros", False, 2.0)]
+    ("model", "protected", "lasted_s"),
+    [("x4", False, 0.0), ("4ros", True, 0.0), ("4ros", False, 2.4), ("4ros", False, 4.1)],
 )
 def test_protection_is_not_toggled_where_it_explains_nothing(model: str, protected: bool, lasted_s: float) -> None:
-    """A model has none, it is known to be on, or it would have stopped the device later."""
+    """A model has none, it is known to be on, or it would have stopped the device 3 s after its start."""
     device = YdlidarDevice(MODELS[model])
     if protected:
         played(device.power_down_protection(True), lambda _: b"\0")
