@@ -56,7 +56,6 @@ class Timing:
     quiet_s: float  # silence after a STOP that proves the stream has ended
     boot_s: float  # longest time from RESET until the device responds
     forget_s: float  # how long a device may hold half a request before it forgets it
-    probe_s: float  # how long an identifying request may stay without a response at one baud rate
     drain_s: float = 0.5  # longest time that silence may take before STOP is sent again
     boot_poll_s: float = 0.25  # how often a device that was reset is asked
     starts_s: float = 0.0  # how long one may send nothing that was just started, and responds by its stream alone

@@ -38,7 +38,6 @@ TIMING: Final = Timing(
     boot_s=3.0,
     # It hears nothing. One that has just been given power sends a second or two later.
     forget_s=3.0,
-    probe_s=0.12,
 )
 """Of those that nothing starts or stops."""
 SPIN_UP_S: Final = 3.0

@@ -23,7 +23,6 @@ FAMILY: Final = Family(
         # In no document: RS sets everything back and is answered at once.
         boot_s=3.0,
         forget_s=0.5,
-        probe_s=0.15,
     ),
     device=HokuyoDevice,
     formats=FORMATS,

@@ -57,7 +57,6 @@ FAMILY: Final = Family(
         boot_s=8.0,
         # "Request packets' format": a request must be complete within 5 s.
         forget_s=5.0,
-        probe_s=0.15,
     ),
     device=RplidarDevice,
     formats=tuple(FORMATS.values()),

@@ -28,7 +28,6 @@ FAMILY: Final = Family(
         boot_s=5.0,
         # Commands are two bytes long, so the next one completes what was left of the last.
         forget_s=0.5,
-        probe_s=0.15,
     ),
     device=YdlidarDevice,
     formats=FORMATS,

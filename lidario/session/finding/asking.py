@@ -27,6 +27,8 @@ SENT_S = 0.02
 """How long a request may be under way: some bytes, and an adapter that gathers them."""
 QUICK_S = 0.05
 """How long the first round waits for a response: a healthy device needs a few milliseconds, an adapter up to 16."""
+PROBE_S = 0.12
+"""How long later rounds wait for it, at each speed."""
 
 
 class Attempt(NamedTuple):
@@ -142,7 +144,7 @@ async def ask_once(
     """Ask one family's question once at one speed; None when there is no response.
 
     Where nothing streams it is `quick`: it asks without waiting for silence, and waits shortly. `patience_s` is how
-    long the response may take; None for as long as is usual in the family. Where it is ended while nothing has
+    long the response may take; None for as long as is usual. Where it is ended while nothing has
     responded, the port stays open: what the device is must still be found out, to leave it still.
     """
     loop = asyncio.get_running_loop()
@@ -153,7 +155,7 @@ async def ask_once(
     connection = begun(port, attempt, woken)
     dialogue = connection.dialogue
     try:
-        usual_s = QUICK_S if quick else attempt.family.timing.probe_s
+        usual_s = QUICK_S if quick else PROBE_S
         dialogue.hurry(usual_s if patience_s is None else patience_s)
         connection.info = await introduce(dialogue, patience=0, quiet=quick)
         dialogue.hurry()
