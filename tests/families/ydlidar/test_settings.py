@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from lidario.errors import InvalidValue, RemoteProtocolError, ResponseTimeout
+from lidario.errors import InvalidValue, RemoteProtocolError, ResponseTimeout, Unsupported
 from lidario.families.ydlidar.device import YdlidarDevice
 from lidario.families.ydlidar.models import MODELS
 from lidario.families.ydlidar.simulated.device import PROFILES, Simulated4Ros
@@ -35,6 +35,18 @@ def test_a_frequency_out_of_range_is_refused_before_anything_is_sent(hertz: floa
     assert done.value.value == (5.0, 12.0)
     with pytest.raises(InvalidValue, match="5 to 12 Hz"):
         next(device.set_scan_frequency(hertz))
+
+
+def test_a_model_without_a_setting_refuses_it_and_is_asked_nothing() -> None:
+    device = YdlidarDevice(MODELS["x4"])
+    for script in (
+        device.scan_frequency(),
+        device.set_scan_frequency(7.0),
+        device.zero_offset(),
+        device.power_down_protection(True),
+    ):
+        with pytest.raises(Unsupported):
+            next(script)
 
 
 def test_a_device_that_does_not_step_ends_the_setting() -> None:
@@ -80,6 +92,7 @@ def test_a_step_without_an_answer_is_not_repeated_blindly() -> None:
 def test_zero_offset(bench: Bench, quarters: int, degrees: float) -> None:
     bench.simulated.zero_offset = quarters
     assert bench.run(bench.device.zero_offset()) == degrees
+    assert [bench.run(bench.device.apply_zero_offset(on)) for on in (True, False)] == [degrees, 0]
 
 
 def test_an_absurd_zero_offset_is_asked_again() -> None:
