@@ -63,6 +63,15 @@ def test_each_has_the_line_the_rate_and_the_reach_of_the_sheet(family: str) -> N
 
 
 @pytest.mark.parametrize("family", FAMILIES)
+def test_the_stream_of_each_has_the_rate_of_its_mode(family: str) -> None:
+    for model in FAMILIES[family].all:
+        device = TalkingDevice(FAMILIES[family], model)
+        (mode,) = played(device.modes(), lambda _: None)
+        assert (mode.sample_us, mode.max_distance) == (model.sample_us, model.reach)
+        assert played(device.start(mode), lambda _: b"").sample_ns == 1e3 * model.sample_us
+
+
+@pytest.mark.parametrize("family", FAMILIES)
 def test_one_that_is_not_named_is_read_at_the_line_and_rate_of_one_that_is(family: str) -> None:
     # more_families_2.md 2: an LDS-01 has no other name.
     named = [*SHEET[family].values()] if family in SHEET else [(230_400, 1800, 3.5)]

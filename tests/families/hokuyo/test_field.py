@@ -22,7 +22,8 @@ from tests.support.recorded import assert_same_scans, record, take_scans
 FIELDS = {"hokuyo-urg04lx": (-340, 341, 1024), "hokuyo-ust10lx": (-540, 540, 1440)}
 """First and last step, counted from ahead, and steps of 360 degrees."""
 REACH_M = {"hokuyo-urg04lx": 5.6, "hokuyo-ust10lx": 30.0}
-"""As the devices tell it (DMAX)."""
+TURN_NS = {"hokuyo-urg04lx": 100e6, "hokuyo-ust10lx": 25e6}
+"""As the devices tell it (DMAX, SCAN)."""
 every_field = pytest.mark.parametrize("model", FIELDS)
 
 
@@ -41,6 +42,7 @@ async def test_the_message_covers_the_field_and_no_more(model: str) -> None:
         assert message.angle_max == pytest.approx(last * math.tau / turn)
         assert message.angle_increment == pytest.approx(math.tau / turn)
         assert len(message.ranges) == len(scan) == last - first + 1
+        assert scan.time_increment_ns == round(TURN_NS[model] / turn)
         # Each beam is a sample, in the order of measuring: that of the angles.
         np.testing.assert_array_equal(message.ranges, np.where(scan.valid, scan.ranges, np.inf).astype(np.float32))
         assert message.time_increment == pytest.approx(scan.time_increment_ns * 1e-9, rel=1e-4)

@@ -142,7 +142,7 @@ def test_a_lost_scan_header_leads_to_a_new_start_from_standstill(bench: Bench) -
     assert stream.format is third.stream
     # 2.5 s are assumed for the motor, and a margin; 3 Hz is the lowest speed that packets can tell.
     assert (stream.spin_up_s, stream.slowest_turn_s) == (4.0, 1.5 / 3)
-    assert (stream.zero_offset_deg, stream.may_take_ns) == (0, (50_000,))
+    assert (stream.zero_offset_deg, stream.sample_ns, stream.may_take_ns) == (0, 50_000, (50_000,))
     assert bench.pass_time(2.0).startswith(b"\xaa\x55")
 
 
