@@ -87,6 +87,8 @@ SAMPLE = [
     *in_turns(BOUNDS, FAMILIES),
     *(("open_lidar", family) for family in OTHERS),
     *in_turns(OF_OTHERS, OTHERS[::-1]),
+    # How long it boots is said by each.
+    *(("reset", family) for family in (*FAMILIES, "hokuyo")),
 ]
 
 
