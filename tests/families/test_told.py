@@ -94,6 +94,15 @@ def test_one_that_is_odd_among_several_revolutions_has_each_judged_alone(way: in
         assert ToldWheel(TURN, 48).follow_several(packets_of(ways, jumps), [12, 24]) is None
 
 
+@pytest.mark.parametrize("last", [950, 1060])
+@pytest.mark.parametrize("followed", [True, False])
+def test_the_mean_step_counts_what_lies_between_packets_where_that_is_known(followed: bool, last: int) -> None:
+    ways, jumps = [950] * 11 + [last], [12] * 12
+    packets = packets_of(ways, jumps)
+    arcs = ToldWheel(TURN, 48).follow(packets if followed else packets._replace(following=None))
+    assert arcs.step == pytest.approx((sum(ways) + sum(jumps)) / (12 * 96) if followed else sum(ways) / (12 * 95))
+
+
 def test_packets_that_tell_no_way_tell_no_speed() -> None:
     arcs = ToldWheel(TURN, 48).follow(heads(headings(5, 5, 5), 5, 96, np.zeros(3)))
     assert (arcs.certain, arcs.step, lost(arcs)) == (False, 0, 0)

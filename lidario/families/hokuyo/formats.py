@@ -138,9 +138,9 @@ def range_of(data: bytes | bytearray | memoryview, at: int = 0) -> tuple[int, in
 def characters(block: bytes) -> NDArray[np.uint8]:
     """The characters of a block's values, without what ends the lines."""
     body = np.frombuffer(block, np.uint8)[HEAD:-1]
-    full = len(body) // (LINE + 2) * (LINE + 2)
-    lines = body[:full].reshape(-1, LINE + 2)[:, :LINE].ravel()
-    return lines if full == len(body) else np.concatenate((lines, body[full:-2]))
+    full, rest = divmod(len(body), LINE + 2)
+    lines = body[: len(body) - rest].reshape(full, LINE + 2)[:, :LINE].ravel()
+    return np.concatenate((lines, body[-rest:-2])) if rest else lines
 
 
 def values(text: NDArray[np.uint8], width: int) -> NDArray[np.int64]:
