@@ -28,7 +28,7 @@ from lidario.wire.events import Arrival, Packets
 LATE: Final = 1 - NOISE
 """Turns by which packets must be late to wait."""
 _READS: Final = 3
-"""So many must be about as late behind an outage. Fewer may all come from a machine that has no time to read."""
+"""So many must be as late behind an outage. Fewer may all come from a machine that has no time to read."""
 
 
 class _Line(NamedTuple):
@@ -36,7 +36,7 @@ class _Line(NamedTuple):
 
     at_ns: int  # when it was read last
     late_ns: float = 0.0  # how late that was
-    stayed: int = 0  # reads since it has been about as late
+    stayed: int = 0  # reads since it has been that late, or later
     stayed_ns: float = 0.0  # for how long
     most_ns: float = 0.0  # how late it was meanwhile, at most
 
@@ -147,7 +147,7 @@ def _behind(line: _Line, at_ns: int, came_ns: float, turn_ns: float) -> _Line:
         # It was not silent: what has not come is missing.
         later_ns = min(later_ns, 0.0)
     late_ns = max(0.0, line.late_ns + later_ns)
-    if line.late_ns and abs(late_ns - line.most_ns) < noise_ns:
-        most_ns = max(late_ns, line.most_ns)
-        return _Line(at_ns, late_ns, line.stayed + 1, line.stayed_ns + silent_ns, most_ns)
-    return _Line(at_ns, late_ns, 0, 0.0, late_ns)
+    if line.late_ns < LATE * turn_ns <= late_ns or not line.late_ns or late_ns <= line.most_ns - noise_ns:
+        # It begins to be late, or so late that packets wait, or is about to catch up.
+        return _Line(at_ns, late_ns, 0, 0.0, late_ns)
+    return _Line(at_ns, late_ns, line.stayed + 1, line.stayed_ns + silent_ns, max(late_ns, line.most_ns))
