@@ -96,9 +96,9 @@ class ToldWheel(Turning):
         steps = list[float]()
         for at, way_turned in enumerate(turned):
             inner = samples[at] - packets[at]
-            mean = way_turned / inner if inner else 0.0
-            if not mean or (packets[at] < FEWEST and not isinstance(counts, int)):
+            if not (inner and way_turned) or (packets[at] < FEWEST and not isinstance(counts, int)):
                 return None
+            mean = way_turned / inner
             if longest[at] > _CHANGING * mean * (most[at] - 1) or farthest[at] > (1 + self.least) * mean:
                 return None
             steps.append((way_turned + between[at]) / samples[at])
