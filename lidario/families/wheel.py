@@ -270,12 +270,8 @@ class Wheel(PacedTurning):
         by_time = self._pace.measured(self._packet_ns)
         if by_time is None:
             return True
-        if min(by_time) < SEVERAL:
-            self._confirmed = max(by_time) < SEVERAL
-            if self._confirmed:
-                self._forget()
-            return True
-        return False
+        self._confirmed = max(by_time) < SEVERAL
+        return min(by_time) < SEVERAL
 
     def _learn(self, *, anew: bool) -> tuple[int, int]:
         """Find the arc from what is remembered: the largest group of spans that agree, and what time says of it.

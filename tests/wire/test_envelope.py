@@ -57,6 +57,13 @@ def test_devices_are_left_alone_behind_requests_that_have_no_response() -> None:
     assert without == dict.fromkeys(paused, 0.01) | {"A5 40": 0.5}
 
 
+def test_responses_have_the_sheets_types_and_sizes() -> None:
+    settings = ("A5 93", "A5 09", "A5 0A", "A5 0B", "A5 0C", "A5 0D")
+    sizes = dict.fromkeys(settings, (4, 4)) | dict.fromkeys(("A5 52", "A5 91", "A5 92"), (6, 3))
+    sizes |= {"A5 50": (4, 20), "A5 90": (4, 20), "A5 59": (0x15, 4), "A5 D9": (4, 1)}
+    assert {text: SENT[text].expects for text in sizes} == {text: Expected(*each) for text, each in sizes.items()}
+
+
 def test_the_sheets_other_checksums() -> None:
     assert encode_request(0xF0, bytes.fromhex("9402")) == bytes.fromhex("A5F0029402C1")
     assert encode_request(0xFF, bytes(4)) == bytes.fromhex("A5FF04000000005E")
