@@ -209,7 +209,7 @@ class RevolutionClock:
         if math.isnan(self._spanned_ns):
             turns = elapsed / here.revolution_ns + anchor.over - here.over
             unseen = int(turns + NOISE) - (here.number - anchor.number)
-            # While samples came none passed unseen, as of a rotor that stood or started.
+            # While samples came, no turn passed unseen: the rotor stood, or started.
             unseen = min(unseen, int((elapsed - self._came_ns) / here.revolution_ns + NOISE))
         else:
             unseen = int((elapsed - self._spanned_ns) / here.revolution_ns + NOISE)

@@ -6,9 +6,9 @@ nothing: a revolution that lacks nothing would be taken for parts of two. But by
 those behind the first piece come faster than they were measured, the line was late. Behind an outage they come at
 the pace of the device.
 
-So it is followed how late the line is behind a silence: by how long what came has taken to measure. Packets that
-come late by most of a turn wait for the reads behind them, until the line has caught up, or has come no nearer to
-that in some reads of half a turn. If it has caught up, they are dated by what came behind them.
+How late the line is behind a silence follows from how long it took to measure what came. Packets that come late by
+most of a turn wait for the reads behind them, until the line has caught up, or half a turn and three reads have
+brought it no nearer to that. If it has caught up, they are dated by what came behind them.
 """
 
 from __future__ import annotations

@@ -43,6 +43,9 @@ T = TypeVar("T")
 
 WRITE_AGAIN_S = 0.005
 """How often it is tried to write a request in mid-scan, while the device does not listen."""
+LEAVE_TIMEOUT_S = 2.0
+"""Longest time that `left` waits. The stop requests are mostly written within 0.6 s (`Stopper.written`).
+Nothing can cancel the waiting, so it must end."""
 
 
 class Scanner:
@@ -83,7 +86,7 @@ class Scanner:
         """Return when what `leave` wrote has reached the device."""
         if self._loop.is_closed():
             return  # the coroutine is being collected, and nothing can be waited for
-        with anyio.CancelScope(shield=True):
+        with anyio.CancelScope(shield=True), anyio.move_on_after(LEAVE_TIMEOUT_S):
             await self._at.dialogue.stopper.written()
 
     # ------------------------------------------------------------------------------------------------ a replay

@@ -145,7 +145,7 @@ class Stopper:
     async def written(self) -> None:
         """Return when the stop requests are written, or the port is dead; after 0.6 s at most.
 
-        Where the speed of the line is being changed, nothing is heard for longer: 2.7 s at most.
+        Where the speed of the line is being changed it takes longer, since nothing is heard meanwhile.
         """
         # A timer that is late or put off makes another round; nothing can wake this too early or never.
         while self.wanted and not self._attempts and self._timer is not None and self._port.is_open:  # noqa: ASYNC110
