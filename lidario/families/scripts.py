@@ -49,16 +49,16 @@ def frequency_within(hertz: object, limits: tuple[float, float], whose: str) -> 
 
 
 def agreed(request: Request, *told: bytes) -> Script[bytes]:
-    """Ask until two responses are equal, of those too that were `told` before; one may miss the question once.
+    """Ask until two responses are equal, counting those that were `told` before; one may miss the question once.
 
     Raises:
         RemoteProtocolError: Five responses were all different.
         ResponseTimeout: None came, or twice none behind others.
     """
-    seen, missed = set(told), False
+    seen, missed, left = set[bytes](), False, list(told)
     while len(seen) < MOST_DIFFERENT:
         try:
-            payload = yield request
+            payload = left.pop(0) if left else (yield request)
         except ResponseTimeout:
             if missed or not seen:
                 raise

@@ -73,6 +73,7 @@ LAPSE_S: Final = (2.5, 4.0)
 later."""
 _LEARN_PROTECTION: Final = replace(commands.TOGGLE_PROTECTION, timeout=0.5)
 _SHORT_INFO: Final = replace(commands.GET_INFO, timeout=0.25, attempts=1)
+_INFO_ONCE: Final = replace(commands.GET_INFO, timeout=0.5, attempts=1)
 
 
 class YdlidarDevice(Device):
@@ -120,7 +121,16 @@ class YdlidarDevice(Device):
         return self._awake(self._hear() if self._model.one_way else self._ask_info())
 
     def _ask_info(self) -> Script[DeviceInfo]:
-        model, minor, major, hardware, serial = struct.unpack("<BBBB16s", (yield from agreed(commands.GET_INFO)))
+        told = [(yield commands.GET_INFO)]
+        if self._named is None:
+            try:
+                told.append((yield _INFO_ONCE))
+            except ResponseTimeout:
+                # One that only talks says its code when it gets power (X2 manual, 3), whoever asks meanwhile.
+                with suppress(ResponseTimeout):
+                    return (yield from self._hear())
+        payload = yield from agreed(commands.GET_INFO, *told)
+        model, minor, major, hardware, serial = struct.unpack("<BBBB16s", payload)
         self._code, self._firmware = model, (major, minor)
         if self.is_guess and self._named is not None and model not in self._named.codes:
             self._named = None

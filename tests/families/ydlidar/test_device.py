@@ -101,6 +101,24 @@ def test_only_one_that_hears_is_told_to_stop_and_only_one_that_may_talk_is_liste
     assert waited == [0.25] * (len(twice) // 2) + [1.0 if model == "x2" else 0.5] * (one_way or model is None)
 
 
+@pytest.mark.parametrize("talks", [True, False])
+def test_what_a_device_says_when_it_gets_power_is_no_response_of_one_that_only_talks_on(talks: bool) -> None:
+    """An X2 tells its code at power-on (X2 manual, 3), and a response may be lost: what streams then only talks."""
+    responses: list[bytes | None] = [bytes([6]) + bytes(19), None, bytes([6]) + bytes(19)]
+    waited = list[float]()
+
+    def respond(request: Request) -> bytes | None:
+        waited.append(request.timeout * request.attempts)
+        if request.stream is not None:
+            return bytes(silent(400)) if talks else None
+        return responses.pop(0)
+
+    info = played(YdlidarDevice().identify(), respond)
+    assert (info.model, info.firmware) == (("YDLIDAR X2, X3 or alike", "") if talks else ("YDLIDAR X4", "0.0"))
+    # Until the second response is given up, and it is listened to.
+    assert waited[1] <= 0.5
+
+
 @pytest.mark.parametrize(("samples", "is_known"), [(1250, True), (1350, False)])
 def test_one_that_sends_more_a_revolution_than_any_that_only_talks_is_none_of_them(
     samples: int, is_known: bool
