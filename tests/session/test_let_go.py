@@ -10,7 +10,12 @@ from unittest.mock import patch
 import pytest
 
 from lidario import Lidar
-from tests.support.devices import Rig, both_families, left_still, make_rig
+from lidario.families.registry import family_named
+from lidario.port.simulated import connect_in_memory
+from lidario.session.talking.dialogue import Dialogue
+from lidario.session.talking.handshake import introduce
+from tests.support.devices import Rig, both_families, left_still, make_rig, names
+from tests.support.loop import driven_loop
 
 
 @both_families
@@ -101,3 +106,23 @@ async def test_a_session_that_is_let_go_in_the_midst_of_a_start_leaves_no_task(r
         gc.collect()
         await asyncio.sleep(1.0)
     assert [task for task in asyncio.all_tasks() if task is not asyncio.current_task()] == []
+
+
+async def test_a_finalizer_waits_for_the_whole_pause_behind_a_stop_that_was_written_late(rig: Rig) -> None:
+    """A busy machine lets a program stand just before it writes: the pause counts from the writing."""
+    loop, family = driven_loop(), family_named(rig.family)
+    dialogue = Dialogue(connect_in_memory(rig.device), family.device(), family.timing)
+    await introduce(dialogue, 1.0)
+    heard = rig.device.receive
+
+    def late(data: bytes, at_ns: int) -> None:
+        rig.device.receive = heard
+        loop.block(0.02)
+        heard(data, at_ns + 20_000_000)
+
+    rig.device.receive = late
+    with patch.object(time, "sleep", loop.block):
+        dialogue.write((dialogue.device.stop(),))
+        dialogue.abandon()
+    assert names(rig)[-1] == names(rig)[-3] == "stop"
+    await asyncio.sleep(0)

@@ -291,7 +291,7 @@ class Dialogue(Intake, Waiting):
         self.wake(Awaited.CHANGE)
 
     def write(self, requests: Sequence[Request]) -> None:
-        """Write requests, now; the pause that they demand counts from now."""
+        """Write requests, now; the pause that they demand counts from when they are written."""
         # Noted before anything is written: KeyboardInterrupt may come right behind it, and a finalizer waits then.
         new = [request for request in requests if request.dtr is None or request.dtr is not self.dtr]
         if settle := max((request.settle for request in new), default=0.0):
@@ -314,6 +314,9 @@ class Dialogue(Intake, Waiting):
             # One by one: where the line carries datagrams, a device may look for one request in each.
             if request.data:
                 self.port.write(request.data)
+        if settle:
+            # Once more: a busy machine may have let the program stand before the last of them.
+            self._readiness.pause(settle)
 
     # ------------------------------------------------------------------------------------------------ inside
 
