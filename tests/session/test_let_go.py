@@ -108,8 +108,11 @@ async def test_a_session_that_is_let_go_in_the_midst_of_a_start_leaves_no_task(r
     assert [task for task in asyncio.all_tasks() if task is not asyncio.current_task()] == []
 
 
-async def test_a_finalizer_waits_for_the_whole_pause_behind_a_stop_that_was_written_late(rig: Rig) -> None:
-    """A busy machine lets a program stand just before it writes: the pause counts from the writing."""
+@pytest.mark.parametrize(("stands_s", "gathers_s"), [(0.02, 0.0), (0.0, 0.004)], ids=["program", "adapter"])
+async def test_a_finalizer_waits_for_the_whole_pause_behind_a_stop_that_came_late(
+    rig: Rig, stands_s: float, gathers_s: float
+) -> None:
+    """A busy machine lets a program stand just before it writes; an adapter gathers bytes."""
     loop, family = driven_loop(), family_named(rig.family)
     dialogue = Dialogue(connect_in_memory(rig.device), family.device(), family.timing)
     await introduce(dialogue, 1.0)
@@ -117,8 +120,8 @@ async def test_a_finalizer_waits_for_the_whole_pause_behind_a_stop_that_was_writ
 
     def late(data: bytes, at_ns: int) -> None:
         rig.device.receive = heard
-        loop.block(0.02)
-        heard(data, at_ns + 20_000_000)
+        loop.block(stands_s)
+        heard(data, at_ns + round((stands_s + gathers_s) * 1e9))
 
     rig.device.receive = late
     with patch.object(time, "sleep", loop.block):

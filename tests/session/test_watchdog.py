@@ -10,7 +10,7 @@ from lidario.port.port import Port
 from lidario.revolution.seam import Seam
 from lidario.session.talking.trouble import Trouble
 from tests.support.devices import Rig, end_of, some
-from tests.support.loop import driven_loop, now
+from tests.support.loop import driven_loop, now, now_ns
 
 
 def mix_revolutions(rig: Rig, until_s: float = math.inf) -> None:
@@ -118,3 +118,37 @@ async def test_a_discarded_revolution_is_told_once(rig: Rig, monkeypatch: pytest
         broken = lidar.stats.broken_scans
     assert broken > 0
     assert told == [("revolutions discarded: %d so far", number) for number in range(1, broken + 1)]
+
+
+@pytest.mark.parametrize(("network", "pause_s"), [(False, 0.5), (False, 0.7), (True, 0.8), (True, 1.0)])
+async def test_a_network_may_pause_for_longer_than_a_serial_line(
+    rig: Rig, network: bool, pause_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All that was held back comes at once behind the pause."""
+    if network:
+        monkeypatch.setattr("lidario.port.simulated.Port", lambda name, _: Port(name))
+    async with rig.read() as (lidar, stream):
+        clean, held = rig.device.transmit, bytearray()
+        until_ns = now_ns() + round(pause_s * 1e9)
+
+        def transmit(at_ns: int) -> bytes:
+            held.extend(clean(at_ns))
+            data = b"" if at_ns < until_ns else bytes(held)
+            del held[: len(data)]
+            return data
+
+        rig.device.transmit = transmit
+        await some(stream, 20)
+        assert lidar.stats.restarts == (pause_s > (0.9 if network else 0.6))
+
+
+async def test_a_device_behind_a_network_may_respond_late_when_it_is_asked_why_it_is_silent(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a serial line 0.25 s would be enough."""
+    monkeypatch.setattr("lidario.port.simulated.Port", lambda name, _: Port(name))
+    async with rig.read() as (lidar, stream):
+        rig.device.halt(now_ns())
+        rig.device.response_delay_s = 0.4
+        await some(stream, 3)
+        assert lidar.stats.restarts == 1
