@@ -53,6 +53,7 @@ class Port(Guarded, WallClock, asyncio.Protocol):
     Attributes:
         name: What was opened, for messages.
         baudrate: Speed in bits a second; 0 where there is none.
+        dtr: The state in which the control line DTR was put last; None while it is as it was opened.
         late: What was lost because the event loop was blocked, or this computer busy.
         is_closing: Whether it is closed, or will be: from then on the end of the line is no loss.
         is_real_time: Whether the event loop's clock is that of the system.
@@ -69,6 +70,7 @@ class Port(Guarded, WallClock, asyncio.Protocol):
     def __init__(self, name: str, baudrate: int = 0) -> None:
         Guarded.__init__(self, name)
         self.baudrate: int = baudrate
+        self.dtr: bool | None = None
         self.late: Late = Late()
         self._loop = asyncio.get_running_loop()
         # uvloop's clock stands still while a callback runs and counts whole milliseconds; it is the monotonic one.
@@ -156,6 +158,7 @@ class Port(Guarded, WallClock, asyncio.Protocol):
         """
         if (line := self._open_line()) is not None:
             self.tell_guard()
+            self.dtr = asserted
             line.set_dtr(asserted)
 
     def set_polling(self, schedule: Schedule | None) -> None:

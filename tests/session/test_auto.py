@@ -30,8 +30,8 @@ ONE_OF_EACH: dict[str, tuple[float, int]] = {  # seconds, bytes written
     "ydlidar-tmini-pro": (0.6, 30),
     "ydlidar-x4": (1.5, 60),
     "ydlidar-f4": (0.8, 42),
-    "ydlidar-s4b": (3.8, 60),
-    "ydlidar-x2": (2.4, 60),
+    "ydlidar-s4b": (1.7, 60),
+    "ydlidar-x2": (2.8, 60),
     "ldrobot-ld06": (0.4, 0),
     "ldrobot-stl27l": (0.9, 0),
     "ldrobot-ld14": (0.75, 0),
@@ -117,6 +117,39 @@ async def test_a_motor_switched_on_by_dtr_has_time_to_turn(options: str, monkeyp
         await asyncio.sleep(1.0)
         assert (await lidar.scan()).valid.any()
     assert not device.motor_on
+
+
+@pytest.mark.parametrize(("model", "longest"), [("ydlidar-x4", 1.5), ("ydlidar-s4b", 1.7), ("ydlidar-x2", 2.4)])
+async def test_one_that_needs_dtr_is_found_by_its_port_as_soon_as_by_auto(
+    model: str, longest: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It was asked last, behind all that others may need to hear a question: 6.5 to 8.7 s."""
+    device = make_rig(model).device
+    device.spin_up_s = 1.0
+    serial_in_memory(monkeypatch, only=device)
+    began = now()
+    async with open_lidar("serial://only") as lidar:
+        assert lidar.info.family == "ydlidar"
+        assert now() - began < longest
+    assert not device.motor_on
+
+
+@pytest.mark.parametrize(
+    "model", ["rplidar-s2", "rplidar-a1", "rplidar-c1", "ydlidar-x4", "ydlidar-x2", "neato-xv11"]
+)
+@pytest.mark.parametrize("off_s", [0.0, 0.5])
+async def test_one_that_gets_power_when_its_port_is_opened_is_found_soon(
+    model: str, off_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An S2 was asked again after 9 s. What an XV-11 says when it boots was all that was listened to: 15 s."""
+    device = make_rig(model).device
+    device.spin_up_s = 0.5
+    serial_in_memory(monkeypatch, only=device)
+    device.reboot(now_ns(), off_s=off_s)
+    began = now()
+    async with open_lidar("serial://only") as lidar:
+        assert lidar.info.family == model.partition("-")[0]
+        assert now() - began < 5.0
 
 
 TURRETS = ("neato-xv11", "camsense-x1", "irobotix-delta2a", "irobotix-delta2d", "irobotix-delta2g")

@@ -25,7 +25,9 @@ from lidario.sim.server import Server
 UNKNOWN = "unknown to this "
 BOOTING = "still booting"
 PROTECTED = "in protection stop"
-ASKED_WHILE_BOOTING = {"get_info", "get_health", "stop", "forced_stop", "motor_speed_ctrl", "set_motor_pwm"}
+ASKED_WHILE_BOOTING = {
+    "get_info", "get_health", "stop", "forced_stop", "motor_speed_ctrl", "set_motor_pwm", "new_baudrate_confirm",
+}  # fmt: skip
 
 
 _served: WeakSet[Any] = WeakSet()

@@ -34,7 +34,7 @@ FAMILY: Final = Family(
     find_stream=find_stream,
     stream_in=stream_in,
     models={name: NamedModel((model.baudrate,), partial(YdlidarDevice, model)) for name, model in MODELS.items()},
-    # The most sold of those that respond, and of those that only talk, and the only one at 153600 baud.
-    # The S4 must be named.
-    by_dtr={"x4": 0.15, "x2": BY_DTR_S, "s4b": 0.15},
+    # The most sold of those that respond, the only one at 153600 baud, and the most sold of those that only talk:
+    # last, since its motor has to turn before it does. The S4 must be named.
+    by_dtr={"x4": 0.15, "s4b": 0.15, "x2": BY_DTR_S},
 )

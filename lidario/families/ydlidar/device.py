@@ -56,10 +56,10 @@ SLOWEST_TURN_S: Final = 0.5
 KEEPALIVE_S: Final = 0.4
 """The manual demands less than 3 s; the SDK repeats every second. A program that blocks its event loop for 2.5 s
 may begin to do so just before the next one is due, and must not stop the device by that."""
-BY_DTR_S: Final = 1.0
+BY_DTR_S: Final = 1.5
 """How long a motor that DTR has switched on may take until packets come, besides the 0.5 s that `DTR_TURNS` waits.
 An assumption: no data sheet tells it. The vendor's SDK discards the points of the first 1.0 to 1.5 s after a start,
-so points do come by then."""
+so points do come by then. In a search the X2 is asked last: its motor turns while others are asked."""
 UNNAMED: Final = (
     "this model cannot tell what it is. It is read as an X2, which is right for an X3 and S2 Pro, too. The "
     "distances of a TX8 are four times as far: name the model, as in ?model=tx8, or ?model=x2"

@@ -52,7 +52,7 @@ async def connect(
         source: A serial port, network address or simulator; not ``auto`` or ``id``.
         family: Name of the family, if it is known; it need not be probed then.
         baudrate: Speed of the line, if it is known; likewise.
-        patient: Whether to go on asking a device that may be booting, or may hold half a request: for 5 to 8 s.
+        patient: Whether to go on asking a device that may be booting, or may hold half a request: for 5 to 13 s.
             Where it is not, and family and speed are known, it is asked for about a second.
         simulation: The device of a ``sim://`` source, where it outlives its ports.
         on_dialogue: Called with the dialogue before anything is written, where family and speed are known.

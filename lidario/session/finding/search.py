@@ -6,9 +6,9 @@ recognised by that. What remains unknown is asked at each speed, in rounds:
 
 - The first round waits shortly at each speed, since a healthy device responds within milliseconds. It is made
   where nothing was heard, so nothing has to be stopped before the question, and where no two are asked at one speed
-  in a row.
-- The next one asks with patience. Then the models are asked that need the control line DTR. For the others it is
-  cleared again.
+  in a row. Then the models are asked that need the control line DTR; for the others it is cleared again. Most of
+  those that got power just now have booted meanwhile, and a second such round finds them.
+- The next one asks with patience, and by DTR behind it.
 - Further rounds are made until each was asked after the longest time for which a device does not hear: it holds
   half a request, or it boots.
 - Where a line that was silent streams after all, and before each later round of one that streams, it is listened to
@@ -18,7 +18,8 @@ recognised by that. What remains unknown is asked at each speed, in rounds:
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
+from functools import partial
 from itertools import pairwise
 
 from lidario.errors import ResponseTimeout
@@ -56,6 +57,7 @@ class Search:
         self._port, self._all = port, tries
         self._received = received
         self._listened_at = 0  # how many bytes had come when the line was listened to before
+        self._is_noisy = False  # whether those that came in this round were heard to be no stream
         self._loop = asyncio.get_running_loop()
         self._on_dialogue = on_dialogue
         self._woken = Woken(port)
@@ -110,18 +112,27 @@ class Search:
         left = {each: now + (longest if silent else each.family.timing.forget_s) for each in tries}
         # One that is waited for shortly may be late. Then at another speed it is noise, but not at the same.
         quick = silent and all(a.baudrate != b.baudrate for a, b in pairwise(tries))
-        connection: Connection | None = None
-        if quick:
-            connection = await self._ask_each(left, quick=True)
-        if connection is None and (patient or not quick):
+        shortly = partial(self._ask_each, left, quick=True)
+        # None where the user has named a model, or none needs DTR.
+        needs_dtr = all(each.model is None for each in tries) and any(each.family.by_dtr for each in tries)
+        by_dtr = [partial(self._ask_by_dtr, tries)] if needs_dtr else []
+        steps: list[Callable[[], Awaitable[Connection | None]]] = [shortly, *by_dtr] if quick else []
+        if quick and by_dtr and patient:
+            steps.append(shortly)
+        if patient or not quick:
             # A silent port is given up soon, and later requests of other families may stop what this round starts.
-            connection = await self._ask_each(left, listens=silent, waits=silent)
-        if connection is None and all(each.model is None for each in tries):
-            # Not at the end: meanwhile the time passes in which others cannot hear.
-            connection = await find_by_dtr(self._port, tries, self._woken)
+            steps += [partial(self._ask_each, left, listens=silent, waits=silent), *by_dtr]
+        for ask in steps:
+            if (connection := await ask()) is not None:
+                return connection
+        connection = None
         while connection is None and patient and left:
             connection = await self._ask_each(left)
         return connection
+
+    async def _ask_by_dtr(self, tries: list[Attempt]) -> Connection | None:
+        """One of the models that are dark while DTR is cleared; or what streams then."""
+        return await find_by_dtr(self._port, tries, self._woken) or await self._listen_again()
 
     async def _ask_each(
         self, left: dict[Attempt, float], *, quick: bool = False, listens: bool = True, waits: bool = False
@@ -131,17 +142,14 @@ class Search:
         Args:
             left: Whom to ask, and until when.
             quick: Whether to wait shortly for each.
-            listens: Whether to listen again, once, where more comes than a response.
+            listens: Whether to listen again where more comes than a response.
             waits: Whether to wait for each as long as its motor may take to start.
         """
+        self._is_noisy = not listens
         for each, deadline in tuple(left.items()):
-            if listens and self._received.total - self._listened_at > RESPONSE_BYTES:
-                # One that only talks was given power just now, or its rotor has its speed.
-                heard = await self._listen()
-                connection = None if heard.stream is None else await self._try_heard(heard.stream)
-                if connection is not None:
-                    return connection
-                listens, self._listened_at = False, self._received.total
+            connection = await self._listen_again()
+            if connection is not None:
+                return connection
             began = self._loop.time()
             patience_s = each.family.timing.starts_s if waits else 0.0
             connection = await ask_once(self._port, each, self._woken, quick=quick, patience_s=patience_s or None)
@@ -150,6 +158,17 @@ class Search:
             if began >= deadline and not quick:
                 del left[each]
         return None
+
+    async def _listen_again(self) -> Connection | None:
+        """One that only talks, and got power just now, or whose rotor has its speed; None where nothing streams.
+
+        It is listened to where more has come than a response, and no more in this round once that was noise.
+        """
+        if self._is_noisy or self._received.total - self._listened_at <= RESPONSE_BYTES:
+            return None
+        heard = await self._listen()
+        self._is_noisy, self._listened_at = not heard.silent, self._received.total
+        return None if heard.stream is None else await self._try_heard(heard.stream)
 
     async def _listen(self) -> Heard:
         """Listen to all of them, also to those that hear nothing."""

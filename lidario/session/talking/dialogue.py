@@ -76,8 +76,6 @@ class Dialogue(Intake, Waiting):
         # When the device was told to restart, on the loop's clock; None if it has responded since. A device that
         # boots discards what it is sent.
         self.reset_at: float | None = None
-        # The state in which the control line DTR was put last; None while it is as it was opened.
-        self.dtr: bool | None = None
         self.device: Device = device  # the device as its family sees it
         self._longest = self._until = math.inf
         # When bytes came last while no response was outstanding.
@@ -158,7 +156,7 @@ class Dialogue(Intake, Waiting):
             self._wake = request
         for _ in range(1 if min(self._longest, self._until) < math.inf else request.attempts):
             await self._until_it_listens()
-            if self._wake is not None and self._wake.dtr is not self.dtr:
+            if self._wake is not None and self._wake.dtr is not self.port.dtr:
                 # Another task has stopped it meanwhile: it is stopped again behind this operation.
                 self.write((self._wake,))
                 await self._until_it_listens()
@@ -293,7 +291,7 @@ class Dialogue(Intake, Waiting):
     def write(self, requests: Sequence[Request]) -> None:
         """Write requests, now; the pause that they demand counts from when they are written."""
         # Noted before anything is written: KeyboardInterrupt may come right behind it, and a finalizer waits then.
-        new = [request for request in requests if request.dtr is None or request.dtr is not self.dtr]
+        new = [request for request in requests if request.dtr is None or request.dtr is not self.port.dtr]
         if settle := max((request.settle for request in new), default=0.0):
             self._readiness.pause(settle)
         for request in requests:
@@ -306,7 +304,6 @@ class Dialogue(Intake, Waiting):
                 # Also what came before anybody could read it: it is no part of the next stream.
                 self.deliver_to(None)
             if request.dtr is not None:
-                self.dtr = request.dtr
                 self.port.set_dtr(request.dtr)
             if boots:
                 # Noted here: whoever wrote it may be cancelled before anybody waits until the device has booted.

@@ -98,7 +98,7 @@ def test_only_one_that_hears_is_told_to_stop_and_only_one_that_may_talk_is_liste
         played(YdlidarDevice(None if model is None else MODELS[model]).overhear(), silent)
     twice = [] if one_way else [commands.STOP.data, commands.GET_INFO.data] * 2
     assert asked == twice + [b""] * (one_way or model is None)
-    assert waited == [0.25] * (len(twice) // 2) + [1.0 if model == "x2" else 0.5] * (one_way or model is None)
+    assert waited == [0.25] * (len(twice) // 2) + [1.5 if model == "x2" else 0.5] * (one_way or model is None)
 
 
 @pytest.mark.parametrize("talks", [True, False])
