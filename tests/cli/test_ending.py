@@ -104,24 +104,6 @@ def test_a_reader_that_goes_away_ends_it_without_a_word(form: str) -> None:
 
 
 @pytest.mark.long
-def test_a_reader_that_reads_nothing_keeps_no_signal_from_stopping_the_motor() -> None:
-    import fcntl
-
-    with served(FIRST) as server:
-        with started("scan", server.path, "-n", "0") as process:
-            assert process.stdout is not None
-            pipe = process.stdout.fileno()
-            fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, 4096)
-            filler = os.open(f"/proc/self/fd/{pipe}", os.O_WRONLY | os.O_NONBLOCK)
-            os.write(filler, b" " * (4096 - 200))  # two lines have room, and are written whole or not at all
-            os.close(filler)
-            until(lambda: server.device.scanning and hangs_in_a_write(process.pid))
-            process.send_signal(signal.SIGTERM)
-            assert process.wait(BOUND) == 0
-        until(lambda: was_stopped(server))
-
-
-@pytest.mark.long
 @pytest.mark.parametrize("stream", ["stdout", "stderr"])
 @pytest.mark.parametrize("verb", ["view --port 0", "record -o run.mcap", "scan -n 0 --json"])
 def test_a_pipe_that_nobody_reads_keeps_no_verb_from_its_end(verb: str, stream: str, tmp_path: Path) -> None:

@@ -6,31 +6,14 @@ import io
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from rich.console import Console
 
 from lidario import Scan
 from lidario.cli.output import rendered
 from lidario.cli.picture import picture
+from lidario.testing import make_scan
 
 FULL_TURN = np.linspace(-np.pi, np.pi, 3600, endpoint=False)
-
-
-def scan_of(angles: NDArray[np.float64], ranges: NDArray[np.float64]) -> Scan:
-    return Scan(
-        intensities=None,
-        device_angles=(np.degrees(-angles) % 360).astype(np.float32),
-        device_distances=np.nan_to_num(ranges * 1000).astype(np.float32),
-        stamp_ns=0,
-        wall_stamp_ns=0,
-        time_increment_ns=0,
-        duration_ns=0,
-        rpm=600,
-        seq=0,
-        dropped_before=0,
-        lost_packets=0,
-        mode="Standard",
-    )
 
 
 def drawn(scan: Scan, *, width: int = 80, colours: str | None = None, encoding: str = "utf-8") -> list[str]:
@@ -58,14 +41,14 @@ def device(lines: list[str]) -> tuple[int, int]:
 
 
 def test_a_circle_is_round_in_cells_twice_as_high_as_wide() -> None:
-    cells = ink(drawn(scan_of(FULL_TURN, np.full(3600, 2.0))))
+    cells = ink(drawn(make_scan(FULL_TURN, np.full(3600, 2.0))))
     rows, columns = {row for row, _ in cells}, {column for _, column in cells}
     high, wide = max(rows) - min(rows) + 1, max(columns) - min(columns) + 1
     assert wide == pytest.approx(2 * high, abs=2)
 
 
 def test_the_lidar_is_in_the_middle() -> None:
-    lines = drawn(scan_of(FULL_TURN, np.full(3600, 2.0)))
+    lines = drawn(make_scan(FULL_TURN, np.full(3600, 2.0)))
     cells = ink(lines)
     row, column = device(lines)
     assert row == pytest.approx((min(cells)[0] + max(cells)[0]) / 2, abs=1)
@@ -78,7 +61,7 @@ def test_the_lidar_is_in_the_middle() -> None:
     [(0.0, -1, 0), (np.pi / 2, 0, -1), (-np.pi / 2, 0, 1), (np.pi, 1, 0)],
 )
 def test_forward_is_up_and_left_is_left(angle: float, down: int, right: int) -> None:
-    lines = drawn(scan_of(np.array([angle]), np.array([3.0])))
+    lines = drawn(make_scan(np.array([angle]), np.array([3.0])))
     ((row, column),) = ink(lines)
     own_row, own_column = device(lines)
     assert np.sign(row - own_row) == down
@@ -87,20 +70,20 @@ def test_forward_is_up_and_left_is_left(angle: float, down: int, right: int) -> 
 
 @pytest.mark.parametrize("width", [40, 80, 120])
 def test_it_fits_the_terminal(width: int) -> None:
-    scan = scan_of(FULL_TURN, 2 + np.abs(np.sin(FULL_TURN)) * 20)
+    scan = make_scan(FULL_TURN, 2 + np.abs(np.sin(FULL_TURN)) * 20)
     assert max(map(len, drawn(scan, width=width)[:-1])) < width
 
 
 def test_one_far_beam_does_not_shrink_the_room() -> None:
     ranges = np.full(3600, 2.0)
     ranges[900] = 30.0
-    with_beam = drawn(scan_of(FULL_TURN, ranges))
-    assert abs(len(with_beam) - len(drawn(scan_of(FULL_TURN, np.full(3600, 2.0))))) <= 1
+    with_beam = drawn(make_scan(FULL_TURN, ranges))
+    assert abs(len(with_beam) - len(drawn(make_scan(FULL_TURN, np.full(3600, 2.0))))) <= 1
     assert with_beam[-1].endswith("1 return outside")
 
 
 def test_the_scale_is_true() -> None:
-    lines = drawn(scan_of(FULL_TURN, np.full(3600, 2.0)))
+    lines = drawn(make_scan(FULL_TURN, np.full(3600, 2.0)))
     columns = [column for _, column in ink(lines)]
     bar, metres = lines[-1].split()[:2]
     assert len(bar) / (max(columns) - min(columns) + 1) == pytest.approx(float(metres) / 4.0, rel=0.1)
@@ -109,15 +92,15 @@ def test_the_scale_is_true() -> None:
 def test_samples_without_a_return_are_not_drawn() -> None:
     ranges = np.full(3600, np.nan)
     ranges[:10] = 2.0
-    assert 1 <= len(ink(drawn(scan_of(FULL_TURN, ranges)))) <= 4
-    assert "no returns" in drawn(scan_of(FULL_TURN, np.full(3600, np.nan)))[0]
+    assert 1 <= len(ink(drawn(make_scan(FULL_TURN, ranges)))) <= 4
+    assert "no returns" in drawn(make_scan(FULL_TURN, np.full(3600, np.nan)))[0]
 
 
 def test_colours_tell_near_from_far() -> None:
     ranges = np.where(np.abs(FULL_TURN) < np.pi / 2, 1.0, 4.0)
-    plain = drawn(scan_of(FULL_TURN, ranges))
+    plain = drawn(make_scan(FULL_TURN, ranges))
     assert not any("\x1b" in line for line in plain)
-    coloured = drawn(scan_of(FULL_TURN, ranges), colours="truecolor")
+    coloured = drawn(make_scan(FULL_TURN, ranges), colours="truecolor")
     codes = {part.partition("m")[0] for line in coloured[:-1] for part in line.split("\x1b[38;2;")[1:]}
     assert len(codes) >= 2
 
@@ -125,7 +108,7 @@ def test_colours_tell_near_from_far() -> None:
 @pytest.mark.parametrize("colours", [None, "truecolor"])
 def test_ascii_where_the_terminal_has_no_braille(colours: str | None) -> None:
     """The scale of colours, too: it was a row of question marks."""
-    lines = drawn(scan_of(FULL_TURN, np.full(3600, 2.0)), encoding="latin-1", colours=colours)
+    lines = drawn(make_scan(FULL_TURN, np.full(3600, 2.0)), encoding="latin-1", colours=colours)
     assert all(line.isascii() for line in lines)
     assert any("#" in line for line in lines)
     assert any("^" in line for line in lines)

@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 from lidario.cli.chart import step_of, svg
+from lidario.testing import make_scan
 from tests.cli.processes import invoke, invoke_driven
-from tests.cli.test_picture import FULL_TURN, scan_of
+from tests.cli.test_picture import FULL_TURN
 
 SVG = "{http://www.w3.org/2000/svg}"
 S2 = "sim://rplidar-s2?via=memory"
@@ -28,7 +29,7 @@ def dots(text: str) -> list[np.ndarray[tuple[int, ...], np.dtype[np.float64]]]:
 
 
 def test_a_circle_is_round_and_to_scale() -> None:
-    (places,) = dots(svg([scan_of(FULL_TURN, np.full(3600, 2.0))], "x"))
+    (places,) = dots(svg([make_scan(FULL_TURN, np.full(3600, 2.0))], "x"))
     assert len(places) == 3600
     radii = np.hypot(*(places - 400).T)
     # 340 dots are the reach.
@@ -40,12 +41,12 @@ def test_a_circle_is_round_and_to_scale() -> None:
 )
 @pytest.mark.parametrize("polar", [False, True])
 def test_forward_is_up_and_left_is_left(angle: float, right: int, down: int, polar: bool) -> None:
-    ((place,),) = dots(svg([scan_of(np.array([angle]), np.array([3.0]))], "x", polar=polar))
+    ((place,),) = dots(svg([make_scan(np.array([angle]), np.array([3.0]))], "x", polar=polar))
     assert np.sign(np.round(place - 400)).tolist() == [right, down]
 
 
 def test_the_grid_is_labelled_in_metres_to_scale() -> None:
-    scan = scan_of(FULL_TURN, np.full(3600, 2.0))
+    scan = make_scan(FULL_TURN, np.full(3600, 2.0))
     root = ElementTree.fromstring(svg([scan], "x"))
     places = {each.text: float(each.get("x", "0")) for each in root.iter(f"{SVG}text") if each.get("y") == "758.0"}
     assert places["2"] == pytest.approx(400 - 2.0 * 340 / 2.5, abs=0.1)
@@ -61,7 +62,7 @@ def test_a_grid_has_a_number_of_lines_that_can_be_read(reach: float) -> None:
 def test_every_dot_is_inside_and_what_is_not_drawn_is_said(polar: bool) -> None:
     ranges = np.full(3600, 2.0)
     ranges[:7] = 30.0
-    text = svg([scan_of(FULL_TURN, ranges)], "x", polar=polar)
+    text = svg([make_scan(FULL_TURN, ranges)], "x", polar=polar)
     (places,) = dots(text)
     assert len(places) == 3593
     away = np.hypot(*(places - 400).T) if polar else np.abs(places - 400).max(axis=1)
@@ -72,13 +73,13 @@ def test_every_dot_is_inside_and_what_is_not_drawn_is_said(polar: bool) -> None:
 def test_the_corners_of_a_square_room_lie_inside_the_outer_ring() -> None:
     """By x and y alone the outer ring would be at 2.5 m, and the corners lie at 3.25."""
     wall = 2.3 / np.maximum(np.abs(np.cos(FULL_TURN)), np.abs(np.sin(FULL_TURN)))
-    (places,) = dots(svg([scan_of(FULL_TURN, wall)], "x", polar=True))
+    (places,) = dots(svg([make_scan(FULL_TURN, wall)], "x", polar=True))
     assert len(places) > 0.99 * 3600
     assert np.hypot(*(places - 400).T).max() <= 340.1
 
 
 def test_words_stand_above_the_dots_on_a_ground_of_their_own() -> None:
-    text = svg([scan_of(FULL_TURN, np.full(3600, 2.0))], "x", polar=True)
+    text = svg([make_scan(FULL_TURN, np.full(3600, 2.0))], "x", polar=True)
     root = ElementTree.fromstring(text)
     (words,) = [each for each in root.iter(f"{SVG}g") if each.get("paint-order") == "stroke"]
     assert "2 m" in [each.text for each in words]
@@ -88,7 +89,7 @@ def test_words_stand_above_the_dots_on_a_ground_of_their_own() -> None:
 
 
 def test_several_scans_are_a_trail_that_grows_stronger() -> None:
-    scans = [scan_of(FULL_TURN, np.full(3600, 2.0)) for _ in range(4)]
+    scans = [make_scan(FULL_TURN, np.full(3600, 2.0)) for _ in range(4)]
     root = ElementTree.fromstring(svg(scans, "x"))
     strong = [float(each.get("opacity", "0")) for each in root.iter(f"{SVG}path") if each.get("stroke-linecap")]
     assert strong == sorted(strong)
@@ -97,7 +98,7 @@ def test_several_scans_are_a_trail_that_grows_stronger() -> None:
 
 
 def test_a_title_is_text_whatever_is_in_it() -> None:
-    root = ElementTree.fromstring(svg([scan_of(FULL_TURN, np.full(3600, np.nan))], "<script>&"))
+    root = ElementTree.fromstring(svg([make_scan(FULL_TURN, np.full(3600, np.nan))], "<script>&"))
     texts = [each.text for each in root.iter(f"{SVG}text")]
     assert "<script>&" in texts
     assert "no returns in any direction" in texts

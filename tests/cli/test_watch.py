@@ -11,14 +11,15 @@ from rich.console import Console
 
 from lidario import DeviceInfo, Stats
 from lidario.cli.watch import Frame
+from lidario.testing import make_scan
 from lidario.web.feed import Feed
 from lidario.web.traffic import traffic
-from tests.cli.test_picture import FULL_TURN, scan_of
+from tests.cli.test_picture import FULL_TURN
 
 
 def feed(ranges: float = 2.0, **changes: object) -> Feed:
     made = Feed("x")
-    made.latest = scan_of(FULL_TURN, np.full(3600, ranges))
+    made.latest = make_scan(FULL_TURN, np.full(3600, ranges))
     made.info = DeviceInfo("family", "Model X1", 1, "1.0", 1, "AB")
     made.state = "scanning"
     for name, value in changes.items():

@@ -1,21 +1,60 @@
-"""A file is decoded to the scans of the session that recorded it, however its reads are joined."""
+"""A file is decoded and replayed to the scans of the session that recorded it, whatever happened on the line."""
 
+from __future__ import annotations
+
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
+import lidario
 from lidario.recording.decode_file import FileDecoder
-from tests.support.recorded import assert_same_scans, record
+from lidario.recording.read import McapRecording
+from tests.support.recorded import assert_same_scans, record, replayed
 
 STALLED = "stall:300ms"
 """Once a second the bytes of three revolutions come at once."""
+MODELS = ["rplidar-s2", "rplidar-a1", "ydlidar-4ros", "ldrobot-ld06"]
+BY_FAULT = {
+    "": (12, MODELS[::2]),
+    "flip:0.02%": (12, MODELS[::2]),
+    "drop:1%": (12, MODELS[:1]),
+    "drop:0.1%": (50, MODELS),
+    "stall:400ms": (50, MODELS),
+    f"drop:0.1%,{STALLED}": (50, MODELS),
+    f"burst:0.01%,{STALLED}": (50, MODELS),
+    "replug:6s": (80, MODELS),
+    "reboot:6s": (80, MODELS[::2]),
+}
+"""How many scans of which models."""
+CASES = [(model, fault, count) for fault, (count, models) in BY_FAULT.items() for model in models]
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("fault", [f"drop:0.1%,{STALLED}", f"burst:0.01%,{STALLED}", "stall:400ms", "drop:0.1%"])
-@pytest.mark.parametrize("model", ["rplidar-s2", "rplidar-a1", "ydlidar-4ros", "ldrobot-ld06"])
-def test_a_file_is_decoded_to_the_scans_of_the_session(tmp_path: Path, model: str, fault: str) -> None:
-    live = record(tmp_path / "a.mcap", f"sim://{model}?fault={fault.replace('%', '%25')}", 50)
-    scans = list(FileDecoder(live.path))
-    assert len(live.scans) == 50
+@pytest.mark.parametrize(("model", "fault", "count"), CASES)
+def test_scans_are_those_of_the_live_session(tmp_path: Path, model: str, fault: str, count: int) -> None:
+    live = record(tmp_path / "a.mcap", f"sim://{model}?fault={fault.replace('%', '%25')}", count)
+    assert bool(live.stats.restarts + live.stats.reconnects) == fault.endswith(":6s")
+    if "%" in fault or not fault:
+        assert any(scan.lost_packets for scan in live.scans) == bool(fault)
+    decoder = FileDecoder(live.path)
+    assert_same_scans(live.scans, list(decoder))
+    assert decoder.recording.damage == ""
+    scans = replayed(live.path)
     assert_same_scans(live.scans, scans)
+    assert len(scans) <= len(live.scans) + (3 if STALLED in fault else 1)
+    assert all(scan.dropped_before == 0 for scan in scans)
+
+
+@pytest.mark.long
+def test_what_was_away_is_told(tmp_path: Path) -> None:
+    live = record(tmp_path / "a.mcap", "sim://rplidar-s2?fault=replug:6s", 80)
+    recording = McapRecording(tmp_path / "a.mcap")
+    assert len(recording.away_ns) == live.stats.reconnects
+    gaps = [b.stamp_ns - a.stamp_ns - a.duration_ns for a, b in pairwise(live.scans)]
+    # All that lies between two scans, but for the parts of revolutions and the spinning up at the edges of a gap.
+    longest = sorted(gaps)[-live.stats.reconnects :]
+    assert all(0 <= gap - away < 2.5e9 for gap, away in zip(longest, sorted(recording.away_ns), strict=True))
+    summary = lidario.summarize(tmp_path / "a.mcap")
+    assert summary.losses == live.stats.reconnects
+    assert summary.away_s == pytest.approx(sum(recording.away_ns) * 1e-9)

@@ -82,14 +82,6 @@ def test_a_file_cut_before_its_first_packet_is_said(live: Live, tmp_path: Path, 
         open_stored(cut)
 
 
-def test_a_cut_is_told(live: Live, tmp_path: Path) -> None:
-    cut = tmp_path / "cut.mcap"
-    cut.write_bytes(live.path.read_bytes()[:100_000])
-    assert McapRecording(live.path).damage == ""
-    recording = McapRecording(cut)
-    assert recording.damage == "the file was cut"
-
-
 @pytest.mark.parametrize("there", [0, 8, 22, 39])
 @pytest.mark.parametrize("opcode", [0x04, 0x05, 0x0C])
 def test_of_a_record_that_was_cut_nothing_is_taken(tmp_path: Path, opcode: int, there: int) -> None:

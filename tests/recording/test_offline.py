@@ -93,21 +93,10 @@ def test_arrays_are_the_scans_back_to_back(case: Case) -> None:
 def test_whose_bytes_they_are_is_told_by_what_follows(case: Case) -> None:
     assert OfflineDecoder(whole(case)).family.name == case.truth.family
     assert OfflineDecoder(INFO + HEALTH + whole(case)).stream.format.name == case.make_format().name
-
-
-@every_kind
-def test_responses_before_the_stream_are_skipped(case: Case) -> None:
     plain = lidario.decode_arrays(whole(case))
     behind = lidario.decode_arrays(INFO + HEALTH + whole(case), family=case.truth.family)
     np.testing.assert_array_equal(behind.device_distances, plain.device_distances)
     assert behind.stamps_ns.tolist() == plain.stamps_ns.tolist()
-
-
-@pytest.mark.long
-def test_the_second_family_needs_no_header() -> None:
-    case = KINDS[-1]
-    headless = lidario.decode_arrays(b"\x00\xaa" + case.raw)
-    np.testing.assert_array_equal(headless.device_distances, lidario.decode_arrays(whole(case)).device_distances)
 
 
 @every_kind

@@ -72,12 +72,6 @@ async def test_a_place_where_it_cannot_listen(address: str) -> None:
     assert ".rs:" not in str(caught.value)
 
 
-@pytest.mark.parametrize("address", ["127.0.0.1:7447", "tcp/localhost", "smoke/signals:1"])
-async def test_what_is_no_address(address: str) -> None:
-    with pytest.raises(InvalidValue, match="is not the address of a router"):
-        await Router.open(address)
-
-
 @pytest.mark.long
 async def test_a_configuration_says_where(tmp_path: Path) -> None:
     address = free()

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 import lidario
-from lidario.errors import ConnectFailed, InvalidValue, SessionClosed, Unsupported
+from lidario.errors import ConnectFailed, InvalidValue, SessionClosed
 from lidario.network.bus import Bus
 from lidario.network.keys import Token, token_key
 from lidario.ros import Fleet, Share
@@ -18,17 +18,12 @@ from tests.support.network import BOUND_S
 from tests.support.router import Router, client
 
 
-async def test_nobody_and_no_router(router: Router, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_nobody(router: Router, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.network.connect.WAIT_S", 0.05)
     with pytest.raises(ConnectFailed, match="no lidar is published under nothing/here") as caught:
         await lidario.open_lidar(f"zenoh:nothing/here?router={router.address}")
     assert caught.value.reason == "missing"
     assert f"`lidario devices --zenoh --router {router.address}` lists" in str(caught.value)
-    with pytest.raises(ConnectFailed, match=r"no zenoh router responds at tcp/127\.0\.0\.1:1") as caught:
-        await lidario.open_lidar("zenoh:nothing/here?router=tcp/127.0.0.1:1")
-    assert caught.value.reason == "refused"
-    with pytest.raises(InvalidValue, match="is not the address of a router"):
-        await Bus.open("7447")
 
 
 async def test_a_router_that_says_nothing_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -69,25 +64,23 @@ async def test_a_configuration_of_zenoh_is_taken(
 async def test_no_exception_of_zenoh_leaves(router: Router) -> None:
     bus = await Bus.open(router.address)
     for call in (
-        lambda key: bus.sender(key, bytes(16)),
-        bus.token,
-        lambda key: bus.subscribe(key, print),
-        lambda key: bus.watch_tokens(key, print),
+        lambda: bus.sender("a//b", bytes(16)),
+        lambda: bus.token("a/**/**x"),
+        lambda: bus.subscribe("", print),
+        lambda: bus.watch_tokens("a//b", print),
     ):
-        with pytest.raises(ConnectFailed, match=r"the zenoh session with .* failed"):
-            call("a//b")
-    with pytest.raises(ConnectFailed, match=r"the zenoh session with .* failed"):
+        # Nor the place in its source.
+        with pytest.raises(
+            ConnectFailed, match=r"session with .* failed: Invalid Key Expr `.*`: .*[a-z$`]$"
+        ) as caught:
+            call()
+        assert ".rs" not in str(caught.value)
+    with pytest.raises(ConnectFailed, match=r"failed: .*forbidden, as well as leading and trailing slashes$"):
         await bus.query("a//b", 1.0)
     await bus.close()
     await bus.close()
     with pytest.raises(ConnectFailed, match=r"the zenoh session with .* failed"):
         await bus.tokens("a", 1.0)
-
-
-async def test_a_missing_package_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "zenoh", None)
-    with pytest.raises(Unsupported, match=r"^zenoh needs .* pip install eclipse-zenoh$"):
-        await lidario.open_lidar("zenoh:robots/r7/scan")
 
 
 async def test_cancelling_an_opening_leaves_nothing(router: Router) -> None:
@@ -148,20 +141,3 @@ async def test_a_publisher_that_hangs_is_not_nobody(router: Router, monkeypatch:
         await lidario.open_lidar(f"zenoh:hung/scan?router={router.address}")
     assert caught.value.reason == "silent"
     await bus.close()
-
-
-async def test_what_zenoh_says_names_no_place_in_its_source(router: Router) -> None:
-    bus = await Bus.open(router.address)
-    try:
-        for ask in (
-            lambda: bus.sender("a//b", b""),
-            lambda: bus.token("a/**/**x"),
-            lambda: bus.subscribe("", print),
-        ):
-            with pytest.raises(ConnectFailed, match=r"failed: Invalid Key Expr `.*`: .*[a-z$`]$") as caught:
-                ask()
-            assert ".rs" not in str(caught.value)
-        with pytest.raises(ConnectFailed, match=r"forbidden, as well as leading and trailing slashes$"):
-            await bus.query("a//b", 1.0)
-    finally:
-        await bus.close()

@@ -201,12 +201,13 @@ def test_samples_without_a_return_are_no_points() -> None:
     ],
 )
 def test_health_as_diagnostics(health: Health, lost: str, level: int, words: str) -> None:
-    made = diagnostics(5, "lidario: scan", INFO, health, stats=Stats(scans=7), rate=10.0, lost=lost)
-    (status,) = made.status
-    assert (status.level, status.message, status.hardware_id) == (level, words, "AB12")
-    assert dict(status.values)["scans"] == "7"
-    assert dict(status.values)["line"] == "OK"
-    assert dict(status.values)["health code"] == str(health.code)
+    for stats in (Stats(scans=7), Stats(scans=7, overruns=3)):
+        (status,) = diagnostics(5, "lidario: scan", INFO, health, stats=stats, rate=10.0, lost=lost).status
+        assert (status.level, status.message, status.hardware_id) == (level, words, "AB12")
+        told = dict(status.values)
+        assert (told["scans"], told["health code"]) == ("7", str(health.code))
+        assert told["line"] == (stats.line_trouble or "OK")
+    assert told["line"] != "OK"
 
 
 @pytest.mark.parametrize("order", ["counter-clockwise", "measured"])
@@ -221,9 +222,3 @@ def test_the_preset_of_the_vendors_turns_the_angles_and_keeps_the_times(order: A
     assert math.degrees(math.pi - theta) % 360 == pytest.approx(truth.angle_deg[0], abs=360 / 200)
     mounted = truth.scan.to_laserscan(200, order=order, preset="vendor", mount_yaw=-math.pi)
     np.testing.assert_array_equal(mounted.ranges, truth.scan.to_laserscan(200, order=order).ranges)
-
-
-def test_what_the_driver_of_the_port_counts_is_among_the_diagnostics() -> None:
-    stats = Stats(overruns=3)
-    (status,) = diagnostics(0, "lidario: scan", INFO, Health(HealthStatus.OK, 0), stats=stats).status
-    assert dict(status.values)["line"] == stats.line_trouble != ""

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 import pytest
 
 import lidario
-from lidario.errors import ConnectFailed, InvalidValue, LocalProtocolError
+from lidario.errors import ConnectFailed, LocalProtocolError
 from lidario.network.bus import Bus
 from lidario.ros import Publisher, Share
 from tests.cli.processes import invoke, served, started
@@ -117,14 +117,6 @@ async def test_what_cannot_be_declared_leaves_no_connection(
             assert len(closed) == 1
             await until(lambda: share.is_connected)
         assert len(closed) == 1
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("address", ["tcp/localhost", UNKNOWN])
-async def test_a_wrong_address_is_not_waited_for(address: str) -> None:
-    async with lidario.open_lidar(SIM) as lidar:
-        with pytest.raises((InvalidValue, ConnectFailed), match=r"is not the address|host"):
-            await Share(lidar, "late/scan", router=address).start()
 
 
 @pytest.mark.parametrize(("address", "code"), [("tpc/localhost:7447", 2), ("tcp/localhost", 2), (UNKNOWN, 3)])

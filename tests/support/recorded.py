@@ -96,12 +96,14 @@ def record(
         return run_driven(main)
 
 
-def replayed(path: Path | str, options: str = "rate=0") -> list[Scan]:
-    """What a session gets that plays the file."""
+def replayed(path: Path | str, options: str = "rate=0", count: int | None = None) -> list[Scan]:
+    """What a session gets that plays the file: all of it, or so many scans."""
 
     async def main() -> list[Scan]:
         async with open_lidar(f"{path}?{options}") as lidar, lidar.scans() as stream:
-            return [scan async for scan in stream]
+            if count is None:
+                return [scan async for scan in stream]
+            return [await anext(stream) for _ in range(count)]
 
     return run_driven(main)
 
