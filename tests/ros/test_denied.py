@@ -63,7 +63,7 @@ async def test_what_is_passed_on_and_what_is_not(monkeypatch: pytest.MonkeyPatch
 async def test_another_publisher_under_the_same_key_is_not_taken_for_this_one(router: Router) -> None:
     async with Rig(router) as rig:
         lidar = await rig.open()
-        share = await rig.enter_async_context(Share(lidar, "denied/same", router=router.address))
+        share = await rig.share("denied/same", lidar=lidar)
         own = bytes.fromhex(share.status().sender)
         assert await what_is_heard(router.address, [f"{share.key}/@lidario/status"], own, BOUND)
         assert not await what_is_heard(router.address, [f"{share.key}/@lidario/status"], bytes(16), 0.3)

@@ -12,7 +12,6 @@ from lidario.errors import Unsupported
 from lidario.network.bus import Sample
 from lidario.network.port import RemotePort
 from lidario.recording.chronicle import StreamBegan
-from lidario.ros import Share
 from tests.support.network import BOUND_S, Rig, until
 from tests.support.router import Router
 
@@ -30,13 +29,12 @@ async def test_who_reads_raw_bytes_is_told_what_the_publisher_is(router: Router,
         return found
 
     async with Rig(router) as rig:
-        lidar = await rig.enter_async_context(lidario.open_lidar(lidario.simulate(model, spin_up=0)))
+        lidar = await rig.open(lidario.simulate(model, spin_up=0))
         live = await told(lidar)
-        share = await rig.enter_async_context(Share(lidar, f"told/{model}", raw=True, router=router.address))
+        share = await rig.share(f"told/{model}", raw=True, lidar=lidar)
         rig.run(share)
         await until(lambda: rig.sent)
-        remote = await rig.enter_async_context(lidario.open_lidar(f"zenoh:{share.key}?router={router.address}"))
-        assert await told(remote) == live
+        assert await told(await rig.remote(share.key)) == live
 
 
 @pytest.mark.long
@@ -53,7 +51,7 @@ async def test_a_reader_follows_its_publisher_into_another_mode(
     key = f"modes/{form}/{comes.replace(' ', '_')}"
     async with Rig(router) as rig:
         lidar = await rig.open()
-        share = await rig.enter_async_context(Share(lidar, key, raw=form == "raw", router=router.address))
+        share = await rig.share(key, raw=form == "raw", lidar=lidar)
         running = rig.work(share.run("Standard"))
         await until(lambda: share.scans)
         remote, scans = await rig.read(key, reconnect=True)
@@ -63,7 +61,7 @@ async def test_a_reader_follows_its_publisher_into_another_mode(
             if comes != "at once":
                 await share.close()
                 await until(lambda: not remote.is_connected)
-                share = await rig.enter_async_context(Share(lidar, key, raw=form == "raw", router=router.address))
+                share = await rig.share(key, raw=form == "raw", lidar=lidar)
             if comes == "before its lidar scans" and form == "scan":
                 await until(lambda: remote.is_connected)
             rig.work(share.run("DenseBoost"))

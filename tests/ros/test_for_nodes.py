@@ -18,7 +18,7 @@ from lidario.ros import MergedPublisher, Publisher, Share
 from lidario.ros.names import CLOCK, LASERSCAN, LATEST_KEPT, TF_MESSAGE, Node
 from tests.support.loop import driven
 from tests.support.messages import decoded
-from tests.support.network import BOUND_S, Rig, until, zid_in
+from tests.support.network import BOUND_S, Rig, publisher_of, until, zid_in
 from tests.support.router import Router, client
 
 SIM = "sim://rplidar-s2?via=memory"
@@ -101,13 +101,8 @@ async def test_stamps_of_a_recording(router: Router, stamps: Any) -> None:
 async def test_a_lidar_that_nobody_reads_rests_until_somebody_does(router: Router, form: str) -> None:
     device = lidario.simulate("rplidar-s2", spin_up=0)
     async with Rig(router) as rig:
-        lidar = await rig.enter_async_context(lidario.open_lidar(device))
-        made: Publisher | Share
-        if form == "ros":
-            made = Publisher(lidar, domain=23, router=router.address)
-        else:
-            made = Share(lidar, f"resting/{form}", raw=form == "raw", router=router.address)
-        publisher = await rig.enter_async_context(made)
+        lidar = await rig.open(device)
+        publisher = await rig.enter_async_context(publisher_of(lidar, form, f"resting/{form}", rig.router))
         running = rig.work(publisher.run(idle_stop=0.2))
         # Its time counts from the start, so on a slow machine it rests before a first scan is sent.
         await until(lambda: lidar.stats.scans and not device.scanning and not device.motor_on)
@@ -131,8 +126,8 @@ async def test_a_lidar_that_nobody_reads_rests_until_somebody_does(router: Route
 async def test_a_lidar_that_rests_can_be_opened_and_starts(router: Router, raw: bool) -> None:
     device = lidario.simulate("rplidar-s2", spin_up=0)
     async with Rig(router) as rig:
-        lidar = await rig.enter_async_context(lidario.open_lidar(device))
-        share = await rig.enter_async_context(Share(lidar, f"woken/{raw}", raw=raw, router=router.address))
+        lidar = await rig.open(device)
+        share = await rig.share(f"woken/{raw}", raw=raw, lidar=lidar)
         rig.work(share.run(idle_stop=0.2))
         await until(lambda: share.scans and not device.scanning)
         remote, scans = await rig.take(share.key, 2)
@@ -183,8 +178,8 @@ async def test_a_time_that_is_none() -> None:
 async def test_a_reader_of_its_own_program_goes_on_when_nobody_else_reads(router: Router) -> None:
     device = lidario.simulate("rplidar-s2", spin_up=0)
     async with Rig(router) as rig:
-        lidar = await rig.enter_async_context(lidario.open_lidar(device))
-        share = await rig.enter_async_context(Share(lidar, "resting/own", router=router.address))
+        lidar = await rig.open(device)
+        share = await rig.share("resting/own", lidar=lidar)
         rig.work(share.run(idle_stop=0.2))
         async with lidar.scans() as own:
             await until(lambda: share.scans)
@@ -206,8 +201,8 @@ async def test_a_reader_that_was_there_before_is_known_and_a_router_that_restart
         reader = await rig.bus()
         came = list[Any]()
         reader.subscribe("resting/before", came.append)
-        lidar = await rig.enter_async_context(lidario.open_lidar(device))
-        share = await rig.enter_async_context(Share(lidar, "resting/before", router=router.address))
+        lidar = await rig.open(device)
+        share = await rig.share("resting/before", lidar=lidar)
         rig.work(share.run(idle_stop=0.2))
         await until(lambda: share.is_read and came)
         router.stop()

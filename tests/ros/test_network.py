@@ -18,7 +18,7 @@ from lidario.laserscan import LaserScan
 from lidario.network.bus import Sample
 from lidario.network.handover import Handover
 from lidario.network.keys import parse_attachment
-from lidario.ros import Publisher, Share, list_remote_lidars
+from lidario.ros import Publisher, list_remote_lidars
 from lidario.ros.names import DIAGNOSTICS, LASERSCAN, Node, gid_of
 from tests.support.messages import decoded
 from tests.support.network import BOUND_S, Rig, until, zid_in
@@ -31,8 +31,7 @@ async def test_scans_arrive_equal_and_info_and_health_with_them(router: Router, 
     async with Rig(router) as rig:
         lidar = await rig.open(family)
         key = f"equal/{family}/{raw}"
-        share = await rig.enter_async_context(Share(lidar, key, raw=raw, router=router.address))
-        rig.run(share)
+        rig.run(await rig.share(key, raw=raw, lidar=lidar))
         await until(lambda: rig.sent)
         remote, scans = await rig.take(key, 3)
         await until(lambda: rig.sent[-1].wall_stamp_ns >= scans[-1].wall_stamp_ns)
@@ -65,8 +64,7 @@ async def test_another_zero_offset_of_raw_bytes_interrupts_no_reader(router: Rou
     async with Rig(router) as rig:
         lidar = await rig.open("ydlidar")
         await lidar.set_zero_offset(True)
-        share = await rig.enter_async_context(Share(lidar, "turned", raw=True, router=router.address))
-        rig.run(share)
+        rig.run(await rig.share("turned", raw=True, lidar=lidar))
         await until(lambda: rig.sent)
         _, stream = await rig.read("turned")
         scans = [await anext(stream) for _ in range(3)]

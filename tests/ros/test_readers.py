@@ -17,7 +17,7 @@ from lidario.model import Health, HealthStatus
 from lidario.network.bus import Bus
 from lidario.network.status import Status
 from lidario.ros import Publisher, Share
-from tests.support.network import BOUND_S, Rig, publish_in_vain, until
+from tests.support.network import BOUND_S, Rig, publish_in_vain, publisher_of, until
 from tests.support.recorded import assert_same_scans
 from tests.support.router import Router
 from tests.test_model import FOUR
@@ -45,7 +45,7 @@ async def test_a_recording_goes_on_when_the_robot_is_back(router: Router, tmp_pa
             recording = await rig.enter_async_context(remote.record(tmp_path / "run.mcap", split_s=1.0))
             taken += [await anext(scans) for _ in range(6)]
         await until(lambda: not remote.is_connected)
-        await rig.enter_async_context(Share(lidar, "kept/scan", raw=True, router=router.address))
+        await rig.share("kept/scan", raw=True, lidar=lidar)
         async with asyncio.timeout(BOUND_S):
             while not remote.stats.reconnects or len(taken) < 18:
                 taken.append(await anext(scans))
@@ -98,7 +98,7 @@ async def test_what_passes_while_a_publisher_is_away_is_counted_as_missed(
         if sought_in_vain:
             await until(lambda: "no lidar is published under gone/scan" in caplog.text)
         await until(lambda: not remote.is_connected)
-        rig.run(await rig.enter_async_context(Share(lidar, "gone/scan", router=router.address)))
+        rig.run(await rig.share("gone/scan", lidar=lidar))
         await until(lambda: remote.stats.reconnects)
         back_ns = time.monotonic_ns()
         async with asyncio.timeout(BOUND_S):
@@ -134,7 +134,7 @@ async def test_a_publisher_that_comes_while_it_is_waited_for_is_known(
         reading = asyncio.ensure_future(rig.read("meanwhile/scan"))
         async with asyncio.timeout(BOUND_S):
             await waited_for.wait()
-            share = await rig.enter_async_context(Share(lidar, "meanwhile/scan", router=router.address))
+            share = await rig.share("meanwhile/scan", lidar=lidar)
             rig.work(publish_on(share))
             remote, _ = await reading
         assert remote.info == lidar.info
@@ -172,11 +172,7 @@ async def test_what_was_read_at_once_is_dated_as_one_read(router: Router) -> Non
 async def test_scans_that_were_lost_are_a_jump_in_the_numbers(router: Router, form: str) -> None:
     """They were dropped by zenoh, as it does where a line is busy."""
     async with Rig(router) as rig:
-        lidar = await rig.open()
-        if form == "ros":
-            publisher: Publisher | Share = Publisher(lidar, topic="lossy", router=router.address)
-        else:
-            publisher = Share(lidar, "lossy/scan", router=router.address)
+        publisher = publisher_of(await rig.open(), form, "lossy/scan", rig.router)
         await rig.enter_async_context(publisher)
         remote, scans = await rig.read(publisher.key)
         seq = None
@@ -234,8 +230,7 @@ async def test_a_reader_is_told_that_the_lidar_is_away(
     monkeypatch.setattr("lidario.ros.broadcast.STATUS_S", 0.02)
     async with Rig(router) as rig:
         share = await rig.share("away/scan")
-        source = f"zenoh:away/scan?router={router.address}"
-        remote = await rig.enter_async_context(lidario.open_lidar(source))
+        remote = await rig.remote("away/scan")
         status = share.status()
         away, back = (f"zenoh:away/scan: the lidar is {each} its publisher" for each in ("away from", "back at"))
         for lost, told in (("the lidar is away from its publisher", away), ("", back)):
@@ -301,8 +296,7 @@ async def test_whole_scans_have_no_raw_bytes_to_pass_on(router: Router) -> None:
     async with Rig(router) as rig:
         rig.run(await rig.share("relayed/scan"))
         await until(lambda: rig.sent)
-        source = f"zenoh:relayed/scan?router={router.address}"
-        remote = await rig.enter_async_context(lidario.open_lidar(source))
+        remote = await rig.remote("relayed/scan")
         with pytest.raises(Unsupported, match="arrives as whole scans, so there are no raw bytes to publish"):
             Share(remote, "relay/scan", raw=True, router=router.address)
 
@@ -313,16 +307,10 @@ async def test_a_recording_of_whole_scans_keeps_some_or_does_not_begin(
     router: Router, form: str, tmp_path: Path
 ) -> None:
     async with Rig(router) as rig:
-        lidar = await rig.open()
-        publisher: Publisher | Share = (
-            Publisher(lidar, topic="kept", router=router.address)
-            if form == "ros"
-            else Share(lidar, "kept/scan", raw=form == "raw", router=router.address)
-        )
+        publisher = publisher_of(await rig.open(), form, "some/scan", rig.router)
         rig.run(await rig.enter_async_context(publisher))
         await until(lambda: rig.sent)
-        source = f"zenoh:{publisher.key}?router={router.address}"
-        remote = await rig.enter_async_context(lidario.open_lidar(source))
+        remote = await rig.remote(publisher.key)
         bare, with_scans = tmp_path / "bare.mcap", tmp_path / "scans.mcap"
         if form != "raw":
             with pytest.raises(CannotRecord, match=r"record with --scans \(scans=True\)"):

@@ -16,11 +16,11 @@ import pytest
 import lidario
 from lidario.errors import ConnectFailed, LocalProtocolError
 from lidario.network.bus import Bus
-from lidario.ros import Publisher, Share
+from lidario.ros import Share
 from tests.cli.processes import invoke, served, started
 from tests.support.children import BOUND, ROOT, line_of
 from tests.support.children import until as soon
-from tests.support.network import until
+from tests.support.network import publisher_of, until
 from tests.support.router import Router
 from tests.test_model import FOUR
 
@@ -44,10 +44,7 @@ async def test_a_publisher_waits_for_its_router(absent: Router, form: str) -> No
     device = lidario.simulate("rplidar-s2", spin_up=0)
     changes: list[tuple[bool, str]] = []
     async with lidario.open_lidar(device) as lidar:
-        if form == "ros":
-            publisher: Publisher | Share = Publisher(lidar, router=absent.address)
-        else:
-            publisher = Share(lidar, "late/scan", raw=form == "raw", router=absent.address)
+        publisher = publisher_of(lidar, form, "late/scan", absent.address)
         publisher.on_change = lambda connected: changes.append((connected, publisher.news))
         async with publisher:
             assert changes == [

@@ -30,6 +30,13 @@ def zid_in(tokens: Iterable[str]) -> str:
     return next(iter(tokens)).split("/")[2]
 
 
+def publisher_of(lidar: lidario.Lidar, form: str, key: str, router: str) -> Publisher | Share:
+    """What publishes under that key, or as a topic of that name: "scan", "raw" or "ros"."""
+    if form == "ros":
+        return Publisher(lidar, topic=key, router=router)
+    return Share(lidar, key, raw=form == "raw", router=router)
+
+
 def publish_in_vain(publisher: Publisher | Share, scan: Scan) -> None:
     """Publish a scan that is lost on its way: zenoh drops it without a word, as it does where a line is busy."""
 
@@ -56,10 +63,12 @@ class Rig(AsyncExitStack):
         self.push_async_callback(bus.close)
         return bus
 
-    async def open(self, family: str = "rplidar") -> lidario.Lidar:
-        device = lidario.simulate(MODELS[family], spin_up=0)
-        if isinstance(device, Simulated4Ros):
-            device.zero_offset = 42
+    async def open(self, device: str | lidario.SimulatedDevice = "rplidar") -> lidario.Lidar:
+        """Of a family, or this one."""
+        if isinstance(device, str):
+            device = lidario.simulate(MODELS[device], spin_up=0)
+            if isinstance(device, Simulated4Ros):
+                device.zero_offset = 42
         return await self.enter_async_context(lidario.open_lidar(device))
 
     def work(self, doing: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
@@ -84,14 +93,19 @@ class Rig(AsyncExitStack):
 
         self.work(publish())
 
-    async def share(self, key: str, *, raw: bool = False) -> Share:
-        """Open a lidar and publish it under ``KEY``; `run` publishes its scans."""
-        return await self.enter_async_context(Share(await self.open(), key, raw=raw, router=self.router))
+    async def share(self, key: str, *, raw: bool = False, lidar: lidario.Lidar | None = None) -> Share:
+        """Publish this lidar under ``KEY``, or one that is opened for it; `run` publishes its scans."""
+        lidar = await self.open() if lidar is None else lidar
+        return await self.enter_async_context(Share(lidar, key, raw=raw, router=self.router))
+
+    async def remote(self, key: str, *, reconnect: bool = False) -> lidario.Lidar:
+        """A session with ``zenoh:KEY``."""
+        source = f"zenoh:{key}?router={self.router}"
+        return await self.enter_async_context(lidario.open_lidar(source, reconnect=reconnect))
 
     async def read(self, key: str, *, reconnect: bool = False) -> tuple[lidario.Lidar, lidario.ScanStream]:
         """A session with ``zenoh:KEY``, and a stream of it."""
-        source = f"zenoh:{key}?router={self.router}"
-        lidar = await self.enter_async_context(lidario.open_lidar(source, reconnect=reconnect))
+        lidar = await self.remote(key, reconnect=reconnect)
         return lidar, await self.enter_async_context(lidar.scans(depth=64))
 
     async def take(self, key: str, count: int) -> tuple[lidario.Lidar, list[Scan]]:
