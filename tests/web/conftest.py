@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
+import subprocess
 from collections.abc import Iterator
+from contextlib import ExitStack
 
 import pytest
 
@@ -31,6 +34,29 @@ def opened(browser: Browser) -> Iterator[Open]:
     for page in pages:
         page.close()
     assert [page.complaints for page in pages] == [[]] * len(pages)
+
+
+@pytest.fixture
+def viewed(opened: Open) -> Iterator[Open]:
+    """Starts ``lidario view`` with some words, and opens its page; at the end it ends as by Ctrl-C."""
+    with ExitStack() as stack:
+
+        def view(*words: str) -> Page:
+            process = stack.enter_context(started("view", *words, "--port", "0"))
+            page = opened(re.sub("//[^:]+", "//127.0.0.1", line_of(process.stdout).strip()))
+            stack.callback(end_both, process, page)
+            return page
+
+        yield view
+
+
+def end_both(process: subprocess.Popen[str], page: Page) -> None:
+    """What the browser says of a server that is gone is no complaint."""
+    end(process)
+    assert process.returncode == 0
+    page.until("!connected")
+    page.close()
+    page.complaints.clear()
 
 
 @pytest.fixture(scope="module")

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import subprocess
 from collections.abc import Callable
 
 from benchmarks.browser import Page
-from tests.cli.processes import end
 
 S2 = "sim://rplidar-s2?via=memory&serial=" + "AB" * 16
 Open = Callable[..., Page]
@@ -21,11 +19,3 @@ def ink(page: Page) -> int:
             "(pen.getImageData(0, 0, canvas.width, canvas.height).data)"
         )
     )
-
-
-def end_both(process: subprocess.Popen[str], page: Page) -> None:
-    """End the program as Ctrl-C does; what the browser says of a server that is gone is no complaint."""
-    end(process)
-    page.until("!connected")
-    page.close()
-    page.complaints.clear()

@@ -12,7 +12,7 @@ import pytest
 from benchmarks.browser import Browser
 from tests.cli.processes import end, started
 from tests.support.children import line_of, until
-from tests.web.shown import S2, Open, end_both, ink
+from tests.web.shown import S2, Open, ink
 
 pytestmark = pytest.mark.long
 
@@ -235,18 +235,16 @@ def test_an_empty_scan_and_damage_are_said_in_words(opened: Open) -> None:
         page.complaints.clear()
 
 
-def test_two_lidars_stand_where_they_are_mounted(opened: Open) -> None:
+def test_two_lidars_stand_where_they_are_mounted(viewed: Open) -> None:
     places = ["--mount", "0.5,0,0", "--mount=-1,0.8,90", "--colour", "#ff0000", "--colour", "#00ff00"]
-    with started("view", S2, "sim://ydlidar-4ros?via=memory", "--port", "0", *places) as process:
-        page = opened(line_of(process.stdout).strip())
-        page.until("scans.filter(Boolean).length === 2 && lidars.length === 2")
-        assert page.ask("lidars.map(each => [each.x, each.y, each.yaw])") == [[0.5, 0, 0], [-1, 0.8, 90]]
-        page.until("!dirty")
-        for number, colour in enumerate(([255, 0, 0], [0, 255, 0])):
-            spot = f"place(lidars[{number}].x, lidars[{number}].y)"
-            drawn = page.ask(f"[...pen.getImageData(...{spot}.map(Math.round), 1, 1).data].slice(0, 3)")
-            assert drawn == colour
-        end_both(process, page)
+    page = viewed(S2, "sim://ydlidar-4ros?via=memory", *places)
+    page.until("scans.filter(Boolean).length === 2 && lidars.length === 2")
+    assert page.ask("lidars.map(each => [each.x, each.y, each.yaw])") == [[0.5, 0, 0], [-1, 0.8, 90]]
+    page.until("!dirty")
+    for number, colour in enumerate(([255, 0, 0], [0, 255, 0])):
+        spot = f"place(lidars[{number}].x, lidars[{number}].y)"
+        drawn = page.ask(f"[...pen.getImageData(...{spot}.map(Math.round), 1, 1).data].slice(0, 3)")
+        assert drawn == colour
 
 
 ROW = "[...document.querySelectorAll('dt')].find(each => each.textContent === '%s').nextSibling.textContent"
@@ -262,29 +260,23 @@ STRONGEST = (
 """The strongest colour of the picture, by every third dot."""
 
 
-def test_after_unplugging_it_says_so_and_comes_back(opened: Open) -> None:
-    with started("view", S2 + "&fault=replug:3s", "--port", "0") as process:
-        page = opened(line_of(process.stdout).strip())
-        page.until("document.body.innerText.includes('lost, reconnecting')")
-        # The last scan is still there, paler, with its time; what is no more so is not told.
-        last = page.ask("scans[0].at(-1).seq")
-        came = page.ask("scans[0].at(-1).came.toLocaleTimeString()")
-        page.until(f"document.body.innerText.includes('The picture is of {came}.')")
-        # However long the reason is, with a source that has no place to break in.
-        boxes = "[...document.querySelectorAll('section, dd, p')].map(each => each.getBoundingClientRect())"
-        right = f"Math.max(...{boxes}.map(each => each.right))"
-        assert page.ask(f"{right} <= innerWidth && $('side').scrollWidth <= $('side').clientWidth")
-        assert [page.ask(ROW % name) for name in ("state", "rate", "latency")] == ["lost", "not known", "not known"]
-        page.until("!dirty")
-        assert ink(page) > 300
-        pale = page.ask(STRONGEST)
-        page.until(f"lidars[0].state === 'scanning' && scans[0].at(-1).seq !== {last}")
-        page.until("!document.body.innerText.includes('lost, reconnecting')")
-        page.until("seen.painted > 0 && !isOld(lidars[0]) && !dirty")
-        assert page.ask(STRONGEST) > pale + 60
-        assert page.ask(ROW % "rate").endswith(" Hz")
-        end(process)
-        assert process.returncode == 0
-        page.until("!connected")
-        page.close()
-        page.complaints.clear()
+def test_after_unplugging_it_says_so_and_comes_back(viewed: Open) -> None:
+    page = viewed(S2 + "&fault=replug:3s")
+    page.until("document.body.innerText.includes('lost, reconnecting')")
+    # The last scan is still there, paler, with its time; what is no more so is not told.
+    last = page.ask("scans[0].at(-1).seq")
+    came = page.ask("scans[0].at(-1).came.toLocaleTimeString()")
+    page.until(f"document.body.innerText.includes('The picture is of {came}.')")
+    # However long the reason is, with a source that has no place to break in.
+    boxes = "[...document.querySelectorAll('section, dd, p')].map(each => each.getBoundingClientRect())"
+    right = f"Math.max(...{boxes}.map(each => each.right))"
+    assert page.ask(f"{right} <= innerWidth && $('side').scrollWidth <= $('side').clientWidth")
+    assert [page.ask(ROW % name) for name in ("state", "rate", "latency")] == ["lost", "not known", "not known"]
+    page.until("!dirty")
+    assert ink(page) > 300
+    pale = page.ask(STRONGEST)
+    page.until(f"lidars[0].state === 'scanning' && scans[0].at(-1).seq !== {last}")
+    page.until("!document.body.innerText.includes('lost, reconnecting')")
+    page.until("seen.painted > 0 && !isOld(lidars[0]) && !dirty")
+    assert page.ask(STRONGEST) > pale + 60
+    assert page.ask(ROW % "rate").endswith(" Hz")
