@@ -217,17 +217,24 @@ def test_bare_bytes_are_exported_as_they_are_decoded(case: Case, tmp_path: Path)
             np.testing.assert_array_equal(out[name], getattr(right, name))
 
 
-def test_a_played_recording_is_a_device_like_the_recorded_one(live: Live) -> None:
-    device = PlayedDevice(open_stored(live.path))
+def played(device: PlayedDevice, live: Live, count: int) -> list[lidario.Scan]:
+    """So many scans, as a session gets them that takes what is played for the recorded device."""
 
     async def main() -> list[lidario.Scan]:
         async with lidario.open_lidar(device, family=live.info.family) as lidar:
             assert lidar.info == live.info
             assert await lidar.get_modes() == live.modes
             async with lidar.scans(depth=64) as stream:
-                return await some(stream, len(live.scans))
+                scans = await some(stream, count)
+                assert device.scanning or device.finished
+                return scans
 
-    for one, other in zip(live.scans, run_driven(main), strict=True):
+    return run_driven(main)
+
+
+def test_a_played_recording_is_a_device_like_the_recorded_one(live: Live) -> None:
+    device = PlayedDevice(open_stored(live.path))
+    for one, other in zip(live.scans, played(device, live, len(live.scans)), strict=True):
         assert same_points(one, other)
     assert not device.scanning
     # The speed of the motor has no response, so it is in no recording.
@@ -248,16 +255,7 @@ def test_a_played_recording_is_started_and_stopped_as_its_family_is(tmp_path: Pa
     live = record(tmp_path / "run.mcap", f"sim://{model}", 4)
     device = PlayedDevice(open_stored(live.path), loop=True)
     assert device.transmit(0) == b""
-
-    async def main() -> list[lidario.Scan]:
-        async with lidario.open_lidar(device, family=live.info.family) as lidar:
-            assert lidar.info == live.info
-            async with lidar.scans(depth=64) as stream:
-                scans = await some(stream, 3)
-                assert device.scanning
-                return scans
-
-    assert played_again(live, run_driven(main))
+    assert played_again(live, played(device, live, 3))
     assert not device.scanning
     assert all(each.obeyed for each in device.log)
 
@@ -282,14 +280,7 @@ def test_a_played_recording_of_a_device_that_only_talks_talks(tmp_path: Path, mo
     """It was never asked to start, so it begins as soon as somebody listens to it, and hears no request."""
     live = record(tmp_path / "run.mcap", f"sim://{model}", 4)
     device = PlayedDevice(open_stored(live.path), loop=True)
-
-    async def main() -> list[lidario.Scan]:
-        async with lidario.open_lidar(device, family=live.info.family) as lidar:
-            assert lidar.info.model == live.info.model
-            async with lidar.scans(depth=64) as stream:
-                return await some(stream, 3)
-
-    assert played_again(live, run_driven(main))
+    assert played_again(live, played(device, live, 3))
     device.receive(b"\xa5\x50", 0)
     assert not any(each.obeyed for each in device.log)
 

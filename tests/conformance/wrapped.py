@@ -19,6 +19,7 @@ class Defective:
         self.device = device
         self.last_sent = self.last_stop = 0
         self.starts = self.questions = 0
+        self.held: list[tuple[int, bytes]] = []
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.device, name)
@@ -73,10 +74,6 @@ class DeafAfterIdleStop(Defective):
 class StopsLate(Defective):
     """It obeys STOP after 200 ms."""
 
-    def __init__(self, device: Any) -> None:
-        super().__init__(device)
-        self.held: list[tuple[int, bytes]] = []
-
     def receive(self, data: bytes, now: int) -> None:
         if data[:2] == STOP and self.device.scanning:
             self.held.append((now + 200 * MS, data))
@@ -92,10 +89,6 @@ class StopsLate(Defective):
 
 class HeldBack(Defective):
     """What it sends arrives 50 ms later, as through a network or a busy computer; that is no defect of it."""
-
-    def __init__(self, device: Any) -> None:
-        super().__init__(device)
-        self.held: list[tuple[int, bytes]] = []
 
     def transmit(self, now: int) -> bytes:
         sent = super().transmit(now)
