@@ -23,7 +23,7 @@ from lidario.families.rplidar.decode import DECODERS
 from lidario.families.rplidar.formats import FORMATS
 from lidario.families.rplidar.simulated.device import PROFILES, Mode, Profile, SimulatedRplidar
 from lidario.families.ydlidar import commands as ydlidar_commands
-from lidario.families.ydlidar.decode import PointCloudDecoder
+from lidario.families.ydlidar.decode import CloudDecoder
 from lidario.families.ydlidar.formats import PointCloud
 from lidario.model import ScanMode
 from lidario.wire.blocks import Block, join_blocks, packet_offsets
@@ -130,7 +130,7 @@ def rplidar_kind(name: str, profile: Profile, mode: Mode) -> Kind:
 def _4ros_kind(name: str) -> Kind:
     about = ScanMode(0, "Standard", 50.0, 30.0, 0x81, typical=True)
     device = partial(simulated, "ydlidar-4ros")
-    return Kind(name, "ydlidar", about, device, PointCloud, PointCloudDecoder, ydlidar_commands.scan)
+    return Kind(name, "ydlidar", about, device, PointCloud, CloudDecoder, ydlidar_commands.scan)
 
 
 def _kinds() -> dict[str, Kind]:

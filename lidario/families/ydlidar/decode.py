@@ -40,7 +40,6 @@ from lidario.families.ydlidar.formats import (
 )
 from lidario.wire.events import Packets
 
-HEADER_WORDS: Final = HEADER_SIZE // 2
 SPEED_CODE: Final = 0x7F
 LEAST_SAMPLES: Final = 0.5
 """A start packet holds one sample; half a sample is the least that can mean something."""
@@ -61,9 +60,9 @@ class Kind:
     triangle: bool = True  # whether the angle depends on the distance
     speed_base: int = 0  # tenths of Hz that the speed 0 stands for
 
-    def decoder(self) -> PointCloudDecoder:
+    def decoder(self) -> CloudDecoder:
         """A fresh decoder."""
-        return PointCloudDecoder() if self is KINDS["tg"] else CloudDecoder(self)
+        return CloudDecoder(self)
 
 
 KINDS: Final = {
@@ -88,8 +87,8 @@ class Control(NamedTuple):
     is_following_marked: bool  # whether the packet behind them is one
 
 
-class PointCloudDecoder(ArcDecoder):
-    """Decodes the packets of one stream of a 4ROS: plain millimetres."""
+class CloudDecoder(ArcDecoder):
+    """Decodes the packets of one stream; without a `kind`, those of a 4ROS."""
 
     def __init__(self, kind: Kind | None = None) -> None:
         super().__init__(FULL_TURN_Q6, ToldWheel(FULL_TURN_Q6, LEAST_SAMPLES))
@@ -113,30 +112,36 @@ class PointCloudDecoder(ArcDecoder):
         return Heads(first, behind, counts, way, Control(packets, words, marked, is_marked))
 
     def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:  # noqa: ARG002 - each packet tells its own
-        first, way, packets = heads.first, np.asarray(heads.way), heads.read.packets
-        words = np.frombuffer(packets.data, "<u2")
-        across = (first + way >= FULL_TURN_Q6).nonzero()[0].tolist()[::-1]
+        kind, control, way = self._kind, heads.read, np.asarray(heads.way)
+        data, each = np.frombuffer(control.packets.data, np.uint8), kind.wire.sample_size
+        raw = np.empty((len(output.angle), each), np.uint8)
+        # What is corrected is rounded after that.
+        beams = np.empty(len(raw), np.float64) if kind.triangle else output.angle
+        across = (heads.first + way >= FULL_TURN_Q6).nonzero()[0].tolist()[::-1]
         at = place = packet = 0
-        for size, count in packets.blocks:
-            samples = (size - HEADER_SIZE) // 2
-            until, behind, end = at + count * samples, place + (count * size >> 1), packet + count
-            if count == samples == 1:
-                # Nearly always a start packet; two numbers are not worth an array.
-                output.angle[at], output.distance[at] = first[packet] / 64.0, words[place + HEADER_WORDS]
-            else:
-                grid, steps = output.angle[at:until].reshape(count, samples), max(samples - 1, 1)
-                at_equal_steps(first[packet:end], way[packet:end], steps, grid)
-                while across and across[-1] < end:
-                    in_turn(grid[across.pop() - packet], FULL_TURN_Q6 * steps, back=False)
-                grid /= 64.0 * steps
-                measured = words[place:behind].reshape(count, -1)[:, HEADER_WORDS:]
-                output.distance[at:until].reshape(count, samples)[...] = measured
+        for size, count in control.packets.blocks:
+            samples = (size - HEADER_SIZE) // each
+            until, behind, end = at + count * samples, place + count * size, packet + count
+            raw[at:until].reshape(count, -1)[...] = data[place:behind].reshape(count, size)[:, HEADER_SIZE:]
+            grid, steps = output.angle[at:until].reshape(count, samples), max(samples - 1, 1)
+            at_equal_steps(heads.first[packet:end], way[packet:end], steps, grid)
+            while across and across[-1] < end:
+                in_turn(grid[across.pop() - packet], FULL_TURN_Q6 * steps, back=False)
+            np.divide(grid, 64.0 * steps, out=beams[at:until].reshape(count, samples), dtype=beams.dtype)
             at, place, packet = until, behind, end
-        self._remember(heads)
-
-    def _remember(self, heads: Heads) -> None:
-        """Keep what the next packets need of these."""
-        control: Control = heads.read
+        word = np.ascontiguousarray(raw[:, -2:]).view("<u2")[:, 0]
+        np.divide(word & 0xFFFC if kind.flags else word, kind.unit, out=output.distance, casting="unsafe")
+        if kind.triangle:
+            d = output.distance.astype(np.float64)
+            with np.errstate(divide="ignore"):
+                aside = np.where(d > 0, np.degrees(np.arctan(21.8 * (155.3 - d) / (155.3 * d))), 0.0)
+            write_degrees(beams + aside, output.angle)
+        if kind.bits == 10:
+            output.intensity[...] = (raw[:, 0] | (word & 3) << 8) >> 2
+        elif kind.bits:
+            # Of 16 bits the upper eight.
+            output.intensity[...] = raw[:, -3]
+        # What the next packets need of these.
         self._ordinary = self._longest(heads, 0, len(heads.first))
         if control.marked:
             self._seam = int(heads.first[control.marked[-1]])
@@ -184,53 +189,9 @@ class PointCloudDecoder(ArcDecoder):
         return 6.0 * ((int(control.words[mark]) >> 1 & SPEED_CODE) + self._kind.speed_base) or math.nan
 
 
-class CloudDecoder(PointCloudDecoder):
-    """Decodes the packets of one stream of any kind."""
-
-    def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:  # noqa: ARG002 - each packet tells its own
-        kind = self._kind
-        raw = _sample_bytes(heads.read.packets, kind.wire.sample_size, len(output.angle))
-        word = raw[:, -2] | raw[:, -1].astype(np.uint16) << 8
-        np.divide(word & 0xFFFC if kind.flags else word, kind.unit, out=output.distance, casting="unsafe")
-        beam = _beams(heads)
-        if kind.triangle:
-            d = output.distance.astype(np.float64)
-            with np.errstate(divide="ignore"):
-                beam += np.where(d > 0, np.degrees(np.arctan(21.8 * (155.3 - d) / (155.3 * d))), 0.0)
-        write_degrees(beam, output.angle)
-        if kind.bits == 10:
-            output.intensity[...] = (raw[:, 0] | (word & 3) << 8) >> 2
-        elif kind.bits:
-            # Of 16 bits the upper eight.
-            output.intensity[...] = raw[:, -3]
-        self._remember(heads)
-
-
 def _full_packets(samples: float, ordinary: int) -> int:
     return 0 if samples < SLACK_SAMPLES else max(1, round(samples / ordinary))
 
 
 def _packets_before_seam(samples: float, ordinary: int) -> int:
     return 0 if samples < SLACK_SAMPLES else math.ceil((samples - SLACK_SAMPLES) / ordinary) or 1
-
-
-def _sample_bytes(packets: Packets, sample_size: int, total: int) -> NDArray[np.uint8]:
-    """The bytes of all samples, shape (samples, bytes of one)."""
-    data, found, at, place = np.frombuffer(packets.data, np.uint8), np.empty((total, sample_size), np.uint8), 0, 0
-    for size, count in packets.blocks:
-        rows = data[at : at + size * count].reshape(count, size)[:, HEADER_SIZE:]
-        end = place + rows.size // sample_size
-        found[place:end].reshape(rows.shape)[...] = rows
-        at, place = at + size * count, end
-    return found
-
-
-def _beams(heads: Heads) -> NDArray[np.float64]:
-    """Where the rotor stood at each sample, degrees in [0, 720)."""
-    counts = np.asarray(heads.counts)
-    steps = np.maximum(counts - 1, 1)
-    order = np.arange(int(counts.sum())) - np.repeat(np.add.accumulate(counts) - counts, counts)
-    units = np.repeat(np.asarray(heads.way), counts) * order + np.repeat(heads.first * steps, counts)
-    beams: NDArray[np.float64] = units / np.repeat(64.0 * steps, counts)
-    beams[beams >= FULL_TURN_Q6 / 64] -= 360.0
-    return beams

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from lidario.families.ydlidar import commands as ydlidar_commands
 from lidario.families.ydlidar.decode import KINDS as KINDS_OF_CLOUDS
-from lidario.families.ydlidar.decode import PointCloudDecoder
+from lidario.families.ydlidar.decode import CloudDecoder
 from lidario.families.ydlidar.formats import PointCloud
 from lidario.families.ydlidar.simulated.device import make_simulated
 from tests.reference import golden, ydlidar
@@ -25,7 +25,7 @@ def _ydlidar(name: str) -> Case:
         response_type=0x81,
         descriptor=bytes.fromhex("A55A0500004081"),
         make_format=PointCloud,
-        make_decoder=PointCloudDecoder,
+        make_decoder=CloudDecoder,
         request=ydlidar_commands.scan,
         sample_us=50.0,
         split=ydlidar.split,

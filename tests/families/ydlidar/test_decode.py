@@ -5,7 +5,7 @@ from itertools import pairwise
 import pytest
 
 from lidario.families.base import Samples
-from lidario.families.ydlidar.decode import KINDS, PointCloudDecoder
+from lidario.families.ydlidar.decode import KINDS, CloudDecoder
 from lidario.families.ydlidar.formats import PointCloud
 from lidario.families.ydlidar.simulated.packers import Layout, pack_points
 from lidario.wire.events import Packets
@@ -26,12 +26,12 @@ def run_of(packets: list[bytes]) -> Packets:
 
 
 def decoded(packets: list[bytes], following: bytes | None = None) -> Samples:
-    return PointCloudDecoder().decode(run_of(packets), following)
+    return CloudDecoder().decode(run_of(packets), following)
 
 
 def lost_behind(turns: list[list[bytes]], missing: range) -> tuple[int, int]:
     """Lost packets and unbroken ones, of a turn and a bit, with those of the second turn's start `missing`."""
-    decoder = PointCloudDecoder()
+    decoder = CloudDecoder()
     decoder.decode(run_of(turns[0]), turns[1][0])
     stream = turns[1] + turns[2]
     left = [packet for number, packet in enumerate(stream) if number not in missing]
@@ -71,7 +71,7 @@ def test_the_last_packets_of_a_revolution_are_counted_where_the_next_one_is_read
 @pytest.mark.parametrize("kept", [[0, -1], [0, 30, -1], [30, -1]], ids=str)
 def test_where_mostly_short_packets_came_no_more_are_told_than_are_missing(kept: list[int]) -> None:
     """Damage spares short packets. What an ordinary one holds is known from the revolution before."""
-    turns, decoder = turns_of("ydlidar_4ros_room7"), PointCloudDecoder()
+    turns, decoder = turns_of("ydlidar_4ros_room7"), CloudDecoder()
     turn = turns[1]
     assert [packet[3] for packet in turn[-2:]] == [40, 16]
     decoder.decode(run_of(turns[0]), turn[0])
@@ -84,7 +84,7 @@ def test_where_mostly_short_packets_came_no_more_are_told_than_are_missing(kept:
 def test_of_six_packets_the_longest_one_is_an_ordinary_one(count: int, ordinary: int) -> None:
     """Of fewer all may be short: those before tell."""
     longer, shorter = (turn_of([1, *[size] * (480 // size - 1), size - 1]) for size in (40, 20))
-    decoder = PointCloudDecoder()
+    decoder = CloudDecoder()
     decoder.decode(run_of(longer), shorter[0])
     samples = decoder.decode(run_of(shorter[:count]), shorter[count])
     assert samples.last.packets == 1 + 480 // ordinary
@@ -93,10 +93,10 @@ def test_of_six_packets_the_longest_one_is_an_ordinary_one(count: int, ordinary:
 def test_revolutions_of_few_packets_have_as_many_together_as_one_by_one() -> None:
     """All of the second one may be short: the one before tells how long they may be."""
     long, short = turn_of([1, 160, 160, 159]), turn_of([1, 120, 120, 120, 119])
-    decoder = PointCloudDecoder()
+    decoder = CloudDecoder()
     alone = [decoder.decode(run_of(turn), other[0]) for turn, other in ((long, short), (short, long))]
     assert [each.last.packets for each in alone] == [4, 4]
-    together = PointCloudDecoder().decode_several(run_of(long + short), long[0], [4, 9], 0, None)
+    together = CloudDecoder().decode_several(run_of(long + short), long[0], [4, 9], 0, None)
     assert together is None or [each.packets for each in together.revolutions] == [4, 4]
 
 
