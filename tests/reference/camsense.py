@@ -7,27 +7,19 @@ import math
 import struct
 from collections.abc import Sequence
 
-from tests.reference.samples import Sample, u16
+from tests.reference.samples import Sample, cut, fold, u16
 
 PACKET_BYTES = 36
 SAMPLES = 8
 
 
-def fold(body: bytes) -> int:
-    """The check value over all words."""
-    check = 0
-    for at in range(0, len(body), 2):
-        check = (check << 1) + u16(body, at)
-    return ((check & 0x7FFF) + (check >> 15)) & 0x7FFF
-
-
 def split(raw: bytes) -> list[bytes]:
     """Cut a clean stream into packets; ValueError where it is not clean."""
-    packets = [raw[at : at + PACKET_BYTES] for at in range(0, len(raw), PACKET_BYTES)]
-    for packet in packets:
-        if packet[:4] != b"\x55\xaa\x03\x08" or fold(packet[:-2]) != u16(packet, 34):
-            raise ValueError("this is no clean stream")
-    return packets
+    return cut(
+        raw,
+        PACKET_BYTES,
+        lambda packet: packet[:4] == b"\x55\xaa\x03\x08" and fold(packet[:-2]) == u16(packet, 34),
+    )
 
 
 def compensated(beam: float, distance: int) -> tuple[float, float]:

@@ -5,7 +5,7 @@ Angles are device angles: degrees, clockwise.
 
 from collections.abc import Sequence
 
-from tests.reference.samples import Sample, u16
+from tests.reference.samples import Sample, cut, u16
 
 PACKET_BYTES = 42
 SAMPLES = 6
@@ -28,10 +28,7 @@ def is_packet(packet: bytes) -> bool:
 
 def split(raw: bytes) -> list[bytes]:
     """Cut a clean stream into packets; ValueError where it is not clean."""
-    packets = [raw[at : at + PACKET_BYTES] for at in range(0, len(raw), PACKET_BYTES)]
-    if not all(map(is_packet, packets)):
-        raise ValueError("this is no clean stream")
-    return packets
+    return cut(raw, PACKET_BYTES, is_packet)
 
 
 def decode(packets: Sequence[bytes]) -> list[Sample]:

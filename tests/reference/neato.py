@@ -5,18 +5,10 @@ Angles are device angles: degrees, clockwise. The rotor of an XV-11 turns counte
 
 from collections.abc import Sequence
 
-from tests.reference.samples import Sample, u16
+from tests.reference.samples import Sample, cut, fold, u16
 
 PACKET_BYTES = 22
 SAMPLES = 4
-
-
-def fold(body: bytes) -> int:
-    """The check value of so many words, as the wiki's program has it."""
-    check = 0
-    for at in range(0, len(body), 2):
-        check = (check << 1) + u16(body, at)
-    return ((check & 0x7FFF) + (check >> 15)) & 0x7FFF
 
 
 def is_packet(packet: bytes) -> bool:
@@ -31,10 +23,7 @@ def is_packet(packet: bytes) -> bool:
 
 def split(raw: bytes) -> list[bytes]:
     """Cut a clean stream into packets; ValueError where it is not clean."""
-    packets = [raw[at : at + PACKET_BYTES] for at in range(0, len(raw), PACKET_BYTES)]
-    if not all(map(is_packet, packets)):
-        raise ValueError("this is no clean stream")
-    return packets
+    return cut(raw, PACKET_BYTES, is_packet)
 
 
 def decode(packets: Sequence[bytes], *, back: bool = True) -> list[Sample]:

@@ -1,6 +1,6 @@
-"""What the scalar references of all families call a sample, and where one turn of them ends and the next begins."""
+"""What the scalar references of all families call a sample, where a turn of them ends, and what several share."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 
@@ -38,3 +38,25 @@ def revolutions(samples: Iterable[Sample]) -> list[list[Sample]]:
 def u16(data: bytes, offset: int) -> int:
     """Two bytes, the low one first."""
     return int.from_bytes(data[offset : offset + 2], "little")
+
+
+def fold(body: bytes) -> int:
+    """The check value of fifteen bits behind so many words, as the program in the XV-11's wiki has it."""
+    check = 0
+    for at in range(0, len(body), 2):
+        check = (check << 1) + u16(body, at)
+    return ((check & 0x7FFF) + (check >> 15)) & 0x7FFF
+
+
+def cut(raw: bytes, size: int, is_packet: Callable[[bytes], bool]) -> list[bytes]:
+    """Cut a clean stream into packets of one size; ValueError where it is not clean."""
+    packets = [raw[at : at + size] for at in range(0, len(raw), size)]
+    if not all(map(is_packet, packets)):
+        raise ValueError("this is no clean stream")
+    return packets
+
+
+def whole(data: bytes, size: int, is_packet: Callable[[bytes], bool]) -> list[bytes]:
+    """The packets in what was heard from anywhere on."""
+    at = next(at for at in range(len(data)) if is_packet(data[at : at + size]))
+    return cut(data[at : at + (len(data) - at) // size * size], size, is_packet)

@@ -10,6 +10,7 @@ from lidario.families.camsense.decode import PacketDecoder
 from lidario.families.camsense.formats import LongFormat, PacketFormat
 from lidario.families.camsense.simulated.device import make_simulated, pack_packet
 from tests.reference import camsense, golden
+from tests.reference.samples import fold
 from tests.support.case import Case, Maker, of_a_talker
 
 MAKER = Maker(make_simulated, "camsense-x1", 0.1923, obeys=False)
@@ -30,7 +31,7 @@ def _sealed(case: Case, contents: bytes) -> bytes:
     packet = case.packets[0]
     # Angles at which it turns.
     body = packet[:8] + contents[8:-4] + packet[-4:-2]
-    return body + camsense.fold(body).to_bytes(2, "little")
+    return body + fold(body).to_bytes(2, "little")
 
 
 def _case(name: str) -> Case:

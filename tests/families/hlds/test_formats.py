@@ -7,7 +7,7 @@ from lidario.families.hlds.formats import SIZE, CheckedFormat, PacketFormat
 from lidario.families.hlds.simulated.device import pack_packet
 from lidario.wire.rows import Fold15
 from tests.families.hlds.about import CASES
-from tests.reference import neato
+from tests.reference.samples import fold
 from tests.support.streams import checked_one_by_one
 
 PACKETS = CASES[0].packets
@@ -21,7 +21,7 @@ def example(check: bytes | None = None) -> bytes:
 
 def folded(packet: bytes) -> bytes:
     """With the check value of an XV-11."""
-    return packet[:40] + neato.fold(packet[:40]).to_bytes(2, "little")
+    return packet[:40] + fold(packet[:40]).to_bytes(2, "little")
 
 
 def test_the_examples_of_both_check_values() -> None:

@@ -1,19 +1,16 @@
 """The simulated device: letters start and stop it."""
 
+from functools import partial
+
 import pytest
 
 from lidario.families.hlds.simulated.device import PROFILES, make_simulated
-from tests.reference import hlds
+from tests.reference import hlds, samples
 from tests.support.devices import Rig, call
 
 S = 1_000_000_000
 BEGIN = 1000 * S
-
-
-def whole(data: bytes) -> list[bytes]:
-    """The packets in what was heard from anywhere on."""
-    at = next(at for at in range(len(data)) if hlds.is_packet(data[at : at + 42]))
-    return hlds.split(data[at : at + (len(data) - at) // 42 * 42])
+whole = partial(samples.whole, size=hlds.PACKET_BYTES, is_packet=hlds.is_packet)
 
 
 def test_the_older_one_waits_for_its_letter_also_when_it_was_off() -> None:

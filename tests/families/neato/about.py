@@ -9,6 +9,7 @@ from lidario.families.neato.formats import BackFormat, PacketFormat
 from lidario.families.neato.simulated.device import make_simulated, pack_packet
 from lidario.families.slots import DegreeDecoder
 from tests.reference import golden, neato
+from tests.reference.samples import fold
 from tests.support.case import Case, Maker, of_a_talker
 
 MAKER = Maker(make_simulated, "neato-xv11", 0.2, obeys=False)
@@ -31,7 +32,7 @@ def _sealed(case: Case, contents: bytes) -> bytes:
     packet = case.packets[0]
     # A speed at which it measures.
     body = packet[:4] + contents[4:-2]
-    return body + neato.fold(body).to_bytes(2, "little")
+    return body + fold(body).to_bytes(2, "little")
 
 
 def _case(name: str, *, back: bool) -> Case:

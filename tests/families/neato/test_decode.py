@@ -11,6 +11,7 @@ from lidario.families.neato.simulated.device import pack_packet
 from lidario.families.slots import DegreeDecoder
 from tests.families.neato.about import CASES
 from tests.reference import golden, neato
+from tests.reference.samples import fold
 from tests.support.streams import feed, in_one_run
 
 REAL = Path(__file__).parents[4] / "shared" / "golden" / "real_xv11.npz"
@@ -54,7 +55,7 @@ def test_weak_returns_are_delivered_and_codes_are_none() -> None:
     packet = bytearray(pack_packet(3, [500.0] * 4, [80] * 4))
     packet[5] |= 0x40
     packet[8:10] = b"\x21\x80"
-    packet[20:] = neato.fold(bytes(packet[:20])).to_bytes(2, "little")
+    packet[20:] = fold(bytes(packet[:20])).to_bytes(2, "little")
     samples = DegreeDecoder(BackFormat).decode(in_one_run(BackFormat(), bytes(packet)), None)
     assert samples.distance_mm.tolist() == [500, 0, 500, 500]
     assert samples.angle_deg.tolist() == [348, 347, 346, 345]

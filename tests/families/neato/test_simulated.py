@@ -1,20 +1,16 @@
 """The simulated devices: what they say of themselves, and what becomes of a motor that nobody powers."""
 
+from functools import partial
 from itertools import pairwise
 
 import pytest
 
 from lidario.families.neato.simulated.device import make_simulated
-from tests.reference import neato
+from tests.reference import neato, samples
 
 S = 1_000_000_000
 BEGIN = 1000 * S
-
-
-def whole(data: bytes) -> list[bytes]:
-    """The packets in what was heard from anywhere on."""
-    at = next(at for at in range(len(data)) if neato.is_packet(data[at : at + 22]))
-    return neato.split(data[at : at + (len(data) - at) // 22 * 22])
+whole = partial(samples.whole, size=neato.PACKET_BYTES, is_packet=neato.is_packet)
 
 
 def test_it_tells_what_it_is_when_it_has_booted() -> None:

@@ -48,27 +48,17 @@ _RELATIVES = {
 
 
 def _relative(name: str) -> Case:
-    code, kind_name, layout = _RELATIVES[name.split("_")[1]]
-    kind, sample_us = KINDS_OF_CLOUDS[kind_name], golden.load(name).sample_us
+    code, kind, layout = _RELATIVES[name.split("_")[1]]
+    sample_us = golden.load(name).sample_us
     assert sample_us is not None
+    told = bytes.fromhex("A55A1400000004") + bytes((code,)) + bytes(19)
+    return replace(_of_kind(name, kind, layout), told=told, sample_us=sample_us)
+
+
+def _of_kind(name: str, kind_name: str, layout: ydlidar.Kind) -> Case:
+    kind = KINDS_OF_CLOUDS[kind_name]
     return replace(
         _ydlidar(name),
-        response_type=kind.response_type,
-        told=bytes.fromhex("A55A1400000004") + bytes((code,)) + bytes(19),
-        make_format=kind.wire,
-        make_decoder=kind.decoder,
-        sample_us=sample_us,
-        split=partial(ydlidar.split, kind=layout),
-        decode=partial(ydlidar.decode, kind=layout),
-        intensity_bits=layout.intensity_bits,
-        layout=layout,
-    )
-
-
-def _unrecorded(name: str, layout: ydlidar.Kind) -> Case:
-    kind = KINDS_OF_CLOUDS[name]
-    return replace(
-        _ydlidar(f"ydlidar {name}"),
         response_type=kind.response_type,
         make_format=kind.wire,
         make_decoder=kind.decoder,
@@ -109,9 +99,9 @@ KINDS = ("ydlidar_4ros_room10", "ydlidar_g2_11hz")
 OF_GOLDEN_ALONE = ("ydlidar_g6_12hz", "ydlidar_tg15_12hz")
 LAYOUTS = (
     *(case for case in CASES if case.name in ("ydlidar_x4_11hz", "ydlidar_tmini_10hz")),
-    _unrecorded("x-flags", ydlidar.Kind(unit=4, flags=True, triangle=True)),
-    _unrecorded("octave", ydlidar.Kind(unit=2, triangle=True)),
-    _unrecorded("s4b", ydlidar.Kind(3, 4, flags=True, intensity_bits=8, triangle=True)),
-    _unrecorded("sh", ydlidar.Kind(4, intensity_bits=16)),
+    _of_kind("ydlidar x-flags", "x-flags", ydlidar.Kind(unit=4, flags=True, triangle=True)),
+    _of_kind("ydlidar octave", "octave", ydlidar.Kind(unit=2, triangle=True)),
+    _of_kind("ydlidar s4b", "s4b", ydlidar.Kind(3, 4, flags=True, intensity_bits=8, triangle=True)),
+    _of_kind("ydlidar sh", "sh", ydlidar.Kind(4, intensity_bits=16)),
 )
 """The other layouts of point clouds, for tests that make packets of any contents; most have no golden stream."""
