@@ -61,7 +61,7 @@ def with_mode(**changes: Any) -> Any:
 
 
 def patched(device: Any, name: str, value: Any) -> Any:
-    """A device, or a part of it as in ``drive.set_speed``, one of whose attributes is another one."""
+    """A device, or a part of it as in ``identity.respond``, one of whose attributes is another one."""
     *path, last = name.split(".")
     part = device
     for each in path:
@@ -106,8 +106,8 @@ def dead_standard(device: Any) -> Any:
 
 def motor_goes_on(device: Any) -> Any:
     """Speed 0 does not switch its motor off."""
-    set_speed = device.drive.set_speed
-    return patched(device, "drive.set_speed", lambda rpm, now: set_speed(rpm, now) if rpm else None)
+    set_speed = device.set_speed
+    return patched(device, "set_speed", lambda rpm, now: set_speed(rpm, now) if rpm else None)
 
 
 def slow_later(device: Any) -> Any:
@@ -124,8 +124,8 @@ def slow_later(device: Any) -> Any:
 
 def no_speed(device: Any) -> Any:
     """It can be switched on and off only."""
-    set_speed = device.drive.set_speed
-    return patched(device, "drive.set_speed", lambda rpm, now: set_speed(600 if rpm else 0, now))
+    set_speed = device.set_speed
+    return patched(device, "set_speed", lambda rpm, now: set_speed(600 if rpm else 0, now))
 
 
 def four_ros() -> Any:

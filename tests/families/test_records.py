@@ -22,6 +22,7 @@ CHECKED: dict[str, tuple[StreamFormat, bytes]] = {
     "irobotix rotor": (FrameFormat(), pack_failure(5.25)),
     "irobotix other": (FrameFormat(), pack_frame(0xAB, b"\x01\x02")),
     "ydlidar time stamp": (PointCloud(), pack_time_stamp(123_456, 7)),
+    "ydlidar time stamp with marks": (PointCloud(), pack_time_stamp(0x55AA_55AA, 0xAA)),
     "camsense idle": (CamsenseFormat(), camsense(0xA000, 0xA000, [0.0] * 8, [0] * 8)),
     "neato slow": (NeatoFormat(), neato(7, [500.0] * 4, [90] * 4, rpm=60.0)),
 }

@@ -64,13 +64,6 @@ def test_records_between_packets_are_no_noise(name: str) -> None:
     assert (received.stats.records, received.stats.skipped_bytes) == (4, 0)
 
 
-@pytest.mark.parametrize("name", RECORDS)
-def test_a_record_that_has_begun_is_waited_for(name: str) -> None:
-    record = RECORDS[name]
-    sizes = [PointCloud().other_record(bytearray(record[: end + 1]), 0) for end in range(len(record))]
-    assert sizes == [*[0] * (len(record) - 1), len(record)]
-
-
 def test_a_damaged_time_stamp_is_noise() -> None:
     bad = bytearray(pack_time_stamp(1000))
     bad[2] ^= 1

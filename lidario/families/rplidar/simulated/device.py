@@ -18,6 +18,10 @@ It discards what a real device discards:
 * where the motor is driven by an accessory board or by DTR, a scan does not start it: the descriptor comes, and no
   packet before the motor turns.
 
+What turns the rotor (`Profile.motor`): MOTOR_SPEED_CTRL clamps a speed to what the device can do (the same manual).
+The speed follows from the duty of SET_MOTOR_PWM by no formula that a host could know; here it is proportional. The
+accessory board forgets it when the device restarts. DTR asserted stops an A1 (SDK 2.1.0, `net_serial.cpp`).
+
 What the device tells of itself is in `identity`, how the speed of the line is changed in `requests`. STOP leaves
 the motor running. Section numbers are not given: the manual's editions number them differently.
 
@@ -56,56 +60,11 @@ _MOST_DUTY = 1023
 _LIMITS = (480, 1200)  # rpm of devices that do not tell theirs
 
 
-class Drive:
-    """What turns the rotor, and what the host can do about it: four ways, as the profiles name them.
-
-    * ``rpm``: MOTOR_SPEED_CTRL sets the speed, clamped to what the device can do; SCAN starts a motor that is off
-      (S-series interface manual).
-    * ``pwm``: an accessory board drives the motor by a duty, SET_MOTOR_PWM. Nothing else starts it: users' A2 and
-      A3 send no packet before. The speed follows from the duty by no formula that a host could know; here it is
-      proportional. The board forgets the duty when the device restarts.
-    * ``dtr``: the USB board of an A1 switches the motor by the control line DTR; asserted stops it (SDK 2.1.0,
-      `net_serial.cpp`).
-    * ``fixed``: it always turns.
-    """
-
-    def __init__(self, profile: Profile, motor: Motor) -> None:
-        self._profile = profile
-        self._motor = motor
-        if profile.motor in ("dtr", "fixed"):
-            motor.spin_at_once(profile.own_rpm, 0)
-
-    def scan_begins(self, now: int) -> None:
-        """Start a motor that is off, where a scan does that."""
-        if self._profile.motor == "rpm" and not self._motor.target_rpm:
-            self._motor.set_rpm(self._profile.own_rpm, now)
-
-    def set_speed(self, rpm: int, now: int) -> None:
-        """MOTOR_SPEED_CTRL: 0 for off."""
-        if rpm:
-            least, greatest = self._profile.speed_conf[1:] or _LIMITS
-            rpm = min(max(rpm, least), greatest)
-        self._motor.set_rpm(rpm, now)
-
-    def set_duty(self, duty: int, now: int) -> None:
-        """SET_MOTOR_PWM: 0 for off."""
-        self._motor.set_rpm(self._profile.own_rpm * min(duty, _MOST_DUTY) / _DUTY, now)
-
-    def set_line(self, asserted: bool, now: int) -> None:
-        """Set DTR."""
-        self._motor.set_rpm(0.0 if asserted else self._profile.own_rpm, now)
-
-    def protect(self, now: int) -> None:
-        """What Protection Stop and a restart do to the motor."""
-        if self._profile.motor in ("rpm", "pwm"):
-            self._motor.set_rpm(0, now)
-
-
 class SimulatedRplidar(Chassis[Profile, MeasurementStream]):
     """One simulated device; obeys `lidario.sim.device.SimulatedDevice`. Arguments and more as for `Chassis`.
 
-    A test may put another one in the place of `identity`, which responds to questions, of `drive`, `line_speed` and
-    `HANDLERS`, which obey the other requests. A serial number has 16 bytes; else ValueError is raised.
+    A test may put another one in the place of `identity`, which responds to questions, of `set_speed`, `line_speed`
+    and `HANDLERS`, which obey the other requests. A serial number has 16 bytes; else ValueError is raised.
     """
 
     def __init__(self, profile: Profile, **making: Unpack[Making]) -> None:
@@ -116,7 +75,8 @@ class SimulatedRplidar(Chassis[Profile, MeasurementStream]):
         self.response_delay_s: float = 0.0015
         self.boot_s: float = profile.boot_s
         self._motor = Motor(turns=float(self._random.random()))
-        self.drive: Drive = Drive(profile, self._motor)
+        if profile.motor in ("dtr", "fixed"):
+            self._motor.spin_at_once(profile.own_rpm, 0)
         self._reader = RequestReader()
         self.line_speed: LineSpeed = LineSpeed(profile.baudrate)
         self._ignored_until = 0
@@ -142,7 +102,7 @@ class SimulatedRplidar(Chassis[Profile, MeasurementStream]):
             return
         mode = self._waiting if self._stream is None else self._stream.mode
         self._end_stream(now)
-        self.drive.set_line(asserted, now)
+        self._motor.set_rpm(0.0 if asserted else self.profile.own_rpm, now)
         if mode is not None:
             self._begin(mode, now)
 
@@ -183,7 +143,8 @@ class SimulatedRplidar(Chassis[Profile, MeasurementStream]):
         return stream.ready + self._queue.airtime(stream.size)
 
     def _stop_motor(self, now: int) -> None:
-        self.drive.protect(now)
+        if self.profile.motor in ("rpm", "pwm"):
+            self._motor.set_rpm(0, now)
 
     def _advance(self, now: int) -> None:
         """Do what is due by `now`: build packets, give up an incomplete request."""
@@ -270,7 +231,8 @@ class SimulatedRplidar(Chassis[Profile, MeasurementStream]):
     def _start(self, mode: Mode, request: Request, *, force: bool = False) -> str:
         """Announce a stream and begin it once the motor is up to speed."""
         now = request.ended
-        self.drive.scan_begins(now)
+        if self.profile.motor == "rpm" and not self.motor_on:
+            self._motor.set_rpm(self.profile.own_rpm, now)
         announced = self._response_at(now)
         self._respond_with(pack_announcement(mode), announced, request.name)
         self._begin(mode, announced, force=force)
@@ -298,11 +260,19 @@ class SimulatedRplidar(Chassis[Profile, MeasurementStream]):
     def _motor_speed_ctrl(self, request: Request) -> str:
         # What was built already was measured at the speed before.
         since = request.ended if self._stream is None else max(request.ended, self._stream.built_until)
-        self.drive.set_speed(int.from_bytes(request.payload, "little"), since)
+        self.set_speed(int.from_bytes(request.payload, "little"), since)
         return ""
 
+    def set_speed(self, rpm: int, now: int) -> None:
+        """MOTOR_SPEED_CTRL: 0 for off."""
+        if rpm:
+            least, greatest = self.profile.speed_conf[1:] or _LIMITS
+            rpm = min(max(rpm, least), greatest)
+        self._motor.set_rpm(rpm, now)
+
     def _set_motor_pwm(self, request: Request) -> str:
-        self.drive.set_duty(int.from_bytes(request.payload, "little"), request.ended)
+        duty = min(int.from_bytes(request.payload, "little"), _MOST_DUTY)
+        self._motor.set_rpm(self.profile.own_rpm * duty / _DUTY, request.ended)
         return ""
 
     def _tell(self, request: Request) -> str:
