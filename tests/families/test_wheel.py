@@ -3,7 +3,7 @@
 Where a rotor stands for a while, the revolution in which it stood has more packets, and none is missing.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from itertools import accumulate, pairwise
 
 import numpy as np
@@ -20,26 +20,21 @@ PACKET_NS = 2_000_000
 Floats = NDArray[np.float64]
 
 
-def even(hertz: float, packets: int, first: float = 0.3) -> Floats:
+def even(hertz: float, packets: int) -> Floats:
     """Where an even rotor is at the beginning of each packet, in turns."""
-    turns: Floats = first + hertz * PACKET_NS * 1e-9 * np.arange(packets, dtype=np.float64)
+    turns: Floats = 0.3 + hertz * PACKET_NS * 1e-9 * np.arange(packets, dtype=np.float64)
     return turns
 
 
-def told(
-    turns: Floats, kept: Iterable[int], *, times: bool = True, every: int = 5, late_ns: Sequence[int] = ()
-) -> list[tuple[list[int], Arcs]]:
+def told(turns: Floats, kept: Iterable[int]) -> list[tuple[list[int], Arcs]]:
     """What a wheel tells of those packets that come, turn by turn: their numbers, and what it says.
 
     Args:
         turns: Where the rotor is at each packet of the stream.
         kept: Those that come; one more than are told of.
-        times: Whether it is known when they came.
-        every: Packets that each read brings.
-        late_ns: How late the reads of each turn are.
     """
     wheel, found = Wheel(TURN), list[tuple[list[int], Arcs]]()
-    wheel.tell_time(PACKET_NS if times else 0.0)
+    wheel.tell_time(PACKET_NS)
     numbers = sorted(kept)
     angles = np.floor(turns % 1.0 * TURN).astype(np.int32)
     whole = np.floor(turns).astype(int)
@@ -48,9 +43,8 @@ def told(
         if not here:
             continue
         behind = next(number for number in numbers if number > here[-1])
-        late = late_ns[turn] if turn < len(late_ns) else 0
-        ends = [*range(every, len(here), every), len(here)]
-        arrivals = [(end, (here[end - 1] + 1) * PACKET_NS + late) for end in ends]
+        ends = [*range(5, len(here), 5), len(here)]
+        arrivals = [(end, (here[end - 1] + 1) * PACKET_NS) for end in ends]
         found.append((here, wheel.follow(heads(angles[here], int(angles[behind])), arrivals)))
     return found
 

@@ -27,9 +27,9 @@ TURN_NS = {"hokuyo-urg04lx": 100e6, "hokuyo-ust10lx": 25e6}
 every_field = pytest.mark.parametrize("model", FIELDS)
 
 
-async def scans_of(model: str, count: int = 4) -> list[Scan]:
+async def scans_of(model: str) -> list[Scan]:
     async with make_rig(model).open() as lidar:
-        return await take(lidar, count)
+        return await take(lidar, 4)
 
 
 @every_field

@@ -29,10 +29,10 @@ def in_any_pieces(raw: bytes) -> Received:
     return whole
 
 
-def packet(count: int = 40, first: int = 100, *, seed: int = 0, marked: bool = True, control: int = 0) -> bytes:
+def packet(count: int = 40, first: int = 100, *, seed: int = 0) -> bytes:
     random = Random(seed)
     distances = [random.randrange(1, 30_000) for _ in range(count)]
-    return pack_points(distances, first, (first + 11 * (count - 1)) % FULL_TURN_Q6, control=control, marked=marked)
+    return pack_points(distances, first, (first + 11 * (count - 1)) % FULL_TURN_Q6)
 
 
 CLEAN = [packet(first=500 * n, seed=n) for n in range(12)]

@@ -46,14 +46,12 @@ def pack_points(
     last_q6: npt.ArrayLike,
     *,
     control: int = 0,
-    marked: bool = True,
     layout: Layout = MILLIMETRES,
     intensities: npt.ArrayLike = 0,
 ) -> bytes:
     """Pack point cloud packets of equal length, back to back: distances of the shape (n,) or (packets, n).
 
-    0 mm is no return, as is what 16 bits cannot hold. `control` is the CT byte, see `start_control`; `marked` tells
-    whether the C bit of both angles is 1, as it should be.
+    0 mm is no return, as is what 16 bits cannot hold. `control` is the CT byte, see `start_control`.
     """
     distances = np.rint(np.atleast_2d(np.asarray(distances_mm, dtype=np.float64)) * layout.unit)
     packets, samples = distances.shape
@@ -68,8 +66,8 @@ def pack_points(
         rows["sample"]["light"] = light
     rows["sample"]["word"] = word
     head[:, 0], head[:, 1] = 0x55AA, control | samples << 8
-    head[:, 2] = np.asarray(first_q6, dtype=np.int64) * 2 + marked
-    head[:, 3] = np.asarray(last_q6, dtype=np.int64) * 2 + marked
+    head[:, 2] = np.asarray(first_q6, dtype=np.int64) * 2 + 1  # the C bit of both angles
+    head[:, 3] = np.asarray(last_q6, dtype=np.int64) * 2 + 1
     head[:, 4] = np.bitwise_xor.reduce(np.concatenate((head, word, light), axis=1), axis=1)
     return rows.tobytes()
 
