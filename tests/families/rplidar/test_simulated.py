@@ -26,28 +26,26 @@ from tests.support.simulated_rplidar import (
 pytestmark = pytest.mark.discards("what the simulated device discards is tested here")
 
 
-class TestOneRequestAtATime:
+@pytest.mark.parametrize("second", [GET_HEALTH, STOP, RESET, SCAN])
+@pytest.mark.parametrize(
+    ("first", "name"),
+    [(GET_INFO, "get_info"), (conf(0x7F, 1), "get_lidar_conf"), (SCAN, "scan"), (express(1), "express_scan")],
+)
+def test_a_request_before_the_response_has_left_is_discarded(
+    bench: Bench, first: bytes, name: str, second: bytes
+) -> None:
     """While a request is unanswered, further ones are discarded, and nothing tells the host (manual)."""
-
-    @pytest.mark.parametrize("second", [GET_HEALTH, STOP, RESET, SCAN])
-    @pytest.mark.parametrize(
-        ("first", "name"),
-        [(GET_INFO, "get_info"), (conf(0x7F, 1), "get_lidar_conf"), (SCAN, "scan"), (express(1), "express_scan")],
-    )
-    def test_a_request_before_the_response_has_left_is_discarded(
-        self, bench: Bench, first: bytes, name: str, second: bytes
-    ) -> None:
-        bench.send(first)
-        whole = bench.device.wakeup(bench.now)
-        assert whole is not None
-        bench.run(whole - bench.now - 1)
-        bench.send(second)
-        assert not bench.device.log[-1].obeyed
-        assert bench.why == f"while the response to {name} is outstanding"
-        assert bench.device.scanning is ("scan" in name)
-        bench.run(1)
-        bench.send(second)
-        assert bench.device.log[-1].obeyed
+    bench.send(first)
+    whole = bench.device.wakeup(bench.now)
+    assert whole is not None
+    bench.run(whole - bench.now - 1)
+    bench.send(second)
+    assert not bench.device.log[-1].obeyed
+    assert bench.why == f"while the response to {name} is outstanding"
+    assert bench.device.scanning is ("scan" in name)
+    bench.run(1)
+    bench.send(second)
+    assert bench.device.log[-1].obeyed
 
 
 def begin_to_scan(bench: Bench) -> None:
@@ -139,16 +137,15 @@ class TestDiscarding:
         assert whole.device.log[0].obeyed
 
 
-class TestProtectionStop:
-    def test_scans_are_refused_and_stop_is_ignored(self, bench: Bench) -> None:
-        bench.device.protection_stop(7)
-        for request in (SCAN, FORCE_SCAN, EXPRESS_1):
-            assert bench.ask(request, SECOND) == b""
-            assert bench.why == "in protection stop"
-        bench.send(STOP)
+def test_in_protection_stop_scans_are_refused_and_stop_is_ignored(bench: Bench) -> None:
+    bench.device.protection_stop(7)
+    for request in (SCAN, FORCE_SCAN, EXPRESS_1):
+        assert bench.ask(request, SECOND) == b""
         assert bench.why == "in protection stop"
-        # So no pause follows it.
-        assert bench.ask(GET_HEALTH)[7:] == b"\x02\x07\x00"
+    bench.send(STOP)
+    assert bench.why == "in protection stop"
+    # So no pause follows it.
+    assert bench.ask(GET_HEALTH)[7:] == b"\x02\x07\x00"
 
 
 def test_an_overloaded_line_is_refused() -> None:
@@ -183,16 +180,10 @@ class TestAnswers:
         [
             (0x70, (), struct.pack("<H", 2)),
             (0x7C, (), struct.pack("<H", 1)),
-            (0x71, (1,), struct.pack("<I", 8000)),  # 31.25 µs
-            (0x71, (0,), struct.pack("<I", 16000)),
-            (0x74, (1,), struct.pack("<I", 30 * 256)),
             (0x75, (0,), b"\x81"),
             (0x75, (1,), b"\x85"),
             (0x7F, (0,), b"Standard\0"),
             (0x7F, (1,), b"DenseBoost\0"),
-            (0x01, (), struct.pack("<HH", 600, 0)),
-            (0x04, (), struct.pack("<H", 480)),
-            (0x05, (), struct.pack("<H", 1200)),
             (0x71, (7,), b""),  # no such mode
             (0x71, (), b""),  # no mode given
         ],
@@ -270,8 +261,7 @@ class TestAnswers:
         assert bench.device.wakeup(bench.now) is None
 
 
-class TestRarerRequests:
-    def test_hq_scan(self) -> None:
-        request = framed(0x83, bytes(33))
-        assert Bench("rplidar-hq").ask(request)[:7] == bytes.fromhex("a55a0d03004083")
-        assert Bench("rplidar-s2").ask(request) == b""
+def test_hq_scan() -> None:
+    request = framed(0x83, bytes(33))
+    assert Bench("rplidar-hq").ask(request)[:7] == bytes.fromhex("a55a0d03004083")
+    assert Bench("rplidar-s2").ask(request) == b""
