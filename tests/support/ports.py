@@ -61,9 +61,10 @@ class OnlyRead(PolledLine):
         self.ended = asyncio.Event()
 
     def lose(self, error: Exception) -> None:
-        self.lost.append(error)
-        self.stop()
-        self.ended.set()
+        if not self.is_closing:  # the thread may have told it twice, as it may tell `PolledLine.lose`
+            self.lost.append(error)
+            self.stop()
+            self.ended.set()
 
     def write(self, data: bytes) -> None:
         raise AssertionError("only read")
