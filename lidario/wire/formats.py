@@ -7,9 +7,9 @@ holds (`intact`). `next_stretch` builds on those three and is the same for every
 * while in step, whole runs of packets are taken;
 * a packet that fails its check is searched *inside*: the next one may begin in its middle, when bytes were
   lost or added;
-* a packet found that way must be followed by the beginning of another, because an 8-bit check value lets one
-  false packet in 256 pass. One that stands exactly where the damaged packet says it ends needs no such proof, and
-  none that overlaps it is one.
+* a packet found that way needs a second proof, because an 8-bit check value lets one false packet in 256 pass: the
+  beginning of another one behind it, or an intact one a few whole lengths before it (`REACH`). One that overlaps an
+  intact one in line with the last real packet is none.
 
 Every decision waits until the bytes it rests on are there, so results do not depend on how the stream was
 divided. A format object belongs to one stream: it remembers whether it is in step.
@@ -39,6 +39,11 @@ RESTARTS = 1 << 29
 
 HEADING_MASK = BEGINS - 1
 """What is left of a heading without its flags: the angle."""
+
+REACH = 8
+"""Lengths of a packet within which an intact one is the proof of the next that is in line with it. Among random
+bytes such pairs are a thirtieth of what is believed for the beginning of another behind it. Half of the packets are
+enough to find nearly all of these."""
 
 HEADINGS_WORTH_AN_ARRAY = 24
 """Packets from which their headings are made and compared as an array. Measured: making and comparing a list takes
@@ -91,7 +96,9 @@ class StreamFormat(ABC):
 
     def __init__(self) -> None:
         self._in_step = True
-        self._due: int  # while it is out of step: the next packet is due so far behind the place asked about
+        # While it is out of step, counted from the place asked about: where the last real packet ends, or a damaged
+        # one in line with it; and where the last intact one ends that had no proof.
+        self._last_end = self._other_end = 0
 
     @classmethod
     def sample_us(cls, packets: bytes) -> float:  # noqa: ARG003
@@ -170,10 +177,10 @@ class StreamFormat(ABC):
                 return Stretch((), at, at)
             if size == NO_PACKET and self.other_record(data, at) == 0:
                 return Stretch((), at, at)
-            self._in_step = False
-            self._due = size
+            self._in_step, self._last_end, self._other_end = False, 0, 0
         noise = self._end_of_noise(data, at)
-        self._due -= noise - at
+        self._last_end -= noise - at
+        self._other_end -= noise - at
         if noise == at and self._in_step:
             # What was waited for begins right here, and it is whole.
             run = self.run(data, at)
@@ -202,29 +209,34 @@ class StreamFormat(ABC):
                     self._in_step = 0 < record <= len(data) - place
                     return place
             if size != NO_PACKET and self.intact(data, place, size):
-                proof = self._proof(data, place, size, due=at + self._due)
+                proof = self._proof(data, at, place, size)
                 if proof is None:
                     return place
                 if proof:
                     self._in_step = True
                     return place
-            elif size != NO_PACKET and place == at + self._due:
+            elif size != NO_PACKET and self._due_in(place - at, self._last_end) == 0:
                 if self.mend(data, place, size):
                     self._in_step = True
                     return place
-                # Damaged, but in step: the one behind it is due where this one ends.
-                self._due += size
+                self._last_end = place + size - at
             place += 1
 
-    def _proof(self, data: bytearray, place: int, size: int, due: int) -> bool | None:
+    def _due_in(self, way: int, end: int) -> int | None:
+        """How far behind a place a packet is due, by one that ends there; None where that is too far away."""
+        return (end - way) % self.longest if way - end < REACH * self.longest else None
+
+    def _proof(self, data: bytearray, at: int, place: int, size: int) -> bool | None:
         """Whether the intact packet at `place` is a real one; None while the bytes to tell are missing."""
-        if self.self_evident or place == due:
+        due_in = self._due_in(place - at, self._last_end)
+        if self.self_evident or due_in == 0 or self._due_in(place - at, self._other_end) == 0:
             return True
         behind = place + size
         if behind >= len(data):
             return None
-        if place < due < behind:
+        if due_in is not None:
             # Start angles that look like headers come again in the packet that is due: that one must not be real.
+            due = place + due_in
             expected = self.measure(data, due)
             if expected == 0 or expected > len(data) - due:
                 return None
@@ -233,4 +245,7 @@ class StreamFormat(ABC):
         follower = self.measure(data, behind)
         if follower == NO_PACKET:
             follower = self.other_record(data, behind)
+        if follower == NO_PACKET:
+            # It may be the proof of another one.
+            self._other_end = behind - at
         return None if follower == 0 else follower != NO_PACKET

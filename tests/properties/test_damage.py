@@ -4,12 +4,15 @@ All figures are of the golden streams, between the beginning of their first whol
 The share kept is the number of points in the delivered scans, divided by that in the clean turns.
 """
 
+from random import Random
+
 import numpy as np
 import pytest
 
 from tests.support.cases import CASES, Case
-from tests.support.kept import Kept, accepted_by_place, kept, spoil_inside
+from tests.support.kept import Kept, accepted_by_place, arrivals, kept, settled, spoil_inside
 from tests.support.samples import one_a_parser
+from tests.support.streams import assembled
 
 PACKET_CASES = [case for case in CASES if len(case.packets[0]) > 5]
 """All but the plain node, which has no check value: see test_nodes."""
@@ -59,6 +62,19 @@ def test_a_flipped_bit_costs_its_packet_and_nothing_else(case: Case, bit: int) -
         assert (result.wrong, result.missing, result.lost) == (0, 1, 1)
         assert result.moved.max() <= 2
         assert [scan.lost_packets for scan in result.scans] == [0, 1] + [0] * (len(case.turns) - 2)
+
+
+@one_a_parser(PACKET_CASES)
+def test_noise_in_place_of_each_second_packet_costs_no_more_than_their_loss(case: Case) -> None:
+    random, packets = Random(case.name), list(case.packets)
+    gone = range(settled(case, 2) + 1, case.turns[-1][-1].packet - 1, 2)
+    for number in gone:
+        packets[number] = random.randbytes(len(packets[number]))
+    left = [number for number in range(len(packets)) if number not in gone]
+    noisy = assembled(case, b"".join(packets))
+    silent = assembled(case, b"".join(packets[number] for number in left), times=arrivals(case, left))
+    assert [*map(len, noisy.scans)] == [*map(len, silent.scans)]
+    assert sum(map(len, noisy.scans)) >= 0.45 * sum(map(len, case.turns))
 
 
 @pytest.mark.long

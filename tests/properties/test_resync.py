@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidario.families.ydlidar.simulated.packers import pack_response
-from tests.support.cases import CASES, KINDS, Case
+from tests.support.cases import CASES, KINDS, Case, named
 from tests.support.harm import LURES, noises
 from tests.support.samples import one_a_parser
 from tests.support.streams import cut_up, feed, open_stream
@@ -74,6 +74,24 @@ def _noise(case: Case, mode: str, random: Random, first: int) -> bytes:
         begin = random.randrange(len(packet))
         pieces.append(packet[begin : random.randrange(begin, len(packet) + 1)])
     return b"".join(pieces)
+
+
+@pytest.mark.parametrize("case", [case for case in KINDS if not is_node(case)], ids=named)
+@pytest.mark.parametrize("gap", [1, 2, 7])
+@pytest.mark.parametrize("missing", [0, 5])
+def test_packets_between_noise_prove_each_other(case: Case, missing: int, gap: int) -> None:
+    """Also where the bytes begin in the midst of a packet, so that nothing tells where the first one is due."""
+    random, raw, lone = Random(f"{case.name} {gap}"), b"", set[int]()
+    for number, packet in enumerate(case.packets[:150]):
+        if number % (gap + 1) == 0:
+            lone.add(len(raw) - missing)
+        raw += packet if number % (gap + 1) == 0 else random.randbytes(len(packet))
+    # Behind enough clean packets, nothing is left undecided.
+    at, raw = len(raw) - missing, raw[missing:] + b"".join(case.packets[:4])
+    found = {place for place in feed(case, raw).places(case, raw) if place < at}
+    assert found <= lone
+    # The first one is cut, and the next one has none before it.
+    assert len(found) >= len(lone) - (2 if missing else 0)
 
 
 @every_kind
