@@ -21,6 +21,8 @@ from lidario.wire.rows import LayoutFormat
 _UNEVEN: Final = 0.25
 """By so much the span of a packet may differ from that of most: 7.58 to 10.23 degrees in a recording of a real
 LDROBOT LD06 whose spans are 8.71."""
+_SHORTEST: Final = 20
+"""Units of an angle that a packet must span to tell a rate: each of its two angles is rounded."""
 
 
 class TwoAngleFormat(LayoutFormat):
@@ -37,12 +39,13 @@ class TwoAngleFormat(LayoutFormat):
         """The rate that the spans of packets and their speed tell; 0 where they do not. Packets may be missing.
 
         It is more exact than a vendor's figure: a real LDROBOT LD06 measured 4546 samples a second and not 4500.
+        While a rotor stands or starts, its angles and the speed that it tells do not agree.
         """
         rows = np.frombuffer(packets, cls.layout)
         way = cls.way_of(rows)
         even = _even(way) & _even(rows["speed"])
         turned = int(way[even].sum())
-        if not turned:
+        if 2 * np.count_nonzero(even) <= len(rows) or turned < _SHORTEST * np.count_nonzero(even):
             return 0.0
         steps = rows["samples"].shape[1] - 1
         turns_a_second = 1 / (60 * cls.an_rpm)

@@ -3,10 +3,10 @@
 Sources throughout: the LD06 development manual v1.0, the vendor's SDKs, and a recording of a real LD06, from which
 sample rate and unsteadiness are known. No request was tried on a real device.
 
-The rate of the samples tells the models apart, for no packet tells model, firmware or serial number. Models of one
-rate are not told apart, but they measure alike, except LD14 and LD08. Some LD14P have that rate too
-(more_families.md B1): the speed of their line tells them. Sample rates: LD06 as measured on a real device, the
-others by data sheet.
+The rate of the samples tells the models apart, for no packet tells model, firmware or serial number; while the
+rotor does not turn, the clock in the packets tells it. Models of one rate are not told apart, but they measure
+alike, except LD14 and LD08. Some LD14P have that rate too (more_families.md B1): the speed of their line tells
+them. Sample rates: LD06 as measured on a real device, the others by data sheet.
 
 The LD14P alone has requests, and may have been stopped: ``54 cmd 04 p0 p1 p2 p3 crc`` (codes: the vendor's SDK,
 ``ldlidar_protocol.h``, and a community port). Responses exist, but are not documented. So they are passed over as
@@ -62,9 +62,15 @@ _LENS_UNKNOWN: Final = (
     "an LD14 and an LD08 send the same packets at the same rate. It is read as an LD14; the distances of an LD08 "
     "would be up to 60 mm short: name the model, as in ?model=ld08, or ?model=ld14"
 )
+_ALIKE: Final = replace(BEAM, name="", title="LDROBOT LD06, LD19 or alike")
+_UNTOLD: Final = replace(
+    _ALIKE,
+    note="its rotor stands, and so does the clock in its packets: they do not tell the model. It is read as "
+    "an LD06: name the model, as in ?model=ld14",
+)
 _BY_RATE: Final = (
     (10_000, _STL27L),
-    (4250, replace(BEAM, name="", title="LDROBOT LD06, LD19 or alike")),
+    (4250, _ALIKE),
     (3150, _LD14P),
     (0, replace(TRIANGLE, name="", title="LDROBOT LD14 or LD08", note=_LENS_UNKNOWN)),
 )
@@ -73,6 +79,8 @@ _BY_RATE: Final = (
 
 def _model_of(packets: bytes, baudrate: int | None) -> TalkingModel:
     rate = PacketFormat.samples_a_second(packets)
+    if not rate and baudrate not in TRIANGLE.baudrates:
+        return _UNTOLD
     model = next(model for slowest, model in _BY_RATE if rate >= slowest)
     return _LD14P if model.note and baudrate in _LD14P.baudrates else model
 

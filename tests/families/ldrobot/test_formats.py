@@ -1,21 +1,27 @@
 """Packets, records and noise of the LDROBOT stream."""
 
+from collections.abc import Callable
 from random import Random
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+from lidario.families.ldrobot import TALKERS
 from lidario.families.ldrobot.decode import TriangleDecoder
 from lidario.families.ldrobot.formats import CRC, PacketFormat, TriangleFormat
 from lidario.families.ldrobot.simulated.device import pack_points, pack_response
 from lidario.families.scripts import hear
 from lidario.families.two_angles import TwoAngleDecoder
+from lidario.recording.offline import OfflineDecoder
 from lidario.wire.events import Response
 from lidario.wire.link import Link
 from lidario.wire.states import LinkState
 from tests.families.ldrobot.about import CASES
 from tests.reference import golden, ldrobot
 from tests.support.streams import cut_up, feed, in_one_run
+
+Floats = NDArray[np.float64]
 
 MANUAL = bytes.fromhex(
     "54 2C 68 08 AB 7E E0 00 E4 DC 00 E2 D9 00 E5 D5 00 E3 D3 00 E4 D0 00 E9 CD 00 E4 CA 00 E2 C7 00 E9 C5"
@@ -155,6 +161,56 @@ def test_the_rate_is_told_by_step_and_speed() -> None:
     for name, rate in (("ldrobot_ld19_6hz", 4500), ("ldrobot_stl27l_13hz", 21_600), ("ldrobot_ld14p_6hz", 4000)):
         raw = b"".join(ldrobot.split(golden.load(name).raw)[:24])
         assert PacketFormat.samples_a_second(raw) == pytest.approx(rate, rel=0.01)
+
+
+def packets_of(late_s: float, told: Callable[[Floats], Floats], rate: float) -> bytes:
+    """Packets of a rotor whose way in degrees is told by the time, and its speed some time later."""
+    seconds = np.arange(600)[:, None] * 12 / rate + np.arange(12) / rate
+    way = np.floor(told(seconds) * 100).astype(np.int64) % 36_000
+    before = seconds[:, 0] - late_s
+    speed = np.rint((told(before) - told(before - 1e-3)) / 1e-3).astype(np.int64)
+    at_ms = (29_990 + seconds[:, 0] * 1e3).astype(np.int64) % 30_000
+    return pack_points(np.full((600, 12), 1000), 100, way[:, 0], way[:, -1], speed=speed, milliseconds=at_ms)
+
+
+@pytest.mark.parametrize(
+    ("rate", "title"),
+    [
+        (2300, "LDROBOT LD14 or LD08"),
+        (4000, "LDROBOT LD14P"),
+        (4500, "LDROBOT LD06, LD19 or alike"),
+        (5000, "LDROBOT LD06, LD19 or alike"),
+        (21_600, "LDROBOT STL-27L"),
+    ],
+)
+@pytest.mark.parametrize(
+    "told",
+    [
+        pytest.param(np.zeros_like, id="stands"),
+        pytest.param(lambda seconds: 3 * seconds, id="creeps"),
+        pytest.param(lambda seconds: 4000 * np.maximum(seconds, 0) ** 2, id="speeds up"),
+        pytest.param(lambda seconds: 3600 * seconds, id="turns"),
+    ],
+)
+@pytest.mark.parametrize("late_s", [0.0, 0.01])
+def test_a_rotor_that_does_not_turn_evenly_yet_hides_no_model(
+    rate: float, title: str, told: Callable[[Floats], Floats], late_s: float
+) -> None:
+    assert OfflineDecoder(packets_of(late_s, told, rate)).title == title
+
+
+@pytest.mark.parametrize(
+    ("baudrate", "title"),
+    [
+        (None, "LDROBOT LD06, LD19 or alike"),
+        (230_400, "LDROBOT LD06, LD19 or alike"),
+        (115_200, "LDROBOT LD14 or LD08"),
+    ],
+)
+def test_where_nothing_tells_the_model_it_is_a_guess(baudrate: int | None, title: str) -> None:
+    model = TALKERS.unnamed(pack_points([[1000] * 12] * 24, 100, 9000, 9000, speed=0), baudrate)
+    assert model.title == title
+    assert "name the model" in model.note
 
 
 @pytest.mark.parametrize(("more", "packets"), [(1, 0), (2, 1)])
