@@ -122,17 +122,18 @@ class Talkers:
         return (named.wire,) if named else self.wires or (self.all[0].wire,)
 
     def find_stream(self, data: memoryview, known: Known) -> RawStream | None:
-        """As `Family.find_stream`: at the first packets in a row, which may tell the model."""
+        """As `Family.find_stream`: at the first packets that are not alone, which may tell the model."""
         named = self.models[known.model] if known.model else None
         for made in self.wires_of(named):
             wire = made()
             for found in wire.header.finditer(data):
                 at = found.start()
                 rows = bytearray(data[at : at + (self.heard + 1) * wire.longest])
-                run = wire.run(rows, 0)
+                if not wire.run(rows, 0).packets:
+                    continue
+                count, heard = made().packets_in(rows)
                 # Also where one packet is proof enough: it tells no model.
-                if sum(block.packets for block in run.packets) >= LINKED:
-                    heard = bytes(rows[: run.end])
+                if count >= LINKED:
                     model = self.model_of(named, heard)
                     sample_us = known.sample_us or model.wire.sample_us(heard) or model.sample_us
                     return raw_stream(at, model.wire(), model.decoder(), sample_us, model.title, model.note)

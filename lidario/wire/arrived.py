@@ -45,12 +45,6 @@ def finds_packets(wire: StreamFormat, before: dict[str, Any], shown: bytearray) 
 
     `before` has the fields of the format as they were when the search began.
     """
-    wire, at = copy_of(wire), 0
+    wire = copy_of(wire)
     vars(wire).update(before)
-    while True:
-        stretch = wire.next_stretch(shown, at)
-        if stretch.packets:
-            return True
-        if stretch.end == at:
-            return False
-        at = stretch.end
+    return wire.packets_in(shown)[0] > 0

@@ -163,6 +163,16 @@ class StreamFormat(ABC):
             found.append(Block(size, count))
         return Stretch(tuple(found), at, at)
 
+    def packets_in(self, data: bytearray) -> tuple[int, bytes]:
+        """How many packets there are in `data`, as far as these bytes tell, and the bytes of those."""
+        at = count = 0
+        found = bytearray()
+        while (stretch := self.next_stretch(data, at)).end > at:
+            count += sum([packets for _, packets in stretch.packets])
+            found += data[at : stretch.middle]
+            at = stretch.end
+        return count, bytes(found)
+
     def next_stretch(self, data: bytearray, at: int) -> Stretch:
         """The next packets, or the noise or record at `at`; `end` equal to `at` means: wait for more bytes."""
         if self._in_step:

@@ -114,8 +114,8 @@ def family_of_stream(data: bytearray, families: Sequence[Family] = FAMILIES) -> 
         for kind in each.formats:
             wire = kind()
             tried = data if wire.whole else latest
-            packets, size = _whole_packets(tried, wire)
-            share = size / max(1, len(tried))
+            packets, found = wire.packets_in(tried)
+            share = len(found) / max(1, len(tried))
             if packets >= (1 if wire.whole else _PACKETS) and share > best:
                 best, family = share, each
     return family
@@ -133,18 +133,6 @@ def _has_records(data: bytearray, wire: StreamFormat) -> bool:
 def _text_in(data: bytearray) -> str:
     """The longest line of text among the bytes; empty where there is none."""
     return max(_TEXT.findall(data), key=len, default=b"").decode("ascii").strip()
-
-
-def _whole_packets(data: bytearray, stream_format: StreamFormat) -> tuple[int, int]:
-    """How many intact packets there are, and of how many bytes together."""
-    at = packets = size = 0
-    while True:
-        stretch = stream_format.next_stretch(data, at)
-        if stretch.end == at:
-            return packets, size
-        packets += sum(block.packets for block in stretch.packets)
-        size += stretch.middle - at
-        at = stretch.end
 
 
 def adapter_of(path: str) -> str | None:
