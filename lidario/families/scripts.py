@@ -4,7 +4,7 @@ Responses carry no check value, and one flipped bit makes another device. So wha
 what is done to it, is asked until it comes twice alike (`agreed`).
 
 A device that only talks streams for as long as it has power, and hears nothing. What it is, and whether it is well,
-is read from its packets: some of them in a row, whose check values hold, are its response (`hear`). STOP and START
+is read from its packets: some of them, whose check values hold, are its response (`hear`). STOP and START
 have no bytes: only the host begins and ends to listen. The motor turns until the power is cut, which the session
 says once and treats as no error.
 """
@@ -27,7 +27,7 @@ STATUSES: Final = (HealthStatus.OK, HealthStatus.WARNING, HealthStatus.ERROR)
 """Health by its number, the same in every family so far."""
 HEAR_S: Final = 0.5  # how long the packets by which a device is known may take
 MOST_DIFFERENT: Final = 5  # responses that are all different, after which no more are asked for
-LINKED: Final = 2  # packets in a row that prove that a device which only talks streams at this speed
+LINKED: Final = 2  # packets that prove that a device which only talks streams at this speed
 RUNS: Final = 12  # how many runs of `LINKED` packets are heard where damage lets no longer ones through
 NOT_STOPPED: Final = Request("STOP", b"", ends_stream=True)
 """Sends nothing to the device. The host only stops listening."""
@@ -87,7 +87,7 @@ def health_of(request: Request, told: bytes) -> Script[Health]:
 def hear(
     wire: StreamFormat, packets: int = LINKED, timeout: float = HEAR_S, wake: bytes = b"", attempts: int = 1
 ) -> Request:
-    """Wait for so many packets in a row; their bytes are the response.
+    """Wait for so many packets; their bytes are the response. Noise between them is none of it.
 
     `wake` starts a device that was stopped, and changes nothing about one that runs.
     """
@@ -104,10 +104,10 @@ def hear_runs(
     linked: int = LINKED,
     attempts: int = 1,
 ) -> Script[tuple[bytes, ...]]:
-    """Hear so many packets in a row, or `RUNS` short runs where the line damages so much that they do not come.
+    """Hear so many packets, or `RUNS` times a few where the line damages so much that they do not come.
 
-    A short run has `linked` packets; one is waited for first, so many `attempts` of `timeout` seconds, and where it
-    does not come, ResponseTimeout is raised. Returns the bytes of each run, in which no packet is missing.
+    A few are `linked` packets. These are waited for first, so many `attempts` of `timeout` seconds, and where they
+    do not come, ResponseTimeout is raised. Returns the bytes that were heard each time.
     """
     yield hear(wire(), linked, timeout, wake, attempts)
     try:

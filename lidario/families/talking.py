@@ -93,10 +93,10 @@ class Talkers:
     family: str  # short name of the family
     # All that is to be read in some way; those with a name are those that a user may name.
     all: tuple[TalkingModel, ...]
-    # Which model it is, where no user has named one: by packets, of which most are in a row, and by the speed of
+    # Which model it is, where no user has named one: by packets, of which some may be missing, and by the speed of
     # the line, as `Device.baudrate` has it.
     unnamed: Callable[[bytes, int | None], TalkingModel]
-    heard: int  # packets in a row from which that is known, and what a sample takes, if they tell it
+    heard: int  # packets from which that is known, and what a sample takes, if they tell it
     # The formats in which to look for packets, the likeliest first; none for that of any model.
     wires: tuple[type[StreamFormat], ...] = ()
     rotor: Rotor | None = None  # where the host powers the motor

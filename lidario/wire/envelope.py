@@ -72,7 +72,7 @@ class Request:
     in_stream: bool = False  # True when it may be sent while packets flow and changes nothing about them
     stream: StreamFormat | None = None  # format of the packets that follow, a fresh one for each start
     others: tuple[StreamFormat, ...] = ()  # formats that the descriptor may announce instead
-    # How many packets of `stream` in a row are the response, from a device that streams unasked and announces
+    # How many packets of `stream` are the response, from a device that streams unasked and announces
     # nothing; 0 where there is another response, or none.
     packets: int = 0
     dtr: bool | None = None  # state of the control line DTR before the bytes are written; None to leave it as it is

@@ -208,7 +208,7 @@ class Link:
             self._take_response(payload, size)
 
     def _await_packets(self, request: Request, wire: StreamFormat) -> None:
-        """Wait until so many packets have followed each other without a byte of noise between them."""
+        """Wait until so many packets have come; noise between them is no part of the response."""
         data, at = self._buffer, 0
         while len(data) - at >= wire.shortest:
             blocks, middle, end = wire.next_stretch(data, at)
@@ -227,8 +227,6 @@ class Link:
                     self._events.append(Response(self._heard))
                 self._end_waiting()
                 return
-            if end > middle and wire.other_record(data, middle) != end - middle:
-                self._heard, self._heard_packets = b"", 0
             self.stats.stray_bytes += end - middle
             at = end
         self._drop(at)

@@ -12,11 +12,12 @@ import pytest
 
 from lidario.families.rplidar import commands
 from lidario.families.rplidar.formats import DenseFormat, ExpressFormat
+from lidario.families.scripts import hear
 from lidario.session.finding.listening import family_of_stream
 from lidario.wire.events import Descriptor, Packets, Response
 from lidario.wire.link import Link
 from lidario.wire.states import LinkState
-from tests.support.cases import CASES, KINDS, Case
+from tests.support.cases import CASES, KINDS, Case, named
 from tests.support.links import DENSE, INFO, INFO_ANSWER, PACKETS, receive, streaming, waiting
 from tests.support.streams import arrived, open_stream
 
@@ -65,6 +66,16 @@ def test_one_stretch_of_noise_is_one_event_however_long() -> None:
         replace(arrived(PACKETS[1] + PACKETS[2], 2, 0), skips=((0, 5000),)),
     ]
     assert link.stats.skipped_stretches == 1
+
+
+@pytest.mark.parametrize("case", [case for case in KINDS if not case.descriptor], ids=named)
+def test_packets_between_noise_are_a_response_too(case: Case) -> None:
+    random, link = Random(case.name), Link()
+    link.send_request(hear(case.make_format(), 24))
+    events = receive(link, b"".join(packet + random.randbytes(len(packet)) for packet in case.packets[:26]))
+    (response,) = events
+    assert isinstance(response, Response)
+    assert b"".join(case.packets).startswith(response.payload)
 
 
 def test_packets_bear_the_arrival_of_their_last_byte() -> None:
