@@ -13,6 +13,10 @@ from lidario.revolution.pipeline import Pipeline
 from lidario.scan import Scan
 from lidario.sector import Sector
 from lidario.wire.envelope import DESCRIPTOR_SIZE
+from tests.fuzz.checks import check_scan
+from tests.support import cases
+from tests.support.cases import named
+from tests.support.streams import open_stream, stream_of
 from tests.support.turns_4ros import SAMPLE_NS, scans_of, turn_of
 
 SECONDS = 6.0
@@ -130,3 +134,16 @@ def test_a_revolution_of_which_one_packet_comes_is_told_by_its_time(number: int 
     scans, stats = scans_of([turn] * 9, gone)
     assert [scan.seq for scan in scans] == [seq for seq in range(8) if seq not in alone]
     assert (stats.lost_packets, stats.broken_scans, stats.missed_scans) == (len(gone), len(alone), len(alone))
+
+
+@pytest.mark.parametrize("case", cases.KINDS, ids=named)
+def test_a_step_from_sample_to_sample_never_becomes_too_small_to_be_one(case: cases.Case) -> None:
+    """However often time says that nearly all is missing."""
+    together = 20 if len(case.packets[0]) == 5 else 1
+    packets = case.packets[:: 30 if together > 1 else 3]
+    pipeline, now = Pipeline(stream_of(case), 115_200, link=open_stream(case)), 0
+    for begin in range(0, 7000 * together // 20, together):
+        now += 500_000_000_000
+        piece = [packets[number % len(packets)] for number in range(begin, begin + together)]
+        for scan in pipeline.receive(b"".join(piece), now):
+            check_scan(scan)

@@ -150,6 +150,9 @@ class NodeSteps(PacedTurning):
         # In a file no time passes where nodes are missing: it cannot tell of fewer.
         fewer = 1 / max(1, round(1 / high)) if self._time_passes else 1.0
         for times in (max(1, round(low)), fewer):
+            if times > max(1.0, self._typical):
+                # Angles are whole numbers: no step is that small, whatever time seems to tell.
+                continue
             if high <= (1 + OFF) * times and low >= (1 - OFF) * times:
                 if times != 1:
                     self._typical /= times
