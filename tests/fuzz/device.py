@@ -21,7 +21,17 @@ from tests.fuzz.checks import check_error, check_scan, check_text
 from tests.support.ledger import assert_stats_close
 from tests.support.loop import run_driven
 
-_FAMILIES = {"rplidar": "rplidar-s2", "ydlidar": "ydlidar-4ros"}
+_FAMILIES = {
+    "rplidar": "rplidar-s2",
+    "ydlidar": "ydlidar-4ros",
+    "hokuyo": "hokuyo-ust10lx",
+    "ldrobot": "ldrobot-ld14p",
+    "neato": "neato-xv11",
+    "camsense": "camsense-x1",
+    "irobotix": "irobotix-delta2a",
+    "hlds": "hlds-lds01",
+}
+"""A device of each family."""
 _PATIENCE_S = 100.0
 _MOST_BUFFERED = 64 * 1024
 _FLOOD = 20_000
@@ -38,7 +48,10 @@ _CHANGES = [
     bytes((1, 4, 1, 4, 1, 6, 6, 6)),
 ]
 """The family, and what becomes of each delivery."""
-SEEDS = [seed[:1] + bytes((honest,)) + seed[1:] for honest in (0, 14, 40) for seed in _CHANGES]
+SEEDS = [
+    *(seed[:1] + bytes((honest,)) + seed[1:] for honest in (0, 14, 40) for seed in _CHANGES),
+    *(bytes((family, 14)) + _CHANGES[family % len(_CHANGES)][1:] for family in range(2, len(_FAMILIES))),
+]
 """With so many deliveries unchanged before."""
 
 
