@@ -71,7 +71,10 @@ class RawDecoder:
         return DECODER_BYTES + self.stats.unfinished_packets * (longest + PACKET_BYTES)
 
     def learn(self, status: Status) -> None:
-        """Take what the publisher tells of its lidar, and of the stream that runs."""
+        """Take what the publisher tells of its lidar, and of the stream that runs.
+
+        Where that has ended, the message that said so is missing, and scans that it would have brought are, too.
+        """
         name = status.about.info.family
         if self._family is None or self._family.name != name:
             self._end()
@@ -91,13 +94,14 @@ class RawDecoder:
             if isinstance(each, list):
                 yield from self._receive(each)
                 continue
+            left = list[Scan]()
             if isinstance(each, StreamBegan):
-                self._begin(each)
+                left = self._begin(each)
             elif isinstance(each, ZeroOffsetSet) and self._began is not None:
-                self._begin(replace(self._began, zero_offset_deg=each.zero_offset_deg), behind=each.behind)
+                left = self._begin(replace(self._began, zero_offset_deg=each.zero_offset_deg), behind=each.behind)
             elif isinstance(each, StreamEnded):
-                self._end()
-            yield []
+                left = self._end()
+            yield left
 
     def _receive(self, entries: Sequence[Entry]) -> Iterator[list[Scan]]:
         """Parse and decode what was read."""
@@ -107,27 +111,29 @@ class RawDecoder:
             data, self._last_ns, arrivals = join_reads(reads, self._last_ns)
             yield from self._pipeline.steps(data, self._last_ns, arrivals)
 
-    def _begin(self, began: StreamBegan, *, behind: bool = False) -> None:
+    def _begin(self, began: StreamBegan, *, behind: bool = False) -> list[Scan]:
+        """Begin with a stream, or go on with it; returns what is left of the one before, as `Assembler.end`."""
         before, pipeline = self._began, self._pipeline
         if began == before:
-            return
+            return []
         if pipeline and before and before == replace(began, zero_offset_deg=before.zero_offset_deg):
             # The same stream goes on.
             pipeline.assembler.set_zero_offset(began.zero_offset_deg, behind=behind)
             self._began = began
-            return
-        self._end()
+            return []
+        left = self._end()
         if self._family is None or self._family.stream_in(began.mode) is None:
-            return
+            return left
         self._began, self._wall_offset_ns = began, self._clock.wall_offset_ns
         stream = StoredStream(self._family, began).open()
         self._pipeline = Pipeline(stream, began.baudrate, self._wall_offset_ns, self.stats)
         self._last_ns = EARLIEST_NS
+        return left
 
-    def _end(self) -> None:
-        if self._pipeline is not None:
-            self._pipeline.end()
+    def _end(self) -> list[Scan]:
+        left = [] if self._pipeline is None else self._pipeline.end()
         self._began = self._pipeline = None
+        return left
 
 
 class Decoders:

@@ -68,7 +68,8 @@ class FileDecoder:
         for pieces in self._blocks():
             begun, _, _, block_deg, behind, _ = pieces[-1]
             if begun != number or pipeline is None:
-                self._end(pipeline)
+                for last in self._end(pipeline):
+                    yield last
                 number = begun
                 stored = self.recording.streams[number]
                 began = stored.began
@@ -84,7 +85,7 @@ class FileDecoder:
                 yield last
             if note := pipeline.take_note():
                 _log.warning("%s: %s", self.recording.path, note)
-        self._end(pipeline)
+        yield from self._end(pipeline)
 
     def _blocks(self) -> Iterator[list[Piece]]:
         """Reads of one stream and zero-angle offset that are decoded together."""
@@ -99,10 +100,11 @@ class FileDecoder:
         if block:
             yield block
 
-    def _end(self, pipeline: Pipeline | None) -> None:
-        if pipeline is not None:
-            pipeline.end()
-            self._count(pipeline.link.stats)
+    def _end(self, pipeline: Pipeline | None) -> list[Scan]:
+        if pipeline is None:
+            return []
+        self._count(pipeline.link.stats)
+        return pipeline.end()
 
     def _count(self, found: LinkStats) -> None:
         self.skipped_bytes += found.skipped_bytes

@@ -157,7 +157,7 @@ class OfflineDecoder:
         """Decode `blocks`, of at most `BLOCK` bytes each, in place of `data` from `begin` on."""
         for block in blocks:
             yield from map(self._in_time, self.pipeline.receive(block))
-        self.pipeline.end()
+        yield from map(self._in_time, self.pipeline.end())
 
     def _in_time(self, scan: Scan) -> Scan:
         """The scan, not before the one before has ended: packets that are missing without a trace took time too."""

@@ -69,6 +69,8 @@ class Assembler(SteadyAssembler):
         self._next_offset_deg: float | None = None
         self.ended: int = 0
         self._ended_at: tuple[Packets, int, int] | None = None
+        # Whether some of the packets that were taken last have not been looked at.
+        self._under_way = False
 
     @property
     def _by_blocks(self) -> bool:
@@ -91,10 +93,12 @@ class Assembler(SteadyAssembler):
         What is left when it is closed, or when the stream is ended meanwhile, counts as discarded.
         """
         taken = self.incoming.take(event, self._clock.usual_ns)
-        if taken is None:
-            return
-        (packets, headings), ended = taken, self.ended
-        count, kept = packets.count, 0
+        if taken is not None:
+            yield from self._ends_in(*taken)
+
+    def _ends_in(self, packets: Packets, headings: Headings) -> Iterator[list[Scan]]:
+        ended, count, kept = self.ended, packets.count, 0
+        self._under_way = True
         try:
             splits = self._seam.splits(headings, self.incoming.passing)
             dated = packets
@@ -129,6 +133,7 @@ class Assembler(SteadyAssembler):
                 done += len(ending[:several])
             kept = self._keep_until(count, dated, headings, kept, offsets)
         finally:
+            self._under_way = kept < count
             self.stats.discarded_packets += count - kept
 
     def _keep_until(self, end: int, event: Packets, headings: Headings, begin: int, offsets: Sequence[int]) -> int:
@@ -165,12 +170,24 @@ class Assembler(SteadyAssembler):
         self._keep_time()
         return scan
 
-    def end(self) -> None:
-        """The stream has ended: discard the revolution in the making. Harmless when done before."""
+    def end(self) -> list[Scan]:
+        """The stream has ended: discard the revolution in the making. Harmless when done before.
+
+        Returns:
+            The revolutions that are complete among the packets that wait.
+        """
+        scans = list[Scan]()
+        if (late := self.incoming.late()) is not None:
+            if self._under_way:
+                # What came before them was not looked at.
+                self.stats.discarded_packets += late[0].count
+            else:
+                scans = [scan for some in self._ends_in(*late) for scan in some]
         self.ended += 1
-        if (left := self.incoming.left()) is not None:
-            Assembler._keep(self, left, ())
+        if (odd := self.incoming.odd()) is not None:
+            Assembler._keep(self, odd, ())
         self._discard()
+        return scans
 
     def _discard(self) -> None:
         """What is missing in the revolution in the making is counted all the same."""

@@ -11,7 +11,6 @@ from lidario.revolution.false_packets import FalsePackets
 from lidario.revolution.pauses import Pauses
 from lidario.revolution.sample_time import SampleTime
 from lidario.revolution.stats import AssemblerStats
-from lidario.revolution.together import joined
 from lidario.wire.events import Packets
 from lidario.wire.formats import Headings
 
@@ -61,6 +60,9 @@ class Incoming:
             if come is None:
                 return None
             event = come
+        return self._true(event)
+
+    def _true(self, event: Packets) -> tuple[Packets, Headings] | None:
         headings = self._format.headings(event)
         self.passing = self._false.passing(headings, event.skips)
         if self.passing is not None:
@@ -71,11 +73,14 @@ class Incoming:
         event, headings = self._false.drop(event, headings) if event.data else (event, headings)
         return (self._clock.dated(event), headings) if event.data else None
 
-    def left(self) -> Packets | None:
-        """The packets that still wait, where the stream has ended: they are taken for true."""
-        held = [self._false.left(), None if self._pauses is None else self._pauses.left()]
-        found = [each for each in held if each is not None]
-        return joined(found) if found else None
+    def late(self) -> tuple[Packets, Headings] | None:
+        """As `take`, the packets that wait, where the stream has ended: nothing shows that the line was late."""
+        waited = None if self._pauses is None else self._pauses.left()
+        return None if waited is None else self._true(waited)
+
+    def odd(self) -> Packets | None:
+        """The packet that waits, since it may be false, where the stream has ended: it is taken for true."""
+        return self._false.left()
 
     def read_at(self, event: Packets, number: int) -> int:
         """When the read came that completed packet `number`; 0 where times were made from the samples."""

@@ -8,7 +8,8 @@ the pace of the device.
 
 How late the line is behind a silence follows from how long it took to measure what came. Packets that come late by
 most of a turn wait for the reads behind them, until the line has caught up, or half a turn and three reads have
-brought it no nearer to that. If it has caught up, they are dated by what came behind them.
+brought it no nearer to that. If it has caught up, they are dated by what came behind them. Where the stream ends
+before that, nothing shows that the line was late.
 """
 
 from __future__ import annotations

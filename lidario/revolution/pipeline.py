@@ -100,9 +100,9 @@ class Pipeline:
         """What is to be told of the time of a sample, once; empty where nothing is."""
         return self.assembler.incoming.time.take_note()
 
-    def end(self) -> None:
-        """The stream has ended: the revolution in the making is discarded. Harmless when done before."""
-        self.assembler.end()
+    def end(self) -> list[Scan]:
+        """The stream has ended: as `Assembler.end`."""
+        return self.assembler.end()
 
     def _parse(self, data: RawBytes, now: int, arrivals: Sequence[Arrival]) -> list[Packets]:
         self.link.receive_data(data, now, arrivals)

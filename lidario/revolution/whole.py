@@ -25,6 +25,7 @@ from lidario.scan import Scan
 from lidario.sector import Sector
 from lidario.wire.blocks import packet_offsets
 from lidario.wire.events import Packets
+from lidario.wire.formats import Headings
 
 _LEAP_NS: Final = 60_000_000_000
 _MOST_UNSEEN: Final = 1_000_000
@@ -36,13 +37,8 @@ class WholeAssembler(SectorAssembler):
 
     _last_ns: int | None = None
 
-    def ends(self, event: Packets) -> Iterator[list[Scan]]:
-        # None is false: all begin at the same angle.
-        taken = self.incoming.take(event)
-        if taken is None:
-            return
-        (packets, _), ended = taken, self.ended
-        offsets, done = packet_offsets(packets.blocks), 0
+    def _ends_in(self, packets: Packets, headings: Headings) -> Iterator[list[Scan]]:  # noqa: ARG002 - all are alike
+        offsets, ended, done = packet_offsets(packets.blocks), self.ended, 0
         try:
             for number, came_ns in enumerate(self._came(packets)):
                 part = part_of(packets, number, number + 1, offsets, self._stream.format, self._stream.sample_ns)

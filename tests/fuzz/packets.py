@@ -40,7 +40,7 @@ def make_scans(case: Case, packets: Sequence[bytes], run: int, times: int) -> No
     for at in range(0, len(packets), run):
         now += _STEPS_NS[(times + packets[at][-1]) % len(_STEPS_NS)]
         scans += assembler.add(in_one_run(wire, b"".join(packets[at : at + run]), now))
-    assembler.end()
+    scans += assembler.end()
     stats = assembler.stats
     assert stats.scans == len(scans)
     assert stats.scan_packets + stats.discarded_packets + stats.doubled_packets + stats.false_packets == len(

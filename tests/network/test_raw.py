@@ -106,6 +106,26 @@ def test_scans_are_those_of_the_publisher(sent: Sent) -> None:
         assert (own.seq, own.stamp_ns, own.mode) == (other.seq, other.stamp_ns, other.mode)
 
 
+@pytest.mark.parametrize("ends", [True, False])
+def test_what_is_late_behind_a_silence_comes_when_the_stream_ends_or_the_next_one_begins(ends: bool) -> None:
+    sent = Sent("rplidar-s2")
+    assert sent.status is not None
+    turn_ns, begun_ns = round(60e9 / sent.scans[-1].rpm), sent.scans[2].stamp_ns
+    decoder, began, scans, rest = sent.decoder(), sent.status.about.running, list[Scan](), b""
+    for entry in [each for message in sent.messages for each in parse_raw_message(message) or ()]:
+        if entry.is_event or entry.at_ns <= begun_ns:
+            scans += added(decoder, encode_raw_message([entry])) or () if not rest else ()
+        elif entry.at_ns < begun_ns + 2.5 * turn_ns:
+            rest += entry.data
+    late = Entry(False, begun_ns + round(3.7 * turn_ns), rest)
+    assert added(decoder, encode_raw_message([late])) == []
+    assert began is not None
+    told = StreamEnded(0) if ends else replace(began, at=began.at + 1)
+    behind = added(decoder, encode_raw_message([Entry(True, late.at_ns, text_of(told).encode())]))
+    assert behind
+    assert behind[0].stamp_ns > scans[-1].stamp_ns + turn_ns
+
+
 def test_where_the_clock_of_the_reader_is_set_a_stream_goes_on_and_the_next_one_has_the_new_time(
     sent: Sent,
 ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import pytest
 
 import lidario
 from lidario.recording.decode_file import FileDecoder
-from lidario.recording.read import McapRecording
+from lidario.recording.read import McapRecording, Piece
 from tests.support.recorded import assert_same_scans, record, replayed
 
 STALLED = "stall:300ms"
@@ -58,3 +59,24 @@ def test_what_was_away_is_told(tmp_path: Path) -> None:
     summary = lidario.summarize(tmp_path / "a.mcap")
     assert summary.losses == live.stats.reconnects
     assert summary.away_s == pytest.approx(sum(recording.away_ns) * 1e-9)
+
+
+@pytest.mark.parametrize("model", ["rplidar-s2", "ydlidar-4ros"])
+def test_what_is_late_behind_a_silence_when_a_recording_ends_is_decoded_and_played(
+    tmp_path: Path, model: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    live, pieces = record(tmp_path / "a.mcap", f"sim://{model}", 16), McapRecording.pieces
+    turn_ns, begun_ns = round(60e9 / live.scans[-1].rpm), live.scans[-3].stamp_ns
+
+    def late(self: McapRecording) -> Iterator[Piece]:
+        rest = b""
+        for piece in pieces(self):
+            rest += piece.data if begun_ns < piece.at_ns < begun_ns + 2.5 * turn_ns else b""
+            if piece.at_ns <= begun_ns:
+                yield (last := piece)
+        yield last._replace(data=rest, at_ns=begun_ns + round(3.7 * turn_ns))
+
+    monkeypatch.setattr(McapRecording, "pieces", late)
+    decoded = list(FileDecoder(live.path))
+    assert decoded[-1].stamp_ns > begun_ns + turn_ns
+    assert_same_scans(replayed(live.path), decoded)

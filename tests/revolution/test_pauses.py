@@ -1,6 +1,6 @@
 """A line that brings nothing for about a turn, and then all of it in pieces: nothing is missing or told as that."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache
 from itertools import pairwise
 
@@ -100,21 +100,60 @@ def costs_nothing(name: str, reads: Sequence[Read]) -> None:
         assert off < 0.1e9 * turn_s
 
 
+class Outage:
+    """A stream of which nothing came for almost two turns, and then a piece, which waits."""
+
+    def __init__(self, name: str) -> None:
+        self.turn_s = TURN_S.get(name, 0.1)
+        self._raw, self.pipeline = capture(KINDS[name], SECONDS), Pipeline(KINDS[name].stream())
+        self._a_second = (len(self._raw) - DESCRIPTOR_SIZE) / SECONDS
+        self.now = 0.0
+        while self.now < 1.2:
+            self.pipeline.receive(self.come(POLL_S), round(self.now * 1e9))
+
+    def come(self, seconds: float) -> bytes:
+        """What comes in so many seconds."""
+        begin, end = (DESCRIPTOR_SIZE + round(at * self._a_second) for at in (self.now, self.now + seconds))
+        self.now += seconds
+        return self._raw[begin:end]
+
+    def late(self) -> Iterator[list[Scan]]:
+        """What comes before and behind the outage, looked at together, in steps."""
+        before, before_s = self.come(self.turn_s), self.now
+        self.now += 1.95 * self.turn_s
+        data = before + self.come(1.1 * self.turn_s)
+        return self.pipeline.steps(data, round(self.now * 1e9), [(len(before), round(before_s * 1e9))])
+
+
 @pytest.mark.parametrize("name", ["0x85 dense", "4ROS points"])
-def test_packets_that_wait_when_the_stream_ends_are_counted(name: str) -> None:
-    turn_s = TURN_S.get(name, 0.1)
-    raw, pipeline = capture(KINDS[name], SECONDS), Pipeline(KINDS[name].stream())
-    a_second = (len(raw) - DESCRIPTOR_SIZE) / SECONDS
-    place, now = DESCRIPTOR_SIZE, 0.0
-    while now < 1.2:
-        now += POLL_S
-        end = DESCRIPTOR_SIZE + round(now * a_second)
-        pipeline.receive(raw[place:end], round(now * 1e9))
-        place = end
-    assert pipeline.stats.waiting_packets == 0
-    pipeline.receive(raw[place : place + round(0.01 * a_second)], round((now + turn_s) * 1e9))
-    assert pipeline.stats.waiting_packets > 0
-    pipeline.end()
-    stats = pipeline.stats
+def test_packets_that_wait_when_the_stream_ends_are_judged_as_they_came(name: str) -> None:
+    cut, whole = Outage(name), Outage(name)
+    for each in cut, whole:
+        assert [scan for scans in each.late() for scan in scans]
+        assert each.pipeline.stats.waiting_packets > 0
+    cut.pipeline.end()
+    while whole.pipeline.stats.waiting_packets:
+        whole.pipeline.receive(whole.come(POLL_S), round(whole.now * 1e9))
+    stats = cut.pipeline.stats
+    assert 0 < stats.missed_scans <= whole.pipeline.stats.missed_scans
+    assert 0 < stats.lost_packets <= whole.pipeline.stats.lost_packets
     assert (stats.waiting_packets, stats.unfinished_packets) == (0, 0)
-    assert stats.scan_packets + stats.discarded_packets == pipeline.link.stats.packets
+    assert stats.scan_packets + stats.discarded_packets == cut.pipeline.link.stats.packets
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_nothing_is_told_of_those_that_wait_behind_packets_that_were_not_looked_at(closed: bool) -> None:
+    """A stream is ended between two steps of the work at what came before."""
+    stream = Outage("4ROS points")
+    steps = stream.late()
+    while not next(steps):
+        pass
+    if closed:
+        # Garbage.
+        steps = iter(())
+    assert stream.pipeline.stats.waiting_packets > 0
+    assert not [*stream.pipeline.end(), *steps]
+    stats = stream.pipeline.stats
+    assert (stats.waiting_packets, stats.unfinished_packets) == (0, 0)
+    assert (stats.lost_packets, stats.missed_scans) == (0, 0)
+    assert stats.scan_packets + stats.discarded_packets == stream.pipeline.link.stats.packets

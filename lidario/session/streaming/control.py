@@ -164,8 +164,8 @@ class StreamControl:
         if self.state is State.CLOSED:
             return
         self.go(Event.UNWANT)
-        self.wanted = self.failure = self.totals.continued = self.totals.assembled.left_off = None
         self.rest()
+        self.wanted = self.failure = self.totals.continued = self.totals.assembled.left_off = None
         if self.starting:
             self._at.dialogue.interrupt(NotWanted("the stream is not wanted any more"))
         self._at.dialogue.stop_device()
@@ -188,10 +188,10 @@ class StreamControl:
 
     def lose(self, error: LidarError) -> None:
         """Let go of the line, which is no good any more because of `error`; a stream that is wanted stays so."""
-        self.leave_off()
         self.go(Event.LOSE)
         self.failure = None
         self.rest()
+        self.leave_off()
         self._at.dialogue.on_lost = None
         self._at.dialogue.on_still = None
         # Where the line still works, those who wait for a response must not wait for a device that is being left.

@@ -137,6 +137,12 @@ class Hub:
             self._linger.cancel()
             self._linger = None
 
+    def abandon(self) -> None:
+        """Nobody reads, and no timer is left."""
+        self.cancel_linger()
+        self.readers.clear()
+        self._watchers = []
+
     def check_deserted(self) -> None:
         """Call `deserted` if nobody reads, and no timer is about to call it."""
         if self._linger is None and not self.readers and not self.joining:

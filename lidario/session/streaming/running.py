@@ -134,7 +134,8 @@ class Running:
         self._dialogue.port.set_repeat(b"")
         self._dialogue.chronicle.ended(self._dialogue.link.fed)
         self._dialogue.deliver_to(None)
-        self._pipeline.end()
+        for scan in self._pipeline.end():
+            self._publish(scan)
         for timer in (self._watchdog, self._keepalive):
             if timer is not None:
                 timer.cancel()
@@ -165,8 +166,7 @@ class Running:
             for scan in scans:
                 self._last_scan = self._last_packet
                 self._forecast.turned(scan, self._dialogue.stats.bytes_received, self._last_packet)
-                self._totals.continued = scan
-                self._hub.publish(scan)
+                self._publish(scan)
             if scans and (note := self._pipeline.take_note()):
                 _log.warning(note)
             if counted.broken_scans > self._discarded:
@@ -175,6 +175,10 @@ class Running:
             yield
         if self._hub.parts:
             self._forecast.expect(self._pipeline.assembler.next_ns)
+
+    def _publish(self, scan: Scan) -> None:
+        self._totals.continued = scan
+        self._hub.publish(scan)
 
     def _follow_clock(self, wall_offset_ns: int) -> None:
         step_s = (wall_offset_ns - self._pipeline.assembler.wall_offset_ns) * 1e-9

@@ -104,9 +104,9 @@ class Scanner:
 
     def restart(self, *, failed: bool = False) -> None:
         if self.control.state is State.RUNNING and not self.control.starting:
+            self.control.pause()
             if failed:
                 self.control.leave_off()
-            self.control.pause()
             self._resume()
 
     def deliver(self, scan: Scan, missed: int) -> None:
@@ -125,8 +125,9 @@ class Scanner:
 
     def finish(self) -> None:
         if self.control.is_scanning:
-            self.hub.end(None)
+            # First: what is left of the recording is read, too.
             self.control.unwant()
+            self.hub.end(None)
 
     # ------------------------------------------------------------------------------------------------ operations
 
@@ -212,7 +213,7 @@ class Scanner:
 
     def abandon(self) -> None:
         """Nobody holds the session any more: let go of every timer. The device is not told."""
-        self.hub.cancel_linger()
+        self.hub.abandon()
         self.control.rest()
         self.line.end()
 
