@@ -9,6 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import InitVar, dataclass, field
 from functools import cache
+from operator import itemgetter
 from typing import Final
 
 import numpy as np
@@ -64,6 +65,7 @@ class DividedRevolution:
     decoder: Decoder  # decodes its pieces
     usual_ns: float  # what a revolution takes; 0 where that is not known
     offset_deg: float  # zero-angle offset of all its sectors
+    doubted: bool = False  # as `is_doubted`, of the revolution before, if that was broken
     usual_samples: float = 0.0  # what it has, by the latest speed that was certain; 0 where that is not known
     by_speed_ns: float = 0.0  # nanoseconds a sample, where the speed decides that; else 0
     # Where sectors end, as `ends_of`; `at` is the next one.
@@ -169,6 +171,8 @@ class DividedRevolution:
             missing = self.skipped_behind + sum([skipped for _, skipped in samples.gaps]) - samples.skipped_behind
             turned = (next_at - self.last) / self.wire.full_turn
             self.certain &= missing <= (turned + 0.5) * samples.last.samples
+            # Of the whole revolution time tells whether the rotor turns faster, of a few packets it does not.
+            self.certain &= not (self.doubted and may_be_faster(samples))
             self.skipped_behind = samples.skipped_behind
         else:
             self.certain &= self.wire.own_angles
@@ -296,6 +300,19 @@ class DividedRevolution:
             self.last_arc *= 1 - over / self.last_samples
             self.last_samples -= over
             self.lost_behind = 0
+
+
+def may_be_faster(samples: Samples, begin: int = 0) -> bool:
+    """Whether all packets behind so many samples are as many arcs apart, or one of a rotor that turns faster."""
+    gaps = dict(samples.gaps)
+    apart = {gaps.get(end, 0) for end in samples.ends if end > begin}
+    return len(apart) == 1 and 0 not in apart
+
+
+def is_doubted(samples: Samples) -> bool:
+    """The same behind the longest gap, where a turn may have passed unseen; or nothing came behind it."""
+    begin, _ = max(samples.gaps, key=itemgetter(1), default=(0, 0))
+    return 0 < begin == samples.ends[-1] or may_be_faster(samples, begin)
 
 
 def join_pieces(pieces: Sequence[SampleArrays]) -> SampleArrays:

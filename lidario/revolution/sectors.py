@@ -30,6 +30,7 @@ from lidario.revolution.divided import (
     ROUNDING,
     DividedRevolution,
     OpenSector,
+    is_doubted,
     join_pieces,
 )
 from lidario.revolution.ended import share_before
@@ -54,6 +55,7 @@ class SectorAssembler(Assembler):
     _publish_sector: Callable[[int, Sector], None]
     _parts: tuple[int, ...] = ()
     _latest: DividedRevolution | None = None
+    _doubted: bool = False  # as `is_doubted`, of the revolution before the one in the making
 
     def divide(self, parts: Iterable[int], publish: Callable[[int, Sector], None]) -> None:
         """Hand out sectors from the next revolution on.
@@ -140,7 +142,9 @@ class SectorAssembler(Assembler):
             return None
         began = first & HEADING_MASK if first & BEGINS else partial.seam
         offset_deg, usual_ns = self._stream.zero_offset_deg, self._clock.usual_ns
-        here = DividedRevolution(partial, began, wire, self._parts, self._decoder.fork(), usual_ns, offset_deg)
+        here = DividedRevolution(
+            partial, began, wire, self._parts, self._decoder.fork(), usual_ns, offset_deg, self._doubted
+        )
         if before is not None:
             here.usual_samples, here.by_speed_ns = before.usual_samples, before.by_speed_ns
         if here.samples:
@@ -238,6 +242,7 @@ class SectorAssembler(Assembler):
         here, broken = self.partial.divided, self.stats.broken_scans
         scan = super()._end(split, following)
         self._told_seq, self._told_unseen = None, 0
+        self._doubted &= self.stats.broken_scans > broken
         if here is not None and here.is_finished and not (split.broken or split.moved):
             if here.seq is None and scan is not None:
                 here.seq = scan.seq
@@ -253,19 +258,23 @@ class SectorAssembler(Assembler):
     ) -> Samples:
         here = ended.divided
         if here is None:
-            return super()._decode(ended, packets, split, following, room)
+            return self._judged(super()._decode(ended, packets, split, following, room))
         seam = None if split.marked or split.broken else split.seam
         here.finish(following, seam, broken=split.broken)
         self._told_seq, self._told_unseen = here.seq, here.unseen
         if not split.broken and (whole := here.whole()) is not None:
             self._decoder = here.decoder
-            return whole
+            return self._judged(whole)
         found = self._decoder.decode(packets, None if split.broken else following, room, seam)
         if here.certain:
             arrays = here.all_samples()
             found.revolutions = [found.last._replace(before_seam=here.before_seam)]
             found.angle_deg, found.distance_mm, found.intensity = arrays.angle, arrays.distance, arrays.intensity
-        return found
+        return self._judged(found)
+
+    def _judged(self, ended: Samples) -> Samples:
+        self._doubted = not self._stream.format.own_angles and is_doubted(ended)
+        return ended
 
     def _finish_all(self, here: DividedRevolution, scan: Scan | None) -> None:
         """The revolution has ended: hand out its last sectors. What its pieces did not know, the last one tells."""
