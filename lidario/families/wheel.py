@@ -26,7 +26,8 @@ Until a speed is sure by these rules, no arc is certain. What is known once stay
 it: nothing is learned anew behind a gap, but where the device cannot have measured as many packets as the arc
 would tell, the rotor has sped up meanwhile. What was told before it was sure is put right then (`Arcs.revoked`).
 
-Without times, as in a file of bytes, spans that agree are taken for one arc each, where no byte was skipped.
+Without times, as in a file of bytes, spans that agree are taken for one arc each, where no byte was skipped; so are
+those behind an outage.
 """
 
 from __future__ import annotations
@@ -155,9 +156,9 @@ class Wheel(PacedTurning):
         plain: list[int] = spans.tolist()
         told = plain if followed else plain[:-1]
         begin, fastest, revoked = self._arc, self._fastest, (0, 0)
-        walk = self._walk(plain, followed=followed) if self._certain else None
         # Where no time passes, what came in one piece has skipped nothing.
         alone = not self._time_passes and len(arrivals) == 1
+        walk = self._walk(plain, followed=followed, alone=alone) if self._certain else None
         is_strange = walk is None or self._is_strange(walk, told, alone=alone)
         if walk is None or is_strange or not self._confirmed:
             self._arc, self._fastest = begin, fastest
@@ -165,7 +166,7 @@ class Wheel(PacedTurning):
             if self._arc <= 0:
                 return Arcs(np.maximum(spans, 0.0), None, 0.0, certain=False)
             begin = self._arc
-            walk = self._walk(plain, followed=followed)
+            walk = self._walk(plain, followed=followed, alone=alone)
         may_tell = self._confirmed and self._time_passes and any(walk.missing)
         if may_tell and self._pace.is_too_short(self._packet_ns, begin):
             # What came before tells nothing of it.
@@ -175,15 +176,15 @@ class Wheel(PacedTurning):
             # The arc of the packet before was too short: what it measured is not used.
             self._learn(anew=True)
             revoked = 1, 0
-            walk = self._walk(plain, followed=followed)
+            walk = self._walk(plain, followed=followed, alone=alone)
         arc, missing, self._fits = walk.arcs, walk.missing, walk.fitting == walk.known
         passed = len(arc) + sum(missing)
         typical = sum(each * (1 + more) for each, more in zip(arc, missing, strict=True)) / passed or self._arc
         behind = np.array(missing) * self._samples if any(missing) else None
         return Arcs(np.array(arc), behind, typical / self._samples, self._certain, revoked, self._fits)
 
-    def _walk(self, spans: Sequence[int], *, followed: bool) -> _Walk:
-        """Follow spans from the last arc on."""
+    def _walk(self, spans: Sequence[int], *, followed: bool, alone: bool) -> _Walk:
+        """Follow spans from the last arc on; those that are `alone` as in `_is_strange`."""
         arcs, missing = list[float](), list[int]()
         last, fastest = self._arc, self._fastest
         end, fitting, known = len(spans) - 1, 0, 0
@@ -221,6 +222,8 @@ class Wheel(PacedTurning):
             if whole > TRUSTED_GAP + 1 or off > OFF:
                 # A whole turn may hide in it.
                 arcs.append(last)
+                if alone and _agree(behind := spans[at + 1 : at + 1 + AGREEING]):
+                    last = float(behind[0])
                 continue
             arcs.append(last + (mean - last) / (1 + (whole - 1) / 2))
             last = mean
@@ -233,8 +236,7 @@ class Wheel(PacedTurning):
         Where spans are `alone`, nothing but the angles tells of them: those that agree are taken for one arc each.
         """
         fitting, known = walk.fitting, walk.known
-        agree = len(spans) >= AGREEING and max(spans) <= (1 + LIKENESS) * min(spans)
-        if agree and (alone or not known):
+        if _agree(spans) and (alone or not known):
             # Gaps of so many arcs are never alike: the rotor had all but stood, and is at speed.
             self._strange, self._spans = _STRANGE, [*spans][-REMEMBERED:]
             return True
@@ -322,6 +324,11 @@ class Wheel(PacedTurning):
 def _are_alike(arc: float, shortest: int, longest: int) -> bool:
     """Whether all spans of a revolution are like the arc before."""
     return (1 - LIKENESS) * arc <= shortest and longest <= (1 + LIKENESS) * arc
+
+
+def _agree(spans: Sequence[int]) -> bool:
+    """Whether so many spans agree that one arc is certain, without the help of time."""
+    return len(spans) >= AGREEING and max(spans) <= (1 + LIKENESS) * min(spans)
 
 
 def _largest_group(spans: Sequence[int]) -> tuple[float, int]:

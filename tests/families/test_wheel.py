@@ -200,6 +200,20 @@ def test_a_speed_that_leaps_is_no_loss_where_time_speaks_against_it(times: int) 
         assert (arcs.certain, lost(arcs)) == (True, 24 * (times - 1))
 
 
+@pytest.mark.parametrize(
+    ("behind", "is_one"), [([960] * 6, True), ([960] * 5, False), ([960] * 3 + [480] * 6, False)]
+)
+def test_in_a_file_six_spans_that_agree_behind_an_outage_are_one_arc_each(behind: list[int], is_one: bool) -> None:
+    """The rotor turns twice as fast, also where it was slower in the same revolution; fewer may be gaps."""
+    wheel = Wheel(TURN)
+    wheel.tell_time(PACKET_NS, passes=False)
+    wheel.follow(heads(*turning(*[480] * 40)), [(40, 40 * PACKET_NS)])
+    arcs = wheel.follow(heads(*turning(*[480] * 10, 480 * 12, *behind)), [(11 + len(behind), 90 * PACKET_NS)])
+    assert arcs.certain
+    assert missing(arcs)[:11] == [0] * 10 + [11]
+    assert missing(arcs)[11:] == [0 if is_one or span == 480 else 1 for span in behind]
+
+
 @pytest.mark.parametrize("speeds", [(500,), (590,), (500, 590), (500, 590, 700), (420, 500)])
 def test_revolutions_are_steady_where_each_goes_on_as_the_one_before_ended(speeds: tuple[int, ...]) -> None:
     wheel, arrivals = Wheel(TURN), [(20 * len(speeds), 1000)]

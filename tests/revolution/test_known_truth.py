@@ -132,7 +132,8 @@ def test_what_it_turns_then_is_soon_known_where_less_tells_of_it(name: str, way:
     """By time as soon as a few packets have come, or, where none tells, by packets that agree."""
     found = _scored(name, "2 to 7 Hz, an outage of 1 s in it", way)
     assert found.kept > 0.7 * found.samples
-    assert found.wrong <= (0.02 * found.samples if way == "file" else 0)
+    # In a file those of an A1 are too few to agree.
+    assert found.wrong <= (0.02 * found.samples if way == "file" and name.endswith("A1") else 0)
 
 
 @pytest.mark.parametrize("name", ["G4", "X4"])
