@@ -222,7 +222,8 @@ class Wheel(PacedTurning):
             if whole > TRUSTED_GAP + 1 or off > OFF:
                 # A whole turn may hide in it.
                 arcs.append(last)
-                if alone and _agree(behind := spans[at + 1 : at + 1 + AGREEING]):
+                # Not where the rotor stands: its spans agree too.
+                if alone and _agree(behind := spans[at + 1 : at + 1 + AGREEING]) and behind[0]:
                     last = float(behind[0])
                 continue
             arcs.append(last + (mean - last) / (1 + (whole - 1) / 2))

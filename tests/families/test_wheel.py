@@ -214,6 +214,17 @@ def test_in_a_file_six_spans_that_agree_behind_an_outage_are_one_arc_each(behind
     assert missing(arcs)[11:] == [0 if is_one or span == 480 else 1 for span in behind]
 
 
+@pytest.mark.parametrize("begins", [480 * 12, 480])
+def test_in_a_file_a_rotor_that_stands_behind_an_outage_tells_no_arc(begins: int) -> None:
+    """Its spans agree as well."""
+    wheel = Wheel(TURN)
+    wheel.tell_time(PACKET_NS, passes=False)
+    wheel.follow(heads(*turning(*[480] * 40)), [(40, 40 * PACKET_NS)])
+    arcs = wheel.follow(heads(*turning(*[480] * 10, begins, *[0] * 8, 480, 480)), [(21, 90 * PACKET_NS)])
+    assert (arcs.arc > 0).sum() >= 10
+    assert np.isfinite(arcs.arc).all()
+
+
 @pytest.mark.parametrize("speeds", [(500,), (590,), (500, 590), (500, 590, 700), (420, 500)])
 def test_revolutions_are_steady_where_each_goes_on_as_the_one_before_ended(speeds: tuple[int, ...]) -> None:
     wheel, arrivals = Wheel(TURN), [(20 * len(speeds), 1000)]
