@@ -111,11 +111,11 @@ def hear_runs(
     """
     yield hear(wire(), linked, timeout, wake, attempts)
     try:
-        return ((yield hear(wire(), packets, timeout)),)
+        return ((yield hear(wire(), packets)),)
     except ResponseTimeout:
         runs: list[bytes] = []
         for _ in range(RUNS):
-            runs.append((yield hear(wire(), linked, timeout)))
+            runs.append((yield hear(wire(), linked)))
         return tuple(runs)
 
 
