@@ -7,6 +7,7 @@ import pytest
 
 from lidario import DeviceFault, DeviceLost, InternalError, ResponseTimeout, Scan, StreamFailed, open_lidar
 from lidario.revolution.ended import EndedRevolution
+from lidario.revolution.pipeline import Pipeline
 from lidario.revolution.seam import Seam
 from tests.support.cable import cable_to
 from tests.support.devices import Rig, end_of, leave_streaming, left_still, make_rig, take
@@ -87,6 +88,31 @@ async def test_a_lost_line_ends_every_stream_and_is_told_once(caplog: pytest.Log
     (told,) = caplog.messages
     assert told.startswith("the session ended: ")
     assert "unplugged" in told
+
+
+@pytest.mark.parametrize("how", ["leaves", "stops", "closes"])
+async def test_a_mistake_of_lidario_at_the_end_of_a_stream_leaves_the_device_still_all_the_same(
+    rig: Rig, how: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """What waits is judged when a stream ends, and the stop requests come behind that."""
+
+    def fails(_: Pipeline) -> list[Scan]:
+        raise IndexError("a bug")
+
+    lidar = await rig.open()
+    async with lidar.scans() as stream:
+        await anext(stream)
+        monkeypatch.setattr(Pipeline, "end", fails)
+        if how == "stops":
+            await lidar.stop()
+        elif how == "closes":
+            await lidar.close()
+    if how == "leaves":
+        await asyncio.sleep(1.0)
+    assert left_still(rig)
+    await lidar.close()
+    assert "lidario failed when a stream ended" in caplog.text
+    caplog.clear()
 
 
 async def test_a_mistake_of_ours_ends_the_stream_and_says_so(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -27,6 +27,7 @@ from lidario.session.finding.connection import At
 from lidario.session.streaming.forecast import Forecast
 from lidario.session.streaming.readers import Hub
 from lidario.session.talking.dialogue import Dialogue
+from lidario.session.talking.trouble import mistake_of_ours
 from lidario.wire.events import Packets
 from lidario.wire.stats import LinkStats
 
@@ -134,13 +135,16 @@ class Running:
         self._dialogue.port.set_repeat(b"")
         self._dialogue.chronicle.ended(self._dialogue.link.fed)
         self._dialogue.deliver_to(None)
-        for scan in self._pipeline.end():
-            self._publish(scan)
         for timer in (self._watchdog, self._keepalive):
             if timer is not None:
                 timer.cancel()
         self._watchdog = self._keepalive = None
         self._dialogue.port.set_polling(None)
+        try:
+            for scan in self._pipeline.end():
+                self._publish(scan)
+        except Exception as error:  # the stop requests come behind this
+            mistake_of_ours("lidario failed when a stream ended", error)
 
     def set_zero_offset(self, degrees: float, *, behind: bool) -> None:
         """Add another zero-angle offset, as `Assembler.set_zero_offset`."""
