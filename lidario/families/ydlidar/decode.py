@@ -122,12 +122,16 @@ class CloudDecoder(ArcDecoder):
         for size, count in control.packets.blocks:
             samples = (size - HEADER_SIZE) // each
             until, behind, end = at + count * samples, place + count * size, packet + count
-            raw[at:until].reshape(count, -1)[...] = data[place:behind].reshape(count, size)[:, HEADER_SIZE:]
-            grid, steps = output.angle[at:until].reshape(count, samples), max(samples - 1, 1)
-            at_equal_steps(heads.first[packet:end], way[packet:end], steps, grid)
-            while across and across[-1] < end:
-                in_turn(grid[across.pop() - packet], FULL_TURN_Q6 * steps, back=False)
-            np.divide(grid, 64.0 * steps, out=beams[at:until].reshape(count, samples), dtype=beams.dtype)
+            if count == samples == 1:
+                # Nearly always a start packet; one sample is not worth arrays.
+                raw[at], beams[at] = data[place + HEADER_SIZE : behind], heads.first[packet] / 64.0
+            else:
+                raw[at:until].reshape(count, -1)[...] = data[place:behind].reshape(count, size)[:, HEADER_SIZE:]
+                grid, steps = output.angle[at:until].reshape(count, samples), max(samples - 1, 1)
+                at_equal_steps(heads.first[packet:end], way[packet:end], steps, grid)
+                while across and across[-1] < end:
+                    in_turn(grid[across.pop() - packet], FULL_TURN_Q6 * steps, back=False)
+                np.divide(grid, 64.0 * steps, out=beams[at:until].reshape(count, samples), dtype=beams.dtype)
             at, place, packet = until, behind, end
         word = np.ascontiguousarray(raw[:, -2:]).view("<u2")[:, 0]
         np.divide(word & 0xFFFC if kind.flags else word, kind.unit, out=output.distance, casting="unsafe")
