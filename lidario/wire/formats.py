@@ -41,9 +41,9 @@ HEADING_MASK = BEGINS - 1
 """What is left of a heading without its flags: the angle."""
 
 REACH = 8
-"""Lengths of a packet within which an intact one is the proof of the next that is in line with it. Among random
-bytes such pairs are a thirtieth of what is believed for the beginning of another behind it. Half of the packets are
-enough to find nearly all of these."""
+"""Lengths of a packet within which an intact one is the proof of the next that is in line with it. Random
+bytes look like such a pair thirty times less often than like a packet with the beginning of another one behind it.
+Where half of the packets come, nearly all of those are found."""
 
 HEADINGS_WORTH_AN_ARRAY = 24
 """Packets from which their headings are made and compared as an array. Measured: making and comparing a list takes

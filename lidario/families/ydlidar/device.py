@@ -73,7 +73,7 @@ LAPSE_S: Final = (2.5, 4.0)
 later."""
 _LEARN_PROTECTION: Final = replace(commands.TOGGLE_PROTECTION, timeout=0.5)
 _SHORT_INFO: Final = replace(commands.GET_INFO, timeout=0.25, attempts=1)
-_INFO_ONCE: Final = replace(commands.GET_INFO, timeout=0.5, attempts=1)
+_INFO_ONCE: Final = replace(_SHORT_INFO, timeout=HEAR_S)
 
 
 class YdlidarDevice(Device):
@@ -126,7 +126,7 @@ class YdlidarDevice(Device):
             try:
                 told.append((yield _INFO_ONCE))
             except ResponseTimeout:
-                # One that only talks says its code when it gets power (X2 manual, 3), whoever asks meanwhile.
+                # One that only talks tells its code when it gets power (X2 manual, 3): that was no response.
                 with suppress(ResponseTimeout):
                     return (yield from self._hear())
         payload = yield from agreed(commands.GET_INFO, *told)

@@ -113,7 +113,7 @@ class Search:
         # One that is waited for shortly may be late. Then at another speed it is noise, but not at the same.
         quick = silent and all(a.baudrate != b.baudrate for a, b in pairwise(tries))
         shortly = partial(self._ask_each, left, quick=True)
-        # None where the user has named a model, or none needs DTR.
+        # Not where the user has named a model, or where no model needs DTR.
         needs_dtr = all(each.model is None for each in tries) and any(each.family.by_dtr for each in tries)
         by_dtr = [partial(self._ask_by_dtr, tries)] if needs_dtr else []
         steps: list[Callable[[], Awaitable[Connection | None]]] = [shortly, *by_dtr] if quick else []

@@ -138,7 +138,7 @@ class Hub:
             self._linger = None
 
     def abandon(self) -> None:
-        """Nobody reads, and no timer is left."""
+        """Forget all readers, and cancel the timer."""
         self.cancel_linger()
         self.readers.clear()
         self._watchers = []
