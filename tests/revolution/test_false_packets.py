@@ -172,6 +172,13 @@ def test_where_a_rotor_stands_amid_damage_none_is_false() -> None:
     assert (stats.false_packets, pipeline.link.stats.packets) == (0, 34)
 
 
+def test_one_between_two_outages_is_not_false() -> None:
+    """Almost a turn is missing before it and a few packets behind it: it seems to have fallen back, alone."""
+    clean, stats = numbered(24 * 6, 960), AssemblerStats()
+    assemble([*clean[:40], clean[62], *clean[68:]], stats=stats)
+    assert (stats.false_packets, stats.lost_packets) == (0, 22 + 5)
+
+
 def test_only_the_last_packet_waits() -> None:
     """A file comes in one read."""
     packets = numbered(24 * 4, 960)
