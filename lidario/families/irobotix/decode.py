@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.families.arcs import Output, in_turn
+from lidario.families.arcs import Output
 from lidario.families.irobotix.formats import (
     FULL_TURN,
     FifteenFormat,
@@ -46,13 +46,13 @@ class FrameDecoder(SlotDecoder):
             output.intensity[at:until].reshape(count, each)[...] = measured[:, :, 0]
             quarters = measured[:, :, 1].astype(np.uint16) << 8 | measured[:, :, 2]
             np.divide(quarters, 4, out=output.distance[at:until].reshape(count, each), casting="same_kind")
-            # In parts of a sample, whole numbers below 2^24, so that the division alone rounds.
+            # In parts of a sample, whole numbers below 2^24, so that the division alone rounds; never up
+            # to 360 degrees, of which every angle is at least 15 such parts below.
             parts = self._slots * each
             first = heads.first[packet : packet + count, None] * np.int64(parts)
             beam = (first + np.arange(each) * FULL_TURN) % (FULL_TURN * parts)
             output.angle[at:until].reshape(count, each)[...] = beam / (100.0 * parts)
             at, place, packet = until, behind, packet + count
-        in_turn(output.angle, 360, back=False)
 
     def _revolution_packets(self, heads: Heads, samples: float, begin: int, end: int) -> float:  # noqa: ARG002
         return float(self._slots)
