@@ -172,6 +172,13 @@ def test_where_a_rotor_stands_amid_damage_none_is_false() -> None:
     assert (stats.false_packets, pipeline.link.stats.packets) == (0, 34)
 
 
+def test_it_is_told_also_where_a_rotor_trembled_back_before() -> None:
+    clean, stats = numbered(24 * 6, 960), AssemblerStats()
+    trembling = [*clean[:25], *numbered(1, 0, 24 * 960 - 3), *clean[25:40], clean[52], *clean[41:]]
+    assemble(trembling, stats=stats)
+    assert (stats.false_packets, stats.lost_packets) == (1, 1)
+
+
 def test_one_between_two_outages_is_not_false() -> None:
     """Almost a turn is missing before it and a few packets behind it: it seems to have fallen back, alone."""
     clean, stats = numbered(24 * 6, 960), AssemblerStats()
