@@ -3,6 +3,8 @@
 Speed approaches its target exponentially, which has a closed form for the angle as well. So the angle of every
 sample is a function of its time alone. `spin_up_s` is the time from standstill until the speed is *stable*, within
 2 % of the target: data sheets give this time, and a device withholds its samples for so long.
+
+A real rotor is faster at some places of its turn than at others. `uneven` is by which part.
 """
 
 from __future__ import annotations
@@ -13,17 +15,24 @@ import numpy as np
 import numpy.typing as npt
 
 _STABLE = 0.02
+_PLACES = 36
+"""Places of a turn between which the speed of an uneven rotor changes."""
 
 
 class Motor:
     """A motor with a commanded speed; times are integer monotonic nanoseconds that never go back.
 
     From standstill it is stable after `spin_up_s` seconds; 0 changes speed at once. At the beginning the head
-    stands at so many `turns`.
+    stands at so many `turns`. Over 10 degrees its speed is off by the part `uneven`, one standard deviation; over a
+    turn it is even.
     """
 
-    def __init__(self, *, spin_up_s: float = 1.0, turns: float = 0.0) -> None:
+    def __init__(self, *, spin_up_s: float = 1.0, turns: float = 0.0, uneven: float = 0.0) -> None:
         self.spin_up_s: float = spin_up_s
+        off = np.random.default_rng(_PLACES).normal(size=_PLACES)
+        off -= off.mean()
+        # How far it is ahead of an even one, in turns, at each place.
+        self._ahead = np.append(0.0, np.cumsum(off * (uneven / off.std() / _PLACES))) if uneven else np.empty(0)
         self._since = 0
         self._turns = turns
         self._rate = self._earlier = 0.0  # revolutions per second at `_since`, and right before
@@ -58,7 +67,7 @@ class Motor:
 
     def set_rpm(self, rpm: float, now: int) -> None:
         """Command a speed in revolutions per minute; 0 lets the head run down."""
-        self._turns, self._rate = float(self.turns(np.array([float(now)]))[0]), self.rpm(now) / 60.0
+        self._turns, self._rate = float(self._even(np.array([float(now)]))[0]), self.rpm(now) / 60.0
         self._since, self._earlier = now, self._rate
         self._target = rpm / 60.0
         self._tau = self.spin_up_s / -math.log(_STABLE)
@@ -84,6 +93,12 @@ class Motor:
         Times are float64 (n,), nanoseconds, ascending; of a packet that the last `set_rpm` came upon, also before
         it.
         """
+        angle = self._even(times)
+        if self._ahead.size:
+            angle += np.interp(angle % 1.0 * _PLACES, np.arange(_PLACES + 1), self._ahead)
+        return angle
+
+    def _even(self, times: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         seconds = (times - self._since) * 1e-9
         angle = seconds * self._target + self._turns
         lag = (self._rate - self._target) * self._tau

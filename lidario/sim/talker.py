@@ -24,10 +24,8 @@ _LATEST_NS: Final = 5_000_000_000
 """A packet that is not made within this time never is: the rotor does not turn."""
 _TOGETHER: Final = 12
 """Packets that are made together."""
-_STEPS: Final = 6
-"""Of Newton's method, from where the rotor is to when it will be where it is wanted."""
-_NEAR: Final = 1e-6
-_SLOWEST_RPM: Final = 0.01
+_HALVINGS: Final = 18
+"""Of twice that time, until so little is left that the rotor turns evenly in it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +43,9 @@ class TalkerProfile:
     reach_mm: tuple[float, float] = (100.0, 8000.0)  # nearest and farthest distance
     commands: bool = False  # whether it hears requests
     waits: bool = False  # whether it is silent until it is started
+    early: bool = False  # whether it sends while its rotor speeds up, too
     back: bool = False  # whether it turns counter-clockwise
+    uneven: float = 0.0  # as for `Motor`
     note: str = ""  # what else is to be told of it, for people
     follows: str = ""  # which recording of a real device it follows, for people; empty where there is none
 
@@ -83,7 +83,7 @@ class Talker(Chassis[ProfileT, Running], Generic[ProfileT]):
         super().__init__(profile, **making)
         self.boot_s: float = 0.5
         self._rpm = profile.hertz * 60
-        self._motor = Motor(spin_up_s=1.0, turns=float(self._random.random()))
+        self._motor = Motor(spin_up_s=1.0, turns=float(self._random.random()), uneven=profile.uneven)
         self._up: int | None = None
 
     def _greeting(self) -> bytes:
@@ -151,7 +151,7 @@ class Talker(Chassis[ProfileT, Running], Generic[ProfileT]):
         """It has booted, or was started: speed up, and stream from there on."""
         self._queue.push(self._greeting(), at)
         self._motor.set_rpm(self._rpm, at)
-        self._begin(max(at, self._motor.stable_at or 0))
+        self._begin(at if self.profile.early else max(at, self._motor.stable_at or 0))
         self._up = 0
 
     def _stop(self, now: int) -> None:
@@ -181,13 +181,15 @@ class PacedByAngle(Talker[ProfileT]):
         self._stream = Running(origin, first, self._times(origin, np.array([(first + 1.0) / slots]))[0])
 
     def _times(self, begin: int, turns: Floats) -> list[int]:
-        """When the rotor will have turned so far, or has; never, where it takes too long."""
-        times = np.full(len(turns), float(begin))
-        for _ in range(_STEPS):
-            rates = np.array([max(self._motor.rpm(round(at)), _SLOWEST_RPM) for at in times.tolist()]) / 60e9
-            times = np.minimum(times + (turns - self._motor.turns(times)) / rates, begin + _LATEST_NS)
-        there = np.abs(self._motor.turns(times) - turns) < _NEAR
-        return [round(at) if ok else _BLOCKED for at, ok in zip(times.tolist(), there.tolist(), strict=True)]
+        """When the rotor will have turned so far, or has; never, where it takes too long. `turns` ascend."""
+        early, late = np.full(len(turns), float(begin - _LATEST_NS)), np.full(len(turns), float(begin + _LATEST_NS))
+        for _ in range(_HALVINGS):
+            middle = (early + late) / 2
+            is_there = self._motor.turns(middle) >= turns
+            early, late = np.where(is_there, early, middle), np.where(is_there, middle, late)
+        before, behind = self._motor.turns(early), self._motor.turns(late)
+        late -= (late - early) * (behind - turns) / np.maximum(behind - before, 1e-12)
+        return [round(at) if at < begin + _LATEST_NS - 1 else _BLOCKED for at in late.tolist()]
 
     def _make(self, stream: Running) -> None:
         rpm = self._motor.rpm(stream.ready)

@@ -143,3 +143,29 @@ def test_without_power_frozen_or_blocked_a_talker_is_silent(model: str, blocked:
     assert device.transmit(BEGIN + 4 * S) == b""
     device.reboot(BEGIN + 4 * S)
     assert len(device.transmit(BEGIN + 6 * S)) > 4000
+
+
+@pytest.mark.parametrize("model", ["neato-xv11", "irobotix-delta2a", "hlds-lds01"])
+@pytest.mark.parametrize("spin_up_s", [0.3, 3.0])
+def test_a_rotor_that_stood_sends_again_when_its_motor_is_powered(model: str, spin_up_s: float) -> None:
+    device = made(model, spin_up_s=spin_up_s)
+    device.power_motor(0.0, BEGIN)
+    device.transmit(BEGIN + 30 * S)
+    device.power_motor(300.0, BEGIN + 30 * S)
+    device.transmit(BEGIN + 34 * S)
+    assert len(device.transmit(BEGIN + 35 * S)) > 8000
+
+
+@pytest.mark.parametrize(
+    ("model", "told"),
+    [("neato-xv11", b"\x52\x80\x14\x00" * 4), ("irobotix-delta2a", b"\x61\xae"), ("hlds-lds01", b"")],
+)
+def test_what_tells_that_its_rotor_is_too_slow_does_so_while_that_speeds_up(model: str, told: bytes) -> None:
+    """So AE frames of a Delta come (more_families_2.md 5.3); of an LDS-01 no document tells what it sends then."""
+    device = made(model, spin_up_s=2.0)
+    device.reboot(BEGIN, off_s=10.0)
+    device.transmit(BEGIN + 10 * S + S // 2)
+    early = device.transmit(BEGIN + 11 * S)
+    assert told in early
+    assert bool(early) == bool(told)
+    assert len(device.transmit(BEGIN + 14 * S)) > 8000

@@ -48,3 +48,15 @@ def test_what_was_measured_right_before_a_change_was_measured_at_the_speed_befor
     motor.set_rpm(600, 0)
     motor.set_rpm(900, SECOND)
     np.testing.assert_allclose(motor.turns(np.array([0.9e9, 0.999e9, 1e9, 1.1e9])), [9.0, 9.99, 10.0, 11.5])
+
+
+def test_an_uneven_rotor_is_even_over_a_turn() -> None:
+    motor = Motor(spin_up_s=0.5, uneven=0.05)
+    motor.set_rpm(600, 0)
+    motor.set_rpm(300, SECOND)
+    times = np.arange(10 * SECOND, 12 * SECOND, 1_000_000, dtype=np.float64)
+    turned = motor.turns(times)
+    np.testing.assert_allclose(turned[200:] - turned[:-200], 1.0, atol=1e-6)
+    speed = np.diff(turned) * 200
+    assert speed.std() == pytest.approx(0.05, abs=0.01)
+    assert 0.8 < speed.min() < 0.95 < 1.05 < speed.max() < 1.2

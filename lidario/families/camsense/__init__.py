@@ -21,8 +21,8 @@ TALKERS: Final = Talkers(
     family="camsense",
     all=(_X1, _LDS08RR),
     unnamed=lambda packets, _: _X1 if packets[2] == 3 else _LDS08RR,
-    # By so many the rate is known to half a percent.
-    heard=24,
+    # A revolution: of less, a rotor that is faster at some places tells another rate. They take 0.2 s.
+    heard=50,
     wires=(PacketFormat, LongFormat),
 )
 

@@ -99,8 +99,9 @@ TALKERS: Final = Talkers(
         _STL27L,
     ),
     unnamed=_model_of,
-    # By so many the rate is known to 0.5 % (by a recording of a real LD06). Of an LD14 they take 0.13 s.
-    heard=24,
+    # A revolution of an LD06: a real one is faster at some places of it than at others. By so many the rate is
+    # known to 0.5 % (by a recording of one). Of an LD14 they take 0.2 s.
+    heard=38,
 )
 
 FAMILY: Final = family_of(

@@ -29,9 +29,11 @@ class Profile(TalkerProfile):
 
 
 _REACH_MM = (150.0, 8000.0)
-_DELTA2A = Profile("irobotix-delta2a", 1, baudrate=230_400, rate=5000.0, hertz=6.0, slots=16, reach_mm=_REACH_MM)
+_DELTA2A = Profile(
+    "irobotix-delta2a", 1, baudrate=230_400, rate=5000.0, hertz=6.0, slots=16, reach_mm=_REACH_MM, early=True
+)
 _DELTA2D = replace(_DELTA2A, name="irobotix-delta2d", model=3, baudrate=115_200, rate=2000.0, tells_end=True)
-_DELTA2G = Profile("irobotix-delta2g", 4, rate=1890.0, hertz=5.25, slots=15, reach_mm=_REACH_MM)
+_DELTA2G = Profile("irobotix-delta2g", 4, rate=1890.0, hertz=5.25, slots=15, reach_mm=_REACH_MM, early=True)
 PROFILES = by_name(
     _DELTA2A,
     replace(_DELTA2A, name="irobotix-delta2b", model=2),

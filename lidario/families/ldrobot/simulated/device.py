@@ -70,9 +70,9 @@ class Profile(TalkerProfile):
 
 _LD06 = Profile(
     "ldrobot-ld06", 1, baudrate=230_400, hertz=10.0, rate=4546.0, samples=12, reach_mm=(20.0, 12_000.0),
-    follows="andyblarblar/LD06",
+    follows="andyblarblar/LD06", uneven=0.031,
 )  # fmt: skip
-_LD19 = replace(_LD06, name="ldrobot-ld19", model=2, rate=4500.0, follows="")
+_LD19 = replace(_LD06, name="ldrobot-ld19", model=2, rate=4500.0, follows="", uneven=0.0)
 _LD14 = Profile("ldrobot-ld14", 7, hertz=6.0, rate=2300.0, samples=12, lens=_near)
 PROFILES = by_name(
     _LD06,

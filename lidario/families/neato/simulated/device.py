@@ -36,9 +36,10 @@ _XV11: Final = TalkerProfile(
     note=", counter-clockwise",
     follows="one of NXV11",
     back=True,
+    early=True,
 )
 _LDS02RR: Final = TalkerProfile(
-    "neato-lds02rr", 2, slots=90, samples=4, reach_mm=(150.0, 6000.0), note=", clockwise"
+    "neato-lds02rr", 2, slots=90, samples=4, reach_mm=(150.0, 6000.0), note=", clockwise", early=True
 )
 _LDS01RR: Final = replace(_LDS02RR, name="neato-lds01rr", model=1, reach_mm=(150.0, 9000.0))
 PROFILES = by_name(_XV11, _LDS02RR, _LDS01RR)
