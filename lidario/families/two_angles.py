@@ -1,8 +1,11 @@
 """Packets of one size that tell the angles of their first sample and of their last one.
 
-The samples between lie at equal steps. Models that triangulate see with a lens beside the laser: what they measure
-lies beside the beam, by an angle that depends on the distance. So neighbours can change places; revolutions are
-divided by the beam, and corrected after that.
+The samples between lie at equal steps. No rotor turns by more than `MOST_TURNS` meanwhile: a packet that says so is
+damaged, though its check value holds, and its samples would lie all around.
+
+Models that triangulate see with a lens beside the laser: what they measure lies beside the beam, by an angle that
+depends on the distance. So neighbours can change places; revolutions are divided by the beam, and corrected after
+that.
 """
 
 from __future__ import annotations
@@ -23,10 +26,33 @@ _UNEVEN: Final = 0.25
 LDROBOT LD06 whose spans are 8.71."""
 _SHORTEST: Final = 20
 """Units of an angle that a packet must span to tell a rate: each of its two angles is rounded."""
+MOST_TURNS: Final = 1 / 8
+"""Of a packet. An LDROBOT LD14 at its fastest turns by 14 degrees, and a rotor is not even."""
 
 
 class TwoAngleFormat(LayoutFormat):
     """Such packets: their layout has the fields ``start``, ``end``, ``speed`` and ``samples``."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        fields: Any = self.layout.fields
+        # Where the two angles stand.
+        self._places = fields["start"][1], fields["end"][1]
+
+    def intact(self, data: bytearray, at: int, size: int) -> bool:
+        start, end = (int.from_bytes(data[at + place : at + place + 2], "little") for place in self._places)
+        return bool(self._can_be(start, end)) and super().intact(data, at, size)
+
+    def _intact_rows(self, data: bytearray, at: int, count: int) -> NDArray[np.bool_]:
+        rows, intact = np.frombuffer(data, self.layout, count, at), super()._intact_rows(data, at, count)
+        intact &= self._can_be(rows["start"].astype(np.int32), rows["end"].astype(np.int32))
+        return intact
+
+    def _can_be(self, start: Any, end: Any) -> Any:
+        """Whether a packet, or each of some, can have these angles."""
+        first, last = start - self.zero, end - self.zero
+        within = (first >= 0) & (first <= self.full_turn) & (last >= 0) & (last <= self.full_turn)
+        return within & ((last - first) % self.full_turn <= MOST_TURNS * self.full_turn)
 
     @classmethod
     def way_of(cls, rows: NDArray[Any]) -> Ints:

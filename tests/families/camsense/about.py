@@ -20,8 +20,8 @@ MODELS = ("camsense-x1", "camsense-lds08rr")
 def _contents(case: Case, random: np.random.Generator, starts: NDArray[np.int64], wild: bool) -> list[bytes]:
     made = []
     for start in starts.tolist():
-        begin = start % (0x6000 if wild else 23_040)
-        end = (begin + int(random.integers(1, 1000))) % (0x6000 if wild else 23_040)
+        begin = start % 23_040
+        end = (begin + int(random.integers(1, 1000))) % 23_040
         distances = random.integers(0, 0x4000, 8).tolist()
         made.append(pack_packet(0xA000 + begin, 0xA000 + end, distances, random.integers(0, 256, 8).tolist()))
     return made

@@ -32,3 +32,9 @@ def test_packets_without_angles_are_records() -> None:
     raw = b"".join([*idle, *PACKETS[:10], idle[1], *PACKETS[10:20]])
     stats = feed(CASES[0], raw).stats
     assert (stats.packets, stats.records, stats.skipped_bytes) == (20, 4, 0)
+
+
+def test_what_no_rotor_can_turn_in_a_packet_is_damage() -> None:
+    odd = [pack_packet(0xA000 + 900, 0xA000 + at, [1000.0] * 8, [80] * 8) for at in (850, 900 + 46 * 64, 361 * 64)]
+    stats = feed(CASES[0], b"".join([*PACKETS[:10], *odd, *PACKETS[10:20]])).stats
+    assert (stats.packets, stats.records, stats.skipped_bytes) == (20, 0, 3 * 36)

@@ -20,15 +20,17 @@ def _contents(case: Case, random: np.random.Generator, starts: NDArray[np.int64]
     raw = pack_points(
         random.integers(0, 65536, (count, 12)),
         random.integers(0, 256, (count, 12)),
-        starts % (0x8000 if wild else 36_000),
-        (starts + random.integers(0, 3000, count)) % (0x8000 if wild else 36_000),
+        starts % 36_000,
+        (starts + random.integers(0, 3000, count)) % 36_000,
         speed=random.integers(0, 65536, count),
     )
     return [raw[at : at + 47] for at in range(0, len(raw), 47)]
 
 
 def _sealed(case: Case, contents: bytes) -> bytes:
-    body = case.packets[0][:2] + contents[2:-1]
+    packet = case.packets[0]
+    # Angles that one packet can have.
+    body = packet[:6] + contents[6:-5] + packet[-5:-1]
     return body + bytes((ldrobot.crc8(body),))
 
 

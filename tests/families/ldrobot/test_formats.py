@@ -64,6 +64,15 @@ def test_a_record_with_a_wrong_check_value_is_noise() -> None:
     assert (found.stats.records, found.stats.skipped_bytes) == (0, 4)
 
 
+@pytest.mark.parametrize("chunk", [None, 47])
+@pytest.mark.parametrize(("first", "last"), [(9500, 14_100), (9500, 9400), (36_100, 100), (35_900, 37_000)])
+def test_what_no_rotor_can_turn_in_a_packet_is_damage(first: int, last: int, chunk: int | None) -> None:
+    """A CRC of eight bits holds in one of 256 damaged packets; as of a real LD06 with bytes inserted."""
+    odd = pack_points(range(1000, 1012), 100, first, last)
+    found = feed(LD19, b"".join(CLEAN[:40]) + odd + b"".join(CLEAN[40:]), chunk)
+    assert (found.data, found.stats.skipped_bytes) == (b"".join(CLEAN), 47)
+
+
 @pytest.mark.parametrize("seed", range(10))
 def test_a_packet_that_is_not_due_needs_another_behind_it(seed: int) -> None:
     """Noise with packets in it by chance: a mark, and a check value that holds."""
