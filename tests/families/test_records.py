@@ -14,13 +14,22 @@ from lidario.families.ydlidar.formats import PointCloud
 from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_response, pack_time_stamp
 from lidario.wire.formats import NO_PACKET, StreamFormat
 from lidario.wire.link import Link
+from tests.reference.ldrobot import crc8
 from tests.support.links import receive
+
+
+def sealed(body: bytes) -> bytes:
+    """With the CRC of an LDROBOT behind it."""
+    return body + bytes((crc8(body),))
+
 
 CHECKED: dict[str, tuple[StreamFormat, bytes]] = {
     "ldrobot response": (LdrobotFormat(), ldrobot(0xA2, b"\x70\x08\0\0")),
     "ldrobot longest response": (LdrobotFormat(), ldrobot(0xA8, b"\x54\x2c" * 25)),
+    "ldrobot information": (LdrobotFormat(), sealed(b"\x54\x0f" + b"\x54\x2c" * 10)),
     "irobotix rotor": (FrameFormat(), pack_failure(5.25)),
     "irobotix other": (FrameFormat(), pack_frame(0xAB, b"\x01\x02")),
+    "irobotix without a speed": (FrameFormat(), pack_frame(0xA9, bytes(30))),
     "ydlidar time stamp": (PointCloud(), pack_time_stamp(123_456, 7)),
     "ydlidar time stamp with marks": (PointCloud(), pack_time_stamp(0x55AA_55AA, 0xAA)),
     "camsense idle": (CamsenseFormat(), camsense(0xA000, 0xA000, [0.0] * 8, [0] * 8)),

@@ -40,6 +40,19 @@ def test_a_line_counts_as_quiet_only_after_the_slowest_packets(family: Family) -
     assert 16 < 1e3 * family.timing.quiet_s - SLOWEST_MS.get(family.name, 17.0) < 46
 
 
+DEAF_S = {"rplidar": (2.0, 5.0), "ydlidar": (1.0, 0.0), "ldrobot": (0.7, 0.0), "camsense": (0.5, 0.0)}
+"""Seconds that a boot takes, of an S1, an LD06 and those that the vendor's SDK waits for; and for which half a
+request is remembered (rplidar.md 1 and 7, ydlidar_4ros.md 3 and 7, more_families.md B2)."""
+
+
+@pytest.mark.parametrize("name", DEAF_S)
+def test_a_device_is_waited_for_while_it_may_hear_nothing(name: str) -> None:
+    """Twice as long as any was seen to boot."""
+    timing, (boots_s, holds_s) = family_named(name).timing, DEAF_S[name]
+    assert timing.boot_s >= 2 * boots_s
+    assert timing.forget_s >= holds_s
+
+
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.name)
 def test_a_packet_is_known_by_its_first_two_bytes(family: Family) -> None:
     """The rest is for `measure`: of a longer header, one that the end of a read cuts would be missed."""

@@ -65,6 +65,8 @@ def test_sample_rate() -> None:
     assert rate == SampleRate(62.0, 31.0)
     old, sent = drive(identified(A1, (1, 16)).sample_rate(), {})
     assert (old, sent) == (SampleRate(476.0, 476.0), [])
+    _, sent = drive(identified(A1, (1, 17)).sample_rate(), {b"\xa5\x59": struct.pack("<HH", 508, 254)})
+    assert [request.name for request in sent] == ["GET_SAMPLERATE"] * 2
 
 
 # ----------------------------------------------------------------------------------------------------- start

@@ -117,6 +117,13 @@ def test_an_empty_list_falls_back_on_the_plain_scan(count: bytes | None) -> None
     assert modes == (ScanMode(0, "Standard", 0.0, 16.0, 0x81, typical=True),)
 
 
+def test_parts_of_a_metre_and_of_a_microsecond_are_told() -> None:
+    """The vendor's SDK cuts distances to whole metres (rplidar.md 3)."""
+    answers = {**LISTED, **conf(Conf.MODE_COUNT, b"\x01\0"), **mode_answers(0, b"Near", 16_001, 3201, 0x81)}
+    (mode,), _ = drive(identified().modes(), answers)
+    assert (mode.sample_us, mode.max_distance) == (16_001 / 256, 3201 / 256)
+
+
 def test_an_absurd_number_of_modes_ends() -> None:
     modes, sent = drive(identified().modes(), conf(Conf.MODE_COUNT, b"\xff\xff"))
     assert [mode.response_type for mode in modes] == [0x81]

@@ -31,7 +31,7 @@ def test_a_duty_that_cannot_be_is_not_taken() -> None:
     assert sent_at_start(identified(A2), {**YES, **absurd})[1] == "a5f0029402c1"
 
 
-@pytest.mark.parametrize("answers", [NO, {}])
+@pytest.mark.parametrize("answers", [NO, {BOARD: b"\xfe\xff\xff\xff"}, {}])
 def test_without_a_board_nothing_starts_the_motor(answers: Answers) -> None:
     device = identified(A2)
     assert sent_at_start(device, answers)[-1] == "a520"

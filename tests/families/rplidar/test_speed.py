@@ -9,11 +9,13 @@ from typing import Any
 import pytest
 
 from lidario import ConnectFailed, InvalidValue, ResponseTimeout, Unsupported, open_lidar
+from lidario.families.rplidar.commands import STOP
 from lidario.families.rplidar.speed import confirm
 from lidario.port.port import Port
 from tests.support.cable import cable_to
 from tests.support.devices import Rig, left_still, make_rig, names, take
 from tests.support.loop import driven_loop, run_driven
+from tests.support.rplidar_device import A1, C1, identified
 
 
 def test_the_documented_confirmation() -> None:
@@ -68,6 +70,13 @@ async def test_old_firmware_is_not_asked(rig: Rig) -> None:
             await lidar.set_baudrate(921_600)
         assert lidar.stats.interruptions == 0
         await anext(stream)
+
+
+@pytest.mark.parametrize("model", [A1, C1])
+def test_newer_firmware_is_asked(model: int) -> None:
+    """From 1.30 on; a C1 begins to count anew (rplidar_more.md 4)."""
+    device = identified(model, (1, 30) if model == A1 else (1, 1))
+    assert next(device.set_baudrate(230_400, 115_200)) == STOP
 
 
 async def test_the_speed_that_the_line_has_already_is_not_measured(rplidar: Rig) -> None:

@@ -36,6 +36,20 @@ OFFSET = {"r2", "g1", "g2", "g2a", "g2c", "4ros", "tg15", "tg30", "tg50"}
 """Those that tell a zero-angle offset (A5 93)."""
 FIXED = {"x4", "s4", "s4b", "x2", "x3", "x4pro", "s2pro", "tx8"}
 """Those whose speed no request sets."""
+BY_DTR = {"x4", "s4", "s4b", "x2", "s2pro"}
+"""Those whose motor turns while DTR is asserted."""
+PROTECTED = {"4ros", "tg15", "tg30", "tg50"}
+"""Those with power-down protection (A5 D9)."""
+SAMPLES = {
+    "tg": {"4ros", "tg15", "tg30", "tg50", "tx8"},
+    "x-flags": {"x4pro"},
+    "octave": {"g6", "g7"},
+    "g2": {"g2", "g4b"},
+    "s4b": {"s4b"},
+    "tmini": {"tsa-pro", "tmini", "tmini-pro", "tmini-plus"},
+    "sh": {"tmini-plus-sh"},
+}
+"""How samples are read; all others as those of an X4."""
 FROM_6_HZ = {"tsa-pro", "tmini", "tmini-pro", "tmini-plus", "tmini-plus-sh"}
 
 
@@ -46,6 +60,13 @@ def facts(model: Model) -> tuple[int, int, tuple[float, ...], bool, float]:
 
 def test_each_is_what_the_sheet_says() -> None:
     assert {name: facts(model) for name, model in MODELS.items()} == SHEET
+
+
+def test_how_each_is_read_and_switched_on() -> None:
+    assert {name for name, model in MODELS.items() if model.dtr} == BY_DTR
+    assert {name for name, model in MODELS.items() if model.protection} == PROTECTED
+    read = {name: {model for model in MODELS if MODELS[model].kind is kind} for name, kind in KINDS.items()}
+    assert read == {**SAMPLES, "x": MODELS.keys() - set().union(*SAMPLES.values())}
 
 
 def test_recordings_tell_how_samples_are_to_be_read_by_these_numbers() -> None:
