@@ -79,9 +79,10 @@ def why_no_router(router: str) -> ConnectFailed:
         return absent
     host, port = place[1].strip("[]"), int(place[2])
     try:
-        socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
         if protocol in _CONNECTED:
-            socket.create_connection((host, port), _TRY_S).close()
+            # Each address is tried, one behind the other.
+            socket.create_connection((host, port), _TRY_S / len(found)).close()
             return ConnectFailed(_unwelcome(router, protocol), reason="refused")
     except socket.gaierror as error:
         # A name that cannot be looked up at the moment may be right: the network may not be up yet.

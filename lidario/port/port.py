@@ -249,7 +249,7 @@ class Port(Guarded, WallClock, asyncio.Protocol):
         _log.debug("%s was abandoned without being closed", self.name)
         try:
             # The garbage collector may run this in any thread.
-            self._loop.call_soon_threadsafe(line.close)
+            self._loop.call_soon_threadsafe(self.close_soon)
         except RuntimeError:  # the loop was closed
             line.close_without_loop()
             self.closed()

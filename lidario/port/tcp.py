@@ -12,8 +12,10 @@ from lidario.port.inbox import CONNECTION
 from lidario.port.port import Port
 from lidario.port.sockets import CONNECT_TIMEOUT_S, SocketLine, connected
 
-_KEEPALIVE = (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 3))
-"""Seconds of silence before the first probe, between two, and how many may fail: a dead bridge is seen in 11 s."""
+_KEEPALIVE = (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 3), ("TCP_USER_TIMEOUT", 11_000))
+"""Seconds of silence before the first probe, between two, and how many may fail: a dead bridge is seen in 11 s.
+Likewise, in milliseconds, where what was written is not acknowledged: no probe is sent then, and the system would
+try for a quarter of an hour to deliver it, a STOP of a closed connection too."""
 _AGAIN_S = 0.005
 """After that time it is tried again to write what the system did not take."""
 

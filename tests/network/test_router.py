@@ -93,3 +93,17 @@ def test_an_unknown_host(host: str, code: int, reason: str, monkeypatch: pytest.
 def test_a_name_that_no_host_can_have() -> None:
     error = why_no_router(f"tcp/{'a' * 64}:7447")
     assert error.reason == "missing"
+
+
+def test_addresses_that_are_silent_share_two_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    waited = list[float]()
+
+    def silent(_: object, timeout: float) -> None:
+        waited.extend([timeout] * 4)  # each address is tried for so long
+        raise TimeoutError
+
+    known = [(socket.AF_INET, socket.SOCK_STREAM, 0, "", (f"192.0.2.{each}", 7447)) for each in range(4)]
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: known)
+    monkeypatch.setattr(socket, "create_connection", silent)
+    assert why_no_router("tcp/router.example:7447").reason == "refused"
+    assert sum(waited) == 2.0

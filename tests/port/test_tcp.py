@@ -155,6 +155,14 @@ async def test_abandoned_writes_the_stop_requests() -> None:
         port.abandon(b"again")
 
 
+async def test_abandoned_it_is_closed_though_the_peer_takes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lidario.port.port.CLOSE_TIMEOUT_S", 0.05)
+    async with connected() as (port, sink, _):
+        port.write(bytes(20_000_000))
+        port.abandon(b"stop")
+        assert await sink.until_lost() is None
+
+
 def test_abandoned_after_the_loop_was_closed() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         with asyncio.Runner() as runner:
@@ -200,6 +208,8 @@ async def test_a_dead_bridge_is_looked_for(monkeypatch: pytest.MonkeyPatch) -> N
         assert chosen[-socket.SO_KEEPALIVE] == 1
         assert chosen[socket.TCP_NODELAY] == 1
         assert chosen[socket.TCP_KEEPIDLE] + chosen[socket.TCP_KEEPINTVL] * chosen[socket.TCP_KEEPCNT] == 11
+        # No probe is sent while anything that was written waits for its acknowledgement.
+        assert chosen[socket.TCP_USER_TIMEOUT] == 11_000
         await port.close()
 
 
