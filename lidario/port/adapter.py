@@ -62,7 +62,7 @@ class Adapter(serial.Serial):  # type: ignore[misc]
 
         Models without a motor command run while DTR is low; pyserial would raise it and stop them.
         """
-        # pyserial has one place for a write in progress, and the thread writes too (`lidario.port.repeat`).
+        # pyserial has one place for a write in progress, and the thread writes too (`lidario.port.thread`).
         # Reentrant: the garbage collector may have a session write its stop requests in the midst of a write.
         self._writing = threading.RLock()
         self.exclusive = _POSIX or None

@@ -10,7 +10,6 @@ import ctypes
 import os
 import threading
 import time
-from abc import ABC, abstractmethod
 from typing import Final
 
 _CLOEXEC: Final = getattr(os, "O_CLOEXEC", 0)  # TFD_CLOEXEC is the same
@@ -20,40 +19,32 @@ _LAST_S: Final = 2**31 - 1
 """The greatest number of seconds where C's `long` has 32 bits."""
 
 
-class Alarm(ABC):
-    """One thread waits; any thread sets until when. Times are seconds of the monotonic clock."""
+class Alarm:
+    """One thread waits; any thread sets until when. Times are seconds of the monotonic clock.
 
-    at: float = 0.0  # until when
-
-    @abstractmethod
-    def set(self, at: float) -> None:
-        """Wait until then, also in a `wait` that has begun. Not to be called by two threads at once."""
-
-    @abstractmethod
-    def wait(self) -> None:
-        """Return when it is time."""
-
-    def close(self) -> None:  # noqa: B027 - only where the system gave something
-        """Give back what the system gave; no thread may wait then."""
-
-
-class WokenAlarm(Alarm):
-    """Where no timer can be set anew: the thread wakes at each time that it was told, and looks."""
+    This one wakes at each time that it was told, and looks; `TimerAlarm` does not where the time was put off.
+    """
 
     def __init__(self) -> None:
+        self.at: float = 0.0  # until when
         self._earlier = threading.Event()
 
     def set(self, at: float) -> None:
+        """Wait until then, also in a `wait` that has begun. Not to be called by two threads at once."""
         earlier = at < self.at
         self.at = at
         if earlier:
             self._earlier.set()
 
     def wait(self) -> None:
+        """Return when it is time."""
         while (rest := self.at - time.monotonic()) > 0:
             self._earlier.wait(rest)
             # Before the time is read again: one that was set since is seen.
             self._earlier.clear()
+
+    def close(self) -> None:
+        """Give back what the system gave; no thread may wait then."""
 
 
 class TimerAlarm(Alarm):
@@ -65,6 +56,7 @@ class TimerAlarm(Alarm):
     """
 
     def __init__(self) -> None:
+        super().__init__()
         # The interpreter lock is kept: the calls take no time, and waiting for it would.
         library = ctypes.PyDLL(None, use_errno=True)
         create, self._set = library.timerfd_create, library.timerfd_settime
@@ -97,4 +89,4 @@ def make_alarm() -> Alarm:
     try:
         return TimerAlarm()
     except (AttributeError, OSError, TypeError):
-        return WokenAlarm()
+        return Alarm()

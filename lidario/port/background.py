@@ -6,13 +6,15 @@ the loop is closed, and a call that hangs in a driver would keep the program fro
 
 from __future__ import annotations
 
+import _thread
 import asyncio
+import threading
 from collections.abc import Callable
 from functools import partial
 from typing import TypeVar
 
 from lidario.errors import ConnectFailed, LocalProtocolError
-from lidario.port.thread import start_thread
+from lidario.latch import Latch
 from lidario.system import NO_THREADS
 
 T = TypeVar("T")
@@ -30,6 +32,34 @@ def running_loop() -> asyncio.AbstractEventLoop:
         raise LocalProtocolError(
             "lidario needs an asyncio event loop: under trio, run it by anyio.run(main, backend='asyncio')"
         ) from None
+
+
+def start_thread(work: Callable[[], None], name: str) -> threading.Thread:
+    """Start a daemon thread, and return it when it has begun.
+
+    Where Ctrl-C ends the waiting, the thread does its work all the same, or was never started. So `work` must find
+    out itself whether anybody still needs it.
+
+    Raises:
+        RuntimeError: The system allows no more threads.
+    """
+    thread = threading.Thread(target=work, name=name, daemon=True)
+    begun = Latch()
+    failures: list[RuntimeError] = []
+
+    def start() -> None:
+        try:
+            thread.start()
+        except RuntimeError as error:
+            failures.append(error)
+        finally:
+            begun.set()
+
+    _thread.start_new_thread(start, ())
+    begun.wait()
+    if failures:
+        raise failures[0]
+    return thread
 
 
 async def run_in_thread(call: Callable[[], T], discard: Callable[[T], None] | None = None) -> T:

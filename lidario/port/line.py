@@ -1,9 +1,8 @@
 """What carries the bytes of a port, and who is told of them.
 
-A `Line` is one kind of connection: `lidario.port.serial`, `lidario.port.tcp`, `lidario.port.udp` and
-`lidario.port.simulated` each have their own. A `Port` (`lidario.port.port`) holds one line and gives the session
-the same interface for all of them. A `Receiver` and a `Schedule` are what the session gives to the port; a `Tap` is
-what a user gives to it.
+A `Line` is one kind of connection: `lidario.port.serial`, `lidario.port.sockets` and `lidario.port.simulated` have
+their own. A `Port` (`lidario.port.port`) holds one line and gives the session the same interface for all of them. A
+`Receiver` and a `Schedule` are what the session gives to the port; a `Tap` is what a user gives to it.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from typing import Protocol
 from lidario.errors import DeviceLost
 from lidario.model import LineErrors
 from lidario.port.forked import leave_nothing
-from lidario.port.repeat import Repeat
+from lidario.port.thread import Repeat
 
 Tap = Callable[[str, bytes, int], None]
 """Sees every chunk: ``"in"`` or ``"out"``, the bytes, the time in nanoseconds of the event loop's clock."""

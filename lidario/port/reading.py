@@ -21,8 +21,7 @@ from functools import partial
 from lidario.port.inbox import TERMINAL, Inbox, Kind, Read
 from lidario.port.line import Line, Schedule
 from lidario.port.port import Port
-from lidario.port.repeat import Repeat
-from lidario.port.thread import Watched, reading_thread
+from lidario.port.thread import Repeat, Watched, reading_thread
 
 HOLD_S = 0.5
 """Longest time for which bytes are held; below the 0.6 s after which the session takes silence for a failure

@@ -22,8 +22,7 @@ from lidario.families.registry import family_of_simulated
 from lidario.port.line import Line
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
-from lidario.port.tcp import open_tcp
-from lidario.port.udp import open_udp
+from lidario.port.sockets import open_tcp, open_udp
 from lidario.sim.device import SimulatedDevice
 from lidario.sim.faults import Faults, parse_faults
 from lidario.sim.rooms import make_world

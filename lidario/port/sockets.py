@@ -1,7 +1,14 @@
-"""What the lines over a network have in common: how they are opened, and a socket that is read as a terminal is.
+"""Lines over a network: a serial line that is served over TCP, and a lidar that is reached by UDP.
 
-asyncio's own transports are not used. Their loop reads when it gets round to it, so that behind a blocked one
-everything would seem to have come late, and under uvloop a write waits until the running callback has returned.
+Their sockets are read as a terminal is. asyncio's own transports are not used: their loop reads when it gets round
+to it, so that behind a blocked one everything would seem to have come late, and under uvloop a write waits until the
+running callback has returned.
+
+A datagram is a piece of the same stream as on a serial line; where datagrams end means nothing. There is no
+connection: opening sends nothing, and a device that is switched off is only silent. What the system reports means
+different things. A refusal says that the address is right and that nothing listens at this port: the line is lost.
+An unreachable network is what a device on a direct cable leaves while it boots: the bytes are lost, and whether the
+device is silent for too long is for the session to say. Lost datagrams are gaps, as damage on a serial line is.
 """
 
 from __future__ import annotations
@@ -13,10 +20,10 @@ import os
 import socket
 from collections.abc import Sequence
 
-from lidario.errors import ConnectFailed
+from lidario.errors import ConnectFailed, DeviceLost
 from lidario.port.background import run_in_thread
 from lidario.port.guard import wait_for_guard
-from lidario.port.inbox import Kind
+from lidario.port.inbox import CONNECTION, DATAGRAMS, Kind
 from lidario.port.port import Port
 from lidario.port.reading import PolledLine
 from lidario.system import cause_of
@@ -27,6 +34,57 @@ BUFFER = 1 << 20
 POSIX = os.name == "posix"
 """Whether each event loop can wait for a socket that another one has made."""
 _UNREACHABLE = (errno.EHOSTUNREACH, errno.ENETUNREACH)
+_KEEPALIVE = (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 3), ("TCP_USER_TIMEOUT", 11_000))
+"""Seconds of silence before the first probe, between two, and how many may fail: a dead bridge is seen in 11 s.
+Likewise, in milliseconds, where what was written is not acknowledged: no probe is sent then, and the system would
+try for a quarter of an hour to deliver it, a STOP of a closed connection too."""
+_AGAIN_S = 0.005
+"""After that time it is tried again to write what the system did not take."""
+
+
+async def open_tcp(name: str, host: str, number: int, baudrate: int = 0) -> Port:
+    """Connect to a serial line that is served over TCP.
+
+    Raises:
+        ConnectFailed: Unknown host, refused, impossible address, or no response within five seconds. Cancelling
+            leaves nothing open.
+    """
+    options = [(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1), (socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)]
+    for option, value in _KEEPALIVE:
+        if hasattr(socket, option):
+            options.append((socket.IPPROTO_TCP, getattr(socket, option), value))
+    made = await connected(
+        name,
+        host,
+        number,
+        socket.SOCK_STREAM,
+        options,
+        late=f"no response within {CONNECT_TIMEOUT_S:g} s. Is it switched on, and in this network?",
+        unreachable="Is it switched on, and in this network?",
+    )
+    port = Port(name, baudrate)
+    port.likely_loss = "Was it switched off, or does it take one connection, and another program has it now?"
+    port.connection_made(_TcpLine(port, made, CONNECTION))
+    return port
+
+
+async def open_udp(name: str, host: str, number: int) -> Port:
+    """Open a line to a lidar in the network; nothing is sent.
+
+    Raises:
+        ConnectFailed: Unknown host, impossible address, or no way to it. Cancelling leaves nothing open.
+    """
+    made = await connected(
+        name,
+        host,
+        number,
+        socket.SOCK_DGRAM,
+        late=f"the name was not resolved within {CONNECT_TIMEOUT_S:g} s. Is the name of the host right?",
+        unreachable="Is this computer in the network of the lidar?",
+    )
+    port = Port(name)
+    port.connection_made(_UdpLine(port, made, DATAGRAMS))
+    return port
 
 
 async def connected(
@@ -151,3 +209,47 @@ class SocketLine(PolledLine):
             self._socket.close()
             self.hand_over()
             self._port.connection_lost(self._error)
+
+
+class _TcpLine(SocketLine):
+    """A TCP connection, which takes what is written when its peer has read what was written before."""
+
+    _unsent = b""
+
+    def write(self, data: bytes) -> None:
+        self._unsent += data
+        if len(self._unsent) == len(data):
+            self._send()
+
+    def _send(self) -> None:
+        if self._ended or self._port.is_forked:
+            return
+        self._unsent = self._write_some(self._unsent)
+        if self._unsent:
+            self._loop.call_later(_AGAIN_S, self._send)
+        elif self.is_closing:
+            self.abort()
+
+    def close(self) -> None:
+        if self._unsent:
+            self.stop()
+        else:
+            super().close()
+
+    def close_without_loop(self) -> None:
+        # Also where another process has the socket, too: the other end is told.
+        with contextlib.suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
+        super().close_without_loop()
+
+
+class _UdpLine(SocketLine):
+    """A connected UDP socket, of which the system tells what became of an earlier datagram."""
+
+    def lose(self, error: Exception) -> None:
+        # Windows calls a refusal a reset.
+        if isinstance(error, ConnectionError):
+            text = f"{self._port.name} is gone: nothing listens at this UDP port. Are address and port right?"
+            why = DeviceLost(text)
+            why.__cause__ = error
+            super().lose(why)

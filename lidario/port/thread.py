@@ -7,7 +7,7 @@ The event loop takes them from there when it needs them, at the end of a revolut
 thread wakes the other one: a loop that is late finds everything in the inbox, and one that has read puts off the
 alarm for which the thread sleeps (`lidario.port.alarm`). So the thread wakes where it is needed: twice in a
 revolution of 100 ms of the fastest stream, never where the buffer holds a whole one. What must be written again and
-again to keep a device going, and the loop is late with, is written likewise (`lidario.port.repeat`).
+again to keep a device going, and the loop is late with, is written likewise (`Repeat`).
 
 One thread reads all ports of the process. It starts with the first stream and ends with the last. It is a daemon
 thread, so it never keeps a program from ending. A forked child has no such thread and starts its own when it opens
@@ -18,18 +18,20 @@ C code that keeps the interpreter lock for longer stops this thread too.
 
 from __future__ import annotations
 
-import _thread
+import math
 import os
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from typing import Protocol
 
 from lidario.latch import Latch
-from lidario.port.alarm import Alarm, WokenAlarm, make_alarm
+from lidario.port.alarm import Alarm, make_alarm
+from lidario.port.background import start_thread
 from lidario.port.inbox import Inbox
 
 TOGETHER_S = 0.006
@@ -48,34 +50,8 @@ JOIN_S = 0.1
 """Longest time for which ending the thread is waited for. It takes less than a tenth of a millisecond."""
 _FORGET = 0.95
 """Share of the greatest lateness that is remembered after another wake-up."""
-
-
-def start_thread(work: Callable[[], None], name: str) -> threading.Thread:
-    """Start a daemon thread, and return it when it has begun.
-
-    Where Ctrl-C ends the waiting, the thread does its work all the same, or was never started. So `work` must find
-    out itself whether anybody still needs it.
-
-    Raises:
-        RuntimeError: The system allows no more threads.
-    """
-    thread = threading.Thread(target=work, name=name, daemon=True)
-    begun = Latch()
-    failures: list[RuntimeError] = []
-
-    def start() -> None:
-        try:
-            thread.start()
-        except RuntimeError as error:
-            failures.append(error)
-        finally:
-            begun.set()
-
-    _thread.start_new_thread(start, ())
-    begun.wait()
-    if failures:
-        raise failures[0]
-    return thread
+_UNSHOWN = 256
+"""Writes that are kept for the taps; more than are made in the longest time for which bytes are kept."""
 
 
 class Served(Protocol):
@@ -119,6 +95,63 @@ class Watched:
             self._on_error(error)
 
 
+class Repeat:
+    """A request that must be repeated while a stream runs; the thread writes it where the loop is late with it.
+
+    Some devices stop when their host falls silent. One repeated behind the stop requests would start the device
+    again: so `set` ends it before they are written, and no write is in progress when it returns. It refers to no
+    line, so that one that is dropped is not kept.
+
+    Args:
+        write: Writes to the line; it never blocks.
+        clock: The time in nanoseconds.
+    """
+
+    def __init__(self, write: Callable[[bytes], object], clock: Callable[[], int] = time.monotonic_ns) -> None:
+        self.request: bytes = b""  # the bytes that are written now; none for nothing
+        self.count: int = 0  # how often the thread has written
+        self._write = write
+        self._clock = clock
+        self._unshown: deque[tuple[str, bytes, int]] = deque(maxlen=_UNSHOWN)
+        # Reentrant: the garbage collector may call `set` in the midst of `serve`.
+        self._lock = threading.RLock()
+
+    def set(self, request: bytes, interval: float = 0.0) -> None:
+        """As `Port.set_repeat`; a write in progress in the thread has ended when this returns."""
+        with self._lock:
+            self.request, self._interval_ns = request, round(interval * 1e9)
+            self.note()
+        reading_thread().remove(self)
+        if request:
+            with suppress(RuntimeError):  # the system allows no more threads: only the loop writes it
+                reading_thread().add(self)
+
+    def note(self) -> None:
+        """The loop has just written it."""
+        self._written_ns = self._clock()
+
+    def due(self, late: float) -> float:  # noqa: ARG002 - it need not be exact
+        return (self._written_ns + self._interval_ns) * 1e-9 if self.request else math.inf
+
+    def serve(self, now: float) -> None:  # noqa: ARG002
+        """As `Served`: write it if the loop is late with it. Never raises: the loop finds the same error."""
+        with self._lock:
+            now_ns = self._clock()
+            if self.request and now_ns - self._written_ns >= self._interval_ns:
+                self._written_ns = now_ns
+                with suppress(OSError):
+                    self._write(self.request)
+                    self.count += 1
+                    self._unshown.append(("out", self.request, now_ns))
+
+    def take_written(self) -> list[tuple[str, bytes, int]]:
+        """What the thread has written since the last call, as it is shown to taps."""
+        with self._lock:
+            written = list(self._unshown)
+            self._unshown.clear()
+            return written
+
+
 class ReadingThread:
     """The thread, and the ports that it serves.
 
@@ -133,7 +166,7 @@ class ReadingThread:
         self.ports: list[Served] = []  # those that it serves now; `add` and `remove` change that
         self._thread: threading.Thread | None = None
         self._late = 0.0
-        self._alarm: Alarm = WokenAlarm()  # until the thread has its own
+        self._alarm: Alarm = Alarm()  # until the thread has its own
 
     def add(self, watched: Served) -> None:
         """Serve this port from now on; starts the thread where it does not run, as `start_thread`.
@@ -214,7 +247,7 @@ class ReadingThread:
     def forget_alarm(self) -> None:
         """The thread has ended; or this is a forked child, and it is the parent's."""
         # Never closed twice, wherever a fork comes.
-        alarm, self._alarm = self._alarm, WokenAlarm()
+        alarm, self._alarm = self._alarm, Alarm()
         alarm.close()
 
 

@@ -24,7 +24,7 @@ from typing import Protocol
 from lidario.entered import Entered
 from lidario.errors import CannotRecord, LocalProtocolError
 from lidario.laserscans import LaserScans
-from lidario.port.thread import start_thread
+from lidario.port.background import start_thread
 from lidario.recording.about import About
 from lidario.recording.parts import Parts, Split, pattern_of
 from lidario.recording.write import FileWriter, cannot_write

@@ -30,7 +30,7 @@ from lidario.conformance import (
 from lidario.conformance import kept as module_kept
 from lidario.conformance.report import REPORT, report_of
 from lidario.families.registry import FAMILIES
-from lidario.port.thread import start_thread
+from lidario.port.background import start_thread
 from lidario.recording.about import About
 from lidario.recording.chronicle import Responded, event_of
 from lidario.recording.mcap_records import Message, Metadata, read_records

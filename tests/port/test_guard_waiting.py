@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 
 from lidario.port.guard import wait_for_guard
-from lidario.port.tcp import open_tcp
-from lidario.port.udp import open_udp
+from lidario.port.sockets import open_tcp, open_udp
 from tests.support.children import guard_like
 
 

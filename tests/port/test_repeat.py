@@ -10,9 +10,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from lidario.port.repeat import Repeat
 from lidario.port.serial import open_serial
-from lidario.port.thread import Served
+from lidario.port.thread import Repeat, Served
 from tests.port.test_thread import Steady, threads
 from tests.support.ports import terminal_pair, written
 
@@ -28,7 +27,7 @@ class Line:
         self.dead = False
         self.served: list[Served] = []
         thread = SimpleNamespace(add=self.served.append, remove=self.leave)
-        monkeypatch.setattr("lidario.port.repeat.reading_thread", lambda: thread)
+        monkeypatch.setattr("lidario.port.thread.reading_thread", lambda: thread)
 
     def leave(self, served: Served) -> None:
         if served in self.served:

@@ -17,7 +17,7 @@ import pytest
 
 from lidario import ConnectFailed, open_lidar
 from lidario.port.port import Port
-from lidario.port.tcp import open_tcp
+from lidario.port.sockets import open_tcp
 from lidario.sim.serve import TcpServer
 from tests.port.test_thread import Steady, block_until_read, threads
 from tests.support.devices import make_rig

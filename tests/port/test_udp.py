@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import pytest
 
 from lidario import ConnectFailed, DeviceLost, open_lidar
-from lidario.port.udp import open_udp
+from lidario.port.sockets import open_udp
 from lidario.sim.rooms import make_world
 from lidario.sim.serve import UdpServer
 from tests.port.test_thread import Steady, threads

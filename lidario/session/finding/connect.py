@@ -20,8 +20,7 @@ from lidario.families.base import Family
 from lidario.families.registry import FAMILIES, families_of_model, family_named, family_of_simulated
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
-from lidario.port.tcp import open_tcp
-from lidario.port.udp import open_udp
+from lidario.port.sockets import open_tcp, open_udp
 from lidario.session.finding.asking import Attempt
 from lidario.session.finding.connection import Connection, connect_recording, connect_remote
 from lidario.session.finding.listening import LAST_AT, ReceivedInSilence, adapter_of
