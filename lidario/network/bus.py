@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
 
 from lidario.errors import ConnectFailed, InvalidValue
 from lidario.network.handover import ITEM_BYTES, Handover
-from lidario.network.router import check_router, the_package, why_no_router, words_of
-from lidario.network.sender import Sender, declare
+from lidario.network.keys import Sender
+from lidario.network.router import check_router, close_session, the_package, why_no_router, words_of
 from lidario.port.background import run_in_thread, running_loop
 
 if TYPE_CHECKING:
@@ -34,8 +34,6 @@ _log = logging.getLogger("lidario")
 DEFAULT_ROUTER: Final = "tcp/localhost:7447"
 """Where rmw_zenohd listens, zenohd, and `lidario router`."""
 OPEN_S: Final = 10.0
-CLOSE_S: Final = 2.0
-"""Longest time that closing may take; zenoh tells the router, which may be unreachable."""
 MOST_MESSAGE_BYTES: Final = 2 << 20
 """Of one message; a scan of the most samples has 1.2 million."""
 LONGEST_KEY: Final = 1024
@@ -120,7 +118,22 @@ class Bus:
 
         With `keeps_last`, those who come later get the last message, too: transient local, in the words of ROS 2.
         """
-        return Sender(self._hold(lambda: declare(self._session, key, keeps_last=keeps_last)), gid)
+        drop = the_package().CongestionControl.DROP
+        if not keeps_last:
+            publisher = self._hold(lambda: self._session.declare_publisher(key, congestion_control=drop))
+            return Sender(publisher, gid)
+        from zenoh import ext
+
+        # As rmw_zenoh declares its publishers that are transient local (docs/design.md). Messages are told apart by
+        # numbers: clients have no time stamps unless they are configured so.
+        numbers = ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=None)
+        publisher = self._hold(
+            lambda: ext.declare_advanced_publisher(
+                self._session, key, congestion_control=drop, cache=ext.CacheConfig(max_samples=1),
+                sample_miss_detection=numbers, publisher_detection=True,
+            )
+        )  # fmt: skip
+        return Sender(publisher, gid)
 
     def watch_readers(self, sender: Sender, changed: Callable[[bool], None]) -> None:
         """Call `changed` on the event loop when the first reader of `sender` comes, and when the last one goes."""
@@ -283,15 +296,6 @@ def _at_once(callback: Callable[[Any], None]) -> Any:
     thread would keep a program from ending that has not closed its bus.
     """
     return the_package().handlers.Callback(callback, indirect=False)
-
-
-async def close_session(session: Any) -> None:
-    """Close a session of zenoh; returns when its peers know, after two seconds at most."""
-    try:
-        async with asyncio.timeout(CLOSE_S):
-            await run_in_thread(session.close)
-    except (TimeoutError, ConnectFailed, the_package().ZError) as error:
-        _log.debug("a session of zenoh did not close in time or order: %r", error)
 
 
 def _collected(replies: Iterable[Any]) -> list[Sample]:

@@ -18,8 +18,8 @@ from lidario.families.registry import FAMILIES
 from lidario.model import DeviceInfo, Health, HealthStatus
 from lidario.network.bus import DEFAULT_ROUTER, Bus, Sample
 from lidario.network.device import RemoteDevice, RemoteStreams, whole_scans
-from lidario.network.foreign import whole_scan
 from lidario.network.keys import LASERSCAN_IN_KEY, check_key, parse_attachment, parse_token, status_key, tokens_of
+from lidario.network.messages import whole_scan
 from lidario.network.port import RemotePort
 from lidario.network.router import check_router
 from lidario.network.status import Status, statuses

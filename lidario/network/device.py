@@ -19,6 +19,7 @@ from lidario.recording.about import About
 from lidario.recording.chronicle import EventState, Responded, StreamBegan, StreamEvent
 from lidario.recording.device import RecordedDevice
 from lidario.recording.read import Piece, StoredStream, StoredStreams
+from lidario.wire.envelope import Request
 from lidario.wire.events import Packets
 from lidario.wire.formats import NO_PACKET, Headings, StreamFormat
 
@@ -79,12 +80,17 @@ class RemoteDevice(RecordedDevice):
     """The lidar of another machine, of which bytes arrive (`raw`) or whole scans."""
 
     told_by = "its publisher"
+    whose = "another machine's lidar"
 
     def __init__(self, streams: RemoteStreams, *, raw: bool) -> None:
         super().__init__(streams, lambda: streams.stream)
         self._streams = streams
         self.sends_bytes: bool = raw
         self._foreign = streams.about.info.family != streams.stream.family.name
+
+    def reset(self) -> Request:
+        """As `Device.reset`; raises Unsupported."""
+        raise Unsupported(f"{self.whose} cannot be reset from here")
 
     def identify(self) -> Script[DeviceInfo]:
         """What its publisher told. The other scripts of a family rely on this one of its own having run."""
@@ -129,10 +135,7 @@ class RemoteDevice(RecordedDevice):
         return super()._recall(script, what)
 
     def set_scan_frequency(self, hertz: float) -> Script[float]:  # noqa: ARG002
-        raise Unsupported("the scan frequency of another machine's lidar cannot be set from here")
-
-    def power_down_protection(self, on: bool) -> Script[bool]:  # noqa: ARG002
-        raise Unsupported("power-down protection of another machine's lidar cannot be switched from here")
+        raise Unsupported(f"the scan frequency of {self.whose} cannot be set from here")
 
     def apply_zero_offset(self, on: bool) -> Script[float]:
         """As `Device.apply_zero_offset`; raises Unsupported where whole scans arrive."""

@@ -1,11 +1,13 @@
-"""What is published under the key of a lidar, where no ROS is involved: whole scans, or the bytes of the device.
+"""What is published under the key of a lidar: whole scans, or the bytes of the device.
 
 A *scan message* holds one `Scan` with all its fields, so that it arrives as it was sent. A *raw message* holds what
 was read from the device in a while, read by read with its time, and what the session knew beside it
 (`StreamEvent`), in order. That is a quarter of the size, and is decoded by the code that decodes it live.
 
-Both come from a network. `parse_scan` and `parse_raw_message` take any bytes. A length in the data is checked
-against the bytes that are there, and what has numbers that a scan cannot have is not a scan.
+Where anybody's node of ROS 2 publishes, a message is a LaserScan, of which `scan_of_laserscan` makes a scan.
+
+All of it comes from a network. The functions that parse take any bytes. A length in the data is checked against the
+bytes that are there, and what has numbers that a scan cannot have is not a scan.
 """
 
 from __future__ import annotations
@@ -18,7 +20,10 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from lidario.arguments import printable
+from lidario.laserscan import LaserScan
 from lidario.measured import with_distances
+from lidario.network.bus import Sample
+from lidario.network.keys import LASERSCAN_IN_KEY
 from lidario.recording.chronicle import MOST_NS
 from lidario.scan import Scan, read_only
 
@@ -39,6 +44,9 @@ _LONGEST_NAME: Final = 64
 _MOST_METRES: Final = 1e6
 _MOST_RPM: Final = 1e6
 _LONGEST_NS: Final = 10**13
+_LONGEST_S: Final = 1e3
+_WHOLE_DEG: Final = 350.0
+"""A LaserScan that covers this much is taken for a whole revolution."""
 
 
 class Entry(NamedTuple):
@@ -136,6 +144,70 @@ def parse_scan(data: bytes, wall_offset_ns: int) -> Scan | None:
     # One that was taken out has no return.
     kept = np.where(left_out, np.float32(0), made.device_distances)
     return with_distances(made, lambda _: (kept, left_out))
+
+
+def whole_scan(sample: Sample, wall_offset_ns: int, seq: int = 0) -> Scan | None:
+    """The scan that a message holds, with the number `seq` where it tells none; None where it holds no scan."""
+    if LASERSCAN_IN_KEY not in sample.key:
+        return parse_scan(sample.payload, wall_offset_ns)
+    laser = LaserScan.from_cdr(sample.payload)
+    return None if laser is None else scan_of_laserscan(laser, seq, wall_offset_ns)
+
+
+def scan_of_laserscan(laser: LaserScan, seq: int, wall_offset_ns: int) -> Scan | None:
+    """The beams as samples, in the order in which the message says that they were measured.
+
+    A beam without a valid range becomes a sample without a return. Intensities below 0 become 0, those above 255
+    become 255. None where the figures cannot be those of a scan.
+    """
+    count = len(laser.ranges)
+    if count > MOST_SAMPLES or abs(laser.stamp_ns) >= MOST_NS // 2:
+        return None
+    figures = (laser.angle_min, laser.angle_increment, laser.time_increment, laser.scan_time)
+    if not all(map(math.isfinite, figures)):
+        return None
+    if abs(laser.angle_increment) * count > 4 * math.pi or abs(laser.angle_min) > 4 * math.pi:
+        return None
+    every_s = laser.time_increment
+    if not every_s and 0 < laser.scan_time <= _LONGEST_S and count:
+        # It says nothing of the time of a beam: the devices of most drivers turn clockwise.
+        every_s = -math.copysign(laser.scan_time / count, laser.angle_increment)
+    if abs(every_s) * max(count, 1) > _LONGEST_S:
+        return None
+    ranges, strengths = laser.ranges, laser.intensities if len(laser.intensities) == count else None
+    angles = -np.degrees(laser.angle_min + laser.angle_increment * np.arange(count))
+    wall_ns = laser.stamp_ns
+    if every_s < 0:
+        ranges, angles = ranges[::-1], angles[::-1]
+        strengths = None if strengths is None else strengths[::-1]
+        wall_ns += round((count - 1) * every_s * 1e9) if count else 0
+    step_deg = -math.degrees(laser.angle_increment) * (-1.0 if every_s < 0 else 1.0)
+    farthest = laser.range_max if 0 < laser.range_max < _MOST_METRES else _MOST_METRES
+    valid = (ranges >= laser.range_min) & (ranges <= farthest) & (ranges > 0)
+    turned = (angles % 360.0).astype(np.float32)
+    # Just below 360 degrees, single precision rounds up to 360.
+    turned[turned >= 360.0] = 0.0
+    whole = abs(step_deg) * count >= _WHOLE_DEG
+    duration_ns = round(abs(every_s) * count * 1e9)
+    return Scan(
+        device_angles=read_only(turned),
+        device_distances=read_only(np.where(valid, ranges, np.float32(0)) * np.float32(1000)),
+        intensities=None
+        if strengths is None
+        else read_only(np.nan_to_num(strengths).clip(0, 255).astype(np.uint8)),
+        stamp_ns=wall_ns - wall_offset_ns,
+        wall_stamp_ns=wall_ns,
+        time_increment_ns=round(abs(every_s) * 1e9),
+        duration_ns=duration_ns,
+        rpm=60e9 / duration_ns if whole and duration_ns else math.nan,
+        seq=seq,
+        dropped_before=0,
+        lost_packets=0,
+        mode="LaserScan",
+        max_range=farthest if farthest < _MOST_METRES else 0.0,
+        # The beams stand in the middle of their steps.
+        seam=float((angles[0] - step_deg / 2) % 360.0) if count and step_deg > 0 and whole else 0.0,
+    )
 
 
 def encode_raw_message(entries: Iterable[Entry]) -> bytes:

@@ -22,9 +22,8 @@ from typing import Final
 from lidario.errors import DeviceLost
 from lidario.network.bus import Bus, Sample
 from lidario.network.device import RemoteStreams, whole_scans
-from lidario.network.foreign import whole_scan
 from lidario.network.keys import parse_attachment
-from lidario.network.messages import Entry, parse_raw_message
+from lidario.network.messages import Entry, parse_raw_message, whole_scan
 from lidario.network.raw import in_order, reads_here
 from lidario.network.senders import OneSender, Senders
 from lidario.network.status import Status

@@ -1,17 +1,36 @@
-"""The address of a zenoh router, and why nobody lets us in there.
+"""Routers of zenoh: their addresses, why nobody lets us in there, and one in this process.
 
 zenoh says only that it could not connect. What that means decides what a user has to do, and whether waiting helps:
 an address that cannot be right stays wrong, and a router that is not there may come.
+
+For machines on which no package brings a router, ``eclipse-zenoh`` is the whole engine: a session in router mode
+that listens does what ``zenohd`` does without plugins. It forwards between its clients, and stores nothing. It lets
+everybody in who reaches it, unless a configuration says otherwise; so it listens to this machine alone unless it is
+told to.
 """
 
 from __future__ import annotations
 
+import asyncio
+import json
+import logging
+import os
 import re
 import socket
-from typing import Any, Final
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final, Self
 
-from lidario.arguments import text_of
+from lidario.arguments import path_of, text_of
 from lidario.errors import ConnectFailed, InvalidValue, Unsupported
+from lidario.port.background import run_in_thread
+
+_log = logging.getLogger("lidario")
+
+LOOPBACK: Final = "tcp/127.0.0.1:7447"
+"""Where it listens unless told otherwise; clients connect to ``tcp/localhost:7447`` by default."""
+CLOSE_S: Final = 2.0
+"""Longest time that closing may take; zenoh tells its peers, which may be unreachable."""
 
 _WITH_PORT: Final = ("tcp", "tls", "udp", "quic", "ws")
 _WITHOUT: Final = ("serial", "unixsock-stream", "unixpipe", "vsock")
@@ -116,3 +135,94 @@ def _unwelcome(router: str, protocol: str) -> str:
         f"no zenoh router responds at {router}, although somebody listens there. Is the port right, or does it "
         "want tls/?"
     )
+
+
+async def close_session(session: Any) -> None:
+    """Close a session of zenoh; returns when its peers know, after two seconds at most."""
+    try:
+        async with asyncio.timeout(CLOSE_S):
+            await run_in_thread(session.close)
+    except (TimeoutError, ConnectFailed, the_package().ZError) as error:
+        _log.debug("a session of zenoh did not close in time or order: %r", error)
+
+
+class Router:
+    """A router; made by `Router.open`, and used as an asynchronous context manager.
+
+    Attributes:
+        addresses: Where it listens.
+    """
+
+    def __init__(self, session: Any, addresses: Sequence[str]) -> None:
+        self._session = session
+        self.addresses: tuple[str, ...] = tuple(addresses)
+
+    @classmethod
+    async def open(cls, *addresses: str, config: str | os.PathLike[str] | None = None) -> Router:
+        """Listen, and forward what comes. Cancelling ends the waiting, and closes what still opens.
+
+        Args:
+            addresses: Where, in zenoh's notation; none: where the configuration says, or `LOOPBACK`.
+            config: A file of zenoh's configuration in JSON5, for TLS and access control; None for that which
+                ``ZENOH_CONFIG`` names, if any. Its mode is always that of a router.
+
+        Raises:
+            ConnectFailed: It cannot listen there: another program does (reason ``busy``), or such an address is not
+                this machine's (``source``).
+            InvalidValue: An address is none, or the file is no configuration.
+            Unsupported: The package is not installed.
+        """
+        zenoh = the_package()
+        for address in addresses:
+            check_router(address)
+        path = path_of(config, "a configuration") if config is not None else None
+        made = _config(zenoh, path, addresses)
+        where = json.loads(made.get_json("listen/endpoints"))
+        found = where["router"] if isinstance(where, dict) else where
+        try:
+            session = await run_in_thread(lambda: zenoh.open(made), lambda session: session.close())
+        except zenoh.ZError as error:
+            raise _why_not(found, words_of(error)) from error
+        return cls(session, found)
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.close()
+
+    async def close(self) -> None:
+        """Let every connection break, within two seconds. Cancelling ends the waiting."""
+        await close_session(self._session)
+
+
+def _config(zenoh: Any, path: Path | None, addresses: Sequence[str]) -> Any:
+    named = path or os.environ.get("ZENOH_CONFIG")
+    try:
+        config = zenoh.Config.from_file(str(named)) if named else zenoh.Config()
+    except zenoh.ZError as error:
+        raise InvalidValue(f"{named} is no configuration of zenoh: {words_of(error)}") from error
+    settings: dict[str, Any] = {"mode": "router"}
+    if addresses or not named:
+        settings["listen/endpoints"] = list(addresses) or [LOOPBACK]
+    if not named:
+        # Only those who name its address: it looks for no other routers.
+        settings |= {
+            "scouting/multicast/enabled": False,
+            "scouting/delay": 1,
+            "transport/shared_memory/enabled": False,
+        }
+    for name, value in settings.items():
+        config.insert_json5(name, json.dumps(value))
+    return config
+
+
+def _why_not(addresses: Sequence[str], text: str) -> ConnectFailed:
+    where = ", ".join(addresses)
+    if "in use" in text:
+        return ConnectFailed(
+            f"{where}: another program listens there already, perhaps a router: use that one, or another port, "
+            "as in tcp/127.0.0.1:7448",
+            reason="busy",
+        )
+    return ConnectFailed(f"no router can listen at {where}: {text}", reason="source")

@@ -1,8 +1,8 @@
 """Lines over a network: a serial line that is served over TCP, and a lidar that is reached by UDP.
 
 Their sockets are read as a terminal is. asyncio's own transports are not used: their loop reads when it gets round
-to it, so that behind a blocked one everything would seem to have come late, and under uvloop a write waits until the
-running callback has returned.
+to it, so that behind a blocked one everything would seem to have come late, and under uvloop a write waits until
+the running callback has returned.
 
 A datagram is a piece of the same stream as on a serial line; where datagrams end means nothing. There is no
 connection: opening sends nothing, and a device that is switched off is only silent. What the system reports means

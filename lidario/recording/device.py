@@ -26,9 +26,13 @@ PLAY = b"play"
 
 
 class RecordedDevice(Device):
-    """The device of a recording; `current` tells which stream is played next, and `told_by` is for messages."""
+    """The device of a recording; `current` tells which stream is played next.
+
+    What its errors call it is `told_by` and `whose`.
+    """
 
     told_by: str = "the recording"
+    whose: str = "a recording"
 
     def __init__(self, recording: StoredStreams, current: Callable[[], StoredStream]) -> None:
         self._recording = recording
@@ -117,10 +121,10 @@ class RecordedDevice(Device):
         return self._recall(self._device.network_address(), "its network address")
 
     def set_network_address(self, address: NetworkAddress) -> Script[None]:  # noqa: ARG002
-        raise Unsupported("a recording has no network address to be set")
+        raise Unsupported(f"the network address of {self.whose} cannot be set from here")
 
     def power_down_protection(self, on: bool) -> Script[bool]:  # noqa: ARG002
-        raise Unsupported("power-down protection of a recording cannot be switched")
+        raise Unsupported(f"power-down protection of {self.whose} cannot be switched from here")
 
     def _recall(self, script: Script[T], what: str) -> Script[T]:
         """Run a script of the family on the responses of the recording."""

@@ -17,8 +17,8 @@ from lidario.loading import keep
 
 if TYPE_CHECKING:
     from lidario.laserscan import LaserScan
-    from lidario.network.broker import Router
     from lidario.network.fleet import RemoteLidar, list_remote_lidars
+    from lidario.network.router import Router
     from lidario.ros.diagnostics import DiagnosticArray, DiagnosticStatus, diagnostics
     from lidario.ros.fleet import Fleet, FleetScan
     from lidario.ros.merged import MergedPublisher
@@ -45,7 +45,7 @@ __all__ = [
 
 _HOMES = {
     "laserscan": ("LaserScan",),
-    "network.broker": ("Router",),
+    "network.router": ("Router",),
     "network.fleet": ("RemoteLidar", "list_remote_lidars"),
     "ros.diagnostics": ("DiagnosticArray", "DiagnosticStatus", "diagnostics"),
     "ros.fleet": ("Fleet", "FleetScan"),

@@ -22,8 +22,7 @@ from lidario.entered import Entered
 from lidario.errors import ConnectFailed, InvalidValue, LidarError, LocalProtocolError, SessionClosed
 from lidario.model import ScanMode
 from lidario.network.bus import DEFAULT_ROUTER, Bus
-from lidario.network.keys import Token, parse_token, status_key, token_key, tokens_of
-from lidario.network.sender import Sender
+from lidario.network.keys import Sender, Token, parse_token, status_key, token_key, tokens_of
 from lidario.network.senders import what_is_heard
 from lidario.network.status import AWAY, Status
 from lidario.recording.about import About

@@ -16,9 +16,8 @@ from lidario.arguments import shown, whole
 from lidario.entered import Entered
 from lidario.errors import Busy, InvalidValue, LocalProtocolError, SessionClosed
 from lidario.network.bus import DEFAULT_ROUTER, Bus, Sample
-from lidario.network.foreign import whole_scan
 from lidario.network.keys import Attachment, check_key, parse_attachment, status_key
-from lidario.network.messages import is_raw
+from lidario.network.messages import is_raw, whole_scan
 from lidario.network.raw import Decoders
 from lidario.network.senders import Senders
 from lidario.network.status import Status

@@ -15,7 +15,7 @@ from lidario.errors import InvalidValue
 from lidario.merging import Merged
 from lidario.model import HealthStatus
 from lidario.network.bus import DEFAULT_ROUTER, Bus
-from lidario.network.sender import Sender
+from lidario.network.keys import Sender
 from lidario.network.status import Status
 from lidario.points import Motion, Mount
 from lidario.recording.about import About

@@ -22,7 +22,7 @@ from lidario.errors import InvalidValue
 from lidario.laserscan import LaserScan
 from lidario.laserscans import LaserScans
 from lidario.network.bus import DEFAULT_ROUTER, Bus
-from lidario.network.sender import Sender
+from lidario.network.keys import Sender
 from lidario.network.status import AWAY, Status
 from lidario.ros.broadcast import Broadcast
 from lidario.ros.diagnostics import diagnostics

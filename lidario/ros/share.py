@@ -16,9 +16,8 @@ from typing import Any, Final, cast
 from lidario.arguments import yes_or_no
 from lidario.errors import Unsupported
 from lidario.network.bus import DEFAULT_ROUTER, Bus
-from lidario.network.keys import check_key
+from lidario.network.keys import Sender, check_key
 from lidario.network.messages import MOST_RAW_BYTES, Entry, encode_raw_message, encode_scan
-from lidario.network.sender import Sender
 from lidario.recording.about import About
 from lidario.recording.chronicle import EventState, event_of
 from lidario.ros.broadcast import Broadcast

@@ -273,7 +273,7 @@ class _Loop:
 
 
 async def test_leaving_a_router_that_does_not_respond_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "CLOSE_S", 0.02)
+    monkeypatch.setattr("lidario.network.router.CLOSE_S", 0.02)
     session = Session()
     try:
         async with asyncio.timeout(30):

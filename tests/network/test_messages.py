@@ -16,9 +16,15 @@ from hypothesis import strategies as st
 from lidario.errors import InvalidValue
 from lidario.laserscan import LaserScan
 from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
-from lidario.network.foreign import scan_of_laserscan
 from lidario.network.keys import Attachment, Token, check_key, parse_attachment, parse_token, token_key
-from lidario.network.messages import Entry, encode_raw_message, encode_scan, parse_raw_message, parse_scan
+from lidario.network.messages import (
+    Entry,
+    encode_raw_message,
+    encode_scan,
+    parse_raw_message,
+    parse_scan,
+    scan_of_laserscan,
+)
 from lidario.network.status import Status
 from lidario.recording.about import About
 from lidario.recording.chronicle import Responded, StreamBegan, StreamEnded

@@ -217,6 +217,29 @@ def test_the_device_responds_what_it_had_responded(tmp_path: Path, source: str) 
     run_driven(main)
 
 
+def test_what_was_recorded_of_a_lidar_until_it_failed_is_played(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The last that it said of itself is an error. No device is there that a reset would cure."""
+
+    async def main() -> None:
+        device = lidario.simulate("rplidar-s2", spin_up=0)
+        async with lidario.open_lidar(device) as lidar, lidar.record(tmp_path / "a.mcap"):
+            with pytest.raises(lidario.DeviceFault):
+                async for scan in lidar.scans():
+                    assert len(scan)
+                    device.protection_stop(0x8001)  # type: ignore[attr-defined]
+            failed = lidar.health
+        caplog.clear()
+        async with lidario.open_lidar(tmp_path / "a.mcap") as lidar:
+            assert lidar.health == failed
+            assert not failed.ok
+            assert len(await lidar.scan())
+        assert "is reset" not in caplog.text
+
+    run_driven(main)
+
+
 @pytest.mark.parametrize("model", ["ldrobot-ld06", "neato-xv11"])
 def test_a_speed_that_cannot_be_set_has_no_range_in_a_replay_either(tmp_path: Path, model: str) -> None:
     async def check() -> None:

@@ -13,7 +13,7 @@ import zenoh
 
 from lidario.cli.router import is_private
 from lidario.errors import ConnectFailed, InvalidValue
-from lidario.network.broker import LOOPBACK, Router
+from lidario.network.router import LOOPBACK, Router
 from tests.cli.processes import invoke, started
 from tests.support.children import BOUND, line_of
 from tests.support.router import client
@@ -50,7 +50,7 @@ async def test_only_this_machine_reaches_it_by_default(monkeypatch: pytest.Monke
     monkeypatch.delenv("ZENOH_CONFIG", raising=False)
     assert LOOPBACK == "tcp/127.0.0.1:7447"
     address = free()
-    monkeypatch.setattr("lidario.network.broker.LOOPBACK", address)
+    monkeypatch.setattr("lidario.network.router.LOOPBACK", address)
     async with await Router.open() as router:
         assert router.addresses == (address,)
 

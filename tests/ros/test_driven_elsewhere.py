@@ -127,3 +127,25 @@ async def test_a_mode_that_is_told_while_the_stream_is_being_started_is_not_miss
                     names |= {remote.mode.name}
             assert (await first).mode == "DenseBoost"
         await until(lambda: remote.mode is not None and remote.mode.name == "DenseBoost")
+
+
+@pytest.mark.long
+async def test_a_lidar_that_protects_itself_is_for_its_publisher_to_reset(
+    router: Router, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A reader is told how it is, and does not pretend to cure it."""
+    async with Rig(router) as rig:
+        device = lidario.simulate("rplidar-s2", spin_up=0)
+        share = await rig.share("failed/scan", lidar=await rig.open(device))
+        with pytest.raises(lidario.DeviceFault):
+            async for _ in share.lidar.scans():
+                device.protection_stop(0x8001)  # type: ignore[attr-defined]
+        caplog.clear()
+        remote = await rig.remote(share.key)
+        assert remote.health == share.lidar.health
+        assert not remote.health.ok
+        with pytest.raises(Unsupported, match="another machine's lidar cannot be reset from here"):
+            await remote.reset()
+        with pytest.raises(Unsupported, match="network address of another machine's lidar"):
+            await remote.set_network_address(lidario.NetworkAddress("192.168.0.2", "255.255.255.0", "192.168.0.1"))
+        assert "is reset" not in caplog.text

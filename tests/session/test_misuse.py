@@ -14,8 +14,8 @@ import pytest
 
 import lidario
 from lidario import Busy, InternalError, InvalidValue, LocalProtocolError, SessionClosed
-from lidario.network.broker import Router
 from lidario.network.fleet import list_remote_lidars
+from lidario.network.router import Router
 from lidario.ros import Fleet
 from lidario.session.streaming.control import StreamControl
 from lidario.session.streaming.modes import Wanted

@@ -10,7 +10,7 @@ import pytest
 import lidario
 from lidario.families.ydlidar.simulated.device import Simulated4Ros
 from lidario.network.bus import Bus
-from lidario.network.sender import Sender
+from lidario.network.keys import Sender
 from lidario.ros import Publisher, Share
 from lidario.scan import Scan
 from tests.support.router import Router

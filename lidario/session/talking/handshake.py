@@ -74,8 +74,11 @@ async def healthy(dialogue: Dialogue) -> Health:
 async def cured(dialogue: Dialogue, health: Health, when: str) -> Health:
     """Reset a device that reports the error `health`, and return its health afterwards; `note` tells of the error.
 
-    The log says `when` it was noticed. It fails as `healthy`.
+    The log says `when` it was noticed. It fails as `healthy`. What was recorded, or is driven by another machine,
+    is not reset: that is how it is.
     """
+    if not dialogue.port.is_live:
+        return health
     dialogue.protection_stops += 1
     what = f"the device had stopped to protect itself ({_code(health)})"
     _log.warning("%s; noticed: %s. It is reset", what, when)
