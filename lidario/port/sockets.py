@@ -112,7 +112,7 @@ async def connected(
     await run_in_thread(lambda: wait_for_guard(name))
     try:
         async with asyncio.timeout(CONNECT_TIMEOUT_S):
-            *others, last = await run_in_thread(lambda: _addresses(host))
+            *others, last = await run_in_thread(lambda: _addresses(host, kind))
             for address in others:
                 # One that does not respond leaves the others their share of the time; a TimeoutError is an OSError.
                 with contextlib.suppress(OSError):
@@ -126,9 +126,12 @@ async def connected(
         raise ConnectFailed(f"{name}: {_why(error, unreachable)}", reason="refused") from error
 
 
-def _addresses(host: str) -> list[str]:
+def _addresses(host: str, kind: socket.SocketKind) -> list[str]:
     """Those of a host; blocks. A loop that asks waits at its end, too, for a name server that does not respond."""
     found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
+    if kind is socket.SOCK_DGRAM:
+        # The first one is taken: nothing tells at once that it is the wrong one. Lidars have one of IPv4.
+        found.sort(key=lambda each: each[0] != socket.AF_INET)
     return [socket.getnameinfo(address, socket.NI_NUMERICHOST)[0] for *_, address in found]
 
 

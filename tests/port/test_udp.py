@@ -47,6 +47,19 @@ async def test_bytes_both_ways(peer: socket.socket) -> None:
     port.write(b"ignored")
 
 
+async def test_of_a_name_with_several_addresses_that_of_ipv4_is_taken(
+    peer: socket.socket, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing tells at once that an address is the wrong one, as ``localhost`` may be that of IPv6 first."""
+    stream = socket.SOCK_STREAM
+    known = [(socket.AF_INET6, stream, 6, "", ("::1", 0, 0, 0)), (socket.AF_INET, stream, 6, "", ("127.0.0.1", 0))]
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: known)
+    port = await open_udp("udp://x", "x.example", peer.getsockname()[1])
+    port.write(b"request")
+    assert peer.recv(100) == b"request"
+    await port.close()
+
+
 @on_both_loops
 async def test_each_request_is_a_datagram_of_its_own(peer: socket.socket) -> None:
     """No document says that a device looks for a second request in one."""
