@@ -16,13 +16,13 @@ import json
 import logging
 import os
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
 
 from lidario.errors import ConnectFailed, InvalidValue
 from lidario.network.handover import ITEM_BYTES, Handover
 from lidario.network.keys import Sender
-from lidario.network.router import check_router, close_session, the_package, why_no_router, words_of
+from lidario.network.router import check_router, close_at_exit, close_session, the_package, why_no_router, words_of
 from lidario.port.background import run_in_thread, running_loop
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ class Bus:
         self.dropped: int = 0
         self._session = session
         self._loop = asyncio.get_running_loop()
-        self._closed = False
+        self._unclosed = close_at_exit(self, session)
         # A reference must be kept: zenoh removes a listener that is garbage.
         self._held: list[Any] = [session.info.declare_transport_events_listener(_at_once(self._transport_changed))]
 
@@ -187,7 +187,7 @@ class Bus:
         subscriber = self._hold(lambda: self._session.declare_subscriber(key, _at_once(receive)))
 
         def leave() -> None:
-            if not self._closed:
+            if self._unclosed.alive:
                 subscriber.undeclare()
 
         return leave
@@ -218,20 +218,14 @@ class Bus:
 
     async def close(self) -> None:
         """End everything; returns when the router knows, after two seconds at most. Cancelling ends the waiting."""
-        if self._closed:
-            return
-        self._closed = True
-        self.on_change = None
-        session, self._held = self._session, []
-        await close_session(session)
+        if self._unclosed.detach() is not None:
+            self.on_change, self._held = None, []
+            await close_session(self._session)
 
     def close_soon(self) -> None:
         """As `close`, without waiting, and without an event loop."""
-        if not self._closed:
-            self._closed = True
-            self._held = []
-            with suppress(the_package().ZError):
-                self._session.close()
+        self._held = []
+        self._unclosed()
 
     # ------------------------------------------------------------------------------------------ inside
 
@@ -252,7 +246,7 @@ class Bus:
         """What hands things and their sizes over from a thread of zenoh to `take`, on the event loop."""
 
         def take_open(item: T) -> Iterable[None] | None:
-            return None if self._closed else take(item)
+            return take(item) if self._unclosed.alive else None
 
         handover = Handover(take_open, self._call)
 
@@ -276,7 +270,7 @@ class Bus:
             self._call(self._change, "PUT" in str(event.kind))
 
     def _change(self, connected: bool) -> None:
-        if connected != self.is_connected and not self._closed:
+        if connected != self.is_connected and self._unclosed.alive:
             self.is_connected = connected
             if self.on_change is not None:
                 self.on_change(connected)

@@ -17,7 +17,9 @@ import logging
 import os
 import re
 import socket
+import weakref
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, Self
 
@@ -137,6 +139,20 @@ def _unwelcome(router: str, protocol: str) -> str:
     )
 
 
+def close_at_exit(owner: object, session: Any) -> weakref.finalize[..., Any]:
+    """Close a session of zenoh when the program ends, where it was not closed before.
+
+    Its threads would outlive the interpreter: what comes then aborts the program, or it waits for them for ever.
+    """
+    return weakref.finalize(owner, _close_in, os.getpid(), session)
+
+
+def _close_in(process: int, session: Any) -> None:
+    if os.getpid() == process:  # a forked child has none of its threads
+        with suppress(the_package().ZError):
+            session.close()
+
+
 async def close_session(session: Any) -> None:
     """Close a session of zenoh; returns when its peers know, after two seconds at most."""
     try:
@@ -156,6 +172,7 @@ class Router:
     def __init__(self, session: Any, addresses: Sequence[str]) -> None:
         self._session = session
         self.addresses: tuple[str, ...] = tuple(addresses)
+        self._unclosed = close_at_exit(self, session)
 
     @classmethod
     async def open(cls, *addresses: str, config: str | os.PathLike[str] | None = None) -> Router:
@@ -193,6 +210,7 @@ class Router:
 
     async def close(self) -> None:
         """Let every connection break, within two seconds. Cancelling ends the waiting."""
+        self._unclosed.detach()
         await close_session(self._session)
 
 

@@ -15,7 +15,8 @@ from lidario.cli.router import is_private
 from lidario.errors import ConnectFailed, InvalidValue
 from lidario.network.router import LOOPBACK, Router
 from tests.cli.processes import invoke, started
-from tests.support.children import BOUND, line_of
+from tests.support.children import BOUND, child, line_of
+from tests.support.router import Router as Running
 from tests.support.router import client
 
 
@@ -53,6 +54,44 @@ async def test_only_this_machine_reaches_it_by_default(monkeypatch: pytest.Monke
     monkeypatch.setattr("lidario.network.router.LOOPBACK", address)
     async with await Router.open() as router:
         assert router.addresses == (address,)
+
+
+NEVER_CLOSED = """
+import asyncio, sys
+from lidario.ros import Fleet, Router
+
+async def main():
+    global router, fleet
+    if "routes" in sys.argv:
+        router = await Router.open(sys.argv[1])
+    fleet = Fleet("flood/**", router=sys.argv[1])
+    await fleet.start()
+    while "routes" not in sys.argv and not fleet.bad_messages:
+        await asyncio.sleep(0.01)
+
+asyncio.run(main())
+"""
+
+
+@pytest.mark.long
+def test_a_program_that_never_closes_its_router_ends() -> None:
+    with child(NEVER_CLOSED, free(), "routes") as process:
+        said, errors = process.communicate(timeout=BOUND)
+    assert (process.returncode, said, errors) == (0, "", "")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("_", range(3))
+def test_a_program_that_never_closes_its_connection_ends_while_messages_come(router: Running, _: int) -> None:
+    """What comes behind the end of the interpreter would abort it, half of the times."""
+    writer = client(router.address)
+    publisher = writer.declare_publisher("flood/x")
+    with child(NEVER_CLOSED, router.address) as process:
+        while process.poll() is None:
+            publisher.put(bytes(100))
+        said, errors = process.communicate(timeout=BOUND)
+    writer.close()  # type: ignore[no-untyped-call]
+    assert (process.returncode, said, errors) == (0, "", "")
 
 
 async def test_a_place_that_is_taken() -> None:
