@@ -27,8 +27,6 @@ from lidario.recording.about import About
 from lidario.recording.chronicle import StreamBegan
 from lidario.source import Source
 
-ASK_S: Final = 2.0
-"""How long publishers have to respond. Where there is none, the router says so at once."""
 WAIT_S: Final = 5.0
 """How long to wait for the first message of a publisher that does not respond, or for a lidar that is away."""
 TOKENS_S: Final = 1.0
@@ -125,7 +123,7 @@ def _of_message(bus: Bus, first: Sample) -> Remote:
 
 async def _ask(bus: Bus, key: str) -> dict[str, Status]:
     found: dict[str, Status] = {}
-    for place, status in await statuses(bus, key, ASK_S):
+    for place, status in await statuses(bus, key):
         if place in found and found[place].sender != status.sender:
             names = " and ".join(sorted({found[place].robot, status.robot}))
             raise ConnectFailed(

@@ -14,9 +14,8 @@ from typing import Final
 from lidario.model import Health
 from lidario.network.bus import DEFAULT_ROUTER, Bus
 from lidario.network.keys import LASERSCAN_IN_KEY, parse_token, tokens_of
-from lidario.network.status import statuses
+from lidario.network.status import ASK_S, statuses
 
-ASK_S: Final = 2.0
 ALL_LASERSCANS: Final = "@ros2_lv/*/*/*/*/MP/*/*/*/*/sensor_msgs::msg::dds_::LaserScan_/*/*"
 _ROS_TOKEN: Final = re.compile(
     r"@ros2_lv/(\d+)/[^/]+/\d+/\d+/MP/[^/]+/([^/]+)/([^/]+)/([^/]+)/sensor_msgs::msg::dds_::LaserScan_/[^/]+/[^/]+"
@@ -64,7 +63,7 @@ async def list_remote_lidars(router: str = DEFAULT_ROUTER) -> list[RemoteLidar]:
     try:
         tokens = await bus.tokens(tokens_of("**"), ASK_S)
         others = await bus.tokens(ALL_LASERSCANS, ASK_S)
-        told = dict(await statuses(bus, "**", ASK_S)) if tokens else {}
+        told = dict(await statuses(bus, "**")) if tokens else {}
     finally:
         await bus.close()
     found: dict[str, RemoteLidar] = {}

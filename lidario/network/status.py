@@ -18,6 +18,8 @@ from lidario.network.keys import status_key
 from lidario.recording.about import About
 from lidario.recording.chronicle import StreamBegan, mode_of
 
+ASK_S: Final = 2.0
+"""How long publishers have to respond. Where there is none, the router says so at once."""
 LARGEST: Final = 1 << 18
 """Bytes of a status that is read; real ones have a few thousand."""
 _MOST_MODES: Final = 64
@@ -79,10 +81,10 @@ class Status:
             return None
 
 
-async def statuses(bus: Bus, key: str, seconds: float) -> list[tuple[str, Status]]:
+async def statuses(bus: Bus, key: str) -> list[tuple[str, Status]]:
     """What the publishers under `key`, which may have wildcards, tell when they are asked; each with its key."""
     found: list[tuple[str, Status]] = []
-    for reply in await bus.query(status_key(key), seconds):
+    for reply in await bus.query(status_key(key), ASK_S):
         # Each may take milliseconds, and how many there are is for the network to say.
         await asyncio.sleep(0)
         if (status := Status.of(reply.payload)) is not None:
