@@ -12,6 +12,7 @@ import re
 from contextlib import suppress
 
 from lidario.errors import RecordingError, Unsupported
+from lidario.recording.chronicle import EventState
 from lidario.recording.player import Player
 from lidario.recording.read import Piece, StoredStreams
 from lidario.sim.device import Received
@@ -48,8 +49,10 @@ class PlayedDevice:
             stops.append(device.reset())
         # A step that only sets a control line has no bytes, and every request begins with none.
         self._stops = {each.data: each for each in stops if each.data and not self._talks}
+        # As it was when the recording began: the latest that it had said of its health may be why that ended.
+        responses = recording.responses | EventState(recording.about.events).responses
         # An empty line before a request of text only ends what was half written.
-        self._responses = {request.lstrip(b"\n"): found for request, found in recording.responses.items()}
+        self._responses = {request.lstrip(b"\n"): found for request, found in responses.items()}
         self._known = sorted({*self._stops, *self._starts, *self._responses}, key=len, reverse=True)
         self._is_text = device.stop().data.endswith(b"\n")
         firsts = bytes({REQUEST_MAGIC, *(each[0] for each in self._known)})

@@ -16,6 +16,7 @@ from lidario.model import ScanMode
 from lidario.recording import files
 from lidario.recording.decode_file import FileDecoder
 from lidario.recording.export import export_mcap
+from lidario.recording.played import PlayedDevice
 from lidario.recording.read import StoredStreams
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
@@ -234,6 +235,10 @@ def test_what_was_recorded_of_a_lidar_until_it_failed_is_played(
         async with lidario.open_lidar(tmp_path / "a.mcap") as lidar:
             assert lidar.health == failed
             assert not failed.ok
+            assert len(await lidar.scan())
+        played = PlayedDevice(files.open_stored(tmp_path / "a.mcap"))
+        async with lidario.open_lidar(played) as lidar:  # it is as it was when the recording began
+            assert lidar.health.ok
             assert len(await lidar.scan())
         assert "is reset" not in caplog.text
 
