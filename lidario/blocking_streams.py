@@ -6,7 +6,7 @@ from collections.abc import AsyncIterator
 from contextlib import suppress
 from typing import Generic, Self, TypeVar
 
-from lidario.entered import Closing
+from lidario.entered import Closing, Held
 from lidario.errors import Busy, LidarError, SessionClosed
 from lidario.recording.record import Recording
 from lidario.scan import Scan
@@ -79,7 +79,7 @@ class SyncSectorStream(SyncReaderStream[Sector]):
     """
 
 
-class SyncLineChanges:
+class SyncLineChanges(Held):
     """An iterator of `LineChange`; as `LineChanges`, with ``for``. Ctrl-C ends only the waiting."""
 
     def __init__(self, thread: LoopThread, changes: LineChanges, lidar: object) -> None:  # noqa: ARG002
@@ -100,7 +100,7 @@ class SyncLineChanges:
         return change
 
 
-class SyncRecording:
+class SyncRecording(Held):
     """A recording that is made while its ``with`` block runs; made by `SyncLidar.record`.
 
     Attributes:

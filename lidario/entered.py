@@ -1,4 +1,4 @@
-"""What is used by ``with`` or ``async with``; where it is the latter, the former says what to write instead."""
+"""What is used by ``with`` or ``async with``, and what is refused: the wrong one of them, and copies."""
 
 from __future__ import annotations
 
@@ -6,6 +6,17 @@ from abc import ABC, abstractmethod
 from typing import ClassVar, NoReturn, Self
 
 from lidario.errors import LocalProtocolError
+
+
+class Held:
+    """Base of what holds a device, a thread or a file, and lives in one process."""
+
+    __slots__ = ()
+
+    def __reduce__(self) -> NoReturn:
+        raise LocalProtocolError(
+            f"a {type(self).__name__} cannot be copied or sent to another process: send its scans"
+        )
 
 
 class AsyncOnly:
@@ -26,7 +37,7 @@ class AsyncOnly:
         raise LocalProtocolError(self._instead)
 
 
-class Entered(AsyncOnly, ABC):
+class Entered(AsyncOnly, Held, ABC):
     """Base of what has `start` and `close`, and is used as an asynchronous context manager."""
 
     @abstractmethod
@@ -45,7 +56,7 @@ class Entered(AsyncOnly, ABC):
         await self.close()
 
 
-class Closing(ABC):
+class Closing(Held, ABC):
     """Base of what is closed at the end of its ``with`` block."""
 
     @abstractmethod

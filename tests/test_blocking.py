@@ -6,6 +6,7 @@ import asyncio
 import gc
 import inspect
 import os
+import pickle
 import random
 import signal
 import threading
@@ -200,6 +201,13 @@ def test_one_that_nobody_holds_is_closed() -> None:
 
 
 @pytest.mark.long
+def test_it_is_not_sent_to_another_process() -> None:
+    with open_sync(make_rig("rplidar").device) as lidar:
+        for held in (lidar, lidar.scan, lidar.scans(), lidar.line_changes(), lidar.record("never.mcap")):
+            with pytest.raises(lidario.LocalProtocolError, match="another process: send its scans"):
+                pickle.dumps(held)
+
+
 def test_a_forked_child_is_refused_and_its_exit_stops_nothing() -> None:
     rig = make_rig("rplidar")
     with open_sync(rig.device) as lidar:

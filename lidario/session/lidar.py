@@ -16,7 +16,7 @@ from typing import NoReturn, Self
 
 from lidario.arguments import callable_of, path_of, yes_or_no
 from lidario.config.read import LidarConfig
-from lidario.entered import AsyncOnly
+from lidario.entered import AsyncOnly, Held
 from lidario.errors import LocalProtocolError, SessionClosed
 from lidario.laserscans import LaserScans
 from lidario.model import Health, ScanMode, Stats
@@ -33,7 +33,7 @@ from lidario.session.streams import Streams
 from lidario.session.talking.trouble import twin_of
 
 
-class Lidar(Streams, AsyncOnly):
+class Lidar(Streams, AsyncOnly, Held):
     """One open device; made by `open_lidar`, and best used as its context manager.
 
     Its methods belong to the event loop in which it was opened; in another one they raise `LocalProtocolError`.

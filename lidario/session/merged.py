@@ -8,7 +8,7 @@ from contextlib import AsyncExitStack
 from typing import Self
 
 from lidario.arguments import shown
-from lidario.entered import AsyncOnly
+from lidario.entered import AsyncOnly, Held
 from lidario.errors import Busy, InvalidValue
 from lidario.merging import OLDEST_S, Merged, MergedScans
 from lidario.points import Motion, Mount
@@ -17,7 +17,7 @@ from lidario.session.lidar import Lidar
 from lidario.session.streaming.stream import ScanStream, check_loop, until_there
 
 
-class MergedStream(AsyncOnly):
+class MergedStream(AsyncOnly, Held):
     """What `merged` returns: an asynchronous iterator of `Merged`, best used in ``async with``.
 
     Its streams begin with the first ``anext`` or with the block, and end with the block, with `close`, or with an

@@ -1,7 +1,9 @@
 """What a user may write by mistake, and the sentence that says what to write instead."""
 
 import asyncio
+import copy
 import logging
+import pickle
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from pathlib import Path
@@ -85,6 +87,16 @@ def test_without_an_asyncio_loop_one_sentence_says_so(begin: Callable[[], Awaita
     """As under trio, which runs coroutines without asyncio."""
     with pytest.raises(LocalProtocolError, match=r"anyio\.run"):
         next(begin().__await__())
+
+
+async def test_what_is_open_is_neither_copied_nor_sent_to_another_process(rplidar: Rig, tmp_path: Path) -> None:
+    """A copy would use the same line, and leave the device still when the first one is garbage."""
+    async with rplidar.open() as lidar:
+        streams = (lidar.scans(), lidar.sectors(), lidario.merged(lidar, mounts=[lidario.Mount()]))
+        for held in (lidar, *streams, lidar.line_changes(), lidar.record(tmp_path / "a.mcap")):
+            for way in (copy.copy, copy.deepcopy, pickle.dumps):
+                with pytest.raises(LocalProtocolError, match="another process: send its scans"):
+                    way(held)
 
 
 async def test_values_that_cannot_be_right(rig: Rig) -> None:

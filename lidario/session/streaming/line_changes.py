@@ -12,6 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final, Literal, Self, TypeAlias
 
+from lidario.entered import Held
 from lidario.session.streaming.stream import Mailbox, check_loop
 
 LineState: TypeAlias = Literal["connected", "away", "back", "ended"]
@@ -36,7 +37,7 @@ class LineChange:
     stamp_ns: int
 
 
-class LineChanges:
+class LineChanges(Held):
     """An asynchronous iterator of `LineChange`; made by `Lidar.line_changes`. One task may read it at a time.
 
     It begins with how the line is now. It ends when the session is closed, or behind ``ended``. It keeps no session

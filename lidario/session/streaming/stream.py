@@ -19,7 +19,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar, cast
 
 from lidario.arguments import shown, whole, yes_or_no
-from lidario.entered import AsyncOnly
+from lidario.entered import AsyncOnly, Held
 from lidario.errors import Busy, InvalidValue, LidarError, LocalProtocolError
 from lidario.measured import changed
 from lidario.scan import Scan
@@ -158,7 +158,7 @@ def check_loop(loop: asyncio.AbstractEventLoop | None, what: str = "the stream w
         raise LocalProtocolError(f"{what} in another event loop, and what it reads comes only there")
 
 
-class ReaderStream(AsyncOnly, Generic[T]):
+class ReaderStream(AsyncOnly, Held, Generic[T]):
     """What `ScanStream` and `SectorStream` are: one reader, and the mailbox that is handed what it reads."""
 
     def __init__(
