@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import lidario
-from lidario import InvalidValue, Mount, Velocity
+from lidario import Busy, InvalidValue, Mount, Velocity
 from lidario.filters import AngularBoundsFilter
 from lidario.merging import Merged, MergedScans
 from lidario.testing import SimulatedLidar, make_scan, room
@@ -244,6 +244,31 @@ async def test_a_reader_that_leaves_by_break_is_no_reader_any_more(away: bool) -
         assert not front.is_scanning
         assert left_still(other)
         assert away or left_still(cable.rig)
+
+
+@driven
+async def test_a_reader_that_is_cancelled_is_no_reader_any_more() -> None:
+    """Also where the program keeps its task, which holds the error, and so the frames that the error has passed."""
+    rig = make_rig("rplidar")
+    async with rig.open() as lidar:
+
+        async def read() -> None:
+            async for _ in lidario.merged(lidar, mounts=[Mount()]):
+                pass
+
+        reading = asyncio.create_task(read())
+        await asyncio.sleep(1.0)
+        assert lidar.is_scanning
+        reading.cancel()
+        await asyncio.sleep(2.0)
+        assert left_still(rig)
+        assert reading.cancelled()
+        clouds = lidario.merged(lidar, mounts=[Mount()])
+        ends = await asyncio.gather(anext(clouds), anext(clouds), return_exceptions=True)
+        assert isinstance(ends[1], Busy)
+        del clouds
+        await asyncio.sleep(2.0)
+        assert left_still(rig)
 
 
 async def test_a_reader_ends_when_another_task_closes_its_stream() -> None:

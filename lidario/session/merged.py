@@ -36,7 +36,7 @@ class MergedStream(AsyncOnly, Held):
         self._entered = AsyncExitStack()
         self._reading: dict[int, asyncio.Task[None]] = {}
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._is_read = False
+        self._read = asyncio.Lock()
         self._is_over = False
 
     async def __aenter__(self) -> Self:
@@ -52,38 +52,38 @@ class MergedStream(AsyncOnly, Held):
     async def __anext__(self) -> Merged:
         if self._loop is not None:
             check_loop(self._loop)
-        if self._is_read:
-            raise Busy("two tasks read one stream: give each its own, as lidario.merged() does")
-        self._is_read = True
         try:
-            if self._is_over:
-                raise StopAsyncIteration
-            await self._begin()
-            while True:
-                await asyncio.wait(self._reading.values(), return_when=asyncio.FIRST_COMPLETED)
+            if self._read.locked():
+                raise Busy("two tasks read one stream: give each its own, as lidario.merged() does")
+            async with self._read:
                 if self._is_over:
-                    # Another task has closed it.
                     raise StopAsyncIteration
-                for number, each in self._reading.items():
-                    if each.cancelled():
-                        # The program has cancelled all tasks, and goes on. No scan was taken.
-                        self._reading[number] = self._next(number)
-                scans = await self._ready()
-                found = None
-                for number, scan in scans.items():
-                    found = self._scans.take(number, scan, more=number != next(reversed(scans)))
-                if found is not None:
-                    return found
-                if not self._reading:
-                    raise StopAsyncIteration
-        except asyncio.CancelledError:
-            # What is being read goes on, and nothing is lost.
+                await self._begin()
+                while True:
+                    await asyncio.wait(self._reading.values(), return_when=asyncio.FIRST_COMPLETED)
+                    if self._is_over:
+                        # Another task has closed it.
+                        raise StopAsyncIteration
+                    for number, each in self._reading.items():
+                        if each.cancelled():
+                            # The program has cancelled all tasks, and goes on. No scan was taken.
+                            self._reading[number] = self._next(number)
+                    scans = await self._ready()
+                    found = None
+                    for number, scan in scans.items():
+                        found = self._scans.take(number, scan, more=number != next(reversed(scans)))
+                    if found is not None:
+                        return found
+                    if not self._reading:
+                        raise StopAsyncIteration
+        except (asyncio.CancelledError, Busy):
+            # What is being read goes on, and nothing is lost. An error that the program keeps, as in a cancelled
+            # task, holds this frame; without `self` in it, the stream is garbage all the same.
+            del self
             raise
         except BaseException:
             await self.close()
             raise
-        finally:
-            self._is_read = False
 
     async def _ready(self) -> dict[int, Scan]:
         """The scans that are there. A lidar whose stream has ended is read no more."""
