@@ -1,8 +1,8 @@
 """Loading a module, or a public name, at its first use, so that a Ctrl-C meanwhile does no harm.
 
 numpy cannot be imported again in a process where its first import was interrupted. Python raises KeyboardInterrupt
-in the main thread alone, so there another thread imports it. A Ctrl-C then ends only the waiting, and the import is
-completed. This matters to programs that go on after a Ctrl-C: notebooks, and interactive interpreters.
+in the main thread alone, so there another thread imports it, and completes the import whatever ends the waiting.
+This matters to programs that go on after a Ctrl-C: notebooks, and interactive interpreters.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def keep(package: str, name: str, homes: Mapping[str, tuple[str, ...]]) -> objec
 
 
 def load(name: str) -> ModuleType:
-    """Import a module by its full name. A Ctrl-C meanwhile is raised here, and the import goes on."""
+    """Import a module by its full name. A Ctrl-C meanwhile is raised behind the import, a second one at once."""
     if "numpy" in sys.modules:
         return import_module(name)
     # Only here: `import lidario` does without them.
@@ -50,7 +50,13 @@ def load(name: str) -> ModuleType:
 
     # No daemon: the interpreter must not end in the midst of an import.
     start_apart(threading.Thread(target=run, name="lidario: import").start, lambda _: done.set())
-    done.wait()
+    try:
+        done.wait()
+    except KeyboardInterrupt:
+        # A program that ends now waits for the import anyway. What that runs by `exec` would make Python forget
+        # Ctrl-C, and the exit code would be another one.
+        done.wait()
+        raise
     if not found:  # the system allows no more threads
         return import_module(name)
     (result,) = found

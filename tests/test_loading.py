@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 import threading
 
@@ -43,6 +44,14 @@ print("it goes on")
 def test_a_program_that_was_interrupted_goes_on(use: str) -> None:
     done = ended(PROGRAM.format(use=use))
     assert (done.returncode, done.stdout) == (0, "it goes on\n"), done.stderr
+
+
+@pytest.mark.long
+def test_a_program_that_it_ends_says_so_by_its_exit_code() -> None:
+    """As a shell needs it to leave a loop. The import, which goes on, must not make Python forget Ctrl-C."""
+    done = ended(PROGRAM.partition("try:")[0] + "lidario.Scan")
+    assert done.returncode == -signal.SIGINT, done.stderr
+    assert done.stderr.endswith("\nKeyboardInterrupt\n")
 
 
 OPENED = """
