@@ -1,9 +1,9 @@
 """A file that is opened to be read: only a regular one, and only as long as it is whole.
 
 What else has a path may wait for ever when it is opened or read (a FIFO, a terminal) or never end (a device), so it
-is refused without being waited for. The size is the one at the opening: what is added later is not read, and a file
-that was made shorter meanwhile is an error, not the end of the file. It is read and never mapped: to read what is
-missing behind a map kills the program (SIGBUS).
+is refused without being waited for. The size is the one at the first opening: what is added later is not read, and
+a file that was made shorter meanwhile is an error, not the end of the file. It is read and never mapped: to read
+what is missing behind a map kills the program (SIGBUS).
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ class StoredFile(Closing):
 
     Args:
         path: The file.
-        least: Bytes that it had before, if it was opened before.
+        before: Bytes that it had before, if it was opened before: no more are read.
 
     Attributes:
-        size: Its bytes when it was opened.
+        size: Its bytes when it was first opened.
         at: Where it is read next.
 
     Raises:
@@ -34,7 +34,7 @@ class StoredFile(Closing):
             methods raise it where it cannot be read any more.
     """
 
-    def __init__(self, path: Path, least: int = 0) -> None:
+    def __init__(self, path: Path, before: int | None = None) -> None:
         self.path: Path = path
         self.at: int = 0
         try:
@@ -51,9 +51,11 @@ class StoredFile(Closing):
             raise _unreadable(path, error) from error
         if kind:
             raise RecordingError(f"{path} cannot be read: it is {kind}, and a recording is a file")
-        if self.size < least:
-            self._file.close()
-            raise self._cut()
+        if before is not None:
+            self.size, is_cut = before, self.size < before
+            if is_cut:
+                self._file.close()
+                raise self._cut()
 
     def close(self) -> None:
         """Let go of it. Harmless when done before."""

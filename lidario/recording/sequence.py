@@ -83,7 +83,7 @@ class RecordedFiles:
     def _records_of(self, path: Path, reached: Reached) -> Iterator[About | StoredChunk | StreamEvent | Damage]:
         topics: dict[int, str] = {}
         begun: list[About] = []
-        with StoredFile(path, self._sizes.get(path, 0)) as file:
+        with StoredFile(path, self._sizes.get(path)) as file:
             self._sizes[path] = file.size
             for record in read_records(file):
                 if isinstance(record, Message):

@@ -256,6 +256,17 @@ def test_what_grows_while_it_is_read_has_an_end(tmp_path: Path) -> None:
     assert found <= right
 
 
+def test_a_recording_that_goes_on_is_read_as_far_as_it_went_when_it_was_opened(tmp_path: Path, live: Live) -> None:
+    """Streams that began since then are not known: their bytes would be taken for those of the last one."""
+    whole, path = live.path.read_bytes(), tmp_path / "a.mcap"
+    path.write_bytes(whole[: len(whole) // 2])
+    stored = open_stored(path)
+    before = list(stored.pieces())
+    path.write_bytes(whole)
+    assert list(stored.pieces()) == before
+    assert len(list(open_stored(path).pieces())) > len(before)
+
+
 @pytest.mark.long
 def test_a_flood_ends_a_chunk_before_its_second_is_over(tmp_path: Path, live: Live) -> None:
     path = tmp_path / "flood.mcap"
