@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import os
+import signal
 import threading
-from collections.abc import Iterator
-from concurrent.futures import BrokenExecutor, Executor
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import contextmanager, nullcontext, suppress
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 import lidario
 from lidario.cli.errors import ExitCode
-from lidario.cli.laserscans import laserscan_options, laserscans_of, only_with
+from lidario.cli.laserscans import laserscan_options, laserscans_of
 from lidario.cli.output import counted, progress
-from lidario.cli.parameters import FiniteRange, WholeRange, as_file, complete_file
+from lidario.cli.parameters import FiniteRange, WholeRange, as_file, complete_file, only_with
 from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import message
 
@@ -26,6 +27,9 @@ if TYPE_CHECKING:
 
     from lidario.recording.decode_file import FileDecoder
     from lidario.recording.files import Known
+
+
+T = TypeVar("T")
 
 
 @click.command()
@@ -87,9 +91,9 @@ def _all(tasks: list[_Task], jobs: int) -> list[Exception]:
     """Export everything; what fails does not keep the others from being exported."""
     failures: list[Exception] = []
     with processes(jobs) if jobs > 1 else nullcontext() as pool:
-        running = [
-            partial(export_one, *task) if pool is None else pool.submit(export_one, *task).result for task in tasks
-        ]
+        running: list[Callable[[], tuple[int, str]]] = [partial(export_one, *task) for task in tasks]
+        if pool is not None:
+            running = [each.result for each in begun(pool, running)]
         for task, done in zip(tasks, running, strict=True):
             try:
                 scans, damage = done()
@@ -125,6 +129,21 @@ def processes(count: int) -> Iterator[Executor]:
         except BaseException:
             ours.close()
             raise
+
+
+def begun(pool: Executor, works: Iterable[Callable[[], T]]) -> list[Future[T]]:
+    """Have the processes of a pool call each of these, none of which meets Ctrl-C.
+
+    A terminal sends it to them, too, and one that is just being started would end with a traceback.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        return [pool.submit(work) for work in works]
+    # What is blocked here stays blocked in processes that are started meanwhile.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        return [pool.submit(work) for work in works]
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _end_with_parent(lifeline: Connection) -> None:

@@ -86,6 +86,17 @@ if __name__ == "__main__":
 """
 
 
+DEAF = """
+import signal
+from lidario.cli.export import begun, processes
+def blocks():
+    return signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+if __name__ == "__main__":
+    with processes(2) as pool:
+        print(blocks(), *(each.result() for each in begun(pool, [blocks] * 3)))
+"""
+
+
 @pytest.fixture
 def waits(tmp_path: Path) -> list[str]:
     """A program whose processes have long work to do, as the words of a command: spawned ones need its file."""
@@ -99,6 +110,15 @@ def test_ctrl_c_does_not_wait_for_the_files_of_other_processes(waits: list[str])
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(waits, env=environment, capture_output=True, timeout=BOUND, check=False)
     assert done.stderr.endswith(b"KeyboardInterrupt\n")
+
+
+@pytest.mark.long
+def test_ctrl_c_which_a_terminal_sends_to_all_is_for_the_command_alone(tmp_path: Path) -> None:
+    """A process that is about to begin would end with a traceback."""
+    (tmp_path / "deaf.py").write_text(DEAF)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    words = [sys.executable, str(tmp_path / "deaf.py")]
+    assert subprocess.check_output(words, env=environment, timeout=BOUND) == b"False True True True\n"
 
 
 @pytest.mark.long
