@@ -12,8 +12,10 @@ import lidario
 import lidario.ros
 from lidario.cli.errors import ExitCode, exit_code_of
 from lidario.cli.output import console, dump, progress, rendered, table
+from lidario.cli.parameters import only_with
 from lidario.cli.running import run
 from lidario.cli.streams import emit, message
+from lidario.source import parse_source
 
 
 @click.command()
@@ -28,9 +30,10 @@ def devices(ports: tuple[str, ...], as_json: bool, network: bool, router: str) -
     Ports that are named are asked, whatever adapter they have. Asking a device that scans stops it. The exit code
     is 3 when no lidar responds; where ports are named, the one that `lidario scan` ends with on the first of them.
     """
-    simulated = [port for port in ports if port.startswith("sim:")]
-    if simulated:
-        raise click.UsageError(f"{simulated[0]!r} is no port: `lidario info {simulated[0]}` tells what it is")
+    only_with("--zenoh", ("router",), network)
+    for port in ports:
+        if parse_source(port).kind not in ("serial", "auto"):
+            raise click.UsageError(f"{port!r} is no port: `lidario info {port}` tells what it is")
     if network:
         if ports:
             raise click.UsageError("--zenoh asks no ports")

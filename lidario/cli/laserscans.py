@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any, Final, TypeVar
 
 import click
-from click.core import ParameterSource
 
 import lidario
 from lidario.cli.parameters import WholeRange
@@ -50,17 +49,3 @@ def arguments_of(options: dict[str, Any], frame: str | None) -> dict[str, Any]:
 def laserscans_of(options: dict[str, Any], frame: str | None = None) -> lidario.LaserScans:
     """How the messages are made by these options and the `frame` of the settings."""
     return lidario.LaserScans(**arguments_of(options, frame))
-
-
-def is_given(name: str) -> bool:
-    """Whether the user has given this option of the verb that runs."""
-    return click.get_current_context().get_parameter_source(name) is ParameterSource.COMMANDLINE
-
-
-def only_with(what: str, names: Iterable[str], is_so: bool) -> None:
-    """Refuse options of these names where they were given and mean nothing, because `what` was not."""
-    given = [name for name in names if is_given(name)]
-    if given and not is_so:
-        context = click.get_current_context()
-        option = next(each.opts[0] for each in context.command.params if each.name == given[0])
-        raise click.UsageError(f"{option} belongs to {what}", context)

@@ -22,6 +22,8 @@ from lidario.cli.running import run
 from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import emit, message
 
+_YEAR_0 = 1970
+
 
 @click.command()
 @source_argument
@@ -38,12 +40,13 @@ def plot(source: str, output: str, count: int, polar: bool, force: bool, mode: s
 
     The name of the file is printed.
     """
+    from lidario.cli.chart import svg
     from lidario.recording.export import must_be_writable, write_whole
 
     path = Path(output)
-    kind = path.suffix.lower()
     must_be_writable(path, overwrite=force)
-    if kind == ".png":
+    is_png = output.casefold().endswith(".png")
+    if is_png:
         need("matplotlib", "a PNG", otherwise=", or write an .svg")
     settings = settings_of_file()
     with progress(f"waiting for {source} …"):
@@ -51,12 +54,7 @@ def plot(source: str, output: str, count: int, polar: bool, force: bool, mode: s
     if not scans:
         raise lidario.RecordingError(f"{source} holds no full revolution")
     title = _title(info, scans)
-    if kind == ".svg":
-        from lidario.cli.chart import svg
-
-        drawn = svg(scans, title, polar=polar).encode()
-    else:
-        drawn = _png(scans, title, polar)
+    drawn = _png(scans, title, polar) if is_png else svg(scans, title, polar=polar).encode()
     with write_whole(path, overwrite=force) as part:
         part.write_bytes(drawn)
     emit(f"{path}\n")
@@ -84,9 +82,12 @@ async def scans_of(lidar: lidario.Lidar, count: int, mode: str | int | None = No
 
 
 def _title(info: lidario.DeviceInfo, scans: list[lidario.Scan]) -> str:
-    when = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(scans[0].wall_stamp_ns / 1e9))
+    device = f"{info.model} ({info.serial[:8]})" if info.serial else info.model
     what = f"{len(scans)} scans" if len(scans) > 1 else f"{len(scans[0])} samples"
-    return f"{info.model} ({info.serial[:8]}), {scans[0].mode}, {what}, {when}"
+    at = time.localtime(scans[0].wall_stamp_ns / 1e9)
+    # Stamps of bare bytes count from 0.
+    when = [time.strftime("%Y-%m-%d %H:%M:%S", at)] if at.tm_year > _YEAR_0 else []
+    return ", ".join((device, scans[0].mode, what, *when))
 
 
 def _png(scans: list[lidario.Scan], title: str, polar: bool) -> bytes:

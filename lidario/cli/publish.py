@@ -14,9 +14,18 @@ import click
 import lidario
 import lidario.ros
 from lidario.cli.errors import ExitCode, need
-from lidario.cli.laserscans import arguments_of, is_given, laserscan_options, only_with
+from lidario.cli.laserscans import arguments_of, laserscan_options
 from lidario.cli.output import counted
-from lidario.cli.parameters import WholeRange, as_duration, as_place, guard_option, mode_option, sources_argument
+from lidario.cli.parameters import (
+    WholeRange,
+    as_duration,
+    as_place,
+    guard_option,
+    is_given,
+    mode_option,
+    only_with,
+    sources_argument,
+)
 from lidario.cli.running import run_until_stopped
 from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import ReaderGone, beside, emit, message
@@ -171,6 +180,7 @@ def _check_choice(sources: tuple[str, ...], ros: bool, key: str | None, raw: boo
     _refuse_if(ros == (key is not None), "say one of --ros and --zenoh KEY")
     _refuse_if(raw and ros, "--raw belongs to --zenoh KEY; a topic of ROS 2 has scans")
     only_with("--ros", of_ros, ros)
+    only_with("several lidars", ("cloud",), len(sources) > 1)
     mounts = len(of_ros["mounts"])
     _refuse_if(
         of_ros["stamps"] is not None and not is_recorded,

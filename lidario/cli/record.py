@@ -10,7 +10,6 @@ import asyncio
 import logging
 import time
 from collections.abc import Callable
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ import click
 
 import lidario
 from lidario.cli.errors import ExitCode, Stopped
-from lidario.cli.laserscans import laserscan_options, laserscans_of, only_with
+from lidario.cli.laserscans import laserscan_options, laserscans_of
 from lidario.cli.output import counted, progress
 from lidario.cli.parameters import (
     WholeRange,
@@ -28,6 +27,8 @@ from lidario.cli.parameters import (
     force_option,
     guard_option,
     mode_option,
+    named_by_time,
+    only_with,
     reconnect_option,
     recording_option,
     source_argument,
@@ -93,7 +94,7 @@ def record(
     from lidario.recording.parts import Split
 
     only_with("--scans", of_scans, scans)
-    path = datetime.now().strftime("lidar-%Y%m%d-%H%M%S.mcap") if output is None else output
+    path = named_by_time("lidar") if output is None else output
     told, (split_s, split_bytes) = _Told(), split or (None, None)
     Split(split_s, split_bytes, keep, ("--split", "--split", "--keep"))
     _check(path, replaces=force or split is not None)

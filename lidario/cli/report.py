@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import asdict
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,7 +19,7 @@ import lidario
 from lidario.cli.errors import ExitCode
 from lidario.cli.machine import Machine
 from lidario.cli.output import console, dump, facts, introduced, judged, progress, rendered
-from lidario.cli.parameters import force_option, recording_option, source_argument
+from lidario.cli.parameters import force_option, named_by_time, only_with, recording_option, source_argument
 from lidario.cli.running import nothing_logged, run
 from lidario.cli.streams import emit, message
 
@@ -60,9 +59,12 @@ def report_lidar(source: str, output: str | None, force: bool, check: bool, as_j
     """
     from lidario.recording.export import must_be_writable
 
+    only_with("a report that is made", ("output", "force"), not check)
+    if check and source == "auto":
+        raise click.UsageError("--check reads the report that SOURCE names")
     if check:
         return _check(Path(source), as_json)
-    path = Path(datetime.now().strftime("report-%Y%m%d-%H%M%S.mcap") if output is None else output)
+    path = Path(named_by_time("report") if output is None else output)
     # Not only at the end, behind two minutes.
     must_be_writable(path, overwrite=force)
     message(HOLDS)

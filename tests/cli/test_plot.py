@@ -16,6 +16,7 @@ from lidario.cli.chart import step_of, svg
 from lidario.testing import make_scan
 from tests.cli.processes import invoke, invoke_driven
 from tests.cli.test_picture import FULL_TURN
+from tests.reference.golden import load
 
 SVG = "{http://www.w3.org/2000/svg}"
 S2 = "sim://rplidar-s2?via=memory"
@@ -113,6 +114,31 @@ def test_the_command_writes_it(tmp_path: Path, options: list[str]) -> None:
     drawn = dots(path.read_text(encoding="utf-8"))
     assert len(drawn) == (3 if options else 1)
     assert min(map(len, drawn)) > 3000
+
+
+def test_a_name_that_is_nothing_but_its_ending_tells_the_kind_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert invoke_driven("plot", S2, "-o", ".svg").exit_code == 0
+    assert (tmp_path / ".svg").read_text().startswith("<svg")
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    assert "pip install matplotlib" in invoke_driven("plot", S2, "-o", ".png").stderr
+
+
+def test_a_title_tells_nothing_that_is_not_known(tmp_path: Path) -> None:
+    """The serial number of a device that has none; the day on which bare bytes came."""
+    golden, raw = load("ydlidar_4ros_room10"), tmp_path / "raw.bin"
+    raw.write_bytes(golden.raw)
+    for source, title in (
+        ("sim://ldrobot-ld19?via=memory", r"LDROBOT \S+ \S+ or alike, Standard, \d+ samples, 2\d{3}-.*"),
+        (f"{raw}?family=ydlidar", r"YDLIDAR[^,]*, [^,]+, \d+ samples"),
+    ):
+        path = tmp_path / "x.svg"
+        assert invoke_driven("plot", source, "-o", str(path), "--force").exit_code == 0
+        root = ElementTree.fromstring(path.read_text(encoding="utf-8"))
+        texts = [each.text for each in root.iter(f"{SVG}text") if each.text]
+        assert [each for each in texts if re.fullmatch(title, each)], texts
 
 
 def test_an_empty_scan_is_said(tmp_path: Path) -> None:

@@ -33,7 +33,11 @@ REFUSED = {
     "info nosuch://thing": "nosuch:// is not known",
     "info sim://nosuchmodel": "no simulated lidar 'nosuchmodel'",
     "info sim://rplidar-s2?nosuch=1": "does not know: 'nosuch'",
-    "devices sim://rplidar-s2": "is no port: `lidario info sim://rplidar-s2`",
+    **{
+        f"devices {name}": f"'{name}' is no port: `lidario info {name}`"
+        for name in ("sim://rplidar-s2", "tcp://192.168.0.7:20108", "a.mcap", "id:AB12")
+    },
+    "devices --router tcp/192.168.0.2:7447": "--router belongs to --zenoh",
     "motor": "lidario motor start, lidario motor stop, lidario motor speed",
     "motor speed fast": "'fast' is not a valid number",
     f"motor speed -- 0 {S2}": "0.0 is not in the range x>0",
@@ -85,6 +89,10 @@ REFUSED = {
     f"stats {S2} -t 1e9s": "'1e9s' is not a duration",
     f"plot {S2} -o x.jpg": "does not end in .svg, .png",
     f"report {S2} -o x.txt": "does not end in .mcap",
+    "report --check": "--check reads the report that SOURCE names",
+    "report --check a.mcap --force": "--force belongs to a report that is made",
+    "report --check a.mcap -o b.mcap": "--output belongs to a report that is made",
+    f"publish --ros {S2} --cloud points": "--cloud belongs to several lidars",
     "view sim://nosuchmodel": "no simulated lidar 'nosuchmodel'",
     f"view {S2} --port 0 --mode nosuchmode": "no scan mode 'nosuchmode'",
     f"view {S2} --port 70000": "70000 is not in the range",
