@@ -15,7 +15,7 @@ from lidario.cli.output import progress
 from lidario.cli.parameters import WholeRange, as_file, as_place, complete_source
 from lidario.cli.plot import scans_of
 from lidario.cli.running import run
-from lidario.cli.settings import FILE, config_file, config_option, settings_of_file
+from lidario.cli.settings import FILE, config_option, settings_of_file
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:
@@ -66,7 +66,8 @@ def calibrate(
     from lidario.recording.export import must_be_writable
 
     need("small_gicp", "it")
-    config, file = settings_of_file(), Path(config_file() or FILE)
+    config = settings_of_file()
+    file = Path(config.path or FILE)
     if picture is not None:
         must_be_writable(Path(picture), overwrite=True)
     if not dry_run:

@@ -138,7 +138,7 @@ def of_adapter(machine: Machine, port: lidario.PortInfo) -> Iterator[Finding]:
 async def _of_device(machine: Machine, source: str, port: lidario.PortInfo | None) -> tuple[list[Finding], int]:
     """What responds there, and the exit code that `lidario scan` would end with."""
     found: list[Finding] = []
-    before = _latency(machine, port)
+    before = machine.latency_ms(source)
     try:
         async with lidario.open_lidar(source) as lidar:
             at = f" at {lidar.baudrate} baud" if lidar.baudrate else ""
@@ -146,7 +146,7 @@ async def _of_device(machine: Machine, source: str, port: lidario.PortInfo | Non
             name = introduced(lidar.info.model, lidar.info.serial, lidar.info.firmware)
             found.append(Finding("response", "ok", f"{name}{at}", port=source))
             found += _of_speed(source, port, lidar.baudrate)
-            found += _of_latency(before, _latency(machine, port), source)
+            found += _of_latency(before, machine.latency_ms(source), source)
             note = f": {lidar.health.note}" if lidar.health.note else ""
             is_fine = lidar.health.status.value == "ok"
             text = f"ok{note}" if is_fine else f"{lidar.health.status.value}, code {lidar.health.code}{note}"
@@ -163,10 +163,6 @@ def _of_speed(source: str, port: lidario.PortInfo | None, baudrate: int) -> Iter
     if adapter is not None and 0 < adapter.fastest < baudrate:
         text = f"{baudrate} baud is more than the adapter is made for ({adapter.fastest})"
         yield Finding("speed", "hint", text, "an adapter that is made for it", source)
-
-
-def _latency(machine: Machine, port: lidario.PortInfo | None) -> int | None:
-    return None if port is None else machine.latency_ms(port.path)
 
 
 def _of_latency(before: int | None, during: int | None, source: str) -> Iterator[Finding]:

@@ -154,12 +154,12 @@ def facts(rows: Iterable[tuple[str, str]], *, gap: int = 2) -> Table:
     """A table of names and values, a line each, and so many columns between them."""
     from rich.table import Table
 
-    table = Table.grid(padding=(0, gap))
-    table.add_column(style="bold")
-    table.add_column(overflow="fold")
-    for name, value in rows:
-        table.add_row(name, value)
-    return table
+    made = Table.grid(padding=(0, gap))
+    made.add_column(style="bold")
+    made.add_column(overflow="fold")
+    for row in rows:
+        made.add_row(*row)
+    return made
 
 
 def table(titles: Sequence[str], rows: Iterable[Sequence[str]], *, right: Sequence[str] = ()) -> Table:
@@ -229,40 +229,37 @@ class _Direct:
 
 
 @contextmanager
-def progress(text: str) -> Iterator[Callable[[str], None]]:
-    """Show on stderr that work goes on; only on a terminal. What is yielded takes another text to show.
+def progress(text: str | Callable[[], str]) -> Iterator[None]:
+    """Show on stderr that work goes on; only on a terminal. A `text` that changes is asked for by the thread.
 
     A thread draws it, and the end waits for that thread no longer than `PROGRESS_GRACE_S`: a terminal that takes no
     output (Ctrl-S, a dead line) holds up neither the event loop nor a signal.
     """
     if not sys.stderr.isatty():
-        yield lambda _: None
+        yield
         return
     before, over = sys.stderr, threading.Event()
-
-    def show(told: str) -> None:
-        nonlocal text
-        text = told
+    told = text if callable(text) else lambda: text
 
     def spin() -> None:
         from rich.live import Live
         from rich.spinner import Spinner
 
         console = terminal(before)
-        shown = Spinner("line" if console.options.ascii_only else "dots", text, style="status.spinner")
+        shown = Spinner("line" if console.options.ascii_only else "dots", told(), style="status.spinner")
         display = Live(shown, console=console, auto_refresh=False, transient=True, redirect_stdout=False)
         # The terminal may go away meanwhile. The next write to it raises the same error.
         with suppress(OSError, ReaderGone), display:
             # A signal that ends the process at once would leave the cursor hidden.
             display.console.show_cursor(True)
             while not over.wait(1 / SPINS_A_SECOND):
-                shown.update(text=text)
+                shown.update(text=told())
                 display.refresh()
 
     worker = Worker("lidario: progress", PROGRESS_GRACE_S)
     worker.put(spin)
     try:
-        yield show
+        yield
     finally:
         over.set()
         worker.close()

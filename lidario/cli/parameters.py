@@ -9,6 +9,7 @@ import math
 import re
 from collections.abc import Callable, Iterable
 from datetime import datetime
+from pathlib import Path
 from typing import Any, Final
 
 import click
@@ -79,25 +80,21 @@ def as_file(*endings: str) -> Callable[[str], str]:
     return as_file_of_kind
 
 
+def as_folder(text: str) -> Path:
+    """A folder in which a file can be made, whatever its rights say."""
+    from tempfile import TemporaryFile
+
+    try:
+        TemporaryFile(dir=text).close()
+    except OSError as error:
+        raise click.BadParameter(f"no file can be made in {text!r}: {cause_of(error)}") from None
+    return Path(text)
+
+
 class WholeRange(click.IntRange):
     """As `click.IntRange`, whose errors speak of "a valid integer range"."""
 
     name = "whole number"
-
-
-class FolderOfFiles(click.Path):
-    """As `click.Path`, of a folder in which a file can be made, whatever its rights say."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The folder; raises `click.BadParameter` where it is none."""
-        from tempfile import TemporaryFile
-
-        folder = super().convert(value, param, ctx)
-        try:
-            TemporaryFile(dir=folder).close()
-        except OSError as error:
-            self.fail(f"no file can be made in {value!r}: {cause_of(error)}", param, ctx)
-        return folder
 
 
 class FiniteRange(click.FloatRange):

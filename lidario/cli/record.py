@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -36,8 +35,6 @@ from lidario.cli.parameters import (
 from lidario.cli.running import run
 from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import emit, message
-
-SHOWN_EVERY_S = 0.5
 
 
 class _Told:
@@ -102,7 +99,7 @@ def record(
     config = settings_of_file()
 
     async def work() -> None:
-        with progress(f"opening {source} …") as show:
+        with progress(lambda: f"opening {source} …" if told.began is None else _so_far(told)):
             async with lidario.open_lidar(source, guard=guard, reconnect=reconnect, config=config) as lidar:
                 messages = laserscans_of(of_scans, lidar.config.frame) if scans else False
                 told.recording = lidar.record(
@@ -110,7 +107,7 @@ def record(
                     split_s=split_s, split_bytes=split_bytes, keep_bytes=keep,
                 )  # fmt: skip
                 async with told.recording, lidar.scans(mode) as stream:
-                    await _follow(told, told.recording, stream, seconds, count, show)
+                    await _follow(told, told.recording, stream, seconds, count)
 
     log = logging.getLogger("lidario")
     log.addFilter(told)
@@ -145,11 +142,9 @@ async def _follow(
     stream: lidario.ScanStream,
     seconds: float | None,
     count: int | None,
-    show: Callable[[str], None],
 ) -> None:
     """Read until there is as much as was asked for, or the recording has ended."""
     told.began = time.monotonic()
-    showing = asyncio.create_task(_show(show, told))
     try:
         async with asyncio.timeout(None) as limit:
             async for _ in stream:
@@ -161,14 +156,6 @@ async def _follow(
                     return
     except TimeoutError:
         return
-    finally:
-        showing.cancel()
-
-
-async def _show(show: Callable[[str], None], told: _Told) -> None:
-    while True:
-        show(_so_far(told))
-        await asyncio.sleep(SHOWN_EVERY_S)
 
 
 def _so_far(told: _Told) -> str:

@@ -7,7 +7,7 @@ be opened, or nothing comes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -40,6 +40,7 @@ HOLDS = (
 class _Begun:
     """The report, also of a verb that was interrupted."""
 
+    doing: str = ""
     reporter: Reporter | None = None
     unknown: bool = False
 
@@ -69,10 +70,11 @@ def report_lidar(source: str, output: str | None, force: bool, check: bool, as_j
     must_be_writable(path, overwrite=force)
     message(HOLDS)
     begun = _Begun()
+    begun.doing = f"opening {source} …"
     adapters = _Adapters(source)
     try:
-        with progress(f"opening {source} …") as show:
-            run(lambda: _try(begun, adapters, source, path, force, show))
+        with progress(lambda: begun.doing):
+            run(lambda: _try(begun, adapters, source, path, force))
     finally:
         if begun.reporter is not None:
             _show(begun.reporter.report(), [], as_json)
@@ -84,9 +86,7 @@ def report_lidar(source: str, output: str | None, force: bool, check: bool, as_j
     return ExitCode.OK
 
 
-async def _try(
-    begun: _Begun, adapters: _Adapters, source: str, path: Path, force: bool, show: Callable[[str], None]
-) -> None:
+async def _try(begun: _Begun, adapters: _Adapters, source: str, path: Path, force: bool) -> None:
     from lidario.conformance import RULES, Reporter, open_bench
     from lidario.conformance.unknown import Unknown
 
@@ -102,7 +102,7 @@ async def _try(
             bench = await open_bench(source, on_port=unknown.attach)
     except lidario.ConnectFailed as error:
         if error.reason == "silent":
-            show(f"nothing responds in a known way: listening to {source} at each speed …")
+            begun.doing = f"nothing responds in a known way: listening to {source} at each speed …"
             begun.unknown = await unknown.kept(source, path, adapters.facts(source), overwrite=force)
         raise
     unknown.forget()
@@ -113,7 +113,7 @@ async def _try(
             numbers = {rule.name: number for number, rule in enumerate(RULES, 1)}
 
             def shown(rule: Rule) -> None:
-                show(f"{numbers[rule.name]} of {len(RULES)}: {rule.sentence}")
+                begun.doing = f"{numbers[rule.name]} of {len(RULES)}: {rule.sentence}"
 
             await reporter.run(RULES, on_begin=shown)
 

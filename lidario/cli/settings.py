@@ -21,11 +21,10 @@ VARIABLE: Final = "LIDARIO_CONFIG"
 
 @dataclass
 class Settings:
-    """Options of every verb, and whether it was said that a file of settings was found."""
+    """Options of every verb."""
 
     traceback: bool = False
     config: str | None = None
-    is_told: bool = False
 
 
 def _take_config(context: click.Context, _: click.Parameter, value: str | None) -> None:
@@ -44,15 +43,12 @@ config_option: Final = click.option(
 
 def config_file() -> str | None:
     """The file of settings of this command, None for none."""
-    settings = click.get_current_context().ensure_object(Settings)
-    named = settings.config or os.environ.get(VARIABLE)
+    named = click.get_current_context().ensure_object(Settings).config or os.environ.get(VARIABLE)
     if named:
         return named
     if not os.path.isfile(FILE):
         return None
-    if not settings.is_told:
-        settings.is_told = True
-        message(f"settings of {FILE}")
+    message(f"settings of {FILE}")
     return FILE
 
 

@@ -89,11 +89,11 @@ def _model_table() -> str:
     from lidario.families.registry import FAMILIES
 
     width = max(len(name) for family in FAMILIES for name in family.simulated)
-    lines = []
+    text = ""
     for family in FAMILIES:
-        lines.append(f"{family.title}:")
-        lines += [f"  {name:{width}}  {family.describe(name)}".rstrip() for name in family.simulated]
-    return "".join(f"{line}\n" for line in lines)
+        text += f"{family.title}:\n"
+        text += "".join(f"  {name:{width}}  {family.describe(name)}".rstrip() + "\n" for name in family.simulated)
+    return text
 
 
 def _fault_table() -> str:

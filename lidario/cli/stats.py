@@ -139,22 +139,18 @@ async def measure(
         into.simulated = lidar.source.startswith("sim:")
         if await anext(scans, None) is None:
             raise lidario.RecordingError(f"{source} holds no full revolution")
-        await _for_a_while(lidar, scans, seconds, into)
-
-
-async def _for_a_while(lidar: lidario.Lidar, scans: lidario.ScanStream, seconds: float, into: Measured) -> None:
-    loop = asyncio.get_running_loop()
-    before, began, cpu = lidar.stats, loop.time(), time.process_time()
-    try:
-        # Only a recording comes to its end.
-        with suppress(TimeoutError):
-            async with asyncio.timeout(seconds):
-                async for scan in scans:
-                    into.add(scan)
-    finally:
-        into.seconds = loop.time() - began
-        into.cpu = (time.process_time() - cpu) / max(into.seconds, 1e-9)
-        into.line = traffic(before, lidar.stats, into.seconds, lidar.baudrate)
+        loop = asyncio.get_running_loop()
+        before, began, cpu = lidar.stats, loop.time(), time.process_time()
+        try:
+            # Only a recording comes to its end.
+            with suppress(TimeoutError):
+                async with asyncio.timeout(seconds):
+                    async for scan in scans:
+                        into.add(scan)
+        finally:
+            into.seconds = loop.time() - began
+            into.cpu = (time.process_time() - cpu) / max(into.seconds, 1e-9)
+            into.line = traffic(before, lidar.stats, into.seconds, lidar.baudrate)
 
 
 def verdict(measured: Measured) -> tuple[str, str]:

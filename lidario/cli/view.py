@@ -21,7 +21,15 @@ import click
 import lidario
 from lidario.cli.errors import ExitCode, cannot_listen, need
 from lidario.cli.output import counted, emit_beside, progress
-from lidario.cli.parameters import FolderOfFiles, WholeRange, as_place, guard_option, mode_option, sources_argument
+from lidario.cli.parameters import (
+    WholeRange,
+    as_folder,
+    as_place,
+    complete_file,
+    guard_option,
+    mode_option,
+    sources_argument,
+)
 from lidario.cli.running import run_until_stopped
 from lidario.cli.settings import FILE, config_file, config_option
 from lidario.cli.streams import message
@@ -43,7 +51,7 @@ MOST_LIDARS: Final = 16
                    "Once for each SOURCE, in their order.")  # fmt: skip
 @click.option("--colour", "colours", multiple=True, metavar="#RRGGBB",
               help="Colour of a lidar, once for each SOURCE.")  # fmt: skip
-@click.option("--record", "folder", type=FolderOfFiles(exists=True, file_okay=False), metavar="FOLDER",
+@click.option("--record", "folder", type=as_folder, shell_complete=complete_file, metavar="FOLDER",
               help="Where the page may record: the current folder, with --lan nowhere, unless named.")  # fmt: skip
 @config_option
 @mode_option
@@ -54,7 +62,7 @@ def view(
     lan: bool,
     mounts: tuple[lidario.Mount, ...],
     colours: tuple[str, ...],
-    folder: str | None,
+    folder: Path | None,
     mode: str | int | None,
     guard: bool,
 ) -> int:
@@ -67,7 +75,7 @@ def view(
 
     sources = sources or ("auto",)
     _check_choice(len(sources), len(mounts), colours)
-    where = Path(folder or ".") if folder or not lan else None
+    where = folder or (None if lan else Path())
     file = config_file()
     if file is not None:
         lidario.read_config(file)

@@ -15,6 +15,7 @@ import asyncio
 import os
 import sys
 from contextlib import ExitStack, suppress
+from textwrap import wrap
 from typing import TYPE_CHECKING, Final
 
 import click
@@ -179,11 +180,7 @@ def _below(rows: list[tuple[str, str]], width: int) -> list[str]:
     told = dict(rows)
     if told["nearest"].endswith(" m"):
         told["nearest"] = f"nearest {told['nearest']}"
-    lines = [""]
-    for value in (value for name, value in told.items() if name not in ("model", "mode", "link")):
-        joined = f"{lines[-1]}  {value}" if lines[-1] else value
-        if len(joined) <= width or not lines[-1]:
-            lines[-1] = joined
-        elif len(lines) < MOST_BELOW:
-            lines.append(value)
-    return lines
+    # Each is one word here, so that none is divided.
+    words = [value.replace(" ", "\0") for name, value in told.items() if name not in ("model", "mode", "link")]
+    lines = wrap("  ".join(words), width, break_long_words=False, break_on_hyphens=False)
+    return [line.replace("\0", " ") for line in lines[:MOST_BELOW]]

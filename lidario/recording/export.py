@@ -74,14 +74,11 @@ def export_npz(decoder: FileDecoder, path: Path, *, overwrite: bool = False) -> 
             files.enter_context(tempfile.TemporaryFile(dir=path.parent)) for _ in range(3)
         )
         starts, stamps, lost = [0], [], []
-        has_intensities = True
         modes: dict[str, None] = {}
         for scan in decoder:
             angles.write(scan.device_angles.data)
             distances.write(scan.device_distances.data)
-            if scan.intensities is None:
-                has_intensities = False
-            else:
+            if scan.intensities is not None:
                 intensities.write(scan.intensities.data)
             starts.append(starts[-1] + len(scan))
             stamps.append(scan.wall_stamp_ns)
@@ -97,7 +94,8 @@ def export_npz(decoder: FileDecoder, path: Path, *, overwrite: bool = False) -> 
         with zipfile.ZipFile(part, "w", zipfile.ZIP_STORED) as archive:
             _add_file(archive, "device_angles", angles, np.dtype("<f4"), starts[-1])
             _add_file(archive, "device_distances", distances, np.dtype("<f4"), starts[-1])
-            if has_intensities and stamps:
+            # Not where some of the scans have none.
+            if stamps and intensities.tell() == starts[-1]:
                 _add_file(archive, "intensities", intensities, np.dtype("u1"), starts[-1])
             _add(archive, "starts", np.array(starts, np.int64))
             _add(archive, "stamps_ns", np.array(stamps, np.int64))

@@ -13,8 +13,7 @@ from contextlib import suppress
 
 from lidario.errors import RecordingError, Unsupported
 from lidario.recording.chronicle import EventState
-from lidario.recording.player import Player
-from lidario.recording.read import Piece, StoredStreams
+from lidario.recording.read import Piece, Player, StoredStreams
 from lidario.sim.device import Received
 from lidario.sim.line import RequestLog
 from lidario.wire.envelope import REQUEST_MAGIC

@@ -18,8 +18,7 @@ from pathlib import Path
 
 from lidario.errors import DeviceLost, RecordingError
 from lidario.recording.fed import Audience, FedPort
-from lidario.recording.player import Player
-from lidario.recording.read import Piece, StoredStream, StoredStreams
+from lidario.recording.read import Piece, Player, StoredStream, StoredStreams
 
 _log = logging.getLogger("lidario")
 

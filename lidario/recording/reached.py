@@ -57,7 +57,6 @@ class Reached:
         # Whether place and stream are known: behind a chunk that is missing they are not, until the next one tells
         # them.
         self.is_known: bool = True
-        self.jumped: bool = False  # set where a time jumps, which is told and cleared by the caller
         self._state = EventState()
         self._last_ns: int | None = None
         self._shift_ns = 0
@@ -105,15 +104,15 @@ class Reached:
             # What passed between two recordings is no failure of the lidar.
             yield from self.event(replace(about.running, continues=False))
 
-    def chunk(self, message: Message) -> StoredChunk | None:
+    def chunk(self, message: Message) -> Iterator[StoredChunk | Damage]:
         """Bytes of the file, where they can be placed; their time follows that of the bytes before."""
         raw = parse_raw(message.data)
         if raw is None:
-            return None
+            return
         at_ns = message.at_ns + self._shift_ns
         last_ns = at_ns if self._last_ns is None else self._last_ns
         if not -MOST_BACK_NS <= at_ns - last_ns <= MOST_AHEAD_NS:
-            self.jumped = True
+            yield Damage("its times jump, and what follows is shown without the jump", missing=False)
             self._shift_ns += last_ns - at_ns
             at_ns = last_ns
         if self._is_new and message.at_ns < last_ns - OVERLAP_NS:
@@ -126,9 +125,9 @@ class Reached:
         place = self.place
         if not sent:
             if not self.is_known:
-                return None
+                return
             self.place += len(data)
-        return StoredChunk(at_ns, place, sent, data)
+        yield StoredChunk(at_ns, place, sent, data)
 
     def event(self, event: StreamEvent) -> Iterator[StreamEvent | Damage]:
         """An event of the file; where one tells what stands there, the events that are missing before it.

@@ -71,13 +71,10 @@ class RecordedFiles:
         """
         reached = Reached()
         for path in self.paths:
-            several = len(self.paths) > 1
             for record in self._records_of(path, reached):
-                yield (
-                    record._replace(why=f"{path.name}: {record.why}")
-                    if several and isinstance(record, Damage)
-                    else record
-                )
+                if isinstance(record, Damage) and len(self.paths) > 1:
+                    record = record._replace(why=f"{path.name}: {record.why}")
+                yield record
         self.size = sum(self._sizes.values())
 
     def _records_of(self, path: Path, reached: Reached) -> Iterator[About | StoredChunk | StreamEvent | Damage]:
@@ -87,7 +84,11 @@ class RecordedFiles:
             self._sizes[path] = file.size
             for record in read_records(file):
                 if isinstance(record, Message):
-                    yield from _told(record, topics.get(record.channel), reached)
+                    topic = topics.get(record.channel)
+                    if topic == RAW_TOPIC:
+                        yield from reached.chunk(record)
+                    elif topic == EVENTS_TOPIC and (event := event_of(parse_text(record.data) or "")) is not None:
+                        yield from reached.event(event)
                 elif isinstance(record, Channel):
                     topics.pop(record.number, None)
                     if record.topic in (RAW_TOPIC, EVENTS_TOPIC):
@@ -126,18 +127,3 @@ class RecordedFiles:
                     # Older versions did not tell.
                     return about, record.at_ns
         return about, about.began_ns
-
-
-def _told(message: Message, topic: str | None, reached: Reached) -> Iterator[StoredChunk | StreamEvent | Damage]:
-    """What a message of one of our topics tells: bytes, or an event of the chronicle; nothing of another."""
-    if topic == RAW_TOPIC:
-        chunk = reached.chunk(message)
-        if reached.jumped:
-            reached.jumped = False
-            yield Damage("its times jump, and what follows is shown without the jump", missing=False)
-        if chunk is not None:
-            yield chunk
-    elif topic == EVENTS_TOPIC:
-        event = event_of(parse_text(message.data) or "")
-        if event is not None:
-            yield from reached.event(event)
