@@ -6,6 +6,8 @@ unexpected byte can reset another device, such as an Arduino. The others are lis
 
 from __future__ import annotations
 
+import re
+
 import click
 
 import lidario
@@ -15,7 +17,6 @@ from lidario.cli.output import console, dump, progress, rendered, table
 from lidario.cli.parameters import only_with
 from lidario.cli.running import run
 from lidario.cli.streams import emit, message
-from lidario.source import parse_source
 
 
 @click.command()
@@ -30,9 +31,11 @@ def devices(ports: tuple[str, ...], as_json: bool, network: bool, router: str) -
     Ports that are named are asked, whatever adapter they have. Asking a device that scans stops it. The exit code
     is 3 when no lidar responds; where ports are named, the one that `lidario scan` ends with on the first of them.
     """
+    from lidario.recording.files import file_source
+
     only_with("--zenoh", ("router",), network)
     for port in ports:
-        if parse_source(port).kind not in ("serial", "auto"):
+        if re.match("(sim|tcp|socket|udp|id|zenoh):", port) or file_source(port) is not None:
             raise click.UsageError(f"{port!r} is no port: `lidario info {port}` tells what it is")
     if network:
         if ports:

@@ -145,7 +145,10 @@ async def _of_device(machine: Machine, source: str, port: lidario.PortInfo | Non
             found.append(Finding("access", "ok", "may be opened, and no other program holds it", port=source))
             name = introduced(lidar.info.model, lidar.info.serial, lidar.info.firmware)
             found.append(Finding("response", "ok", f"{name}{at}", port=source))
-            found += _of_speed(source, port, lidar.baudrate)
+            fastest = ADAPTERS[port.adapter].fastest if port is not None and port.adapter in ADAPTERS else 0
+            if 0 < fastest < lidar.baudrate:
+                text = f"{lidar.baudrate} baud is more than the adapter is made for ({fastest})"
+                found.append(Finding("speed", "hint", text, "an adapter that is made for it", source))
             found += _of_latency(before, machine.latency_ms(source), source)
             note = f": {lidar.health.note}" if lidar.health.note else ""
             is_fine = lidar.health.status.value == "ok"
@@ -156,13 +159,6 @@ async def _of_device(machine: Machine, source: str, port: lidario.PortInfo | Non
         found.append(_failed(source, error))
         return found, exit_code(error)
     return found, ExitCode.OK
-
-
-def _of_speed(source: str, port: lidario.PortInfo | None, baudrate: int) -> Iterator[Finding]:
-    adapter = ADAPTERS.get(port.adapter) if port is not None else None
-    if adapter is not None and 0 < adapter.fastest < baudrate:
-        text = f"{baudrate} baud is more than the adapter is made for ({adapter.fastest})"
-        yield Finding("speed", "hint", text, "an adapter that is made for it", source)
 
 
 def _of_latency(before: int | None, during: int | None, source: str) -> Iterator[Finding]:

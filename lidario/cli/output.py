@@ -7,8 +7,8 @@ meanwhile are dropped whole at the mailbox and counted, and a signal still stops
 
 A reader that has closed the pipe is not an error: it becomes `ReaderGone`, which ends the command silently.
 
-What rich draws again and again (`watch`, `progress`) is drawn in a thread too, on a `terminal`, and what is logged
-is written in one (`lidario.cli.running`). All of them write to the file descriptor (`lidario.cli.streams`).
+What is drawn again and again (`watch`, `progress`) is drawn in a thread too, and what is logged is written in one
+(`lidario.cli.running`). All of them write to the file descriptor (`lidario.cli.streams`).
 """
 
 from __future__ import annotations
@@ -22,10 +22,11 @@ import threading
 from collections.abc import Awaitable, Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Final, TextIO, cast
+from itertools import cycle
+from typing import TYPE_CHECKING, Final
 
 import lidario
-from lidario.cli.streams import CannotWrite, ReaderGone, beside, emit, write
+from lidario.cli.streams import CannotWrite, ReaderGone, beside, can_be_drawn_on, emit, show
 from lidario.system import NO_THREADS
 
 if TYPE_CHECKING:
@@ -194,40 +195,6 @@ def judged(rows: Iterable[tuple[str | Text, str, str | Text]]) -> Table:
     return made
 
 
-def terminal(stream: TextIO) -> Console:
-    """A rich console for a display that is drawn again and again on `stream`, which is a terminal.
-
-    What the environment says of terminals (``TTY_INTERACTIVE`` and the like) is not asked: rich would draw nothing.
-    """
-    from rich.console import Console
-
-    direct = cast("TextIO", _Direct(stream))
-    return Console(
-        file=direct, force_terminal=True, force_interactive=True, markup=False, highlight=False, emoji=False
-    )
-
-
-class _Direct:
-    """The part of a text file that rich uses; a flush writes to the file descriptor of a stream.
-
-    From its encoding rich learns whether the terminal can show more than ASCII.
-    """
-
-    def __init__(self, stream: TextIO) -> None:
-        self.encoding = stream.encoding
-        self._stream = stream
-        self._parts: list[str] = []
-
-    def write(self, text: str) -> int:
-        self._parts.append(text)
-        return len(text)
-
-    def flush(self) -> None:
-        text = "".join(self._parts)
-        self._parts.clear()
-        write(self._stream, text)
-
-
 @contextmanager
 def progress(text: str | Callable[[], str]) -> Iterator[None]:
     """Show on stderr that work goes on; only on a terminal. A `text` that changes is asked for by the thread.
@@ -235,26 +202,22 @@ def progress(text: str | Callable[[], str]) -> Iterator[None]:
     A thread draws it, and the end waits for that thread no longer than `PROGRESS_GRACE_S`: a terminal that takes no
     output (Ctrl-S, a dead line) holds up neither the event loop nor a signal.
     """
-    if not sys.stderr.isatty():
+    if not can_be_drawn_on(sys.stderr):
         yield
         return
-    before, over = sys.stderr, threading.Event()
-    told = text if callable(text) else lambda: text
+    over = threading.Event()
 
     def spin() -> None:
-        from rich.live import Live
-        from rich.spinner import Spinner
+        from rich.cells import set_cell_size
 
-        console = terminal(before)
-        shown = Spinner("line" if console.options.ascii_only else "dots", told(), style="status.spinner")
-        display = Live(shown, console=console, auto_refresh=False, transient=True, redirect_stdout=False)
-        # The terminal may go away meanwhile. The next write to it raises the same error.
-        with suppress(OSError, ReaderGone), display:
-            # A signal that ends the process at once would leave the cursor hidden.
-            display.console.show_cursor(True)
-            while not over.wait(1 / SPINS_A_SECOND):
-                shown.update(text=told())
-                display.refresh()
+        # The terminal may go away meanwhile.
+        with suppress(OSError, ReaderGone):
+            for mark in cycle("|/-\\"):
+                cells = (os.get_terminal_size(sys.stderr.fileno()).columns or NARROW) - 1
+                show(set_cell_size(f"{mark} {text() if callable(text) else text}", cells), cells)
+                if over.wait(1 / SPINS_A_SECOND):
+                    break
+            show("", 0)
 
     worker = Worker("lidario: progress", PROGRESS_GRACE_S)
     worker.put(spin)
@@ -263,5 +226,3 @@ def progress(text: str | Callable[[], str]) -> Iterator[None]:
     finally:
         over.set()
         worker.close()
-        # A thread that is still blocked has not put it back.
-        sys.stderr = before

@@ -119,13 +119,9 @@ def _line(grid: _Grid, row: int, *, plain: bool, coloured: bool) -> Text:
             line.append(" ")
         else:
             mark = "#" if plain else chr(_BRAILLE + int(grid.dots[row, column]))
-            line.append(mark, _style(grid.nearest[row, column], grid.farthest_m) if coloured else None)
+            step = int(grid.nearest[row, column] / grid.farthest_m * len(_COLOURS))
+            line.append(mark, Style(color=_COLOURS[min(step, len(_COLOURS) - 1)]) if coloured else None)
     return line
-
-
-def _style(distance: float, farthest: float) -> Style:
-    step = int(distance / farthest * len(_COLOURS))
-    return Style(color=_COLOURS[min(step, len(_COLOURS) - 1)])
 
 
 def _legend(grid: _Grid, *, plain: bool, coloured: bool) -> Text:

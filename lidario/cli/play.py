@@ -8,7 +8,6 @@ from __future__ import annotations
 import asyncio
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -17,10 +16,6 @@ from lidario.cli.parameters import FiniteRange, complete_file
 from lidario.cli.running import run_until_stopped
 from lidario.cli.sim import announce, pty_option, server_of, tcp_option
 from lidario.cli.streams import message
-
-if TYPE_CHECKING:
-    from lidario.recording.played import PlayedDevice
-    from lidario.sim.serve import PtyServer, TcpServer, UdpServer
 
 POLL_S = 0.1
 LINGER_S = 0.5
@@ -51,15 +46,14 @@ def play(file: str, rate: float, loop: bool, pty: bool, tcp: str | None) -> int:
     if not recording.responses:
         message("note: the recording holds no responses, so a driver that asks what the device is gets none")
     device = PlayedDevice(recording, rate=rate, loop=loop)
-    return _serve(server_of(device, pty=pty, tcp=tcp), device, file)
-
-
-def _serve(server: PtyServer | TcpServer | UdpServer, device: PlayedDevice, file: str) -> int:
+    server = server_of(device, pty=pty, tcp=tcp)
     speed = f" at {device.baudrate} baud" if device.baudrate else ""
 
     async def work() -> None:
         await announce(server, f"{file}{speed}, until its end or Ctrl-C")
-        await _until_finished(device)
+        while not device.finished:  # noqa: ASYNC110 - the server is a thread, and has no event to await
+            await asyncio.sleep(POLL_S)
+        await asyncio.sleep(LINGER_S)
 
     with server:
         if run_until_stopped(work):
@@ -69,9 +63,3 @@ def _serve(server: PtyServer | TcpServer | UdpServer, device: PlayedDevice, file
     for (name, why), count in Counter((each.name, each.why) for each in device.log if not each.obeyed).items():
         message(f"  no response to {name} ({count}): {why}")
     return ExitCode.OK
-
-
-async def _until_finished(device: PlayedDevice) -> None:
-    while not device.finished:  # noqa: ASYNC110 - the server is a thread, and has no event to await
-        await asyncio.sleep(POLL_S)
-    await asyncio.sleep(LINGER_S)

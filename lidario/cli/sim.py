@@ -144,21 +144,17 @@ def _listening(
     host, _, port = address.rpartition(":")
     # An IPv6 address stands in brackets, as in a source.
     host = host.removeprefix("[").removesuffix("]")
-    if not port.isdecimal() or int(port) > 0xFFFF or not _may_be_a_host(host):
+    try:
+        host.encode("idna")  # else a socket raises TypeError
+        is_right = port.isdecimal() and int(port) <= 0xFFFF
+    except UnicodeError:
+        is_right = False
+    if not is_right:
         raise click.BadParameter(f"{address!r} is not [HOST]:PORT, such as :2000", param_hint=f"--{kind}")
     try:
         return make(device, host or "127.0.0.1", int(port), faults=faults)
     except OSError as error:
         raise cannot_listen(address, error, f"--{kind} :0") from error
-
-
-def _may_be_a_host(name: str) -> bool:
-    """Whether Python can ask for it; else a socket raises TypeError."""
-    try:
-        name.encode("idna")
-    except UnicodeError:
-        return False
-    return True
 
 
 def _serve(server: PtyServer | TcpServer | UdpServer, model: str) -> int:

@@ -34,6 +34,7 @@ class _Now:
     # Has a thread call what writes a message; None where no thread does that.
     beside: Callable[[Callable[[], object]], None] | None = None
     patience_s: float | None = None  # how long a write waits for a reader; None for as long as it takes
+    shown = 0  # cells of the terminal's last line that `show` has written
 
 
 class CannotWrite(OSError):
@@ -65,9 +66,29 @@ def message(text: str) -> None:
 
     def written() -> None:
         with suppress(OSError, ReaderGone):
-            write(sys.stderr, text + "\n")
+            write(sys.stderr, f"{_erased()}{text}\n")
 
     beside(written)
+
+
+def can_be_drawn_on(stream: TextIO) -> bool:
+    """Whether it is a terminal on which a line can be written again."""
+    return stream.isatty() and os.environ.get("TERM", "").lower() not in ("dumb", "unknown")
+
+
+def show(text: str, cells: int) -> None:
+    """Write a line of so many cells to stderr, a terminal, in place of the one before; messages take its place.
+
+    Raises as `write`.
+    """
+    write(sys.stderr, f"\r{text}" if cells else _erased())
+    _Now.shown = cells
+
+
+def _erased() -> str:
+    """What takes the line of `show` off the terminal; without codes, which not every terminal knows."""
+    cells, _Now.shown = _Now.shown, 0
+    return f"\r{' ' * cells}\r" if cells else ""
 
 
 def beside(work: Callable[[], object]) -> None:
@@ -96,16 +117,10 @@ def hurry(wanted: bool) -> None:
 def write(stream: TextIO, text: str) -> None:
     """Write text to a stream, past Python's buffer where it has a file descriptor.
 
-    Lines for stderr appear above what `lidario.cli.output.progress` shows there.
-
     Raises:
         ReaderGone: The reader has closed it.
         OSError: It cannot be written.
     """
-    if hasattr(stream, "rich_proxied_file"):
-        # rich stands in for stderr while it shows something.
-        stream.write(text)
-        return
     try:
         handle = _handle(stream)
         data = text.encode(stream.encoding, _AS_GIVEN)

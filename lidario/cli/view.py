@@ -7,7 +7,6 @@ SSH the line is printed that brings the page to the machine one sits at.
 from __future__ import annotations
 
 import asyncio
-import getpass
 import os
 import re
 import secrets
@@ -161,18 +160,11 @@ async def _announce(server: LiveServer, lan: bool) -> None:
         message("open to the network, for those who have this address; unencrypted")
     connection = os.environ.get("SSH_CONNECTION", "").split()
     if len(connection) == 4 and not lan:
-        here = f"{_user()}@{connection[2]}"
+        here = f"{os.environ.get('USER') or 'USER'}@{connection[2]}"
         message("on the machine you sit at, then open the address there:")
         message(f"  ssh -L {server.port}:127.0.0.1:{server.port} {here}")
     message("Ctrl-C ends it")
     await taken
-
-
-def _user() -> str:
-    try:
-        return getpass.getuser()
-    except (KeyError, OSError):
-        return "USER"
 
 
 def _own_address() -> str:

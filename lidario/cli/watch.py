@@ -3,39 +3,41 @@
 It is drawn on the terminal's second screen, so that what was there before comes back at the end. Where the terminal
 is wide, the figures stand beside the picture, else below it.
 
-`rich.Live` draws it. It writes where it is told to refresh, and holds its lock meanwhile. Therefore all its methods
-are called in one thread, that of a `Worker`. A terminal that takes no output (Ctrl-S, a slow line) then holds
-up the drawing, and neither the lidar nor a signal. At the end laser and motor are switched off first; then the
-display has `GRACE_S` to leave the second screen.
+It is drawn in a thread, that of a `Worker`. A terminal that takes no output (Ctrl-S, a slow line) then holds up the
+drawing, and neither the lidar nor a signal. At the end laser and motor are switched off first; then the display has
+`GRACE_S` to leave the second screen.
 """
 
 from __future__ import annotations
 
 import asyncio
-import os
 import sys
 from contextlib import ExitStack, suppress
+from functools import partial
 from textwrap import wrap
 from typing import TYPE_CHECKING, Final
 
 import click
 
 from lidario.cli.errors import ExitCode, Stopped
-from lidario.cli.output import Worker, counted, facts, progress, terminal
+from lidario.cli.output import Worker, console, counted, facts, progress, rendered
 from lidario.cli.parameters import guard_option, mode_option, source_argument
 from lidario.cli.running import nothing_logged, run
 from lidario.cli.settings import config_file, config_option
 from lidario.cli.stats import percent
-from lidario.cli.streams import message
+from lidario.cli.streams import can_be_drawn_on, emit, message
 
 if TYPE_CHECKING:
-    from rich.console import Console, ConsoleOptions, RenderResult
+    from rich.console import Console, RenderableType
 
     from lidario.web.feed import Feed
 
 FRAME_S: Final = 0.1
 REDRAW_S: Final = 1.0
 """A frame is drawn at least so often, also without a scan: the terminal may have another size by then."""
+ENTER: Final = "\x1b[?1049h\x1b[?25l"
+LEAVE: Final = "\x1b[?25h\x1b[?1049l"
+"""To the second screen of a terminal, without its cursor, and back."""
 WIDE: Final = 92
 BESIDE: Final = 30
 MOST_BELOW: Final = 2
@@ -55,7 +57,7 @@ def watch(source: str, mode: str | int | None, guard: bool) -> int:
         raise click.UsageError(
             "watch draws on a terminal, and stdout is none; `lidario scan -n 0` prints to a pipe"
         )
-    if os.environ.get("TERM", "").lower() in ("dumb", "unknown"):
+    if not can_be_drawn_on(sys.stdout):
         raise click.UsageError(
             "watch needs a terminal whose cursor moves, and TERM says that this one's does not; "
             "`lidario scan -n 0` prints line by line"
@@ -78,18 +80,16 @@ def watch(source: str, mode: str | int | None, guard: bool) -> int:
 
 
 async def _draw(feed: Feed, writer: Worker) -> None:
-    from rich.live import Live
-
     changed = asyncio.Event()
     feed.on_scan = feed.on_change = lambda _: changed.set()
     reading = asyncio.create_task(feed.run())
     reading.add_done_callback(lambda _: changed.set())
-    # Drawn when there is a new scan, so it does not refresh itself. It leaves stdout and stderr as they are.
-    live = Live(
-        console=terminal(sys.stdout), screen=True, auto_refresh=False, redirect_stdout=False, redirect_stderr=False
-    )
-    picture = Frame(feed)
-    entered = False
+    target, entered = console(), False
+
+    def draw() -> None:
+        lines = rendered(target, frame(feed, target)).splitlines()[: target.height]
+        emit("\x1b[H" + "\x1b[K\n".join(lines) + "\x1b[J")
+
     try:
         with ExitStack() as waiting:
             waiting.enter_context(progress(f"waiting for {feed.source} …"))
@@ -104,48 +104,42 @@ async def _draw(feed: Feed, writer: Worker) -> None:
                 if not entered:
                     waiting.close()
                     entered = True
-                    await writer.call(live.start)
-                await writer.call(lambda: live.update(picture, refresh=True))
+                    await writer.call(partial(emit, ENTER))
+                await writer.call(draw)
                 await asyncio.sleep(FRAME_S)
     finally:
         reading.cancel()
         await asyncio.wait([reading])
         # Not awaited: a terminal that takes no output must not keep the program from ending.
-        writer.put(live.stop)
+        if entered:
+            writer.put(partial(emit, LEAVE))
 
 
-class Frame:
-    """What the display shows: the picture of the latest scan and the figures.
+def frame(feed: Feed, target: Console) -> RenderableType:
+    """The picture of the latest scan and the figures, made for the size that the terminal has now.
 
     It may be drawn in another thread than the one that reads the lidar.
     """
+    from rich.console import Group
+    from rich.table import Table
+    from rich.text import Text
 
-    def __init__(self, feed: Feed) -> None:
-        self._feed = feed
+    from lidario.cli.picture import picture
 
-    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """At most as many lines as the display has, and as long; it asks at each drawing how many those are."""
-        from rich.table import Table
-        from rich.text import Text
-
-        from lidario.cli.picture import picture
-
-        assert self._feed.latest is not None
-        width, height = options.size
-        lines = figures(self._feed)
-        wide = width >= WIDE
-        below = [] if wide else _below(lines, width - 1)
-        size = (width - 1 - (BESIDE if wide else 0), height - 2 - len(below))
-        drawing = picture(self._feed.latest, console, size=size)
-        if not wide:
-            yield drawing
-            yield Text("\n".join(below), no_wrap=True, overflow="crop")
-            return
-        both = Table.grid()
-        both.add_column(width=size[0], no_wrap=True)
-        both.add_column(width=BESIDE)
-        both.add_row(drawing, facts(lines, gap=1))
-        yield both
+    assert feed.latest is not None
+    width, height = target.size
+    lines = figures(feed)
+    wide = width >= WIDE
+    below = [] if wide else _below(lines, width - 1)
+    size = (width - 1 - (BESIDE if wide else 0), height - 2 - len(below))
+    drawing = picture(feed.latest, target, size=size)
+    if not wide:
+        return Group(drawing, Text("\n".join(below), no_wrap=True, overflow="crop"))
+    both = Table.grid()
+    both.add_column(width=size[0], no_wrap=True)
+    both.add_column(width=BESIDE)
+    both.add_row(drawing, facts(lines, gap=1))
+    return both
 
 
 def figures(feed: Feed) -> list[tuple[str, str]]:

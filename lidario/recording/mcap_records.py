@@ -221,16 +221,11 @@ def _inside(records: memoryview) -> Generator[Channel | Message, None, int]:
                 channel, _, at_ns, _ = _MESSAGE.unpack_from(records, begin)
                 yield Message(channel, at_ns, records[begin + _MESSAGE.size : begin + length])
         elif opcode == _CHANNEL:
-            found = _channel(records[begin : begin + length])
-            if found is not None:
-                yield found
+            topic = _text(records[begin : begin + length], 4)
+            if topic is not None:
+                yield Channel(int.from_bytes(records[begin : begin + 2], "little"), topic[0])
         at = begin + length
     return at
-
-
-def _channel(content: memoryview) -> Channel | None:
-    topic = _text(content, 4)
-    return None if topic is None else Channel(int.from_bytes(content[:2], "little"), topic[0])
 
 
 def _metadata(content: memoryview) -> Metadata | None:

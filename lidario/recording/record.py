@@ -107,11 +107,8 @@ class Recording(Entered):
         self._offset_ns = 0
         self._about: About | None = None
         self._entries: deque[_Entry] = deque()
-        # Each is written by one thread alone: the loop puts, the other one takes and loses.
-        self._put = self._taken = 0
-        self._lost_here = self._lost_there = 0
-        # What is in the chunk under way: a flush that fails leaves nothing of it in the file.
-        self._at_risk = 0
+        # Bytes. The loop counts what it has seen, the thread what it has taken, and what of that is in the file.
+        self._seen = self._taken = self._written = 0
         self._over = False
         self._ending = threading.Event()
         self._open = threading.Event()
@@ -139,7 +136,7 @@ class Recording(Entered):
     @property
     def lost_bytes(self) -> int:
         """Bytes of the session that are missing in the file, because it could not be written."""
-        return self._lost_here + self._lost_there
+        return 0 if self.error is None else self._seen - self._written
 
     @property
     def is_running(self) -> bool:
@@ -220,13 +217,11 @@ class Recording(Entered):
     # ------------------------------------------------------------------------------------------ inside
 
     def _add(self, now: int, size: int, write: Callable[[FileWriter, int], None]) -> bool:
-        size += _ITEM_BYTES
-        if not self._over and self._put + size - self._taken > QUEUE_BYTES:
+        self._seen += size
+        if not self._over and self._seen - self._taken + _ITEM_BYTES * len(self._entries) > QUEUE_BYTES:
             self._fail(CannotRecord(f"{self.path}: the disk is too slow for what arrives, so it ends here"))
         if self._over:
-            self._lost_here += size - _ITEM_BYTES
             return False
-        self._put += size
         self._entries.append((now, size, write))
         return True
 
@@ -266,9 +261,7 @@ class Recording(Entered):
         finally:
             if self._parts is not None:
                 self._parts.writer.abandon()
-            self._lost_there += self._at_risk
-            while self._entries:
-                self._lost_there += self._entries.popleft()[1] - _ITEM_BYTES
+            self._entries.clear()
 
     def _write(self, parts: Parts) -> None:
         writer = parts.writer
@@ -281,8 +274,7 @@ class Recording(Entered):
                 now, size, write = self._entries.popleft()
                 if first_ns is not None and now - first_ns >= CHUNK_NS:
                     parts.flush()
-                    first_ns, flushed, self._at_risk = None, time.monotonic(), 0
-                self._at_risk += size - _ITEM_BYTES
+                    first_ns, flushed, self._written = None, time.monotonic(), self._taken
                 if first_ns is None:
                     writer, first_ns = parts.writer_at(now + self._offset_ns), now
                     self.path = writer.path
@@ -290,7 +282,7 @@ class Recording(Entered):
                 self._taken += size
             if first_ns is not None and (ending or time.monotonic() - flushed >= CHUNK_NS * 1e-9):
                 parts.flush()
-                first_ns, flushed, self._at_risk = None, time.monotonic(), 0
+                first_ns, flushed, self._written = None, time.monotonic(), self._taken
             if ending:
                 return
 

