@@ -14,8 +14,8 @@ import lidario
 import lidario.ros
 from lidario.cli.errors import ExitCode, exit_code_of
 from lidario.cli.output import console, dump, progress, rendered, table
-from lidario.cli.parameters import only_with
 from lidario.cli.running import run
+from lidario.cli.settings import only_with
 from lidario.cli.streams import emit, message
 
 

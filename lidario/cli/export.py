@@ -18,8 +18,8 @@ import lidario
 from lidario.cli.errors import ExitCode
 from lidario.cli.laserscans import laserscan_options, laserscans_of
 from lidario.cli.output import counted, progress
-from lidario.cli.parameters import FiniteRange, WholeRange, as_file, complete_file, only_with
-from lidario.cli.settings import config_option, settings_of_file
+from lidario.cli.parameters import FiniteRange, WholeRange, as_file, complete_file
+from lidario.cli.settings import config_option, only_with, settings_of_file
 from lidario.cli.streams import message
 
 if TYPE_CHECKING:

@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
 import click
-from click.core import ParameterSource
 from click.shell_completion import CompletionItem
 
 import lidario
@@ -108,20 +107,6 @@ class FiniteRange(click.FloatRange):
         if not math.isfinite(number):
             self.fail(f"{value!r} is not a finite number", param, ctx)
         return number
-
-
-def is_given(name: str) -> bool:
-    """Whether the user has given this option of the verb that runs."""
-    return click.get_current_context().get_parameter_source(name) is ParameterSource.COMMANDLINE
-
-
-def only_with(what: str, names: Iterable[str], is_so: bool) -> None:
-    """Refuse options of these names where they were given and mean nothing, because `what` was not."""
-    given = [name for name in names if is_given(name)]
-    if given and not is_so:
-        context = click.get_current_context()
-        option = next(each for each in context.command.params if each.name == given[0])
-        raise click.UsageError(f"{max(option.opts, key=len)} belongs to {what}", context)
 
 
 def named_by_time(what: str) -> str:

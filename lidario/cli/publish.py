@@ -16,18 +16,9 @@ import lidario.ros
 from lidario.cli.errors import ExitCode, need
 from lidario.cli.laserscans import arguments_of, laserscan_options
 from lidario.cli.output import counted
-from lidario.cli.parameters import (
-    WholeRange,
-    as_duration,
-    as_place,
-    guard_option,
-    is_given,
-    mode_option,
-    only_with,
-    sources_argument,
-)
+from lidario.cli.parameters import WholeRange, as_duration, as_place, guard_option, mode_option, sources_argument
 from lidario.cli.running import run_until_stopped
-from lidario.cli.settings import config_option, settings_of_file
+from lidario.cli.settings import config_option, is_given, only_with, settings_of_file
 from lidario.cli.streams import ReaderGone, beside, emit, message
 
 ROUTER: Final = "tcp/localhost:7447"

@@ -27,13 +27,12 @@ from lidario.cli.parameters import (
     guard_option,
     mode_option,
     named_by_time,
-    only_with,
     reconnect_option,
     recording_option,
     source_argument,
 )
 from lidario.cli.running import run
-from lidario.cli.settings import config_option, settings_of_file
+from lidario.cli.settings import config_option, only_with, settings_of_file
 from lidario.cli.streams import emit, message
 
 

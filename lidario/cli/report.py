@@ -19,8 +19,9 @@ import lidario
 from lidario.cli.errors import ExitCode
 from lidario.cli.machine import Machine
 from lidario.cli.output import console, dump, facts, introduced, judged, progress, rendered
-from lidario.cli.parameters import force_option, named_by_time, only_with, recording_option, source_argument
+from lidario.cli.parameters import force_option, named_by_time, recording_option, source_argument
 from lidario.cli.running import nothing_logged, run
+from lidario.cli.settings import only_with
 from lidario.cli.streams import emit, message
 
 if TYPE_CHECKING:

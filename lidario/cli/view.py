@@ -20,15 +20,7 @@ import click
 import lidario
 from lidario.cli.errors import ExitCode, cannot_listen, need
 from lidario.cli.output import counted, emit_beside, progress
-from lidario.cli.parameters import (
-    WholeRange,
-    as_folder,
-    as_place,
-    complete_file,
-    guard_option,
-    mode_option,
-    sources_argument,
-)
+from lidario.cli.parameters import WholeRange, as_folder, as_place, guard_option, mode_option, sources_argument
 from lidario.cli.running import run_until_stopped
 from lidario.cli.settings import FILE, config_file, config_option
 from lidario.cli.streams import message
@@ -50,7 +42,7 @@ MOST_LIDARS: Final = 16
                    "Once for each SOURCE, in their order.")  # fmt: skip
 @click.option("--colour", "colours", multiple=True, metavar="#RRGGBB",
               help="Colour of a lidar, once for each SOURCE.")  # fmt: skip
-@click.option("--record", "folder", type=as_folder, shell_complete=complete_file, metavar="FOLDER",
+@click.option("--record", "folder", type=as_folder, metavar="FOLDER",
               help="Where the page may record: the current folder, with --lan nowhere, unless named.")  # fmt: skip
 @config_option
 @mode_option

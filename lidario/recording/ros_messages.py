@@ -13,19 +13,18 @@ import struct
 from lidario.cdr import LITTLE_ENDIAN
 
 RAW_TYPE = "lidario_msgs/msg/Raw"
-RAW_DEFINITION = """\
+"""One chunk of bytes as it was read from the port or written to it."""
+TEXT_TYPE = "std_msgs/msg/String"
+LASERSCAN_TYPE = "sensor_msgs/msg/LaserScan"
+DEFINITIONS = {
+    RAW_TYPE: """\
 uint8 RECEIVED=0
 uint8 SENT=1
 uint8 direction
 uint8[] data
-"""
-"""One chunk of bytes as it was read from the port or written to it."""
-
-TEXT_TYPE = "std_msgs/msg/String"
-TEXT_DEFINITION = "string data\n"
-
-LASERSCAN_TYPE = "sensor_msgs/msg/LaserScan"
-LASERSCAN_DEFINITION = """\
+""",
+    TEXT_TYPE: "string data\n",
+    LASERSCAN_TYPE: """\
 std_msgs/Header header
 float32 angle_min
 float32 angle_max
@@ -44,7 +43,8 @@ string frame_id
 MSG: builtin_interfaces/Time
 int32 sec
 uint32 nanosec
-"""
+""",
+}
 
 _RAW = struct.Struct("<4sB3xI")
 _LENGTH = struct.Struct("<I")

@@ -23,16 +23,7 @@ from lidario.errors import CannotRecord
 from lidario.laserscan import LaserScan
 from lidario.recording.about import NAME, About
 from lidario.recording.chronicle import EventState, Placed, event_of, text_of
-from lidario.recording.ros_messages import (
-    LASERSCAN_DEFINITION,
-    LASERSCAN_TYPE,
-    RAW_DEFINITION,
-    RAW_TYPE,
-    TEXT_DEFINITION,
-    TEXT_TYPE,
-    encode_raw,
-    encode_text,
-)
+from lidario.recording.ros_messages import DEFINITIONS, LASERSCAN_TYPE, RAW_TYPE, TEXT_TYPE, encode_raw, encode_text
 from lidario.scan import Scan
 from lidario.system import cause_of
 from lidario.whole_file import not_a_file
@@ -116,8 +107,8 @@ class FileWriter:
         try:
             self._writer.start(PROFILE, f"lidario {about.lidario}")
             self._writer.add_metadata(NAME, about.as_texts())
-            self._register(RAW_TOPIC, RAW_TYPE, RAW_DEFINITION)
-            self._register(EVENTS_TOPIC, TEXT_TYPE, TEXT_DEFINITION)
+            self._register(RAW_TOPIC, RAW_TYPE)
+            self._register(EVENTS_TOPIC, TEXT_TYPE)
             self.flush()
         except BaseException:
             self._file.close()
@@ -160,7 +151,7 @@ class FileWriter:
     def add_message(self, at_ns: int, message: LaserScan) -> None:
         """Add the message of a scan."""
         if SCAN_TOPIC not in self._channels:
-            self._register(SCAN_TOPIC, LASERSCAN_TYPE, LASERSCAN_DEFINITION)
+            self._register(SCAN_TOPIC, LASERSCAN_TYPE)
         self._add(SCAN_TOPIC, at_ns, message.to_cdr())
 
     def add_metadata(self, name: str, texts: dict[str, str]) -> None:
@@ -194,8 +185,8 @@ class FileWriter:
         with contextlib.suppress(OSError):
             self._file.close()
 
-    def _register(self, topic: str, name: str, definition: str) -> None:
-        schema = self._writer.register_schema(name, "ros2msg", definition.encode())
+    def _register(self, topic: str, name: str) -> None:
+        schema = self._writer.register_schema(name, "ros2msg", DEFINITIONS[name].encode())
         self._channels[topic] = self._writer.register_channel(topic, "cdr", schema)
 
     def _add(self, topic: str, at_ns: int, message: bytes) -> None:

@@ -21,7 +21,7 @@ from rosbags.typesys.store import Typestore
 import lidario
 from lidario.recording import record as record_module
 from lidario.recording.files import open_stored
-from lidario.recording.ros_messages import LASERSCAN_DEFINITION, LASERSCAN_TYPE, RAW_DEFINITION, RAW_TYPE
+from lidario.recording.ros_messages import DEFINITIONS, LASERSCAN_TYPE, RAW_TYPE
 from lidario.recording.write import EVENTS_TOPIC, RAW_TOPIC, SCAN_TOPIC, FileWriter
 from tests.support.children import ended
 from tests.support.loop import driven, run_driven
@@ -34,7 +34,7 @@ both_sources = pytest.mark.parametrize("source", SOURCES)
 @pytest.fixture
 def store() -> Typestore:
     types = get_typestore(Stores.ROS2_HUMBLE)
-    types.register(get_types_from_msg(RAW_DEFINITION, RAW_TYPE))
+    types.register(get_types_from_msg(DEFINITIONS[RAW_TYPE], RAW_TYPE))
     return types
 
 
@@ -103,7 +103,7 @@ def test_rosbags_reads_scans_that_equal_to_laserscan(tmp_path: Path, source: str
 
 
 def test_the_definition_of_the_scan_is_that_of_ros(store: Typestore) -> None:
-    ours = get_types_from_msg(LASERSCAN_DEFINITION, LASERSCAN_TYPE)
+    ours = get_types_from_msg(DEFINITIONS[LASERSCAN_TYPE], LASERSCAN_TYPE)
     for name in ours:
         assert list(ours[name][1]) == list(store.fielddefs[name][1]), name
 
