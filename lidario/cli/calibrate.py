@@ -63,7 +63,8 @@ def calibrate(
     Both see the same room. The robot must stand still. A stays where the settings say it is, or is the robot's
     origin; the mount of B is written into the settings, into lidario.toml where no file is named.
     """
-    from lidario.recording.export import must_be_writable
+    from lidario.cli.chart import COLOUR, clouds_svg
+    from lidario.recording.export import must_be_writable, write_whole
 
     need("small_gicp", "it")
     config = settings_of_file()
@@ -80,7 +81,10 @@ def calibrate(
         found = lidario.register(fixed, moving, guess=guess)
     if picture is not None:
         title = f"{two.model} {two.serial[:8]} as {one.model} {one.serial[:8]} sees it"
-        _draw(Path(picture), fixed, _cloud(behind, found.mount), found, title)
+        legend = f"grey: A. Blue: B, {1000 * found.residual:.1f} mm beside it"
+        drawn = clouds_svg([(fixed, "#999999"), (_cloud(behind, found.mount), COLOUR)], title, legend)
+        with write_whole(Path(picture), overwrite=True) as part:
+            part.write_text(drawn, encoding="utf-8")
         message(f"picture: {picture}")
     # Seen from below, left is right: then a wrong place may be found that explains many points.
     upside_down = lidario.register(fixed, moving * (1.0, -1.0), guess=guess)
@@ -143,14 +147,3 @@ def _behind(base: lidario.Mount, step: lidario.Mount) -> lidario.Mount:
     """The mount of B, where A is at `base` and B at `step` as seen from A."""
     place = complex(base.x, base.y) + complex(step.x, step.y) * cmath.rect(1.0, base.yaw)
     return lidario.Mount(place.real, place.imag, math.remainder(base.yaw + step.yaw, math.tau))
-
-
-def _draw(
-    path: Path, fixed: NDArray[np.float32], placed: NDArray[np.float32], found: lidario.Registration, title: str
-) -> None:
-    from lidario.cli.chart import COLOUR, clouds_svg
-    from lidario.recording.export import write_whole
-
-    legend = f"grey: A. Blue: B, {1000 * found.residual:.1f} mm beside it"
-    with write_whole(path, overwrite=True) as part:
-        part.write_text(clouds_svg([(fixed, "#999999"), (placed, COLOUR)], title, legend), encoding="utf-8")

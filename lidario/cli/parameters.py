@@ -6,6 +6,7 @@ The functions `as_…` are types of options: each raises `click.BadParameter` wh
 from __future__ import annotations
 
 import math
+import os
 import re
 from collections.abc import Callable
 from datetime import datetime
@@ -84,6 +85,7 @@ def as_folder(text: str) -> Path:
     from tempfile import TemporaryFile
 
     try:
+        os.stat(text)  # the empty text is none
         TemporaryFile(dir=text).close()
     except OSError as error:
         raise click.BadParameter(f"no file can be made in {text!r}: {cause_of(error)}") from None

@@ -45,11 +45,10 @@ config_option: Final = click.option(
 
 def config_file() -> str | None:
     """The file of settings of this command, None for none."""
-    named = click.get_current_context().ensure_object(Settings).config or os.environ.get(VARIABLE)
-    if named:
+    said = click.get_current_context().ensure_object(Settings).config
+    named = os.environ.get(VARIABLE) or None if said is None else said
+    if named is not None or not os.path.isfile(FILE):
         return named
-    if not os.path.isfile(FILE):
-        return None
     message(f"settings of {FILE}")
     return FILE
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Iterator
+from itertools import groupby
 
 from lidario.arguments import path_of
 from lidario.families.base import Known
@@ -65,7 +66,8 @@ class FileDecoder:
         pipeline: Pipeline | None = None
         last: Scan | None = None
         last_ns = EARLIEST_NS
-        for pieces in self._blocks():
+        for _, block in groupby(self.recording.pieces(), _block_of):
+            pieces = list(block)
             begun, _, _, block_deg, behind, _ = pieces[-1]
             if begun != number or pipeline is None:
                 for last in self._end(pipeline):
@@ -87,19 +89,6 @@ class FileDecoder:
                 _log.warning("%s: %s", self.recording.path, note)
         yield from self._end(pipeline)
 
-    def _blocks(self) -> Iterator[list[Piece]]:
-        """Reads of one stream and zero-angle offset that are decoded together."""
-        block, before = list[Piece](), None
-        for piece in self.recording.pieces():
-            here = piece.stream, piece.zero_offset_deg, piece.place // _BLOCK, piece.at_ns // BLOCK_NS
-            if block and here != before:
-                yield block
-                block = []
-            before = here
-            block.append(piece)
-        if block:
-            yield block
-
     def _end(self, pipeline: Pipeline | None) -> list[Scan]:
         if pipeline is None:
             return []
@@ -109,6 +98,11 @@ class FileDecoder:
     def _count(self, found: LinkStats) -> None:
         self.skipped_bytes += found.skipped_bytes
         self.packets += found.packets
+
+
+def _block_of(piece: Piece) -> tuple[int, float, int, int]:
+    """Alike for reads of one stream and zero-angle offset that are decoded together."""
+    return piece.stream, piece.zero_offset_deg, piece.place // _BLOCK, piece.at_ns // BLOCK_NS
 
 
 def decode_file(

@@ -269,7 +269,7 @@ class McapRecording(StoredStreams):
         for record in self._files.records():
             if isinstance(record, StoredChunk):
                 at_ns = min(max(record.at_ns, 0), MOST_NS)
-                yield at_ns, partial(_copy, record, at_ns)
+                yield at_ns, partial(FileWriter.add_chunk, **record._replace(at_ns=at_ns)._asdict())
             elif isinstance(record, StreamEvent):
                 yield at_ns, partial(FileWriter.add_event, at_ns=at_ns, text=text_of(record))
 
@@ -292,12 +292,6 @@ class McapRecording(StoredStreams):
                 began = None
         if began is not None:
             yield StoredStream(family, began, offsets=tuple(offsets))
-
-
-def _copy(chunk: StoredChunk, at_ns: int, writer: FileWriter) -> None:
-    if not chunk.sent:
-        writer.go_on_at(at_ns, chunk.place)
-    writer.add_chunk(at_ns, chunk.sent, chunk.data)
 
 
 def _stretches(streams: Sequence[StoredStream]) -> Iterator[tuple[int, int, int, ZeroOffsetSet]]:

@@ -127,16 +127,16 @@ class FileWriter:
         """What stands at the beginning of the file that goes on where this one ends."""
         return replace(self._about, received_before=self._place, began_ns=began_ns, events=self._state.events)
 
-    def add_chunk(self, at_ns: int, sent: bool, data: bytes) -> None:
-        """Add a chunk of bytes; `at_ns` is nanoseconds since the Unix epoch, here and below."""
-        self._add(RAW_TOPIC, at_ns, encode_raw(sent, data))
-        self._place += 0 if sent else len(data)
+    def add_chunk(self, at_ns: int, sent: bool, data: bytes, place: int | None = None) -> None:
+        """Add a chunk of bytes; `at_ns` is nanoseconds since the Unix epoch, here and below.
 
-    def go_on_at(self, at_ns: int, place: int) -> None:
-        """The next received byte stands at this place; those between are missing."""
-        if place != self._place:
+        What was received stands at that `place`, where it does not follow on the chunk before.
+        """
+        if not sent and place is not None and place != self._place:
             self._place = place
             self._add(EVENTS_TOPIC, at_ns, encode_text(text_of(Placed(place, self._state.running))))
+        self._add(RAW_TOPIC, at_ns, encode_raw(sent, data))
+        self._place += 0 if sent else len(data)
 
     def add_event(self, at_ns: int, text: str) -> None:
         """Add one line of the chronicle."""

@@ -27,6 +27,8 @@ REFUSED = {
     "scan -n many": "'many' is not a valid whole number",
     "scan --json --csv": "--json and --csv exclude each other",
     "scan a b": "unexpected extra argument (b)",
+    f"scan {S2} --config ''": "a file of settings",
+    f"view {S2} --port 0 --config ''": "a file of settings",
     "scan sim:rplidar-s2": "two slashes, as in sim://rplidar-s2",
     f"scan {S2} --mode nosuchmode": "no scan mode 'nosuchmode'",
     f"scan {S2} --mode 77": "no scan mode 77",

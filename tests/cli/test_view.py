@@ -71,7 +71,7 @@ def test_a_port_that_is_not_there(sources: list[str]) -> None:
     assert ended.stderr.startswith("error: ")
 
 
-@pytest.mark.parametrize("folder", ["/dev/full", "/proc"])
+@pytest.mark.parametrize("folder", ["/dev/full", "/proc", "/no/such/folder", ""])
 def test_where_nothing_can_be_recorded_is_told_before_a_lidar_is_opened(folder: str) -> None:
     """It was told when the page was to record. /proc says that it may be written."""
     ended = invoke("view", "/dev/nosuchport", "--port", "0", "--record", folder)
