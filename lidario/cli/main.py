@@ -24,6 +24,7 @@ from lidario.cli.publish import publish
 from lidario.cli.record import record
 from lidario.cli.report import report_lidar
 from lidario.cli.router import router
+from lidario.cli.running import log_told
 from lidario.cli.scan import scan
 from lidario.cli.settings import Settings
 from lidario.cli.sim import sim
@@ -46,7 +47,8 @@ class Lidario(click.Group):
         """
         settings = Settings()
         try:
-            result = super().main(list(arguments), "lidario", standalone_mode=False, obj=settings)
+            with log_told():
+                result = super().main(list(arguments), "lidario", standalone_mode=False, obj=settings)
             code = result if isinstance(result, int) else ExitCode.OK
         except ImportError:
             raise

@@ -2,10 +2,10 @@
 
 The verbs have their own exit codes, so here a signal becomes an exception of the command.
 
-Meanwhile a thread writes messages, and what is logged, to stderr. Both come up mostly in the event loop. A terminal
-that takes no output (Ctrl-S, a dead line), or a pipe that nobody reads, would stop the loop, and so the port and
-signals. Where the program has chosen a handler of its own, that one has the log. Behind a signal nothing waits for
-long until it is taken.
+What is logged is told as a message. Where the program has chosen a handler of its own, that one has the log.
+Messages come up mostly in the event loop. A terminal that takes no output (Ctrl-S, a dead line), or a pipe that
+nobody reads, would stop the loop, and so the port and signals: meanwhile a thread writes them to stderr. Behind a
+signal nothing waits for long until it is taken.
 """
 
 from __future__ import annotations
@@ -81,16 +81,23 @@ def nothing_logged() -> Iterator[None]:
 
 
 @contextmanager
-def _told_beside() -> Iterator[None]:
-    """Have a thread write messages in the block, and the log where that has no handler."""
+def log_told() -> Iterator[None]:
+    """Tell what is logged in the block as messages, where the log has no handler."""
     root, handler = logging.getLogger(), _Log(logging.WARNING)
-    is_ours = not logging.getLogger("lidario").hasHandlers()
-    worker = Worker("lidario: messages")
-    if is_ours:
+    if not logging.getLogger("lidario").hasHandlers():
         root.addHandler(handler)
+    try:
+        yield
+    finally:
+        root.removeHandler(handler)
+
+
+@contextmanager
+def _told_beside() -> Iterator[None]:
+    """Have a thread write messages in the block."""
+    worker = Worker("lidario: messages")
     try:
         with messages_by(worker.put):
             yield
     finally:
-        root.removeHandler(handler)
         worker.close()

@@ -16,6 +16,7 @@ from lidario.sim.device import SimulatedDevice
 from tests.cli.processes import served
 from tests.cli.terminals import on_terminal, resize
 from tests.support.children import BOUND, until
+from tests.support.recorded import record
 
 STOP, GO, INTERRUPT = b"\x13", b"\x11", b"\x03"
 LEFT = "\x1b[?1049l"
@@ -103,6 +104,22 @@ def test_what_shows_that_work_goes_on_does_not_hold_it_up(tmp_path: Path) -> Non
         os.write(terminal, GO)
         assert process.wait(BOUND) == 0
     assert len((tmp_path / "scans").read_text().splitlines()) == 3
+
+
+@pytest.mark.long
+def test_a_line_of_the_log_takes_the_place_of_what_shows_that_work_goes_on(tmp_path: Path) -> None:
+    """Of the second file it is logged that no model need be named; the first one takes a while."""
+    for name in ("a", "b"):
+        record(tmp_path / f"{name}.mcap", "sim://rplidar-s2", 5)
+    words = (*(str(tmp_path / f"{name}.mcap") for name in ("a", "b")), str(tmp_path / "{}.csv"), "--model", "x4")
+    with on_terminal("export", *words) as (process, screen, _):
+        for _ in range(2):
+            line = screen.until("is not used\r\n").rpartition("\r\n")[0].rpartition("\r")[2]
+            assert line.endswith(
+                ".mcap tells by itself which lidar it is of: what was said of bare bytes is not used"
+            )
+            assert line.startswith(str(tmp_path))
+        assert process.wait(BOUND) == 0
 
 
 @pytest.mark.long
