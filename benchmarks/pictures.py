@@ -22,7 +22,7 @@ from rich.text import Text
 from benchmarks.browser import Browser, Page
 from benchmarks.picture_of_filters import SIZE, filters_page
 from benchmarks.processes import ROOT, started
-from lidario.cli.watch import Frame
+from lidario.cli.watch import frame
 from lidario.web.feed import Feed
 
 FOLDER = ROOT / "docs" / "pictures"
@@ -136,7 +136,7 @@ async def _frame() -> str:
         file=io.StringIO(), width=WIDTH, height=HEIGHT, force_terminal=True, color_system="truecolor", _environ={}
     )
     with target.capture() as captured:
-        target.print(Frame(feed), end="")
+        target.print(frame(feed, target), end="")
     reading.cancel()
     await asyncio.wait([reading])
     return captured.get()

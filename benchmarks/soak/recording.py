@@ -142,7 +142,7 @@ async def _read(
     async for scan in stream:
         day.scans += 1
         seen.write(_SEEN.pack(scan.stamp_ns, sum_of(scan)))
-        while recording._put - recording._taken > _MOST_WAITING:  # noqa: SLF001
+        while recording.is_running and recording._seen - recording._taken > _MOST_WAITING:  # noqa: SLF001
             # Driven time is much faster than any disk.
             time.sleep(0.01)  # noqa: ASYNC251
         passed = clock() - began
