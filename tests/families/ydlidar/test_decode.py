@@ -56,6 +56,14 @@ def test_lost_packets_are_counted_wherever_they_were(name: str, count: int) -> N
         assert lost_behind(turns, range(gone, gone + count)) == (count, gone), f"packets from {gone}"
 
 
+def test_the_last_angle_of_a_packet_of_one_sample_tells_nothing() -> None:
+    """A real Tmini Plus stated 0.27 and 0.16 degrees, behind the last ordinary packet of a revolution."""
+    turn = [pack_points([900] * 40, at, at + 39 * 26) for at in range(11_617, 23_000, 40 * 26)]
+    samples = decoded([*turn, pack_points([900], 17, 10)], pack_points([900], 43, 43, control=1))
+    assert (samples.lost, samples.angle_deg[-1]) == (0, 17 / 64)
+    assert samples.last.samples == pytest.approx(23_040 / 26, rel=0.02)
+
+
 @pytest.mark.parametrize("last", [5, 16, 39])
 @pytest.mark.parametrize("count", range(1, 5))
 def test_the_last_packets_of_a_revolution_are_counted_where_the_next_one_is_read_with_it(

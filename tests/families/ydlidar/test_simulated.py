@@ -259,6 +259,8 @@ def test_a_sample_behind_the_seam_that_belongs_to_the_revolution_before() -> Non
     for n in late:
         assert ydlidar.is_start(packets[n + 1])
         assert 0 < first_deg(packets[n + 1]) - first_deg(packets[n]) < 1
+        # Its last sample is its first one, and has another angle, as of a real one.
+        assert packets[n][4:6] != packets[n][6:8]
 
 
 def test_packets_while_the_motor_spins_up() -> None:
