@@ -1,15 +1,41 @@
-"""A replay holds its file only for as long as its session, and a session a recording until that has ended."""
+"""A file is opened beside the event loop; a replay holds it only for as long as its session."""
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import gc
+import threading
 import weakref
 from pathlib import Path
 
+import pytest
+
 import lidario
+from lidario.recording import files
+from lidario.recording.read import StoredStreams
+from lidario.source import Source
 from tests.support.loop import run_driven
 from tests.support.recorded import record
+
+
+def test_a_file_is_opened_beside_the_event_loop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is gone through once, which takes a second for an hour of recording."""
+    path = record(tmp_path / "a.mcap", "sim://ydlidar-4ros", 3).path
+    turned, really = threading.Event(), files.open_stored_source
+
+    def slow(source: Source, family: str | None = None) -> StoredStreams:
+        assert turned.wait(10.0), "the event loop waits for the file"
+        return really(source, family)
+
+    monkeypatch.setattr(files, "open_stored_source", slow)
+
+    async def main() -> None:
+        asyncio.get_running_loop().call_later(0.01, turned.set)
+        async with lidario.open_lidar(path) as lidar:
+            assert lidar.info.family == "ydlidar"
+
+    asyncio.run(main())
 
 
 def test_the_file_is_closed_with_the_session(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import threading
 import time
 from pathlib import Path
 
@@ -17,10 +16,8 @@ from lidario.recording import files
 from lidario.recording.decode_file import FileDecoder
 from lidario.recording.export import export_mcap
 from lidario.recording.played import PlayedDevice
-from lidario.recording.read import StoredStreams
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
-from lidario.source import Source
 from lidario.wire.envelope import encode_descriptor
 from lidario.wire.events import Descriptor
 from tests.reference.golden import NAMES, load
@@ -334,22 +331,3 @@ def test_bare_bytes_are_played_as_they_are_decoded(tmp_path: Path, name: str) ->
         rounded_ns = 1e-3 * one.stamp_ns if name in UNEVEN_NS else 0
         assert abs(one.stamp_ns - other.stamp_ns) <= UNEVEN_NS.get(name, 1) + rounded_ns
         assert same_points(one, other)
-
-
-def test_a_file_is_opened_beside_the_event_loop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is gone through once, which takes a second for an hour of recording."""
-    path = record(tmp_path / "a.mcap", "sim://ydlidar-4ros", 3).path
-    turned, really = threading.Event(), files.open_stored_source
-
-    def slow(source: Source, family: str | None = None) -> StoredStreams:
-        assert turned.wait(10.0), "the event loop waits for the file"
-        return really(source, family)
-
-    monkeypatch.setattr(files, "open_stored_source", slow)
-
-    async def main() -> None:
-        asyncio.get_running_loop().call_later(0.01, turned.set)
-        async with lidario.open_lidar(path) as lidar:
-            assert lidar.info.family == "ydlidar"
-
-    asyncio.run(main())
