@@ -67,11 +67,12 @@ def export(
     only_with("an OUT that ends with .mcap", of_scans, out.casefold().endswith(".mcap"))
     laserscans_of(of_scans)
     known, config = Known(family, model, sample_us), settings_of_file()
-    tasks = [(file, out.replace("{}", _name_of(file)), known, of_scans, force, config) for file in files]
-    if len({target for _, target, *_ in tasks}) < len(tasks):
+    tasks = {out.replace("{}", _name_of(file)): file for file in files}
+    if len(tasks) < len(files):
         raise click.BadParameter("two of the files have the same name", param_hint="FILE...")
     with progress(f"exporting {counted(len(tasks), 'file')} …"):
-        failures = _all(tasks, min(jobs, len(tasks)))
+        export_to = partial(export_one, known=known, of_scans=of_scans, force=force, config=config)
+        failures = _all(tasks, export_to, min(jobs, len(tasks)))
     for failure in failures[1:]:
         message(f"error: {failure}")
     if failures:
@@ -84,17 +85,15 @@ def _name_of(file: str) -> str:
     return Path(file).stem.replace("*", "").strip("-_") or "all"
 
 
-_Task = tuple[str, str, Any, dict[str, Any], bool, Any]
-
-
-def _all(tasks: list[_Task], jobs: int) -> list[Exception]:
-    """Export everything; what fails does not keep the others from being exported."""
+def _all(tasks: dict[str, str], export_to: Callable[[str, str], tuple[int, str]], jobs: int) -> list[Exception]:
+    """Export to each of the targets; what fails does not keep the others from being exported."""
     failures: list[Exception] = []
     with processes(jobs) if jobs > 1 else nullcontext() as pool:
-        running: list[Callable[[], tuple[int, str]]] = [partial(export_one, *task) for task in tasks]
+        running: list[Callable[[], tuple[int, str]]]
+        running = [partial(export_to, file, target) for target, file in tasks.items()]
         if pool is not None:
             running = [each.result for each in begun(pool, running)]
-        for task, done in zip(tasks, running, strict=True):
+        for (target, file), done in zip(tasks.items(), running, strict=True):
             try:
                 scans, damage = done()
             except lidario.LidarError as error:
@@ -102,11 +101,11 @@ def _all(tasks: list[_Task], jobs: int) -> list[Exception]:
                 continue
             except BrokenExecutor:
                 why = "a process was killed: is memory short?"
-                failures.append(lidario.CannotRecord(f"{task[1]} is not written: {why}"))
+                failures.append(lidario.CannotRecord(f"{target} is not written: {why}"))
                 continue
-            message(f"{task[1]}: {scans} scans")
+            message(f"{target}: {scans} scans")
             if damage:
-                message(f"note: {task[0]}: {damage}; everything else is exported")
+                message(f"note: {file}: {damage}; everything else is exported")
     return failures
 
 

@@ -64,7 +64,13 @@ def scan(
     """
     if as_json and as_csv:
         raise click.UsageError("--json and --csv exclude each other")
-    form = "json" if as_json else "csv" if as_csv else "people"
+    from lidario.cli import formats
+
+    for_people, header, as_text = not (as_json or as_csv), formats.ROW_HEADER, formats.as_row
+    if as_json:
+        header, as_text = "", formats.as_json
+    elif as_csv:
+        header, as_text = formats.CSV_HEADER, formats.as_csv
     config, tally, writer = settings_of_file(), _Tally(), Worker("lidario: stdout")
     failure: Exception | None = None
 
@@ -77,7 +83,17 @@ def scan(
             async with opening as lidar:
                 tally.lidar, tally.began = lidar, time.monotonic()
                 async with lidar.scans(mode) as stream:
-                    await _write(stream, count, form, tally, writer, waiting)
+                    async for scan in stream:
+                        if not tally.count:
+                            waiting.close()
+                            if for_people:
+                                about = introduced(lidar.info.model, lidar.info.serial)
+                                message(f"{about}, mode {scan.mode}")
+                            await writer.call(partial(emit, header))
+                        await writer.call(partial(emit, as_text(scan)))
+                        tally.last, tally.count = scan, tally.count + 1
+                        if tally.count == count:
+                            return
 
     try:
         run(work)
@@ -88,7 +104,7 @@ def scan(
     finally:
         taken = writer.close()
     if tally.last is not None:
-        if form == "people" and failure is None and taken:
+        if for_people and failure is None and taken:
             from lidario.cli.picture import picture
 
             target = console()
@@ -98,27 +114,6 @@ def scan(
     if failure is not None:
         raise failure
     return ExitCode.OK
-
-
-async def _write(
-    stream: lidario.ScanStream, count: int, form: str, tally: _Tally, writer: Worker, waiting: ExitStack
-) -> None:
-    """Write so many scans, 0 for all that come, in one form: ``people``, ``json`` or ``csv``."""
-    from lidario.cli import formats
-
-    written = {"json": formats.as_json, "csv": formats.as_csv, "people": formats.as_row}[form]
-    header = {"json": "", "csv": formats.CSV_HEADER, "people": formats.ROW_HEADER}[form]
-    async for scan in stream:
-        if not tally.count:
-            waiting.close()
-            if form == "people" and tally.lidar is not None:
-                info = tally.lidar.info
-                message(f"{introduced(info.model, info.serial)}, mode {scan.mode}")
-            await writer.call(partial(emit, header))
-        await writer.call(partial(emit, written(scan)))
-        tally.last, tally.count = scan, tally.count + 1
-        if tally.count == count:
-            return
 
 
 def _sum_up(tally: _Tally) -> None:

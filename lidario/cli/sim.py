@@ -70,6 +70,7 @@ def sim(
     It accepts requests as strictly as a real one, and sends scans at the real rate.
     """
     from lidario.families.registry import FAMILIES
+    from lidario.sim.faults import parse_faults
 
     if list_models:
         emit(_model_table())
@@ -81,7 +82,11 @@ def sim(
         raise click.UsageError("--pty, --tcp and --udp exclude each other")
     model = model or FAMILIES[0].simulated[0]
     device = lidario.simulate(model, world=world or "room", serial=serial, seed=seed)
-    return _serve(server_of(device, pty=pty, tcp=tcp, udp=udp, faults=_faults(faults, seed)), model)
+    try:
+        asked = parse_faults(",".join(faults), seed=seed) if faults else None
+    except ValueError as error:
+        raise click.BadParameter(str(error), param_hint="--fault") from None
+    return _serve(server_of(device, pty=pty, tcp=tcp, udp=udp, faults=asked), model)
 
 
 def _model_table() -> str:
@@ -102,15 +107,6 @@ def _fault_table() -> str:
 
     width = max(len(fault.example) for fault in FAULTS.values())
     return "".join(f"{fault.example:{width}}  {fault.what}\n" for fault in FAULTS.values())
-
-
-def _faults(words: tuple[str, ...], seed: int) -> Faults | None:
-    from lidario.sim.faults import parse_faults
-
-    try:
-        return parse_faults(",".join(words), seed=seed) if words else None
-    except ValueError as error:
-        raise click.BadParameter(str(error), param_hint="--fault") from None
 
 
 def server_of(
