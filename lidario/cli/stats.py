@@ -23,7 +23,7 @@ from lidario.cli.parameters import as_duration, guard_option, json_option, mode_
 from lidario.cli.running import run
 from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import emit, message
-from lidario.web.feed import Traffic, traffic
+from lidario.web.traffic import Traffic, traffic
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -10,9 +10,8 @@ the lidar that a recording is of, or that another machine publishes, may be plug
 from __future__ import annotations
 
 import asyncio
-import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Final, Literal
 from urllib.parse import parse_qsl, urlencode
@@ -20,6 +19,7 @@ from urllib.parse import parse_qsl, urlencode
 import lidario
 from lidario.filters import Filter
 from lidario.web.keeper import Keeper
+from lidario.web.traffic import Traffic, traffic
 
 FeedState = Literal["connecting", "scanning", "lost", "ended"]
 
@@ -29,33 +29,6 @@ _LAST_S: Final = 0.5
 """Seconds before its end from which a recording still has a scan to show."""
 _TRAFFIC_S: Final = 1.0
 """Time over which damage and load are measured."""
-BITS_A_BYTE: Final = 10
-"""On a serial line: a start bit, eight data bits, a stop bit."""
-_MOST_LOAD: Final = 1.1
-"""A full line, and the unevenness of what is read of it."""
-
-
-@dataclass(frozen=True, slots=True)
-class Traffic(lidario.Stats):
-    """The line during some seconds: the counters of that time, and two rates."""
-
-    bytes_a_second: float = 0.0  # bytes received a second
-    # Share of what the line can carry, 0 to 1. None where the line has no speed, or carries more than that speed
-    # allows: a lidar that is a USB device itself has none, whatever the port is set to.
-    load: float | None = None
-
-    @property
-    def damaged(self) -> float:
-        """Share of the packets that were damaged or lost, 0 to 1."""
-        return self.lost_packets / max(self.packets + self.lost_packets, 1)
-
-
-def traffic(before: lidario.Stats, after: lidario.Stats, seconds: float, baudrate: int) -> Traffic:
-    """What came between two snapshots that were taken so many seconds apart; `baudrate` 0 is no speed."""
-    counted = {each.name: getattr(after, each.name) - getattr(before, each.name) for each in fields(lidario.Stats)}
-    rate = counted["bytes_received"] / max(seconds, 1e-9)
-    load = rate * BITS_A_BYTE / baudrate if baudrate else math.inf
-    return Traffic(**counted, bytes_a_second=rate, load=load if load <= _MOST_LOAD else None)
 
 
 class Feed:

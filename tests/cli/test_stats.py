@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from lidario.cli.stats import Measured, verdict
-from lidario.web.feed import Traffic
+from lidario.web.traffic import Traffic
 from tests.cli.processes import end, invoke_driven, served, started
 from tests.support.children import until
 

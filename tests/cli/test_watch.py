@@ -12,7 +12,8 @@ from rich.console import Console
 from lidario import DeviceInfo, Stats
 from lidario.cli.watch import frame
 from lidario.testing import make_scan
-from lidario.web.feed import Feed, traffic
+from lidario.web.feed import Feed
+from lidario.web.traffic import traffic
 from tests.cli.test_picture import FULL_TURN
 
 

@@ -9,8 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from lidario import DeviceInfo, Mount, Scan, Stats
-from lidario.web.feed import Feed, traffic
+from lidario.web.feed import Feed
 from lidario.web.frames import HEADER, pack_scan, pack_state
+from lidario.web.traffic import traffic
 
 
 def scan(

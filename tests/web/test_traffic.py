@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from lidario import Stats
-from lidario.web.feed import traffic
+from lidario.web.traffic import traffic
 
 
 @pytest.mark.parametrize(
