@@ -178,7 +178,7 @@ DEFECTS: Final[dict[str, tuple[Callable[[], Any], str, set[str]]]] = {
     "deaf behind its response": (
         lambda: DeafAfterResponse(s2()),
         "questions-in-a-row",
-        {"identity-is-one", "request-after-stop", "stands-at-the-end"},
+        {"identity-is-one", "request-after-stop", "health-in-time"},
     ),
     "chatters at rest": (
         lambda: Chatters(s2()),

@@ -127,7 +127,7 @@ async def test_after_a_rest_the_device_is_asked_before_it_is_started(rig: Rig) -
         await lidar.scan()
         await lidar.stop()
         asked = len(names(rig))
-        await asyncio.sleep(4.9)
+        await asyncio.sleep(4.8)
         await lidar.scan()
         await lidar.stop()
         assert "get_health" not in names(rig)[asked:]

@@ -161,6 +161,7 @@ async def test_it_ends_with_the_stream_and_with_the_protection(ydlidar: Rig) -> 
         await lidar.set_power_down_protection(True)
         await scan_for(lidar, 5.0)
         sent = lidar.stats.keepalives
+        await asyncio.sleep(0.2)  # until the stop requests are written
         heard = len(ydlidar.device.log)
         await asyncio.sleep(10.0)
         assert lidar.stats.keepalives == sent >= 4

@@ -146,7 +146,7 @@ async def test_states_are_logged_for_who_looks_for_them(rplidar: Rig, caplog: py
     caplog.set_level(logging.DEBUG, "lidario")
     async with rplidar.open() as lidar:
         await take(lidar, 1)
-        await asyncio.sleep(0.1)  # until the line was seen quiet
+        await asyncio.sleep(0.2)  # until the line was seen quiet
     states = [record.getMessage() for record in caplog.records if "->" in record.getMessage()]
     assert [line.split(": ")[1] for line in states] == [
         "idle -> starting",

@@ -3,6 +3,7 @@
 import asyncio
 import gc
 from collections.abc import Awaitable
+from itertools import count
 
 import pytest
 
@@ -50,16 +51,32 @@ async def test_every_stop_is_followed_by_the_pause_it_demands(family: str, strid
             assert (await take(lidar, 2))[-1].rpm == pytest.approx(540, rel=0.02)
 
 
-async def test_the_stop_requests_are_written_once(rig: Rig) -> None:
+async def test_the_stop_requests_are_written_twice_and_no_more(rig: Rig) -> None:
+    """Nothing acknowledges them."""
     async with rig.open() as lidar:
         await take(lidar, 2)
         heard = len(rig.device.log)
     assert left_still(rig)
-    assert names(rig)[heard:] == []
+    again = names(rig)[heard:]
     obeyed = [each.name for each in rig.device.log]
     began = max(at for at, name in enumerate(obeyed) if "scan" in name)
-    expected = ["motor_speed_ctrl", "stop"] if rig.family == "rplidar" else ["forced_stop", "stop"]
-    assert obeyed[began + 1 :] == expected
+    assert again == (["motor_speed_ctrl", "stop"] if rig.family == "rplidar" else ["forced_stop", "stop"])
+    assert obeyed[began + 1 :] == again * 2
+
+
+@pytest.mark.parametrize("lost", range(3))
+async def test_one_of_the_stop_requests_may_be_lost(rig: Rig, lost: int) -> None:
+    heard, written = rig.device.receive, count()
+
+    def receive(data: bytes, at_ns: int) -> None:
+        if next(written) != lost:
+            heard(data, at_ns)
+
+    async with rig.open() as lidar, lidar.scans() as stream:
+        await some(stream, 2)
+        rig.device.receive = receive
+    assert next(written) == 4
+    assert left_still(rig)
 
 
 async def test_a_stream_left_by_break_stops_the_device_within_two_seconds(rig: Rig) -> None:

@@ -108,6 +108,7 @@ def names(rig: Rig, *, obeyed: bool | None = None) -> list[str]:
     return [each.name for each in rig.device.log if obeyed is None or each.obeyed is obeyed]
 
 
+MOTOR_OFF = bytes.fromhex("a5a80200000f")
 MOVING = ("stop", "reset", "start", "scan", "force_scan", "express_scan", "motor_speed_ctrl")
 """Requests that set the device in motion or leave it still."""
 
@@ -121,7 +122,9 @@ def left_still(rig: Rig) -> bool:
     profile = rig.device.profile
     if not getattr(profile, "commands", True):
         return not getattr(profile, "by_dtr", False) or not rig.device.motor_on
-    heard = [each.name for each in rig.device.log if each.obeyed or each.why == PROTECTED]
+    heard = [
+        each.name for each in rig.device.log if (each.obeyed or each.why == PROTECTED) and each.data != MOTOR_OFF
+    ]
     moved = [name for name in heard if name in MOVING]
     return not rig.device.scanning and not rig.device.motor_on and moved[-1:] in ([], ["stop"], ["reset"])
 

@@ -272,7 +272,7 @@ class Dialogue(Intake, Waiting):
         # A response that is outstanding is not received any more. A healthy device has sent it after this time.
         patient_until = self._loop.time() + RESPONSE_S
         for request in requests:
-            if request.dtr is not None:
+            if request.dtr is not None and request.dtr is not self.port.dtr:
                 self.port.set_dtr(request.dtr)
         # The last ones are written first: nothing is heard for a while behind STOP. But DTR makes some models deaf.
         data = b"".join(request.data for request in (*last, *requests))
@@ -303,7 +303,7 @@ class Dialogue(Intake, Waiting):
             if request.ends_stream:
                 # Also what came before anybody could read it: it is no part of the next stream.
                 self.deliver_to(None)
-            if request.dtr is not None:
+            if request.dtr is not None and request.dtr is not self.port.dtr:
                 self.port.set_dtr(request.dtr)
             if boots:
                 # Noted here: whoever wrote it may be cancelled before anybody waits until the device has booted.

@@ -9,7 +9,8 @@ sent, and a damaged line may lose it. So the line is listened to afterwards:
 * Bytes come, and more than what acknowledges them: the stop requests are written again, `ATTEMPTS` times at most.
 * It is quiet, but the device owed a response when they were written: they are written again as soon as it comes,
   or when it is not waited for any more.
-* It is quiet, and nothing was owed: the device is still.
+* It is quiet, and nothing was owed: the device is still, if all of them were heard. Without laser a motor is
+  silent, and without motor a laser. So requests that nothing acknowledges are written once more.
 
 A response that is outstanding is waited for no longer than `PATIENCE_S` before they are written the first time: the
 request may have been lost, and then the device hears them. A device that only talks has stop requests without
@@ -231,6 +232,8 @@ class Stopper:
             self._come_back(min(owed, self._loop.time() + self._quiet_s), self._after_listening)
         elif self._doubtful:
             self.try_now()
+        elif self._attempts == 1 and not self._acknowledged and self._is_of_family:
+            self._write()
         else:
             self._settle(still=True)
 
