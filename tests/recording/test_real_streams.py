@@ -25,6 +25,8 @@ SHARED = Path(__file__).parents[3] / "shared" / "golden"
 HERE = [golden.DATA / f"{name}.npz" for name in ("ydlidar_tmini_10hz", "ldrobot_ld19_13hz", "ldrobot_ld08_5hz")]
 REAL = [SHARED / "real_ydlidar_tmini_plus.npz", SHARED / "ldrobot_ld06_real.npz"]
 PATHS = [*HERE, *(path for path in REAL if path.exists())]
+RATES = {"ldrobot_ld19_13hz": 4500, "ldrobot_ld06_real": 4546}
+"""Samples a second."""
 streams = pytest.mark.parametrize("path", PATHS, ids=lambda path: path.stem)
 
 
@@ -106,10 +108,10 @@ def test_no_sample_moves_where_packets_are_missing(path: Path, gone: Iterable[in
     assert lost <= own + sum(number < len(packets) for number in gone)
 
 
-@pytest.mark.parametrize("path", [path for path in REAL if "ld06" in path.stem and path.exists()])
+@pytest.mark.parametrize("path", [path for path in PATHS if path.stem in RATES], ids=lambda path: path.stem)
 def test_the_packets_that_are_heard_tell_what_a_sample_takes(path: Path) -> None:
     """To half a percent, wherever in the revolution they begin: a real rotor is faster at some places of it."""
     packets = packets_of(raw_of(path))
     for begin in range(len(packets) - TALKERS.heard):
         heard = b"".join(packets[begin : begin + TALKERS.heard])
-        assert PacketFormat.samples_a_second(heard) == pytest.approx(4546, rel=0.005)
+        assert PacketFormat.samples_a_second(heard) == pytest.approx(RATES[path.stem], rel=0.005)
