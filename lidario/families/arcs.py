@@ -97,7 +97,7 @@ class ArcDecoder(ABC):
             unbroken=gaps[0][0] + 1 if gaps else count,
             lost_behind=lost[-1] if gaps and gaps[-1][0] == count - 1 else 0,
             certain=arcs.certain,
-            gaps=[(sample_ends[at], skipped) for at, skipped in gaps],
+            gaps=[(sample_ends[at], skipped) for at, skipped in gaps] if gaps else (),
             revoked=arcs.revoked,
             fits=arcs.fits,
         )

@@ -73,11 +73,11 @@ class Pauses:
             sample_ns: What a sample takes; 0 where that is not known, and then none wait.
             turn_ns: What a revolution takes, likewise.
         """
-        run = event if (waited := self.left()) is None else joined([waited, event])
+        run = joined([waited, event]) if self._waiting and (waited := self.left()) else event
         line, self._line = self._line, _Line(run.received_ns)
         if line is None or not (sample_ns and turn_ns):
             return run
-        if not line.late_ns and run.received_ns - line.at_ns < NOISE * turn_ns:
+        if not line.late_ns and not self._is_late(run, line.at_ns, sample_ns, NOISE * turn_ns):
             return run
         arrivals, done, wait = [*run.arrivals], 0, None
         for read, (complete, at_ns) in enumerate(run.arrivals):
@@ -102,6 +102,15 @@ class Pauses:
         if (dated := tuple(arrivals)) != run.arrivals:
             run = replace(run, arrivals=dated)
         return run if wait is None else self._wait(run, wait, sample_ns)
+
+    def _is_late(self, run: Packets, at_ns: int, sample_ns: float, noise_ns: float) -> bool:
+        """Whether a silence is longer than it took to measure what came behind it, by more than noise."""
+        packet_ns, done = self._wire.samples_in(run.blocks) * sample_ns / run.count, 0
+        for complete, come_ns in run.arrivals:
+            if come_ns - at_ns >= noise_ns and come_ns - at_ns - (complete - done) * packet_ns >= noise_ns:
+                return True
+            done, at_ns = complete, come_ns
+        return False
 
     def left(self) -> Packets | None:
         """The packets that wait, which do so no longer; None where none do."""
@@ -148,6 +157,9 @@ def _behind(line: _Line, at_ns: int, came_ns: float, turn_ns: float) -> _Line:
         # It was not silent: what has not come is missing.
         later_ns = min(later_ns, 0.0)
     late_ns = max(0.0, line.late_ns + later_ns)
+    if not line.late_ns and late_ns < noise_ns:
+        # Adapters hold bytes back for some milliseconds.
+        late_ns = 0.0
     if line.late_ns < LATE * turn_ns <= late_ns or not line.late_ns or late_ns <= line.most_ns - noise_ns:
         # It begins to be late, or so late that packets wait, or is about to catch up.
         return _Line(at_ns, late_ns, 0, 0.0, late_ns)

@@ -273,7 +273,7 @@ class SectorAssembler(Assembler):
         return self._judged(found)
 
     def _judged(self, ended: Samples) -> Samples:
-        self._doubted = not self._stream.format.own_angles and is_doubted(ended)
+        self._doubted = bool(ended.gaps) and not self._stream.format.own_angles and is_doubted(ended)
         return ended
 
     def _finish_all(self, here: DividedRevolution, scan: Scan | None) -> None:

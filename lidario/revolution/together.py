@@ -56,13 +56,16 @@ def joined(runs: Sequence[Packets]) -> Packets:
     """Packets that follow each other, as if they had been reported together; at least one run."""
     if len(runs) == 1:
         return runs[0]
+    data: list[bytes] = []
     blocks: list[Block] = []
-    join_blocks(blocks, [block for run in runs for block in run.blocks])
     arrivals: list[Arrival] = []
     skips: list[tuple[int, int]] = []
     before = 0
     for run in runs:
-        skips += [(before + at, size) for at, size in run.skips]
+        data.append(run.data)
+        join_blocks(blocks, run.blocks)
+        if run.skips:
+            skips += [(before + at, size) for at, size in run.skips]
         apart = run.apart
         for count, at_ns in run.arrivals:
             if arrivals and arrivals[-1][1] == at_ns and not apart:
@@ -70,8 +73,7 @@ def joined(runs: Sequence[Packets]) -> Packets:
             arrivals.append((before + count, at_ns))
             apart = False
         before = arrivals[-1][0]
-    data = b"".join([run.data for run in runs])
-    return Packets(data, tuple(blocks), tuple(arrivals), tuple(skips), cut=runs[-1].cut)
+    return Packets(b"".join(data), tuple(blocks), tuple(arrivals), tuple(skips), cut=runs[-1].cut)
 
 
 def _bytes_of(arrival: Arrival) -> int:

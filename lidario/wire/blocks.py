@@ -21,16 +21,10 @@ class Block(NamedTuple):
 
 def join_blocks(into: list[Block], more: Iterable[Block]) -> None:
     """Add blocks at the end of others; neighbours of one size become one block, as if parsed together."""
-    size, packets = into.pop() if into else (0, 0)
-    for block_size, count in more:
-        if block_size == size:
-            packets += count
-        else:
-            if packets:
-                into.append(Block(size, packets))
-            size, packets = block_size, count
-    if packets:
-        into.append(Block(size, packets))
+    for block in more:
+        if into and into[-1].size == block.size:
+            block = Block(block.size, into.pop().packets + block.packets)
+        into.append(block)
 
 
 def some_blocks(blocks: Sequence[Block], begin: int, end: int) -> tuple[Block, ...]:
