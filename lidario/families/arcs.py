@@ -164,7 +164,7 @@ def at_equal_steps(first: Ints, arc: Arc, steps: int, into: Floats) -> None:
     """
     each = np.empty((len(first), 2), np.float32)
     each[:, 0], each[:, 1] = first, arc
-    np.dot(each, _weights(into.shape[1], steps), out=into)
+    each.dot(_weights(into.shape[1], steps), out=into)
 
 
 @cache

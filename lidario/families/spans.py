@@ -100,7 +100,7 @@ def spans_between(heads: Heads, full_turn: int, retreat: int) -> tuple[Ints, int
     A heading that falls back by more than `retreat` has gone the long way round, forwards.
     """
     first, following = heads.first, heads.following
-    spans = np.empty_like(first)
+    spans = np.empty(len(first), first.dtype)
     np.subtract(first[1:], first[:-1], out=spans[:-1])
     last = 0 if following is None else following - int(first[-1])
     # Mostly it is only here that the angles pass 0.

@@ -114,7 +114,7 @@ class ToldWheel(Turning):
         Packets begin at `first` and end at `tails`, counted on past 360 degrees; where what is `following` is not
         known, the last jump is 0.
         """
-        jumps = np.empty_like(first)
+        jumps = np.empty(len(first), first.dtype)
         np.subtract(first[1:], tails[:-1], out=jumps[:-1])
         jumps[-1] = 0 if following is None else following - int(tails[-1])
         jumps %= self.full_turn

@@ -109,8 +109,9 @@ class Assembler(SteadyAssembler):
                 dated = dated_within(packets, offsets, ends_at, self.partial, self._decoder, wire, sample_ns)
             done, alone = 0, 1
             while done < len(splits):
-                ending, several = splits[done:] if self._by_blocks else splits[done : done + 1], 1
-                if not self._by_blocks:
+                by_blocks = self._by_blocks
+                ending, several = splits[done:] if by_blocks else splits[done : done + 1], 1
+                if not by_blocks:
                     kept = self._keep_until(ending[0].packet, dated, headings, kept, offsets)
                 # A block has one offset.
                 if self._next_offset_deg is None:

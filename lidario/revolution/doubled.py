@@ -62,7 +62,7 @@ class DoubledPackets:
     def _find(self, packets: Packets, headings: Headings) -> list[int]:
         """Which of the next packets are the packet before once more; mostly none."""
         if isinstance(headings, np.ndarray):
-            same = (np.flatnonzero(headings[1:] == headings[:-1]) + 1).tolist()
+            same = ((headings[1:] == headings[:-1]).nonzero()[0] + 1).tolist()
         else:
             same = [at for at, (before, here) in enumerate(pairwise(headings), 1) if before == here]
         last = b"" if self.before is None else self.before.data[-self.before.blocks[-1].size :]

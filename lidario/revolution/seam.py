@@ -82,8 +82,7 @@ class Seam:
             # As where a port is not polled: it need not be followed, as one with a flag.
             flagged = (0,)
         elif isinstance(headings, np.ndarray):
-            flags = headings >= BEGINS
-            flagged = flags.nonzero()[0].tolist() if np.count_nonzero(flags) else ()
+            flagged = (headings >= BEGINS).nonzero()[0].tolist()
         elif headings and max(headings) >= BEGINS:
             flagged = [at for at, heading in enumerate(headings) if heading >= BEGINS]
         if passing is not None and self.angle == 0 and not flagged:
