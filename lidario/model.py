@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from enum import Enum
 from operator import add, sub
 
@@ -124,11 +124,16 @@ class LineErrors:
 
     def __add__(self, other: LineErrors) -> LineErrors:
         """The sums, such as of two lines."""
-        return LineErrors(*map(add, astuple(self), astuple(other)))
+        return LineErrors(*map(add, self._counts, other._counts))
 
     def __sub__(self, before: LineErrors) -> LineErrors:
         """What was counted since `before`."""
-        return LineErrors(*map(sub, astuple(self), astuple(before)))
+        return LineErrors(*map(sub, self._counts, before._counts))
+
+    @property
+    def _counts(self) -> tuple[int, int, int, int]:
+        # `astuple` copies each of them, which takes 20 us where it is done once in a while.
+        return self.framing, self.parity, self.overruns, self.breaks
 
     def meaning(self) -> str:
         """What was counted, and what it is mostly a sign of; empty where nothing was counted."""
