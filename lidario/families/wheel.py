@@ -180,7 +180,9 @@ class Wheel(PacedTurning):
         arc, missing, self._fits = walk.arcs, walk.missing, walk.fitting == walk.known
         passed = len(arc) + sum(missing)
         typical = sum(each * (1 + more) for each, more in zip(arc, missing, strict=True)) / passed or self._arc
-        behind = np.array(missing) * self._samples if any(missing) else None
+        # Of a rotor that stood, and has begun to turn, longer spans tell of its speed and not of gaps.
+        is_starting = not self._certain and 0 in told
+        behind = np.array(missing) * self._samples if any(missing) and not is_starting else None
         return Arcs(np.array(arc), behind, typical / self._samples, self._certain, revoked, self._fits)
 
     def _walk(self, spans: Sequence[int], *, followed: bool, alone: bool) -> _Walk:

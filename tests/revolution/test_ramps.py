@@ -5,6 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
+from benchmarks import truth_cases
+from benchmarks.truth_forms import FORMATS
+from benchmarks.truth_score import score
+from benchmarks.truth_ways import receive
 from lidario.families.rplidar.simulated import packers
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.scan import Scan
@@ -43,3 +47,12 @@ def test_a_stream_that_begins_right_before_the_seam_tells_an_outage(first_deg: i
     scans, stats = scans_of(NODES, nodes, kept, 100, 108_000.0)
     assert stats.lost_packets == pytest.approx(end - begin, rel=0.01)
     assert scans[-1].seq == int(angles[-1] / TURN) - 2
+
+
+@pytest.mark.parametrize("name", ["0x81 S1", "0x84 A1"])
+def test_a_rotor_that_starts_right_before_the_seam_loses_nothing(name: str) -> None:
+    """Its first revolution is a few degrees, in which it has hardly begun to turn."""
+    stream, line = truth_cases.happen(truth_cases.CASES["from rest right before the seam"], FORMATS[name])
+    found = score(stream, line, receive(stream, line, "read"), timed=True)
+    assert (found.told, found.told_revolutions, found.wrong) == (0, 0, 0)
+    assert found.delivered > 30

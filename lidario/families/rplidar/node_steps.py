@@ -98,7 +98,8 @@ class NodeSteps(PacedTurning):
             steps, missing = self._walk(spans, followed=followed)
         else:
             steps, missing = self._walk(spans, followed=followed)
-            if self._typical <= 0:
+            if not self._certain:
+                # As where the rotor stands, or has just begun to turn: the mean of its steps tells of no gap.
                 return Arcs(np.maximum(spans, 0.0), None, 0.0, certain=False)
             times = self._corrected(spans, arrivals, 1 + float(missing.mean()))
             if times != 1:
