@@ -172,5 +172,6 @@ def test_a_revolution_of_which_little_came(name: str) -> None:
     assert (stats.missed_scans, stats.broken_scans) == (0, 0)
     little = min(scans, key=len)
     assert len(little) < 0.2 * len(clean[little.seq])
-    assert little.lost_packets == pytest.approx(end - first - few, abs=2)
+    # Nodes are told by the mean of 32 steps, which is off by as much as their ends are rounded.
+    assert little.lost_packets == pytest.approx(end - first - few, rel=0.002, abs=2)
     assert all(math.isnan(scan.rpm) or scan.rpm == pytest.approx(60 * hertz(name), rel=0.03) for scan in scans)

@@ -4,10 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from benchmarks import truth_cases
 from benchmarks.truth_forms import FORMATS
 from benchmarks.truth_score import score
+from benchmarks.truth_streams import TrueStream
 from benchmarks.truth_ways import receive
 from lidario.families.rplidar.simulated import packers
 from lidario.revolution.assemble import Assembler, AssemblerStats
@@ -47,6 +49,25 @@ def test_a_stream_that_begins_right_before_the_seam_tells_an_outage(first_deg: i
     scans, stats = scans_of(NODES, nodes, kept, 100, 108_000.0)
     assert stats.lost_packets == pytest.approx(end - begin, rel=0.01)
     assert scans[-1].seq == int(angles[-1] / TURN) - 2
+
+
+def undamaged(stream: TrueStream, random: np.random.Generator) -> truth_cases.Line:
+    del random
+    return truth_cases.Line(stream.data, stream.arrivals_ns, 0)
+
+
+def starting(hertz: float, seconds: NDArray[np.float64]) -> NDArray[np.float64]:
+    return -hertz * np.expm1(-seconds / 0.8)
+
+
+@pytest.mark.parametrize("begin", [0.93, 0.962, 0.97])
+@pytest.mark.parametrize("way", ["read", "file"])
+def test_nodes_of_a_rotor_that_speeds_up_lose_nothing(way: str, begin: float) -> None:
+    """From rest, and the first part of a revolution is short. In a file such a start was never got over."""
+    case = truth_cases.Case("starting", undamaged, starting, 2.0, begin)
+    stream, line = truth_cases.happen(case, FORMATS["0x81 S1"])
+    found = score(stream, line, receive(stream, line, way), timed=way == "read")
+    assert (found.told, found.told_revolutions, found.kept) == (0, 0, found.samples)
 
 
 @pytest.mark.parametrize("name", ["0x81 S1", "0x84 A1"])

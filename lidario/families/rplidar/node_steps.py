@@ -38,9 +38,8 @@ _RETREAT_Q6: Final = round(RETREAT_TURNS * FULL_TURN_Q6)
 JITTER: Final = 0.75
 """Share of an ordinary step by which steps may scatter: only a doubled one is a lost node."""
 SEVERAL: Final = 32
-_SEVERAL_TURNS: Final = 1 / 24
-"""Steps of which the mean is taken, at least so many and so far: a mean of seven units over 32 steps is off by half
-a percent, since each end is rounded."""
+"""Steps of which the mean is taken, in a few milliseconds. That of seven units is off by half a percent, since each
+end is rounded. Of more steps, a rotor that starts would be much faster in the last than in the first."""
 CHANGE: Final = 0.1
 """Part of the longest ordinary step of a revolution by which any other may differ from the one before: the slower a
 rotor turns, the more any change is for it."""
@@ -176,23 +175,18 @@ class NodeSteps(PacedTurning):
         # The last few may be gaps alone.
         whole = [part for part in _parts(known, SEVERAL) if len(part) >= CERTAIN_STEPS]
         greatest = max([self._typical, *map(_short, whole)])
-        # Steps are rounded.
-        slack = CHANGE * greatest + 1
-        several = self._several(greatest)
-        chunks = _parts(known, several)
-        for begin, chunk in zip(range(0, len(known), several), chunks, strict=True):
+        # Steps are rounded, and those of a rotor that starts grow by about one until the next few dozen.
+        slack = CHANGE * greatest + 2
+        chunks = _parts(known, SEVERAL)
+        for begin, chunk in zip(range(0, len(known), SEVERAL), chunks, strict=True):
             self._take(chunk, slack)
-            steps[begin : begin + several] = self._typical
+            steps[begin : begin + SEVERAL] = self._typical
         missing = _missing(rough, steps, slack / JITTER, _CORRECTED_TURNS * self._full_turn)
-        for begin, chunk in zip(range(0, len(known), several), chunks, strict=True):
+        for begin, chunk in zip(range(0, len(known), SEVERAL), chunks, strict=True):
             if np.abs(chunk).max() < steps[begin] / 2:
                 # The rotor all but stood: this revolution has so many samples more.
-                steps[begin : begin + several] = chunk.mean()
+                steps[begin : begin + SEVERAL] = chunk.mean()
         return steps, missing
-
-    def _several(self, step: float) -> int:
-        """How many such steps tell a mean."""
-        return max(SEVERAL, round(_SEVERAL_TURNS * self._full_turn / max(1.0, step)))
 
     def _take(self, spans: Steps, slack: float) -> None:
         """Find the ordinary step of a few dozen, by the one before."""
@@ -205,7 +199,7 @@ class NodeSteps(PacedTurning):
         if agreeing < CERTAIN_STEPS or 2 * agreeing < len(spans):
             return
         self._strange += len(spans)
-        if self._strange >= STRANGE * self._several(self._typical) and middle > 0:
+        if self._strange >= STRANGE * SEVERAL and middle > 0:
             self._typical, self._strange = middle, 0
 
     def _learn_first(self, spans: Steps) -> None:
