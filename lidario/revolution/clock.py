@@ -299,7 +299,9 @@ class RevolutionClock:
         """
         usual_ns = self.usual_ns
         alike = bool(usual_ns) and 1 / ALIKE < here.revolution_ns / usual_ns < ALIKE
-        enough = alike or (here.lost <= here.packets and (here.own or here.packets >= FEWEST_PACKETS))
+        came = here.lost <= here.packets and (here.own or here.packets >= FEWEST_PACKETS)
+        # Less than half a revolution may be that of a rotor that has just begun to turn.
+        enough = alike or (came and here.over < 0.5)
         if here.revolution_ns and not here.broken and enough:
             if last is None:
                 confirmed = not usual_ns or alike
