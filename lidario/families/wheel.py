@@ -72,6 +72,12 @@ class _Walk(NamedTuple):
     fitting: int  # how many spans are a whole number of arcs, each held against the arc before it
     known: int  # how many are so short that this can be told
 
+    @property
+    def mean(self) -> float:
+        """The mean arc, also of the packets that are missing."""
+        turned = sum(each * (1 + more) for each, more in zip(self.arcs, self.missing, strict=True))
+        return turned / (len(self.arcs) + sum(self.missing))
+
 
 class Wheel(PacedTurning):
     """Follows the rotor through one stream of packets that only state where they begin."""
@@ -168,7 +174,8 @@ class Wheel(PacedTurning):
             begin = self._arc
             walk = self._walk(plain, followed=followed, alone=alone)
         may_tell = self._confirmed and self._time_passes and any(walk.missing)
-        if may_tell and self._pace.is_too_short(self._packet_ns, begin):
+        # Not by the arc before: the rotor may have sped up from packet to packet.
+        if may_tell and self._pace.is_too_short(self._packet_ns, walk.mean):
             # What came before tells nothing of it.
             self._arc, self._fastest, self._confirmed, self._spans = begin, fastest, False, told
             self._pace.clear()
@@ -177,13 +184,12 @@ class Wheel(PacedTurning):
             self._learn(anew=True)
             revoked = 1, 0
             walk = self._walk(plain, followed=followed, alone=alone)
-        arc, missing, self._fits = walk.arcs, walk.missing, walk.fitting == walk.known
-        passed = len(arc) + sum(missing)
-        typical = sum(each * (1 + more) for each, more in zip(arc, missing, strict=True)) / passed or self._arc
+        missing, self._fits = walk.missing, walk.fitting == walk.known
         # Of a rotor that stood, and has begun to turn, longer spans tell of its speed and not of gaps.
         is_starting = not self._certain and 0 in told
         behind = np.array(missing) * self._samples if any(missing) and not is_starting else None
-        return Arcs(np.array(arc), behind, typical / self._samples, self._certain, revoked, self._fits)
+        step = (walk.mean or self._arc) / self._samples
+        return Arcs(np.array(walk.arcs), behind, step, self._certain, revoked, self._fits)
 
     def _walk(self, spans: Sequence[int], *, followed: bool, alone: bool) -> _Walk:
         """Follow spans from the last arc on; those that are `alone` as in `_is_strange`."""

@@ -1,6 +1,7 @@
 """Revolutions are counted by the time of a sample, which stays, not by the speed of the rotor, which changes."""
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 import pytest
@@ -56,8 +57,10 @@ def undamaged(stream: TrueStream, random: np.random.Generator) -> truth_cases.Li
     return truth_cases.Line(stream.data, stream.arrivals_ns, 0)
 
 
-def starting(hertz: float, seconds: NDArray[np.float64]) -> NDArray[np.float64]:
-    return -hertz * np.expm1(-seconds / 0.8)
+def starting(
+    hertz: float, seconds: NDArray[np.float64], *, rest_s: float = 0.0, in_s: float = 0.8
+) -> NDArray[np.float64]:
+    return -hertz * np.expm1(-np.maximum(seconds - rest_s, 0.0) / in_s)
 
 
 @pytest.mark.parametrize("begin", [0.93, 0.962, 0.97])
@@ -77,3 +80,13 @@ def test_a_rotor_that_starts_right_before_the_seam_loses_nothing(name: str) -> N
     found = score(stream, line, receive(stream, line, "read"), timed=True)
     assert (found.told, found.told_revolutions, found.wrong) == (0, 0, 0)
     assert found.delivered > 30
+
+
+@pytest.mark.parametrize("name", ["0x82 A1", "0x84 A3"])
+def test_while_a_rotor_speeds_up_lost_packets_cost_no_revolution(name: str) -> None:
+    """From rest, so that its arcs are many times as long at the end of a revolution as at the beginning."""
+    damage = partial(truth_cases.lose_share, 2, spoilt=False)
+    case = truth_cases.Case("starting slowly", damage, partial(starting, rest_s=1.0, in_s=1.2), 4.0, begin=0.88)
+    stream, line = truth_cases.happen(case, FORMATS[name])
+    found = score(stream, line, receive(stream, line, "read"), timed=True)
+    assert (found.delivered, found.told_revolutions, found.wrong) == (found.revolutions, 0, 0)
