@@ -1,12 +1,12 @@
 """From packets to whole revolutions.
 
 The assembler keeps the packets of the revolution in the making as bytes, and reads only their headings. At the seam
-it joins them, has them decoded in one go, divides the samples exactly where the rotor passed the seam (the rest of
-the packet that crosses it begins the next revolution), and builds one `Scan`.
+it joins them, has them decoded in one go, and divides the samples exactly where the rotor passed the seam: the rest
+of the packet that crosses it begins the next revolution. Then it builds one `Scan`.
 
-What it will not deliver: the first, partial revolution; a revolution around a restart of the stream; one of which
-so much is missing that parts of two may have met; one whose angles are not certain. All but the first are counted
-as broken.
+It does not deliver the first, partial revolution; a revolution around a restart of the stream; one that lacks so
+much that parts of two may have met in it; or one whose angles are not certain. All but the first are counted as
+broken.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ class Assembler(SteadyAssembler):
         clock: What dates the packets, as for `Incoming`.
 
     Attributes:
-        incoming: What comes; it knows how long a sample takes.
-        partial: The revolution that goes on.
+        incoming: Checks and dates the packets that come, and knows how long a sample takes.
+        partial: The revolution in the making.
         ended: How many streams have ended.
         wall_offset_ns: Wall clock minus monotonic clock, for the scans to come.
     """
@@ -69,16 +69,16 @@ class Assembler(SteadyAssembler):
         self._next_offset_deg: float | None = None
         self.ended: int = 0
         self._ended_at: tuple[Packets, int, int] | None = None
-        # Whether some of the packets that were taken last have not been looked at.
+        # Whether some of the packets taken last have not been processed yet.
         self._under_way = False
 
     @property
     def _by_blocks(self) -> bool:
-        """Whether several revolutions that come together may be kept, and ended, as one block."""
+        """Whether several revolutions that come together may be ended as one block."""
         return True
 
     def set_zero_offset(self, degrees: float, *, behind: bool = False) -> None:
-        """Add another zero-angle offset, clockwise degrees, from the next scan on, or the one `behind` that."""
+        """Add another zero-angle offset, clockwise degrees, from the next scan on, or from the one `behind` it."""
         self._next_offset_deg = degrees if behind else None
         if not behind:
             self._stream = replace(self._stream, zero_offset_deg=degrees)
@@ -88,9 +88,9 @@ class Assembler(SteadyAssembler):
         return [scan for scans in self.ends(event) for scan in scans]
 
     def ends(self, event: Packets) -> Iterator[list[Scan]]:
-        """As `add`, one or a block at a time.
+        """As `add`, but yields one revolution or one block at a time.
 
-        What is left when it is closed, or when the stream is ended meanwhile, counts as discarded.
+        Packets that are left when it is closed, or when the stream is ended meanwhile, count as discarded.
         """
         taken = self.incoming.take(event, self._clock.usual_ns)
         if taken is not None:
@@ -113,7 +113,7 @@ class Assembler(SteadyAssembler):
                 ending, several = splits[done:] if by_blocks else splits[done : done + 1], 1
                 if not by_blocks:
                     kept = self._keep_until(ending[0].packet, dated, headings, kept, offsets)
-                # A block has one offset.
+                # All scans of a block have the same offset.
                 if self._next_offset_deg is None:
                     block = self.add_block(dated, offsets, ending, kept)
                     if block:
@@ -123,7 +123,7 @@ class Assembler(SteadyAssembler):
                         if self.ended != ended:
                             return
                         continue
-                    # Something is not as it should be, somewhere. Behind it all may be well again.
+                    # Something is wrong in the block. End 1, 2, 4 … revolutions alone, then try a block again.
                     several, alone = alone, 2 * alone
                 for split in ending[:several]:
                     kept = self._keep_until(split.packet, dated, headings, kept, offsets)
@@ -140,7 +140,8 @@ class Assembler(SteadyAssembler):
     def _keep_until(self, end: int, event: Packets, headings: Headings, begin: int, offsets: Sequence[int]) -> int:
         """Keep the packets from number `begin` on to before `end`, which is returned.
 
-        What comes behind a silence in which a revolution is given up is kept by itself, as where it is read alone.
+        They are kept in parts, divided at each silence in which a revolution is given up, as if they were read
+        apart.
         """
         for cut in (*self._silences(event), end):
             if begin < cut <= end:
@@ -150,7 +151,7 @@ class Assembler(SteadyAssembler):
         return end
 
     def _silences(self, event: Packets) -> Iterator[int]:
-        """How many packets come before each silence too long for a revolution, and with the read behind it."""
+        """Packets before each silence that is too long for a revolution, and up to the end of the next read."""
         if event.arrivals[-1][1] - event.arrivals[0][1] > self._most_ns:
             for (before, ended_ns), (behind, begun_ns) in pairwise(event.arrivals):
                 if begun_ns - ended_ns > self._most_ns:
@@ -158,7 +159,7 @@ class Assembler(SteadyAssembler):
                     yield behind
 
     def _end_at(self, event: Packets, split: Split, offsets: Sequence[int]) -> Scan | None:
-        """End the revolution at a split; the packets of the event before it are kept already."""
+        """End the revolution at a split; the packets before it are kept already."""
         number = split.packet
         held, now = self.stats.unfinished_packets, self.incoming.read_at(event, number)
         self.partial.ended_ns = now
@@ -175,12 +176,12 @@ class Assembler(SteadyAssembler):
         """The stream has ended: discard the revolution in the making. Harmless when done before.
 
         Returns:
-            The revolutions that are complete among the packets that wait.
+            The revolutions that were complete among packets that waited.
         """
         scans = list[Scan]()
         if (late := self.incoming.late()) is not None:
             if self._under_way:
-                # What came before them was not looked at.
+                # The packets before them were not processed either.
                 self.stats.discarded_packets += late[0].count
             else:
                 scans = [scan for some in self._ends_in(*late) for scan in some]
@@ -191,7 +192,7 @@ class Assembler(SteadyAssembler):
         return scans
 
     def _discard(self) -> None:
-        """What is missing in the revolution in the making is counted all the same."""
+        """Discard the revolution in the making; the packets missing in it are counted all the same."""
         if (packets := self.partial.packets()) is not None:
             self.stats.lost_packets += (self._decoded or self._decoder.decode(packets, None)).lost
         self._decoded = None
@@ -201,20 +202,21 @@ class Assembler(SteadyAssembler):
     def _part(self, packets: Packets, begin: int, end: int, offsets: Sequence[int] | None = None) -> Packets:
         return part_of(packets, begin, end, offsets, self._stream.format, self.incoming.time.known_ns)
 
-    def _keep(self, packets: Packets, headings: Headings) -> None:  # noqa: ARG002 - for those who divide it
+    def _keep(self, packets: Packets, headings: Headings) -> None:  # noqa: ARG002 - for subclasses that divide it
         partial, (count, received_ns) = self.partial, packets.arrivals[-1]
         partial.runs.append(packets)
         partial.size += len(packets.data)
         self.stats.unfinished_packets += count
         if received_ns - partial.runs[0].arrivals[0][1] > self._most_ns or partial.size > self._most_bytes:
-            # It will never end as it should. Time alone is no bound: peers and files say what time it is.
+            # It will never end as it should. Time alone is no bound: peers and files set the times.
             if partial.whole:
                 self.stats.break_scan()
             self._clock.restart()
             here = self._decoded = self._decoded or self._decoder.decode(joined(partial.runs), None)
             sample_ns, elapsed_ns = self._stream.sample_ns, received_ns - partial.runs[0].arrivals[0][1]
             if 2 * here.last.samples * sample_ns > max(0, elapsed_ns):
-                # The rotor is slow, or stands: no turn passed unseen. And only time tells what is missing.
+                # The rotor is slow or stands still, so no revolution passed unseen. Only time shows what is
+                # missing.
                 missing = round(len(here.ends) * (elapsed_ns / (here.ends[-1] * sample_ns) - 1))
                 self.stats.lost_packets += several(missing - here.lost)
                 self._clock = self._new_clock()
@@ -230,7 +232,8 @@ class Assembler(SteadyAssembler):
         if ended is None:
             return None
         if split.broken or split.moved:
-            # Only the first mark may stand elsewhere by right. A false one moves the seam there and back.
+            # Only the first mark may rightly stand elsewhere. A false mark moves the seam there, and the next one
+            # back.
             is_first = not split.broken and self.stats.scans == self._earlier_scans
             sure = partial.whole and not (partial.moved or is_first)
             if sure and not (split.moved and ended.is_false_part):
@@ -238,12 +241,12 @@ class Assembler(SteadyAssembler):
             self._clock.restart(split.seam / self._stream.format.full_turn)
             return None
         if partial.seam is None:
-            # No split began the first part of a stream. It belongs to the seam that ends it.
+            # No split began the first part of a stream: use the seam that ends it.
             partial.seam = split.seam
         return self._scan(ended)
 
     def _ended(self, partial: PartialRevolution, split: Split, following: bytes) -> EndedRevolution | None:
-        """Decode a revolution, and carry over to the next what lies behind the seam; None when it has no sample."""
+        """Decode a revolution, and carry the samples behind the seam over to the next; None if it has no sample."""
         packets = partial.packets()
         if packets is None:
             return None
@@ -262,7 +265,7 @@ class Assembler(SteadyAssembler):
         each, close = samples.revoked
         self.stats.lost_packets += each * close
         if each and carried is not None:
-            # The packet at its beginning was stretched over a gap: its samples are not used.
+            # The packet at its beginning was stretched over a gap, so its samples are not used.
             revoked, partial.carried = each, None
             lost += revoked
         crossed = room + samples.last.before_seam
@@ -270,7 +273,7 @@ class Assembler(SteadyAssembler):
             self.partial.carry(here.part(crossed), samples)
             lost -= samples.lost_behind
         elif samples.lost_behind and not split.broken:
-            # By samples: one packet may hold a single one, the next forty.
+            # Divide the gap at the seam by samples: one packet may hold a single sample, the next forty.
             behind = share_past(self._stream.format, following, split.seam) * samples.last.samples
             lost_behind = samples.lost_behind
             self.partial.lost_before = min(lost_behind, round(lost_behind * behind / samples.skipped_behind))
@@ -281,7 +284,7 @@ class Assembler(SteadyAssembler):
         return EndedRevolution(partial, packets, samples, arrays, lost, gaps, revoked)
 
     def _scan(self, ended: EndedRevolution) -> Scan | None:
-        """Date a revolution and build its scan; None when it is not whole, or parts of two have met in it."""
+        """Date a revolution and build its scan; None if it is not whole, or parts of two have met in it."""
         ended.told = bool(self._stream.sample_ns)
         ended.sample_ns = ended.samples.sample_ns or self.incoming.time.known_ns
         ended.start_ns = first_sample_ns(ended, self._byte_ns)
@@ -295,7 +298,7 @@ class Assembler(SteadyAssembler):
         arrays, rpm = ended.arrays, ended.samples.last.reported_rpm
         arrays.angle = turned_by(arrays.angle, self._stream.zero_offset_deg)
         made = DatedRevolution(arrays, ended.start_ns, ended.spanned_ns, ended.revolution_ns, rpm, ended.gaps)
-        # A gap across the seam lies in both.
+        # A gap across the seam lies in both revolutions; each has its own part.
         lost = ended.lost + ended.partial.lost_before - self.partial.lost_before
         return self._deliver(made, ended.sample_ns, lost)
 
@@ -304,23 +307,24 @@ class Assembler(SteadyAssembler):
         partial, packets, samples, wire = ended.partial, ended.packets, ended.samples, self._stream.format
         ended.spanned_ns += ended.missing_samples(gap_behind=self.partial.carried is None) * ended.sample_ns
         ordinary_ns = self._clock.usual_ns or ended.spanned_ns
-        # What a program reads late it reads together: of an outage meanwhile only a gap in it tells where it was.
+        # A program that reads late reads much together. If an outage lies in it, only a gap shows in which
+        # revolution.
         broken = ended.is_broken(wire, ordinary_ns) or (bool(ended.lost) and self._clock.is_late)
         told = samples.lost + partial.lost_behind_carried + ended.revoked
         if self._told_seq is None and self._ended_at is not None:
             least_ns = ended.least_ns(wire, self._clock.usual_ns)
-            # Angles hide whole revolutions; so it counts when the packet behind it came.
+            # Angles hide whole revolutions, so the arrival of the packet behind it decides.
             if least_ns and self._part(*self._ended_at).received_ns - ended.start_ns < least_ns:
                 return False
         if not partial.whole and wire.first_seam is None:
-            # Where only marks tell where revolutions begin, the first part may be longer than one.
+            # Only marks tell where revolutions begin, so the first part may be longer than one revolution.
             self._clock.restart()
         else:
             before = self.stats.all_packets - packets.count - told
             beginning = ended.beginning(wire, broken=broken, number=number, packets_before=before)
             passed = self._clock.follow(beginning)
             if (passed.unseen > 0 or self._clock.is_late) and not samples.fits:
-                # Its angles show that what passed unseen passed in it.
+                # Its angles do not fit the packets: the revolutions that passed unseen passed in it.
                 broken = beginning.broken = True
             if passed.unseen < 0 and self._told_seq is None:
                 return False

@@ -1,4 +1,4 @@
-"""The arrays of one revolution and what is known of its time, made a `Scan`."""
+"""Makes a `Scan` of the arrays and the times of one revolution."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ class DatedRevolution(NamedTuple):
 
     arrays: SampleArrays  # its samples, with the zero-angle offset
     start_ns: int  # when the first of them was measured
-    spanned_ns: float  # how long they took
-    revolution_ns: float  # what a whole one takes, by the step of its angle; NaN or 0 where that is not known
+    spanned_ns: float  # how long the samples took, with those that are missing
+    revolution_ns: float  # time of a whole revolution, by the step of its angle; NaN or 0 if unknown
     reported_rpm: float  # the speed that its packets tell; NaN where they tell none
-    # Where samples are missing among its own, and how many: as `Samples.gaps`. None where that is not certain.
+    # Where samples are missing among its own, and how many, as `Samples.gaps`; None if that is not certain.
     gaps: Gaps | None = ()
 
 
@@ -44,10 +44,10 @@ def build_scan(
 
     Args:
         stream: The stream it belongs to.
-        revolution: What is known of it.
+        revolution: The revolution.
         wall_ns: When its first sample was measured, on the wall clock.
         sample_ns: Nanoseconds a sample.
-        seq: Its number.
+        seq: Number of the scan.
         lost: Packets missing in it.
     """
     arrays, start_ns, spanned_ns, revolution_ns, reported_rpm, gaps = revolution

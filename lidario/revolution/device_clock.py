@@ -1,16 +1,19 @@
-"""When packets were measured, by the clock of the device, where packets tell that.
+"""Dates packets by the clock of the device, if packets carry its stamps.
 
 Bytes come late, by what the adapter, the kernel and the program add: one packet by 1 ms, the next one by 16. The
-device's clock is even. So what it says of a packet, plus how far our clock is ahead of it, is when the packet would
-have come on a line that delays nothing. How far ahead ours is, the packets tell that came soonest: a line below
-all arrivals of the last twenty seconds, and as near to them as can be, since two clocks never run alike.
+device's clock is even. So the stamp of a packet, plus how far our clock is ahead of the device's, is when the
+packet would have come on a line without delay. The packets that came soonest show how far ours is ahead: a straight
+line is laid below all arrivals of the last twenty seconds, as near to them as possible. It is a line because two
+clocks never run equally fast.
 
-Where decoding began makes no difference: half seconds are those of the device's clock, times are whole numbers, and
-nothing older than the line is remembered. So parts of a file can be decoded apart.
+The result does not depend on where decoding began: the half seconds (`_BUCKET_NS`) are those of the device's clock,
+times are whole numbers, and nothing older than the line is remembered. So parts of a file can be decoded
+separately.
 
-Such a clock counts in milliseconds, begins anew after half a minute, and a damaged packet that passes its check
-says anything. So several packets that follow each other are asked, each by its own stamp and the samples since, and
-most must agree. Where packets are missing the stamps tell how long, whole revolutions too, which angles hide.
+Such a clock counts in milliseconds and begins anew after half a minute, and a damaged packet that passes its check
+may carry any stamp. So several packets that follow each other are compared, each by its own stamp and the samples
+since, and most must agree. If packets are missing, the stamps show for how long, also for whole revolutions, which
+angles hide.
 """
 
 from __future__ import annotations
@@ -30,26 +33,26 @@ from lidario.wire.events import EARLIEST_NS, Arrival, Packets
 from lidario.wire.formats import Ticks
 
 _ASKED: Final = 8
-"""Packets whose stamps are compared: of an LD06 20 ms, in which a wrong sample time makes no difference."""
+"""Packets whose stamps are compared: with an LD06 20 ms, in which a wrong sample time makes no difference."""
 _FEWEST: Final = 3
 _EVEN_NS: Final = 50_000_000
 _UNEVEN: Final = 0.04
-"""Time in which a rotor is even; part of a packet's time by which it may be off."""
+"""Time for which a rotor turns evenly; part of a packet's time by which stamps may be off."""
 _BUCKET_NS: Final = 500_000_000
 BUCKETS: Final = 40
-"""Over so much time the clock is followed: stretches, and how many of them."""
+"""The clock is followed over this many stretches of this length."""
 _APART_NS: Final = 1_000_000_000
-"""Least time in which a line is seen; in less, the two clocks run alike."""
+"""A slope is computed only over this time or more; in less, the two clocks run alike."""
 _STEEPEST: Final = 0.02
-"""By so much one clock is faster than another at most: one without a crystal may be off by a hundredth."""
+"""Largest difference in speed of the two clocks: one without a crystal may be off by a hundredth."""
 _EARLY_NS: Final = 100_000_000
 _LATE_NS: Final = 2_000_000_000
-"""What comes so much earlier or later than any has come is told by another clock: the device was restarted. So is
-what should have come so much earlier than the packet before it."""
+"""A packet that comes this much earlier or later than its stamp says has a stamp of another clock: the device was
+restarted. So has a packet whose stamp is this much earlier than the packet before."""
 
 Stamps: TypeAlias = NDArray[np.int64]
 _Point: TypeAlias = tuple[int, int]
-"""When by the device's clock, and how far ours was ahead then."""
+"""A time by the device's clock, and how far our clock was ahead then."""
 
 
 class StampReader:
@@ -57,20 +60,21 @@ class StampReader:
 
     Args:
         ticks: How the device's clock counts.
-        packet_ns: What a packet takes.
+        packet_ns: Time of a packet.
     """
 
     def __init__(self, ticks: Ticks, packet_ns: float) -> None:
         self._tick_ns, self._wrap = ticks.tick_ns, ticks.wrap
         self._packet_ns = packet_ns
-        # In eight packets that are whole revolutions, the rotor is not even enough, but check values are many.
+        # Eight packets that are whole revolutions take too long for an even rotor. Fewer are compared then, and one
+        # is enough: such packets have many check values.
         self._asked, self._fewest = (_ASKED, _FEWEST) if _ASKED * packet_ns < _EVEN_NS else (_FEWEST, 1)
         self._recent: list[int] = []
 
     def gaps(self, stamps: Stamps) -> list[tuple[int, float]]:
-        """Which of the next packets do not follow the one before, and how far they are apart in nanoseconds.
+        """Numbers of the next packets that do not follow the one before, and the nanoseconds between the two.
 
-        Something is missing there, or a packet is false.
+        There packets are missing, or one is false.
         """
         before = self._recent[-1] if self._recent else int(stamps[0]) - round(self._packet_ns / self._tick_ns)
         apart = np.diff(stamps, prepend=before) % self._wrap * self._tick_ns
@@ -78,7 +82,7 @@ class StampReader:
         return list(zip(odd.tolist(), apart[odd].tolist(), strict=True))
 
     def restart(self) -> None:
-        """What comes does not follow what came."""
+        """Forget the stamps so far: the next packet does not follow them."""
         self._recent = []
 
     def add(self, stamps: Stamps) -> None:
@@ -86,9 +90,9 @@ class StampReader:
         self._recent = (self._recent + stamps[-self._asked :].tolist())[-self._asked :]
 
     def measured(self, expected_ns: int) -> int | None:
-        """When the last packet was measured by that clock, as near as can be to the time expected.
+        """When the last packet was measured, by the device's clock: the time nearest to `expected_ns`.
 
-        None where too few packets follow each other to be believed, or they do not agree.
+        None if too few packets follow each other, or they do not agree.
         """
         recent, tick_ns = self._recent, self._tick_ns
         count, wrap_ns = len(recent), self._wrap * tick_ns
@@ -102,7 +106,8 @@ class StampReader:
         alike = [each for each in found if abs(each - middle_ns) <= 2 * tick_ns]
         if 2 * len(alike) <= count:
             return None
-        # Each tells from when to when, a tick long. What all of them allow is shorter.
+        # Each stamp allows an interval of one tick. The interval that all of them allow is shorter; take its
+        # middle.
         return expected_ns + round((alike[0] + alike[-1] + tick_ns) / 2)
 
 
@@ -110,8 +115,8 @@ class DeviceClock:
     """Follows the device's clock through one stream.
 
     Args:
-        stream: The stream. Times stay as they are in three cases: its packets carry no clock, the sample time is
-            not known, or the bytes were stored without times.
+        stream: The stream. Arrivals stay as they are in three cases: its packets carry no stamps, the sample time
+            is not known, or the bytes were stored without times.
     """
 
     def __init__(self, stream: Stream) -> None:
@@ -119,7 +124,7 @@ class DeviceClock:
         self._reader: StampReader | None = None
         if wire.ticks is not None and stream.sample_ns and stream.timed:
             self._reader = StampReader(wire.ticks, wire.pitch * stream.sample_ns)
-        # The earliest arrival of each half a second, and the line below them: one of its points, and its slope.
+        # The earliest arrival of each half second, and the line below them: one of its points, and its slope.
         self._earliest: deque[_Point] = deque(maxlen=BUCKETS)
         self._line: tuple[_Point, float] = ((0, 0), 0.0)
         self._ahead_ns = 0
@@ -127,11 +132,11 @@ class DeviceClock:
 
     @property
     def is_told(self) -> bool:
-        """As `Clock.is_told`."""
+        """Whether packets carry the device's clock, so that no time is late."""
         return self._reader is not None
 
     def dated(self, packets: Packets) -> Packets:
-        """The packets, with the times at which they would have come if nothing delayed them."""
+        """The packets, with the times at which they would have come without any delay."""
         reader = self._reader
         if reader is None:
             return packets
@@ -156,9 +161,9 @@ class DeviceClock:
         return Packets(packets.data, packets.blocks, tuple(arrivals), packets.skips)
 
     def _came(self, reader: StampReader, at_ns: int, *, is_last: bool = False, is_cut: bool = False) -> int | None:
-        """When the last packet of a read at `at_ns` should have come, and not before the one before.
+        """When the last packet of a read at `at_ns` should have come, but not before the packet before it.
 
-        Where the read was cut behind it, that time was reckoned, and tells nothing.
+        If the read was cut behind that packet, `at_ns` was computed, and nothing is learned from it.
         """
         measured_ns = reader.measured(at_ns - self._ahead_ns)
         if measured_ns is None:
@@ -176,7 +181,7 @@ class DeviceClock:
         return self._last_ns
 
     def _learn(self, measured_ns: int, ahead_ns: int) -> None:
-        """A packet was measured then, and came when our clock was so far ahead."""
+        """Learn from a packet: when it was measured, and how far our clock was ahead when it came."""
         earliest = self._earliest
         if not earliest or measured_ns // _BUCKET_NS > earliest[-1][0] // _BUCKET_NS:
             earliest.append((measured_ns, ahead_ns))
@@ -189,17 +194,17 @@ class DeviceClock:
 
 
 def _line_below(points: Sequence[_Point]) -> tuple[_Point, float]:
-    """A point of the line that lies below these and as near as can be, and its slope."""
+    """The line that lies below these points, as near to them as possible: one of its points, and its slope."""
     if points[-1][0] - points[0][0] < _APART_NS:
         return min(points, key=_ahead_of), 0.0
-    # Half of them lie behind it: one that came late after a pause has no say.
+    # The edge of the hull at the middle time counts: a late point after a pause has no influence on it.
     middle_ns = median_high(at_ns for at_ns, _ in points)
     before, after = next(pair for pair in pairwise(_hull(points)) if pair[1][0] >= middle_ns)
     return before, min(max(_slope(before, after), -_STEEPEST), _STEEPEST)
 
 
 def _hull(points: Iterable[_Point]) -> list[_Point]:
-    """The corners of the line that lies below all points and bends upwards only."""
+    """The lower convex hull: corners of the line that lies below all points and bends only upwards."""
     hull: list[_Point] = []
     for here in points:
         while len(hull) > 1 and _slope(hull[-2], here) <= _slope(hull[-2], hull[-1]):

@@ -1,6 +1,6 @@
-"""A revolution in the making that is divided: what of it was decoded, what was handed out, and what waits.
+"""A revolution in the making that is divided into sectors: its decoded samples, open sectors and waiting packets.
 
-Plain state and arithmetic; `lidario.revolution.sectors` leads it from packet to packet.
+Plain state and arithmetic; `lidario.revolution.sectors` drives it with each packet.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from lidario.wire.events import Packets
 from lidario.wire.formats import HEADING_MASK, Headings, StreamFormat
 
 ROUNDING: Final = 1e-9
-"""Much less than a packet, and more than what rounding makes of a whole number."""
+"""Far less than a packet, and more than the rounding error of a whole number."""
 RETREAT_PART: Final = 12
-"""Headings may tremble back by this part of 360 degrees, a twelfth, as in `Seam`."""
+"""Headings may tremble back by one twelfth of 360 degrees, as in `Seam`."""
 
 
 @cache
 def ends_of(full_turn: int, parts: tuple[int, ...]) -> tuple[tuple[int, tuple[int, ...]], ...]:
-    """Where sectors end: angles behind the seam in heading units, and the parts that end there.
+    """Where sectors end: angles behind the seam in heading units, and the sizes of the sectors that end there.
 
-    The last of them is where the revolution ends. No heading is that far behind its beginning.
+    The last end is that of the revolution, which no heading reaches.
     """
     found: dict[int, list[int]] = {}
     for count in parts:
@@ -45,64 +45,64 @@ def ends_of(full_turn: int, parts: tuple[int, ...]) -> tuple[tuple[int, tuple[in
 
 @dataclass(slots=True)
 class OpenSector:
-    """A sector in the making, of one size."""
+    """The sector in the making, of one size."""
 
-    index: int = 0  # which one
+    index: int = 0  # its number in the revolution
     begin: int = 0  # samples of the revolution before it
     lost: int = 0  # packets of the revolution that were lost before it
     first: int = 0  # number of the first of its pieces
-    last: Sector | None = None  # the sector before it, of those that came
+    last: Sector | None = None  # the last sector of this revolution that came before it
 
 
 @dataclass(slots=True, eq=False)
 class DividedRevolution:
     """The revolution in the making, as far as it was divided."""
 
-    partial: PartialRevolution  # what is known of it
+    partial: PartialRevolution  # the same revolution, undivided
     began: int  # heading at which it began
     wire: StreamFormat  # the format of its packets
-    parts: InitVar[tuple[int, ...]]  # how many sectors it is divided into, of each size
+    parts: InitVar[tuple[int, ...]]  # how many sectors a revolution is divided into, for each size
     decoder: Decoder  # decodes its pieces
-    usual_ns: float  # what a revolution takes; 0 where that is not known
+    usual_ns: float  # time of a revolution; 0 if unknown
     offset_deg: float  # zero-angle offset of all its sectors
     doubted: bool = False  # as `is_doubted`, of the revolution before, if that was broken
-    usual_samples: float = 0.0  # what it has, by the latest speed that was certain; 0 where that is not known
+    usual_samples: float = 0.0  # samples of a revolution, by the latest speed that was certain; 0 if unknown
     by_speed_ns: float = 0.0  # nanoseconds a sample, where the speed decides that; else 0
-    # Where sectors end, as `ends_of`; `at` is the next one.
+    # Where sectors end, as `ends_of`; `at` is the number of the next end.
     ends: tuple[tuple[int, tuple[int, ...]], ...] = field(init=False)
     at: int = 0
-    # The sectors in the making, by how many a revolution has.
+    # The sectors in the making, by how many of them a revolution has.
     open: dict[int, OpenSector] = field(init=False)
-    waiting: list[Packets] = field(default_factory=list)  # packets that were not decoded
-    waiting_at: int = field(init=False)  # how far behind the seam the last of them begins
-    rest: SampleArrays | None = None  # samples that were decoded and belong to no sector yet
-    decoded: list[Samples] = field(default_factory=list)  # what was decoded so far
-    # The samples before `rest`, those that were carried over first, divided where a sector ends.
+    waiting: list[Packets] = field(default_factory=list)  # packets that were not decoded yet
+    waiting_at: int = field(init=False)  # how far behind the seam the last waiting packet begins
+    rest: SampleArrays | None = None  # decoded samples that belong to no sector yet
+    decoded: list[Samples] = field(default_factory=list)  # the results of the decoder so far
+    # The samples before `rest`, from those that were carried over on, divided where sectors end.
     pieces: list[SampleArrays] = field(default_factory=list)
     passed: int = 0  # how far behind the seam the headings have come
-    last: int = 0  # how far behind the seam the last packet that was decoded begins
-    last_samples: int = field(init=False)  # its samples
-    last_arc: float = field(init=False)  # how far the rotor turned during it
-    given: int = 0  # samples in these pieces
+    last: int = 0  # how far behind the seam the last decoded packet begins
+    last_samples: int = field(init=False)  # samples of the last decoded packet
+    last_arc: float = field(init=False)  # how far the rotor turned during the last decoded packet
+    given: int = 0  # samples in `pieces`
     lost: int = field(init=False)  # packets known to be missing so far
     # Where samples are missing so far: how many came before, and how many are missing there.
     gaps: list[tuple[int, int]] = field(default_factory=list)
-    # Those that are missing behind the last packet that was decoded, and belong to no sector yet.
+    # Packets that are missing behind the last decoded packet, and belong to no sector yet.
     lost_behind: int = 0
-    skipped_behind: int = field(init=False)  # samples that are missing behind it
+    skipped_behind: int = field(init=False)  # samples that are missing behind the last decoded packet
     samples: int = 0  # samples that have come
     longest: int = 0  # bytes of the longest packet
-    most_samples: int = field(init=False)  # its samples
-    packets: int = 0  # how many packets they are
-    sample_ns: float = field(init=False)  # nanoseconds a sample, as far as that is known
-    first_ns: float = math.inf  # earliest estimate of when the first sample arrived; infinite when there is none
-    gap: bool = False  # whether a gap is known, so that the number of samples tells no time any more
-    certain: bool = True  # whether the angles of all that was decoded are, and no turn passed unseen among it
-    seq: int | None = None  # its number, once told
-    unseen: int = 0  # revolutions before it that were counted as missing when that was told
+    most_samples: int = field(init=False)  # samples of the longest packet
+    packets: int = 0  # how many packets have come
+    sample_ns: float = field(init=False)  # nanoseconds a sample, as far as known
+    first_ns: float = math.inf  # earliest estimate of when the first sample arrived; infinite before the first
+    gap: bool = False  # whether a gap is known, so that the number of samples shows no time any more
+    certain: bool = True  # whether all decoded angles are certain, and no revolution passed unseen among them
+    seq: int | None = None  # its number, once a sector told it
+    unseen: int = 0  # revolutions before it that were counted as missing when the number was told
     is_finished: bool = False  # whether it has ended, and all of it was decoded
-    crossed: int = field(init=False)  # how many samples of `rest` belong to it then; the others lie behind the seam
-    before_seam: int = field(init=False)  # how many samples of its packets do
+    crossed: int = field(init=False)  # at its end: how many samples of `rest` lie before the seam
+    before_seam: int = field(init=False)  # at its end: how many samples of its packets lie before the seam
 
     def __post_init__(self, parts: tuple[int, ...]) -> None:
         self.ends = ends_of(self.wire.full_turn, parts)
@@ -117,10 +117,10 @@ class DividedRevolution:
             self.gaps.append((self.samples, self.skipped_behind))
 
     def come(self, packets: Packets, headings: Headings) -> list[int]:
-        """Take note of when packets came: each tells when the revolution began, the least delayed one best.
+        """Note the arrivals of packets: each gives an estimate of when the revolution began, the earliest the best.
 
         Returns:
-            How far behind the seam each of them begins.
+            How far behind the seam each packet begins.
         """
         wire, blocks, (count, _) = self.wire, packets.blocks, packets.arrivals[-1]
         all_samples = wire.samples_in(blocks)
@@ -139,11 +139,11 @@ class DividedRevolution:
         return [((heading & HEADING_MASK) - self.began) % wire.full_turn for heading in plain]
 
     def decode_waiting(self, following: bytes | None, next_at: int, seam: int | None = None) -> Samples:
-        """Decode what waits, behind the samples that were left over before.
+        """Decode the waiting packets; their samples follow those in `rest`.
 
         Args:
-            following: The packet behind it, if that may be looked at.
-            next_at: How far behind the seam that one begins.
+            following: The packet behind them, if the decoder may use it.
+            next_at: How far behind the seam that packet begins.
             seam: As for `Decoder.decode`.
         """
         packets, rest = joined(self.waiting), self.rest
@@ -159,19 +159,19 @@ class DividedRevolution:
                 before = earlier + sum([skipped for _, skipped in self.gaps])
                 found = begins_of(packets, samples, before, self.sample_ns)
             else:
-                # Those before were dated as they came.
+                # The estimates by the earlier packets were made as they came.
                 found = [packets.arrivals[-1][1] - (earlier + samples.ends[-1] - 1) * self.sample_ns]
             self.first_ns = min(self.first_ns, *found)
-            # Where whole turns passed unseen, these packets belong to another revolution, as in `EndedRevolution`.
+            # If whole revolutions passed unseen, these packets belong to another one, as in `EndedRevolution`.
             turn_ns = self.usual_ns or samples.last.samples * self.sample_ns
             gap = self.gap or samples.lost > samples.lost_behind
             self.certain &= not (turn_ns and hides_a_turn(found[-1] - self.first_ns, turn_ns, gap=gap))
-            # Where half a turn more is missing than the angles passed, they fell back: a part of another revolution
-            # is among them.
+            # If half a turn more is missing than the angles passed, they fell back: a part of another revolution is
+            # among the packets.
             missing = self.skipped_behind + sum([skipped for _, skipped in samples.gaps]) - samples.skipped_behind
             turned = (next_at - self.last) / self.wire.full_turn
             self.certain &= missing <= (turned + 0.5) * samples.last.samples
-            # Of the whole revolution time tells whether the rotor turns faster, of a few packets it does not.
+            # Time shows whether the rotor turns faster for a whole revolution, but not for a few packets.
             self.certain &= not (self.doubted and may_be_faster(samples))
             self.skipped_behind = samples.skipped_behind
         else:
@@ -186,7 +186,7 @@ class DividedRevolution:
         self.last, self.last_samples = self.waiting_at, ends[-1] - (ends[-2] if len(ends) > 1 else 0)
         self.last_arc = (next_at - self.last) % self.wire.full_turn
         if not samples.certain:
-            # A lone sample tells no step. What is missing behind it, the usual step does.
+            # A lone sample shows no step. The usual step tells how many samples are missing behind it.
             skipped = round(self.last_arc * self.usual_samples / self.wire.full_turn) - self.last_samples
             if skipped > 0:
                 self.gaps.append((earlier + ends[-1], skipped))
@@ -198,10 +198,10 @@ class DividedRevolution:
         return samples
 
     def pass_end(self) -> tuple[int, ...]:
-        """The rotor has passed the end of sectors: divide the rest there, by the last packet's arc.
+        """The rotor has passed an end of sectors: divide `rest` there, by the arc of the last packet.
 
         Returns:
-            How many sectors of their size a revolution has.
+            The sizes of the sectors that end there, each as how many of them a revolution has.
         """
         (end, parts), rest = self.ends[self.at], self.rest
         self.at += 1
@@ -219,12 +219,12 @@ class DividedRevolution:
                 self.rest = rest.part(upto)
                 self.given += upto
             if upto == size:
-                # What is missing behind the last packet belongs to the sector that ends with it.
+                # The packets missing behind the last one belong to the sector that ends with it.
                 self.lost, self.lost_behind = self.lost + self.lost_behind, 0
         return parts
 
     def placed(self, done: OpenSector, start_ns: int) -> tuple[int, list[tuple[int, int]]]:
-        """When the first sample of a sector was measured, and where samples are missing among its own.
+        """When the first sample of a sector was measured, and where samples are missing in the sector.
 
         Args:
             done: The sector, whose end the rotor has passed.
@@ -240,7 +240,7 @@ class DividedRevolution:
         if (last := done.last) is not None:
             less = round((last.stamp_ns + last.duration_ns - stamp_ns) / self.sample_ns)
             if gaps and less >= self.most_samples:
-                # What came behind the gap was sooner than that allows, by a packet or more: less is missing.
+                # It would begin before the sector before it ended, by a packet or more: less is missing in the gap.
                 at, skipped = gaps[0]
                 less = min(skipped, less)
                 gaps[0], stamp_ns = (at, skipped - less), stamp_ns + round(less * self.sample_ns)
@@ -253,7 +253,7 @@ class DividedRevolution:
         Args:
             following: The packet behind it.
             seam: As for `Decoder.decode`.
-            broken: Whether the stream began anew with that one.
+            broken: Whether the stream began anew with that packet.
         """
         wire, left = self.wire, 0 if self.rest is None else len(self.rest)
         first = Packets(following, (Block(len(following), 1),), ((1, 0),))
@@ -264,12 +264,12 @@ class DividedRevolution:
         self.before_seam = sum([each.ends[-1] for each in self.decoded]) - piece.ends[-1] + inside
 
     def all_samples(self) -> SampleArrays:
-        """All that was decoded, also what lies behind the seam in the last packet."""
+        """All decoded samples, also those of the last packet that lie behind the seam."""
         assert self.rest is not None
         return join_pieces([*self.pieces, self.rest]) if self.pieces else self.rest
 
     def whole(self) -> Samples | None:
-        """As `Decoder.decode`, of the revolution, which has ended; None where its pieces do not tell all of it."""
+        """The ended revolution, as `Decoder.decode` gives it; None if its pieces do not tell all of it."""
         if not self.certain or self.unseen or not all(piece.is_steady for piece in self.decoded):
             return None
         found, arrays = list[int](), self.all_samples()
@@ -282,7 +282,7 @@ class DividedRevolution:
             if not math.isnan(rpm):
                 told, told_rpm = told + count, told_rpm + count * rpm
         if not FALSE_PART <= sample_turns <= UNEVEN:
-            # A rotor that stood tells of no step, and behind a false seam lies no whole revolution.
+            # A rotor that stood shows no step, and a false seam ends no whole revolution.
             return None
         of_all = DecodedRevolution(
             self.before_seam, len(found) / turns, found[-1] / sample_turns, told_rpm / told if told else math.nan
@@ -292,7 +292,7 @@ class DividedRevolution:
         )
 
     def leave_rest(self) -> None:
-        """Leave to the next revolution what lies behind the seam in the last packet, and what is missing there."""
+        """Leave the samples behind the seam in the last packet, and the gap behind it, to the next revolution."""
         assert self.rest is not None
         over = len(self.rest) - self.crossed
         if over:
@@ -303,20 +303,26 @@ class DividedRevolution:
 
 
 def may_be_faster(samples: Samples, begin: int = 0) -> bool:
-    """Whether all packets behind so many samples are as many arcs apart, or one of a rotor that turns faster."""
+    """Whether the gaps between all packets behind the first `begin` samples are equal.
+
+    Then the packets may also be consecutive ones of a rotor that turns faster.
+    """
     gaps = dict(samples.gaps)
     apart = {gaps.get(end, 0) for end in samples.ends if end > begin}
     return len(apart) == 1 and 0 not in apart
 
 
 def is_doubted(samples: Samples) -> bool:
-    """The same behind the longest gap, where a turn may have passed unseen; or nothing came behind it."""
+    """As `may_be_faster` for the packets behind the longest gap, where a revolution may have passed unseen.
+
+    Also True if no packet came behind that gap.
+    """
     begin, _ = max(samples.gaps, key=itemgetter(1), default=(0, 0))
     return 0 < begin == samples.ends[-1] or may_be_faster(samples, begin)
 
 
 def join_pieces(pieces: Sequence[SampleArrays]) -> SampleArrays:
-    """Samples that follow each other, in arrays of their own."""
+    """Join samples that follow each other; the arrays are new."""
     intensities = [piece.intensity for piece in pieces if piece.intensity is not None]
     return SampleArrays(
         np.concatenate([piece.angle for piece in pieces]),

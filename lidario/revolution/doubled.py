@@ -1,13 +1,13 @@
-"""Packets that a line delivers twice, or a few times: only the first one stays.
+"""Drops packets that a line delivers twice, or a few times: only the first one stays.
 
-A packet states where it begins, and the rotor has turned when the next one begins. So a packet with the heading and
-the check value of the one before it, and all its other bytes, is that packet once more, unless so much time lies
-between them that the rotor may have turned once. If it stayed, the angle would seem to go back, and a start packet
-would begin a second revolution. Where very many are alike, the rotor stands still: these stay, as they tell that
+A packet states where it begins, and the rotor has turned when the next one begins. So a packet that equals the one
+before it in all bytes, with heading and check value, is that packet once more, unless so much time lies between
+them that the rotor may have turned once. If it stayed, the angle would seem to go back, and a start packet would
+begin a second revolution. If very many packets are equal, the rotor stands still. These stay, since they show that
 nothing is missing meanwhile.
 
 A packet of one sample without a check value (`StreamFormat.samples` is 1, and all have one size) is never dropped:
-of a slow rotor, two samples may be alike.
+two samples of a slow rotor may be equal.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from lidario.wire.events import Arrival, Packets
 from lidario.wire.formats import Headings, StreamFormat
 
 FASTEST_TURN_NS: Final = 25_000_000
-"""No rotor takes less: two packets that are alike and farther apart are of two revolutions."""
+"""No rotor takes less for a revolution: two equal packets that are farther apart belong to two revolutions."""
 MOST_ALIKE: Final = 4
-"""So often at most does a line deliver a packet; where more are alike, the rotor stands still."""
+"""A line delivers a packet at most this often; if more are equal, the rotor stands still."""
 
 
 class DoubledPackets:
@@ -37,7 +37,7 @@ class DoubledPackets:
     Args:
         wire: The format.
         sample_ns: Nanoseconds a sample; 0 where the device does not say.
-        stats: Where they are counted.
+        stats: Counts the packets that came twice.
     """
 
     def __init__(self, wire: StreamFormat, sample_ns: float, stats: AssemblerStats) -> None:
@@ -51,7 +51,7 @@ class DoubledPackets:
         self._sample_ns = sample_ns
 
     def drop(self, packets: Packets, headings: Headings) -> tuple[Packets, Headings]:
-        """The next packets without those that came twice, perhaps none, and their headings."""
+        """The next packets without those that came twice, and their headings; perhaps none are left."""
         found = self._find(packets, headings) if self._can_tell else ()
         if not found:
             return packets, headings
@@ -60,13 +60,13 @@ class DoubledPackets:
         return left, self._wire.headings(left) if left.data else ()
 
     def _find(self, packets: Packets, headings: Headings) -> list[int]:
-        """Which of the next packets are the packet before once more; mostly none."""
+        """Numbers of the next packets that are the packet before once more; mostly none."""
         if isinstance(headings, np.ndarray):
             same = ((headings[1:] == headings[:-1]).nonzero()[0] + 1).tolist()
         else:
             same = [at for at, (before, here) in enumerate(pairwise(headings), 1) if before == here]
         last = b"" if self.before is None else self.before.data[-self.before.blocks[-1].size :]
-        # Where something came between them, in a file nothing else tells how far they are apart.
+        # Packets with skipped bytes between them may be far apart; in a file, nothing else shows it.
         if last and packets.data[: packets.blocks[0].size] == last and packets.skipped <= len(last):
             same = [0, *same]
         found = self._among(packets, same) if same else []
@@ -76,7 +76,7 @@ class DoubledPackets:
         return found
 
     def _among(self, packets: Packets, same: Sequence[int]) -> list[int]:
-        """Which of those with the heading of the packet before are that packet once more."""
+        """Numbers of those that are the packet before once more, among the numbers with `same` headings."""
         data, offsets = packets.data, packet_offsets(packets.blocks)
         found, previous = list[int](), -1
         for at in same:
@@ -90,7 +90,7 @@ class DoubledPackets:
         return found
 
     def _apart_ns(self, packets: Packets, number: int, offsets: Sequence[int]) -> int:
-        """How long behind the one before a packet came."""
+        """How long after the packet before it a packet came."""
         came_ns = part_of(packets, number, number + 1, offsets, self._wire, self._sample_ns).received_ns
         if not number:
             assert self.before is not None
@@ -99,7 +99,7 @@ class DoubledPackets:
 
 
 def without(packets: Packets, dropped: Sequence[int], *, as_noise: bool = False) -> Packets:
-    """The same without some packets, of which the numbers ascend; `as_noise`: their bytes are skipped."""
+    """The same packets without those `dropped` (ascending numbers); `as_noise` counts their bytes as skipped."""
     offsets, gone = packet_offsets(packets.blocks), set(dropped)
     kept = [at for at in range(packets.count) if at not in gone]
     blocks: list[Block] = []

@@ -1,16 +1,17 @@
-"""Noise that passes for a packet: it is dropped, because the rotor was not where it says.
+"""Drops noise that passes for a packet: its angle shows where the rotor was not.
 
-A check value of eight bits lets one of 256 damaged packets pass, or even one of eight of two flipped bits, and its
-angle is anything. Taken for true, its samples stand where nothing was measured, or the angle leaps there and, with
-the packet behind it, back, which looks like a gap of almost a turn, or like the end of a revolution.
+An 8-bit check value lets one of 256 damaged packets pass, and even one of eight of those with two flipped bits. The
+angle of such a packet may be anything. If it were believed, its samples would stand where nothing was measured. Or
+the angle would leap there, and leap back with the next packet, which looks like a gap of almost a turn or like the
+end of a revolution.
 
-The packets beside it tell. A rotor turns on from packet to packet by at least an arc, and what was skipped as noise
-between them took its time on the line, too: an arc for as many bytes as a packet has. Packets that are gone only
-add to that. So of three packets, the one in the middle is false if there is room for both before the third, and it
-does not lie there; unless the third follows it, for a device may write text between and within its packets, and
-then more was skipped than the rotor turned. Until the third has come, the second waits: only where it is not as far
-ahead as its bytes tell, so in an undisturbed stream nothing does. Where so much is gone that two gaps may well make
-a whole turn together, nothing is judged.
+The packets beside it show it. From packet to packet the rotor turns by at least an arc. Bytes skipped as noise
+between them took time on the line, too: an arc for as many bytes as a packet has. Lost packets only add to that. So
+of three packets, the one in the middle is false if its angle does not lie between the other two although both steps
+have room there. It is not false if the third follows it: a device may write text between and within its packets,
+and then more bytes were skipped than the rotor turned. A packet waits for the third only if it is farther ahead
+than its bytes explain, so in an undisturbed stream none waits. If so many packets are lost that two gaps may make a
+whole turn together, nothing is judged.
 """
 
 from __future__ import annotations
@@ -32,22 +33,22 @@ from lidario.wire.events import Packets
 from lidario.wire.formats import HEADING_MASK, Headings
 
 MEASURED: Final = 16
-"""The latest advances, which tell how far the rotor turns from one packet to the next."""
+"""How many of the latest advances are used to find how far the rotor turns from one packet to the next."""
 FARTHEST_TURNS: Final = 1 / 4
-"""Part of a turn which the farthest of them may be: beyond, two gaps may make a whole turn together."""
+"""Largest advance that is judged, in turns: with larger ones, two gaps may make a whole turn together."""
 RETREAT_TURNS: Final = 1 / 36
-"""Part of a turn by which a heading may tremble back."""
+"""How far a heading may tremble back, in turns."""
 
 
 class FalsePackets:
     """Finds the false packets of one stream.
 
-    Formats with packets of several sizes are left alone: their check values have sixteen bits. So are packets of
-    one sample, where the angle alone tells nothing.
+    Formats with packets of several sizes are not judged: their check values have sixteen bits. Nor are packets of
+    one sample, whose angle alone shows nothing.
 
     Args:
         stream: The stream.
-        stats: Where they are counted.
+        stats: Counts the false packets, and those that wait.
     """
 
     def __init__(self, stream: Stream, stats: AssemblerStats) -> None:
@@ -58,12 +59,12 @@ class FalsePackets:
         self._farthest = wire.full_turn * FARTHEST_TURNS
         self._forwards = wire.full_turn * (1 - RETREAT_TURNS)
         self._last = -1
-        # How far the rotor turned from each of the latest to the next one, for as many bytes as a packet has: at
-        # least, and on average; neither is known while that is 0.
+        # How far the rotor turned from each of the latest packets to the next, for as many bytes as a packet has;
+        # the least of these advances, and their mean. Neither is known while the mean is 0.
         self._advances: list[float] = []
         self._arc = self._mean = 0.0
-        # What of it may be the speed that changes: a part of the fastest turning, as the slower a rotor turns, the
-        # more any change is for it. Angles are rounded.
+        # How much an advance may differ because the speed changes: a part of the largest arc so far, since a change
+        # weighs more for a slow rotor. At least 1, for angles are rounded.
         self._slack = 1.0
         self._waiting: Packets | None = None
 
@@ -72,9 +73,10 @@ class FalsePackets:
         self._sample_ns = sample_ns
 
     def passing(self, headings: Headings, skips: Sequence[tuple[int, int]] = ()) -> list[int] | None:
-        """Which of them have passed 0 since the one before, where each is a little ahead of that: all are true.
+        """Numbers of the packets that passed 0 since the one before, if each is a little ahead of the one before.
 
-        So it is also while the speed changes. None where it is not so, or not known, or bytes were skipped.
+        Then all packets are true; this also holds while the speed changes. None if it does not hold, is not known,
+        or bytes were skipped.
         """
         if not self._mean or skips or self._waiting is not None:
             return None
@@ -91,7 +93,7 @@ class FalsePackets:
                 return None
             passing, advances, last = back.tolist(), steps[-MEASURED:].tolist(), int(plain[-1])
         else:
-            # Some dozen packets, once a revolution: built-in functions take a tenth of what a loop takes.
+            # Some dozen packets, once a revolution: built-in functions take a tenth of the time of a loop.
             few = headings if max(headings) <= HEADING_MASK else [heading & HEADING_MASK for heading in headings]
             advances, passing = list(map(sub, few, (last, *few[:-1]))), []
             while (least_here := min(advances)) < 0:
@@ -108,14 +110,14 @@ class FalsePackets:
         return passing
 
     def drop(self, packets: Packets, headings: Headings) -> tuple[Packets, Headings]:
-        """The next packets, perhaps none, and their headings; without those that are false or wait."""
+        """The next packets and their headings, without those that are false or wait; perhaps none."""
         judged = self._can_tell and self.passing(headings, packets.skips) is None
         if not judged or self._begins(packets, headings) or self._goes_on(packets, headings):
             return packets, headings
         run = packets if (waiting := self.left()) is None else joined([waiting, packets])
         false, waits = self._judge([int(each) & HEADING_MASK for each in self._wire.headings(run)], run.skips)
         self._stats.false_packets += len(false)
-        # The time that they took has passed all the same.
+        # As noise: the time that they took has passed all the same.
         run = without(run, false, as_noise=True) if false else run
         if waits:
             last = run.count - 1
@@ -125,15 +127,16 @@ class FalsePackets:
         return run, self._wire.headings(run) if run.data else ()
 
     def left(self) -> Packets | None:
-        """The packet that waits, which does so no longer; None where none does."""
+        """Release the packet that waits; returns it, or None if there is none."""
         waiting, self._waiting = self._waiting, None
         self._stats.waiting_packets -= waiting is not None
         return waiting
 
     def _begins(self, packets: Packets, headings: Headings) -> bool:
-        """Whether a stream begins with so many packets that the first ones measure all that follow.
+        """Whether the first packets of a stream give the arc, and all others among these packets fit it.
 
-        Measured: to judge each of the first 64 KiB makes decoding of a short file take up to 1.4 times as long.
+        Measured: judging each packet of the first 64 KiB makes decoding of a short file take up to 1.4 times as
+            long.
         """
         first, others = headings[: MEASURED + 1], headings[MEASURED + 1 :]
         if self._mean or not len(others) or packets.skips:
@@ -147,7 +150,7 @@ class FalsePackets:
         return False
 
     def _goes_on(self, packets: Packets, headings: Headings) -> bool:
-        """Whether only the first packet stands behind skipped bytes, where they tell, and all others follow it."""
+        """Whether bytes were skipped at most before the first packet, which fits them, and all others follow it."""
         if not self._mean or self._waiting is not None or len(packets.skips) != bool(packets.skipped):
             return False
         before = self._last, self._advances.copy(), self._arc, self._mean
@@ -160,8 +163,8 @@ class FalsePackets:
         return False
 
     def _accept(self, heading: int, behind: float) -> None:
-        """It is true, and so many packets by its bytes behind the one before."""
-        # Of more packets, each of which may be as far, a whole turn may hide in it.
+        """Take a packet as true; by the bytes it is `behind` packets after the one before."""
+        # With more packets between, each as far as may be, the advance may hide a whole turn.
         if self._last >= 0 and behind * self._farthest <= self._full_turn:
             advance = (heading - self._last) % self._full_turn
             if advance < self._forwards:
@@ -170,7 +173,7 @@ class FalsePackets:
         self._last = heading
 
     def _measure(self) -> None:
-        """Where enough have come, find how far the rotor turns."""
+        """Find how far the rotor turns, if enough packets have come."""
         latest = self._advances = self._advances[-MEASURED:]
         self._mean = 0.0
         if len(latest) == MEASURED and max(latest) <= self._farthest:
@@ -178,9 +181,9 @@ class FalsePackets:
             self._slack = max(self._slack, LIKENESS * self._arc + 1)
 
     def _judge(self, headings: Sequence[int], skips: Sequence[tuple[int, int]]) -> tuple[list[int], bool]:
-        """Which of them are false, and whether the last one has to wait; the skips are those of `Packets`."""
+        """Numbers of the false packets, and whether the last one has to wait; the skips are those of `Packets`."""
         false = list[int]()
-        # As many packets as the bytes make from the last true one to this one, and to the one behind it.
+        # `behind`: how many packets the bytes would make since the last true packet; `third`, up to the next one.
         noise, behind, packet = dict(skips), 0.0, self._wire.shortest
         for at, heading in enumerate(headings):
             behind += 1 + noise.get(at, 0) / packet
@@ -190,8 +193,8 @@ class FalsePackets:
                     return false, True
                 between = 1 + noise.get(at + 1, 0) / packet
                 third = behind + between
-                # Without it, at most half as much is missing, or it falls back behind where it should be; and the
-                # one behind it does not follow it.
+                # Without this packet, less than half as much seems missing, or it lies behind where it should be;
+                # and the next one does not follow it.
                 missing = self._beyond(headings[at + 1], third, self._last)
                 is_alone = self._is_odd(self._beyond(headings[at + 1], between, heading), between)
                 is_alone = is_alone and 2 * missing < min(beyond, self._full_turn - beyond)
@@ -203,11 +206,11 @@ class FalsePackets:
         return false, False
 
     def _is_odd(self, beyond: float, behind: float) -> bool:
-        """Whether one that is so far beyond so many arcs may be false."""
+        """Whether a packet that is so far `beyond` as many arcs as packets `behind` may be false."""
         return self._mean > 0 and beyond > behind * (self._mean - self._arc) + self._slack
 
     def _beyond(self, heading: int, behind: float, last: int) -> float:
-        """How much farther than so many arcs the rotor turned since another packet; hardly below 0."""
+        """How much farther than `behind` arcs the rotor turned since the heading `last`; hardly below 0."""
         return (heading - last - behind * self._arc + self._slack) % self._full_turn - self._slack
 
     def _part(self, packets: Packets, begin: int, end: int) -> Packets:

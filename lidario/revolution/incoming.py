@@ -1,4 +1,4 @@
-"""What comes, before revolutions are made of it: each packet once, at its time; and how long a sample takes."""
+"""Checks and dates the packets that come: each packet once, at its time. Also finds how long a sample takes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Clock(Protocol):
 
     @property
     def is_told(self) -> bool:
-        """Whether packets carry the device's clock, so that no time is late, as that of a read may be."""
+        """Whether packets carry the device's clock, so that no time is late. The time of a read may be late."""
         ...
 
     def dated(self, packets: Packets) -> Packets:
@@ -33,27 +33,27 @@ class Incoming:
 
     Args:
         stream: The stream.
-        stats: Where packets are counted that came twice, and false ones.
-        clock: What dates the packets; by default the device's clock, where they carry one.
+        stats: Counts the packets that came twice, that are false, or that wait.
+        clock: Dates the packets; by default the device's clock, if packets carry it.
     """
 
     def __init__(self, stream: Stream, stats: AssemblerStats, clock: Clock | None = None) -> None:
         # How long a sample takes.
         self.time: SampleTime = SampleTime(stream.sample_ns, stream.may_take_ns, timed=stream.timed)
-        self.passing: list[int] | None = None  # as `FalsePackets.passing`, of the latest packets
+        self.passing: list[int] | None = None  # result of `FalsePackets.passing` for the latest packets
         self._format = stream.format
         self._doubled = DoubledPackets(stream.format, stream.sample_ns, stats)
         self._false = FalsePackets(stream, stats)
         self.is_live: bool = clock is None and stream.timed  # whether time goes on while packets are missing
         self._is_timed = stream.timed
         self._clock: Clock = clock or DeviceClock(stream)
-        # Neither times that are told nor those that were made from samples are late.
+        # Times of the device's clock are never late, nor are times made from samples.
         self._pauses = Pauses(stream, stats) if self.is_live and not self.is_exact else None
 
     def take(self, event: Packets, turn_ns: float = 0.0) -> tuple[Packets, Headings] | None:
-        """The next packets and their headings: none false, none twice, and dated. None where none is left.
+        """The next packets, dated, and their headings, without false and doubled ones. None if none is left.
 
-        `turn_ns` is what a revolution takes, or 0: what comes late by as much may wait.
+        `turn_ns` is the time of a revolution, or 0 if unknown: packets that are late by about as much may wait.
         """
         if self._pauses is not None:
             come = self._pauses.take(event, self.time.known_ns, turn_ns)
@@ -66,7 +66,7 @@ class Incoming:
         headings = self._format.headings(event)
         self.passing = self._false.passing(headings, event.skips)
         if self.passing is not None:
-            # None came twice either.
+            # Each packet is ahead of the one before, so none came twice.
             self._doubled.before, self._doubled.alike = event, 1
             return self._clock.dated(event), headings
         event, headings = self._doubled.drop(event, headings)
@@ -74,25 +74,25 @@ class Incoming:
         return (self._clock.dated(event), headings) if event.data else None
 
     def late(self) -> tuple[Packets, Headings] | None:
-        """As `take`, the packets that wait, where the stream has ended: nothing shows that the line was late."""
+        """The stream has ended: release the packets that wait, as `take`. Nothing showed that the line was late."""
         waited = None if self._pauses is None else self._pauses.left()
         return None if waited is None else self._true(waited)
 
     def odd(self) -> Packets | None:
-        """The packet that waits, since it may be false, where the stream has ended: it is taken for true."""
+        """The stream has ended: release the packet that may be false. It is taken as true."""
         return self._false.left()
 
     def read_at(self, event: Packets, number: int) -> int:
-        """When the read came that completed packet `number`; 0 where times were made from the samples."""
+        """Arrival of the read that completed packet `number`; 0 if times were made from the samples."""
         return event.read_at(number) if self._is_timed else 0
 
     @property
     def is_exact(self) -> bool:
-        """Whether no time is late: the device tells it."""
+        """Whether the device's clock gives the times, so that none is late."""
         return self._clock.is_told
 
     def measure(self, samples: Samples, packets: Packets) -> None:
-        """These packets were decoded to those samples."""
+        """Use the samples that `packets` were decoded to for the time of a sample."""
         if samples.certain and not samples.sample_ns:
             measured = samples.ends[-1] + sum([skipped for _, skipped in samples.gaps])
             self.time.add(measured, packets.arrivals[-1][1])
@@ -101,7 +101,7 @@ class Incoming:
             self.time.restart()
 
     def use_time_of(self, stream: Stream) -> None:
-        """A sample takes as long as this stream says from now on."""
+        """From now on use the sample time of `stream`."""
         self._doubled.tell_time(stream.sample_ns)
         self._false.tell_time(stream.sample_ns)
         if self.is_live:

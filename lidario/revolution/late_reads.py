@@ -1,9 +1,9 @@
-"""Reads that hold several revolutions, as behind a blocked event loop: when each of these ended.
+"""Dates the revolutions that end in one read: after a blocked event loop, a read holds several.
 
-Only the end of a read tells a time. What stands before it in the same read was measured earlier, by all that was
-measured since: by what came, and by what is missing among it, which has taken its time, too. If that were left out,
-a revolution in a read of a second would seem to have ended late by a tenth of what was lost, and a turn to have
-passed unseen.
+Only the end of a read has a time. A packet before it in the same read was measured earlier, by the time of all that
+was measured since: of the packets that came, and of those that are missing among them. If the missing ones were
+left out, a revolution in a read of a second would seem to end too late by a tenth of what was lost, as if a
+revolution had passed unseen.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ def dated_within(
     wire: StreamFormat,
     sample_ns: float,
 ) -> Packets:
-    """The same packets, dated also where revolutions end in a read that holds several of these ends.
+    """The same packets, with an arrival also at each end of a revolution, in reads that hold several of these ends.
 
     Args:
         packets: The packets.
         offsets: Where each of them begins (`packet_offsets`).
-        ends: How many of them come before the end of each revolution; ascending.
+        ends: How many packets come before the end of each revolution; ascending.
         partial: The revolution in the making, which the decoder has not seen yet.
         decoder: The decoder of the stream.
-        wire: Their format.
-        sample_ns: Nanoseconds a sample; 0 where that is not known, and then all has the time of its read.
+        wire: The format of the packets.
+        sample_ns: Nanoseconds a sample; 0 if unknown, and then every packet has the time of its read.
     """
     found, begin, last_ns = list[Arrival](), 0, partial.last_ns
-    # The rotor may have stopped since the decoder has seen it.
+    # The packets since the decoder's last revolution are decoded first: the rotor may have stopped meanwhile.
     follower, unseen = decoder.fork(), partial.runs.copy()
     for complete, at_ns in packets.arrivals:
         inside = ends[bisect_right(ends, begin) : bisect_left(ends, complete)]
@@ -54,7 +54,7 @@ def dated_within(
             unseen = []
             if samples.certain and samples.gaps:
                 behind = _measured_behind(samples, [place - begin for place in inside])
-                # None of them was there at the read before.
+                # None of them had come with the read before, at `last_ns`.
                 found += [
                     (place, max(last_ns, at_ns - round(count * sample_ns)))
                     for place, count in zip(inside, behind, strict=True)
@@ -67,18 +67,18 @@ def dated_within(
 
 
 def _is_whole(packets: Packets, decoder: Decoder, wire: StreamFormat, sample_ns: float) -> bool:
-    """Whether nothing is missing among packets. Mostly it is so, and the long way of decoding takes longer."""
+    """Whether nothing is missing among packets. This is the usual case, and quicker to check than a full decode."""
     last, offsets = packets.count - 1, packet_offsets(packets.blocks)
     before = part_of(packets, 0, last, offsets, wire, sample_ns)
     return decoder.fork().decode_several(before, packets.data[offsets[last] :], [last], 0, None) is not None
 
 
 def _measured_behind(samples: Samples, places: Sequence[int]) -> list[int]:
-    """How many samples were measured from each place to the end, those that are missing too.
+    """How many samples, with the missing ones, were measured from each place to the end of a read.
 
     Args:
-        samples: What a read was decoded to.
-        places: How many of its packets come before each.
+        samples: The decoded packets of the read.
+        places: The places, each as the number of packets before it.
     """
     before = [at for at, _ in samples.gaps]
     passed = list(accumulate([skipped for _, skipped in samples.gaps], initial=0))

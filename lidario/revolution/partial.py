@@ -1,7 +1,7 @@
 """The revolution in the making: everything that is known of it before it ends.
 
-It has two parts: samples that the packet at the seam brought, since that packet was decoded with the revolution
-before, and the packets that came after it, which stay bytes until the revolution ends.
+It has two parts. The first are samples of the packet at the seam, which was decoded with the revolution before. The
+second are the packets after it, which stay bytes until the revolution ends.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from lidario.revolution.divided import DividedRevolution
 
 MOST_IN_A_PART: Final = 2048
-"""Packets of a part: several revolutions of most formats, which are decoded as one block."""
+"""Most packets taken at a time: several revolutions of most formats, which are decoded as one block."""
 
 
 @dataclass(slots=True, eq=False)
@@ -38,12 +38,12 @@ class SampleArrays:
         return len(self.angle)
 
     def part(self, begin: int, end: int | None = None) -> SampleArrays:
-        """Some of them; nothing is copied."""
+        """The samples from number `begin` to before number `end`; nothing is copied."""
         intensity = None if self.intensity is None else self.intensity[begin:end]
         return SampleArrays(self.angle[begin:end], self.distance[begin:end], intensity)
 
     def begin_with(self, earlier: SampleArrays) -> None:
-        """Fill the front, which was left free, with `earlier`."""
+        """Fill the front of the arrays, which was left free, with `earlier`."""
         room = len(earlier.angle)
         self.angle[:room] = earlier.angle
         self.distance[:room] = earlier.distance
@@ -56,35 +56,35 @@ class PartialRevolution:
     """The revolution in the making."""
 
     whole: bool  # whether it began at the seam, so that it can become a scan
-    moved: bool = False  # whether it began at a mark that stood elsewhere than the one before
-    seam: int | None = None  # heading at which it should have begun; None where no split began it
+    moved: bool = False  # whether it began at a mark that stood elsewhere than the mark before
+    seam: int | None = None  # heading at which it should have begun; None if no split began it
     behind_gap: bool = True  # whether packets may be missing right before its first one
-    # Of the packets that are missing right before its first one, those that are its own: they are counted with the
-    # revolution before.
+    # Packets missing right before its first one that are its own, though they are counted with the revolution
+    # before.
     lost_before: int = 0
     carried: SampleArrays | None = None  # samples from the packet that crossed the seam at its beginning, if any
-    carried_ns: int = 0  # arrival of the last packet before it; 0 when there was none
-    lost_behind_carried: int = 0  # packets missing right behind that packet
-    skipped_behind_carried: int = 0  # the samples of those
-    # Packets that a whole revolution has, as far as was known when that packet was decoded; 0 where that was
+    carried_ns: int = 0  # arrival of the last packet before it; 0 if there was none
+    lost_behind_carried: int = 0  # packets missing right behind the packet that crossed the seam
+    skipped_behind_carried: int = 0  # samples of these missing packets
+    # Packets of a whole revolution, as far as known when the packet at the seam was decoded; 0 if its angles were
     # certain.
     carried_packets: float = 0.0
-    begun_ns: int = 0  # when the read was completed that brought its beginning; 0 when that is not known
-    ended_ns: int = 0  # the same of its end
-    runs: list[Packets] = field(default_factory=list)  # the packets since, as they were reported
-    size: int = 0  # their bytes
-    divided: DividedRevolution | None = None  # what of it was divided into sectors, where somebody reads these
+    begun_ns: int = 0  # arrival of the read with its beginning; 0 if unknown
+    ended_ns: int = 0  # arrival of the read with its end; 0 if unknown
+    runs: list[Packets] = field(default_factory=list)  # its packets, as they were reported
+    size: int = 0  # bytes of these packets
+    divided: DividedRevolution | None = None  # its sectors and decoded pieces, if somebody reads sectors
 
     def packets(self) -> Packets | None:
-        """All its packets, as if they had been reported together; None when it has none."""
+        """All its packets as one run; None if it has none."""
         return joined(self.runs) if self.runs else None
 
     def carry(self, arrays: SampleArrays, samples: Samples) -> None:
-        """Begin with what lies behind the seam in the last packet of the revolution before.
+        """Begin with the samples that lie behind the seam in the last packet of the revolution before.
 
         Args:
             arrays: These samples.
-            samples: What the revolution before was decoded to.
+            samples: The decoded packets of the revolution before.
         """
         self.carried = arrays
         self.lost_behind_carried = samples.lost_behind
@@ -92,16 +92,16 @@ class PartialRevolution:
         self.carried_packets = 0.0 if samples.certain else samples.last.packets
 
     def gaps(self, samples: Samples, room: int, crossed: int, *, revoked: bool) -> list[tuple[int, int]] | None:
-        """Where samples are missing in it: how many of its own come before, and how many are missing there.
+        """Where samples are missing in it: pairs, how many of its own come before, and how many are missing.
 
         Args:
-            samples: What its packets were decoded to.
+            samples: Its packets, decoded.
             room: How many samples were carried over.
-            crossed: How many samples belong to it, with those.
-            revoked: Whether those that were carried over are dropped.
+            crossed: How many samples belong to it, with those that were carried over.
+            revoked: Whether the samples that were carried over are dropped.
 
         Returns:
-            None where that is not certain.
+            The pairs; None if they are not certain.
         """
         if not samples.certain:
             return None
@@ -112,7 +112,7 @@ class PartialRevolution:
         return [(at - first, skipped) for at, skipped in gaps if first < at < crossed]
 
     def reads_ns(self, packets: Packets) -> Sequence[int]:
-        """As `Beginning.reads_ns`, of its packets."""
+        """Arrivals of its reads, as in `Beginning.reads_ns`."""
         if not self.begun_ns:
             return ()
         return self.carried_ns, self.begun_ns, *[at_ns for _, at_ns in packets.arrivals], self.ended_ns
@@ -126,14 +126,14 @@ class PartialRevolution:
 def part_of(
     packets: Packets, begin: int, end: int, offsets: Sequence[int] | None, wire: StreamFormat, sample_ns: float
 ) -> Packets:
-    """The packets from number `begin` to before number `end`, dated.
+    """The packets from number `begin` to before number `end`, with their arrivals.
 
     Args:
-        packets: What was reported together.
-        begin: The first of them.
-        end: The one behind the last.
-        offsets: Where each begins, if that is known already (`packet_offsets`).
-        wire: Their format.
+        packets: A run of packets.
+        begin: Number of the first packet.
+        end: Number of the packet behind the last one.
+        offsets: Where each packet begins, if that is known already (`packet_offsets`).
+        wire: The format of the packets.
         sample_ns: Nanoseconds a sample; 0 where the device does not say.
     """
     offsets = offsets or packet_offsets(packets.blocks)
@@ -146,7 +146,7 @@ def part_of(
         if complete > begin:
             arrivals.append((complete - begin, at_ns))
     if complete > end:
-        # What stands behind them was measured after them and was there already: they were late by that much.
+        # The same read brought packets that were measured after these: so these were late by the time of those.
         at_ns -= round(wire.samples_in(some_blocks(packets.blocks, end, complete)) * sample_ns)
     arrivals.append((end - begin, at_ns))
     skips = packets.skips and tuple([(at - begin, size) for at, size in packets.skips if begin <= at < end])
@@ -154,7 +154,7 @@ def part_of(
 
 
 def parts_of(packets: Packets, wire: StreamFormat, sample_ns: float) -> Iterator[Packets]:
-    """The same packets, few enough at a time that to find where revolutions end in them takes a bounded time."""
+    """The same packets in parts, so that finding where revolutions end in a part takes a bounded time."""
     offsets = packet_offsets(packets.blocks)
     for begin in range(0, packets.count, MOST_IN_A_PART):
         end = min(begin + MOST_IN_A_PART, packets.count)

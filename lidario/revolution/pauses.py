@@ -1,15 +1,15 @@
-"""A line that pauses and catches up, or an outage: where packets stay away for about a turn, the next reads tell.
+"""Tells a late line from an outage: after a silence of about a revolution, the next reads show which it is.
 
-A network may bring nothing for a tenth of a second, and then all of it in pieces, perhaps with more pauses between.
-By the first piece alone this looks like an outage in which the rotor has turned once, of which the angles tell
-nothing: a revolution that lacks nothing would be taken for parts of two. But bytes come late, and never early. If
-those behind the first piece come faster than they were measured, the line was late. Behind an outage they come at
-the pace of the device.
+A network may deliver nothing for a tenth of a second, and then everything in pieces, perhaps with more pauses
+between. Judged by the first piece alone, this looks like an outage in which the rotor turned once, which angles
+cannot show: a revolution that lacks nothing would be taken for parts of two. But bytes may come late, never early.
+If the bytes behind the first piece come faster than they were measured, the line was late. Behind an outage they
+come at the pace of the device.
 
-How late the line is behind a silence follows from how long it took to measure what came. Packets that come late by
-most of a turn wait for the reads behind them, until the line has caught up, or half a turn and three reads have
-brought it no nearer to that. If it has caught up, they are dated by what came behind them. Where the stream ends
-before that, nothing shows that the line was late.
+How late the line is after a silence follows from the time it took to measure the packets that came. Packets that
+are late by most of a revolution wait for the reads behind them: until the line has caught up, or until half a
+revolution and three reads have brought it no nearer to that. If the line has caught up, the packets are dated by
+what came behind them. If the stream ends before, nothing shows that the line was late.
 """
 
 from __future__ import annotations
@@ -27,27 +27,28 @@ from lidario.wire.blocks import Block, some_blocks
 from lidario.wire.events import Arrival, Packets
 
 LATE: Final = 1 - NOISE
-"""Turns by which packets must be late to wait."""
+"""Revolutions by which packets must be late to wait."""
 _READS: Final = 3
-"""So many must be as late behind an outage. Fewer may all come from a machine that has no time to read."""
+"""Behind an outage, this many reads must stay as late. Fewer may all come from a machine that has no time to
+read."""
 
 
 class _Line(NamedTuple):
     """How late a line is, by the reads so far."""
 
-    at_ns: int  # when it was read last
-    late_ns: float = 0.0  # how late that was
-    stayed: int = 0  # reads since it has been that late, or later
-    stayed_ns: float = 0.0  # for how long
-    most_ns: float = 0.0  # how late it was meanwhile, at most
+    at_ns: int  # time of the last read
+    late_ns: float = 0.0  # how late that read was
+    stayed: int = 0  # reads since then that brought it no nearer to being on time
+    stayed_ns: float = 0.0  # for how long that has been so
+    most_ns: float = 0.0  # how late it was at most meanwhile
 
 
 class _Wait(NamedTuple):
-    """From where on packets wait."""
+    """The place in a run from which on packets wait."""
 
-    read: int  # number of the first read of them
-    packets: int  # how many came before it
-    before: _Line  # the line by then
+    read: int  # number of the first read that waits
+    packets: int  # how many packets came before it
+    before: _Line  # the line before it
 
 
 class Pauses:
@@ -55,7 +56,7 @@ class Pauses:
 
     Args:
         stream: The stream.
-        stats: Where packets are counted that wait.
+        stats: Counts the packets that wait.
     """
 
     def __init__(self, stream: Stream, stats: AssemblerStats) -> None:
@@ -66,12 +67,12 @@ class Pauses:
         self._waiting: list[Packets] = []
 
     def take(self, event: Packets, sample_ns: float, turn_ns: float) -> Packets | None:
-        """The next packets, but for those that wait; None where all do.
+        """Take the next packets; returns all that need not wait, also of those that waited. None if all wait.
 
         Args:
             event: The packets that came.
-            sample_ns: What a sample takes; 0 where that is not known, and then none wait.
-            turn_ns: What a revolution takes, likewise.
+            sample_ns: Time of a sample; 0 if unknown, and then none wait.
+            turn_ns: Time of a revolution; 0 if unknown, and then none wait.
         """
         run = joined([waited, event]) if self._waiting and (waited := self.left()) else event
         line, self._line = self._line, _Line(run.received_ns)
@@ -83,7 +84,7 @@ class Pauses:
         for read, (complete, at_ns) in enumerate(run.arrivals):
             before, silent_ns = line, at_ns - line.at_ns
             if silent_ns > self._most_ns:
-                # The revolution is given up.
+                # After so long a silence the revolution is given up.
                 line, wait = _Line(at_ns), None
             elif line.late_ns or silent_ns >= NOISE * turn_ns:
                 line = _behind(line, at_ns, self._measured(run, done, complete) * sample_ns, turn_ns)
@@ -95,7 +96,7 @@ class Pauses:
                 self._date(arrivals, wait, read, run.blocks, sample_ns)
                 wait = None
             if line.stayed_ns >= STAYED_LATE * turn_ns and line.stayed >= _READS:
-                # It was an outage, or so little that it does not matter.
+                # It was an outage, or a delay too small to matter.
                 line, wait = _Line(at_ns), None
             done = complete
         self._line = line
@@ -104,7 +105,7 @@ class Pauses:
         return run if wait is None else self._wait(run, wait, sample_ns)
 
     def _is_late(self, run: Packets, at_ns: int, sample_ns: float, noise_ns: float) -> bool:
-        """Whether a silence is longer than it took to measure what came behind it, by more than noise."""
+        """Whether a silence is longer, by more than noise, than it took to measure the packets read after it."""
         packet_ns, done = self._wire.samples_in(run.blocks) * sample_ns / run.count, 0
         for complete, come_ns in run.arrivals:
             if come_ns - at_ns >= noise_ns and come_ns - at_ns - (complete - done) * packet_ns >= noise_ns:
@@ -113,7 +114,7 @@ class Pauses:
         return False
 
     def left(self) -> Packets | None:
-        """The packets that wait, which do so no longer; None where none do."""
+        """Release the packets that wait; returns them, or None if there are none."""
         if not self._waiting:
             return None
         waited = joined(self._waiting)
@@ -122,7 +123,7 @@ class Pauses:
         return waited
 
     def _wait(self, run: Packets, wait: _Wait, sample_ns: float) -> Packets | None:
-        """Have packets wait; returns those before them."""
+        """Keep the packets that wait; returns those before them."""
         self._line = wait.before
         self._stats.waiting_packets += run.count - wait.packets
         if not wait.packets:
@@ -134,14 +135,14 @@ class Pauses:
     def _date(
         self, arrivals: list[Arrival], wait: _Wait, last: int, blocks: Sequence[Block], sample_ns: float
     ) -> None:
-        """The reads that waited, up to the `last` one, came late: by what came behind each."""
+        """Date the reads that waited, up to number `last`: each by the time to measure what came behind it."""
         for read in range(last, wait.read, -1):
             (before, at_ns), (complete, behind_ns) = arrivals[read - 1], arrivals[read]
             measured_ns = behind_ns - round(self._samples(blocks, before, complete) * sample_ns)
             arrivals[read - 1] = before, max(wait.before.at_ns, min(at_ns, measured_ns))
 
     def _measured(self, run: Packets, begin: int, end: int) -> float:
-        """How many samples these packets have, and about how many were skipped before them: they took time, too."""
+        """Samples of these packets, and about how many were in the skipped bytes: those took time, too."""
         skipped = sum([size for number, size in run.skips if begin <= number < end])
         return self._samples(run.blocks, begin, end) + skipped * self._samples_a_byte
 
@@ -150,17 +151,17 @@ class Pauses:
 
 
 def _behind(line: _Line, at_ns: int, came_ns: float, turn_ns: float) -> _Line:
-    """How late a line is when more was read, which took so long to measure."""
+    """How late a line is after the next read, whose packets took `came_ns` to measure."""
     silent_ns, noise_ns = at_ns - line.at_ns, NOISE * turn_ns
     later_ns = silent_ns - came_ns
     if silent_ns < noise_ns:
-        # It was not silent: what has not come is missing.
+        # The line was not silent: what has not come is missing.
         later_ns = min(later_ns, 0.0)
     late_ns = max(0.0, line.late_ns + later_ns)
     if not line.late_ns and late_ns < noise_ns:
         # Adapters hold bytes back for some milliseconds.
         late_ns = 0.0
     if line.late_ns < LATE * turn_ns <= late_ns or not line.late_ns or late_ns <= line.most_ns - noise_ns:
-        # It begins to be late, or so late that packets wait, or is about to catch up.
+        # Count anew: it has become late, so late that packets wait, or it is catching up.
         return _Line(at_ns, late_ns, 0, 0.0, late_ns)
     return _Line(at_ns, late_ns, line.stayed + 1, line.stayed_ns + silent_ns, max(late_ns, line.most_ns))

@@ -1,7 +1,7 @@
-"""The bytes of one stream become scans: parsed, joined, dated and assembled.
+"""Makes scans of the bytes of one stream: parses, joins, dates and assembles.
 
-Sessions, files and the messages of other machines pass through the same `Pipeline`; they differ in who holds the
-parser and in how much is done at once. A session parses for itself, since its line carries responses, too.
+Sessions, files and the messages of other machines use the same `Pipeline`. They differ in who holds the parser and
+in how much is done at once. A session parses for itself, since its line also carries responses.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ class Pipeline:
         baudrate: Speed of the line in bits a second; 0 when bytes take no time.
         wall_offset_ns: Wall clock minus monotonic clock.
         stats: Counters to add to; fresh ones by default.
-        link: The parser; by default one to which the packets come at once, without a descriptor.
-        clock: What dates packets that were stored without times, as for `Incoming`.
+        link: The parser; by default one that expects packets at once, without a descriptor.
+        clock: Dates packets that were stored without times, as for `Incoming`.
     """
 
     def __init__(
@@ -55,18 +55,18 @@ class Pipeline:
 
     @property
     def stats(self) -> AssemblerStats:
-        """What became of the packets."""
+        """The counters of the assembler: what became of the packets."""
         return self.assembler.stats
 
     def receive(self, data: RawBytes, now: int = 0, arrivals: Sequence[Arrival] = ()) -> list[Scan]:
         """Take bytes, all at once; return the scans that they complete. The arguments are those of `Link`."""
         runs = self._parse(data, now, arrivals)
-        # What is counted to tell the time is counted between the places where bytes were skipped.
+        # Stored packets are dated by counting samples from one place where bytes were skipped to the next.
         runs = [joined(runs)] if runs and not self._is_stored else runs
         return [scan for packets in runs for scan in self.assembler.add(packets)]
 
     def steps(self, data: bytes, now: int, arrivals: Sequence[Arrival] = ()) -> Iterator[list[Scan]]:
-        """As `receive`, in steps of bounded work: between two of them, other tasks may run."""
+        """As `receive`, in steps of bounded work: between two steps, other tasks may run."""
         runs: list[Packets] = []
         for piece in slices(data, now, arrivals):
             runs += self._parse(*piece)
@@ -77,7 +77,7 @@ class Pipeline:
     def take(self, packets: Packets) -> Iterator[list[Scan]]:
         """Take packets that were parsed elsewhere, in steps of bounded work.
 
-        Those that are left when it is closed, or when the stream is ended meanwhile, are counted as discarded.
+        Packets that are left when it is closed, or when the stream is ended meanwhile, are counted as discarded.
         """
         if packets.count <= MOST_IN_A_PART:
             return self.assembler.ends(packets)
@@ -89,7 +89,7 @@ class Pipeline:
         try:
             for part in parts:
                 yield from assembler.ends(part)
-                # Also where it ended no revolution.
+                # A step also for a part that ended no revolution.
                 yield []
                 if assembler.ended != ended:
                     return
@@ -97,7 +97,7 @@ class Pipeline:
             assembler.stats.discarded_packets += sum(part.count for part in parts)
 
     def take_note(self) -> str:
-        """What is to be told of the time of a sample, once; empty where nothing is."""
+        """A sentence for the log about the time of a sample, given once; mostly empty."""
         return self.assembler.incoming.time.take_note()
 
     def end(self) -> list[Scan]:

@@ -1,13 +1,13 @@
-"""What a sample takes: what the device tells of it, unless the stream itself says otherwise.
+"""The time of a sample: the one that the device tells, unless the stream itself shows another.
 
-Times, speeds and what is missing all rest on it, and some devices tell it wrong: configuration of another mode, or
-none. So while a stream is young the samples of each read are counted against the time since the read before, for
-two seconds. Where a line stalls, what comes late is early the next time, so that the mean is right and most of the
-reads are not; where whole revolutions are lost, which angles hide, most of the reads are right and the mean is
-not. So a time is believed when mean and median agree, in two windows alike, and are off by more than a tenth.
-Samples that are known to be missing count as if they had come. Once a window agrees with what was told, nothing is
-measured any more. Where a model has several rates and cannot be asked for the one that is set, a window tells it,
-and before that the speed that packets tell, if they do.
+Times, speeds and the number of missing packets all rest on it, and some devices tell it wrong, for another mode, or
+not at all. So at the beginning of a stream, in windows of two seconds, the samples of each read are compared with
+the time since the read before. If a line stalls, late packets make the next read early: the mean is right, and most
+reads are wrong. If whole revolutions are lost, which angles hide, most reads are right, and the mean is wrong. So a
+measured time is believed if mean and median agree, in two windows alike, and differ from the told time by more than
+a tenth. Samples that are known to be missing count as if they had come. Once a window agrees with the told time,
+the measuring ends. If a model has several rates and cannot be asked which one is set, a window decides, and before
+that the speed that packets tell, if they do.
 """
 
 from __future__ import annotations
@@ -20,27 +20,29 @@ from typing import Final
 
 WINDOW_NS: Final = 2_000_000_000
 OFF: Final = 0.1
-"""The clocks of devices are right to a thousandth, and so is what most of them tell; one took 0.7 % longer."""
+"""A told time is wrong if it is off by this share. Device clocks are right to a thousandth, and so are the times
+that most devices tell; one took 0.7 % longer."""
 ALIKE: Final = 0.03
+"""Share by which two measured times may differ and still agree."""
 FEWEST: Final = 8
-"""Reads of a window at least."""
+"""A window has at least this many reads."""
 _LATEST: Final = 15
-"""Revolutions of which most are read in time, also where a program reads several of them late and together."""
+"""Revolutions whose median counts: most are read in time, even if a program reads several late and together."""
 
 
 class SampleTime:
     """Follows one stream, until it is sure.
 
     Args:
-        told_ns: Nanoseconds that the device tells; 0 where it tells none.
-        may_be_ns: Those of which one holds, where the device tells none.
-        timed: As `Stream.timed`. Times that were made from the sample time cannot speak against it.
+        told_ns: Nanoseconds a sample as the device tells; 0 if it tells none.
+        may_be_ns: The possible times, if the device tells none.
+        timed: As `Stream.timed`. Times that were made from the sample time cannot disprove it.
     """
 
-    _last_ns: int  # when the samples before came; none did while `_begin_ns` is None
+    _last_ns: int  # when the samples before came; unset while `_begin_ns` is None
 
     def __init__(self, told_ns: float, may_be_ns: Sequence[float] = (), *, timed: bool = True) -> None:
-        self.ns: float = told_ns  # what counts; 0 while nothing is told or sure
+        self.ns: float = told_ns  # nanoseconds a sample that count; 0 while none are told or sure
         self._note = ""
         self._likely_ns = [told_ns] if told_ns else [*may_be_ns]
         self._is_sure = not timed
@@ -48,41 +50,41 @@ class SampleTime:
         self._forget()
 
     def _forget(self) -> None:
-        # While `ns` is 0, what it takes in most of the last revolutions; 0 before the first.
+        # While `ns` is 0: the median over the last revolutions; 0 before the first.
         self.measured_ns: float = 0.0
         self._before_ns = 0.0
         self._begin_ns: int | None = None
         self._latest.clear()
-        # Of the window: the time that passed before each read, and the samples that came with it.
+        # Reads of the window: the time since the read before, and the samples that came with it.
         self._reads: list[tuple[int, int]] = []
 
     @property
     def known_ns(self) -> float:
-        """What it takes, as far as that is known; 0 while it is not."""
+        """Nanoseconds a sample, as far as known; 0 while unknown."""
         return self.ns or self.measured_ns
 
     def take_note(self) -> str:
-        """What is to be told of it, once; mostly empty."""
+        """A sentence for the log, given once; mostly empty."""
         note, self._note = self._note, ""
         return note
 
     def restart(self) -> None:
-        """How many samples are missing is not known: count anew."""
+        """Begin a new window, because it is not known how many samples are missing."""
         self._begin_ns = None
 
     def suppose(self, revolution_samples: float, rpm: float) -> None:
-        """Packets tell this speed, or NaN: while nothing is known, the likely time that fits it is taken."""
+        """Take the speed that packets tell, or NaN. While no time is known, the likely time that fits it counts."""
         if not (self.ns or self._is_sure or math.isnan(rpm)) and revolution_samples * rpm:
             self.ns = self._nearest(60e9 / (revolution_samples * rpm))
 
     def add(self, samples: int, came_ns: int) -> None:
-        """So many samples more were measured, and came, the last of them then."""
+        """Count `samples` more that were measured; the last of them came at `came_ns`."""
         if self._is_sure:
             return
         if self._begin_ns is None:
             self._begin_ns, self._reads = came_ns, []
         elif came_ns <= self._last_ns:
-            # They came together with the ones before.
+            # They came together with those before, in one read.
             if self._reads:
                 passed_ns, before = self._reads.pop()
                 self._latest.pop()
@@ -96,16 +98,17 @@ class SampleTime:
         self._last_ns = came_ns
 
     def _take(self, passed_ns: int, samples: int) -> None:
-        """So many samples came, that long behind those before."""
+        """Note a read of `samples`, `passed_ns` after the read before."""
         self._reads.append((passed_ns, samples))
         self._latest.append(passed_ns / samples)
         if not self.ns:
             self.measured_ns = median(self._latest)
 
     def _is_told_by(self, reads: Sequence[tuple[int, int]]) -> bool:
-        """Whether this window makes it sure; then what led to it is forgotten."""
+        """Whether this window makes the time sure; then all reads are forgotten."""
         mean_ns = sum(passed_ns for passed_ns, _ in reads) / sum(samples for _, samples in reads)
-        # Of two halves the faster: where an outage lies in every second one, the middle of both is the mean.
+        # The lower median: if every second read holds an outage, the middle between both kinds would equal the
+        # mean.
         middle_ns = median_low(passed_ns / samples for passed_ns, samples in reads)
         alike = abs(middle_ns - mean_ns) <= ALIKE * mean_ns
         before_ns, self._before_ns = self._before_ns, mean_ns if alike else 0.0
@@ -122,12 +125,12 @@ class SampleTime:
             self.ns = measured_ns
         else:
             return False
-        # So that decoders that began elsewhere are alike.
+        # Reads are forgotten, so that the state does not depend on where decoding began.
         self._is_sure = True
         self._forget()
         return True
 
     def _nearest(self, measured_ns: float) -> float:
-        """The likely time that is about what was measured; 0 where there is none."""
+        """The likely time that is about the measured one; 0 if there is none."""
         near_ns = [each for each in self._likely_ns if abs(each - measured_ns) <= OFF * each]
         return min(near_ns, key=lambda each: abs(each - measured_ns), default=0.0)

@@ -1,16 +1,17 @@
-"""Where one revolution ends and the next begins, from the headings (start angles) of the packets alone.
+"""Finds where one revolution ends and the next begins, from the headings (start angles) of the packets alone.
 
-The seam is the angle at which a revolution begins: 0, until a device marks a packet as its first and so states
-its own. A revolution ends where the headings pass the seam, or at a marked packet, whichever comes; so a lost
-mark cannot merge two revolutions. The rotor must have been seen on the far side of the seam first: readings that
-tremble around it, or a mark just behind it, do not make a revolution.
+The seam is the angle at which a revolution begins: 0, until a device marks a packet as the first of a revolution
+and so states its own. A revolution ends where the headings pass the seam or at a marked packet, whichever comes
+first, so a lost mark cannot merge two revolutions. The rotor must have been seen away from the seam before:
+headings that tremble around it, or a mark just behind it, do not make a revolution.
 
-A device may mark a packet as the first of a restarted stream. The documents read that mark in two ways: as a fault,
-after which the angles before it mean nothing, or as an ordinary sign once in every revolution. The step from the
-packet before decides: where it fits the steady step, also over a few missing packets, the stream simply goes on.
+A device may mark a packet as the first of a restarted stream. Documents give that mark two meanings: a fault, after
+which the angles before it mean nothing, or an ordinary sign once in every revolution. The step from the packet
+before
+decides: if it fits the steady step, also over a few missing packets, the stream simply goes on.
 
-Only those headings matter that carry a flag or fall back behind the one before. In an undisturbed stream it is told
-which these are (`FalsePackets.passing`).
+Only headings that carry a flag, or fall back behind the heading before, can end a revolution. In an undisturbed
+stream `FalsePackets.passing` says which headings fall back.
 """
 
 from __future__ import annotations
@@ -28,31 +29,32 @@ from lidario.wire.formats import BEGINS, RESTARTS, Headings
 
 _FLAGS = BEGINS | RESTARTS
 _UNMARKED_REVOLUTIONS = 2
-"""Revolutions without a mark after which none is waited for any more."""
+"""After this many revolutions without a mark, no mark is awaited any more."""
 _RECENT = 8
-"""Headings from which the steady step is known."""
+"""How many headings before a mark give the steady step."""
 _WIDEST_GAP = 8
-"""Steps, and at most 90 degrees, that a gap before the mark may have; wider ones would fit any angle by chance."""
+"""A gap before the mark may have this many steps, and at most 90 degrees: a wider gap would fit any angle by
+chance."""
 _UNSTEADY = 0.3
-"""Part of a step by which it may be off."""
+"""Part of a step by which the step before a mark may be off."""
 
 
 class Split(NamedTuple):
     """A revolution begins at or inside a packet."""
 
-    packet: int  # the packet, counted in the headings given
-    marked: bool  # the device said so, and the packet is the first of the revolution
-    broken: bool  # the stream began anew here: what came before is no revolution
-    # The device marks its revolutions elsewhere than was known: what came before is only part of one.
+    packet: int  # number of the packet among the headings given
+    marked: bool  # the device marked this packet as the first of the revolution
+    broken: bool  # the stream began anew here: the packets before are no revolution
+    # The device marks its revolutions elsewhere than was known: the packets before are only part of one.
     moved: bool = False
-    seam: int = 0  # heading at which the revolution that begins here should begin; 0 while none is known
+    seam: int = 0  # heading at which the revolution that begins here should begin; 0 while no seam is known
 
 
 class Seam:
     """Follows the headings of one stream.
 
     Attributes:
-        angle: The angle the revolution in progress began at, in heading units; None until it is known.
+        angle: The heading of the seam; None until it is known.
     """
 
     def __init__(self, full_turn: int, angle: int | None) -> None:
@@ -72,14 +74,14 @@ class Seam:
         """Where revolutions begin among `headings`.
 
         Args:
-            headings: Those of the next packets.
-            passing: As `FalsePackets.passing`; None where that is not known.
+            headings: The headings of the next packets.
+            passing: Numbers of those that passed 0, as from `FalsePackets.passing`; None if unknown.
         """
         self._headings = headings
         found: list[Split] = []
         flagged: Sequence[int] = ()
         if len(headings) == 1:
-            # As where a port is not polled: it need not be followed, as one with a flag.
+            # The usual case of a port that is not polled. One heading is stepped onto at once, as one with a flag.
             flagged = (0,)
         elif isinstance(headings, np.ndarray):
             flagged = (headings >= BEGINS).nonzero()[0].tolist()
@@ -102,7 +104,7 @@ class Seam:
         return found
 
     def _follow(self, headings: Headings, offset: int, found: list[Split]) -> None:
-        """Step along headings without flags, `offset` on from the first."""
+        """Step along headings without flags, of which the first has number `offset`."""
         angle, full_turn = self.angle, self._full_turn
         if angle is None:
             found += [split for at, each in enumerate(headings, offset) if (split := self._step(at, int(each)))]
@@ -111,7 +113,7 @@ class Seam:
             self._rise(headings, away, offset, ((away[1:] < away[:-1]).nonzero()[0] + 1).tolist(), found)
         else:
             few = [(heading - angle) % full_turn for heading in headings] if angle else headings
-            # Sorting what is sorted is faster than any comparing by hand.
+            # Sorting a sorted list is faster than a loop of comparisons.
             rises = sorted(few) == few
             falls = () if rises else [at for at in range(1, len(few)) if few[at] < few[at - 1]]
             self._rise(headings, few, offset, falls, found)
@@ -119,7 +121,7 @@ class Seam:
     def _rise(
         self, headings: Headings, away: Headings, offset: int, falls: Sequence[int], found: list[Split]
     ) -> None:
-        """As `_follow`, but step only onto those that fall back, behind which `away` from the seam all rise."""
+        """As `_follow`, but step only onto the `falls`; between them `away`, the angles behind the seam, rises."""
         begin = 0
         for end in (*falls, len(away)):
             if begin < end:
@@ -146,7 +148,8 @@ class Seam:
         if last is None:
             self._armed = away >= self._near
             return None
-        # Unarmed, only a fall from beyond the far side is doubtful: a reading that trembled back over the seam.
+        # Unarmed, within the first quarter, a fall from beyond `_far` is no new revolution: the heading before had
+        # only trembled back over the seam.
         if away < last - self._retreat and (self._armed or last <= self._far):
             self._armed = away >= self._near
             self._passed_unmarked = not self._armed
@@ -157,7 +160,7 @@ class Seam:
         return None
 
     def _await_mark(self, heading: int) -> None:
-        """End the waiting for a mark after two revolutions without one: then 0 is as good as any angle."""
+        """Stop waiting for a mark after two revolutions without one: then 0 is as good a seam as any angle."""
         if self._last is not None and heading < self._last - self._full_turn // 2:
             self._unmarked_revolutions += 1
         self._last = heading
@@ -165,11 +168,11 @@ class Seam:
             self.angle, self._unmarked_revolutions = 0, 0
 
     def _forward(self, last: int, away: int) -> bool:
-        """Whether a reading beyond the near quarter was reached forwards: not by trembling back over the seam."""
+        """Whether a heading beyond the first quarter was reached forwards, not by trembling back over the seam."""
         return away <= self._far or (last < self._near and away - last < self._full_turn - self._retreat)
 
     def _goes_on(self, index: int, heading: int) -> bool:
-        """Whether a heading follows the one before by the steady step, or by a few of them."""
+        """Whether a heading follows the one before by the steady step, or by a few steps."""
         latest = [*(part[-_RECENT:] for part in self._recent), self._headings[max(0, index - _RECENT) : index]]
         before = [int(each) for part in latest for each in part][-_RECENT:]
         angles = [each & ~_FLAGS for each in before]
@@ -192,7 +195,7 @@ class Seam:
         moved = before is not None and self._retreat < (self.angle - before) % self._full_turn <= self._far
         self._last = 0
         self._armed = False
-        # A mark just behind the seam that the headings passed belongs to the revolution they began.
+        # A mark just behind the seam belongs to the revolution that began when the headings passed the seam.
         belated, self._passed_unmarked = self._passed_unmarked, False
         if belated and not moved:
             return None

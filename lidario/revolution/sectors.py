@@ -1,17 +1,17 @@
-"""Parts of the revolution in the making, handed out as soon as the rotor has passed the end of each.
+"""Sectors: parts of the revolution in the making, handed out as soon as the rotor has passed the end of each.
 
-`SectorAssembler` is an `Assembler` that decodes the revolution piece by piece: each time the headings pass the end
-of a sector, the packets up to there are decoded, by a decoder that goes on where the revolution before ended. Where
-a packet lies across the end, its samples are divided as at the seam: by where the rotor stood. A packet that can
-only be decoded together with the one behind it waits for that one.
+`SectorAssembler` is an `Assembler` that decodes the revolution piece by piece. Each time the headings pass the end
+of a sector, the packets up to there are decoded, by a decoder that goes on where the revolution before ended. If a
+packet lies across the end, its samples are divided as at the seam: by where the rotor stood. A packet that can only
+be decoded together with the one behind it waits for that one.
 
-When the revolution has ended, its scan is made of the same pieces, so that the sectors and the scan hold the same
-samples. What is judged and counted is what the whole revolution tells. Where nothing was missing, that is the sum
-of the pieces. Otherwise all packets of the revolution are decoded once more, with what was known at its beginning.
+When the revolution has ended, its scan is made of the same pieces, so that sectors and scan hold the same samples.
+The whole revolution is judged and counted. If nothing was missing, it is the sum of its pieces. Otherwise all its
+packets are decoded once more, by a decoder in the state at its beginning.
 
-The number of a revolution is known only at its end, when the time tells how many passed unseen before it. A sector
-needs it earlier; so it is found in the same way with what is known when the first sector is complete, and the scan
-then keeps it.
+The number of a revolution is known only at its end, when time shows how many revolutions passed unseen before it. A
+sector needs the number earlier. So it is found in the same way from what is known when the first sector is
+complete, and the scan keeps that number.
 """
 
 from __future__ import annotations
@@ -50,42 +50,42 @@ MOST_PARTS: Final = 72
 
 
 class SectorAssembler(Assembler):
-    """As `Assembler`; once it was told to divide revolutions, it hands out their sectors before."""
+    """An `Assembler` that also hands out the sectors of each revolution, once `divide` was called."""
 
     _publish_sector: Callable[[int, Sector], None]
     _parts: tuple[int, ...] = ()
     _latest: DividedRevolution | None = None
-    _doubted: bool = False  # as `is_doubted`, of the revolution before the one in the making
+    _doubted: bool = False  # `is_doubted`, for the revolution before the one in the making
 
     def divide(self, parts: Iterable[int], publish: Callable[[int, Sector], None]) -> None:
         """Hand out sectors from the next revolution on.
 
         Args:
             parts: How many sectors each revolution is divided into; several sizes at the same time, or none.
-            publish: Called with how many sectors of its size a revolution has, and the sector.
+            publish: Called for each sector, with how many sectors of its size a revolution has, and the sector.
         """
         self._parts, self._publish_sector = tuple(sorted(parts)), publish
 
     @property
     def _by_blocks(self) -> bool:
-        # What was begun in pieces is ended in pieces, even if nobody reads sectors any more.
+        # A revolution begun in pieces is ended in pieces, even if nobody reads sectors any more.
         return not self._parts and self.partial.divided is None
 
     @property
     def next_ns(self) -> float:
-        """When the packet that completes the next sector arrives if it is not late; NaN where unknown."""
+        """When the packet that completes the next sector arrives, if it is not late; NaN if unknown."""
         here = self.partial.divided
         if here is None or not here.usual_samples:
             return math.nan
         wire, sample_ns, each, (end, _) = here.wire, here.sample_ns, here.most_samples, here.ends[here.at]
         varies = wire.shortest != wire.longest
-        # From the beginning of the last packet to the end of the sector.
+        # Samples from the beginning of the last packet to the end of the sector.
         away = (end - here.passed) * here.usual_samples / wire.full_turn
         if varies and end == wire.full_turn:
-            # The last packet is as short as need be, and so is the first one of the next revolution.
+            # The last packet of a revolution, and the first one of the next, may be as short as one sample.
             more = max(1.0, away - each + 1)
         else:
-            # Where packets hold a sample more or fewer, a whole number of them may be off by two samples.
+            # Packets may hold a sample more or fewer, so a whole number of them may be off by two samples.
             more = float(max(1, math.ceil(away / each - (2 / each if varies else ROUNDING))) * each)
         if here.gap:
             return here.partial.last_ns + more * sample_ns
@@ -93,11 +93,11 @@ class SectorAssembler(Assembler):
 
     @property
     def keeps_offset(self) -> bool:
-        """Whether the revolution in the making keeps its zero-angle offset: where sectors of it were handed out."""
+        """Whether the revolution in the making keeps its zero-angle offset, because it is divided into sectors."""
         return self.partial.divided is not None
 
     def set_zero_offset(self, degrees: float, *, behind: bool = False) -> None:
-        """As `Assembler.set_zero_offset`; a revolution of which sectors were handed out keeps the one before."""
+        """As `Assembler.set_zero_offset`, but a revolution that is divided into sectors keeps the offset before."""
         super().set_zero_offset(degrees, behind=behind or self.keeps_offset)
 
     # ------------------------------------------------------------------------------------------------ packets come
@@ -113,7 +113,7 @@ class SectorAssembler(Assembler):
         here.sample_ns = here.by_speed_ns or known_ns
         away = here.come(packets, headings)
         wire, begin, offsets = here.wire, 0, packet_offsets(packets.blocks)
-        # A reading that trembles back over the seam seems to be almost a revolution ahead.
+        # A heading that trembles back over the seam seems to be almost a revolution ahead.
         most = wire.full_turn - wire.full_turn // RETREAT_PART
         for number, angle in enumerate(away):
             if 0 < angle - here.passed <= most:
@@ -133,9 +133,9 @@ class SectorAssembler(Assembler):
         here.waiting_at = away[-1]
 
     def _begin(self, first: int) -> DividedRevolution | None:
-        """A revolution may begin with the packet of that heading; None where none does, or it cannot be divided."""
+        """Begin to divide a revolution at the heading of its first packet; None if it cannot be divided."""
         partial, wire, before = self.partial, self._stream.format, self._latest
-        # Where the angles are not certain, samples that were carried over may still be dropped.
+        # If angles are not certain (`carried_packets`), samples that were carried over may still be dropped.
         sure = partial.whole and not partial.moved and not partial.carried_packets and len(partial.runs) == 1
         sample_ns = (before.by_speed_ns if before else 0.0) or self.incoming.time.known_ns
         if not sure or partial.seam is None or not sample_ns:
@@ -149,7 +149,7 @@ class SectorAssembler(Assembler):
             here.usual_samples, here.by_speed_ns = before.usual_samples, before.by_speed_ns
         if here.samples:
             here.first_ns = partial.carried_ns - (here.samples - 1) * sample_ns
-            # The packet that crossed the seam ends where the first one begins, unless others are missing between.
+            # The packet that crossed the seam ends where the first one begins, unless packets are missing between.
             here.last_arc = ((first & HEADING_MASK) - began) % wire.full_turn
             if here.gap and here.usual_samples:
                 here.last_arc = here.samples * wire.full_turn / here.usual_samples
@@ -160,17 +160,17 @@ class SectorAssembler(Assembler):
     # ------------------------------------------------------------------------------------------------ sectors
 
     def _hand_out(self, here: DividedRevolution) -> None:
-        """The rotor has passed the end of sectors: publish those of which samples came and angles are certain."""
+        """The rotor has passed an end of sectors: publish those that have samples and certain angles."""
         sample_ns, mode = here.sample_ns, self._stream.mode
         for count in here.pass_end():
             done = here.open[count]
             pieces = here.pieces[done.first :]
             if not pieces or not here.certain:
-                # What is missing is told with the next one, whose index says that this one did not come.
+                # This sector is left out, as the next index shows. The next one counts the packets missing here.
                 done.index += 1
                 continue
             arrays = pieces[0] if len(pieces) == 1 else join_pieces(pieces)
-            # When the first sample of the revolution was measured, as far as the packets so far tell.
+            # When the first sample of the revolution was measured, by the packets so far.
             packet_bytes = here.partial.size / here.packets
             start_ns = earliest_ns(here.first_ns, sample_ns, packet_bytes * self._byte_ns)
             if here.seq is None:
@@ -200,7 +200,7 @@ class SectorAssembler(Assembler):
             self._publish_sector(count, with_gaps(sector, gaps) if lost else sector)
 
     def _number(self, here: DividedRevolution, start_ns: int) -> int:
-        """The number of the revolution; those that passed unseen before it are counted."""
+        """The number of the revolution; counts the revolutions that passed unseen before it."""
         stats, partial = self.stats, here.partial
         stats.resume(start_ns)
         if self._clock.last is not None and here.decoded:
@@ -208,9 +208,9 @@ class SectorAssembler(Assembler):
             over = share_before(here.wire, partial, samples)
             turn_ns = samples.last.samples * here.sample_ns
             from_end_ns = round(partial.last_ns - (here.passed / here.wire.full_turn - over) * turn_ns)
-            # A read that was completed only behind a gap dates what came before it too late, as in `beginning_of`.
+            # If a read was completed only behind a gap, the packets before the gap are dated too late.
             late = samples.certain and start_ns - from_end_ns > NOISE * turn_ns
-            # A copy follows: at the end of the revolution more is known, and remembered.
+            # Only a copy of the clock follows: at the end of the revolution more is known, and that is remembered.
             passed = copy_of(self._clock).follow(
                 Beginning(
                     from_end_ns if late else start_ns,
@@ -247,7 +247,7 @@ class SectorAssembler(Assembler):
             if here.seq is None and scan is not None:
                 here.seq = scan.seq
             elif here.seq is None and self.stats.broken_scans > broken:
-                # It has used a number up.
+                # A broken revolution has used up a number.
                 here.seq = self.stats.scans + self.stats.missed_scans - 1
             if here.seq is not None:
                 self._finish_all(here, scan)
@@ -277,7 +277,7 @@ class SectorAssembler(Assembler):
         return ended
 
     def _finish_all(self, here: DividedRevolution, scan: Scan | None) -> None:
-        """The revolution has ended: hand out its last sectors. What its pieces did not know, the last one tells."""
+        """The revolution has ended: hand out its last sectors. The last one counts all lost packets found late."""
         here.leave_rest()
         if scan is not None:
             here.lost_behind = scan.lost_packets - here.lost

@@ -1,9 +1,9 @@
-"""What a revolution takes, from a few packets of which each tells an angle and a time.
+"""Finds the time of a revolution from a few packets, each with an angle and a time.
 
-Where most packets are missing, no two follow each other, and so no step of the angle is ever seen. But the rotor
-turns evenly: at its true speed the angles of all packets, less what the rotor has turned since, are nearly one
-angle; not quite, for a packet is dated by the read that brought it. Many speeds are tried. The one at which these
-angles agree best is taken, if random angles would hardly ever agree so well.
+If most packets are missing, no two follow each other, so no step of the angle is ever seen. But the rotor turns
+evenly. At its true speed, the angle of each packet, less the turn of the rotor up to its time, is nearly the same;
+not quite, for a packet is dated by the read that brought it. Many speeds are tried. The speed at which these angles
+agree best is taken, if random angles would hardly ever agree so well.
 """
 
 from __future__ import annotations
@@ -21,25 +21,27 @@ from lidario.wire.formats import HEADING_MASK, StreamFormat
 
 _MOST: Final = 32
 _OF_ONE: Final = 2
-"""Packets of one revolution. More would be too near each other."""
+"""At most this many packets are compared, and of one revolution at most this many. More would be too near each
+other."""
 _SURE: Final = 9.0
-"""How much better they must agree than random angles would: these do so in one of 8100 tries (Rayleigh's test)."""
+"""How much better angles must agree than random ones: those agree as well in one of 8100 tries (Rayleigh's
+test)."""
 _AS_WELL: Final = 2.0
-"""A speed at which they agree less than at the best one by no more than that may be the right one: then the slowest
-is taken, so that rather too few revolutions are counted than too many."""
+"""Speeds that agree less than the best one by no more than this may be right, too. The slowest of them is taken,
+which counts rather too few revolutions than too many."""
 _STEP: Final = 0.2
-"""Revolutions from the first packet to the last by which two speeds that are tried differ."""
+"""Two neighbouring speeds differ by this many revolutions from the first packet to the last."""
 _NEAR: Final = np.arange(-_STEP, _STEP, 0.01)
-"""The same, of those among which the best one is sought then."""
+"""The finer speeds around the one found, in the same unit, among which the best one is sought."""
 _LEAST_TURNS: Final = 6.0
-"""Revolutions that the packets must be apart, for their angles to tell a speed within some percent."""
+"""Least revolutions from the first packet to the last: only then the angles give a speed within some percent."""
 _FASTEST_HZ: Final = 1e9 / FASTEST_TURN_NS
 _LONGEST_NS: Final = 20e9
 """Packets farther apart are not compared: no rotor is so even, and more speeds would have to be tried."""
 
 
 def dated_angles(wire: StreamFormat, packets: Packets) -> list[tuple[float, int]]:
-    """Where a few of these packets began, in revolutions, and when they came, as far as that is known."""
+    """Angles at which a few of these packets begin, in revolutions, each with an arrival time."""
     headings = wire.headings(packets)
     return [
         ((int(headings[count - 1]) & HEADING_MASK) / wire.full_turn, at_ns)
@@ -51,7 +53,7 @@ class SparseSpeed:
     """Finds the speed of one rotor.
 
     Args:
-        slowest_ns: What a revolution takes at most.
+        slowest_ns: Longest time of a revolution.
     """
 
     def __init__(self, slowest_ns: float) -> None:
@@ -59,14 +61,14 @@ class SparseSpeed:
         self._points: deque[tuple[float, int]] = deque(maxlen=_MOST)
 
     def add(self, angle: float, at_ns: int) -> None:
-        """A packet came; `angle` is where it begins, in revolutions."""
-        # What was read late and together may be dated before what came before it.
+        """Take a packet that came; `angle` is where it begins, in revolutions."""
+        # Packets that were read late and together may be dated before those that came before them.
         if self._points and abs(at_ns - self._points[0][1]) > _LONGEST_NS:
             self._points.clear()
         self._points.append((angle, at_ns))
 
     def revolution_ns(self) -> float:
-        """What a revolution takes; 0 while that is not known."""
+        """Time of a revolution; 0 while unknown."""
         if len(self._points) <= _SURE:
             return 0.0
         first, lasted = self._points[0][1], (self._points[-1][1] - self._points[0][1]) * 1e-9
@@ -76,7 +78,7 @@ class SparseSpeed:
             return 0.0
         agreeing = _agreeing(points, speeds)
         most = float(agreeing.max())
-        # The longer it lasted, the more speeds there are that differ: chance finds one among them more easily.
+        # The longer the time, the more speeds are tried, and the more easily one of them agrees by chance.
         if most < _SURE + math.log(_FASTEST_HZ * lasted):
             return 0.0
         near = speeds[int((agreeing >= most - _AS_WELL).argmax())] + _NEAR / lasted
@@ -85,9 +87,9 @@ class SparseSpeed:
 
 
 def _agreeing(points: list[tuple[float, float]], speeds: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How far points, each an angle in revolutions and its time in seconds, agree at each speed.
+    """How well points agree at each speed; a point is an angle in revolutions and its time in seconds.
 
-    It is their number where all agree, and mostly about 1 where none do.
+    The value is the number of points if all agree, and mostly about 1 if none do.
     """
     sums = np.zeros(len(speeds), np.complex128)
     for angle, at in points:

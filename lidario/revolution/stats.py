@@ -1,4 +1,4 @@
-"""Where every packet went, and how many revolutions: the counters of an `Assembler`."""
+"""The counters of an `Assembler`: what became of each packet, and how many revolutions there were."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ class AssemblerStats:
 
     scans: int = 0  # revolutions delivered
     broken_scans: int = 0  # revolutions discarded
-    # Packets missing, also those of revolutions not delivered, and of those of which nothing came.
+    # Packets missing, also those of revolutions that were not delivered or of which nothing came.
     lost_packets: int = 0
-    # Revolutions that are missing between the delivered ones: the broken ones, and those of which nothing came,
-    # and, by the speed before, those that passed while the device was away.
+    # Revolutions missing between the delivered ones: those that were broken, those of which nothing came, and those
+    # that passed while the device was away, by the speed before.
     missed_scans: int = 0
     scan_packets: int = 0  # packets of revolutions delivered
     # Packets of revolutions not delivered: broken ones, and the parts of one at the beginning and the end of each
@@ -28,10 +28,10 @@ class AssemblerStats:
     discarded_packets: int = 0
     doubled_packets: int = 0  # packets that came once more, right behind themselves, and were dropped
     false_packets: int = 0  # noise that passed for a packet, as its angle shows
-    waiting_packets: int = 0  # packets that wait: whether they are false, or late, the next ones tell
+    waiting_packets: int = 0  # packets that wait, until the next ones show whether they are false or late
     unfinished_packets: int = 0  # packets of the revolution in the making
-    # Stamp and length in nanoseconds of the last revolution before the device went away, until the first one after
-    # it is back. Not a counter.
+    # Stamp and duration, in nanoseconds, of the last revolution before the device went away. Kept until the first
+    # revolution after it is back. Not a counter.
     left_off: tuple[int, float] | None = None
 
     @property
@@ -45,7 +45,7 @@ class AssemblerStats:
         self.left_off = last.stamp_ns, revolution_ns
 
     def resume(self, start_ns: int) -> None:
-        """The first whole revolution since then begins at `start_ns`: count those between, at least one."""
+        """A revolution begins at `start_ns`: if the device was away, count those missed meanwhile, at least one."""
         if self.left_off is not None:
             last_ns, revolution_ns = self.left_off
             self.left_off = None

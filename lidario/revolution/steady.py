@@ -1,12 +1,12 @@
-"""The clean path: revolutions of an undisturbed stream, as many as end together, decoded as one block.
+"""The clean path: the revolutions of an undisturbed stream that end together are decoded as one block.
 
-Live that is one. A file, or a program that blocked its event loop, brings many at once, and one decode of all costs
-little more than one of each: most of the cost is in the calls of numpy, not in the samples. The scans are views
-into the arrays of the block.
+Live, that is one revolution. A file, or a program that blocked its event loop, brings many at once. Decoding all
+together costs little more than decoding one: most of the cost is in the calls of numpy, not in the samples. The
+scans are views into the arrays of the block.
 
-What is found is what `Assembler` finds with one revolution after the other, to the last bit. Whatever may be a gap,
-a restart, or a late arrival is not judged here: then `add_block` makes no scan. Of one revolution it leaves what it
-decoded to `Assembler`; several have changed nothing.
+The result is the same, to the last bit, as when `Assembler` takes one revolution after the other. A possible gap,
+restart or late arrival is not judged here: `add_block` then makes no scan. If it had decoded a single revolution,
+`Assembler` uses these samples; with several, nothing has changed.
 """
 
 from __future__ import annotations
@@ -49,14 +49,15 @@ class SteadyAssembler:
         self._tell_time()
         self.partial: PartialRevolution = PartialRevolution(whole=False)
         self._clock = self._new_clock()
-        # The number of the revolution that ends, where it was told before, and how many were missing by then.
+        # The number of the revolution that ends, if its sectors told it already, and how many before it were
+        # counted as missing then.
         self._told_seq: int | None = None
         self._told_unseen = 0
-        # What a revolution was decoded to that turned out to be no steady one.
+        # The decoded samples of a revolution that turned out not to be steady.
         self._decoded: Samples | None = None
 
     def add_block(self, event: Packets, offsets: Sequence[int], splits: Sequence[Split], first: int) -> list[Scan]:
-        """All revolutions up to the last split, decoded at once; none where something may be missing in any.
+        """Make the scans of all revolutions up to the last split, decoded at once; none if any may lack something.
 
         Args:
             event: The packets that came.
@@ -80,10 +81,10 @@ class SteadyAssembler:
             decoder = self._decoder.fork()
             samples = decoder.decode_several(packets, following, ends, room, seam)
         else:
-            # Where it is no steady one, `Assembler` ends it with the same samples.
+            # If it is not steady, `Assembler` ends it with the same samples.
             samples = self._decoded = self._decode(partial, packets, splits[0], following, room)
             decoder = self._decoder
-        # Of a few packets of any size, even the longest one may be short.
+        # Among a few packets of varying size, even the longest one may be short.
         is_little = packets.count < FEWEST_PACKETS and wire.shortest != wire.longest
         if samples is None or not samples.is_steady or is_little:
             return []
@@ -110,21 +111,21 @@ class SteadyAssembler:
         return scans
 
     def _may_be_steady(self, splits: Sequence[Split], first: int) -> bool:
-        """Whether enough is known of the revolution in the making, and of the one before, and all seams are one."""
+        """Whether enough is known of the revolution in the making and the one before, and all seams are alike."""
         partial, marked, seam = self.partial, splits[0].marked, splits[0].seam
         sure = partial.whole and not (partial.moved or partial.behind_gap or partial.carried_packets)
         came = partial.runs or splits[0].packet > first
         if not (sure and came) or not self._stream.sample_ns or self._clock.last is None:
             return False
         for split in splits:
-            # A mark that ended no revolution moved the seam: the decoder takes only one.
+            # A mark that ended no revolution may have moved the seam, and the decoder takes only one seam.
             other_seam = not marked and split.seam != seam
             if split.broken or split.moved or split.marked != marked or other_seam:
                 return False
         return True
 
     def _settle(self, revolutions: Sequence[DatedRevolution], samples: Samples, packets: int) -> None:
-        """Remember revolutions, by the last of them, which has so many packets."""
+        """Remember revolutions by the last of them, which has so many `packets`, and count all of theirs."""
         stats, latest, decoded = self.stats, revolutions[-1], samples.revolutions[-1]
         self._clock.settle(
             Beginning(
@@ -144,13 +145,13 @@ class SteadyAssembler:
 
     def _decode(
         self,
-        ended: PartialRevolution,  # noqa: ARG002 - for those who decode parts of it before
+        ended: PartialRevolution,  # noqa: ARG002 - for subclasses that decode parts of it before
         packets: Packets,
         split: Split,
         following: bytes,
         room: int,
     ) -> Samples:
-        """Decode all packets of a revolution, with so many free elements before their samples."""
+        """Decode all packets of a revolution, with `room` free elements before their samples."""
         seam = None if split.marked or split.broken else split.seam
         return self._decoder.decode(packets, None if split.broken else following, room, seam)
 
@@ -162,12 +163,12 @@ class SteadyAssembler:
         return build_scan(self._stream, made, wall_ns=wall_ns, sample_ns=sample_ns, seq=seq, lost=lost)
 
     def _keep_time(self) -> None:
-        """From now on a sample takes what was found that it takes."""
+        """From now on use the sample time that was found."""
         if (sample_ns := self.incoming.time.ns) != self._stream.sample_ns:
             self._stream = replace(self._stream, sample_ns=sample_ns)
             self.incoming.use_time_of(self._stream)
             self._tell_time()
-            # What is remembered of the revolutions before was reckoned by the other time.
+            # What the clock remembers was computed with the old sample time.
             self._clock = self._new_clock()
 
     def _tell_time(self) -> None:
@@ -187,21 +188,21 @@ def _dated(
     byte_ns: float,
     usual_ns: float,
 ) -> tuple[list[DatedRevolution], int]:
-    """Divide the samples among the revolutions, and tell when each was measured, by all that came of it.
+    """Divide the samples among the revolutions, and date each by all reads of its packets.
 
     Args:
         stream: The stream.
-        here: The samples, behind those that were there before.
-        samples: What they were decoded to.
-        ends: Packets up to the end of each revolution.
-        reads: How many samples were there, and when, one read after the other; those that were there before first.
+        here: The samples, behind those that were carried over.
+        samples: The decoded packets.
+        ends: How many packets there are up to the end of each revolution.
+        reads: How many samples were there after each read, and its time; first those that were carried over.
         offsets: Where packets begin.
         byte_ns: Nanoseconds that a byte takes on the line; 0 where it takes none.
-        usual_ns: What a revolution took before.
+        usual_ns: Time of the revolution before.
 
     Returns:
-        The revolutions, and when the last packet of them came. None where one came late, or took more or less time
-        than its angles tell: `Assembler` decides about those.
+        The revolutions, and the arrival of their last packet. No revolutions if one came late, or took more or less
+        time than its angles show: `Assembler` judges these.
     """
     sample_ns = stream.sample_ns
     turned = SampleArrays(turned_by(here.angle, stream.zero_offset_deg), here.distance, here.intensity)

@@ -1,9 +1,9 @@
-"""When the first sample of a revolution was measured.
+"""Finds when the first sample of a revolution was measured.
 
-A packet arrives after its last sample was measured: by the time its bytes take on the wire, plus a sample and a
-half in the device (vendor's SDK 2.1.0 for one family, adopted for all), and then by whatever the adapter, the
-kernel and the event loop add. The device's own clock is even. So every packet of a revolution gives an estimate of
-when the revolution began, each too late by what delayed that packet, and the earliest estimate is the best one.
+A packet arrives later than its last sample was measured. The delay is the time of its bytes on the wire, plus one
+and a half samples in the device (vendor's SDK 2.1.0 for one family, adopted for all), plus whatever the adapter,
+the kernel and the event loop add. The device measures evenly. So every packet of a revolution gives an estimate of
+when the revolution began, too late by the delay of that packet, and the earliest estimate is the best one.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ DEVICE_DELAY_SAMPLES = 1.5
 
 
 def first_sample_ns(ended: EndedRevolution, byte_ns: float) -> int:
-    """When the first sample was measured, by the least delayed packet.
+    """When the first sample of a revolution was measured, by the least delayed packet.
 
     Args:
-        ended: The revolution. Of its times, only `sample_ns` is read.
+        ended: The revolution. Of its times, only `sample_ns` must be set.
         byte_ns: Nanoseconds that a byte takes on the line.
     """
     revolution, packets, samples, sample_ns = ended.partial, ended.packets, ended.samples, ended.sample_ns
@@ -41,11 +41,11 @@ def first_sample_ns(ended: EndedRevolution, byte_ns: float) -> int:
 
 
 def begins_of(packets: Packets, samples: Samples, before: int, sample_ns: float) -> list[float]:
-    """When the first sample of a revolution arrived, by each read of packets: as if that one was not delayed.
+    """Estimate when the first sample of a revolution arrived, once by each read, as if that read was not delayed.
 
     Args:
-        packets: These packets.
-        samples: What they were decoded to; where packets are missing among them is certain.
+        packets: The packets.
+        samples: The decoded packets; its gaps must be certain.
         before: How many samples of the revolution were measured before them.
         sample_ns: Nanoseconds a sample.
     """
@@ -60,7 +60,7 @@ def begins_of(packets: Packets, samples: Samples, before: int, sample_ns: float)
 
 
 def earliest_ns(estimate: float, sample_ns: float, wire_ns: float) -> int:
-    """The earliest of the estimates, without what delays every packet: the device and the line."""
+    """When a sample was measured: the earliest estimate, less the delay by device and line of every packet."""
     return round(estimate - DEVICE_DELAY_SAMPLES * sample_ns - wire_ns)
 
 

@@ -1,9 +1,9 @@
-"""Bytes that were read together are parsed in slices; the runs of packets that these give are joined to one.
+"""Divides bytes that were read together into slices, and joins the runs of packets that these give.
 
-A program that blocked its event loop finds seconds of a stream at once, and they are parsed in slices, all with
-the time at which they were read. Seen alone, the packets of the first slice seem to have come late by all that
-stands behind them, and a whole revolution seems to have a hole in it. Joined, `Assembler` sees how much was
-measured after each packet, and dates it by that.
+A program that blocked its event loop reads seconds of a stream at once. They are parsed in slices, all with the
+time of that read. Taken alone, the packets of the first slice would seem to be late by all that follows them, and a
+whole revolution would seem to have a gap. Joined to one run, `Assembler` sees how much was measured after each
+packet, and dates it by that.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from lidario.wire.blocks import Block, join_blocks
 from lidario.wire.events import EARLIEST_NS, Arrival, Packets
 
 SLICE: Final = 2048
-"""Bytes that are parsed in one step. Those that look most like packets and are none take 2 us each."""
+"""Bytes that are parsed in one step. Noise that looks most like packets takes 2 us a byte."""
 
 
 def slices(
     data: bytes, now: int, arrivals: Sequence[Arrival] = (), most: int = SLICE
 ) -> Iterator[tuple[memoryview, int, Sequence[Arrival]]]:
-    """What was received, in pieces of so many bytes: the arguments of `Link.receive_data`, for each."""
+    """Divide received bytes into pieces of `most` bytes; yields the arguments of `Link.receive_data` for each."""
     view = memoryview(data)
     for begin in range(0, len(view), most):
         end = min(begin + most, len(view))
@@ -34,11 +34,11 @@ def slices(
 def join_reads(
     reads: Sequence[tuple[bytes, int]], earliest_ns: int = EARLIEST_NS
 ) -> tuple[bytes, int, list[Arrival]]:
-    """Reads and their times as one piece, as `Receiver.data_received` takes it; at least one.
+    """Join reads and their times to one piece, as `Receiver.data_received` takes it.
 
     Args:
-        reads: The bytes, and when they were read. Time never goes back, whatever a message says.
-        earliest_ns: When what came before was read.
+        reads: At least one read: its bytes, and when it was read. Times that go back are raised to the one before.
+        earliest_ns: Time of the read before these.
     """
     arrivals: list[Arrival] = []
     size = 0
@@ -53,7 +53,7 @@ def join_reads(
 
 
 def joined(runs: Sequence[Packets]) -> Packets:
-    """Packets that follow each other, as if they had been reported together; at least one run."""
+    """Join at least one run of packets that follow each other to one run."""
     if len(runs) == 1:
         return runs[0]
     data: list[bytes] = []

@@ -1,8 +1,8 @@
-"""From packets that are whole scans to scans: each is delivered when it came, without waiting for the next.
+"""Makes scans of packets that are whole scans: each is delivered when it came, without waiting for the next.
 
-There is no seam to look for, and nothing is missing inside of a scan. What may be missing are whole ones, since one
-byte that is damaged costs all of them. The device's clock in the packets, or else the time between them, tells how
-many. What lies beside the field of the device was never measured, and so is neither missing nor lost.
+There is no seam to find, and nothing is missing inside a scan. Only whole scans may be missing, since one damaged
+byte costs the whole packet. The device's clock in the packets, or else the time between them, shows how many.
+Angles outside the field of the device were never measured, so they are neither missing nor lost.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from lidario.wire.formats import Headings
 
 _LEAP_NS: Final = 60_000_000_000
 _MOST_UNSEEN: Final = 1_000_000
-"""Scans that may be missing at most: times come from the device, a peer or a file."""
+"""Most scans that may be counted as missing at once: times come from the device, a peer or a file."""
 
 
 class WholeAssembler(SectorAssembler):
-    """Builds the scans of one stream whose packets are whole scans; their sectors come just before each."""
+    """Builds the scans of one stream whose packets are whole scans; the sectors of each come just before it."""
 
     _last_ns: int | None = None
 
@@ -55,12 +55,12 @@ class WholeAssembler(SectorAssembler):
             self.stats.discarded_packets += packets.count - done
 
     def _came(self, event: Packets) -> list[float]:
-        """When each packet would have come if it were not delayed: by the device's clock, where it has one."""
+        """When each packet would have come without a delay: by the device's clock, if it has one."""
         wire, count, turn_ns = self._stream.format, event.count, self._turn_ns
         if wire.ticks is not None and self._stream.timed:
             tick_ns, wrap = wire.ticks
             apart = np.diff(wire.stamps(event)) % wrap * float(tick_ns)
-            # A clock that leaps was set back, as where the device was restarted.
+            # A clock that leaps was set back: the device was restarted.
             apart[apart > _LEAP_NS] = turn_ns
             behind = np.cumsum(np.append(apart, 0.0)[::-1])[::-1]
             return [event.received_ns - each for each in behind.tolist()]
@@ -98,15 +98,15 @@ class WholeAssembler(SectorAssembler):
 
 
 def sectors_of(scan: Scan, parts: int) -> Iterator[Sector]:
-    """A scan that came whole, in so many parts; the first one tells its lost packets.
+    """Divide a scan that came whole into `parts` sectors; the first one has its lost packets.
 
-    One of which nothing came is left out, as its place tells. One beside the field of the device was never
-    measured: it comes and holds no samples.
+    A sector of which nothing came is left out, as the indices of the others show. A sector outside the field of the
+    device was never measured: it is handed out without samples.
     """
     count, field = len(scan), abs(scan.field_of_view)
     away = math.copysign(1.0, scan.field_of_view) * (scan.device_angles.astype(np.float64) - scan.seam) % 360.0
     numbers = np.minimum((away * (parts / 360.0)).astype(np.intp), parts - 1)
-    # Corrected angles may stand before the seam, or fall back over the end of a sector.
+    # Corrected angles may lie before the seam, or fall back over the end of a sector.
     numbers[: count // 4][numbers[: count // 4] > parts // 2] = 0
     numbers = np.maximum.accumulate(numbers)
     bounds = np.searchsorted(numbers, np.arange(parts + 1)).tolist()
@@ -117,7 +117,7 @@ def sectors_of(scan: Scan, parts: int) -> Iterator[Sector]:
         if begin == end:
             if begin < count or field >= 360.0:
                 continue
-            # When the rotor comes there.
+            # The time at which the rotor comes there.
             stamp_ns = scan.stamp_ns + round(scan.duration_ns * 360.0 / field * index / parts)
         yield Sector(
             device_angles=scan.device_angles[begin:end],
@@ -143,6 +143,6 @@ def sectors_of(scan: Scan, parts: int) -> Iterator[Sector]:
 def assembler_of(
     stream: Stream, baudrate: int, wall_offset_ns: int, stats: AssemblerStats | None, clock: Clock | None
 ) -> SectorAssembler:
-    """What builds the scans of a stream; the arguments are those of `Assembler`."""
+    """Make the assembler for a stream; the arguments are those of `Assembler`."""
     made = WholeAssembler if stream.format.whole else SectorAssembler
     return made(stream, baudrate, wall_offset_ns, stats, clock)
