@@ -12,7 +12,7 @@ class Adapter:
 
     vendor: int  # USB vendor number
     product: int  # USB product number
-    fastest: int  # highest speed in bits a second that its data sheet names; 0 where the speed means nothing to it
+    fastest: int  # highest speed in its data sheet, bits a second; 0 if the speed means nothing to it
 
 
 ADAPTERS: Final = {
@@ -24,4 +24,4 @@ ADAPTERS: Final = {
     "FT232": Adapter(0x0403, 0x6001, 3_000_000),
     "FT231X": Adapter(0x0403, 0x6015, 3_000_000),
 }
-"""By the names that `lidario.PortInfo.adapter` uses. Speeds are those of the makers' data sheets."""
+"""The adapters by the names that `lidario.PortInfo.adapter` uses. Speeds are from the makers' data sheets."""

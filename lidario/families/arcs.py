@@ -1,8 +1,8 @@
-"""What the decoders of all formats have in common: the rotor turns by an arc during each packet.
+"""The base of all decoders: during each packet the rotor turns by an arc.
 
-A family derives its decoder from `ArcDecoder`, and says where in a packet everything stands. How far the rotor
-turned, and what is missing, its `Turning` tells. Angles are whole numbers in the unit of the format, so that
-nothing is rounded until degrees are made of them.
+A family derives its decoder from `ArcDecoder` and says where in a packet everything stands. A `Turning` finds how
+far the rotor turned and what is missing. Angles are whole numbers in the unit of the format, so that nothing is
+rounded until they are converted to degrees.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ _NO_INTENSITY = np.empty(0, np.uint8)
 
 @dataclass(slots=True, eq=False)
 class Output:
-    """Where samples are written: arrays of shape (packets, samples) where all packets have as many, else flat."""
+    """Where samples are written: arrays of shape (packets, samples) if all packets have as many, else flat."""
 
     angle: Floats  # degrees
     distance: Floats  # millimetres
-    intensity: NDArray[np.uint8]  # not looked at where the format carries none
+    intensity: NDArray[np.uint8]  # not used if the format carries none
 
 
 class ArcDecoder(ABC):
-    """Decodes the packets of one stream, whose rotor `turning` follows; obeys `Decoder`."""
+    """Decodes the packets of one stream, with `turning` to follow the rotor; a `Decoder`."""
 
     has_intensity: bool = True  # whether the format carries intensities
 
@@ -106,31 +106,31 @@ class ArcDecoder(ABC):
 
     @abstractmethod
     def _heads(self, packets: Packets, following: bytes | None) -> Heads:
-        """Where packets stand, and the one behind them."""
+        """The angles of the packets and of the packet behind them."""
 
     @abstractmethod
     def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:
-        """Write degrees, millimetres and intensities of all samples; keep what the next packets need of them."""
+        """Write degrees, millimetres and intensities of all samples; remember what the next packets need."""
 
     # --------------------------------------------------------------------------------- what a format may tell else
 
     def _lost(self, heads: Heads, at: int, skipped: int, step: float) -> int:  # noqa: ARG002
-        """Packets that are missing behind packet `at`, where so many samples are; `step` as in `Arcs`."""
+        """How many packets are missing behind packet `at`, if `skipped` samples are; `step` as in `Arcs`."""
         return round(skipped / heads.count_of(at))
 
     def _revolution_packets(self, heads: Heads, samples: float, begin: int, end: int) -> float:  # noqa: ARG002
-        """How many packets a revolution of so many samples has, by those from `begin` to `end`."""
+        """How many packets a revolution of so many samples has, by the packets from `begin` to before `end`."""
         assert isinstance(heads.counts, int)
         return samples / heads.counts
 
     def _reported_rpm(self, heads: Heads, begin: int, end: int) -> float:  # noqa: ARG002
-        """The speed that the packets from `begin` to `end` state, in revolutions a minute. Here none: NaN."""
+        """The speed that packets from `begin` to before `end` state, revolutions a minute. Default: none, NaN."""
         return math.nan
 
     def _behind_seam(self, heads: Heads, arcs: Arcs, at: int, seam: int) -> int:
-        """How many samples of packet `at` were measured when the rotor had passed `seam`."""
+        """How many samples of packet `at` were measured after the rotor had passed `seam`."""
         counts = heads.count_of(at)
-        # A packet that tells its way tells where its last sample stands; an arc reaches one step farther.
+        # The way of a packet ends at its last sample; an arc ends one step farther.
         steps, arc = counts - (heads.way is not None), float(arcs.arc[at])
         left = self._full_turn - (int(heads.first[at]) - seam) % self._full_turn
         return max(0, counts - math.ceil(left * steps / arc)) if arc > 0 else 0
@@ -147,7 +147,7 @@ class ArcDecoder(ABC):
         return ends
 
     def _gaps(self, heads: Heads, arcs: Arcs, skipped: NDArray[np.intp]) -> tuple[list[tuple[int, int]], list[int]]:
-        """Behind which packets others are missing, with the samples of those, and how many in each place."""
+        """Pairs of a packet and how many samples are missing behind it; and how many packets are, for each pair."""
         found = [
             (at, each, self._lost(heads, at, each, arcs.step))
             for at, each in zip(skipped.nonzero()[0].tolist(), skipped[skipped != 0].tolist(), strict=True)
@@ -156,11 +156,11 @@ class ArcDecoder(ABC):
 
 
 def at_equal_steps(first: Ints, arc: Arc, steps: int, into: Floats) -> None:
-    """Write the angles of samples that lie at equal steps from the first one of their packet.
+    """Write the angles of samples that lie at equal steps from the first sample of their packet.
 
-    By an arc the rotor turns in so many `steps`. Angles are counted in units of which the unit of the headings has
-    as many: whole numbers where arcs are, and below 2^24, which single precision holds exactly. So the last
-    division, which makes degrees of them, alone rounds. `into` has the shape (packets, samples).
+    An arc consists of `steps` steps. The angles are written in units of which a heading unit has `steps`. In this
+    unit they are whole numbers if arcs are, and below 2^24, which single precision holds exactly. So only the last
+    division, which makes degrees of them, rounds. `into` has the shape (packets, samples).
     """
     each = np.empty((len(first), 2), np.float32)
     each[:, 0], each[:, 1] = first, arc
@@ -169,7 +169,7 @@ def at_equal_steps(first: Ints, arc: Arc, steps: int, into: Floats) -> None:
 
 @cache
 def _weights(samples: int, steps: int) -> NDArray[np.float32]:
-    """What the first angle of a packet, and its arc, contribute to each of its samples."""
+    """The weights of the first angle of a packet, and of its arc, in the angle of each of its samples."""
     order = np.arange(samples, dtype=np.float32)
     return np.stack((np.full_like(order, steps), order))
 
@@ -177,17 +177,17 @@ def _weights(samples: int, steps: int) -> NDArray[np.float32]:
 def in_turn(angles: Floats, full_turn: int, *, back: bool) -> None:
     """Bring angles that are at most 360 degrees outside into [0, full_turn), in place.
 
-    To compare all of a revolution takes half the time of finding the few packets that lie across 0. Some may be
-    below 0 only with `back`.
+    Comparing all angles of a revolution takes half the time of finding the few packets that lie across 0. Angles
+    may be below 0 only with `back`.
     """
     if back:
-        # Half the time of two masked operations. An angle below 360 degrees, divided by 360 degrees, is never
-        # rounded up to 1.
+        # This takes half the time of two masked operations. An angle below 360 degrees, divided by 360 degrees, is
+        # never rounded up to 1.
         turns = angles / full_turn
         np.floor(turns, out=turns)
         turns *= full_turn
         angles -= turns
-    # Behind that, a tiny negative angle plus 360 degrees does round up.
+    # After that, a tiny negative angle plus 360 degrees may have been rounded up to 360.
     if np.maximum.reduce(angles, axis=None) >= full_turn:
         np.subtract(angles, full_turn, out=angles, where=angles >= full_turn)
 

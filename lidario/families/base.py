@@ -1,10 +1,9 @@
 """The one interface through which the session uses every family of devices.
 
 A family consists of scripts: generators that yield a `Request` and are resumed with the payload of its response
-(empty bytes where there is none, the response type where a stream begins). So a whole sequence of requests is
-written in order and yet does no I/O. The session runs the scripts, keeps the timing each request demands, and
-throws `ResponseTimeout` into a script whose request had no response, which a script may catch to fall back on
-something else.
+(empty bytes if there is none, the response type if a stream begins). So a sequence of requests is written in order
+and yet does no I/O. The session runs the scripts and keeps the timing that each request demands. If a request has
+no response, it throws `ResponseTimeout` into the script, which may catch it to try something else.
 """
 
 from __future__ import annotations
@@ -56,30 +55,32 @@ class Timing:
     quiet_s: float  # silence after a STOP that proves the stream has ended
     boot_s: float  # longest time from RESET until the device responds
     forget_s: float  # how long a device may hold half a request before it forgets it
-    drain_s: float = 0.5  # longest time that silence may take before STOP is sent again
-    boot_poll_s: float = 0.25  # how often a device that was reset is asked
-    starts_s: float = 0.0  # how long one may send nothing that was just started, and responds by its stream alone
+    drain_s: float = 0.5  # longest wait for silence before STOP is sent again
+    boot_poll_s: float = 0.25  # interval at which a device that was reset is asked
+    # How long a device that was just started may send nothing, if it responds by its stream alone.
+    starts_s: float = 0.0
 
 
 class Device(ABC):
-    """One device of a family: what it is, as far as asked, and how to talk to it. No I/O."""
+    """One device of a family: what it is, as far as known, and how to talk to it. No I/O."""
 
     can_keep_spinning: bool = True  # whether the motor can go on when the laser is stopped
     can_be_stopped: bool = True  # whether laser and motor can be switched off from here
-    # Speed of its line; 0 where that has none, as in a network, and None where it is not known.
+    # Speed of its line; 0 if the line has none, as a network; None if unknown.
     baudrate: int | None = None
     sends_bytes: bool = True  # whether its stream consists of bytes that can be decoded again; else of whole scans
-    can_only_talk: bool = False  # whether it may be one that hears nothing, of a family whose others respond
-    # Whether its family or model is only looked for, and no user has named it: what the device says of itself
-    # counts more.
+    can_only_talk: bool = False  # whether it may be a device that hears nothing, in a family whose others respond
+    # Whether its family or model was guessed in a search, and no user has named it. What the device says of itself
+    # then counts more.
     is_guess: bool = False
-    # Seconds between two signs of life, of one that may be well and yet silent for longer than others.
+    # Seconds between two signs of life, if a healthy device may be silent for longer than others.
     rests_s: float = 0.0
-    # What it has not told of its modes, for the log, once it was asked; empty where nothing is amiss.
+    # A note for the log about modes that the device, when asked, has not told; empty if all is well.
     modes_note: str = ""
     # Bytes that complete any request that was half written, and begin none. Default: none are needed.
     fill: Request = Request("FILL", b"")
-    # The slowest and the fastest scan frequency that can be set, in Hz, of one that need not be asked for them.
+    # The slowest and the fastest scan frequency that can be set, in Hz, if they are known without asking the
+    # device.
     speeds: tuple[float, float] | None = None
 
     @abstractmethod
@@ -89,14 +90,15 @@ class Device(ABC):
     def halt(self) -> tuple[Request, ...]:
         """End the stream and switch laser and motor off, in an order the device obeys without a pause.
 
-        Default: what ends the stream does all that can be done.
+        Default: only the request that ends the stream.
         """
         return (self.stop(),)
 
     def halt_unknown(self) -> tuple[Request, ...]:
-        """What else may stop the motor of a device that has not said what it is. Default: nothing.
+        """Further requests that may stop the motor of a device that has not said what it is. Default: none.
 
-        It is written when the line is quiet, before the port is closed: it may keep the device from hearing.
+        They are written last, when the line is quiet and before the port is closed: they may keep the device from
+        hearing anything else.
         """
         return ()
 
@@ -108,15 +110,16 @@ class Device(ABC):
         """Take note that the device was restarted: what was set in it may be lost. Default: nothing."""
 
     def explain_silence(self, lasted_s: float) -> Script[bool]:  # noqa: ARG002
-        """Find out why a stream fell silent although the device is well; it has `lasted_s`, 0 without a packet.
+        """Find out why a stream fell silent although the device is well.
 
-        Returns whether a cause was found that the next start avoids. Default: False.
+        The stream had lasted `lasted_s` seconds, 0 without a packet. Returns whether a cause was found that the
+        next start avoids. Default: False.
         """
         yield from ()
         return False
 
     def respond(self, request: bytes, head: Descriptor, payload: bytes = b"") -> bytes:  # noqa: ARG002
-        """The bytes that respond to a request, or announce a stream, where a recording of it is played as a device.
+        """The bytes with which a device, played from a recording, responds to a request or announces a stream.
 
         Default: `head`, then the payload.
         """
@@ -124,22 +127,22 @@ class Device(ABC):
 
     @abstractmethod
     def identify(self) -> Script[DeviceInfo]:
-        """Ask what the device is; the other scripts rely on it having been asked once."""
+        """Ask what the device is. This script must run once before the others."""
 
     def overhear(self) -> Script[DeviceInfo]:
-        """As `identify`, of a device that goes on sending although it was told to stop. Default: the same."""
+        """As `identify`, for a device that goes on sending although it was told to stop. Default: the same."""
         return self.identify()
 
     def complete_probe(self) -> bytes:
-        """What to write after an identifying request that had no response.
+        """Bytes to write after an identifying request that had no response. Default: none.
 
         A device of another family, on a line whose speed does not matter, may take that request for the beginning
-        of a longer one, and would hear nothing until that is complete. Default: nothing.
+        of a longer one. It would hear nothing until the longer one is complete.
         """
         return b""
 
     def end_search(self) -> bytes:
-        """What stops it at the end of a search that may have started it in vain. Default: nothing does."""
+        """Bytes that stop the device at the end of a search that may have started it in vain. Default: none."""
         return b""
 
     @abstractmethod
@@ -155,15 +158,15 @@ class Device(ABC):
         return ()
 
     def load(self, mode: ScanMode) -> float:  # noqa: ARG002
-        """Bytes a second that a mode sends; NaN where that is not known. Default: not known."""
+        """Bytes a second that a mode sends; NaN if unknown, as by default."""
         return math.nan
 
     @abstractmethod
     def start(self, mode: ScanMode, *, force: bool = False) -> Script[Stream]:
-        """Start the motor where that is a request of its own, then the stream.
+        """Start the motor, if that is a request of its own, then the stream.
 
-        With `force` the device is asked to measure even when the motor has not reached its speed. Raises
-        Unsupported where it has no such mode, or cannot be forced.
+        With `force` the device is asked to measure even while the motor has not reached its speed. Raises
+        Unsupported if the device has no such mode, or cannot be forced.
         """
 
     def sample_rate(self) -> Script[SampleRate]:
@@ -184,12 +187,12 @@ class Device(ABC):
     def set_scan_frequency(self, hertz: float) -> Script[float]:  # noqa: ARG002
         """Set the scan frequency; returns what was set, in Hz.
 
-        Raises InvalidValue where it is not a finite number, or outside of what the device can.
+        Raises InvalidValue if it is not a finite number, or outside the range of the device.
         """
         raise Unsupported("the scan frequency of this device cannot be set from here")
 
     def retune(self) -> Request | None:
-        """What has a stream that runs follow the scan frequency that was set. Default: nothing is needed."""
+        """The request that makes a running stream follow the scan frequency that was set. Default: none."""
         return None
 
     def zero_offset(self) -> Script[float]:
@@ -197,21 +200,21 @@ class Device(ABC):
         raise Unsupported("this device knows no zero-angle offset")
 
     def apply_zero_offset(self, on: bool) -> Script[float]:  # noqa: ARG002
-        """Choose whether streams have the zero-angle offset added; returns what is added, clockwise degrees."""
+        """Choose whether the zero-angle offset is added in streams; returns what is added, clockwise degrees."""
         raise Unsupported("this device knows no zero-angle offset")
 
     def network_address(self) -> Script[NetworkAddress]:
-        """Ask for the address that an Ethernet model has been given."""
+        """Ask for the network address that is set in an Ethernet model."""
         raise Unsupported("this device has no network address")
 
     def set_network_address(self, address: NetworkAddress) -> Script[None]:  # noqa: ARG002
-        """Give an Ethernet model another address, which it takes when it is restarted."""
+        """Set another network address in an Ethernet model, which uses it after a restart."""
         raise Unsupported("this device has no network address")
 
     def set_baudrate(self, baudrate: int, present: int) -> Script[None]:  # noqa: ARG002
-        """Have device and port change the speed of the line. Raises Unsupported where the device does not follow.
+        """Change the speed of the line of device and port. Raises Unsupported if the device does not follow.
 
-        Where it fails, the session has the port return from `baudrate` to `present`.
+        If it fails, the session sets the port back from `baudrate` to `present`.
         """
         raise Unsupported("the speed of this device's line cannot be changed from here")
 
@@ -236,19 +239,19 @@ class Family:
     baudrates: tuple[int, ...]  # line speeds its models use, the likeliest first
     timing: Timing  # how long its devices take
     device: Callable[[], Device]  # makes the object for a newly opened port
-    # The format and the decoder of a stream in a mode that was stored; None where they are not known.
+    # Gives the format and the decoder of a stream for a stored mode; None if they are not known.
     stream_in: Callable[[ScanMode], tuple[StreamFormat, Decoder] | None]
-    # Every packet format that is listened for, where it is not known what sends.
+    # Every packet format to listen for, if the device is not known.
     formats: tuple[Callable[[], StreamFormat], ...]
-    # Finds the measurement stream in recorded bytes, by these and by what a user says of them, whose model, if any,
-    # is one of `models`. None where there is no stream.
+    # Finds the measurement stream in recorded bytes, by the bytes and by what a user says about them. The model
+    # that a user names must be one of `models`. None if there is no stream.
     find_stream: Callable[[memoryview, Known], RawStream | None]
-    # Its models that may be named, as in ``model=`` of a source, where the device cannot tell its own.
+    # Models that a user may name, as in ``model=`` of a source, because the device cannot tell its own.
     models: Mapping[str, NamedModel] = field(default_factory=dict, hash=False)
     # Line speeds at which a silent device may hear a request; at others, devices only talk. None for all speeds.
     asked_at: tuple[int, ...] | None = None
-    # Those of `models` that are dark while the control line DTR is cleared, as it is when a port opens, and how
-    # many seconds each may take to respond behind the request that asserts it. They are looked for last.
+    # Those of `models` that stay silent while the control line DTR is cleared, as it is when a port opens. For
+    # each, how many seconds it may take to respond after the request that asserts DTR. They are looked for last.
     by_dtr: Mapping[str, float] = field(default_factory=dict, hash=False)
 
     @property
@@ -257,7 +260,7 @@ class Family:
         return tuple(self._simulation().PROFILES)
 
     def make(self, model: str | None = None) -> Device:
-        """A device for a newly opened port; `model` is one of `models`, None where it was not named."""
+        """A device for a newly opened port; `model` is one of `models`, or None if no user has named it."""
         return self.device() if model is None else self.models[model].device()
 
     def simulate(
@@ -271,7 +274,7 @@ class Family:
     ) -> SimulatedDevice:
         """Make a simulated device of one of the models `simulated`; its arguments are those of `lidario.simulate`.
 
-        Raises ValueError where no model has that name, or the serial number is none of this family.
+        Raises ValueError if no model has that name, or the serial number is none of this family.
         """
         device: Chassis[Any, Any] = self._simulation().make_simulated(model, world=world, serial=serial, seed=seed)
         if spin_up is not None:

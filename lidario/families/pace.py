@@ -1,8 +1,8 @@
-"""How many packets the device has measured, by the time between those that came.
+"""Finds how many packets the device has measured, by the time between the packets that came.
 
 A device measures at an even pace, so time tells how many packets it has measured, whether they came or not. Bytes
-come late, but never early, and how late they are may change at any moment. So what time says is asked for twice: in
-the first half and in the second half of what is known.
+come late, but never early, and the delay may change at any moment. So the number is computed twice: in the first
+half and in the second half of the known packets.
 """
 
 from __future__ import annotations
@@ -19,25 +19,26 @@ from lidario.wire.copies import copy_of
 from lidario.wire.events import Arrival
 
 OFF: Final = 0.25
-"""Part by which a number of packets that time or angles tell may be off a whole number."""
+"""By this share a number of packets, found by time or angles, may differ from a whole number."""
 REMEMBERED: Final = 64
 """Reads, or spans, that are kept while a speed is not sure."""
 SEVERAL: Final = 1.5
 """Halfway from one arc, or packet, to two."""
 _FEWEST: Final = 8.0
-"""Packets that the device must have measured in each half, for time to say anything: it is off by one or two."""
+"""Packets that the device must have measured in each half; with fewer, time proves nothing: it is off by one or
+two."""
 
 
 class _Point(NamedTuple):
-    """What was known when a read came."""
+    """The state after a read."""
 
-    at_ns: int  # when
+    at_ns: int  # arrival of the read
     turned: int  # how far the rotor had turned at the beginning of its last packet, in heading units
     came: int  # packets up to that one
 
 
 class Pace:
-    """When packets of one stream came, and where the rotor was."""
+    """Remembers when packets of one stream came, and where the rotor was then."""
 
     def __init__(self, full_turn: int) -> None:
         self._full_turn = full_turn
@@ -46,17 +47,17 @@ class Pace:
         self._is_doubted = False
 
     def copy(self) -> Pace:
-        """Another one, which goes on from here."""
+        """An independent copy."""
         twin = copy_of(self)
         twin._points = [*self._points]  # noqa: SLF001 - its own
         return twin
 
     def clear(self) -> None:
-        """What comes does not follow what came."""
+        """Forget all reads: the next packets do not follow them."""
         self._points, self._is_doubted = [], False
 
     def doubt_last(self) -> None:
-        """The latest time was reckoned, as if nothing were missing: the next one takes its place."""
+        """The latest time was computed as if no packet were missing: the next one shall replace it."""
         self._is_doubted = bool(self._points)
 
     def add(self, spans: Sequence[int] | Ints, arrivals: Sequence[Arrival]) -> None:
@@ -66,7 +67,7 @@ class Pace:
             self._points.pop()
         self._is_doubted = False
         for count, at_ns in arrivals:
-            # Only the last packet of a read came just then.
+            # Of packets with one time, only the last has just been measured.
             if self._points and self._points[-1].at_ns == at_ns:
                 self._points.pop()
             turned += int(np.add.reduce(spans[begin : count - 1]))
@@ -77,10 +78,10 @@ class Pace:
         del self._points[:-REMEMBERED]
 
     def measured(self, packet_ns: float, arc: float = 0.0) -> tuple[float, float] | None:
-        """How many packets the device has measured for each arc, in each half of the time.
+        """How many packets the device has measured for each arc, in the first and in the second half of the time.
 
-        Without an `arc`, for each packet that came. None where too little time has passed to tell, and where what a
-        packet takes is not known (0).
+        Without an `arc`: for each packet that came. None if too little time has passed, or if the time of a packet
+        is not known (`packet_ns` is 0).
         """
         found = list[float]()
         for measured, turned, came in self._halves(packet_ns):
@@ -91,11 +92,11 @@ class Pace:
         return (found[0], found[1]) if found else None
 
     def is_too_short(self, packet_ns: float, arc: float) -> bool:
-        """Whether the device has measured hardly more packets than came, and fewer than there are such arcs."""
+        """Whether the device has measured hardly more packets than came, and fewer than such arcs passed."""
         halves = self._halves(packet_ns)
         for measured, turned, came in halves:
-            # Each read may end in the midst of a packet: by one, the time may be off. Of a few packets it is mostly
-            # reckoned (`Packets.cut`).
+            # A read may end within a packet, so time may be off by one packet. The times of a few packets are
+            # mostly computed, not measured (`Packets.cut`).
             arcs = turned / arc
             if not _FEWEST / 2 <= measured < SEVERAL * came or measured + 1 >= (1 - OFF) * arcs:
                 return False
@@ -114,9 +115,9 @@ class Pace:
         ]
 
     def _without_outages(self) -> list[_Point]:
-        """The points, as if nothing had passed where angles and time disagree, by what a turn mostly takes.
+        """The points without the steps in which angles and time disagree, by the usual time of a turn.
 
-        There a whole turn hides, or noise that passes for a packet made the rotor leap there and back.
+        In such a step a whole turn hides, or noise that passes for a packet made the angle leap there and back.
         """
         steps = [
             _Point(after.at_ns - before.at_ns, after.turned - before.turned, after.came - before.came)
@@ -136,21 +137,21 @@ class Pace:
 
 
 class PacedTurning(Turning):
-    """One whose speed is learned from the angles, and confirmed by the time.
+    """A `Turning` that learns the speed from the angles, and confirms it by time.
 
-    A heading may fall back by `retreat` turns. Any more is the long way round, forwards.
+    A heading may fall back by `retreat` turns. If it falls back farther, it went the long way round, forwards.
     """
 
     def __init__(self, full_turn: int, retreat: float, samples: int = 1) -> None:
         self._full_turn = full_turn
         self._retreat = int(full_turn * retreat)
         self._samples = samples
-        # Nanoseconds that a packet takes; 0 where that is not known: then time tells nothing.
+        # Nanoseconds of a packet; 0 if unknown, and then time proves nothing.
         self._packet_ns, self._time_passes = 0.0, True
         # Whether a speed is known, and whether time confirms it.
         self._certain = self._confirmed = False
-        # How long what comes has not been like that speed, and packets that were told to follow each other while
-        # time could still speak against that.
+        # How many spans in a row have not fitted that speed; and how many packets were reported to follow each
+        # other while time could still disprove it.
         self._strange = self._close = 0
         self._pace = Pace(full_turn)
 
@@ -161,11 +162,11 @@ class PacedTurning(Turning):
         self._pace.doubt_last()
 
     def _note_close(self, packets: int) -> None:
-        """So many more packets are told to follow each other."""
+        """Count packets that are reported to follow each other."""
         self._close = 0 if self._confirmed else self._close + packets
 
     def _revoked(self, times: float) -> tuple[int, int]:
-        """As `Arcs.revoked`, where an arc was taken for so many times what it is."""
+        """What to revoke, as `Arcs.revoked`, if arcs were taken as `times` their true length."""
         missing = round(times) - 1
         if missing < 1:
             return 0, 0

@@ -1,4 +1,4 @@
-"""Name -> family: the only place that lists vendors. A new one is a folder beside this file and a row here."""
+"""The families by name: the only place that lists vendors. A new family is a folder here and a row below."""
 
 from __future__ import annotations
 
@@ -20,14 +20,15 @@ FAMILIES: tuple[Family, ...] = (
     hokuyo.FAMILY,
     hlds.FAMILY,
 )
-"""In the order in which an unknown port is asked. What the second one asks first means something else to the first.
-`hokuyo` speaks lines of text: what the others were sent is to it a line half written, which its own question ends.
-`hlds` is woken by a letter, which must not get into that line. Those that hear nothing are found by listening,
-wherever they stand."""
+"""In the order in which the device at an unknown port is asked. `rplidar` comes before `ydlidar`: the first request
+of the second means something else to the first. `hokuyo` speaks lines of text: to it, the requests of the families
+before are a half written line, which its own request ends. `hlds` comes after it, because it is woken by a letter,
+which must not get into that line. Families that hear nothing are found by listening, so their place does not
+matter."""
 
 
 def family_named(name: str) -> Family:
-    """The family of that name; ConnectFailed (reason ``source``) when there is none, InvalidValue for no text."""
+    """The family of that name. ConnectFailed (reason ``source``) if there is none, InvalidValue for no text."""
     text_of(name, "the name of a family")
     for family in FAMILIES:
         if family.name == name:
@@ -37,10 +38,10 @@ def family_named(name: str) -> Family:
 
 
 def family_of_simulated(model: str) -> Family:
-    """The family that has a simulated `model`; ConnectFailed (reason ``source``) when none has."""
+    """The family that has a simulated `model`; ConnectFailed (reason ``source``) if none has."""
     text_of(model, "the name of a simulated model")
     for family in FAMILIES:
-        # So that the simulated devices of other families are not loaded.
+        # The name is compared first, so that the simulated devices of other families are not loaded.
         if model.startswith(f"{family.name}-") and model in family.simulated:
             return family
     near = " or ".join(
@@ -59,9 +60,9 @@ def family_of_simulated(model: str) -> Family:
 
 
 def families_of_model(model: str, family: str | None = None) -> tuple[Family, ...]:
-    """The families that have a model of that name, in lower case; ConnectFailed (reason ``source``) when none has.
+    """The families that have a model of that name, in lower case; ConnectFailed (reason ``source``) if none has.
 
-    Only `family` is asked where one was named beside it.
+    If a `family` was named too, only that one is searched.
     """
     asked = FAMILIES if family is None else (family_named(family),)
     found = tuple(each for each in asked if model in each.models)
@@ -74,12 +75,12 @@ def families_of_model(model: str, family: str | None = None) -> tuple[Family, ..
 
 
 def check_source(source: Source, family: str | None = None) -> None:
-    """Check the names in a source, and the family that was named beside it, before anything is opened.
+    """Check the names in a source, and the family named beside the source, before anything is opened.
 
     Raises:
-        ConnectFailed: With reason ``source``: a family or model is unknown, or the source names a family that its
-            device is not of. The text lists the known names, or the nearest ones.
-        InvalidValue: The source is of another family than the one that was named beside it.
+        ConnectFailed: With reason ``source``: a family or model is unknown, or the source names another family than
+            that of its device. The text lists the known names, or the nearest ones.
+        InvalidValue: The source is of another family than the one named beside it.
     """
     for name in (family, source.family):
         if name is not None:
@@ -93,11 +94,11 @@ def check_source(source: Source, family: str | None = None) -> None:
 
 
 def check_family(source: Source, family: str | None, own: str | None) -> None:
-    """Check that the family that a user names is the device's `own`; None or empty where that is not known.
+    """Check that the family that a user names is the device's `own`, which is None or empty if unknown.
 
     Raises:
-        ConnectFailed: With reason ``source``, where the source names another one.
-        InvalidValue: Another one was named beside the source.
+        ConnectFailed: With reason ``source``: the source names another family.
+        InvalidValue: Another family was named beside the source.
     """
     if own and family not in (None, own):
         raise InvalidValue(f"family={family!r} is not right: {quoted(source.text)} is of the family {own!r}")

@@ -1,12 +1,13 @@
-"""Pieces of scripts that several families use: what is asked, what is only heard, and what is known.
+"""Pieces of scripts that several families use: to ask a device, to hear its packets, or to return what is known.
 
-Responses carry no check value, and one flipped bit makes another device. So what decides how a device is read, or
-what is done to it, is asked until it comes twice alike (`agreed`).
+Responses carry no check value, and one flipped bit may show another device. So a question whose answer decides how
+a device is read, or what is done to it, is repeated until two responses are equal (`agreed`).
 
-A device that only talks streams for as long as it has power, and hears nothing. What it is, and whether it is well,
-is read from its packets: some of them, whose check values hold, are its response (`hear`). STOP and START
-have no bytes: only the host begins and ends to listen. The motor turns until the power is cut, which the session
-says once and treats as no error.
+A device that only talks streams for as long as it has power, and hears nothing. Model and health are read from its
+packets: a few packets whose check values hold are its response (`hear`). STOP and START have no bytes: only the
+    host
+begins and ends to listen. The motor turns until the power is cut. The session says so once and does not treat it as
+an error.
 """
 
 from __future__ import annotations
@@ -25,10 +26,10 @@ from lidario.wire.formats import StreamFormat
 T = TypeVar("T")
 STATUSES: Final = (HealthStatus.OK, HealthStatus.WARNING, HealthStatus.ERROR)
 """Health by its number, the same in every family so far."""
-HEAR_S: Final = 0.5  # how long the packets by which a device is known may take
-MOST_DIFFERENT: Final = 5  # responses that are all different, after which no more are asked for
-LINKED: Final = 2  # packets that prove that a device which only talks streams at this speed
-RUNS: Final = 12  # how many runs of `LINKED` packets are heard where damage lets no longer ones through
+HEAR_S: Final = 0.5  # longest wait for the packets that identify a device
+MOST_DIFFERENT: Final = 5  # after this many responses, all different, no more are asked for
+LINKED: Final = 2  # this many packets in a row prove that a device that only talks streams at this speed
+RUNS: Final = 12  # how many runs of `LINKED` packets are heard if damage lets no longer ones through
 NOT_STOPPED: Final = Request("STOP", b"", ends_stream=True)
 """Sends nothing to the device. The host only stops listening."""
 
@@ -40,7 +41,7 @@ def told(value: T) -> Script[T]:
 
 
 def frequency_within(hertz: object, limits: tuple[float, float], whose: str) -> float:
-    """The scan frequency in Hz; InvalidValue where it is not within the `limits` of the model `whose`."""
+    """The scan frequency in Hz; InvalidValue if it is not within the `limits` of the model `whose`."""
     lowest, highest = limits
     wanted = finite(hertz, "a scan frequency")
     if not lowest <= wanted <= highest:
@@ -49,11 +50,11 @@ def frequency_within(hertz: object, limits: tuple[float, float], whose: str) -> 
 
 
 def agreed(request: Request, *told: bytes) -> Script[bytes]:
-    """Ask until two responses are equal, counting those that were `told` before; one may miss the question once.
+    """Ask until two responses are equal, those `told` before included. After a first response, one may be missing.
 
     Raises:
         RemoteProtocolError: Five responses were all different.
-        ResponseTimeout: None came, or twice none behind others.
+        ResponseTimeout: The first response did not come, or two later ones did not.
     """
     seen, missed, left = set[bytes](), False, list(told)
     while len(seen) < MOST_DIFFERENT:
@@ -75,8 +76,8 @@ def agreed(request: Request, *told: bytes) -> Script[bytes]:
 def health_of(request: Request, told: bytes) -> Script[Health]:
     """Status and code, by the response that came to `request`.
 
-    An error has the device reset: so it is believed when it came twice. A status that no document defines is a
-    warning: only an error is known to be one.
+    An error makes the session reset the device, so it is believed only if it came twice. A status that no document
+    defines counts as a warning, since only one number is known to mean an error.
     """
     status, code = struct.unpack("<BH", (yield from agreed(request, told)) if any(told) else told)
     if status < len(STATUSES):
@@ -87,9 +88,9 @@ def health_of(request: Request, told: bytes) -> Script[Health]:
 def hear(
     wire: StreamFormat, packets: int = LINKED, timeout: float = HEAR_S, wake: bytes = b"", attempts: int = 1
 ) -> Request:
-    """Wait for so many packets; their bytes are the response. Noise between them is none of it.
+    """A request that waits for so many packets; their bytes, without noise between them, are the response.
 
-    `wake` starts a device that was stopped, and changes nothing about one that runs.
+    `wake` are bytes that start a device that was stopped, and change nothing in one that runs.
     """
     expected = Expected(wire.response_type, packets * wire.shortest)
     name = "START" if wake else "LISTEN"
@@ -104,10 +105,10 @@ def hear_runs(
     linked: int = LINKED,
     attempts: int = 1,
 ) -> Script[tuple[bytes, ...]]:
-    """Hear so many packets, or `RUNS` times a few where the line damages so much that they do not come.
+    """Hear so many packets, or `RUNS` times a few if the line damages so much that these do not come.
 
-    A few are `linked` packets. These are waited for first, so many `attempts` of `timeout` seconds, and where they
-    do not come, ResponseTimeout is raised. Returns the bytes that were heard each time.
+    A few are `linked` packets. They are waited for first, with `attempts` of `timeout` seconds each; if they do not
+    come, ResponseTimeout is raised. Returns the bytes that were heard each time.
     """
     yield hear(wire(), linked, timeout, wake, attempts)
     try:
@@ -120,5 +121,5 @@ def hear_runs(
 
 
 def begin(wire: StreamFormat, data: bytes = b"") -> Request:
-    """Take what comes from now on for the packets of a stream, after a request where one is needed."""
+    """The request from which on all bytes are packets of a stream; `data` are its bytes, if it needs any."""
     return Request("START" if data else "LISTEN", data, stream=wire)

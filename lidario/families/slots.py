@@ -1,9 +1,10 @@
-"""Packets that divide a revolution into equal slots, each of which says where it is: what is missing, and decoding.
+"""Decodes packets that divide a revolution into equal slots, and finds what is missing: each packet tells its slot.
 
-Such a device measures at angles and not at times: its packets cover the same angle at any speed. So nothing has to
-be learned of the rotor. What the next packet is ahead of one slot was lost.
+Such a device measures at angles and not at times, so its packets cover the same angle at any speed. So nothing has
+to be learned about the rotor. If the next packet is ahead by more than one slot, the packets between were lost.
 
-`DegreeFormat` and `DegreeDecoder` read those whose samples stand at whole degrees behind ``FA`` and a number.
+`DegreeFormat` and `DegreeDecoder` are for packets that begin with ``FA`` and a number, and whose samples stand at
+whole degrees.
 """
 
 from __future__ import annotations
@@ -26,19 +27,19 @@ FULL_TURN: Final = 360
 """360 degrees in degrees."""
 HEAD: Final = 0xFA
 FIRST: Final = 0xA0
-"""The number of the first packet of a revolution, in the second byte; so it is in all known devices."""
+"""Number of the first packet of a revolution, in the second byte; the same in all known devices."""
 
 
 def sample_us_at(rpm: float) -> float:
-    """What a sample of a degree takes; 0 where the rotor stands."""
+    """Microseconds of a sample that covers a degree; 0 if the rotor stands."""
     return 60e6 / (rpm * FULL_TURN) if rpm else 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class SlotWheel(Turning):
-    """Judges packets of equal slots. It remembers nothing.
+    """Follows the rotor by packets of equal slots. It remembers nothing.
 
-    It tells no revolutions at once: what a sample takes differs from one to the next.
+    It does not follow several revolutions at once: the time of a sample differs from one to the next.
     """
 
     full_turn: int  # 360 degrees in the unit of the headings
@@ -56,10 +57,11 @@ class SlotWheel(Turning):
 
 
 class SlotDecoder(ArcDecoder):
-    """Decodes packets of equal slots, each of which tells the speed: so it tells how long a sample took.
+    """Decodes packets of equal slots. Each packet tells the speed, which gives the time of a sample.
 
-    Speeds are rounded, and how many samples a packet has may change by one from slot to slot. So that counts which
-    the packets of a whole revolution tell; of a part of one, those before it too. That is all it remembers.
+    Speeds are rounded, and the number of samples in a packet may change by one from slot to slot. So the mean over
+    the packets of a whole revolution counts; for a part of a revolution, with the packets before it. The decoder
+    remembers nothing else.
     """
 
     def __init__(self, full_turn: int, slots: int) -> None:
@@ -88,8 +90,8 @@ class SlotDecoder(ArcDecoder):
 class DegreeFormat(LayoutFormat):
     """Packets whose samples stand at whole degrees, counted as the rotor turns.
 
-    Their layout has the fields ``number``, behind `HEAD`, and ``speed``. Nothing else tells their time: each sample
-    takes as long as the rotor needs for a degree.
+    Their layout has the fields ``number``, behind `HEAD`, and ``speed``. Only the speed gives the time of a sample:
+    the time in which the rotor turns by a degree.
     """
 
     full_turn = FULL_TURN
@@ -102,7 +104,7 @@ class DegreeFormat(LayoutFormat):
     @classmethod
     @abstractmethod
     def returns_of(cls, rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Millimetres, 0 where nothing came back, and the strength of returns, to 255; shape (packets, samples)."""
+        """Millimetres, 0 where nothing came back, and intensities up to 255; shape (packets, samples) each."""
 
     @classmethod
     def speeds_of(cls, rows: NDArray[Any]) -> NDArray[np.float64]:
@@ -112,12 +114,12 @@ class DegreeFormat(LayoutFormat):
 
     @classmethod
     def rpm_of(cls, packets: bytes) -> float:
-        """The speed that packets tell, revolutions a minute."""
+        """The speed that most packets tell, revolutions a minute: the median."""
         return float(np.median(np.frombuffer(packets, cls.layout)["speed"])) / cls.an_rpm
 
     @classmethod
     def sample_us(cls, packets: bytes) -> float:
-        """What a sample takes, by packets; 0 where the rotor stands."""
+        """Microseconds of a sample, by the speed that packets tell; 0 if the rotor stands."""
         return sample_us_at(cls.rpm_of(packets))
 
     def told_sample_ns(self, packets: Packets) -> NDArray[np.float64]:
@@ -126,7 +128,7 @@ class DegreeFormat(LayoutFormat):
 
 
 class DegreeDecoder(SlotDecoder):
-    """Decodes such packets; `wire` is their format, which tells what they hold and which way the rotor turns."""
+    """Decodes the packets of a `DegreeFormat`; `wire` tells what they hold and which way the rotor turns."""
 
     def __init__(self, wire: type[DegreeFormat]) -> None:
         self._wire = wire

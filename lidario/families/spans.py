@@ -1,4 +1,4 @@
-"""What the heads of packets tell: where the rotor stood, and how far ahead the next packet is."""
+"""The heads of packets: where the rotor stood at each, and how far ahead the next packet is."""
 
 from __future__ import annotations
 
@@ -15,22 +15,23 @@ Ints: TypeAlias = NDArray[np.int32]
 Arc: TypeAlias = NDArray[np.int32] | NDArray[np.float64]
 
 RETREAT_TURNS: Final = 1 / 36
-"""How far packets under a check value fall back at most. Any more is the long way round, forwards."""
+"""Packets with a check value fall back by this at most. A heading that falls back farther went the long way
+round."""
 LIKENESS: Final = 0.2
-"""Two arcs within this share of each other are one speed: neighbours differ by less, half a gap is farther off."""
+"""Two arcs that differ by less than this share are one speed. Neighbours differ by less, half a gap by more."""
 SPANS_WORTH_AN_ARRAY: Final = 160
-"""Spans from which numpy finds the least, the greatest and their sum. Measured: a list takes 0.06 us for each, an
-array 2.5 us; live, where numpy is cold once a revolution, they take 11 and 29 us for 80 spans."""
+"""From this many spans on, numpy finds the least, the greatest and the sum. Measured: a list takes 0.06 us a span,
+an array 2.5 us; live, where numpy is cold once a revolution, they take 11 and 29 us for 80 spans."""
 
 
 class Heads(NamedTuple):
-    """Where packets that follow each other stand, in heading units; arrays of shape (packets,)."""
+    """The angles of packets that follow each other, in heading units; arrays of shape (packets,)."""
 
-    first: Ints  # the angle of the first sample of each
-    following: int | None  # that of the packet behind them; None where it is not known
-    counts: Ints | int  # samples of each; one number where all packets have as many
-    way: Ints | None = None  # from the first sample of each to its last, where packets tell that; else None
-    read: Any = None  # what else the decoder has read of them
+    first: Ints  # the angle of the first sample of each packet
+    following: int | None  # the angle of the packet behind them; None if unknown
+    counts: Ints | int  # samples of each packet; one number if all packets have as many
+    way: Ints | None = None  # angle from the first sample of each packet to its last, if packets tell it; else None
+    read: Any = None  # whatever else the decoder has read of the packets
 
     @property
     def samples(self) -> int:
@@ -45,35 +46,36 @@ class Heads(NamedTuple):
 
 
 class Arcs(NamedTuple):
-    """What is known of packets that follow each other."""
+    """How the rotor turned during packets that follow each other, and what is missing behind each."""
 
-    # Rotation during each packet, in heading units: up to the first sample of the next one, or, where packets tell
-    # their own, up to the last sample.
+    # Rotation during each packet, in heading units: up to the first sample of the next one or, if packets tell
+    # their own way, up to their last sample.
     arc: Arc
-    skipped: NDArray[np.intp] | None  # samples missing behind each, an array; None when none is
-    # The mean rotation from sample to sample, in heading units; 0 when nothing is known. Of several revolutions,
-    # that of the last one.
+    skipped: NDArray[np.intp] | None  # samples missing behind each packet, an array; None if none are
+    # The mean rotation from sample to sample, in heading units; 0 if unknown. With several revolutions, that of the
+    # last one.
     step: float
     certain: bool  # whether the speed is sure
-    # How many packets are missing behind each of so many before, which were told to follow each other, as time
-    # tells now; ``(1, 0)`` where only what the last one measured is not to be used.
+    # A correction of earlier results, because of what time shows now: ``(missing, packets)``, so many packets are
+    # missing behind each of the last `packets`, which were reported to follow each other. ``(1, 0)``: only the
+    # samples of the last packet before are not to be used.
     revoked: tuple[int, int] = (0, 0)
-    # Whether each span is a whole number of arcs, as far as it tells; where one is not, a turn may hide.
+    # Whether each span is a whole number of arcs, as far as it shows that; if one is not, a turn may hide in it.
     fits: bool = True
-    steps: Sequence[float] = ()  # the mean step of each revolution, where several were followed
+    steps: Sequence[float] = ()  # the mean step of each revolution, if several were followed
 
 
 class Turning(ABC):
     """Follows the rotor through one stream, by the heads of its packets. By default it remembers nothing."""
 
     def tell_time(self, sample_ns: float, *, passes: bool = True) -> None:  # noqa: B027
-        """As `Decoder.tell_time`."""
+        """Take note of how long a sample takes, as `Decoder.tell_time`."""
 
     def doubt_time(self) -> None:  # noqa: B027
-        """The time that was told last was reckoned (`Packets.cut`): the next one takes its place."""
+        """The latest arrival was computed, not measured (`Packets.cut`): the next one shall replace it."""
 
     def copy(self) -> Self:
-        """Another one, which goes on from here without changing what this one remembers."""
+        """An independent copy, which goes on from here."""
         return self
 
     @abstractmethod
@@ -86,16 +88,17 @@ class Turning(ABC):
         ends: Sequence[int],  # noqa: ARG002
         arrivals: Sequence[Arrival] = (),  # noqa: ARG002
     ) -> Arcs | None:
-        """The arcs of several revolutions, where `follow` would find nothing missing in any.
+        """The arcs of several revolutions, if `follow` would find nothing missing in any of them; else None.
 
-        None otherwise, also where the times of several reads may yet tell how many packets an arc is. Then nothing
-        is remembered. The packet behind all of them is known; `ends` are packets up to the end of each revolution.
+        Also None if the times of several reads may still show how many packets an arc is. With None, nothing is
+        remembered. The packet behind the last one must be known; `ends` are packets up to the end of each
+        revolution.
         """
         return None
 
 
 def spans_between(heads: Heads, full_turn: int, retreat: int) -> tuple[Ints, int, int, int]:
-    """How far ahead of each packet the next one is, 0 where none follows; the least, the greatest and their sum.
+    """How far ahead of each packet the next one is, 0 if none follows; also the least, the greatest and the sum.
 
     A heading that falls back by more than `retreat` has gone the long way round, forwards.
     """
@@ -103,7 +106,7 @@ def spans_between(heads: Heads, full_turn: int, retreat: int) -> tuple[Ints, int
     spans = np.empty(len(first), first.dtype)
     np.subtract(first[1:], first[:-1], out=spans[:-1])
     last = 0 if following is None else following - int(first[-1])
-    # Mostly it is only here that the angles pass 0.
+    # Mostly, the angles pass 0 only at this last span.
     spans[-1] = last + full_turn if last < -retreat else last
     least, greatest, total = _extent(spans)
     if least < -retreat:
@@ -116,7 +119,7 @@ def spans_between(heads: Heads, full_turn: int, retreat: int) -> tuple[Ints, int
 
 
 def by_revolution(spans: Ints, ends: Sequence[int]) -> list[tuple[int, int, int]]:
-    """The least and the greatest of the spans of each revolution, and their sum."""
+    """The least, the greatest and the sum of the spans of each revolution."""
     begins = [0, *ends[:-1]]
     return list(
         zip(

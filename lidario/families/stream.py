@@ -1,4 +1,4 @@
-"""What the session must know of a stream: of one that was just started, or of one among recorded bytes."""
+"""Describes a stream for the session: one that was just started, or one among recorded bytes."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from lidario.wire.envelope import Request
 from lidario.wire.formats import StreamFormat
 
 ENDLESS_TURNS: Final = 4
-"""Times that the slowest revolution takes, after which one that has not ended is given up. A rotor that runs down
-is slower than it ever should be."""
+"""A revolution that has not ended after this many times the slowest one is given up. Not earlier, because a rotor
+that runs down is slower than it ever should be."""
 LONGEST_REVOLUTION: Final = 65536
-"""Samples after which a revolution that does not end is given up, whatever is said of its times; twice what the
-fastest device takes at its slowest speed."""
+"""A revolution that has not ended after this many samples is given up, whatever its times say. This is twice as
+many as the fastest device measures at its slowest speed."""
 
 _BITS_A_BYTE: Final = 10
 
@@ -32,33 +32,33 @@ class Keepalive:
 
 @dataclass(frozen=True, slots=True)
 class Stream:
-    """All the session must know of a stream that was just started."""
+    """All that the session must know about a stream that was just started."""
 
     format: StreamFormat  # the packet format, the same object that the starting request carried
-    decoder: Decoder  # what makes samples of its packets
+    decoder: Decoder  # makes samples of its packets
     mode: ScanMode  # the scan mode that runs
-    sample_ns: float  # nanoseconds a sample; 0 when the device does not say
+    sample_ns: float  # nanoseconds a sample; 0 if the device does not say
     spin_up_s: float  # longest time until the first packet may be expected
     slowest_turn_s: float  # longest time one revolution may take
-    keepalive: Keepalive | None = None  # what must be repeated meanwhile, if anything
+    keepalive: Keepalive | None = None  # the request to repeat while it runs, if any
     zero_offset_deg: float = 0.0  # degrees to add to every device angle
-    # Nanoseconds that a sample may take, where `sample_ns` is 0: which one holds is measured.
+    # Possible nanoseconds a sample, if `sample_ns` is 0: measuring shows which of them is right.
     may_take_ns: tuple[float, ...] = ()
-    # Whether its packets come when they are measured, or soon after; False where they were stored without times,
-    # which are made from the samples then.
+    # Whether its packets come when they are measured, or soon after. False if they were stored without times, which
+    # are then made from the samples.
     timed: bool = True
 
     @property
     def most_ns(self) -> float:
-        """Nanoseconds that a revolution may take, before it is given up (`ENDLESS_TURNS`)."""
+        """Nanoseconds after which a revolution is given up (`ENDLESS_TURNS`)."""
         return ENDLESS_TURNS * 1e9 * self.slowest_turn_s
 
     @property
     def most_bytes(self) -> int:
-        """Bytes of packets that a revolution may have, before it is given up (`ENDLESS_TURNS`).
+        """Bytes of packets after which a revolution is given up (`ENDLESS_TURNS`).
 
-        Times come from the device, a peer or a file. Whatever they say, it is never more than `LONGEST_REVOLUTION`
-        samples.
+        Times come from the device, a peer or a file. Whatever they say, a revolution never has more than
+        `LONGEST_REVOLUTION` samples.
         """
         samples = float(LONGEST_REVOLUTION)
         if self.sample_ns:
@@ -66,24 +66,25 @@ class Stream:
         wire = self.format
         sizes = [(size, wire.samples_in((Block(size, 1),))) for size in (wire.shortest, wire.longest)]
         most = max(math.ceil(samples / max(each, 1)) * size for size, each in sizes)
-        # The last packet is there before it is seen that it is too much.
+        # One packet more: it is there before it is seen to be too much.
         return most + wire.longest
 
     def speed_on(self, baudrate: int) -> int:
-        """Speed of the line in bits a second: `baudrate`, or 0 where packets are more than that could carry.
+        """Speed of the line in bits a second: `baudrate`, or 0 if a line of that speed could not carry the packets.
 
-        Then it means nothing, as for a device that is a USB device itself. Only packets that are whole scans tell.
+        Then the speed means nothing, as for a device that is a USB device itself. Only packets that are whole scans
+        show this.
         """
         wire, turn_s = self.format, self.format.pitch * self.sample_ns * 1e-9
         return 0 if wire.whole and wire.shortest * _BITS_A_BYTE > baudrate * turn_s else baudrate
 
 
 class Known(NamedTuple):
-    """What a user says of bytes that were recorded without times."""
+    """What a user says about bytes that were recorded without times."""
 
-    family: str | None = None  # short name of the family; None to tell it from the bytes, or by the model
-    model: str | None = None  # one of `Family.models`; None to tell it from the bytes
-    # Microseconds a sample; None for what the bytes tell, or the model or format usually takes.
+    family: str | None = None  # short name of the family; None to find it by the bytes or the model
+    model: str | None = None  # one of `Family.models`; None to find it by the bytes
+    # Microseconds a sample; None to use what the bytes tell, or else what the model or format usually takes.
     sample_us: float | None = None
 
 
@@ -91,9 +92,9 @@ class RawStream(NamedTuple):
     """A measurement stream among bytes that were recorded without times."""
 
     begin: int  # offset of its first byte, behind its descriptor
-    stream: Stream  # what it is
-    title: str = ""  # the model, for people; empty where neither the bytes nor the user told it
-    guess: str = ""  # what the model was taken for, and what else it may be; empty where nothing had to be guessed
+    stream: Stream  # the stream
+    title: str = ""  # the model, for people; empty if neither the bytes nor the user told it
+    guess: str = ""  # what the model was taken for, and what else it may be; empty if nothing had to be guessed
 
 
 def raw_stream(
@@ -106,10 +107,10 @@ def raw_stream(
     response_type: int | None = None,
     details: str = "",
 ) -> RawStream:
-    """A recorded stream of which nothing is known but its format, the time of a sample, and perhaps the model.
+    """A recorded stream of which only the format, the time of a sample, and perhaps the model are known.
 
-    `response_type` is that by which `Family.stream_in` knows it, where it is not the one of the format, and
-    `details` what else that must know.
+    `response_type` is the type by which `Family.stream_in` finds it, if it is not that of the format; `details` is
+    what else `Family.stream_in` needs.
     """
     stream = Stream(
         format=wire,

@@ -1,7 +1,7 @@
-"""Families of devices that only talk: a table of models is all that one needs beside packets and decoder.
+"""Families of devices that only talk: beside packets and decoder, such a family only needs a table of models.
 
-No packet of theirs tells the model; where models are to be read in different ways, a user names one. What a sample
-takes is measured by the packets that are heard when the device is opened, or found in recorded bytes.
+No packet tells the model. If models are to be read in different ways, a user names one. The time of a sample is
+measured by the packets that are heard when the device is opened, or found in recorded bytes.
 """
 
 from __future__ import annotations
@@ -34,43 +34,43 @@ from lidario.wire.formats import StreamFormat
 TIMING: Final = Timing(
     # A packet takes 17 ms at most, and a USB adapter may hold bytes back for 16 ms.
     quiet_s=0.06,
-    # It cannot be restarted from here.
+    # Not used: such a device cannot be restarted from here.
     boot_s=3.0,
-    # It hears nothing. One that has just been given power sends a second or two later.
+    # The device hears nothing. After power-on it begins to send within a second or two.
     forget_s=3.0,
 )
-"""Of those that nothing starts or stops."""
+"""For devices that nothing starts or stops."""
 SPIN_UP_S: Final = 3.0
 START_ATTEMPTS: Final = 2
-"""What starts a device may be lost, and is harmless to one that runs: ROBOTIS' driver sends it to such, too."""
+"""A start request may be lost, and does no harm to a device that runs: ROBOTIS' driver sends it to those, too."""
 SETTLE_S: Final = 0.02  # after a stop; no document demands it, and a packet takes less
 
 
 class Speeds(NamedTuple):
-    """How a request regulates the motor."""
+    """How a request sets the speed of the motor."""
 
-    limits: tuple[float, float]  # the slowest and the fastest, revolutions a second
-    step: float  # what one unit of the request is, likewise
-    request: Callable[[int], Request]  # the request, by how many units
+    limits: tuple[float, float]  # the slowest and the fastest speed, revolutions a second
+    step: float  # one unit of the request, revolutions a second
+    request: Callable[[int], Request]  # makes the request for so many units
 
 
 @dataclass(frozen=True, slots=True)
 class TalkingModel:
     """One model."""
 
-    name: str  # as in ``model=`` of a source; empty of one that no user names
-    title: str  # for people
+    name: str  # as in ``model=`` of a source; empty if no user can name it
+    title: str  # name for people
     baudrates: tuple[int, ...]  # speeds that its line may have, the likeliest first
-    sample_us: float  # what a sample takes by its data sheet, microseconds
+    sample_us: float  # microseconds a sample, by its data sheet
     reach: float  # farthest distance in metres
     wire: type[StreamFormat]  # the format of its packets
     make_decoder: Callable[[Any], Decoder]  # makes their decoder, by the format
-    note: str = ""  # what else it may be, where its packets do not tell
-    start: bytes = b""  # what starts its motor and its stream; empty where it talks for as long as it has power
-    stop: bytes = b""  # what stops both; empty likewise
-    speeds: Speeds | None = None  # how the motor is regulated; None where it cannot be
-    # Longest time that one revolution may take: at the lowest speed, and half as long again. Default: at 200
-    # revolutions a minute.
+    note: str = ""  # which other model it may be, if packets do not tell
+    start: bytes = b""  # bytes that start its motor and its stream; empty if it talks for as long as it has power
+    stop: bytes = b""  # bytes that stop both; empty likewise
+    speeds: Speeds | None = None  # how the speed of the motor is set; None if it cannot be
+    # Longest time of one revolution: that at the lowest speed, and half as much more. Default: for 200 revolutions
+    # a minute.
     slowest_turn_s: float = 0.45
 
     def decoder(self) -> Decoder:
@@ -79,50 +79,50 @@ class TalkingModel:
 
 
 class Rotor(NamedTuple):
-    """How devices whose motor the host powers tell that it does not turn as it should."""
+    """How a device whose motor the host powers tells that the rotor does not turn as it should."""
 
-    wire: Callable[[], StreamFormat]  # makes a format of all their packets, also of those that say so
-    rests_s: float  # the longest time between two of those
-    trouble: Callable[[bytes], str]  # what is to be told of one; empty for one that measures
+    wire: Callable[[], StreamFormat]  # makes a format for all its packets, also for those that tell this
+    rests_s: float  # the longest time between two packets that tell it
+    trouble: Callable[[bytes], str]  # the message of a packet; empty for a packet of measurements
 
 
 @dataclass(frozen=True, slots=True)
 class Talkers:
-    """The models of one family, and what tells more of them."""
+    """The models of one family, and how to tell them apart."""
 
     family: str  # short name of the family
-    # All that is to be read in some way; those with a name are those that a user may name.
+    # All models that are known; a user may name those that have a name.
     all: tuple[TalkingModel, ...]
-    # Which model it is, where no user has named one: by packets, of which some may be missing, and by the speed of
-    # the line, as `Device.baudrate` has it.
+    # Finds the model if no user has named one: by packets, of which some may be missing, and by the speed of the
+    # line, as `Device.baudrate` has it.
     unnamed: Callable[[bytes, int | None], TalkingModel]
-    heard: int  # packets from which that is known, and what a sample takes, if they tell it
-    # The formats in which to look for packets, the likeliest first; none for that of any model.
+    heard: int  # how many packets that needs; they also give the time of a sample, if packets tell it
+    # The formats in which to look for packets, the likeliest first; empty for the format of the first model.
     wires: tuple[type[StreamFormat], ...] = ()
-    rotor: Rotor | None = None  # where the host powers the motor
+    rotor: Rotor | None = None  # how the rotor is watched, if the host powers the motor
 
     @property
     def models(self) -> dict[str, TalkingModel]:
-        """Those that a user may name."""
+        """The models that a user may name, by their names."""
         return {model.name: model for model in self.all if model.name}
 
     def model_of(self, named: TalkingModel | None, packets: bytes, baudrate: int | None = None) -> TalkingModel:
-        """The model that the user has named, if any, with a note where packets are those of another one."""
+        """The model that the user has named, with a note if packets are those of another; else the one found."""
         seen = self.unnamed(packets, baudrate)
         if named is None:
             return seen
-        # Where a note stands they do not tell.
+        # With a note, packets do not tell the model.
         if seen.note or seen.wire is named.wire:
             return named
         said = f"its packets are such as a {seen.title} sends, and are read as those of a {named.title}"
         return replace(named, note=f"{said}: leave out ?model={named.name}")
 
     def wires_of(self, named: TalkingModel | None) -> tuple[type[StreamFormat], ...]:
-        """The formats in which to look for packets, where the user has named a model or not."""
+        """The formats in which to look for packets; `named` is the model that the user has named, if any."""
         return (named.wire,) if named else self.wires or (self.all[0].wire,)
 
     def find_stream(self, data: memoryview, known: Known) -> RawStream | None:
-        """As `Family.find_stream`: at the first packets that are not alone, which may tell the model."""
+        """As `Family.find_stream`: finds the first packets in a row, which may tell the model."""
         named = self.models[known.model] if known.model else None
         for made in self.wires_of(named):
             wire = made()
@@ -132,7 +132,7 @@ class Talkers:
                 if not wire.run(rows, 0).packets:
                     continue
                 count, heard = made().packets_in(rows)
-                # Also where one packet is proof enough: it tells no model.
+                # Two packets are needed even if one would be proof enough of the format: one tells no model.
                 if count >= LINKED:
                     model = self.model_of(named, heard)
                     sample_us = known.sample_us or model.wire.sample_us(heard) or model.sample_us
@@ -140,7 +140,7 @@ class Talkers:
         return None
 
     def stream_in(self, mode: ScanMode) -> tuple[StreamFormat, Decoder] | None:
-        """As `Family.stream_in`: by the number that lidario gives each kind."""
+        """As `Family.stream_in`: by the response type, a number that lidario gives each format."""
         found = (model for model in self.all if model.wire.response_type == mode.response_type)
         return next(((model.wire(), model.decoder()) for model in found), None)
 
@@ -153,7 +153,7 @@ class TalkingDevice(Device):
     def __init__(self, talkers: Talkers, model: TalkingModel | None = None) -> None:
         self._talkers = talkers
         self._named = model
-        # What may have been stopped, where nothing is heard.
+        # If nothing is heard, the device may be of this model and may have been stopped.
         self._woken = model or next((each for each in talkers.all if each.start), talkers.all[0])
         if talkers.rotor is not None:
             self.rests_s: float = talkers.rotor.rests_s
@@ -165,7 +165,7 @@ class TalkingDevice(Device):
         self._was_heard = False
 
     def _be(self, model: TalkingModel) -> None:
-        """Be of this model. Before that it is not stopped."""
+        """Take on a model. Only a known model is stopped."""
         self._model = model
         self.can_be_stopped: bool = bool(model.stop)
         self.can_keep_spinning: bool = not model.stop
@@ -177,28 +177,28 @@ class TalkingDevice(Device):
         return Request("STOP", self._model.stop, settle=SETTLE_S, ends_stream=True)
 
     def halt_unknown(self) -> tuple[Request, ...]:
-        # One that streams, and was not heard for long enough, may be of a model that can be stopped.
+        # A device that streams, but was not heard for long enough, may be of a model that can be stopped.
         is_known = self._was_heard or self.can_be_stopped or not self._woken.stop
         return () if is_known else (Request("STOP", self._woken.stop),)
 
     def respond(self, request: bytes, head: Descriptor, payload: bytes = b"") -> bytes:  # noqa: ARG002
-        """As `Device.respond`: nothing announces its stream."""
+        """As `Device.respond`, but without `head`: nothing announces its stream."""
         return payload
 
     def complete_probe(self) -> bytes:
-        # What has started it may have reached it though nothing came. Where most models need no start, one that has
-        # got it goes on: it is heard in the next round.
+        # The start request may have reached the device though nothing came. If some model needs no start, a device
+        # that was started goes on, and is heard in the next round.
         return self._model.stop if all(model.start for model in self._talkers.all) else b""
 
     def end_search(self) -> bytes:
         return self._model.stop
 
     def identify(self) -> Script[DeviceInfo]:
-        """As `Device.identify`: by its packets. One that may have been stopped is started for that."""
+        """As `Device.identify`: by its packets. A device that may have been stopped is started for that."""
         runs = yield from self._hear()
         self._was_heard = True
         self._be(self._talkers.model_of(self._named, b"".join(runs), self.baudrate))
-        # The median, for a run with damage that a check value does not find may tell anything.
+        # The median: a run with damage that its check value does not show may tell any time.
         told_us = [each for each in map(self._model.wire.sample_us, runs) if each]
         self._sample_us = median(told_us) if told_us else self._model.sample_us
         return DeviceInfo(self._talkers.family, self._model.title, 0, "", 0, "")
@@ -207,7 +207,7 @@ class TalkingDevice(Device):
         of = self._talkers
         wires = of.wires_of(self._named)
         linked = 1 if wires[0].self_evident else LINKED
-        # One that was heard before is what it was.
+        # A device that was heard before keeps its model.
         woken = self._model if self._was_heard else self._woken
         for number, wire in enumerate(wires):
             try:
@@ -215,14 +215,14 @@ class TalkingDevice(Device):
             except ResponseTimeout:
                 if number == len(wires) - 1 and not woken.start:
                     raise
-        # What starts it may reach it though nothing comes back: from now on it must be stopped.
+        # The start request may reach it though nothing comes back: from now on the device must be stopped.
         self._be(woken)
-        # While it is opened it is asked in rounds.
+        # Once: while a device is opened, it is asked in rounds anyway.
         attempts = START_ATTEMPTS if self._was_heard else 1
         return (yield from hear_runs(wires[0], of.heard, SPIN_UP_S, woken.start, linked, attempts))
 
     def health(self) -> Script[Health]:
-        """As `Device.health`: a warning where the rotor does not turn, a note where it may be another model."""
+        """As `Device.health`: a warning if the rotor does not turn, a note if it may be another model."""
         trouble = yield from self._trouble()
         if trouble:
             return Health(HealthStatus.WARNING, 0, trouble)
@@ -232,7 +232,7 @@ class TalkingDevice(Device):
         return Health(HealthStatus.OK, 0, model.note)
 
     def explain_silence(self, lasted_s: float) -> Script[bool]:  # noqa: ARG002
-        """As `Device.explain_silence`; raises StreamFailed where the rotor does not turn: no start would help."""
+        """As `Device.explain_silence`; raises StreamFailed if the rotor does not turn: no start would help."""
         trouble = yield from self._trouble()
         if trouble:
             raise StreamFailed(trouble)
@@ -263,7 +263,7 @@ class TalkingDevice(Device):
         )
 
     def set_scan_frequency(self, hertz: float) -> Script[float]:
-        """As `Device.set_scan_frequency`; each start sets it again, and it cannot be read back."""
+        """As `Device.set_scan_frequency`; each start sets the frequency again, and it cannot be read back."""
         speeds = self._model.speeds
         if speeds is None:
             return (yield from super().set_scan_frequency(hertz))

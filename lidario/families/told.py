@@ -1,15 +1,17 @@
-"""How far the rotor turned from sample to sample, and what is missing, where packets tell their own part of that.
+"""Finds how far the rotor turned, and what is missing, for packets that tell their own rotation.
 
-Such a packet states the angles of its first and of its last sample; its *way* lies between, and its samples lie at
-equal *steps* on it. From its last sample to the first one of the next packet the rotor turns by one step more. What
-that *jump* holds beyond was lost.
+Such a packet states the angles of its first and of its last sample. The rotation between them is its *way*, and its
+samples lie on it at equal *steps*. From its last sample to the first one of the next packet, the rotor turns by one
+step more. If this *jump* is longer than a step, samples were lost.
 
-1. **Each packet has its own step.** The rotor may turn evenly, speed up, stop or creep: the jump behind a packet is
-   held against the longer of the two steps beside it.
-2. **A step that is like none beside it is damage** that a weak check value let pass; then that of its neighbours is
-   taken. So is a way that no step explains, if the jump beside it would be as odd. The others tell the truth; what
-   such a packet itself says of its samples is not changed, for that must not depend on others.
-3. **What passed unseen passed as beside it**, but where the rotor all but stood: then as fast as it turns.
+1. **Each packet has its own step.** The rotor may turn evenly, speed up, stop or creep. The jump behind a packet is
+   compared with the longer of the two steps beside it.
+2. **A step that is like none beside it is damage** that a weak check value let pass. Then the step of its
+neighbours is
+   used. The same holds for a way that no step explains, if the jump beside it would be as odd. The neighbours are
+   right. The angles of the damaged packet's own samples are not changed, for they must not depend on other packets.
+3. **In a gap the rotor turned as fast as beside it.** If it all but stood there, it turned as fast as at its
+fastest.
 """
 
 from __future__ import annotations
@@ -29,20 +31,20 @@ Floats = NDArray[np.float64]
 _CHANGING: Final = 1.1
 """If the longest way of a revolution exceeds that of its mean step by this factor, its speed may change."""
 FEWEST: Final = 6
-"""Packets from which the longest one is an ordinary one, where they are of any size: of a revolution, the first one
-and the last one may be short."""
+"""If packets have any size, the longest of at least this many is an ordinary one. The first and the last one of a
+revolution may be short."""
 _FEWEST_STEPS: Final = 6
-"""Steps in a packet from which their mean is known well enough."""
+"""A packet with at least this many steps gives their mean well enough."""
 _BACKWARD: Final = RETREAT_TURNS / 5
-"""By so much, 2 degrees, a packet may begin before the end of the one before, with nothing missing."""
+"""A packet may begin this much, 2 degrees, before the end of the one before, with nothing missing."""
 
 
 @dataclass(frozen=True, slots=True)
 class ToldWheel(Turning):
-    """Judges packets that tell their own way. It remembers nothing."""
+    """Follows the rotor by packets that tell their own way. It remembers nothing."""
 
     full_turn: int  # 360 degrees in the unit of the headings
-    least: float  # samples that are missing at least where anything is
+    least: float  # least number of samples that a gap lacks
 
     def follow(self, heads: Heads, arrivals: Sequence[Arrival] = ()) -> Arcs:  # noqa: ARG002
         if heads.following is not None and (arcs := self.follow_several(heads, (len(heads.first),))) is not None:
@@ -65,10 +67,10 @@ class ToldWheel(Turning):
         mean = turned / inner
         if not gaps.any():
             if heads.following is not None:
-                # With the jumps, all of which are known, it is more exact.
+                # All jumps are known: with them, the mean is more exact.
                 mean = (turned + int(np.add.reduce(jumps))) / heads.samples
             return Arcs(way, None, mean, certain=True)
-        # Beside where it all but stood, it may have turned as fast as it does.
+        # Beside a packet in which the rotor all but stood, it may have turned at its fastest.
         fastest = float(step.max())
         step = np.where(step < LIKENESS * fastest, fastest, step)
         skipped = np.where(gaps, np.rint(jumps / step) - 1, 0).astype(np.intp)
@@ -105,14 +107,14 @@ class ToldWheel(Turning):
         return Arcs(way, None, steps[-1], certain=True, steps=steps)
 
     def _one(self, step: Floats) -> Floats:
-        """Up to where a jump is one step. The angles at both its ends are rounded."""
+        """The longest jump that is still one step. One unit more, because the angles at both ends are rounded."""
         return (1 + self.least) * step + 1
 
     def _jumps(self, first: Ints, tails: Ints, following: int | None) -> Ints:
-        """How far ahead of the end of each packet the next one begins; 0 where it begins a little before that.
+        """How far ahead of the end of each packet the next one begins; 0 if it begins a little before that end.
 
-        Packets begin at `first` and end at `tails`, counted on past 360 degrees; where what is `following` is not
-        known, the last jump is 0.
+        Packets begin at `first` and end at `tails`, counted on past 360 degrees. If `following` is None, the last
+        jump is 0.
         """
         jumps = np.empty(len(first), first.dtype)
         np.subtract(first[1:], tails[:-1], out=jumps[:-1])
@@ -122,20 +124,21 @@ class ToldWheel(Turning):
         return jumps
 
     def _mended(self, heads: Heads, tails: Ints, jumps: Ints, usual: Floats, step: Floats) -> tuple[Ints, Ints]:
-        """Angles of first and last samples; one that is damaged is computed from the other one of its packet.
+        """The angles of first and last samples; a damaged one is computed from the other angle of its packet.
 
-        An angle is taken as damaged if the jump beside it disappears when it is computed, or if it is farther from
-        the other one than any speed explains. `tails` and `jumps` are as in `_jumps`, `usual` are the ways that
-        each `step` to the next sample tells.
+        The first angle is damaged if the jump before it disappears when it is computed. The last angle is damaged
+        if there is a jump behind it that disappears so, or a way that is longer than any speed explains. `tails`
+        and `jumps` are as in `_jumps`; `usual` are the ways that follow from each `step`.
         """
         first, following = heads.first, heads.following
         ways, one = np.rint(usual).astype(np.int32), self._one(step)
         ahead = jumps > one
-        # The first angle is damaged if the packet before ends right before it, once it is computed,
+        # The first angle is damaged if, once it is computed, the packet before ends right before it.
         from_last = (tails - ways) % self.full_turn
         near = self._jumps(from_last, tails, following) <= one
         wrong_first = np.append(False, ahead[:-1] & near[:-1])
-        # and the last one if no way is as long, or if the next packet then begins right behind it.
+        # The last angle is damaged if there is a jump behind it, and the way is longer than any can be or, once the
+        # angle is computed, the next packet begins right behind it.
         near = self._jumps(first, first + ways, following) <= one
         wrong_last = ~wrong_first & ahead & ((tails - first > 2 * usual + step) | near)
         begins = np.where(wrong_first, from_last, first)
@@ -143,15 +146,15 @@ class ToldWheel(Turning):
 
 
 def _steps_of(way: Ints, counts: Ints | int) -> Floats:
-    """How far the rotor turns from the last sample of each packet to the next one, if nothing is missing."""
+    """How far the rotor turns from the last sample of each packet to the next sample, if nothing is missing."""
     inner = np.broadcast_to(np.subtract(counts, 1), way.shape)
     long = (inner >= min(_FEWEST_STEPS, int(inner.max()))).nonzero()[0]
-    # It may turn by less than the headings resolve.
+    # The rotor may turn by less than the headings resolve: at least one unit is taken.
     own: Floats = np.maximum(way[long], 1) / inner[long]
     if len(own) > 1:
-        # One that is like none beside it is damaged.
+        # A step that is like none beside it is damaged: keep each between its neighbours.
         before, after = np.append(own[1], own[:-1]), np.append(own[1:], own[-2])
         own = np.maximum(np.minimum(before, after), np.minimum(own, np.maximum(before, after)))
         own[:-1] = np.maximum(own[:-1], own[1:])
-    # A short packet has that of the long one before.
+    # A short packet has the step of the long one before it.
     return own[np.maximum(np.searchsorted(long, np.arange(len(way)), "right") - 1, 0)]

@@ -1,11 +1,11 @@
 """Packets of one size that tell the angles of their first sample and of their last one.
 
-The samples between lie at equal steps. No rotor turns by more than `MOST_TURNS` meanwhile: a packet that says so is
-damaged, though its check value holds, and its samples would lie all around.
+The samples between lie at equal steps. No rotor turns by more than `MOST_TURNS` during a packet. A packet that says
+so is damaged although its check value holds; its samples would lie all around.
 
-Models that triangulate see with a lens beside the laser: what they measure lies beside the beam, by an angle that
-depends on the distance. So neighbours can change places; revolutions are divided by the beam, and corrected after
-that.
+Models that triangulate see with a lens beside the laser. What they measure lies beside the beam, by an angle that
+depends on the distance. With this correction, neighbours can change places. So revolutions are divided by the angle
+of the beam, and corrected after that.
 """
 
 from __future__ import annotations
@@ -22,21 +22,22 @@ from lidario.wire.events import Packets
 from lidario.wire.rows import LayoutFormat
 
 _UNEVEN: Final = 0.25
-"""By so much the span of a packet may differ from that of most: 7.58 to 10.23 degrees in a recording of a real
+"""Share by which the span of a packet may differ from the median: 7.58 to 10.23 degrees in a recording of a real
 LDROBOT LD06 whose spans are 8.71."""
 _SHORTEST: Final = 20
-"""Units of an angle that a packet must span to tell a rate: each of its two angles is rounded."""
+"""Angle units that packets must span on average to tell a rate: each of the two angles is rounded."""
 MOST_TURNS: Final = 1 / 8
-"""Of a packet. An LDROBOT LD14 at its fastest turns by 14 degrees, and a rotor is not even."""
+"""Largest span of a packet, in turns. An LDROBOT LD14 at its fastest turns by 14 degrees, and a rotor is not
+even."""
 
 
 class TwoAngleFormat(LayoutFormat):
-    """Such packets: their layout has the fields ``start``, ``end``, ``speed`` and ``samples``."""
+    """The format of such packets: the layout has the fields ``start``, ``end``, ``speed`` and ``samples``."""
 
     def __init__(self) -> None:
         super().__init__()
         fields: Any = self.layout.fields
-        # Where the two angles stand.
+        # Offsets of the two angles in a packet.
         self._places = fields["start"][1], fields["end"][1]
 
     def intact(self, data: bytearray, at: int, size: int) -> bool:
@@ -56,13 +57,13 @@ class TwoAngleFormat(LayoutFormat):
 
     @classmethod
     def way_of(cls, rows: NDArray[Any]) -> Ints:
-        """From the first sample of each packet to its last, in the unit of its angles."""
+        """Rotation from the first sample of each packet to its last, in the unit of its angles."""
         way: Ints = (rows["end"].astype(np.int32) - rows["start"].astype(np.int32)) % cls.full_turn
         return way
 
     @classmethod
     def samples_a_second(cls, packets: bytes) -> float:
-        """The rate that the spans of packets and their speed tell; 0 where they do not. Packets may be missing.
+        """Samples a second, by the spans and the speeds of packets; 0 if they do not tell. Packets may be missing.
 
         It is more exact than a vendor's figure: a real LDROBOT LD06 measured 4546 samples a second and not 4500.
         While a rotor stands or starts, its angles and the speed that it tells do not agree.
@@ -79,7 +80,7 @@ class TwoAngleFormat(LayoutFormat):
 
     @classmethod
     def sample_us(cls, packets: bytes) -> float:
-        """What a sample takes, by packets; 0 where they do not tell."""
+        """Microseconds of a sample, by the spans and the speeds of packets; 0 if they do not tell."""
         rate = cls.samples_a_second(packets)
         return 1e6 / rate if rate else 0.0
 
@@ -119,11 +120,11 @@ class TwoAngleDecoder(ArcDecoder):
         output.intensity[...] = measured["intensity"]
 
     def _corrected(self, output: Output) -> NDArray[np.float64] | None:  # noqa: ARG002
-        """Degrees from what was measured to the beam; None where it lies on the beam. May correct distances."""
+        """Degrees from each measured point to the beam; None if points lie on it. May also correct distances."""
         return None
 
 
 def _even(values: NDArray[Any]) -> NDArray[np.bool_]:
-    """Which of them are about as usual: a check value that holds by chance lets any pass."""
+    """Which values are near the median: a damaged packet whose check value holds by chance may carry any."""
     usual = float(np.median(values))
     return np.abs(values - usual) <= _UNEVEN * usual

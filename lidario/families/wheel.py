@@ -1,33 +1,36 @@
-"""A clock and a wheel: how far the rotor turned during each packet, and how many packets are missing.
+"""Finds how far the rotor turned during each packet, and how many packets are missing, by the angles and the clock.
 
-A lidar measures at an even pace: each packet takes the same time. Its rotor turns at a speed that changes slowly. A
-packet states the angle at which it begins, and the next packet begins where the rotor then stands. So from packet
-to packet the angle advances by one *arc*, and where packets are missing, by two arcs or more.
+A lidar measures at an even pace: each packet takes the same time. The speed of its rotor changes slowly. A packet
+states the angle at which it begins, and the next packet begins where the rotor then stands. So from packet to
+packet the angle advances by one *arc*, or by two arcs or more if packets are missing.
 
-What the model believes, and why:
+The rules of the model, and their reasons:
 
-1. **An arc is like the one before it.** Packets are so short that a rotor, whatever it does, changes its speed from
-   one to the next by a small part of what it turns at most. So a *span* from packet to packet that is hardly longer
-   than the last arc is an arc, and a shorter one always is: a gap only ever lengthens a span. A rotor may stop, and
+1. **An arc is like the one before it.** A packet is so short that the arc changes from one to the next by only a
+small
+   part of the longest arc, whatever the rotor does. So a *span* from packet to packet that is hardly longer than
+   the last arc is one arc. A shorter span always is one, since a gap only lengthens a span. A rotor may stop, and
    go from standstill to full speed, and nothing seems to be missing.
-2. **A longer span is a gap.** It holds a whole number of arcs. The packet before it is not stretched over it: its
+2. **A longer span is a gap.** It holds a whole number of arcs. The packet before it is not stretched over the gap:
+its
    arc lies on the line between the arc before the gap and the mean arc in it.
-3. **A span of no whole number of arcs is another speed**, if the next span is like it, or if it goes on so for some
-   time; then it is learned from those spans alone. One that stands alone hides a whole turn, of which the angles
-   tell nothing, or the rotor stops or starts there. Nor does a span of many arcs tell of a speed: it may be of one
-   more or less.
-4. **The clock has the last word.** Spans that agree with each other are one arc each, or a whole number of them:
-   where each second packet is lost, two. The angle alone cannot tell which. Time can: it is known when packets
-   came, and how long each takes to measure, and so how many the device has measured (`Pace`). Bytes come late, but
-   never early. So time is believed only where it says the same twice, in the first and in the second half of what
-   is looked at. It only chooses among whole numbers; how long an arc is, the angles tell, and they are exact.
+3. **A span that is no whole number of arcs shows another speed**, if the next span is like it, or if spans go on so
+   for some time. The speed is then learned from those spans alone. A single such span hides a whole turn, which
+   angles cannot show, or the rotor stops or starts there. A span of many arcs shows no speed: it may hold one more
+   or less.
+4. **The clock has the last word.** Spans that agree are one arc each, or a whole number of arcs each: two, if every
+   second packet is lost. The angle alone cannot show which. Time can: from arrival times and the time of a packet
+   follows how many packets the device has measured (`Pace`). Bytes come late, but never early. So time is believed
+   only if it says the same twice, in the first and in the second half of the packets. It only chooses among whole
+   numbers. The length of an arc is taken from the angles, which are exact.
 
-Until a speed is sure by these rules, no arc is certain. What is known once stays, until spans or time speak against
-it: nothing is learned anew behind a gap, but where the device cannot have measured as many packets as the arc
-would tell, the rotor has sped up meanwhile. What was told before it was sure is put right then (`Arcs.revoked`).
+Until a speed is sure by these rules, no arc is certain. A known speed stays until spans or time speak against it.
+Nothing is learned anew behind a gap, with one exception: if the device cannot have measured as many packets as the
+arc says, the rotor has sped up in the gap. Results from before a speed was sure are then corrected
+(`Arcs.revoked`).
 
-Without times, as in a file of bytes, spans that agree are taken for one arc each, where no byte was skipped; so are
-those behind an outage.
+Without times, as in a file of bytes, spans that agree are taken for one arc each if no byte was skipped; so are the
+spans behind an outage.
 """
 
 from __future__ import annotations
@@ -51,26 +54,27 @@ from lidario.families.spans import (
 from lidario.wire.events import Arrival
 
 AGREEING: Final = 6
-"""Spans that agree, without the help of time, before an arc is certain: no revolution has fewer packets."""
+"""Without the help of time, this many spans must agree before an arc is certain: no revolution has fewer
+packets."""
 FEW_AGREEING: Final = 3
-"""The same, where time says how many arcs they are."""
+"""The same, if time says how many arcs the spans are."""
 TRUSTED_GAP: Final = 8
-"""Missing packets up to which the arc over the gap says more than the last arc that was seen."""
+"""Up to this many missing packets, the mean arc in the gap is better than the last arc that was seen."""
 _TELLING: Final = TRUSTED_GAP + 1.5
-"""Arcs up to which a span tells whether it is a whole number of them."""
+"""Up to this many arcs, a span shows whether it is a whole number of arcs."""
 _FITTING: Final = 0.75
-"""Share of the spans that must be a whole number of arcs: where whole turns hide in them, fewer are, by chance."""
+"""Share of the spans that must be a whole number of arcs. If whole turns hide in them, only a chance share is."""
 _STRANGE: Final = 4
-"""Spans in a row, all far from the last arc, after which it is looked for anew."""
+"""After this many spans in a row that do not fit the last arc, the arc is learned anew."""
 
 
 class _Walk(NamedTuple):
-    """What is found from span to span."""
+    """The result of going from span to span."""
 
     arcs: list[float]  # the arc of each packet
-    missing: list[int]  # how many are missing behind it
-    fitting: int  # how many spans are a whole number of arcs, each held against the arc before it
-    known: int  # how many are so short that this can be told
+    missing: list[int]  # how many packets are missing behind it
+    fitting: int  # how many spans are a whole number of arcs, each compared with the arc before it
+    known: int  # how many spans are short enough to show that
 
     @property
     def mean(self) -> float:
@@ -84,17 +88,17 @@ class Wheel(PacedTurning):
 
     def __init__(self, full_turn: int, samples: int = 1) -> None:
         super().__init__(full_turn, RETREAT_TURNS, samples)
-        self._arc = self._fastest = 0.0  # the last one, and the longest of those that came together
-        # Whether all of the latest spans were a whole number of arcs, as far as they tell.
+        self._arc = self._fastest = 0.0  # the last arc, and the longest one followed together with it
+        # Whether all of the latest spans were a whole number of arcs, as far as they show it.
         self._fits = True
-        # Since the speed was last confirmed.
+        # Spans since the speed was last confirmed.
         self._spans: list[int] = []
 
     def follow(self, heads: Heads, arrivals: Sequence[Arrival] = ()) -> Arcs:
         before, was_certain = self._arc, self._certain
         arcs = self._follow(heads, arrivals)
         if self._certain and arcs.arc[0] > 0 and not (was_certain or any(arcs.revoked)):
-            # A rotor that slows down does so from packet to packet: it leaps where what seemed an arc was a gap.
+            # A rotor slows down from packet to packet. If the arc leaps, the arcs before were gaps.
             arcs = arcs._replace(revoked=self._revoked(before / float(arcs.arc[0])))
         if arcs.skipped is None and self._fits:
             self._note_close(len(arcs.arc) - (heads.following is None))
@@ -111,10 +115,10 @@ class Wheel(PacedTurning):
                 total += int(spans[-1])
             if not self._confirmed:
                 self._remember(known.tolist(), arrivals)
-                # The spans are alike; are they one arc each?
+                # The spans are alike, but time may show that they are several arcs each.
                 if not self._is_confirmed():
                     return self._among_gaps(spans, arrivals, followed=followed)
-            # One that stands tells of no arc.
+            # A rotor that stands shows no arc: keep the last one.
             self._arc, self._certain, self._strange = float(spans[-1]) or self._arc, True, 0
             self._fits, self._fastest = True, float(longest)
             if self._confirmed:
@@ -144,25 +148,25 @@ class Wheel(PacedTurning):
         return Arcs(spans, None, steps[-1], certain=True, steps=steps)
 
     def _is_steady(self, spans: Ints, longest: int) -> bool:
-        """Whether each span is one arc: not much longer than the span before. While none is known, it must turn."""
+        """Whether each span is one arc, hardly longer than the last. If no arc is known, the rotor must turn."""
         if len(spans) < (1 if self._certain else AGREEING) or not (self._certain or spans[-1] > 0):
             return False
         arcs = np.append(round(self._arc), spans) if self._certain else spans
-        # Of the fastest arc: the slower a rotor turns, the more any change is for it. Spans are rounded.
+        # A share of the longest arc: a change weighs more for a slow rotor. Plus 1, for spans are rounded.
         slack = LIKENESS * max(longest, self._arc) + 1
         slower = arcs[:-1] - arcs[1:]
-        # Behind a gap of almost a turn the next span is longer again.
+        # A much shorter span may be a gap of almost a turn; the next span is then longer again.
         may_slow_down = (slower[-1] if self._certain else slower.max()) <= slack
         return bool(may_slow_down and (spans >= -1).all() and (slower >= -slack).all())
 
     # ------------------------------------------------------------------------------------------------- gaps
 
     def _among_gaps(self, spans: Ints, arrivals: Sequence[Arrival], *, followed: bool) -> Arcs:
-        """As `follow`, where spans may hold more than one packet, or less."""
+        """As `follow`, if spans may hold more than one packet, or less."""
         plain: list[int] = spans.tolist()
         told = plain if followed else plain[:-1]
         begin, fastest, revoked = self._arc, self._fastest, (0, 0)
-        # Where no time passes, what came in one piece has skipped nothing.
+        # Without times, packets that came in one piece have no skipped bytes between them.
         alone = not self._time_passes and len(arrivals) == 1
         walk = self._walk(plain, followed=followed, alone=alone) if self._certain else None
         is_strange = walk is None or self._is_strange(walk, told, alone=alone)
@@ -174,25 +178,25 @@ class Wheel(PacedTurning):
             begin = self._arc
             walk = self._walk(plain, followed=followed, alone=alone)
         may_tell = self._confirmed and self._time_passes and any(walk.missing)
-        # Not by the arc before: the rotor may have sped up from packet to packet.
+        # Compared with the arcs that were followed: the rotor may have sped up from packet to packet since the first.
         if may_tell and self._pace.is_too_short(self._packet_ns, walk.mean):
-            # What came before tells nothing of it.
+            # Learn the new speed from these spans alone: those before had another one.
             self._arc, self._fastest, self._confirmed, self._spans = begin, fastest, False, told
             self._pace.clear()
             self._pace.add(told, arrivals)
-            # The arc of the packet before was too short: what it measured is not used.
+            # The arc of the packet before was too short, so its samples are not used.
             self._learn(anew=True)
             revoked = 1, 0
             walk = self._walk(plain, followed=followed, alone=alone)
         missing, self._fits = walk.missing, walk.fitting == walk.known
-        # Of a rotor that stood, and has begun to turn, longer spans tell of its speed and not of gaps.
+        # Where the rotor stood and has just begun to turn, a longer span is a higher speed and not a gap.
         is_starting = not self._certain and 0 in told
         behind = np.array(missing) * self._samples if any(missing) and not is_starting else None
         step = (walk.mean or self._arc) / self._samples
         return Arcs(np.array(walk.arcs), behind, step, self._certain, revoked, self._fits)
 
     def _walk(self, spans: Sequence[int], *, followed: bool, alone: bool) -> _Walk:
-        """Follow spans from the last arc on; those that are `alone` as in `_is_strange`."""
+        """Follow spans from the last arc on, and take over the arc of the last one."""
         arcs, missing = list[float](), list[int]()
         last, fastest = self._arc, self._fastest
         end, fitting, known = len(spans) - 1, 0, 0
@@ -204,13 +208,14 @@ class Wheel(PacedTurning):
             likely = spans[at + 1] if at < end else 0
             goes_on, fastest = abs(likely - span) <= LIKENESS * span / 2, max(fastest, last)
             slack = LIKENESS * fastest
-            # Where it all but stood, it may be at speed at once.
+            # A rotor that all but stood may be at speed at once.
             times = span / (usual := fastest if goes_on and last <= slack else last)
-            # A rotor does not turn back: a turn may hide there.
+            # A rotor does not turn back, so a turn may hide in a negative span.
             tells = span < -1 or 0 < times <= _TELLING
-            # Of a slow rotor, one may be a gap all the same: behind it, the next one is like the one before again.
+            # With a slow rotor, a span within the slack may still be a gap: then the next span is like the arc
+            # before.
             alone = at < end and times > SEVERAL and abs(likely - last) < abs(likely - span)
-            # Of the fastest arc, as in `_is_steady`.
+            # The slack is a share of the longest arc, as in `_is_steady`.
             whole = max(1, round(times)) if span - last > slack else 1
             off = abs(span - whole * usual) / fastest
             known += tells
@@ -219,45 +224,45 @@ class Wheel(PacedTurning):
             if anew or whole == 1:
                 if anew or (off <= OFF and not alone):
                     last = float(span) or last
-                # One that is another, and alone, hides a whole turn. Beside one of 0, the rotor stops or starts.
+                # A single span that is no arc hides a whole turn. Beside a span of 0, the rotor stops or starts.
                 stands = 0 in (span, likely if at < end else last, arcs[-1] if at else last)
                 arcs.append(float(span) if stands else last)
                 missing.append(0)
                 continue
             mean = span / whole
-            # The arc before a gap lies on the line from the one before it to the middle of the gap.
             missing.append(whole - 1)
             if whole > TRUSTED_GAP + 1 or off > OFF:
-                # A whole turn may hide in it.
+                # A whole turn may hide in the gap: keep the last arc.
                 arcs.append(last)
-                # Not where the rotor stands: its spans agree too.
+                # Take the arc of the spans behind it if they agree. Those of a rotor that stands (0) agree, too.
                 if alone and _agree(behind := spans[at + 1 : at + 1 + AGREEING]) and behind[0]:
                     last = float(behind[0])
                 continue
+            # The arc before a gap lies on the line from the arc before it to the middle of the gap.
             arcs.append(last + (mean - last) / (1 + (whole - 1) / 2))
             last = mean
         self._arc = self._fastest = last
         return _Walk(arcs, missing, fitting, known)
 
     def _is_strange(self, walk: _Walk, spans: Sequence[int], *, alone: bool) -> bool:
-        """Whether spans fit no whole number of arcs for some time: the speed may be another one.
+        """Whether spans have not been whole numbers of arcs for some time: the speed may be another one.
 
-        Where spans are `alone`, nothing but the angles tells of them: those that agree are taken for one arc each.
+        If spans are `alone`, only the angles tell about them: spans that agree are taken for one arc each.
         """
         fitting, known = walk.fitting, walk.known
         if _agree(spans) and (alone or not known):
-            # Gaps of so many arcs are never alike: the rotor had all but stood, and is at speed.
+            # Gaps of so many arcs are never equal: the rotor had all but stood, and is now at speed.
             self._strange, self._spans = _STRANGE, [*spans][-REMEMBERED:]
             return True
         self._strange = 0 if 2 * fitting > known or not known else self._strange + known
         if self._strange < _STRANGE:
             return False
-        # What came before tells nothing of it.
+        # Learn the new speed from the strange spans alone.
         self._spans = self._spans[-self._strange :]
         return True
 
     def _fitting(self, spans: Sequence[int], arc: float) -> tuple[int, int]:
-        """How many spans are a whole number of arcs, and how many are so short that this can be told."""
+        """How many spans are a whole number of arcs, and how many are short enough to show that."""
         known = [span / arc for span in spans if 0 < span <= _TELLING * arc]
         return sum(abs(each - max(1, round(each))) <= LIKENESS for each in known), len(known)
 
@@ -267,7 +272,7 @@ class Wheel(PacedTurning):
         """Keep spans, and where the rotor was when packets came, while the speed is not sure."""
         is_sure = self._certain and self._confirmed and not self._strange
         if is_sure and (not self._time_passes or self._pace.measured(self._packet_ns) is not None):
-            # It has been held against the time. Before that, a wrong belief would never be.
+            # Time has confirmed the speed. Forgetting earlier would leave a wrong speed unchecked for ever.
             self._forget()
         self._pace.add(spans, arrivals)
         self._spans = [*self._spans, *spans][-REMEMBERED:]
@@ -277,7 +282,7 @@ class Wheel(PacedTurning):
         self._pace.clear()
 
     def _is_confirmed(self) -> bool:
-        """Whether time does not say that spans are of several packets each. It may not say anything yet."""
+        """Whether spans may be one packet each: False only if time says that they are several."""
         by_time = self._pace.measured(self._packet_ns)
         if by_time is None:
             return True
@@ -285,9 +290,9 @@ class Wheel(PacedTurning):
         return min(by_time) < SEVERAL
 
     def _learn(self, *, anew: bool) -> tuple[int, int]:
-        """Find the arc from what is remembered: the largest group of spans that agree, and what time says of it.
+        """Find the arc by the largest group of remembered spans that agree, and by what time says about it.
 
-        With `anew` nothing is known, or what is known is wrong. If not, only time can speak against it. Returns
+        With `anew`, no arc is known or the known one is wrong; without, only time can change the known arc. Returns
         what is revoked, as `Arcs.revoked`.
         """
         nothing = 0, 0
@@ -311,7 +316,7 @@ class Wheel(PacedTurning):
             return nothing
         if not anew:
             return nothing
-        # Time does not tell. Gaps only ever lengthen a span, so the short ones tell the truth.
+        # Time says nothing. Gaps only lengthen spans, so the short ones are right.
         short = spans[len(spans) // 4]
         ordinary = [span for span in spans if abs(span - short) <= short / 2]
         middle = median_high(ordinary)
@@ -320,7 +325,7 @@ class Wheel(PacedTurning):
         return nothing
 
     def _are_several(self, spans: Sequence[int], arc: float) -> bool:
-        """Whether spans are of one, two and more such arcs. Were they of half an arc, others would come too."""
+        """Whether spans are one, two and more such arcs. Half as long arcs would also give spans between these."""
         fitting, known = self._fitting(spans, arc)
         longer = sum(span > SEVERAL * arc for span in spans)
         return fitting >= _FITTING * known and longer >= _STRANGE and 4 * longer > len(spans)
@@ -336,12 +341,12 @@ def _are_alike(arc: float, shortest: int, longest: int) -> bool:
 
 
 def _agree(spans: Sequence[int]) -> bool:
-    """Whether so many spans agree that one arc is certain, without the help of time."""
+    """Whether enough spans agree for an arc to be certain without the help of time."""
     return len(spans) >= AGREEING and max(spans) <= (1 + LIKENESS) * min(spans)
 
 
 def _largest_group(spans: Sequence[int]) -> tuple[float, int]:
-    """The mean of the most spans that agree, of a sorted list, and how many they are; of equal ones the shorter."""
+    """Mean and size of the largest group of sorted spans that agree; of equal groups, of the shorter spans."""
     best = begin = place = 0
     for end in range(len(spans)):
         while spans[end] > (1 + LIKENESS / 2) * spans[begin]:

@@ -1,7 +1,8 @@
-"""When bytes came that were collected from several reads, and what was known of them at that time.
+"""Keeps when bytes came that were collected from several reads, and what was known of them at that time.
 
-Behind damage, the bytes that follow decide whether something is a packet. So one may be complete with one read, and
-told only with the next. Who gets both reads joined must not know more: the packets before it were dated without it.
+Behind damage, the bytes that follow decide whether something is a packet. So a packet may be complete with one
+read, and be recognised only with the next. The result must be the same if both reads are given joined: there, too,
+the packets before it are dated as if it were not known yet.
 """
 
 from __future__ import annotations
@@ -16,14 +17,14 @@ from lidario.wire.formats import StreamFormat
 
 
 class ArrivedBytes(list[Arrival]):
-    """Which bytes had come when. They are counted from the first one ever fed, so they stay right in any buffer."""
+    """How many bytes had come at which time, counted from the first byte ever fed: so it is right in any buffer."""
 
     def keep(self, begin: int, fed: int, now: int) -> None:
-        """So many bytes were fed, the last one now; those before `begin` are understood."""
+        """Note that `fed` bytes had come at `now`; forget reads that end before `begin`: their bytes are parsed."""
         self[:] = [each for each in (*self, (fed, now)) if each[0] > begin]
 
     def of(self, offsets: Sequence[int], begin: int, now: int) -> tuple[Arrival, ...]:
-        """How many packets had come when; `offsets` (`packet_offsets`) count from `begin` in all that was fed."""
+        """How many packets had come at which time; `offsets` (`packet_offsets`) count from byte `begin` on."""
         found: list[Arrival] = []
         done, count = 0, len(offsets) - 1
         for fed, at_ns in self:
@@ -36,12 +37,12 @@ class ArrivedBytes(list[Arrival]):
         return tuple(found)
 
     def last_until(self, at_ns: int) -> int:
-        """How many bytes had been fed when all of this time had come: some had, and more came later."""
+        """How many bytes had come until `at_ns`; at least one read had."""
         return max(size for size, came_ns in self if came_ns <= at_ns)
 
 
 def finds_packets(wire: StreamFormat, before: dict[str, Any], shown: bytearray) -> bool:
-    """Whether a search for packets behind damage finds one in the bytes that were `shown` at an earlier time.
+    """Whether a search behind damage finds a packet in the bytes `shown`, which had come at an earlier time.
 
     `before` has the fields of the format as they were when the search began.
     """

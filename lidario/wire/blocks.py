@@ -1,9 +1,9 @@
 """How packets of different sizes lie in one piece of bytes.
 
-Where every packet of a format has the same size, its place follows from its number. Where a packet states its own
-size, finding the next one takes a walk from packet to packet. That walk is made once, by the parser, and what it
-found is kept as blocks: a few pairs of a size and a number of packets, since most packets of a revolution have the
-same size. Blocks join and divide without looking at the bytes again.
+If every packet of a format has the same size, the place of each follows from its number. If packets state their own
+sizes, the parser must go from packet to packet. It does so once, and keeps the result as blocks: a few pairs of a
+size and a number of packets, since most packets of a revolution have the same size. Blocks can be joined and
+divided without reading the bytes again.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def some_blocks(blocks: Sequence[Block], begin: int, end: int) -> tuple[Block, .
 
 
 def packet_offsets(blocks: Sequence[Block]) -> Sequence[int]:
-    """Where each packet begins, and behind them where the last one ends."""
+    """Offset at which each packet begins, and at the end that at which the last one ends."""
     if len(blocks) == 1:
         size, count = blocks[0]
         return range(0, size * (count + 1), size)

@@ -1,4 +1,4 @@
-"""A second object that goes on from where the first one stands."""
+"""Fast shallow copies of objects."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ _T = TypeVar("_T")
 
 
 def copy_of(original: _T) -> _T:
-    """As `copy.copy`, but much faster where it is done once a revolution; of an object without slots."""
+    """As `copy.copy`, for an object without slots; much faster, which matters once a revolution."""
     twin = object.__new__(type(original))
     vars(twin).update(vars(original))
     return twin

@@ -1,4 +1,4 @@
-"""The envelope that requests and responses travel in.
+"""The envelope of requests and responses.
 
 A request is ``A5 cmd``, or ``A5 cmd length payload… checksum`` when bit 7 of the command is set in the
 dialect that carries payloads; the checksum is the XOR of every byte before it (S-series interface manual,
@@ -7,12 +7,12 @@ dialect that carries payloads; the checksum is the XOR of every byte before it (
 A response begins with a descriptor of seven bytes: ``A5 5A``, a little-endian word whose low 30 bits are the
 length of one packet and whose top 2 bits are the send mode (0 once, 1 for ever), and the response type
 ("Response descriptors' format"). The manuals of both families describe the same header. A descriptor has no
-checksum and its two magic bytes occur in scan data by chance, so one is believed only when it is exactly the
-response that was requested: `Expected` says which that is.
+checksum, and its two magic bytes occur in scan data by chance. So it is believed only if it announces exactly the
+response that was requested, as `Expected` describes it.
 
-A response of text is lines: the echo of the request, what the device says, and an empty line. The echo tells whose
-response it is, and a device may say anything before it, as the rest of a stream, so an echo counts at the beginning
-of a line alone.
+A response of text consists of lines: the echo of the request, the text of the device, and an empty line. The echo
+shows to which request the response belongs. A device may send anything before it, for example the rest of a stream,
+so an echo counts only at the beginning of a line.
 """
 
 from __future__ import annotations
@@ -37,47 +37,47 @@ _LINE_END = 0x0A
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """The response a request asks for; anything else on the line is noise."""
+    """The response that a request asks for; anything else on the line is noise."""
 
     type: int  # response type of the descriptor
-    size: int  # smallest length that is plausible, in bytes
-    # Largest plausible length; 0 means exactly `size`. No claim beyond it is ever waited for.
+    size: int  # smallest plausible length, in bytes
+    # Largest plausible length; 0 means exactly `size`. A descriptor that claims more is not believed.
     largest: int = 0
-    continuous: bool = False  # True when a stream is expected
+    continuous: bool = False  # True if a stream is expected
     # Bytes the payload must begin with (an echo of the request), so that a late response to an earlier request is
     # not taken for this one.
     prefix: bytes = b""
-    # True where the response is lines of text that no descriptor announces: the echo `prefix`, and all up to the
-    # next empty line, `largest` bytes at most. Where it is `accepted`, a stream follows.
+    # True if the response is lines of text without a descriptor: the echo `prefix`, and all up to the next empty
+    # line, `largest` bytes at most. If the text between is `accepted`, a stream follows.
     lines: bool = False
-    accepted: bytes = b""  # what stands between the echo and the empty line where a request for a stream is obeyed
+    accepted: bytes = b""  # text between echo and empty line by which a device accepts a request for a stream
 
 
 @dataclass(frozen=True, slots=True)
 class Request:
     """One request: its bytes, the response it asks for, and the timing the device demands.
 
-    A request with a `stream`, but without `expects`, begins a stream that is not announced: what comes next
-    belongs to it. A request without bytes that ends a stream only has the host not listen any more: nobody is told,
-    and the line is not waited for to fall quiet.
+    A request with a `stream`, but without `expects`, begins a stream that is not announced: the next bytes belong
+    to it. If a request that ends a stream has no bytes, only the host stops listening: the device is not told, and
+    the host does not wait for a quiet line.
     """
 
     name: str  # the documents' name, for messages and logs
     data: bytes  # the encoded bytes
-    expects: Expected | None = None  # the response, or None when the device gives none
+    expects: Expected | None = None  # the response, or None if the device gives none
     timeout: float = 1.0  # seconds to wait for the response
     settle: float = 0.0  # seconds the device needs after this request before it accepts the next
-    attempts: int = 2  # how often to ask before giving up; more than 1 only where asking twice does no harm
-    ends_stream: bool = False  # True when the device leaves its stream on this request (STOP, RESET)
-    in_stream: bool = False  # True when it may be sent while packets flow and changes nothing about them
-    stream: StreamFormat | None = None  # format of the packets that follow, a fresh one for each start
+    attempts: int = 2  # how often to ask before giving up; more than 1 only if asking twice does no harm
+    ends_stream: bool = False  # True if this request ends the device's stream (STOP, RESET)
+    in_stream: bool = False  # True if it may be sent while packets flow, and does not affect them
+    stream: StreamFormat | None = None  # format of the packets that follow, a fresh object for each start
     others: tuple[StreamFormat, ...] = ()  # formats that the descriptor may announce instead
-    # How many packets of `stream` are the response, from a device that streams unasked and announces
-    # nothing; 0 where there is another response, or none.
+    # How many packets of `stream` are the response of a device that streams unasked and announces nothing; 0 if the
+    # response is another one, or there is none.
     packets: int = 0
     dtr: bool | None = None  # state of the control line DTR before the bytes are written; None to leave it as it is
     baudrate: int | None = None  # speed of the port before the bytes are written; None to leave it as it is
-    acknowledged: bytes = b""  # how the device says that it has heard it, where nobody waits for that
+    acknowledged: bytes = b""  # bytes by which the device acknowledges it, though nobody waits for them
 
     def admits(self, descriptor: Descriptor) -> bool:
         """Whether `descriptor` announces the response to this request."""
@@ -93,7 +93,7 @@ class Request:
         )
 
     def announced_by(self, response_type: int, size: int) -> StreamFormat | None:
-        """Which of the other formats a descriptor of this type and length announces."""
+        """The format among `others` that a descriptor of this type and length announces; None if there is none."""
         for each in self.others:
             if each.response_type == response_type and each.shortest == size:
                 return each
@@ -114,13 +114,13 @@ def encode_request(command: int, payload: bytes | None = None) -> bytes:
 
 
 def encode_descriptor(descriptor: Descriptor) -> bytes:
-    """The bytes of a descriptor: what `parse_descriptor` reads."""
+    """The bytes of a descriptor, as `parse_descriptor` reads them."""
     word = descriptor.size & _LENGTH_MASK | descriptor.continuous << _MODE_SHIFT
     return DESCRIPTOR_MAGIC + word.to_bytes(4, "little") + bytes((descriptor.type,))
 
 
 def parse_descriptor(data: bytes | bytearray) -> Descriptor | None:
-    """The descriptor in the first seven bytes, or None when they are none.
+    """The descriptor in the first seven bytes, or None if they are none.
 
     Send modes 2 and 3 are reserved (S-series interface manual) and are not accepted.
     """
@@ -136,18 +136,18 @@ def parse_descriptor(data: bytes | bytearray) -> Descriptor | None:
 class Lines(NamedTuple):
     """A response of text, as far as it was found."""
 
-    stray: int  # bytes before the response, which belong to none
-    size: int = 0  # bytes of the response behind them, with echo and empty line
-    payload: bytes | None = None  # what stands between these two; None where the response is not complete
+    stray: int  # bytes before the response, which belong to no response
+    size: int = 0  # bytes of the response, with echo and empty line
+    payload: bytes | None = None  # the text between echo and empty line; None if the response is not complete
 
 
 def find_lines(data: bytearray, expected: Expected) -> Lines:
-    """The response that is expected, if `data` has it. No more than `Expected.largest` bytes are waited for."""
+    """Find the expected response in `data`. A response longer than `Expected.largest` is not waited for."""
     echo, at = expected.prefix, 0
     while True:
         place = data.find(echo, at)
         if place < 0:
-            # What is left may be the first part of an echo, with the end of the line before it.
+            # The last bytes may be the first part of an echo, with the line end before it.
             return Lines(max(0, len(data) - len(echo)))
         at = place + 1
         if place and data[place - 1] != _LINE_END:
@@ -161,7 +161,7 @@ def find_lines(data: bytearray, expected: Expected) -> Lines:
 
 
 def find_descriptor(data: bytearray, request: Request) -> tuple[int, Descriptor | None]:
-    """How many bytes belong to no response, and the descriptor behind them; None where it has not come whole."""
+    """How many bytes belong to no response, and the descriptor behind them; None if it has not come whole."""
     at = 0
     while True:
         place = data.find(DESCRIPTOR_MAGIC, at)

@@ -1,6 +1,6 @@
-"""What `Link` reports: three kinds of event, each plain data.
+"""The three kinds of event that `Link` reports, as plain data.
 
-Events do not depend on how the bytes were divided into chunks, but for one freedom: packets that follow each other
+Events do not depend on how the bytes were divided into chunks, with one exception: packets that follow each other
 may be reported in one `Packets` or in several. Noise makes no event; it is counted in `LinkStats`.
 """
 
@@ -17,7 +17,7 @@ Arrival: TypeAlias = tuple[int, int]
 """How much had come, and when: a number of bytes or of packets, and the time in the caller's nanoseconds."""
 
 EARLIEST_NS: Final = -(1 << 63)
-"""Before all times that are told."""
+"""A time before all others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,27 +37,27 @@ class Response:
     payload: bytes  # the bytes after the descriptor
 
 
-# Not frozen: creating a frozen one takes three times as long, and one is created for every read.
+# Not frozen: creating a frozen object takes three times as long, and one is created for every read.
 @dataclass(slots=True)
 class Packets:
-    """At least one intact packet of the stream's format; several of them follow each other on the wire.
+    """A run: at least one intact packet of the stream's format; several packets follow each other on the wire.
 
-    Nobody changes one that was made.
+    Nobody changes a run after it was made.
     """
 
     data: bytes  # the packets, back to back
-    blocks: tuple[Block, ...]  # their sizes: neighbours of one size together
-    # When they came: pairs ``(packets, at_ns)``, so many of them were complete at that time; ascending, the last
-    # pair is for all of them. More than one pair only when they were collected from several reads.
+    blocks: tuple[Block, ...]  # sizes of the packets: neighbours of one size together
+    # When the packets came: pairs ``(packets, at_ns)``, so many were complete at that time; ascending. The last
+    # pair is for all packets. There is more than one pair only if packets were collected from several reads.
     arrivals: tuple[Arrival, ...]
-    # Where bytes stand that belong to no packet: pairs ``(number, bytes)``, so many right before packet `number`;
-    # ascending. Behind the first packet only where several runs were joined.
+    # Bytes that belong to no packet: pairs ``(number, bytes)``, so many right before packet `number`; ascending.
+    # Only joined runs have such bytes behind the first packet.
     skips: tuple[tuple[int, int], ...] = ()
-    # True when the first one was complete with one read, and told only with a later one: by the bytes behind it,
-    # since damage stands before it. What was read with it was dated without it.
+    # True if the first packet was complete with one read, but recognised only with a later one, by the bytes behind
+    # it, because there is damage before it. The packets before the damage were dated without it.
     apart: bool = False
-    # True when others came with the last of them. When those here were complete is then reckoned, as if nothing
-    # were missing between.
+    # True if the read that brought the last packet also brought later ones. Its arrival is then computed, as if no
+    # packet were missing between.
     cut: bool = False
 
     @property
@@ -67,12 +67,12 @@ class Packets:
 
     @property
     def skipped(self) -> int:
-        """Bytes that belong to no packet, between the packet before and the first of these."""
+        """Bytes that belong to no packet, right before the first packet."""
         return self.skips[0][1] if self.skips and not self.skips[0][0] else 0
 
     @property
     def received_ns(self) -> int:
-        """Arrival of the read that completed the last of them."""
+        """Arrival of the read that completed the last packet."""
         return self.arrivals[-1][1]
 
     def read_at(self, number: int) -> int:

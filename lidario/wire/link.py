@@ -1,14 +1,14 @@
 """`Link`: the incremental state machine between raw bytes and typed events.
 
-Its states are drawn in `lidario.wire.states`.
+`lidario.wire.states` shows its states.
 
-Three verbs: `receive_data`, `events_received`, `send_request`. Time is an argument. While it streams it searches
-for no descriptor, and while it waits for a response it accepts only the one that was requested, by type *and*
-length, since ``A5 5A`` stands in scan data by chance about four times a second.
-Bytes never raise. Misuse does: `LocalProtocolError`.
+It has three verbs: `receive_data`, `events_received`, `send_request`. Time is an argument. While it streams, it
+does not search for a descriptor. While it waits for a response, it accepts only the one that was requested, by type
+*and* length, since ``A5 5A`` stands in scan data by chance about four times a second. No bytes raise an exception;
+only misuse does: `LocalProtocolError`.
 
-Every byte is counted in exactly one field of `LinkStats`, or is still in the buffer. The buffer is bounded: data
-is fed in slices, noise leaves at once, and no claimed length beyond the largest expected response is waited for.
+Every byte is counted in exactly one field of `LinkStats`, or is still in the buffer. The buffer is bounded: data is
+fed in slices, noise leaves at once, and a response longer than the largest expected one is not waited for.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from lidario.wire.states import LinkState
 from lidario.wire.stats import LinkStats
 
 _SLICE = 64 * 1024
-"""Bytes parsed at a time, unless told otherwise: as many as come while a program blocks its loop for a second."""
+"""Bytes parsed at a time, by default: as many as come while a program blocks its loop for a second."""
 _AWAIT_RESPONSE, _STREAMING = LinkState.AWAIT_RESPONSE, LinkState.STREAMING
-"""Finding a member in its class takes 40 ns more than a global name, and this is done for every chunk."""
+"""Looking up an enum member takes 40 ns more than a global name, and this is done for every chunk."""
 
 
 class Link:
@@ -49,26 +49,26 @@ class Link:
         self._abandoned = False
         self._unasked = False
         self._noise = 0
-        self.fed: int = 0  # bytes fed so far: all that were received, but for those of `discard_data`
+        self.fed: int = 0  # bytes fed so far: all that were received, without those of `discard_data`
         self._arrivals = ArrivedBytes()
-        # Place in the bytes fed where the packets of the latest stream begin: behind its descriptor.
+        # Where the packets of the latest stream begin, behind its descriptor, counted in bytes fed.
         self.stream_at: int = 0
         self._heard, self._heard_packets = b"", 0
 
     @property
     def buffered(self) -> int:
-        """Bytes received and not yet understood."""
+        """Bytes received and not yet parsed."""
         return len(self._buffer)
 
     def receive_data(
         self, data: bytes | bytearray | memoryview, now: int, arrivals: Sequence[Arrival] = ()
     ) -> None:
-        """Take bytes; collect what they mean by `events_received`.
+        """Take bytes; get their events by `events_received`.
 
         Args:
             data: The bytes, of one read or of several.
             now: Arrival of the last byte, in nanoseconds.
-            arrivals: When `data` was collected from several reads: pairs ``(bytes, at_ns)``, the first `bytes`
+            arrivals: Needed if `data` was collected from several reads: pairs ``(bytes, at_ns)``, the first `bytes`
                 bytes of `data` had arrived by `at_ns`; ascending, without the last read, which is `now`. A packet
                 has arrived with the read that completed it.
         """
@@ -79,9 +79,9 @@ class Link:
             piece = view[start : start + self._slice_size]
             self.fed += len(piece)
             if len(self._buffer) + len(piece) > 2 * self._slice_size:
-                # A mistake in the parser, which shows here and not as growing memory.
+                # A mistake in the parser shows here, and not as growing memory.
                 raise OverflowError(f"{len(piece)} bytes do not fit behind {self.buffered} that nobody took")
-            # Another one, as in `_drop`.
+            # A new buffer, for the reason in `_drop`.
             self._buffer = self._buffer + piece
             if self.state is _AWAIT_RESPONSE:
                 self._await_response()
@@ -94,17 +94,17 @@ class Link:
                     self.stats.stray_bytes += len(self._buffer)
                 self._buffer = bytearray()
         if self._format is not None and len(self._buffer) >= self._format.shortest:
-            # Behind damage, what follows decides whether it is a packet: then it came before that.
+            # Behind damage, the next bytes decide whether these are a packet; it then came now, before those.
             self._arrivals.keep(self.fed - len(self._buffer), self.fed, now)
         else:
-            # All bytes are understood, or too few are left for a packet.
+            # All bytes are parsed, or too few are left for a packet.
             self._arrivals.clear()
 
     def discard_data(self, size: int, *, shown: bool = False) -> None:
         """Count `size` bytes that were received and are thrown away unparsed, because the host was too slow.
 
-        The bytes around them are parsed as they come: a packet that is cut short is damage like any other. They
-        count as fed where they were `shown`: recordings have them.
+        The bytes before and after them are parsed as usual: a packet that is cut short is damage like any other.
+        With `shown`, the discarded bytes count as fed, since recordings contain them.
         """
         self.fed += size if shown else 0
         self.stats.bytes_received += size
@@ -120,11 +120,11 @@ class Link:
 
         Raises:
             LocalProtocolError: Another response is pending (also an abandoned one), or packets flow and this
-                request would stop them unannounced.
+                request is not one that may be sent meanwhile.
         """
         if request.ends_stream:
             if self.state is LinkState.AWAIT_RESPONSE and self._format is None:
-                self.abandon()  # the device is busy with it, and may not have heard this one
+                self.abandon()  # the device is busy with the pending request, and may not have heard this one
             else:
                 self._drain()
             if not request.data and request.dtr is None:
@@ -144,7 +144,7 @@ class Link:
             self.stream_at = self.fed
 
     def forget(self) -> None:
-        """The pending response is not expected any more; should it still come, its bytes are stray."""
+        """Stop waiting for the pending response; if it still comes, its bytes are stray."""
         if self.state is LinkState.AWAIT_RESPONSE:
             self._stray(self.buffered)
             self._end_waiting()
@@ -152,24 +152,24 @@ class Link:
     def abandon(self) -> None:
         """Nobody waits for the pending response any more, but the device is still busy with the request.
 
-        The link goes on waiting. When the response comes, it is counted in `LinkStats.late_responses` and no event
-        is made of it. When the request started a stream, its packets are drained until a STOP has ended them.
+        The link goes on waiting. If the response comes, it is counted in `LinkStats.late_responses`, without an
+        event. If the request started a stream, its packets are drained until a STOP has ended them.
         """
         self._abandoned = self.state is LinkState.AWAIT_RESPONSE
 
     def enter_stream(self, stream_format: StreamFormat) -> None:
-        """What comes from now on is a measurement stream that was announced before, as in a file."""
+        """From now on all bytes are a measurement stream that was announced before, for example in a file."""
         self._drain()
         self._format = stream_format
         self.state = LinkState.STREAMING
 
     def drained(self) -> None:
-        """The line has fallen quiet after a STOP: from now on a byte that nobody asked for is stray."""
+        """The line has fallen quiet after a STOP: from now on, unexpected bytes are stray."""
         if self.state is LinkState.DRAINING:
             self.state = LinkState.IDLE
 
     def _await_response(self) -> None:
-        """Search for the response to the pending request: packets, lines, or what the one descriptor announces."""
+        """Search for the response to the pending request: packets, lines, or a descriptor and what it announces."""
         request = self._pending
         if request is None or request.expects is None:
             return
@@ -195,7 +195,7 @@ class Link:
             if payload.startswith(request.expects.prefix):
                 self._take_response(payload, DESCRIPTOR_SIZE + descriptor.size)
                 return
-            # It belongs to an earlier request.
+            # This response belongs to an earlier request.
             self.stats.late_responses += 1
             self._stray(1)
 
@@ -208,7 +208,7 @@ class Link:
             self._take_response(payload, size)
 
     def _await_packets(self, request: Request, wire: StreamFormat) -> None:
-        """Wait until so many packets have come; noise between them is no part of the response."""
+        """Wait until `Request.packets` packets have come; noise between them is no part of the response."""
         data, at = self._buffer, 0
         while len(data) - at >= wire.shortest:
             blocks, middle, end = wire.next_stretch(data, at)
@@ -269,17 +269,18 @@ class Link:
         self.state = LinkState.DRAINING
 
     def _stream(self, now: int) -> None:
-        """Parse the buffer into runs of packets and stretches of noise, as far as the bytes at hand decide it."""
+        """Parse the buffer into runs of packets and stretches of noise, as far as the bytes so far decide it."""
         wire, data, at = self._format, self._buffer, 0
         if wire is None:
             return
         shortest, size, arrivals = wire.shortest, len(data), self._arrivals
-        # Where a search behind damage began, and the format as it was then.
+        # `before`: the fields of the format when a search behind damage began; `begin`: the place of that.
         before: dict[str, Any] = {}
         begin = 0
         while size - at >= shortest:
             if arrivals and not before:
-                # Hardly one is made again, and to copy a format takes 40 us where it is done once a revolution.
+                # Only the fields are copied: a search is hardly ever repeated, and copying a format once a
+                # revolution takes 40 us.
                 before, begin = vars(wire).copy(), at
             blocks, middle, end = wire.next_stretch(data, at)
             if end == at:
@@ -323,6 +324,7 @@ class Link:
         self._drop(size)
 
     def _drop(self, size: int) -> None:
-        """The first bytes of the buffer are understood."""
-        # They are not cut off: it may have views, held by who keeps frames of the parsers, as a profiler or a hook.
+        """Remove the first `size` bytes, which are parsed, from the buffer."""
+        # The buffer is replaced and not resized: views of it may exist, held by a profiler or hook that keeps
+        # frames.
         self._buffer = self._buffer[size:]

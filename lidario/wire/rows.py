@@ -1,11 +1,11 @@
-"""Packets of one size: many of them are checked as one array, and a CRC of eight bits by one look-up.
+"""Packets of one size: many packets are checked as one array, and an 8-bit CRC by one look-up.
 
-Most such packets are described by tables alone (`LayoutFormat`): what stands where, how they begin, and what their
-check value is.
+Most such packets are described by tables alone (`LayoutFormat`): the layout, how a packet begins, and the check
+value.
 
 A poll brings some ten packets, a file thousands. One by one, each costs some microseconds in Python; as rows of an
-array, a few more cost nothing. A CRC is linear: each byte adds to it what its value and its place say, so a table
-of that (`Crc8.of_rows`) replaces the loop over the bytes.
+array, a few more cost nothing. A CRC is linear: what a byte adds to it depends only on the value and the place of
+the byte. So a table of these (`Crc8.of_rows`) replaces the loop over the bytes.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from lidario.wire.formats import HEADINGS_WORTH_AN_ARRAY, NO_PACKET, Headings, S
 class RowFormat(StreamFormat):
     """A format whose packets all have the size `shortest`."""
 
-    # Packets from which they are checked as one array. Measured: 2 to 4 us a packet one by one, 5 to 12 us for up
-    # to 12 as an array. Live, a poll brings about 10; a port that is not polled one or two.
+    # From this many packets on, they are checked as one array. Measured: 2 to 4 us a packet one by one, 5 to 12 us
+    # for up to 12 as an array. Live, a poll brings about 10, a port that is not polled one or two.
     worth_an_array: int = 4
 
     def run(self, data: bytearray, at: int) -> Stretch:
@@ -35,7 +35,8 @@ class RowFormat(StreamFormat):
         count = (len(data) - at) // self.shortest
         if count < self.worth_an_array:
             return super().run(data, at)
-        # Live, where numpy is cold once a revolution, to count them takes 10 us more.
+        # Bytes are searched, not counted by numpy: live, where numpy is cold once a revolution, that takes 10 us
+        # more.
         first = self._intact_rows(data, at, count).tobytes().find(0)
         whole = count if first < 0 else first
         end = at + whole * self.shortest
@@ -43,14 +44,14 @@ class RowFormat(StreamFormat):
 
     @abstractmethod
     def _intact_rows(self, data: bytearray, at: int, count: int) -> NDArray[np.bool_]:
-        """Which of the `count` packets from `at` on are intact; they are all there."""
+        """Which of the `count` packets from `at` on are intact; all their bytes must be there."""
 
 
 class Check(Protocol):
     """A check value that stands at the end of a packet."""
 
     def holds(self, data: bytearray, at: int) -> bool:
-        """Whether it holds in the packet at `at`; all of it is there."""
+        """Whether it holds in the packet at `at`, which must be there whole."""
         ...
 
     def of_rows(self, rows: NDArray[np.uint8]) -> NDArray[np.bool_]:
@@ -59,19 +60,19 @@ class Check(Protocol):
 
 
 class LayoutFormat(RowFormat):
-    """A format whose packets have one layout. A class of it consists of tables.
+    """A format whose packets have one layout. A subclass consists of tables.
 
-    A packet may also say that the rotor is not up to speed, and tell no angles then: such ones are records, and no
-    lost packets of a healthy stream (`_turns`).
+    A packet may also say that the rotor is not up to speed, and then tells no angles. Such packets are records, and
+    not lost packets of a healthy stream (`_turns`).
     """
 
-    layout: np.dtype[Any]  # what stands where: an angle ``start``, mostly, and ``samples``
+    layout: np.dtype[Any]  # the fields of a packet: mostly an angle ``start``, and ``samples``
     # How a packet begins: the values that each of its first bytes may have, two bytes at least.
     marks: tuple[bytes, ...]
     check: Check  # its check value
-    told_by: int = 2  # bytes by which it is known whether one begins; 0 for all of a packet
-    zero: int = 0  # what angles are counted from
-    an_rpm: float  # what a revolution a minute is in the unit of the field ``speed``
+    told_by: int = 2  # how many bytes show whether a packet begins; 0 for all bytes of a packet
+    zero: int = 0  # value of the angle 0
+    an_rpm: float  # one revolution a minute in the unit of the field ``speed``
 
     def __init__(self) -> None:
         super().__init__()
@@ -80,13 +81,13 @@ class LayoutFormat(RowFormat):
         self.samples: int = self.layout["samples"].shape[0]
         sets = [b"[" + re.escape(values) + b"]" for values in self.marks]
         self.header: re.Pattern[bytes] = re.compile(b"".join(sets[:2]), re.DOTALL)
-        # The marks, as many of them as are there.
+        # The marks, as far as their bytes have come.
         self._marks = re.compile(b"(?:\\Z|".join(sets) + b")" * (len(sets) - 1), re.DOTALL)
         self._marked = _tables_of(self.marks)
 
     @classmethod
     def angles_of(cls, rows: NDArray[Any]) -> NDArray[np.int32]:
-        """Where packets begin, in the unit of the headings."""
+        """The angles at which packets begin, in the unit of the headings."""
         angles: NDArray[np.int32] = (rows["start"].astype(np.int32) - cls.zero) % cls.full_turn
         return angles
 
@@ -102,28 +103,28 @@ class LayoutFormat(RowFormat):
         return angles if len(angles) >= HEADINGS_WORTH_AN_ARRAY else angles.tolist()
 
     def other_record(self, data: bytearray, at: int) -> int:
-        """As `StreamFormat.other_record`: a packet of a rotor that is not up to speed."""
+        """As `StreamFormat.other_record`: a packet that says that the rotor is not up to speed."""
         size = self._begun(data, at, self.shortest)
         if size <= 0:
             return size
         return NO_PACKET if self._turns(data, at) or not self.check.holds(data, at) else size
 
     def _turns(self, data: bytearray, at: int) -> bool:  # noqa: ARG002 - most do not tell
-        """Whether the packet at `at`, as far as `told_by`, is one of a rotor that is up to speed."""
+        """Whether the packet at `at`, by its first `told_by` bytes, is one of a rotor that is up to speed."""
         return True
 
     def _turning(self, rows: NDArray[Any]) -> NDArray[np.bool_] | bool:  # noqa: ARG002
-        """The same of many packets."""
+        """Which of many packets are of a rotor that is up to speed."""
         return True
 
     def _begun(self, data: bytearray, at: int, needed: int) -> int:
-        """As `measure`, by the first bytes, once `needed` bytes are there."""
+        """As `measure`, by the marks alone; waits until `needed` bytes are there."""
         if self._marks.match(data, at) is None:
             return NO_PACKET
         return self.shortest if len(data) - at >= needed else 0
 
     def _begin(self, raw: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """Which packets begin as one must; `raw` has the shape (packets, bytes)."""
+        """Which packets begin with the marks; `raw` has the shape (packets, bytes)."""
         begun = self._marked[0][raw[:, 0]]
         for place, values in enumerate(self._marked[1:], 1):
             begun &= values[raw[:, place]]
@@ -138,27 +139,27 @@ class LayoutFormat(RowFormat):
 
 @lru_cache(maxsize=64)
 def _tables_of(marks: tuple[bytes, ...]) -> tuple[NDArray[np.bool_], ...]:
-    """For each of the first bytes, which values it may have."""
+    """For each of the first bytes, a table of the values that it may have."""
     return tuple(np.isin(np.arange(256), list(values)) for values in marks)
 
 
 @lru_cache(maxsize=256)
 def row_begins(rows: int, step: int) -> NDArray[np.intp]:
-    """Where each of so many rows begins, for ``reduceat``, which is twice as fast as to reduce along rows."""
+    """Where each row begins, for ``reduceat``, which is twice as fast as a reduction along rows."""
     begins = np.arange(0, rows * step, step)
     begins.flags.writeable = False
     return begins
 
 
 class Crc8:
-    """A CRC of eight bits behind `size` bytes, which begins at 0 and is not reflected."""
+    """An 8-bit CRC behind `size` bytes, with initial value 0 and not reflected."""
 
     def __init__(self, polynomial: int, size: int) -> None:
         self._table = bytes(_shifted(byte, polynomial) for byte in range(256))
         rows = [np.frombuffer(self._table, np.uint8)]
         while len(rows) < size:
             rows.append(rows[0][rows[-1]])
-        # What each byte adds to the CRC, by its place: shape (size, 256).
+        # What each byte adds to the CRC, by its place and value: shape (size, 256).
         self._by_place = np.stack(rows[::-1])
         self._places = np.arange(size)
 
@@ -179,15 +180,16 @@ class Crc8:
 
 
 class Fold15:
-    """A check value of fifteen bits over words of sixteen: each doubles what came before, and carries are added.
+    """A 15-bit check value over 16-bit words: for each word, the sum so far is doubled and the word added.
 
-    Several makers of turrets for robot vacuums use it. What is carried twice is lost, so it finds each damaged bit
-    of the last fourteen words only. The check value is the next word behind `words` of them, little-endian.
+    At the end the carry is added once. Several makers of turrets for robot vacuums use it. A second carry is lost,
+    so a single damaged bit is always found only in the last fourteen words. The check value is the word behind
+    `words` words, little-endian.
     """
 
     def __init__(self, words: int) -> None:
         self._words = words
-        # Whatever stands above 30 bits disappears below.
+        # Bits above the lowest 30 do not reach the result of `_folded`.
         self._weights = np.array([1 << (words - 1 - place) & 0x3FFF_FFFF for place in range(words)], np.int64)
 
     def holds(self, data: bytearray, at: int) -> bool:

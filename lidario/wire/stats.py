@@ -1,7 +1,7 @@
-"""Where every received byte went: the counters of a `Link`.
+"""The counters of a `Link`: what became of every received byte.
 
-Each byte is counted in exactly one of the fields that end in ``_bytes``, or still waits in the link's buffer.
-So a byte that is missing in the measurements can be found among the others.
+Each byte is counted in exactly one of the fields that end in ``_bytes``, or still waits in the link's buffer. So
+bytes that are missing in the measurements show in another counter.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ class LinkStats:
     drained_bytes: int = 0  # bytes thrown away after a STOP
     discarded_bytes: int = 0  # bytes that were received but thrown away unparsed, because the host was too slow
     late_reads: int = 0  # reads before which bytes may have been lost, because the host was too slow
-    # Of `packets`, those that nobody has taken: what came before its reader, or behind it; those that are taken
-    # late leave this count again.
+    # Packets among `packets` that nobody has taken: they came before their reader, or after it. If they are taken
+    # late, they leave this count again.
     unread_packets: int = 0
-    # Responses nobody waits for: those of an abandoned request, and those that match the pending request in type
-    # and size but begin with the echo of another one. The bytes of the second kind are stray.
+    # Responses that nobody waits for: those to an abandoned request, and those that match the pending request in
+    # type and size but begin with the echo of another one. The bytes of the second kind are stray.
     late_responses: int = 0

@@ -1,11 +1,11 @@
 """RPLIDAR: the A, C, S and T series; and where the measurement stream begins in recorded bytes.
 
-Two formats cannot be told apart by their packets (0x82 and 0x85 have one size, one header and one check value), so
-the descriptor decides. What stands before it, responses to questions for the most part, is not looked at.
+Two formats cannot be told apart by their packets (0x82 and 0x85 have the same size, header and check value), so the
+descriptor decides. The bytes before it, mostly responses to questions, are ignored.
 
-Times are not in the bytes. The usual sample times are those of the models that recommend the format: S2 for 0x81
+The bytes contain no times. The usual sample times are those of the models that recommend the format: S2 for 0x81
 and 0x85, S3 for 0x86 (S-series interface manual, figure 3-3, and logs of devices), A2 for 0x82 and A3 for 0x84
-(logs of devices); for 0x83 none is known, and 10000 samples a second are assumed.
+(logs of devices). For 0x83 none is known, and 10000 samples a second are assumed.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from lidario.wire.formats import StreamFormat
 
 _USUAL_US: Final = {0x81: 62.5, 0x82: 125.0, 0x83: 100.0, 0x84: 62.5, 0x85: 31.25, 0x86: 31.25}
 _DESCRIPTORS: Final = re.compile(re.escape(DESCRIPTOR_MAGIC) + rb".{3}\x40.", re.DOTALL)
-"""Descriptors of streams, their length being below 2 to the power of 24."""
+"""Pattern of stream descriptors, if the length is below 2 to the power of 24."""
 
 
 def find_stream(data: memoryview, known: Known) -> RawStream | None:
@@ -50,8 +50,8 @@ FAMILY: Final = Family(
     # S2, S2L and S3; S1, A3, A2M7 and A2M12; A1 and A2M8; C1 (vendor's ROS launch files).
     baudrates=(1000000, 256000, 115200, 460800),
     timing=Timing(
-        # The slowest packets are those of an A1 in Stability: one in 19.3 ms, behind an adapter that may hold them
-        # for 16 ms more.
+        # The slowest packets are those of an A1 in Stability: one every 19.3 ms. An adapter may hold them for 16 ms
+        # more.
         quiet_s=0.045,
         # Users report 2 s of silence from an S1; the vendor's ROS node gives it 15 s.
         boot_s=8.0,

@@ -1,9 +1,10 @@
-"""What is inside the cabins of the packed formats: distances squeezed into few bits.
+"""Decodes the cabins of the packed formats, which hold distances in few bits.
 
-All of it from the vendor's SDK 2.1.0 (handlers of the normal, ultra and ultra-dense capsules); the manual
-describes none of it.
+All rules are from the vendor's SDK 2.1.0 (handlers of the normal, ultra and ultra-dense capsules). The manual
+describes none of them.
 
-What a few bits mean is read from tables, made once from those rules: that costs a fraction of the arithmetic.
+The meaning of the bits is read from tables, which are made once from those rules. That costs a fraction of the
+arithmetic.
 """
 
 from __future__ import annotations
@@ -18,9 +19,9 @@ _LEVELS: Final = ((3328, 16384, 4), (1792, 4096, 3), (1280, 2048, 2), (512, 512,
 """0x84's variable bit scale: (first code, distance of the first code in mm, shift), highest first."""
 
 _NO_PREDICTION: Final = (-512, 511)
-"""0x84: predictions that mean: no return."""
+"""0x84: predictions that mean no return."""
 _NOTHING: Final = -(1 << 20)
-"""0x84: a prediction so far below any distance that the sum is none."""
+"""0x84: a prediction so far below 0 that its sum with any distance is no distance."""
 
 _NEAR_Q2: Final = 200
 _NEAR_RAD_Q16: Final = int(7.5 * 3.1415926535 * 65536 / 180)
@@ -28,8 +29,8 @@ _FAR_RAD_Q16: Final = int(8 * 3.1415926535 * 65536 / 180)
 _K1: Final = 98361
 
 _SCALES: Final = ((8, 0, 0x3FF), (12, 8184, 0x7FF), (16, 32748, 0xFFF), (20, 98268, 0x1FFF))
-"""0x86, by the scale in the two lowest bits: (step and offset in 1/4 mm, mask of the bits above those two); as many
-bits are left for the quality, which is shifted up to eight."""
+"""0x86, by the scale in the two lowest bits: (step and offset in 1/4 mm, mask of the bits above those two). The
+bits that are left are the quality, which is shifted up to eight bits."""
 
 _SMOOTHED_Q2: Final = 8
 """0x86: at scale 0, a step of up to 2 mm from the sample before is halved."""
@@ -37,11 +38,11 @@ _SMOOTHED_Q2: Final = 8
 _FAR_Q2: Final = 100
 
 _PAIR: Final = np.dtype({"names": ("words", "rest"), "formats": ("<u4", "u1"), "offsets": (0, 4)})
-"""A cabin of 0x82 and 0x86: two samples' words, and a byte with four more bits for each, the lower ones first."""
+"""A cabin of 0x82 and 0x86: the words of two samples, and a byte with four more bits for each, lower half first."""
 
 _NIBBLES: Final = np.array([(byte & 0xF, byte >> 4) for byte in range(256)], np.uint16)
 _UPPER_NIBBLES: Final = np.array([(byte << 4 & 0xF0, byte & 0xF0) for byte in range(256)], np.uint8)
-"""What a byte holds for the two samples of its pair; in the second table, as the upper half of a byte."""
+"""The bits of a byte for each of the two samples of its pair; in the second table, as the upper half of a byte."""
 
 
 def _pairs(cabins: NDArray[np.uint16]) -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
@@ -69,10 +70,10 @@ def express_cabins(cabins: NDArray[np.uint16]) -> tuple[NDArray[np.uint16], NDAr
 
 @cache
 def _ultra_tables() -> tuple[NDArray[np.int32], NDArray[np.intp], NDArray[np.int32]]:
-    """0x84: what codes and predictions mean.
+    """0x84: tables of codes and predictions.
 
-    By 12 bits of code: the distance in mm, and where in the third table its bit scale begins. By scale and 10 bits
-    of prediction: what to add to a distance, in mm.
+    The first two tables are for the 12 bits of a code: the distance in mm, and where its bit scale begins in the
+    third table. The third is for scale and 10 bits of prediction: what to add to a distance, in mm.
     """
     codes = np.arange(4096)
     base, scale = np.zeros(4096, np.int32), np.zeros(4096, np.intp)
@@ -89,15 +90,15 @@ def _ultra_tables() -> tuple[NDArray[np.int32], NDArray[np.intp], NDArray[np.int
 def ultra_cabins(
     cabins: NDArray[np.intp], follower: int | None, missing: NDArray[np.intp] | None
 ) -> NDArray[np.int32]:
-    """0x84: one distance on a variable bit scale and two predicted from its neighbours, a cabin.
+    """0x84: each cabin has one distance on a variable bit scale, and two that are predicted from its neighbours.
 
-    The last prediction of a packet leans on the first cabin of the next packet, so where that one is missing the
-    sample has no distance.
+    The last prediction of a packet needs the first cabin of the next packet. If that packet is missing, the sample
+    has no distance.
 
     Args:
         cabins: (packets, 32).
-        follower: The lower half of the first cabin of the packet behind the last one; None where there is none.
-        missing: (packets,), samples missing behind each; None when none is.
+        follower: The lower half of the first cabin of the packet behind the last one; None if there is none.
+        missing: (packets,), samples missing behind each; None if none are.
 
     Returns:
         (packets, 96), in mm.
@@ -105,7 +106,8 @@ def ultra_cabins(
     base, scale, predicted = _ultra_tables()
     words = cabins.ravel()
     codes = words & 0xFFF
-    # What each of the three leans on, one after the other: itself, itself unless it has no return, the next cabin.
+    # The code that each of the three samples needs. First and second: that of the cabin itself; the second, if this
+    # has no return, and the third: that of the next cabin.
     leant = np.empty((3, len(words)), np.intp)
     leant[:2] = codes
     leant[2, :-1] = codes[1:]
@@ -120,7 +122,7 @@ def ultra_cabins(
     sums[1:] += predicted.take(predictions)
     np.maximum(sums[1:], 0, out=sums[1:])
     distance = np.empty((len(cabins), 96), np.int32)
-    # A copy each is twice as fast as one of the transposed sums.
+    # Three copies are twice as fast as one copy of the transposed sums.
     for of_cabin, here in zip(distance.reshape(-1, 3).T, sums, strict=True):
         of_cabin[...] = here
     if missing is not None or follower is None:
@@ -133,9 +135,10 @@ def ultra_cabins(
 
 @cache
 def near_range_corrections(units: float) -> NDArray[np.float32]:
-    """0x84: what to subtract from the even steps, by the distance in whole mm, in so many parts of a degree.
+    """0x84: corrections to subtract from the angles at equal steps, by the distance in whole mm; `units` a degree.
 
-    The beam leaves beside the axis. The integer steps are the SDK's, so that both agree to the last bit.
+    The beam leaves the device beside its axis. The integer steps are those of the SDK, so that both agree to the
+    last bit.
     """
     q2 = np.arange(1 << 16) * 4
     k2 = _K1 // np.maximum(q2, _NEAR_Q2)
@@ -146,7 +149,7 @@ def near_range_corrections(units: float) -> NDArray[np.float32]:
 
 @cache
 def _ultra_dense_tables() -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
-    """0x86: distance in 1/4 mm and the lower bits of the intensity, by the lower 16 of a sample's 20 bits."""
+    """0x86: tables by the lower 16 of the 20 bits of a sample: distance in 1/4 mm, lower bits of the intensity."""
     words = np.arange(1 << 16)
     distance, intensity = np.empty(1 << 16, np.int32), np.empty(1 << 16, np.uint8)
     for scale, (step, offset, mask) in enumerate(_SCALES):
@@ -164,8 +167,8 @@ def ultra_dense_cabins(
     Args:
         cabins: (packets, 80), five bytes for two samples: the lower 16 bits of each sample in its word, the upper
             4 in the byte of the pair.
-        last_q2: Distance of the sample before the first; 0 when that is missing.
-        missing: (packets,), samples missing behind each; None when none is. Nothing is smoothed across a gap.
+        last_q2: Distance of the sample before the first, in 1/4 mm; 0 if that is missing.
+        missing: (packets,), samples missing behind each; None if none are. Nothing is smoothed across a gap.
     """
     distances, intensities = _ultra_dense_tables()
     words, upper = _pairs(cabins)
@@ -180,9 +183,9 @@ def ultra_dense_cabins(
 
 
 def _smoothed(raw: NDArray[np.int32], fine: NDArray[np.bool_], last: int) -> NDArray[np.int32]:
-    """Each fine distance averaged with the result before it, where the two are within 2 mm.
+    """Average each fine distance with the result before it, if the two are within 2 mm.
 
-    A recursion, solved for all samples at once: assume how far each was moved, and compute it again from that,
+    This is a recursion. It is solved for all samples at once: assume how far each was moved, and compute that again
     until nothing changes. Each round settles at least one more sample of a chain, and halving makes chains short.
     Smoothing moves a sample by 1 mm at most, so pairs more than 4 mm apart are never concerned.
     """
@@ -193,7 +196,7 @@ def _smoothed(raw: NDArray[np.int32], fine: NDArray[np.bool_], last: int) -> NDA
     concerned = fine & (np.abs(step) <= 2 * _SMOOTHED_Q2)
     if not np.count_nonzero(concerned):
         return raw
-    # A step too large for any movement to bridge stands for: not concerned.
+    # For samples that are not concerned, a step that is too large for smoothing.
     small_step = np.where(concerned, step, _FAR_Q2).astype(np.int8)
     from_nothing = concerned & (before == 0)
     any_from_nothing = np.count_nonzero(from_nothing)

@@ -1,17 +1,17 @@
-"""Chains of 0x81 nodes: nodes that follow each other, by which a node of two check bits is believed.
+"""Chains of 0x81 nodes. A node has only two check bits, so it is believed if nodes follow each other: a chain.
 
-A chain is tested by hand where one is expected. On a line of noise or heavy damage none is, and to try each byte
-costs many times what a clean line does, up to 70 % of a core. So a few places that look like nodes are tried by
-hand, and behind them all places of a window at once, as arrays.
+A chain is tested one node after the other at the place where it is expected. On a line of noise or heavy damage
+there is no such place, and testing at each byte costs many times as much as a clean line, up to 70 % of a core. So
+a few places that look like nodes are tested singly, and behind them all places of a window at once, as arrays.
 
-Models that triangulate tell of a return the angle at which it lies, up to 8 degrees behind the beam, and of a
-sample without one that of the beam (transcripts of an A1M8). So angles leap ahead where returns end, and fall back
-where they begin. How far a return lies behind the beam follows from its distance, as in 0x84; so the beams follow
-each other in small steps where the angles do not. Which of the two a device tells is not known.
+Models that triangulate give for a return the angle at which it lies, up to 8 degrees behind the beam, and for a
+sample without a return the angle of the beam (transcripts of an A1M8). So angles leap ahead where returns end, and
+fall back where they begin. The distance shows how far a return lies behind the beam, as in 0x84. So the beams
+follow each other in small steps where the angles do not. It is not known which of the two a device gives.
 
-Samples that have a quality and no distance are many: a quarter of all, where an A1M8 stood in an open room
-(measured by the authors of cpane/heron). Their angles may be corrected as those of returns are, and by how much,
-nothing tells. So such a node tells only between which angles the beam was.
+Many samples have a quality and no distance: a quarter of all, when an A1M8 stood in an open room (measured by the
+authors of cpane/heron). Their angles may be corrected like those of returns, but it is not known by how much. So
+such a node only shows between which angles the beam was.
 """
 
 from __future__ import annotations
@@ -28,24 +28,26 @@ from lidario.families.rplidar.cabins import near_range_corrections
 SIZE: Final = 5
 FULL_TURN_Q6: Final = 360 << 6
 BACKWARD_Q6: Final = 3 << 6
-"""How far one node may fall back behind the other: what is near scatters by so much."""
+"""How far a node may fall back behind the one before: the angles of near returns scatter by this."""
 FORWARD_Q6: Final = 8 << 6
-"""How far one node may run ahead of the other while in step: a few lost nodes at the slowest rate."""
+"""How far a node may be ahead of the one before while in step: a few lost nodes at the slowest rate."""
 NEAR_Q6: Final = 30 << 6
 """A chain that begins within this of the last angle continues it."""
 SEAM_Q6: Final = 30 << 6
 """New-scan marks within this of each other stand at the same place."""
 _NEAREST_MM: Final = 120
-"""Nearer than that none of them measures: an A1M8 has measured 126.8 mm."""
+"""No device measures nearer distances: an A1M8 has measured 126.8 mm."""
 _CORRECTED_Q6: Final = 12 << 6
-"""Corrections differ by less: a return lies 3.6 degrees before the beam, where it is nearest, to 8 behind it."""
+"""Corrections differ by less than this: a return lies from 3.6 degrees before the beam, if it is nearest, to 8
+behind."""
 _UNTOLD_Q6: Final = 2 << 6
-"""How far a sample with a quality and no distance lies behind the beam, in the middle of what may be."""
+"""How far behind the beam a sample with a quality and no distance is taken to lie: the middle of the possible
+range."""
 CHAIN_IN_PHASE: Final = 4
-"""Nodes in the old phase that must follow each other, the first of them near the last angle."""
+"""In the old phase this many nodes must follow each other, the first of them near the last angle."""
 CHAIN_ALONE: Final = 16
-"""Nodes that must follow each other in another phase. One wrong phase in four passes the check bits of a node, so
-on random bytes a chain of 16 passes once in 4 billion times."""
+"""In another phase this many nodes must follow each other. One wrong phase in four passes the check bits of a node,
+so on random bytes a chain of 16 passes once in 4 billion times."""
 
 _CHECKED_CHAIN: Final = re.compile(
     b"(?:[%b][%b][\\x00-\\xb3][\\x00-\\xff]{2}){%d}"
@@ -56,15 +58,15 @@ _CHECKED_CHAIN: Final = re.compile(
     ),
     re.DOTALL,
 )
-"""Nodes in a row whose check bits hold and whose angles are below 360 degrees: searched for faster than by hand."""
+"""Nodes in a row whose check bits hold and whose angles are below 360 degrees; a pattern is faster than a loop."""
 
 
 class Heading(NamedTuple):
-    """What a node tells of the rotor, in 1/64 degrees."""
+    """What a node tells about the rotor, in 1/64 degrees."""
 
     angle: int
     beam: int  # where the beam was, if the angle is that of a return beside it
-    blur: int = 0  # by how much that may be wrong: above 0 of a sample with a quality and no distance
+    blur: int = 0  # by how much `beam` may be wrong: above 0 for a sample with a quality and no distance
 
 
 def angle_at(data: bytes | bytearray, at: int) -> int:
@@ -81,14 +83,14 @@ def heading_at(data: bytes | bytearray, at: int) -> Heading:
 
 
 def beams_of(angle: NDArray[np.int32], distance: NDArray[Any]) -> NDArray[np.int32]:
-    """As `Heading.beam`, of many nodes that are not blurred, by the fields of those."""
+    """`Heading.beam` for many nodes without a blur, from their angles and distances."""
     beams: NDArray[np.int32] = (angle + _behind_beam().take(distance)) % FULL_TURN_Q6
     return beams
 
 
 @cache
 def _behind_beam() -> NDArray[np.int32]:
-    """How far behind the beam a return lies, in 1/64 degrees, by its distance in 1/4 mm; 0 where there is none."""
+    """How far behind the beam a return lies, in 1/64 degrees, by its distance in 1/4 mm; 0 for no return."""
     millimetres = np.maximum(np.arange(1 << 16) >> 2, _NEAREST_MM)
     behind: NDArray[np.int32] = near_range_corrections(64.0).take(millimetres).astype(np.int32)
     behind[0] = 0
@@ -96,7 +98,7 @@ def _behind_beam() -> NDArray[np.int32]:
 
 
 def apart(one: int, other: int) -> int:
-    """Degrees/64 between two angles, the short way."""
+    """1/64 degrees between two angles, the short way."""
     return min((one - other) % FULL_TURN_Q6, (other - one) % FULL_TURN_Q6)
 
 
@@ -106,25 +108,25 @@ def is_far(angle: int) -> bool:
 
 
 def fits(angle: int, mark: int | None) -> bool:
-    """Whether a mark may stand at an angle: where the others do, or at 0; anywhere when it is the first."""
+    """Whether a mark may stand at an angle: where the others do (`mark`), or at 0; the first mark, anywhere."""
     return mark is None or not is_far(angle) or apart(angle, mark) <= SEAM_Q6
 
 
 def step_between(earlier: int, later: int) -> int:
-    """Degrees/64 from one angle to the next; falling back a little counts as no step."""
+    """1/64 degrees from one angle to the next; falling back a little counts as 0."""
     step = (later - earlier) % FULL_TURN_Q6
     return 0 if step >= FULL_TURN_Q6 - BACKWARD_Q6 else step
 
 
 def _beam_step(earlier: Heading, later: Heading) -> int:
-    """Degrees/64 from one beam to the next, at least; below 0 where it falls back, at least."""
+    """The smallest step from one beam to the next that the blur allows, 1/64 degrees; negative if it falls back."""
     blur = earlier.blur + later.blur
     step = _signed(earlier.beam, later.beam, blur)
     return max(0, step - blur) if step > 0 else min(0, step + blur)
 
 
 def ahead_of(last: Heading, data: bytearray, at: int) -> int:
-    """Degrees/64 by which the node at `at` is ahead of the last one: by the angles, or less by the beams."""
+    """1/64 degrees by which the node at `at` is ahead of the last one: by angles or by beams, whichever is less."""
     here = heading_at(data, at)
     return min(step_between(last.angle, here.angle), max(0, _beam_step(last, here)))
 
@@ -142,7 +144,7 @@ def chain_steps(data: bytearray, at: int, length: int, mark: int | None) -> list
             return None
         if first & 1:
             marks += 1
-            # No chain is as long as a revolution: where nothing is known of marks, there is one at most.
+            # No chain is as long as a revolution, so it has one mark at most; this holds while `mark` is not known.
             if not fits(angle, mark) or (mark is None and marks > 1):
                 return None
         if last >= 0:
@@ -157,24 +159,24 @@ def chain_steps(data: bytearray, at: int, length: int, mark: int | None) -> list
 
 
 def _signed(earlier: int, later: int, blur: int = 0) -> int:
-    """Degrees/64 from one angle to the next, below 0 where it falls back a little, or by `blur` more."""
+    """1/64 degrees from one angle to the next; negative if it falls back a little, or by up to `blur` more."""
     back = BACKWARD_Q6 + blur
     return (later - earlier + back) % FULL_TURN_Q6 - back
 
 
 _BY_HAND: Final = 3
-"""Places that look like nodes which are tried by hand first: the next chain is near where little is damaged."""
+"""This many places that look like nodes are tested singly first: with little damage, the next chain is near."""
 _WINDOW: Final = 1024
-"""Places that are tried at once. Measured: 50 us for as many."""
+"""Places that are tested at once. Measured: 50 us for all of them."""
 _REACH: Final = CHAIN_ALONE * SIZE
 """Bytes of the longest chain."""
 
 
 def next_chain(data: bytearray, at: int, last: Heading | None, mark: int | None) -> int | None:
-    """The first place from `at` on where nodes may go on, or None: what is near `last`, or a longest chain.
+    """The first place from `at` on where nodes may go on: a chain near `last`, or a longest chain; else None.
 
-    A few more places are found than those where they do. `last` is that of the last node that was believed, if any,
-    and `mark` where marks stand, once that is known.
+    The place is only likely: a few are found where no chain begins. `last` is the heading of the last node that was
+    believed, if any; `mark` is where marks stand, if known.
     """
     place = at
     for _ in range(_BY_HAND):
@@ -188,7 +190,7 @@ def next_chain(data: bytearray, at: int, last: Heading | None, mark: int | None)
             return place
         place += 1
     for begin in range(place, len(data), _WINDOW):
-        # A place needs the bytes of the longest chain behind it.
+        # Each place needs the bytes of the longest chain behind it.
         likely = _likely(np.frombuffer(data, np.uint8)[begin : begin + _WINDOW + _REACH], last, mark)
         places = likely[:_WINDOW].nonzero()[0]
         if len(places):
@@ -197,7 +199,7 @@ def next_chain(data: bytearray, at: int, last: Heading | None, mark: int | None)
 
 
 def _likely(raw: NDArray[np.uint8], last: Heading | None, mark: int | None) -> NDArray[np.bool_]:
-    """At which places of the bytes a chain may begin, as `next_chain` says."""
+    """At which places of the bytes a chain may begin, as in `next_chain`."""
     if len(raw) < _REACH:
         return np.zeros(0, np.bool_)
     first, second = raw[:-2], raw[1:-1]
@@ -208,14 +210,14 @@ def _likely(raw: NDArray[np.uint8], last: Heading | None, mark: int | None) -> N
     marked = (first & 1).view(np.bool_)
     if mark is not None:
         whole &= ~marked | _within(angle, -SEAM_Q6, SEAM_Q6) | _within(angle - mark, -SEAM_Q6, SEAM_Q6)
-    # As far as beams that follow each other let angles leap: that takes half the time of finding the beams.
+    # Angles may leap by as much as corrections allow. Computing the beams instead would take twice the time.
     back = -BACKWARD_Q6 - _CORRECTED_Q6
     follows = _within(angle[SIZE:] - angle[:-SIZE], back, FORWARD_Q6 + _CORRECTED_Q6)
     follows &= whole[SIZE:]
     follows &= whole[:-SIZE]
     if mark is None:
         follows &= ~(marked[SIZE:] & marked[:-SIZE])
-    # Nodes that follow each other by two, four and eight steps from a place.
+    # Whether two, four and eight steps in a row follow each other from a place.
     two = follows[:-SIZE] & follows[SIZE:]
     four = two[: -2 * SIZE] & two[2 * SIZE :]
     eight = four[: -4 * SIZE] & four[4 * SIZE :]
@@ -232,7 +234,7 @@ def _likely(raw: NDArray[np.uint8], last: Heading | None, mark: int | None) -> N
 
 
 def _within(difference: NDArray[np.int32], least: int, most: int) -> NDArray[Any]:
-    """Where the difference of two angles below 360 degrees lies from `least`, which is below 0, to `most`."""
+    """Where the difference of two angles below 360 degrees lies from `least`, a negative number, to `most`."""
     inside = (difference >= least) & (difference <= most)
     inside |= difference <= most - FULL_TURN_Q6
     inside |= difference >= least + FULL_TURN_Q6
