@@ -1,8 +1,8 @@
 """Requests of the RPLIDAR protocol, with the response, the timeout and the settle time of each.
 
-Codes, payloads and responses: S-series interface manual, chapter "Requests and responses"; what the manual
-leaves out (FORCE_SCAN, HQ_SCAN, the accessory board, the configuration types 0x00 to 0x05, the byte tables of
-GET_INFO and GET_LIDAR_CONF) as the vendor's SDK 2.1.0 sends it.
+Codes, payloads and responses: S-series interface manual, chapter "Requests and responses". The vendor's SDK 2.1.0
+for what the manual leaves out: FORCE_SCAN, HQ_SCAN, the accessory board, the configuration types 0x00 to 0x05, the
+byte tables of GET_INFO and GET_LIDAR_CONF.
 
 Settle times: the manual demands at least 10 ms after STOP and at least 500 ms after RESET before the next
 request; the SDK waits 10 ms after a motor request. Timeouts are ours: a healthy device responds to a query within
@@ -20,18 +20,18 @@ from lidario.wire.envelope import Expected, Request, encode_request
 from lidario.wire.formats import StreamFormat
 
 SETTLE_S: Final = 0.010
-"""Behind STOP, as the protocol manual has it, and behind motor commands, where only the SDK tells a figure."""
+"""Pause after STOP, by the protocol manual, and after motor commands, for which only the SDK has a figure."""
 RESET_SETTLE_S: Final = 0.500
 HQ_PAYLOAD: Final = 33
 QUERY_TIMEOUT_S: Final = 0.5
 SCAN_TIMEOUT_S: Final = 2.0
 LONGEST_CONF: Final = 4 + 255
-"""Largest GET_LIDAR_CONF response believed: the echoed type and a value (mode names are about ten letters; no
-document bounds them)."""
+"""Largest GET_LIDAR_CONF response that is believed: the echoed type and a value. Mode names have about ten letters;
+no document bounds them."""
 
 
 class Conf(IntEnum):
-    """Configuration types of GET_LIDAR_CONF; those from 0x71 to 0x7F, but for 0x79 and 0x7C, take a mode id."""
+    """Configuration types of GET_LIDAR_CONF; those from 0x71 to 0x7F, except 0x79 and 0x7C, take a mode id."""
 
     DESIRED_ROTATION = 0x01
     MIN_ROTATION = 0x04
@@ -51,23 +51,23 @@ def _query(name: str, data: bytes, expects: Expected) -> Request:
 
 
 FILL: Final = Request("FILL", bytes(HQ_PAYLOAD + 3))
-"""What the longest request may lack: its length, its payload and its checksum. A length of 0 ends it at once."""
+"""Completes the longest request, which may lack its length, payload and checksum. A length of 0 ends it at once."""
 STOP: Final = Request("STOP", encode_request(0x25), settle=SETTLE_S, ends_stream=True)
 RESET: Final = Request("RESET", encode_request(0x40), settle=RESET_SETTLE_S, ends_stream=True)
 GET_INFO: Final = _query("GET_INFO", encode_request(0x50), Expected(0x04, 20))
 GET_HEALTH: Final = _query("GET_HEALTH", encode_request(0x52), Expected(0x06, 3))
 GET_SAMPLERATE: Final = _query("GET_SAMPLERATE", encode_request(0x59), Expected(0x15, 4))
 GET_ACC_BOARD_FLAG: Final = Request("GET_ACC_BOARD_FLAG", encode_request(0xFF, bytes(4)), Expected(0xFF, 4), 0.25)
-"""Asked twice: half a second, as in the SDK. A device without an accessory board is silent."""
+"""Asked twice, which takes half a second as in the SDK. A device without an accessory board is silent."""
 DTR_STOPS: Final = Request("motor off by DTR", b"", dtr=True)
 DTR_TURNS: Final = Request("motor on by DTR", b"", dtr=False)
 """The polarity of the A1's USB board: asserted stops the motor (SDK 2.1.0, `net_serial.cpp`)."""
 
 
 def get_lidar_conf(kind: Conf, mode: int | None = None) -> Request:
-    """GET_LIDAR_CONF for one configuration type, of one scan mode where the type takes one.
+    """GET_LIDAR_CONF for one configuration type; if the type takes a scan mode, for that mode.
 
-    The response echoes the type; the value behind it is absent where the device does not know the type.
+    The response echoes the type. The value behind it is absent if the device does not know the type.
     """
     echo = struct.pack("<I", kind)
     payload = echo if mode is None else echo + struct.pack("<H", mode)
@@ -113,6 +113,6 @@ def express_scan(mode: int, stream: StreamFormat) -> Request:
 
 def _start(name: str, data: bytes, stream: StreamFormat) -> Request:
     announced = Expected(stream.response_type, stream.shortest, continuous=True)
-    # The descriptor decides what follows; the configuration, type 0x75, only foretells it.
+    # The descriptor decides which format follows; the configuration, type 0x75, only predicts it.
     others = tuple(kind() for number, kind in FORMATS.items() if number != stream.response_type)
     return Request(name, data, expects=announced, timeout=SCAN_TIMEOUT_S, stream=stream, others=others)

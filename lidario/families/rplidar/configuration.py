@@ -1,12 +1,12 @@
-"""What an RPLIDAR tells of itself when it is asked value by value (GET_LIDAR_CONF), first of all its scan modes.
+"""The configuration values of an RPLIDAR (GET_LIDAR_CONF), above all its scan modes.
 
-S-series interface manual, GET_LIDAR_CONF. Every value comes in a response of its own, and each of them can be lost
-or damaged. So each is asked until it came twice alike. Of a list of modes no more are asked after four that came
-not at all or never alike. The next call for the list, or for a value, asks again.
+S-series interface manual, GET_LIDAR_CONF. Every value comes in a response of its own, which can be lost or damaged.
+So each value is asked for until two responses are equal. For a list of modes, no more values are asked for after
+four that did not come or were never equal. The next call for the list, or for a value, asks again.
 
-The network address of an Ethernet model can be set, too (SDK 2.1.0, `frame_grabber`). Twelve bytes: address, mask
-and gateway, in network order; all zero makes the device ask the network for one (DHCP). It takes a new one when it
-is reset. Firmware that does not know it responds with fewer bytes, or not at all.
+The network address of an Ethernet model can be set, too (SDK 2.1.0, `frame_grabber`). The value has twelve bytes:
+address, mask and gateway, in network order; with all zero, the device asks the network for an address (DHCP). It
+uses a new address after a reset. Firmware that does not know this value responds with fewer bytes, or not at all.
 """
 
 from __future__ import annotations
@@ -29,27 +29,28 @@ from lidario.families.scripts import agreed
 from lidario.model import NetworkAddress, ScanMode
 from lidario.wire.envelope import Request
 
-MODE_LIMIT: Final = 64  # mode numbers that are tried; devices have two to five modes, numbered from 0, with holes
+MODE_LIMIT: Final = 64  # mode numbers that are tried; devices have two to five modes, numbered from 0, with gaps
 SHORT_S: Final = 0.15  # a healthy device responds within a few milliseconds
 MOST_IN_VAIN: Final = 4
-"""Values that were not told, after which no more of the list of modes are asked; and the typical speed no more. A
-silence takes 1 s."""
+"""After this many values that the device did not tell, no more of the list of modes are asked for, nor is the
+typical speed. Each silence takes 1 s."""
 _NO_ADDRESS: Final = "this device tells no network address: is it an Ethernet model?"
 
 
 class Configuration:
-    """The values of one device; it is asked for none while `known` is False."""
+    """The values of one device; while `known` is False, no value is asked for."""
 
     def __init__(self) -> None:
         self.known = False
-        # How often it was asked for a value that it did not tell.
+        # How often the device was asked in vain for each value.
         self._untold: Counter[Conf] = Counter()
 
     def value(self, kind: Conf, most_in_vain: float = math.inf) -> Script[bytes | None]:
-        """One value; empty where the device does not have it, None where it does not tell it.
+        """One value; empty if the device does not have it, None if it does not tell it.
 
-        One that was silent before may not know the question: it is asked shortly, and no stream waits for long.
-        Behind `most_in_vain` silences it is asked no more, where nothing depends on the value but a first guess.
+        A device that was silent before may not know the question. It is asked with a short timeout, so that no
+        stream waits for long. After `most_in_vain` silences it is not asked again; this is for values on which only
+        a first guess depends.
         """
         if self._untold[kind] >= most_in_vain:
             return None
@@ -65,18 +66,18 @@ class Configuration:
             return b""
         try:
             told = yield request
-            # That it knows no such value is told by a response that is shorter: no damage makes that.
+            # A shorter response says that the device has no such value. Damage does not make a response shorter.
             return (yield from agreed(request, told))[4:] if told[4:] else b""
         except (ResponseTimeout, RemoteProtocolError):
             return None
 
     def modes(self) -> Script[tuple[tuple[ScanMode, ...], str]]:
-        """The modes that it lists, by number, and what is to be said of those that it did not tell."""
+        """The modes that the device lists, by number, and a note about modes that it did not tell."""
         self._in_vain = 0
         found: dict[int, ScanMode] = {}
         count = (yield from self._ask(2, Conf.MODE_COUNT)) or 0
         unsure: Iterable[int] = range(MODE_LIMIT)
-        for _ in range(2):  # the line may have damaged what was not told
+        for _ in range(2):  # again, for the line may have damaged values
             unsure = yield from self._list(unsure, count, found)
         if not found:
             return (), "the device did not tell its scan modes; those of older firmware are assumed"
@@ -92,14 +93,14 @@ class Configuration:
         return tuple(replace(mode, typical=mode.id == typical) for mode in modes), note
 
     def _list(self, numbers: Iterable[int], count: int, found: dict[int, ScanMode]) -> Script[list[int]]:
-        """Ask for modes until so many are found; returns the numbers of those that have left a question open."""
+        """Ask for modes until `count` are found; returns the numbers of those with a value that was not told."""
         unsure: list[int] = []
         for number in numbers:
             in_vain = self._in_vain
             if in_vain >= MOST_IN_VAIN or (number not in found and len(found) >= count):
                 continue
             told = yield from self._mode(number)
-            # Numbers may have holes: a mode that the device tells nothing of is none.
+            # Numbers may have gaps: a number for which the device tells nothing is no mode.
             if told.response_type:
                 found[number] = told
             if self._in_vain > in_vain:
@@ -122,7 +123,7 @@ class Configuration:
         )
 
     def _of_list(self, kind: Conf, mode: int | None) -> Script[bytes | None]:
-        """As `value`, unless too many of the list were not told."""
+        """As `value`, for the list of modes; None without asking if too many values of the list were not told."""
         if self._in_vain >= MOST_IN_VAIN:
             return None
         value = yield from self._value(commands.get_lidar_conf(kind, mode))
@@ -130,7 +131,7 @@ class Configuration:
         return value
 
     def _ask(self, size: int, kind: Conf, mode: int | None = None) -> Script[int | None]:
-        """One number of so many bytes, or None when the device does not have or tell it."""
+        """One number of `size` bytes; None if the device does not have it or does not tell it."""
         value = yield from self._of_list(kind, mode)
         return None if value is None or len(value) < size else int.from_bytes(value[:size], "little")
 
@@ -141,7 +142,7 @@ def _text(raw: bytes) -> str:
 
 
 def ask_address() -> Script[NetworkAddress]:
-    """Ask for the address. Raises Unsupported where the device tells none."""
+    """Ask for the network address. Raises Unsupported if the device tells none."""
     try:
         # The type is followed by two zero bytes.
         told = (yield from agreed(commands.get_lidar_conf(Conf.NETWORK_ADDRESS, 0)))[4:]
@@ -153,11 +154,11 @@ def ask_address() -> Script[NetworkAddress]:
 
 
 def set_address(wanted: NetworkAddress) -> Script[None]:
-    """As `Device.set_network_address`."""
+    """Set another network address, as `Device.set_network_address`."""
     if not isinstance(wanted, NetworkAddress):
         raise InvalidValue(f"a network address is a NetworkAddress, not {type(wanted).__name__}")
     try:
-        # A number would be taken for an address, too.
+        # As text, since `IPv4Address` would accept a number, too.
         parts = [IPv4Address(str(text)).packed for text in (wanted.address, wanted.mask, wanted.gateway)]
     except AddressValueError as error:
         raise InvalidValue(f"not an IPv4 address: {error}") from None

@@ -4,13 +4,13 @@ Sources: S-series interface manual for 0x81 and 0x85; vendor's SDK 2.1.0 for 0x8
 everything the manual leaves out. Two things differ from the SDK on purpose: angles keep their full precision
 (the SDK truncates to 1/64 degrees), and formats that carry no intensity report none (the SDK reports 188).
 
-A capsule states where it begins; its samples lie at equal steps from there, up to where the next one begins. So the
-angles of a whole stretch are one product of two small matrices. What is inside the cabins stands in `cabins`. In
-0x81 and 0x83 each sample has an angle of its own.
+A capsule states where it begins. Its samples lie at equal steps from there, up to where the next one begins. So the
+angles of a whole stretch are one product of two small matrices. `cabins` decodes the cabins. In 0x81 and 0x83 each
+sample has its own angle.
 
-A revolution is some thousand samples, and each call of numpy costs as much as a pass over all of them. So arrays
-are written where they will stay, in single precision, and in units in which angles are whole numbers until the
-very last division. Single precision holds those exactly.
+A revolution has some thousand samples, and each call of numpy costs as much as a pass over all of them. So arrays
+are written directly to their final place, in single precision, and in units in which angles are whole numbers until
+the last division. Single precision holds these exactly.
 """
 
 from __future__ import annotations
@@ -55,10 +55,10 @@ FIRST_ANGLE: Final = 9
 
 
 class CapsuleDecoder(ArcDecoder):
-    """What the four capsule formats have in common: samples at equal steps from the start angle."""
+    """The base of the four capsule decoders: samples lie at equal steps from the start angle."""
 
-    wire: ClassVar[type[CapsuleFormat]]  # their format
-    corrected: ClassVar[bool] = False  # whether samples have corrections, which may take an angle back over 0
+    wire: ClassVar[type[CapsuleFormat]]  # the format of the packets
+    corrected: ClassVar[bool] = False  # whether samples have corrections, which may move an angle back over 0
 
     def __init__(self) -> None:
         super().__init__(FULL_TURN_Q6, Wheel(FULL_TURN_Q6, self.wire.samples))
@@ -82,14 +82,14 @@ class CapsuleDecoder(ArcDecoder):
 
     @abstractmethod
     def _payload(self, words: Words, after: bytes | None, skipped: NDArray[np.intp] | None, output: Output) -> None:
-        """Write distances and intensities, and take corrections off the angles that stand in `output`.
+        """Write distances and intensities, and subtract corrections from the angles in `output`.
 
-        `words` are those of the packets, shape (packets, words of one), and `after` is the packet behind them.
+        `words` are the words of the packets, shape (packets, words of one), and `after` is the packet behind them.
         """
 
 
 class DenseDecoder(CapsuleDecoder):
-    """0x85: the cabin is the distance in millimetres."""
+    """0x85: each cabin is a distance in millimetres."""
 
     wire: ClassVar[type[CapsuleFormat]] = DenseFormat
     has_intensity: bool = False
@@ -123,7 +123,7 @@ class UltraDecoder(CapsuleDecoder):
         self._corrections = near_range_corrections(self._units)
 
     def _payload(self, words: Words, after: Any, skipped: Any, output: Output) -> None:
-        # Behind the first four bytes of a capsule, each cabin has four.
+        # After the first four bytes of a capsule, each cabin has four bytes.
         cabins = words.view("<u4")[:, 1:].astype(np.intp)
         millimetres = ultra_cabins(cabins, None if after is None else int.from_bytes(after[4:6], "little"), skipped)
         output.distance[...] = millimetres
@@ -131,7 +131,7 @@ class UltraDecoder(CapsuleDecoder):
 
 
 class UltraDenseDecoder(CapsuleDecoder):
-    """0x86: 20 bits a sample, distance and intensity on a sliding scale; short distances are smoothed."""
+    """0x86: 20 bits a sample, distance and intensity on a variable scale; short distances are smoothed."""
 
     wire: ClassVar[type[CapsuleFormat]] = UltraDenseFormat
 
@@ -149,7 +149,7 @@ class UltraDenseDecoder(CapsuleDecoder):
 
 
 class HqDecoder(ArcDecoder):
-    """0x83: whole nodes, passed through."""
+    """0x83: packets of whole nodes, each with its own angle."""
 
     samples = 96
 
@@ -160,7 +160,7 @@ class HqDecoder(ArcDecoder):
         nodes: NDArray[np.void] = np.frombuffer(packets.data, HQ)["nodes"]
         angles = nodes["angle"]
         after = None if following is None else following[FIRST_ANGLE] | following[FIRST_ANGLE + 1] << 8
-        # Without a sign, 16 bits hold just 360 degrees.
+        # Unsigned 16 bits hold exactly 360 degrees.
         way = (angles[:, -1] - angles[:, 0]).astype(np.int32)
         return Heads(angles[:, 0].astype(np.int32), after, self.samples, way, nodes)
 
@@ -171,16 +171,16 @@ class HqDecoder(ArcDecoder):
         output.intensity[...] = nodes["quality"]
 
     def _behind_seam(self, heads: Heads, arcs: Arcs, at: int, seam: int) -> int:  # noqa: ARG002
-        """How many nodes of a packet, which all lie ahead of its first one, are behind the seam."""
+        """How many nodes of a packet lie behind the seam; all lie ahead of its first one."""
         angles = heads.read["angle"][at]
         left = FULL_TURN_Q14 - (int(angles[0]) - seam) % FULL_TURN_Q14
-        # Without a sign, 16 bits hold just 360 degrees: what is not yet at the seam is far ahead of it.
+        # Unsigned 16 bits hold exactly 360 degrees: a node before the seam seems to be far behind it.
         beyond = angles - np.uint16(seam)
         return int(np.count_nonzero(beyond < FULL_TURN_Q14 // 2 - left))
 
 
 class NodeDecoder(ArcDecoder):
-    """0x81: the plain node."""
+    """0x81: plain nodes, each a packet of one sample."""
 
     def __init__(self) -> None:
         super().__init__(FULL_TURN_Q6, NodeSteps(FULL_TURN_Q6))

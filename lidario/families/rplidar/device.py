@@ -1,9 +1,8 @@
 """One RPLIDAR: what its responses mean, and how it is started.
 
 Payloads: S-series interface manual, responses to GET_INFO, GET_HEALTH, GET_SAMPLERATE and GET_LIDAR_CONF. Model
-numbers and the firmware from which GET_LIDAR_CONF exists (1.24): vendor's SDK 2.1.0. Scan mode ids differ from
-model to model, so they are always asked for, never assumed, where the firmware can be asked. How the motor is
-turned is in `motor`.
+numbers, and the first firmware with GET_LIDAR_CONF (1.24): vendor's SDK 2.1.0. Scan mode ids differ from model to
+model, so they are never assumed if the firmware can be asked for them. The motor is in `motor`.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ S2_MAJOR: Final = 7
 CONF_FIRMWARE: Final = (1, 24)
 SPEED_FIRMWARE: Final = (1, 30)
 SAMPLERATE_FIRMWARE: Final = (1, 17)
-LEGACY_SAMPLE_US: Final = 476.0  # of firmware too old to be asked (SDK)
+LEGACY_SAMPLE_US: Final = 476.0  # for firmware too old to be asked (SDK)
 LEGACY_MAX_DISTANCE: Final = 16.0
 SPIN_UP_S: Final = 5.0
 SLOWEST_TURN_S: Final = 1.0
@@ -41,10 +40,10 @@ EXPRESS_TYPE: Final = 0x82
 HQ_TYPE: Final = 0x83
 ULTRA_TYPE: Final = 0x84
 LEGACY_EXPRESS: Final = ScanMode(0, "Legacy express", 0.0, 0.0, EXPRESS_TYPE)
-"""Working mode 0 (S-series interface manual, EXPRESS_SCAN); how far it measures no document says. A C1 and an S1
+"""Working mode 0 (S-series interface manual, EXPRESS_SCAN). No document says how far it measures. A C1 and an S1
 respond with 0x85."""
 HQ_SCAN: Final = ScanMode(0, "HQ scan", 0.0, 0.0, HQ_TYPE)
-"""HQ_SCAN, which the vendor's SDK defines and never sends; no document says which devices know it."""
+"""HQ_SCAN, which the vendor's SDK defines but never sends. No document says which devices know it."""
 
 
 class RplidarDevice(MotorDriven):
@@ -56,7 +55,7 @@ class RplidarDevice(MotorDriven):
         super().__init__()
         self._firmware: tuple[int, int] = (0, 0)
         self._is_ethernet = False
-        # The mode that was started last, and whether its stream may have been announced in vain.
+        # The mode that was started last, and whether its stream may have been announced without packets.
         self._mode: ScanMode | None = None
         self._may_be_silent = False
 
@@ -64,11 +63,11 @@ class RplidarDevice(MotorDriven):
         return commands.STOP
 
     def halt(self) -> tuple[Request, ...]:
-        # The motor first, since nothing is heard for 10 ms after STOP.
+        # The motor first, since the device hears nothing for 10 ms after STOP.
         return (self._halt_motor(), commands.STOP)
 
     def halt_unknown(self) -> tuple[Request, ...]:
-        # What stops an A2 or A3, then what stops an A1 and makes the others deaf.
+        # The first stops an A2 or A3. The second stops an A1 and makes the others deaf.
         return () if self._major else (commands.motor_pwm(0), commands.DTR_STOPS)
 
     def reset(self) -> Request:
@@ -79,7 +78,7 @@ class RplidarDevice(MotorDriven):
         self._be_of(model >> 4)
         self._firmware = major, minor
         self._configuration.known = self._major >= FIRST_DIRECT_TOF or self._firmware >= CONF_FIRMWARE
-        # Until it says so: its response may be lost.
+        # Each time until it says that it is one: a response may be lost.
         if self.baudrate == 0 and self._major == S2_MAJOR and not self._is_ethernet:
             self._is_ethernet = yield from self._has_mac()
         return DeviceInfo(
@@ -101,9 +100,9 @@ class RplidarDevice(MotorDriven):
         return SampleRate(float(standard), float(express))
 
     def modes(self) -> Script[tuple[ScanMode, ...]]:
-        """As `Device.modes`: the device's own list, or what old firmware is known to do.
+        """As `Device.modes`: the device's own list, or the modes that old firmware is known to have.
 
-        A device that is silent about its modes is asked four times in vain, which takes 4 s, and then no more.
+        A device that is silent about its modes is asked four times, which takes 4 s, and then no more.
         """
         modes: tuple[ScanMode, ...] = ()
         if self._configuration.known:
@@ -116,15 +115,15 @@ class RplidarDevice(MotorDriven):
         return math.nan if wire is None else mode.samples_per_second * wire.longest / wire.samples
 
     def unlisted_modes(self) -> tuple[ScanMode, ...]:
-        """As `Device.unlisted_modes`: the legacy express scan and HQ_SCAN, of firmware that lists its modes.
+        """As `Device.unlisted_modes`: the legacy express scan and HQ_SCAN, for firmware that lists its modes.
 
-        Older firmware has the first as its mode "Express". A device that lacks it may send something else: the
+        Older firmware has the first as its mode "Express". A device that lacks a mode may send something else: the
         descriptor decides.
         """
         return (LEGACY_EXPRESS, HQ_SCAN) if self._configuration.known else ()
 
     def start(self, mode: ScanMode, *, force: bool = False) -> Script[Stream]:
-        """As `Device.start`; the descriptor decides which format is decoded, not what the mode's list foretold."""
+        """As `Device.start`; the descriptor decides which format is decoded, not the list of modes."""
         if mode.response_type not in FORMATS:
             known = ", ".join(f"0x{number:02X}" for number in sorted(FORMATS))
             raise Unsupported(
@@ -143,11 +142,11 @@ class RplidarDevice(MotorDriven):
         elif mode == HQ_SCAN:
             request = commands.hq_scan(stream)
         else:
-            # Firmware that cannot list its modes knows them by no number: there 0 is the express scan (SDK).
+            # Firmware that cannot list its modes has no mode numbers: there 0 is the express scan (SDK).
             request = commands.express_scan(mode.id if self._configuration.known else 0, stream)
         announced = yield request
         if announced and announced[0] != mode.response_type:
-            # The told time of a sample was that of another format: it is measured from the stream.
+            # The told sample time was for another format, so it is measured from the stream.
             sample_us = 0.0
             mode = replace(mode, response_type=announced[0], sample_us=sample_us)
             stream = next(each for each in request.others if each.response_type == mode.response_type)
@@ -161,7 +160,7 @@ class RplidarDevice(MotorDriven):
         )
 
     def explain_silence(self, lasted_s: float) -> Script[bool]:
-        """As `Device.explain_silence`: where one mode in 0x84 follows another, a start in vain is tried again.
+        """As `Device.explain_silence`: if one mode in 0x84 follows another, a start without packets is tried again.
 
         An A1 announced two of eleven such streams in Stability and sent nothing (cpane/heron, firmware 1.29).
         """
@@ -180,7 +179,7 @@ class RplidarDevice(MotorDriven):
         return change_speed(baudrate, present)
 
     def _has_mac(self) -> Script[bool]:
-        """Whether it has an Ethernet address: nothing else tells an S2E from an S2 (SDK 2.1.0)."""
+        """Whether it has an Ethernet address: only this distinguishes an S2E from an S2 (SDK 2.1.0)."""
         try:
             return len((yield _GET_MAC)) > 4
         except ResponseTimeout:
@@ -191,20 +190,20 @@ class RplidarDevice(MotorDriven):
         standard = ScanMode(0, "Standard", rate.standard_us, LEGACY_MAX_DISTANCE, NODE_TYPE, typical=True)
         if self._major >= FIRST_DIRECT_TOF or self._firmware < SAMPLERATE_FIRMWARE:
             return (standard,)
-        # Firmware that knows ids, yet lists none (an A2M6), is asked for the legacy express scan: working mode 0.
+        # Firmware that knows mode ids but lists none (an A2M6) gets the legacy express scan: working mode 0.
         number = 0 if self._configuration.known else 1
         express = ScanMode(number, "Express", rate.express_us, LEGACY_MAX_DISTANCE, EXPRESS_TYPE, typical=True)
         return (replace(standard, typical=False), express)
 
     def _sample_us(self, mode: ScanMode) -> Script[float]:
-        """A mode that claims 0 µs a sample: ask the older way; 0 again means it is measured from the stream."""
+        """For a mode that claims 0 µs a sample, ask the older way; if 0 again, it is measured from the stream."""
         if mode == HQ_SCAN:
             return 0.0
         rate = yield from self._rate()
         return rate.standard_us if mode.response_type == NODE_TYPE else rate.express_us
 
     def _rate(self) -> Script[SampleRate]:
-        """As `sample_rate`; zeros where the device does not tell it."""
+        """As `sample_rate`; zeros if the device does not tell it."""
         try:
             return (yield from self.sample_rate())
         except (ResponseTimeout, RemoteProtocolError):

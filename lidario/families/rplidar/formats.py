@@ -3,8 +3,8 @@
 Sizes, header bits and check values: S-series interface manual for 0x81 and 0x85; the packed structures of the
 vendor's SDK 2.1.0 for 0x82, 0x83, 0x84 and 0x86. The four capsule formats share a header: the high nibbles of
 the first two bytes are A and 5, their low nibbles hold the XOR of all bytes behind them. The start angle is a
-15-bit number of 1/64 degrees. Bit 15 beside it says that the stream began anew (SDK), or that a revolution did
-(manual); `lidario.revolution.seam` handles both.
+15-bit number of 1/64 degrees. Bit 15 of its word says that the stream began anew (SDK), or a revolution (manual);
+`lidario.revolution.seam` handles both.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ ANGLE_MASK: Final = 0x7FFF
 STREAM_START_BIT: Final = 0x8000
 
 CAPSULES_WORTH_AN_ARRAY: Final = 160
-"""Capsules from which their headings are an array. Measured: to make a list and follow it takes 4 us and 0.04 us a
-capsule, an array 8 us; live, where numpy is cold once a revolution, 50 and 90 us for 80 capsules."""
+"""From this many capsules on, headings are an array. Measured: making and following a list takes 4 us, and 0.04 us
+a capsule; an array takes 8 us. Live, where numpy is cold once a revolution: 50 and 90 us for 80 capsules."""
 
 
 def _heads_of() -> NDArray[np.uint16]:
@@ -40,11 +40,11 @@ def _heads_of() -> NDArray[np.uint16]:
     return (0x50A0 | folded & 0xF | (folded & 0xF0) << 4).astype(np.uint16)
 
 
-_HEADS: Final = _heads_of()  # by the XOR of all words of an intact packet but the first: what the first one is
+_HEADS: Final = _heads_of()  # first word of an intact packet, by the XOR of its other words
 
 
 class CapsuleFormat(RowFormat):
-    """What the four capsule formats have in common."""
+    """The base of the four capsule formats."""
 
     header: re.Pattern[bytes] = re.compile(rb"[\xa0-\xaf][\x50-\x5f]")
     full_turn = FULL_TURN_Q6
@@ -68,7 +68,7 @@ class CapsuleFormat(RowFormat):
     def headings(self, packets: Packets) -> Headings:
         told = np.frombuffer(packets.data, "<u2")[self.start_at // 2 :: self.shortest // 2]
         few: list[int] | None = told.tolist() if len(told) < CAPSULES_WORTH_AN_ARRAY else None
-        # The flag is the highest bit, so where every word is below 360 degrees there is none.
+        # The flag is the highest bit: if every word is below 360 degrees, none is set.
         if few and max(few) < FULL_TURN_Q6:
             return few
         words = told.astype(np.int32)
@@ -131,7 +131,7 @@ _stated = struct.Struct("<I").unpack_from
 
 
 def _crc_off(data: bytearray, at: int) -> int:
-    """In which bits the CRC that a packet states is not its own; 0 where it is intact."""
+    """The bits in which the stated CRC of a packet differs from the computed one; 0 if the packet is intact."""
     end = at + CRC_AT
     stated: int = _stated(data, end)[0]
     return crc32(b"\0\0\0", crc32(data[at:end])) ^ stated
@@ -139,7 +139,7 @@ def _crc_off(data: bytearray, at: int) -> int:
 
 @cache
 def _single_bits() -> dict[int, int]:
-    """Which flipped bit of a packet, its CRC included, makes `_crc_off` what it is then."""
+    """For each value of `_crc_off` that a single flipped bit of a packet, CRC included, causes: that bit."""
     packet = bytearray(HQ.itemsize)
     clean, found = _crc_off(packet, 0), dict[int, int]()
     for bit in range(8 * HQ.itemsize):
@@ -150,13 +150,13 @@ def _single_bits() -> dict[int, int]:
 
 
 class HqFormat(StreamFormat):
-    """0x83: 96 whole nodes behind a time stamp, under a CRC-32.
+    """0x83: 96 whole nodes behind a time stamp, with a CRC-32.
 
-    The CRC runs over all but itself, padded with zeros to a multiple of four bytes.
+    The CRC covers all other bytes, padded with zeros to a multiple of four bytes.
 
-    It tells more than that a packet is damaged: each single flipped bit changes it in a way of its own (over 6248
-    bits its least distance is 4). So a packet in step of which one bit was flipped is repaired, in the buffer. Two
-    flipped bits never look like one; other damage does once in 687,000 times.
+    Each single flipped bit changes the CRC in a different way (over 6248 bits its least distance is 4). So, while
+    in step, a packet with one flipped bit is repaired in the buffer. Two flipped bits never look like one; other
+    damage does once in 687,000 times.
     """
 
     name = "hq"

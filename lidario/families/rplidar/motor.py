@@ -1,4 +1,4 @@
-"""The motor of an RPLIDAR: four ways to turn it, decided once after the device has said what it is.
+"""The motor of an RPLIDAR: four ways to turn it. The way is decided once, after the device has said what it is.
 
 =====  =========================================  ====================================================
 way    who                                        what the host does
@@ -6,17 +6,16 @@ way    who                                        what the host does
 RPM    S and T series; a C1 that tells its limits MOTOR_SPEED_CTRL, revolutions a minute
 PWM    A2, A3 with an accessory board             SET_MOTOR_PWM, a duty. They send no packet before
 DTR    A1                                         the control line: cleared turns it, asserted stops it
-NONE   A2, A3 on a bare UART; other C1            nothing, but for what would stop the motor
+NONE   A2, A3 on a bare UART; other C1            nothing, except the request that would stop the motor
 =====  =========================================  ====================================================
 
-Vendor's SDK 2.1.0, `checkMotorCtrlSupport` and `setMotorSpeed`, with two differences. The SDK takes the C1 for one
-without a motor request; here it is asked for its limits, since a user's C1 obeyed MOTOR_SPEED_CTRL. And the SDK
-moves DTR wherever it knows no other way; users report that an A2 or A3 hears nothing while DTR is asserted, so
-there it stays cleared, as it is when the port was opened.
+Vendor's SDK 2.1.0, `checkMotorCtrlSupport` and `setMotorSpeed`, with two differences. The SDK assumes that a C1 has
+no motor request; here it is asked for its limits, since a user's C1 obeyed MOTOR_SPEED_CTRL. And the SDK moves DTR
+whenever it knows no other way. Users report that an A2 or A3 hears nothing while DTR is asserted, so for these DTR
+stays cleared, as it is when the port was opened.
 
-A C1 whose response does not come is started as one that has no limits, and asked again when its speed is wanted.
-A device that does not tell its typical speed or duty is started with an assumed one, and asked again by the next
-start.
+A C1 that does not respond is started as one without limits, and asked again when its speed is wanted. A device that
+does not tell its typical speed or duty is started with an assumed one, and asked again at the next start.
 """
 
 from __future__ import annotations
@@ -42,11 +41,11 @@ A1: Final = 1
 class Way(NamedTuple):
     """How the motor is turned."""
 
-    why: str  # why its speed cannot be set; empty where it can
-    request: Callable[[int], Request] | None = None  # what turns it so fast; None where no number does
-    usual: int = 0  # The number that other drivers send. Conf 0x01 tells a better one where the firmware has it.
-    most: int = 0  # the highest one
-    told_at: int = 0  # where conf 0x01 tells it
+    why: str  # why its speed cannot be set; empty if it can
+    request: Callable[[int], Request] | None = None  # makes the request for a speed or duty; None if there is none
+    usual: int = 0  # speed or duty that other drivers send. Conf 0x01 tells a better one if the firmware has it.
+    most: int = 0  # the highest speed or duty
+    told_at: int = 0  # offset of the speed or duty in conf 0x01
 
 
 RPM: Final = Way("", commands.motor_speed, 600, 0xFFFF)
@@ -70,31 +69,31 @@ UNTOLD: Final = Way(
 
 
 class MotorDriven(Device):
-    """What an RPLIDAR does about its motor."""
+    """The part of an RPLIDAR's scripts that controls its motor."""
 
     def __init__(self) -> None:
         self._configuration = Configuration()
-        # The upper four bits of its model number; 0 while it has not told that.
+        # The upper four bits of its model number; 0 until the device has told it.
         self._major = 0
         self._way: Way | None = None
-        # The speed or the duty; and whether it is a guess, since the device has not told it.
+        # The speed or the duty, and whether it is assumed because the device has not told it.
         self._speed: int | None = None
         self._is_assumed = False
-        # The slowest and the fastest speed that the device takes; None while it has not told them.
+        # The slowest and the fastest speed that the device takes; None until it has told them.
         self._told: tuple[int, int] | None = None
 
     def _be_of(self, major: int) -> None:
-        """The device has said of which series it is."""
+        """Take on the series that the device has told."""
         if major != self._major:
             self._major, self._speed, self._is_assumed = major, None, False
             self._way = RPM if major >= FIRST_BY_SPEED else DTR if major == A1 else None
 
     def _halt_motor(self) -> Request:
-        """What stops the motor; where the way is not decided yet, a request that does no harm."""
+        """The request that stops the motor; if the way is not decided yet, one that does no harm."""
         if self._way is DTR:
             return commands.DTR_STOPS
-        # That it has a board, or takes a speed, may only have been lost on the way: one that does not know the
-        # request ignores it. So is it before the device is identified.
+        # Also if it seems to have no board or to take no speed, or is not identified yet: only the response may
+        # have been lost, and a device that does not know the request ignores it.
         return commands.motor_pwm(0) if A1 < self._major < FIRST_C else commands.motor_speed(0)
 
     def _start_motor(self) -> Script[None]:
@@ -109,8 +108,8 @@ class MotorDriven(Device):
     def retune(self) -> Request | None:
         """As `Device.retune`.
 
-        A stream goes on meanwhile: S-series interface manual, MOTOR_SPEED_CTRL: "real-time speed control", idle
-        only by 0 rpm.
+        A stream goes on meanwhile. S-series interface manual, MOTOR_SPEED_CTRL: "real-time speed control", idle
+        only at 0 rpm.
         """
         if self._way is not RPM or self._speed is None:
             return None
@@ -127,12 +126,12 @@ class MotorDriven(Device):
         return self._way is PWM
 
     def scan_frequency(self) -> Script[float]:
-        """As `Device.scan_frequency`: the one that was set, else the device's own."""
+        """As `Device.scan_frequency`: the frequency that was set, else the device's own."""
         yield from self._check_speed()
         return (yield from self._wanted(RPM)) / 60
 
     def set_scan_frequency(self, hertz: float) -> Script[float]:
-        """As `Device.set_scan_frequency`, for the next start or `retune`: a resting rotor is not set in motion."""
+        """As `Device.set_scan_frequency`, for the next start or `retune`: a rotor that rests is not started."""
         yield from self._check_speed()
         wanted = finite(hertz, "a scan frequency")
         lowest, highest = yield from self._limits()
@@ -146,14 +145,14 @@ class MotorDriven(Device):
         return rpm / 60
 
     def scan_frequency_range(self) -> Script[tuple[float, float]]:
-        """As `Device.scan_frequency_range`; what fits in the request where none is told."""
+        """As `Device.scan_frequency_range`; if the device tells no limits, those of the request."""
         yield from self._check_speed()
         lowest, highest = yield from self._limits()
         return lowest / 60, highest / 60
 
     def _check_speed(self) -> Script[None]:
         if self._way is UNTOLD:
-            self._way = None  # a start does not wait for that again, but who asks for the speed does
+            self._way = None  # a start does not ask again, but a request for the speed does
         way = yield from self._decided()
         if way.why:
             raise Unsupported(way.why)
@@ -166,10 +165,10 @@ class MotorDriven(Device):
         return self._way
 
     def _limited(self) -> Script[Way]:
-        """A C1 that tells both limits takes a speed; one that is silent may not know the question."""
+        """The way of a C1: it takes a speed if it tells both limits. A silent one may not know the question."""
         for kind in (Conf.MIN_ROTATION, Conf.MAX_ROTATION):
             try:
-                # A C1 that does not know the question is silent, and a stream must not wait long for that.
+                # A short timeout: a C1 that does not know the question is silent, and a stream must not wait long.
                 told = yield replace(commands.get_lidar_conf(kind), timeout=SHORT_S)
             except ResponseTimeout:
                 return UNTOLD
@@ -185,14 +184,15 @@ class MotorDriven(Device):
         return PWM if flags[0] & 1 else NONE
 
     def _wanted(self, way: Way) -> Script[int]:
-        """The speed or the duty that was set, else the one that the device tells."""
+        """The speed or the duty that was set, else the one that the device tells, else the usual one."""
         if self._speed is None:
             told = yield from self._word(Conf.DESIRED_ROTATION, way.told_at, MOST_IN_VAIN)
             if told and way is RPM:
-                # Now, so that a speed that is set in mid-scan can be checked without interrupting the stream. Who
-                # does not know the one question does not know the others.
+                # Ask for the limits now, so that a speed that is set in mid-scan can be checked without
+                # interrupting the stream. A device that does not know the first question does not know these
+                # either.
                 yield from self._limits()
-            # Another script may have set it meanwhile: a script begins before it is its turn to ask.
+            # Another script may have set the speed meanwhile: a script begins before its turn to ask comes.
             if self._speed is None:
                 self._speed = told if told and told <= way.most else way.usual
                 self._is_assumed = told is None
@@ -208,7 +208,7 @@ class MotorDriven(Device):
         return lowest or 1, highest or 0xFFFF
 
     def _word(self, kind: Conf, at: int, most_in_vain: float = math.inf) -> Script[int | None]:
-        """Two bytes of a configuration value; 0 where the device has none, None where it does not tell it."""
+        """Two bytes of a configuration value; 0 if the device does not have it, None if it does not tell it."""
         value = yield from self._configuration.value(kind, most_in_vain)
         if value is None:
             return None

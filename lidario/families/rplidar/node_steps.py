@@ -1,19 +1,20 @@
-"""What is missing among the nodes of 0x81, each of which is a packet of its own.
+"""Finds what is missing among the nodes of 0x81, each of which is a packet of its own.
 
-The step from one node to the next is a few units of the angle, and angles are corrected: steps scatter by most of
-one, and are even only in the mean. So what holds for the arcs of larger packets (`lidario.families.wheel`) holds
-for the mean of a few dozen steps:
+The step from one node to the next is a few units of the angle, and angles are corrected. So single steps scatter by
+most of a step, and only their mean is even. The rules for the arcs of larger packets (`lidario.families.wheel`)
+hold here for the mean of a few dozen steps:
 
-1. **It is like the one before it.** In a few milliseconds a rotor changes its speed by a small part of the greatest
-   one, whatever it does.
-2. **What is not** is missing nodes; what is not for long is another speed. What leaps ahead and falls back is
-   neither: behind an edge that is near, angles are corrected by more than behind one that is far.
-3. **The clock has the last word** where steps agree: they are one each, or a whole number of them.
+1. **A mean step is like the one before it.** Whatever a rotor does, in a few milliseconds its speed changes by only
+a
+   small part of the greatest speed.
+2. **A step that is not like it** shows missing nodes; many such steps show another speed. An angle that leaps ahead
+   and falls back shows neither: behind a near edge, angles are corrected by more than behind a far one.
+3. **The clock has the last word** if steps agree: each is one ordinary step, or a whole number of them.
 
-A node has two check bits, so that a few bytes may pass for one whose angle is somewhere else.
+A node has only two check bits, so a few bytes may pass for a node with any angle.
 
-Where the angles leap, it may be that they are those of returns beside the beam (`chains`): then the beams count, if
-they are much evener.
+If the angles leap, they may be those of returns beside the beam (`chains`). Then the angles of the beams are used,
+if they are much more even.
 """
 
 from __future__ import annotations
@@ -33,34 +34,35 @@ from lidario.wire.events import Arrival
 Steps = NDArray[np.float64]
 
 RETREAT_TURNS: Final = 1 / 12
-"""How far nodes fall back at most: without a check value, a few bytes may pass for nodes up to 30 degrees ahead."""
+"""Nodes fall back by this at most: without a check value, a few bytes may pass for nodes up to 30 degrees ahead."""
 _RETREAT_Q6: Final = round(RETREAT_TURNS * FULL_TURN_Q6)
 JITTER: Final = 0.75
-"""Share of an ordinary step by which steps may scatter: only a doubled one is a lost node."""
+"""Share of an ordinary step by which steps may scatter: only a doubled step shows a lost node."""
 SEVERAL: Final = 32
-"""Steps of which the mean is taken, in a few milliseconds. That of seven units is off by half a percent, since each
-end is rounded. Of more steps, a rotor that starts would be much faster in the last than in the first."""
+"""Steps over which the mean is taken, which take a few milliseconds. A mean step of seven units is off by half a
+percent then, since each end is rounded. Over more steps, a starting rotor would speed up too much on the way."""
 CHANGE: Final = 0.1
-"""Part of the longest ordinary step of a revolution by which any other may differ from the one before: the slower a
-rotor turns, the more any change is for it."""
+"""An ordinary step may differ from the one before by this part of the longest one of the revolution. Not by a part
+of itself, since a change weighs more for a slow rotor."""
 STRANGE: Final = 32
-"""Of so many times those steps, hardly one is like those before: if time tells nothing, it is another speed."""
+"""After this many groups of steps that are hardly like those before, another speed is taken if time says
+nothing."""
 CERTAIN_STEPS: Final = 6
-"""Steps that must agree before the ordinary one is certain."""
+"""This many steps must agree before the ordinary step is certain."""
 FALSE_NODES: Final = 40
-"""Nodes within which a leap and a fall belong together: between them stands what was no node."""
+"""A leap and a fall within this many nodes belong together: the bytes between were no nodes."""
 _CORRECTED_TURNS: Final = 1 / 45
-"""How far angles are corrected at most: 8 degrees in the vendor's SDK 2.1.0, which does it for other formats."""
+"""Largest correction of angles: 8 degrees in the vendor's SDK 2.1.0, which makes it for other formats."""
 
 
 class Nodes(NamedTuple):
     """Nodes as they were read."""
 
     rows: NDArray[Any]  # of the layout `lidario.families.rplidar.nodes.NODE`
-    following: bytes | None  # the one behind them; None where it is not known
+    following: bytes | None  # the node behind them; None if unknown
 
     def beams(self, heads: Heads) -> Heads:
-        """Where the beams were, if the angles in `heads` are those of returns beside them."""
+        """The angles of the beams, if the angles in `heads` are those of returns beside the beams."""
         rows = self.rows
         if self.following is not None:
             rows = np.concatenate((rows, np.frombuffer(self.following, rows.dtype, 1)))
@@ -84,11 +86,11 @@ class NodeSteps(PacedTurning):
         spans, shortest, longest, total = spans_between(heads, self._full_turn, self._retreat)
         if isinstance(heads.read, Nodes) and not self._is_ordinary(self._typical, shortest, longest):
             beams = spans_between(heads.read.beams(heads), self._full_turn, self._retreat)
-            # Damage alone makes either a little evener.
+            # Much more even, since damage alone may make the beams a little more even.
             if 2 * _unevenness(beams[0]) < _unevenness(spans):
                 spans, shortest, longest, total = beams
         if self._certain and followed and self._is_ordinary(self._typical, shortest, longest):
-            # The mean is as good as the median where nothing is far from either, and much cheaper.
+            # With no step far off, the mean is as good as the median, and much cheaper.
             self._typical, self._strange = total / len(spans), 0
             times = self._corrected(spans, arrivals, 1.0)
             if times == 1:
@@ -106,7 +108,7 @@ class NodeSteps(PacedTurning):
             elif not missing.any():
                 self._note_close(len(spans) - (not followed))
         skipped = missing if missing.any() else None
-        # Where the rotor stood all the time, nodes tell of no step.
+        # If the rotor stood all the time, nodes show no step: keep the last one.
         step = float(steps.mean()) or self._typical
         return Arcs(spans, skipped, step, self._certain, self._revoked(times))
 
@@ -134,10 +136,10 @@ class NodeSteps(PacedTurning):
         return JITTER * typical < shortest and longest <= (1 + JITTER) * typical
 
     def _corrected(self, spans: Ints, arrivals: Sequence[Arrival], each: float) -> float:
-        """Correct the ordinary step where the device has measured a multiple or a part of the nodes that it tells.
+        """Correct the ordinary step if time says that there were a multiple or a part of the nodes that it implies.
 
-        It tells `each` for one that came, with those that are missing. Returns how many times too long the step
-        was; 1 where time does not speak against it.
+        By the ordinary step there were `each` nodes, with the missing ones, for every node that came. Returns how
+        many times too long the step was; 1 if time does not disprove it.
         """
         if self._confirmed and not self._strange:
             self._pace.clear()
@@ -147,18 +149,18 @@ class NodeSteps(PacedTurning):
         if by_time is None:
             return 1.0
         low, high = min(by_time) / each, max(by_time) / each
-        # In a file no time passes where nodes are missing: it cannot tell of fewer.
+        # In a file, no time passes while nodes are missing, so it cannot show that there were fewer.
         fewer = 1 / max(1, round(1 / high)) if self._time_passes else 1.0
         for times in (max(1, round(low)), fewer):
             if times > max(1.0, self._typical):
-                # Angles are whole numbers: no step is that small, whatever time seems to tell.
+                # Angles are whole numbers, so no step is that small, whatever time seems to say.
                 continue
             if high <= (1 + OFF) * times and low >= (1 - OFF) * times:
                 if times != 1:
                     self._typical /= times
                 elif self._strange and 2 * np.count_nonzero(spans > 0) > len(spans):
-                    # It tells the right number of nodes, though hardly a step is like it: so long they are, unless
-                    # the rotor stood.
+                    # The number of nodes is right, though hardly a step is like the ordinary one: take the mean
+                    # step, unless the rotor stood.
                     self._typical = float(spans.mean()) / each
                 self._confirmed, self._strange = True, 0
                 self._pace.clear()
@@ -166,16 +168,16 @@ class NodeSteps(PacedTurning):
         return 1.0
 
     def _walk(self, spans: Ints, *, followed: bool) -> tuple[Steps, NDArray[np.intp]]:
-        """The ordinary step at each node, and how many are missing behind it."""
+        """The ordinary step at each node, and how many nodes are missing behind it."""
         rough = spans.astype(np.float64)
         known = rough if followed else rough[:-1]
         if not self._certain and len(known):
             self._learn_first(known)
         steps = np.full(len(rough), self._typical)
-        # The last few may be gaps alone.
+        # Without the last few steps, which may all be gaps.
         whole = [part for part in _parts(known, SEVERAL) if len(part) >= CERTAIN_STEPS]
         greatest = max([self._typical, *map(_short, whole)])
-        # Steps are rounded, and those of a rotor that starts grow by about one until the next few dozen.
+        # Plus 2: steps are rounded, and those of a starting rotor grow by about one from one mean to the next.
         slack = CHANGE * greatest + 2
         chunks = _parts(known, SEVERAL)
         for begin, chunk in zip(range(0, len(known), SEVERAL), chunks, strict=True):
@@ -184,15 +186,15 @@ class NodeSteps(PacedTurning):
         missing = _missing(rough, steps, slack / JITTER, _CORRECTED_TURNS * self._full_turn)
         for begin, chunk in zip(range(0, len(known), SEVERAL), chunks, strict=True):
             if np.abs(chunk).max() < steps[begin] / 2:
-                # The rotor all but stood: this revolution has so many samples more.
+                # The rotor all but stood: its own small steps count, for the revolution has that many more samples.
                 steps[begin : begin + SEVERAL] = chunk.mean()
         return steps, missing
 
     def _take(self, spans: Steps, slack: float) -> None:
-        """Find the ordinary step of a few dozen, by the one before."""
+        """Find the ordinary step of a few dozen steps, by the ordinary step before."""
         near = spans[np.abs(spans - self._typical) <= max(self._typical / 2, slack)]
         if len(near) >= CERTAIN_STEPS:
-            # A rotor that stands tells of no step.
+            # A rotor that stands shows no step: keep the last one.
             self._typical, self._strange = float(near.mean()) or self._typical, 0
             return
         middle, agreeing = _middle(spans)
@@ -203,7 +205,7 @@ class NodeSteps(PacedTurning):
             self._typical, self._strange = middle, 0
 
     def _learn_first(self, spans: Steps) -> None:
-        """The ordinary step as long as none is certain."""
+        """Find the ordinary step while none is certain."""
         short = _short(spans)
         ordinary = spans[np.abs(spans - short) <= abs(short) / 2]
         self._typical, _ = _middle(ordinary)
@@ -211,9 +213,9 @@ class NodeSteps(PacedTurning):
 
 
 def _between(beams: Ints, told: NDArray[np.intp], count: int) -> NDArray[np.int32]:
-    """Where so many beams were of which some are told: evenly between those, but for nodes that are missing.
+    """The angles of `count` beams, from those that are `told`: the others lie evenly between them.
 
-    Of a gap nothing tells where it is; it is told before the next beam that is known.
+    If nodes are missing between two told beams, it is not known where. The gap is placed right before the second.
     """
     counts = np.diff(told)
     arcs = (np.diff(beams) + _RETREAT_Q6) % FULL_TURN_Q6 - _RETREAT_Q6
@@ -240,41 +242,41 @@ def _parts(spans: Steps, size: int) -> list[Steps]:
 
 
 def _short(spans: Steps) -> float:
-    """One of the shorter ones. Gaps only ever lengthen a step, so these tell the truth."""
+    """One of the shorter steps. Gaps only lengthen steps, so the short ones are right."""
     return float(np.sort(spans)[len(spans) // 4])
 
 
 def _middle(spans: Steps) -> tuple[float, int]:
-    """The ordinary one of several steps, and how many agree with it."""
+    """The ordinary step among several, and how many agree with it."""
     median = median_high(spans.tolist())
-    # A step is a few units: one of 7.2 is 7 or 8, and the median 7.
+    # The mean of those near the median: a step of 7.2 units appears as 7 or 8, and the median as 7.
     near = spans[np.abs(spans - median) <= abs(median) / 2]
     return float(near.mean()), len(near)
 
 
 def _missing(spans: Steps, steps: Steps, least: float, corrected: float) -> NDArray[np.intp]:
-    """Nodes missing behind each, by the ordinary step at each.
+    """How many nodes are missing behind each, by the ordinary step at each.
 
-    A rotor that turns by less than `least` from node to node all but stands; angles are `corrected` by so much at
+    A rotor that turns by less than `least` from node to node all but stands; angles are corrected by `corrected` at
     most.
     """
     moved = np.maximum(steps, least)
     times = spans / moved
     missing = np.ceil(times - 1 - JITTER).astype(np.intp)
     leaps = missing > 0
-    # A leap beside a fall is one heading that is out of place, not a gap.
+    # A leap next to a fall is one heading that is out of place, not a gap.
     falls = spans < 0
     missing[1:][falls[:-1]] = 0
     missing[:-1][falls[1:]] = 0
-    # Where headings leap ahead and soon fall back, only the difference is missing.
+    # If headings leap ahead and soon fall back, only the difference is missing.
     for fall in np.flatnonzero(spans < -2 * moved).tolist():
         before = np.flatnonzero(missing[max(0, fall - FALSE_NODES) : fall] > 0)
         if len(before):
             leap = max(0, fall - FALSE_NODES) + int(before[-1])
             missing[leap] += round(float(times[fall]))
     missing = np.maximum(missing, 0)
-    # So it is anywhere where a correction may be the cause. One that stands may be the one before once more; a gap
-    # that is larger than others is the likelier one.
+    # The same holds at any distance for a fall that a correction may explain. A step of 0 does not count: it may be
+    # a doubled node. The larger a gap is, the more likely it is real, so the smaller ones are reduced first.
     falls = (times < 1 - JITTER) & (spans != 0) & (spans > -corrected)
     false = int(missing.sum()) - round(float((times - 1)[falls | leaps].sum()))
     if falls.any():

@@ -1,21 +1,22 @@
-"""0x81, the plain node of five bytes: one sample a packet, and almost nothing to check it by.
+"""0x81, the plain node of five bytes: a packet is one sample, with almost nothing to check it by.
 
 Layout (S-series interface manual, response to SCAN): bit 0 of the first byte marks a new scan and bit 1 is its
 inverse; bit 0 of the second byte is always 1; then 15 bits of angle in 1/64 degrees and 16 bits of distance in
-1/4 mm. Two fixed bits let one wrong phase in four pass, and since walls are smooth, wrong phases pass many
-times in a row. So a node is believed only in its context:
+1/4 mm. Two fixed bits let one wrong phase in four pass, and since walls are smooth, wrong phases pass many times in
+a row. So a node is believed only in its context:
 
-* in step, it must continue the one before by a small step of the angle or of the beam (`chains`), and a new-scan
+* in step, it must continue the node before by a small step of the angle or of the beam (`chains`), and a new-scan
   mark must stand where marks do;
-* out of step, a chain of nodes must pass that test together. Nodes in the old phase that also continue the
-  last angle need a short chain: a flipped bit costs one node. In another phase (a byte was lost), and at the
-  beginning of a stream, it must be a long one;
-* where several phases pass, the first that advances is the rotor: the distances of an even wall, read as angles,
-  stand.
+* out of step, a chain of nodes must pass that test together. In the old phase, if they continue the last angle, a
+  short chain is enough, so that a flipped bit costs one node. In another phase (a byte was lost), and at the
+  beginning of a stream, the chain must be long;
+* if several phases pass, the first one whose angles advance is right: the distances of an even wall, read as
+    angles,
+  do not advance.
 
-The manual does not say at which angle a scan begins. Most devices mark it at 0, where the angles tell as much.
-Where the first mark of a stream stands elsewhere, or two in a row do at one place, revolutions follow those. A mark
-of the very first node tells nothing: some device may mark that wherever it stands.
+The manual does not say at which angle a scan begins. Most devices mark it at 0, which the angles show as well. If
+the first mark of a stream stands elsewhere, or two marks in a row stand at one other place, revolutions begin
+there. A mark of the very first node is ignored: a device may mark its first node wherever it stands.
 """
 
 from __future__ import annotations
@@ -55,12 +56,13 @@ from lidario.wire.formats import (
 )
 
 PHASES_BACK: Final = 4
-"""Nodes in the old phase that are tried before another phase is looked for."""
+"""This many nodes in the old phase are tried before other phases."""
 WORTH_AN_ARRAY: Final = 16
-"""Nodes from which they are checked as one array. Measured: 1.2 us a node one by one, 18 us for the array."""
+"""From this many nodes on, they are checked as one array. Measured: 1.2 us a node one by one, 18 us for the
+array."""
 
 WINDOW: Final = (PHASES_BACK + CHAIN_ALONE) * SIZE
-"""Bytes that must be there to tell whether nodes go on from a place."""
+"""Bytes that are needed to decide whether nodes go on from a place."""
 
 NODE: Final = np.dtype([("quality", "u1"), ("angle", "<u2"), ("distance", "<u2")])
 _UNMARKED = 2
@@ -82,9 +84,9 @@ class NodeFormat(StreamFormat):
         self._in_step = False
         # The last node that was believed.
         self._last: bytearray | None = None
-        # Where marks stand, once one was seen, and where the last one did that was not believed.
+        # The angle of the marks, once one was seen; `_other_mark` is that of the last mark that was not believed.
         self._mark: int | None = None
-        # Whether a mark far from 0 was among the nodes that passed; None before any has.
+        # Whether a mark far from 0 was among the nodes that passed; None before the first node.
         self._marked_far: bool | None = None
         self._other_mark = -FULL_TURN_Q6
 
@@ -99,7 +101,7 @@ class NodeFormat(StreamFormat):
         return angle_at(data, at) < FULL_TURN_Q6
 
     def headings(self, packets: Packets) -> Headings:
-        """As `StreamFormat.headings`, in 1/64 degrees. Only marks far from 0 are told: at 0 the angles do."""
+        """As `StreamFormat.headings`, in 1/64 degrees. Only marks far from 0 are flagged: at 0, angles suffice."""
         nodes = np.frombuffer(packets.data, NODE)
         angles = nodes["angle"].astype(np.int32)
         angles >>= 1
@@ -127,7 +129,7 @@ class NodeFormat(StreamFormat):
         if not self._goes_on(data, at) or (data[at] & 1 and not fits(angle_at(data, at), self._mark)):
             return False
         begins, self._last = self._last is None, data[at : at + SIZE]
-        # So it is behind damage, too, where nodes are followed anew.
+        # `_last` is also None behind damage: there, too, the mark of the first node is ignored.
         if data[at] & 1 and not begins:
             angle = angle_at(data, at)
             self._mark = angle if self._mark is None else self._mark
@@ -135,12 +137,12 @@ class NodeFormat(StreamFormat):
         return True
 
     def _take_many(self, data: bytearray, at: int, count: int) -> int:
-        """Take nodes that follow each other from `at`; how many of the `count` that are there."""
+        """Take nodes that follow each other from `at`, at most `count`; returns how many."""
         done = 0
         for other in self._not_ordinary(data, at, count):
             if other > done:
                 self._last = data[at + (other - 1) * SIZE : at + other * SIZE]
-            # It may be right all the same: a new scan's mark, or the first node behind 360 degrees.
+            # This node may be right all the same: the mark of a new scan, or the first node behind 360 degrees.
             if not self._takes(data, at + other * SIZE):
                 return other
             done = other + 1
@@ -161,7 +163,7 @@ class NodeFormat(StreamFormat):
         if place is None:
             return Stretch((), at, at)
         if place < 0:
-            # No phase passes here, and none does where no short chain begins within reach.
+            # No phase passes here, nor up to the next place where a chain may begin.
             return Stretch((), at, min(self._next_place(data, at + 1), len(data) - WINDOW + 1))
         self._in_step = True
         self._last = None
@@ -170,7 +172,7 @@ class NodeFormat(StreamFormat):
         return self.run(data, at)
 
     def find_step(self, data: bytearray, at: int) -> int | None:
-        """Where nodes go on after `at`: -1 if not within a node's length, None while it cannot be told."""
+        """Where nodes go on after `at`; -1 if nowhere near, None while bytes to decide it are missing."""
         if len(data) - at < WINDOW:
             return None
         if self._last is not None:
@@ -186,7 +188,7 @@ class NodeFormat(StreamFormat):
         return standing
 
     def _next_place(self, data: bytearray, at: int) -> int:
-        """The first place from `at` on from which `find_step` can see a chain, found without looking at each."""
+        """The first place from `at` on from which `find_step` may find a chain, without testing each place."""
         last = None if self._last is None else heading_at(self._last, 0)
         place = next_chain(data, at, last, self._mark)
         return len(data) if place is None else max(at, place - (PHASES_BACK - 1) * SIZE)
@@ -200,11 +202,11 @@ class NodeFormat(StreamFormat):
         )
 
     def _goes_on(self, data: bytearray, at: int) -> bool:
-        """Whether the node at `at` is a small step ahead of the one before; its mark is not looked at."""
+        """Whether the node at `at` is a small step ahead of the one before; its mark is ignored."""
         if self.measure(data, at) != SIZE or not self.intact(data, at, SIZE):
             return False
         last = self._last
-        # By the angle first: mostly that is enough, and this is done for each node where few come at once.
+        # The angle first: mostly it is enough, and this test is made for each node if few come at once.
         return (
             last is None
             or step_between(angle_at(last, 0), angle_at(data, at)) <= FORWARD_Q6
@@ -212,9 +214,9 @@ class NodeFormat(StreamFormat):
         )
 
     def _repeats(self, data: bytearray, at: int) -> bool:
-        """Whether the node that ended the run is marked where the last one was that was not believed.
+        """Whether the node that ended the run has a mark at the same place as the last mark that was not believed.
 
-        One that goes on ends it by its mark alone.
+        A node that follows the one before can only have ended the run by its mark.
         """
         if not self._goes_on(data, at):
             return False
@@ -226,12 +228,13 @@ class NodeFormat(StreamFormat):
         return again
 
     def _not_ordinary(self, data: bytearray, at: int, count: int) -> list[int]:
-        """Which nodes from `at` are not ordinary: unmarked, and a small step ahead of the one before."""
+        """Numbers of the nodes from `at` that are not ordinary, that is unmarked and a small step ahead."""
         nodes = np.frombuffer(data, NODE, count, at)
         words = np.empty(count + 1, np.uint16)
         words[0] = angle_at(data, at - SIZE) << 1 | 1
         words[1:] = nodes["angle"]
-        # With the check bits, which are all 1, a step is twice as large; without a sign, what is below 0 is large.
+        # The words include the check bit, which is always 1, so a step counts twice. Unsigned, negative steps are
+        # large.
         steps = words[1:] - words[:-1]
         steps += np.uint16(2 * BACKWARD_Q6)
         other = steps > 2 * (FORWARD_Q6 + BACKWARD_Q6)

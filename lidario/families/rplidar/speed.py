@@ -1,12 +1,13 @@
-"""Another speed of the serial line, by measuring: the device listens how fast the host writes.
+"""Changes the speed of the serial line: the device measures how fast the host writes.
 
-The host writes ``41`` at the new speed, more than 100 bytes a second and for 1.5 s at most. Its bits alternate, so
-the device can measure their length. It responds with the speed that it has measured, in four bytes without a
-descriptor. Then the host confirms; a device that hears no confirmation goes back (vendor's SDK 2.1.0,
-`negotiateSerialBaudRate`). Firmware has it from 1.30 on; it is assumed that the C and S series have it too, whose
-firmware counts from 1.01. No document says whether the speed outlasts a restart.
+The host writes ``41`` at the new speed, more than 100 bytes a second, for 1.5 s at most. The bits of this byte
+alternate, so the device can measure their length. It responds with the measured speed, in four bytes without a
+descriptor. Then the host confirms. Without a confirmation the device goes back to the old speed (vendor's SDK
+2.1.0, `negotiateSerialBaudRate`). Firmware can do it from 1.30 on. It is assumed that the C and S series can, too,
+whose firmware counts from 1.01. No document says whether the speed outlasts a restart.
 
-It is never used while a port is probed: other families' devices would take the bytes for a request that never ends.
+It is never used while a port is probed: devices of other families would take the bytes for a request that never
+ends.
 """
 
 from __future__ import annotations
@@ -22,11 +23,11 @@ from lidario.wire.envelope import Expected, Request, encode_request
 from lidario.wire.events import Packets
 from lidario.wire.formats import Headings, StreamFormat
 
-TOLERANCE: Final = 0.05  # What is measured is not exact. A serial line bears an error of 5 % at most.
+TOLERANCE: Final = 0.05  # The device does not measure exactly. A serial line tolerates an error of 5 % at most.
 
 
 class MeasuredSpeed(StreamFormat):
-    """The response to `measure`: one word, which is near the speed that was asked for."""
+    """The response to `measure`: one word, which must be near the requested speed."""
 
     name = "measured speed"
     response_type = 0x41
@@ -48,14 +49,14 @@ class MeasuredSpeed(StreamFormat):
         return abs(told - self._baudrate) <= TOLERANCE * self._baudrate
 
     def headings(self, packets: Packets) -> Headings:  # noqa: ARG002
-        return ()  # it is of no revolution
+        return ()  # it belongs to no revolution
 
 
 def measure(baudrate: int) -> Request:
-    """Let the port run at that speed, and the device measure it."""
+    """The request that sets the port to that speed and lets the device measure it."""
     wire = MeasuredSpeed(baudrate)
     expected = Expected(wire.response_type, wire.shortest)
-    # For 1.5 s. They are 320 bytes a second; more than 100 are demanded.
+    # It is repeated for 1.5 s: 320 bytes a second; more than 100 are demanded.
     return Request(
         "speed to be measured", b"A" * 16, expected, 0.05, attempts=30, stream=wire, packets=1, baudrate=baudrate
     )
@@ -69,7 +70,7 @@ def confirm(baudrate: int) -> Request:
 
 
 def change_speed(baudrate: int, present: int) -> Script[None]:
-    """As `Device.set_baudrate`; raises Unsupported where the device does not follow."""
+    """As `Device.set_baudrate`; raises Unsupported if the device does not follow."""
     yield commands.STOP
     try:
         yield measure(baudrate)

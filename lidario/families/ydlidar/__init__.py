@@ -23,10 +23,10 @@ FAMILY: Final = Family(
     timing=Timing(
         # Packets come every 2 ms, and a USB adapter may hold bytes back for 16 ms.
         quiet_s=0.05,
-        # How long a restart takes and how soon it responds is in no document; the SDK waits up to
-        # 1 s for device information.
+        # No document says how long a restart takes, or how soon the device responds. The SDK waits up to 1 s for
+        # device information.
         boot_s=5.0,
-        # Commands are two bytes long, so the next one completes what was left of the last.
+        # Requests are two bytes long, so the next one completes a half-written one.
         forget_s=0.5,
     ),
     device=YdlidarDevice,
@@ -34,7 +34,7 @@ FAMILY: Final = Family(
     find_stream=find_stream,
     stream_in=stream_in,
     models={name: NamedModel((model.baudrate,), partial(YdlidarDevice, model)) for name, model in MODELS.items()},
-    # The most sold of those that respond, the only one at 153600 baud, and the most sold of those that only talk:
-    # last, since its motor has to turn before it does. The S4 must be named.
+    # The most sold of those that respond, the only one at 153600 baud, and the most sold of those that only talk.
+    # That one is last, since its motor must turn before it talks. The S4 must be named.
     by_dtr={"x4": 0.15, "s4b": 0.15, "x2": BY_DTR_S},
 )

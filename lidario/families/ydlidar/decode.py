@@ -1,20 +1,20 @@
 """The packets of one stretch of stream, decoded at once into arrays.
 
-Angles (4ROS development manual, figure 7): a packet states the angles of its first and its last sample, and
-those between lie at equal steps. An end before its beginning has crossed 0. Unlike the vendor's SDK, which
-truncates to 1/64 degrees, full precision is kept; a single sample has the first angle, without a division.
+Angles (4ROS development manual, figure 7): a packet states the angles of its first and its last sample, and the
+samples between lie at equal steps. If the last angle is below the first, the packet has crossed 0. Full precision
+is kept; the vendor's SDK truncates to 1/64 degrees. A single sample has the first angle, without a division.
 
-The distance word counts millimetres (4ROS), halves or quarters of one. Models that triangulate see with a lens
-beside the laser: to the angle of the beam they add atan(21.8 (155.3 - d) / (155.3 d)), d in mm, and nothing where
-nothing came back. So neighbours may change places, and a sample may leave the span of its packet: revolutions are
-divided by the beam. Intensities of 10 and 16 bits are divided so that they fit in eight.
+The distance word counts millimetres (4ROS), or halves or quarters of one. Models that triangulate see with a lens
+beside the laser. To the angle of the beam they add atan(21.8 (155.3 - d) / (155.3 d)), d in mm, and nothing if
+there was no return. So neighbours may change places, and a sample may leave the span of its packet: revolutions are
+divided by the angle of the beam. Intensities of 10 and 16 bits are reduced to eight.
 
-The 7 bits above CT's start bit tell the speed in start packets (manual: tenths of Hz above 3.0). It is handed on
-as what the device reports; the speed of a scan is measured, which is right for every format.
+In start packets, the 7 bits above CT's start bit tell the speed (manual: tenths of Hz above 3.0). It is handed on
+as reported by the device. The speed of a scan is measured, which is right for every format.
 
-Lost packets: how many samples are missing, the jump between two packets tells (`lidario.families.told`); how many
-packets they were follows from their usual length. But the last packet of a revolution is shorter, and a start
-packet holds one sample: it is missed when packets pass the place where the one before stood.
+Lost packets: the jump between two packets shows how many samples are missing (`lidario.families.told`). The usual
+length of packets shows how many packets these were. But the last packet of a revolution is shorter, and a start
+packet holds one sample. A start packet is lost if packets pass the place where the start packet before stood.
 """
 
 from __future__ import annotations
@@ -42,21 +42,22 @@ from lidario.wire.events import Packets
 
 SPEED_CODE: Final = 0x7F
 LEAST_SAMPLES: Final = 0.5
-"""A start packet holds one sample; half a sample is the least that can mean something."""
+"""Least gap, in samples: a start packet holds one sample, so half a sample is the least that can be real."""
 SLACK_SAMPLES: Final = 3.0
-"""Missing samples below which a jump is taken for unsteadiness of the rotor, where no start packet is due."""
+"""If fewer samples are missing and no start packet is due, the jump is taken for unsteadiness of the rotor."""
 
 
 @dataclass(frozen=True, slots=True)
 class Kind:
     """How the samples of some models are to be read."""
 
-    # Number of this kind in scan modes and recordings. On the wire it is always 0x81; all others are our own.
+    # Number of this kind in scan modes and recordings. On the wire it is always 0x81; the other numbers are
+    # lidario's.
     response_type: int
     wire: type[PointCloud] = PointCloud  # the format of the packets
-    unit: int = 4  # the distance word counts so many parts of a millimetre
-    flags: bool = False  # whether its low two bits are none of the distance
-    bits: int = 0  # of the intensity; 0 where there is none
+    unit: int = 4  # units of the distance word in a millimetre
+    flags: bool = False  # whether the low two bits of the distance word do not belong to the distance
+    bits: int = 0  # bits of the intensity; 0 if there is none
     triangle: bool = True  # whether the angle depends on the distance
     speed_base: int = 0  # tenths of Hz that the speed 0 stands for
 
@@ -75,16 +76,16 @@ KINDS: Final = {
     "tmini": Kind(PointCloud3.response_type, PointCloud3, flags=True, bits=8, triangle=False),
     "sh": Kind(PointCloud4.response_type, PointCloud4, unit=1, bits=16, triangle=False),
 }
-"""Every kind; the first is the 4ROS's."""
+"""Every kind; the first is that of the 4ROS."""
 
 
 class Control(NamedTuple):
-    """What else stands before the samples of packets."""
+    """The fields before the samples of packets, other than angles."""
 
     packets: Packets
-    words: NDArray[np.uint16]  # (packets,): the number of samples, the mark of a start packet, and there the speed
-    marked: list[int]  # which of them are start packets
-    is_following_marked: bool  # whether the packet behind them is one
+    words: NDArray[np.uint16]  # (packets,): number of samples, mark of a start packet, and in these the speed
+    marked: list[int]  # numbers of the start packets
+    is_following_marked: bool  # whether the packet behind them is a start packet
 
 
 class CloudDecoder(ArcDecoder):
@@ -96,7 +97,7 @@ class CloudDecoder(ArcDecoder):
         self.has_intensity: bool = bool(self._kind.bits)
         # Where the last start packet stood.
         self._seam: int | None = None
-        # Samples of an ordinary packet, or of the longest one while so few came that all may be short.
+        # Samples of an ordinary packet; or of the longest one, if so few came that all may be short.
         self._ordinary = 0
 
     def _heads(self, packets: Packets, following: bytes | None) -> Heads:
@@ -115,7 +116,7 @@ class CloudDecoder(ArcDecoder):
         kind, control, way = self._kind, heads.read, np.asarray(heads.way)
         data, each = np.frombuffer(control.packets.data, np.uint8), kind.wire.sample_size
         raw = np.empty((len(output.angle), each), np.uint8)
-        # What is corrected is rounded after that.
+        # In double precision if there is a correction: the sum is rounded once.
         beams = np.empty(len(raw), np.float64) if kind.triangle else output.angle
         across = (heads.first + way >= FULL_TURN_Q6).nonzero()[0].tolist()[::-1]
         at = place = packet = 0
@@ -143,9 +144,9 @@ class CloudDecoder(ArcDecoder):
         if kind.bits == 10:
             output.intensity[...] = (raw[:, 0] | (word & 3) << 8) >> 2
         elif kind.bits:
-            # Of 16 bits the upper eight.
+            # The upper eight of 16 bits, or all of eight.
             output.intensity[...] = raw[:, -3]
-        # What the next packets need of these.
+        # Remember what the next packets need.
         self._ordinary = self._longest(heads, 0, len(heads.first))
         if control.marked:
             self._seam = int(heads.first[control.marked[-1]])
@@ -153,7 +154,7 @@ class CloudDecoder(ArcDecoder):
             self._seam = heads.following
 
     def _lost(self, heads: Heads, at: int, skipped: int, step: float) -> int:
-        """Packets lost behind packet `at`: a start packet holds one sample, the one before it what is left."""
+        """Packets lost behind packet `at`: a start packet holds one sample, the packet before it may be short."""
         control: Control = heads.read
         count = len(heads.first)
         ordinary = self._longest(heads, 0, count)
@@ -162,34 +163,34 @@ class CloudDecoder(ArcDecoder):
         if control.marked:
             seam: int | None = int(heads.first[control.marked[0]])
         else:
-            # The first start packet may be among those that are missing: the place where it stood is told behind.
+            # The first start packet may be among those that are missing; the packet behind shows where it stood.
             seam = heads.following if self._seam is None and control.is_following_marked else self._seam
         if seam is not None:
-            # Not by what the packets beside the gap tell: one of them may be damaged.
+            # By the mean step, not by the packets beside the gap: one of them may be damaged.
             tail = int(heads.first[at]) + (heads.count_of(at) - 1) * step
             to_seam = (seam - tail) % FULL_TURN_Q6 / step
             if 0 < to_seam < skipped + 1:
                 before = _packets_before_seam(to_seam - 1, ordinary)
                 return before + 1 + _full_packets(skipped - to_seam, ordinary)
-        # In the midst of a revolution each packet is an ordinary one, though it may have been slower.
+        # Within a revolution each packet is an ordinary one, though a slower one covers a smaller angle.
         return _full_packets(skipped, ordinary) if skipped >= LIKENESS * ordinary else 0
 
     def _longest(self, heads: Heads, begin: int, end: int) -> int:
-        """The size of an ordinary packet. Of a few packets, all may be short: then it only grows."""
+        """Samples of an ordinary packet. A few packets may all be short: then the number can only grow."""
         longest = int(np.maximum.reduce(np.asarray(heads.counts)[begin:end]))
         return longest if end - begin >= FEWEST else max(self._ordinary, longest)
 
     def _revolution_packets(self, heads: Heads, samples: float, begin: int, end: int) -> float:
-        # The start packet holds one sample, the last packet of a revolution what is left.
+        # The start packet holds one sample, the last packet of a revolution the rest.
         return 1.0 + math.ceil((samples - 1) / self._longest(heads, begin, end))
 
     def _reported_rpm(self, heads: Heads, begin: int, end: int) -> float:
-        """What the first start packet among these says of the rotor's speed; NaN where none is there."""
+        """The speed that the first start packet among these tells; NaN if there is none."""
         control: Control = heads.read
         mark = next((at for at in control.marked if begin <= at < end), None)
         if mark is None:
             return math.nan
-        # A real X4 sends 0 in each start packet: it tells nothing.
+        # A real X4 sends 0 in each start packet, which is no speed.
         return 6.0 * ((int(control.words[mark]) >> 1 & SPEED_CODE) + self._kind.speed_base) or math.nan
 
 

@@ -1,24 +1,24 @@
-"""One YDLIDAR: what its responses mean, how it is started, and what can be set. What varies is in `models`.
+"""One YDLIDAR: what its responses mean, how it is started, and what can be set. Differences are in `models`.
 
-Payloads: 4ROS development manual, figures 10, 12 and 13 to 15. Where it contradicts what is seen elsewhere:
+Payloads: 4ROS development manual, figures 10, 12 and 13 to 15. Where other sources contradict it:
 
-* Firmware: the manual's two bytes read as minor, major here, although it names the first one major. The SDK
-  reads them so, and so do logs of its users and an independent driver.
-* Health: the manual asks by A5 91, the SDK by A5 92. The manual's is tried first, then the other one.
-* "Old" firmware (1.2 and below): the SDK halves all distances of models 100 to 102 then. It is not done here:
-  the manual knows only whole millimetres, and a version read in the wrong order would halve every distance.
-* Set scan frequency: SDK 1.2.20 takes 0.4 Hz off what models 100 to 102 report, since "the speed reads 0.4 Hz
-  high"; so it leaves a device that reports 10.00 Hz and is asked for 10 Hz at 10.4 Hz. That is not imitated:
-  the manual knows nothing of it, and what the motor really does can be seen in the scans.
-* Zero-angle offset: the manual says neither which way it counts nor whether the stream contains it. The SDK
-  adds it to every angle (clockwise degrees). So does `apply_zero_offset`, but only where it is asked for.
+* Firmware: its two bytes are read as minor, major, although the manual names the first one major. The SDK reads
+  them so, and so do logs of its users and an independent driver.
+* Health: the manual asks by A5 91, the SDK by A5 92. Both are tried; triangulating models are asked by A5 92 first.
+* "Old" firmware (1.2 and below): the SDK then halves all distances of models 100 to 102. This is not done here: the
+  manual knows only whole millimetres, and a version read in the wrong order would halve every distance.
+* Set scan frequency: SDK 1.2.20 subtracts 0.4 Hz from what models 100 to 102 report, since "the speed reads 0.4 Hz
+  high". So a device that reports 10.00 Hz and is asked for 10 Hz stays at 10.4 Hz. This is not imitated: the manual
+  does not mention it, and scans show how fast the motor really turns.
+* Zero-angle offset: the manual says neither which way it counts nor whether the stream contains it. The SDK adds it
+  to every angle (clockwise degrees). So does `apply_zero_offset`, but only if it is asked for.
 
 The motor has neither a pin nor a request of its own: a scan starts it, STOP stops it. Its speed is set in steps,
-and power-down protection is toggled: neither can be set to a value. So each step is judged by what the device says
-it has reached, and a request whose response was lost is not repeated before that is known (manual, 3.5 and 3.8).
+and power-down protection is toggled: neither can be set to a value. So each step is judged by the state that the
+device reports, and a request whose response was lost is not repeated before that is known (manual, 3.5 and 3.8).
 
-Some models only talk (`Model.one_way`). One that was not named is known by that it goes on sending after two STOPs,
-and says nothing.
+Some models only talk (`Model.one_way`). One that no user has named is recognised because it goes on sending after
+two STOPs, without a response.
 """
 
 from __future__ import annotations
@@ -54,19 +54,19 @@ SPIN_UP_S: Final = 4.0  # no document says how long the motor takes; 2.5 s are a
 SLOWEST_TURN_S: Final = 0.5
 """One revolution at the lowest speed that a start packet can tell, 3 Hz, and half as long again."""
 KEEPALIVE_S: Final = 0.4
-"""The manual demands less than 3 s; the SDK repeats every second. A program that blocks its event loop for 2.5 s
-may begin to do so just before the next one is due, and must not stop the device by that."""
+"""The manual demands less than 3 s; the SDK repeats every second. A program may block its event loop for 2.5 s just
+before the next keepalive is due, and must not stop the device by that."""
 BY_DTR_S: Final = 1.5
-"""How long a motor that DTR has switched on may take until packets come, besides the 0.5 s that `DTR_TURNS` waits.
-An assumption: no data sheet tells it. The vendor's SDK discards the points of the first 1.0 to 1.5 s after a start,
-so points do come by then. In a search the X2 is asked last: its motor turns while others are asked."""
+"""How long a motor that DTR has switched on may take until packets come, after the 0.5 s that `DTR_TURNS` waits.
+This is an assumption: no data sheet tells it. The vendor's SDK discards the points of the first 1.0 to 1.5 s after
+a start, so points do come by then. In a search the X2 is asked last: its motor turns while others are asked."""
 UNNAMED: Final = (
     "this model cannot tell what it is. It is read as an X2, which is right for an X3 and S2 Pro, too. The "
     "distances of a TX8 are four times as far: name the model, as in ?model=tx8, or ?model=x2"
 )
 OVERHEARD: Final = 8
 MOST_A_TURN: Final = 1300
-"""Samples a revolution above which no model only talks: the fastest of those has 1250 at 4 Hz."""
+"""A model that only talks has at most this many samples a revolution: the fastest one has 1250 at 4 Hz."""
 MOST_TOGGLES: Final = 4  # attempts; the SDK makes as many
 LAPSE_S: Final = (2.5, 4.0)
 """Without a keepalive a stream ends 3 s after its start (manual 3.8). The last packets may be read half a second
@@ -86,10 +86,10 @@ class YdlidarDevice(Device):
         self._code: int | None = None
         self._firmware = (0, 0)
         self._health_request: Request | None = None
-        # None: it was told to change it and has not said that it did.
+        # Whether protection is on; None after a toggle without a response.
         self._protected: bool | None = False
         self._offset_deg = 0.0
-        # What the program has set, to be set again when the device was restarted.
+        # The values that the program has set, to be set again after a restart of the device.
         self._wanted_protection: bool | None = None
         self._wanted_speed: int | None = None
         self._was_restarted = False
@@ -97,16 +97,16 @@ class YdlidarDevice(Device):
     def _be(self, model: Model) -> None:
         self._model = model
         self.can_be_stopped: bool = not model.one_way or model.dtr
-        # The motor of one that hears requests stops with its laser.
+        # In models that hear requests, the motor stops with the laser.
         self.can_keep_spinning: bool = model.one_way
-        # The data sheet's, since the device cannot be asked.
+        # The limits of the data sheet, since the device cannot be asked.
         self.speeds: tuple[float, float] | None = model.speeds
 
     def stop(self) -> Request:
         return NOT_STOPPED if self._model.one_way else commands.STOP
 
     def halt(self) -> tuple[Request, ...]:
-        # The forced stop that the SDK sends before each STOP, then the manual's STOP.
+        # First the forced stop, which the SDK sends before each STOP, then the STOP of the manual.
         stops = () if self._model.one_way else (commands.FORCED_STOP, commands.STOP)
         return (*stops, commands.DTR_STOPS) if self._model.dtr else stops or (NOT_STOPPED,)
 
@@ -126,7 +126,7 @@ class YdlidarDevice(Device):
             try:
                 told.append((yield _INFO_ONCE))
             except ResponseTimeout:
-                # One that only talks tells its code when it gets power (X2 manual, 3): that was no response.
+                # A device that only talks tells its code at power-on (X2 manual, 3): that was no response.
                 with suppress(ResponseTimeout):
                     return (yield from self._hear())
         payload = yield from agreed(commands.GET_INFO, *told)
@@ -147,13 +147,13 @@ class YdlidarDevice(Device):
         )
 
     def _awake(self, script: Script[T]) -> Script[T]:
-        """Run a script with DTR as it must be; it is cleared at rest. No model that needs that has settings."""
+        """Run a script with DTR asserted if the model needs it (cleared at rest). No such model has settings."""
         if self._model.dtr:
             yield commands.DTR_TURNS
         return (yield from script)
 
     def overhear(self) -> Script[DeviceInfo]:
-        """As `Device.overhear`: one whose STOP was lost responds after another; one that only talks does not."""
+        """As `Device.overhear`: a device whose STOP was lost responds after another one; if not, it only talks."""
         for _ in range(0 if self._model.one_way else 2):
             yield commands.STOP
             try:
@@ -215,7 +215,7 @@ class YdlidarDevice(Device):
         )
 
     def _begin(self) -> Script[StreamFormat]:
-        """Have it send packets."""
+        """Start the stream; returns its format."""
         stream = self._model.kind.wire()
         if self._model.one_way:
             yield begin(stream)
@@ -223,7 +223,7 @@ class YdlidarDevice(Device):
         try:
             yield commands.scan(stream)
         except ResponseTimeout:
-            # A header that was lost is not repeated while packets flow: begin again from standstill.
+            # If the header was lost, it is not repeated while packets flow: begin again from standstill.
             yield commands.STOP
             stream = self._model.kind.wire()
             yield commands.scan(stream)
@@ -231,7 +231,7 @@ class YdlidarDevice(Device):
 
     def _ask_health(self) -> Script[Health]:
         known, both = self._health_request, (commands.GET_HEALTH, commands.GET_HEALTH_92)
-        # An Arduino port that asks an X4 by 91 alone fails, and the SDK asks all that triangulate by 92.
+        # An Arduino port that asks an X4 only by 91 fails, and the SDK asks all triangulating models by 92.
         questions = list((known,) if known else both[::-1] if self._model.code <= 23 else both) * 2
         while True:
             request = questions.pop(0)
@@ -242,7 +242,8 @@ class YdlidarDevice(Device):
                     continue
                 self._health_request = None
                 raise
-            # Not forgotten before: who waits for its turn may be cancelled, or another task may ask meanwhile.
+            # It is only changed here: a task that waits for its turn may be cancelled, or another may ask
+            # meanwhile.
             self._health_request = request
             return (yield from health_of(request, payload))
 
@@ -254,8 +255,8 @@ class YdlidarDevice(Device):
     def explain_silence(self, lasted_s: float) -> Script[bool]:
         """As `Device.explain_silence`: an earlier program may have left power-down protection on.
 
-        It cannot be asked for, only be toggled: two toggles in a row tell it and leave it. They are sent only to a
-        device that has stopped when protection would have stopped it, so never without need.
+        Protection cannot be asked for, only be toggled: two toggles in a row tell it and leave it as it was. They
+        are sent only if the device stopped when protection would have stopped it, so never without need.
         """
         earliest, latest = LAPSE_S
         is_lapse = not lasted_s or earliest <= lasted_s <= latest
@@ -265,7 +266,7 @@ class YdlidarDevice(Device):
         return bool(self._protected)
 
     def scan_frequency(self) -> Script[float]:
-        """As `Device.scan_frequency`: the frequency that is set, not the one the motor reaches."""
+        """As `Device.scan_frequency`: the frequency that is set, not the one that the motor reaches."""
         if self.speeds is None:
             return (yield from super().scan_frequency())
         return (yield from commands.ask_speed()) / 100
@@ -273,7 +274,7 @@ class YdlidarDevice(Device):
     def set_scan_frequency(self, hertz: float) -> Script[float]:
         """As `Device.set_scan_frequency`: in steps of 1 and 0.1 Hz, then read back."""
         if self.speeds is None:
-            # Its motor follows the supply, or a pin that is not in the cable.
+            # The speed of its motor depends on the supply, or on a pin that is not in the cable.
             return (yield from super().set_scan_frequency(hertz))
         hundredths = round(frequency_within(hertz, self.speeds, self._model.title) * 100)
         reached = yield from commands.step_to(hundredths)
@@ -281,7 +282,7 @@ class YdlidarDevice(Device):
         return reached
 
     def zero_offset(self) -> Script[float]:
-        # Clockwise degrees, if it counts the way the SDK takes it.
+        # Clockwise degrees, if it counts as the SDK assumes.
         if not self._model.offset:
             return (yield from super().zero_offset())
         (parts,) = struct.unpack("<i", (yield from agreed(commands.GET_ZERO_OFFSET)))
@@ -292,17 +293,17 @@ class YdlidarDevice(Device):
         raise RemoteProtocolError(f"the device reports a zero-angle offset of {degrees:g} degrees")
 
     def apply_zero_offset(self, on: bool) -> Script[float]:
-        """As `Device.apply_zero_offset`: asks for it now, to be added to clockwise angles. Off at first."""
+        """As `Device.apply_zero_offset`: asks for it now, and adds it to clockwise angles. Off by default."""
         self._offset_deg = (yield from self.zero_offset()) if on else 0.0
         return self._offset_deg
 
     def power_down_protection(self, on: bool) -> Script[bool]:
         """As `Device.power_down_protection`: it can only be toggled, and the response tells the new state.
 
-        The manual (3.8) recommends it where lidar and host have separate power supplies, so that the lidar stops
-        when the host has lost its own. Streams started with protection on must be kept alive. Before this was
-        called the state is not known, since it cannot be asked for; it is assumed to be off until a stream ends as
-        if it were on (`explain_silence`). Without protection a SCAN in mid-scan is not documented, so none is sent.
+        The manual (3.8) recommends it if lidar and host have separate power supplies: the lidar then stops when the
+        host has lost its supply. Streams started with protection on must be kept alive. Before the first call the
+        state is not known, since it cannot be asked for. It is assumed to be off until a stream ends as if it were
+        on (`explain_silence`). Without protection, a SCAN in mid-scan is not documented, so none is sent.
         """
         if not self._model.protection:
             return (yield from super().power_down_protection(on))
@@ -329,7 +330,7 @@ class YdlidarDevice(Device):
             yield from self._learn_protection()
 
     def _learn_protection(self) -> Script[None]:
-        """Find out whether power-down protection is on: two toggles tell it and leave it."""
+        """Find out whether power-down protection is on: two toggles tell it and leave it as it was."""
         told = 0
         for _ in range(MOST_TOGGLES):
             with suppress(ResponseTimeout):
@@ -338,9 +339,9 @@ class YdlidarDevice(Device):
                 return
 
     def _toggled(self, request: Request) -> Script[bool | None]:
-        """Toggle once; whether protection is on then, None where the device tells no state that there is.
+        """Toggle once; returns whether protection is on then, None if the device reports an undefined state.
 
-        Until the response comes, that is not known. A script that is cancelled there leaves it unknown.
+        Until the response comes, the state is not known. A script that is cancelled meanwhile leaves it unknown.
         """
         self._protected = None
         state = (yield request)[0]

@@ -10,26 +10,27 @@ Layout (4ROS development manual, figures 5 to 8), all words little-endian::
     8   CS      check value: the XOR of all other words
     10  S1 ...  distances in mm, 0 where nothing came back
 
-As CS is the XOR of the others, the XOR of all words of an intact packet is 0, CS included. With the mark that
-makes 32 bits that have to agree: packets are self-evident, whatever follows them.
+As CS is the XOR of the other words, the XOR of all words of an intact packet is 0. With the mark, 32 bits have to
+agree: packets are self-evident, whatever follows them.
 
-The documents bound LSN nowhere, so it is whatever its byte holds. Vendor SDK 1.2.20 takes none above 80 for real.
-An empty packet is none.
+No document bounds LSN, so every value of its byte is accepted. The vendor's SDK 1.2.20 rejects values above 80. A
+packet without samples is not accepted.
 
 Relatives of the 4ROS have other samples (the vendor's SDK 1.2.20, `DriverInterface.h` and `CYdLidar.cpp`):
 
-* 3 bytes: a byte of intensity, then the distance word. Its low two bits are flags (sunlight, glass), or bits 8 and
-  9 of the intensity, and no distance. In the check value the byte counts as a word of its own, so the XOR over the
-  words of the packet is not 0: nothing is aligned behind the first sample;
+* 3 bytes: a byte of intensity, then the distance word. The low two bits of that word are flags (sunlight, glass),
+    or
+  bits 8 and 9 of the intensity, and not distance. In the check value the intensity byte counts as a word of its
+  own. So the XOR over the words of the packet is not 0: after the first sample, words are not aligned;
 * 4 bytes: a word of intensity, the distance word.
 
-The C bit is not checked here: the SDK throws away packets where it is 0, though their check value holds. Only of a
-packet with more samples than any device is known to send it must be 1, for a row of samples that equal the mark has
-a right check value, too.
+The C bit is mostly not checked: the SDK discards packets in which it is 0, though their check value holds. It must
+be 1 only in a packet with more samples than any device is known to send, because a row of samples that equal the
+mark also has a right check value.
 
 Records that may stand between packets: ``AA 66 cs t0 t1 t2 t3 r``, a time stamp in ms whose ``cs`` is the XOR
 of the other seven bytes (vendor SDK, some models); the scan header once more, after a repeated SCAN; and
-device information that nobody asked for, header and 20 bytes, as some models send when they come up (SDK).
+device information that nobody asked for, header and 20 bytes, which some models send when they start (SDK).
 """
 
 from __future__ import annotations
@@ -51,15 +52,15 @@ HEADER_SIZE: Final = 10
 FULL_TURN_Q6: Final = 360 << 6
 MOST_SAMPLES: Final = 0xFF
 ORDINARY_SAMPLES: Final = 80
-"""More were never seen: 40 of most models, 80 of a G4, by a comment in the vendor's SDK 1.2.20."""
+"""Most samples that were ever seen: 40 from most models, 80 from a G4, by a comment in the vendor's SDK 1.2.20."""
 START_BIT: Final = 0x01
 MAGIC_WORD: Final = 0x55AA
 
 ONE_SAMPLE: Final = 1 << 8  # in the second word of a packet, with START_BIT off
 LAST_Q6: Final = 2 << 6
 """A packet of one sample that is no start packet is the last one of its revolution, wherever it stands. A real
-T-mini Plus had one at 0.27 degrees, before a start packet at 0.72; the start packet before had stood at 0.25. Taken
-for 2 degrees earlier, it passes no seam."""
+T-mini Plus sent one at 0.27 degrees, before a start packet at 0.72; the start packet before had been at 0.25. Its
+heading is moved back by 2 degrees, so that it passes no seam."""
 
 STAMP_MAGIC: Final = b"\xaa\x66"
 STAMP_SIZE: Final = 8
@@ -69,8 +70,8 @@ INFO_SIZE: Final = 20
 
 
 def equal_sizes(data: bytes | bytearray, at: int, size: int) -> int:
-    """How many whole packets of `size` bytes follow each other from `at`, by what they say of themselves."""
-    # Each packet says where the next begins, so those that say the same stand at equal steps.
+    """How many whole packets of `size` bytes follow each other from `at`, by the sizes that they state."""
+    # Each packet states its size, and so where the next begins: packets of equal sizes stand at equal steps.
     lengths = data[at + 3 : len(data) - size + 4 : size]
     return len(lengths) - len(lengths.lstrip(lengths[:1]))
 
@@ -78,7 +79,7 @@ def equal_sizes(data: bytes | bytearray, at: int, size: int) -> int:
 def packet_heads(packets: Packets) -> NDArray[np.uint16]:
     """The words before the samples, shape (packets, 5)."""
     data, begins = packets.data, packet_offsets(packets.blocks)[:-1]
-    # One at each byte, of which those are taken that begin a packet: they need not stand at even places.
+    # A view with a head at each byte, of which those are taken that begin a packet: they may begin at odd places.
     anywhere = np.ndarray(len(data) - HEADER_SIZE + 1, f"V{HEADER_SIZE}", data, strides=(1,))
     heads: NDArray[np.uint16] = anywhere[np.array(begins)].view("<u2").reshape(-1, HEADER_SIZE // 2)
     return heads
@@ -88,8 +89,8 @@ class PointCloud(StreamFormat):
     """0x81 of the 4ROS: up to 255 distances between two angles."""
 
     sample_size: int = 2  # bytes of one sample
-    # Packets from which they are checked as one array. Measured: 4 us a packet one by one, 8 us for up to 32 as an
-    # array.
+    # From this many packets on, they are checked as one array. Measured: 4 us a packet one by one, 8 us for up to
+    # 32 as an array.
     worth_an_array: float = 4
 
     name = "point cloud"
@@ -99,7 +100,7 @@ class PointCloud(StreamFormat):
     longest: int = HEADER_SIZE + 2 * MOST_SAMPLES
     samples = 1
     full_turn = FULL_TURN_Q6
-    # Where the start packet stands is the device's business: usually, but not necessarily, at 0.
+    # The device decides where the start packet stands: usually, but not necessarily, at 0.
     first_seam: int | None = None
     self_evident = True
 
@@ -187,12 +188,12 @@ class PointCloud(StreamFormat):
             return NO_PACKET
         if len(data) - at < STAMP_SIZE:
             return 0
-        # Its check byte makes the XOR of all eight 0.
+        # With its check byte, the XOR of all eight bytes is 0.
         return NO_PACKET if xor_bytes(data[at : at + STAMP_SIZE]) else STAMP_SIZE
 
 
 class PointCloud3(PointCloud):
-    """Samples of three bytes. Nothing is aligned: as one array they would take as long."""
+    """Samples of three bytes. Words are not aligned, so that an array would not be faster."""
 
     response_type = 0xA6
     sample_size = 3
@@ -201,7 +202,7 @@ class PointCloud3(PointCloud):
     longest = HEADER_SIZE + 3 * MOST_SAMPLES
 
     def intact(self, data: bytearray, at: int, size: int) -> bool:
-        """As `StreamFormat.intact`: of the words in the head, the intensities and the distances."""
+        """As `StreamFormat.intact`: by the XOR of the words in the head, the intensities and the distance words."""
         packet = data[at : at + size]
         low = xor_bytes(packet[0:10:2]) ^ xor_bytes(packet[10::3]) ^ xor_bytes(packet[11::3])
         return not low and xor_bytes(packet[1:10:2]) == xor_bytes(packet[12::3])

@@ -1,13 +1,13 @@
-"""What varies from model to model of YDLIDAR: samples, speeds, and which requests they hear. One table.
+"""The table of YDLIDAR models: samples, speeds, and which requests they hear.
 
 Codes, layouts and speeds: the vendor's SDK 1.2.20 and its tables of models; the 4ROS by its own manual and data
 sheet. Only streams of the X4, G2, G6, Tmini Pro and TG15 were compared with what that SDK decodes. No real device
 was tried.
 
-Three codes tell little: 6 is that of the X2, X3, X4 and X4 Pro, 100 that of the TG15 and TX8, 4 that of the S4, the
-S2 Pro and some S4B. Of these only the X4, the TG15, the S4 and the S4B hear requests, so a device that responds is
-one of them; S4 and S4B are told apart by the speed of their line (more_families.md A1). A model that only talks
-says nothing of itself: it is taken for an X2 at any rate unless it is named, as in ``?model=tx8``.
+Three codes are ambiguous: 6 is that of the X2, X3, X4 and X4 Pro, 100 that of the TG15 and TX8, 4 that of the S4,
+the S2 Pro and some S4B. Of these only the X4, the TG15, the S4 and the S4B hear requests, so a device that responds
+is one of them. The speed of the line distinguishes S4 and S4B (more_families.md A1). A model that only talks does
+not tell its model: it is always taken for an X2 unless a user names it, as in ``?model=tx8``.
 """
 
 from __future__ import annotations
@@ -25,31 +25,31 @@ class Model:
 
     name: str  # as in ``model=`` of a source
     title: str  # for people
-    code: int  # number by which it tells what it is
+    code: int  # number of the model in device information
     baudrate: int  # speed of its line
     kind: Kind  # how its samples are to be read
-    # Samples a second; several where one of them can be set, which cannot be asked for everywhere.
+    # Samples a second; several if one of them can be set. Not every model can be asked which one is set.
     rates: tuple[float, ...]
-    # The slowest and the fastest scan frequency that can be set, in Hz; None where none can be set.
+    # The slowest and the fastest scan frequency that can be set, in Hz; None if none can be set.
     speeds: tuple[float, float] | None = (5.0, 12.0)
     one_way: bool = False  # whether it only talks
     offset: bool = False  # whether it can be asked for its zero-angle offset
-    # Firmware above which that is told in hundredths of a degree; None where always in quarters.
+    # Above this firmware the offset is in hundredths of a degree; None if it is always in quarters.
     fine_above: tuple[int, int] | None = None
     protection: bool = False  # whether it has power-down protection that may be toggled
     reach: float = 12.0  # farthest distance in metres
     dtr: bool = False  # whether its motor turns only while DTR is asserted
-    other_code: int | None = None  # what some of them tell in place of `code`; None where all tell that
+    other_code: int | None = None  # number that some devices tell instead of `code`; None if there is none
 
     @property
     def codes(self) -> tuple[int | None, ...]:
-        """All numbers by which it may tell what it is."""
+        """All model numbers that it may tell."""
         return self.code, self.other_code
 
     @property
     def mode(self) -> ScanMode:
         """Its one scan mode."""
-        # How long a sample takes is not known where it has several rates.
+        # With several rates, the time of a sample is not known.
         sample_us = 1e6 / self.rates[0] if len(self.rates) == 1 else 0.0
         return ScanMode(0, "Standard", sample_us, self.reach, self.kind.response_type, typical=True)
 
@@ -62,7 +62,7 @@ _TG, _X, _G2, _TMINI = (KINDS[name] for name in ("tg", "x", "g2", "tmini"))
 FOUR_ROS: Final = Model("4ros", "4ROS", 101, 512_000, _TG, (20_000,), offset=True, protection=True, reach=30.0)
 """The code is the TG30's in the SDK. 20000 samples a second, 30 m, 5 to 12 Hz: data sheet."""
 ONE_WAY: Final = Model("", "X2, X3 or alike", 6, 115_200, _X, (), None, one_way=True, reach=8.0)
-"""A model that only talks and was not named."""
+"""A model that only talks and that no user has named."""
 
 MODELS: Final = {
     model.name: model
@@ -104,6 +104,6 @@ MODELS: Final = {
 
 
 def model_of(code: int, baudrate: int | None = None) -> Model | None:
-    """The model with that code that hears requests, of several the one with that line; None where none is known."""
+    """The model with that code that hears requests; of several, the one with that line speed; None if unknown."""
     known = [model for model in MODELS.values() if code in model.codes and not model.one_way]
     return min(known, key=lambda model: model.baudrate != baudrate, default=None)

@@ -1,10 +1,11 @@
-"""Recorded bytes of this family: where the measurement stream begins among them, and which model sent it.
+"""Recorded bytes of this family: finds where the measurement stream begins, and which model sent it.
 
-It begins behind the scan header (4ROS development manual, 3.1), or with the first intact packet where the header
-was not recorded. What the samples mean, only the model tells: by the device information, where that was recorded
-before the stream, or by the user. Else it is guessed: a model measures at one rate of a few, and that rate is the
-samples of a revolution times its speed, which start packets tell. The bytes carry no time. Models that only talk
-tell a code, too, when they get power (X2 manual, 3). One that responds may have the same: its stream has a header.
+The stream begins behind the scan header (4ROS development manual, 3.1), or with the first intact packet if the
+header was not recorded. How samples are to be read depends on the model. It is known by device information that was
+recorded before the stream, or by the user. Otherwise it is guessed: a model measures at one of a few rates, and the
+rate is the number of samples in a revolution times the speed, which start packets tell. The bytes carry no times.
+Models that only talk also tell a code, at power-on (X2 manual, 3). A model that responds may have the same code:
+its stream has a header.
 """
 
 from __future__ import annotations
@@ -25,31 +26,31 @@ from lidario.wire.formats import StreamFormat
 from lidario.wire.link import Link
 
 _HEADER: Final = re.compile(rb"\xa5\x5a.{3}[\x40-\x7f]\x81", re.DOTALL)
-"""The scan header; its length is to be ignored (manual 3.1)."""
+"""The scan header; the length in it is to be ignored (manual 3.1)."""
 _LIKELY: Final = tuple(MODELS[name] for name in ("4ros", "x4", "g6", "tmini", "g2", "tmini-plus-sh"))
 _MODELS: Final = (*_LIKELY, *(model for model in MODELS.values() if model not in _LIKELY))
-"""Which of the models that fit is taken, the first of them first."""
-_MEASURED: Final = 64 * 1024  # bytes by which samples a revolution and speed are known
+"""All models; of those that fit, the first one is taken."""
+_MEASURED: Final = 64 * 1024  # bytes from which samples a revolution and speed are found
 _UNLIKE: Final = 0.08
-"""By so much a rate may differ from that of a model. Speeds are told in tenths of Hz, and that of the TG models, by
-the vendor's SDK, 0.4 Hz too high."""
-_ALIKE: Final = 0.03  # differences less than that apart tell nothing: the speed of a motor varies by so much
+"""Share by which a rate may differ from that of a model. Speeds are told in tenths of Hz, and TG models, by the
+vendor's SDK, tell 0.4 Hz too much."""
+_ALIKE: Final = 0.03  # two differences closer than this count as equal: the speed of a motor varies by as much
 _SPEEDS: Final = (4.0, 13.0)  # Hz: the speeds of all models (4 to 12), and a little more
 _USUAL_HZ: Final = 8.0
 
 
 class Turn(NamedTuple):
-    """What packets tell of a revolution."""
+    """What packets tell about a revolution."""
 
-    samples: float  # how many it has; 0 where that is not known
-    code: float  # that of its speed
+    samples: float  # samples of a revolution; 0 if unknown
+    code: float  # number that stands for the speed; 0 if none was told
 
     def hertz(self, model: Model) -> float:
-        """The speed that is told, if it is that model; 0 where none is."""
+        """The speed that packets tell if the device is of that model, in Hz; 0 if they tell none."""
         return (self.code + model.kind.speed_base) / 10 if self.code or model.kind.speed_base else 0.0
 
     def unlike(self, model: Model) -> float:
-        """By how much the rate differs from the nearest one of that model; above 1 where it has none like it."""
+        """Share by which the rate differs from the nearest rate of that model; infinite if no speed fits."""
         hertz, (slowest, fastest) = self.hertz(model), _SPEEDS
         if hertz:
             off = min(abs(self.samples * hertz / rate - 1) for rate in model.rates)
@@ -58,25 +59,25 @@ class Turn(NamedTuple):
         return 0.0 if fits else math.inf
 
     def rate(self, model: Model) -> float:
-        """Samples a second of that model: the nearest one that it has, or what is told where none is near."""
+        """Samples a second of that model: its nearest rate, or the rate that packets tell if none is near."""
         hertz = self.hertz(model)
         seen = self.samples * (hertz or _USUAL_HZ)
         if not seen:
-            # So that no revolution is too long.
+            # The lowest rate, so that no revolution seems too long.
             return min(model.rates)
         near = min(model.rates, key=lambda rate: abs(math.log(rate / seen)))
         return seen if hertz and len(model.rates) > 1 and abs(seen / near - 1) > _UNLIKE else near
 
 
 def find_stream(data: memoryview, known: Known) -> RawStream | None:
-    """As `Family.find_stream`: behind the header, or at the first intact packet."""
+    """As `Family.find_stream`: finds the stream behind the header, or at the first intact packet."""
     named = MODELS[known.model] if known.model else None
     best: tuple[int, type[PointCloud]] | None = None
     for made in FORMATS if named is None else (named.kind.wire,):
         wire = made()
-        # No later packet counts: without this bound a long file would be searched to its end.
+        # A later packet does not count. Without this bound, a long file would be searched to its end.
         place = _first_packet(data if best is None else data[: best[0] + wire.longest], wire)
-        # The longest reading is right: a start packet that saw nothing ends in zeros, and shorter ones pass, too.
+        # The longest format wins: a start packet without a return ends in zeros, so shorter formats also accept it.
         if place is not None and (best is None or place <= best[0]):
             best = place, made
     if best is None:
@@ -102,7 +103,7 @@ def find_stream(data: memoryview, known: Known) -> RawStream | None:
 
 
 def _told(before: memoryview, *, responds: bool) -> list[Model]:
-    """The models that the device may be by what it said, if that stands in these bytes."""
+    """The models that have the code in recorded device information; empty if these bytes contain none."""
     at = bytes(before).rfind(INFO_HEADER)
     code = before[at + len(INFO_HEADER)] if 0 <= at < len(before) - len(INFO_HEADER) else -1
     return [model for model in _MODELS if code in model.codes and not (responds and model.one_way)]
@@ -118,7 +119,7 @@ def _first_packet(data: memoryview, wire: PointCloud) -> int | None:
 
 
 def turn_in(data: memoryview, wire: PointCloud) -> Turn:
-    """What packets tell of a revolution."""
+    """Find samples and speed of a revolution from packets."""
     link = Link()
     link.enter_stream(wire)
     link.receive_data(data, 0)
@@ -136,9 +137,9 @@ def turn_in(data: memoryview, wire: PointCloud) -> Turn:
 
 
 def _guessed(turn: Turn, models: list[Model]) -> tuple[Model, str]:
-    """The likeliest of these models, and the words that tell what it was taken for."""
+    """The likeliest of these models, and a sentence for the user about the guess."""
     fitting = [model for model in models if turn.unlike(model) <= _UNLIKE]
-    # Those that differ alike stay in their order.
+    # Models with equal differences stay in their order.
     fitting.sort(key=lambda model: turn.unlike(model) // _ALIKE)
     model = (fitting or models)[0]
     by = f"{turn.samples:.0f} samples a revolution"
@@ -154,6 +155,6 @@ def _guessed(turn: Turn, models: list[Model]) -> tuple[Model, str]:
 
 
 def stream_in(mode: ScanMode) -> tuple[StreamFormat, Decoder] | None:
-    """As `Family.stream_in`: by the number that lidario gives each kind."""
+    """As `Family.stream_in`: by the response type, a number that lidario gives each kind."""
     kind = next((kind for kind in KINDS.values() if kind.response_type == mode.response_type), None)
     return None if kind is None else (kind.wire(), kind.decoder())
