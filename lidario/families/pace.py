@@ -25,8 +25,7 @@ REMEMBERED: Final = 64
 SEVERAL: Final = 1.5
 """Halfway from one arc, or packet, to two."""
 _FEWEST: Final = 8.0
-"""Packets that the device must have measured in each half; with fewer, time proves nothing: it is off by one or
-two."""
+"""Packets that the device must have measured in each half; with fewer, time, off by one or two, proves nothing."""
 
 
 class _Point(NamedTuple):

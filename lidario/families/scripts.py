@@ -5,9 +5,8 @@ a device is read, or what is done to it, is repeated until two responses are equ
 
 A device that only talks streams for as long as it has power, and hears nothing. Model and health are read from its
 packets: a few packets whose check values hold are its response (`hear`). STOP and START have no bytes: only the
-    host
-begins and ends to listen. The motor turns until the power is cut. The session says so once and does not treat it as
-an error.
+host begins and ends to listen. The motor turns until the power is cut. The session says so once and does not treat
+it as an error.
 """
 
 from __future__ import annotations

@@ -15,8 +15,7 @@ Ints: TypeAlias = NDArray[np.int32]
 Arc: TypeAlias = NDArray[np.int32] | NDArray[np.float64]
 
 RETREAT_TURNS: Final = 1 / 36
-"""Packets with a check value fall back by this at most. A heading that falls back farther went the long way
-round."""
+"""Packets with a check value fall back by this at most. What falls back farther went the long way round."""
 LIKENESS: Final = 0.2
 """Two arcs that differ by less than this share are one speed. Neighbours differ by less, half a gap by more."""
 SPANS_WORTH_AN_ARRAY: Final = 160

@@ -7,11 +7,10 @@ step more. If this *jump* is longer than a step, samples were lost.
 1. **Each packet has its own step.** The rotor may turn evenly, speed up, stop or creep. The jump behind a packet is
    compared with the longer of the two steps beside it.
 2. **A step that is like none beside it is damage** that a weak check value let pass. Then the step of its
-neighbours is
-   used. The same holds for a way that no step explains, if the jump beside it would be as odd. The neighbours are
-   right. The angles of the damaged packet's own samples are not changed, for they must not depend on other packets.
-3. **In a gap the rotor turned as fast as beside it.** If it all but stood there, it turned as fast as at its
-fastest.
+   neighbours is used. The same holds for a way that no step explains, if the jump beside it would be as odd. The
+   neighbours are right. The angles of the damaged packet's own samples are not changed, for they must not depend on
+   other packets.
+3. **In a gap the rotor turned as fast as beside it.** If it all but stood there, it turned at its fastest.
 """
 
 from __future__ import annotations

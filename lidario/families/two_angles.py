@@ -27,8 +27,7 @@ LDROBOT LD06 whose spans are 8.71."""
 _SHORTEST: Final = 20
 """Angle units that packets must span on average to tell a rate: each of the two angles is rounded."""
 MOST_TURNS: Final = 1 / 8
-"""Largest span of a packet, in turns. An LDROBOT LD14 at its fastest turns by 14 degrees, and a rotor is not
-even."""
+"""Largest span of a packet, in turns. An LDROBOT LD14 turns by 14 degrees at most, and a rotor is not even."""
 
 
 class TwoAngleFormat(LayoutFormat):

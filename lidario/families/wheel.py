@@ -7,13 +7,11 @@ packet the angle advances by one *arc*, or by two arcs or more if packets are mi
 The rules of the model, and their reasons:
 
 1. **An arc is like the one before it.** A packet is so short that the arc changes from one to the next by only a
-small
-   part of the longest arc, whatever the rotor does. So a *span* from packet to packet that is hardly longer than
-   the last arc is one arc. A shorter span always is one, since a gap only lengthens a span. A rotor may stop, and
-   go from standstill to full speed, and nothing seems to be missing.
+   small part of the longest arc, whatever the rotor does. So a *span* from packet to packet that is hardly longer
+   than the last arc is one arc. A shorter span always is one, since a gap only lengthens a span. A rotor may stop,
+   and go from standstill to full speed, and nothing seems to be missing.
 2. **A longer span is a gap.** It holds a whole number of arcs. The packet before it is not stretched over the gap:
-its
-   arc lies on the line between the arc before the gap and the mean arc in it.
+   its arc lies on the line between the arc before the gap and the mean arc in it.
 3. **A span that is no whole number of arcs shows another speed**, if the next span is like it, or if spans go on so
    for some time. The speed is then learned from those spans alone. A single such span hides a whole turn, which
    angles cannot show, or the rotor stops or starts there. A span of many arcs shows no speed: it may hold one more
@@ -21,7 +19,7 @@ its
 4. **The clock has the last word.** Spans that agree are one arc each, or a whole number of arcs each: two, if every
    second packet is lost. The angle alone cannot show which. Time can: from arrival times and the time of a packet
    follows how many packets the device has measured (`Pace`). Bytes come late, but never early. So time is believed
-   only if it says the same twice, in the first and in the second half of the packets. It only chooses among whole
+   only if it says the same twice, in the first and in the second half of the packets. Time only chooses among whole
    numbers. The length of an arc is taken from the angles, which are exact.
 
 Until a speed is sure by these rules, no arc is certain. A known speed stays until spans or time speak against it.
@@ -54,8 +52,7 @@ from lidario.families.spans import (
 from lidario.wire.events import Arrival
 
 AGREEING: Final = 6
-"""Without the help of time, this many spans must agree before an arc is certain: no revolution has fewer
-packets."""
+"""Without time, this many spans must agree before an arc is certain: no revolution has fewer packets."""
 FEW_AGREEING: Final = 3
 """The same, if time says how many arcs the spans are."""
 TRUSTED_GAP: Final = 8
@@ -212,8 +209,7 @@ class Wheel(PacedTurning):
             times = span / (usual := fastest if goes_on and last <= slack else last)
             # A rotor does not turn back, so a turn may hide in a negative span.
             tells = span < -1 or 0 < times <= _TELLING
-            # With a slow rotor, a span within the slack may still be a gap: then the next span is like the arc
-            # before.
+            # With a slow rotor, a span within the slack may be a gap: then the next span is like the arc before.
             alone = at < end and times > SEVERAL and abs(likely - last) < abs(likely - span)
             # The slack is a share of the longest arc, as in `_is_steady`.
             whole = max(1, round(times)) if span - last > slack else 1

@@ -140,8 +140,7 @@ class Assembler(SteadyAssembler):
     def _keep_until(self, end: int, event: Packets, headings: Headings, begin: int, offsets: Sequence[int]) -> int:
         """Keep the packets from number `begin` on to before `end`, which is returned.
 
-        They are kept in parts, divided at each silence in which a revolution is given up, as if they were read
-        apart.
+        They are kept in parts, divided at each silence in which a revolution is given up.
         """
         for cut in (*self._silences(event), end):
             if begin < cut <= end:
@@ -215,8 +214,7 @@ class Assembler(SteadyAssembler):
             here = self._decoded = self._decoded or self._decoder.decode(joined(partial.runs), None)
             sample_ns, elapsed_ns = self._stream.sample_ns, received_ns - partial.runs[0].arrivals[0][1]
             if 2 * here.last.samples * sample_ns > max(0, elapsed_ns):
-                # The rotor is slow or stands still, so no revolution passed unseen. Only time shows what is
-                # missing.
+                # The rotor is slow or stands still: none passed unseen, and only time shows what is missing.
                 missing = round(len(here.ends) * (elapsed_ns / (here.ends[-1] * sample_ns) - 1))
                 self.stats.lost_packets += several(missing - here.lost)
                 self._clock = self._new_clock()
@@ -232,7 +230,7 @@ class Assembler(SteadyAssembler):
         if ended is None:
             return None
         if split.broken or split.moved:
-            # Only the first mark may rightly stand elsewhere. A false mark moves the seam there, and the next one
+            # Only the first mark may rightly stand elsewhere. A false mark moves the seam, and the next moves it
             # back.
             is_first = not split.broken and self.stats.scans == self._earlier_scans
             sure = partial.whole and not (partial.moved or is_first)
@@ -307,8 +305,7 @@ class Assembler(SteadyAssembler):
         partial, packets, samples, wire = ended.partial, ended.packets, ended.samples, self._stream.format
         ended.spanned_ns += ended.missing_samples(gap_behind=self.partial.carried is None) * ended.sample_ns
         ordinary_ns = self._clock.usual_ns or ended.spanned_ns
-        # A program that reads late reads much together. If an outage lies in it, only a gap shows in which
-        # revolution.
+        # A program that reads late reads much together: only a gap shows in which revolution an outage was.
         broken = ended.is_broken(wire, ordinary_ns) or (bool(ended.lost) and self._clock.is_late)
         told = samples.lost + partial.lost_behind_carried + ended.revoked
         if self._told_seq is None and self._ended_at is not None:

@@ -50,8 +50,7 @@ class EndedRevolution:
     start_ns: int = field(init=False)  # when its first sample was measured
     sample_ns: float = field(init=False)  # nanoseconds a sample
     spanned_ns: float = field(init=False)  # time of its samples, with those that are known to be missing
-    # Whether the device says how long a sample takes. If not, the time is measured, and `spanned_ns` proves
-    # nothing.
+    # Whether the device says how long a sample takes. If not, it is measured, and `spanned_ns` proves nothing.
     told: bool = field(init=False)
     # Time of a whole revolution; NaN or 0 unless the times of other revolutions confirm it.
     revolution_ns: float = field(init=False, default=math.nan)
@@ -173,8 +172,7 @@ def hides_a_turn(late_ns: float, turn_ns: float, *, gap: bool) -> bool:
 
 def _samples_of(samples: Samples, lost: int, skipped: int) -> float:
     """How many samples the `lost` packets held; by the angles at least `skipped` are missing."""
-    # Damage spares short packets, so a missing packet may have held far more samples than the mean of those that
-    # came.
+    # Damage spares short packets: a missing one may have held far more samples than the mean of those that came.
     return max(lost * samples.ends[-1] / len(samples.ends), skipped)
 
 

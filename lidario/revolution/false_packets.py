@@ -7,10 +7,10 @@ end of a revolution.
 
 The packets beside it show it. From packet to packet the rotor turns by at least an arc. Bytes skipped as noise
 between them took time on the line, too: an arc for as many bytes as a packet has. Lost packets only add to that. So
-of three packets, the one in the middle is false if its angle does not lie between the other two although both steps
-have room there. It is not false if the third follows it: a device may write text between and within its packets,
-and then more bytes were skipped than the rotor turned. A packet waits for the third only if it is farther ahead
-than its bytes explain, so in an undisturbed stream none waits. If so many packets are lost that two gaps may make a
+of three packets, the one in the middle is false if there is room for two steps before the third, and its angle does
+not lie there. It is not false if the third follows it: a device may write text between and within its packets, and
+then more bytes were skipped than the rotor turned. A packet waits for the third only if it is farther ahead than
+its bytes explain, so in an undisturbed stream none waits. If so many packets are lost that two gaps may make a
 whole turn together, nothing is judged.
 """
 
@@ -64,7 +64,7 @@ class FalsePackets:
         self._advances: list[float] = []
         self._arc = self._mean = 0.0
         # How much an advance may differ because the speed changes: a part of the largest arc so far, since a change
-        # weighs more for a slow rotor. At least 1, for angles are rounded.
+        # weighs more for a slow rotor. Plus 1, for angles are rounded.
         self._slack = 1.0
         self._waiting: Packets | None = None
 
@@ -135,8 +135,7 @@ class FalsePackets:
     def _begins(self, packets: Packets, headings: Headings) -> bool:
         """Whether the first packets of a stream give the arc, and all others among these packets fit it.
 
-        Measured: judging each packet of the first 64 KiB makes decoding of a short file take up to 1.4 times as
-            long.
+        Measured: if each packet of the first 64 KiB is judged, decoding a short file takes up to 1.4 times as long.
         """
         first, others = headings[: MEASURED + 1], headings[MEASURED + 1 :]
         if self._mean or not len(others) or packets.skips:

@@ -59,15 +59,13 @@ class PartialRevolution:
     moved: bool = False  # whether it began at a mark that stood elsewhere than the mark before
     seam: int | None = None  # heading at which it should have begun; None if no split began it
     behind_gap: bool = True  # whether packets may be missing right before its first one
-    # Packets missing right before its first one that are its own, though they are counted with the revolution
-    # before.
+    # Its own packets that are missing right before its first one; they are counted with the revolution before.
     lost_before: int = 0
     carried: SampleArrays | None = None  # samples from the packet that crossed the seam at its beginning, if any
     carried_ns: int = 0  # arrival of the last packet before it; 0 if there was none
     lost_behind_carried: int = 0  # packets missing right behind the packet that crossed the seam
     skipped_behind_carried: int = 0  # samples of these missing packets
-    # Packets of a whole revolution, as far as known when the packet at the seam was decoded; 0 if its angles were
-    # certain.
+    # Packets of a revolution, as far as known when the packet at the seam was decoded; 0 if angles were certain.
     carried_packets: float = 0.0
     begun_ns: int = 0  # arrival of the read with its beginning; 0 if unknown
     ended_ns: int = 0  # arrival of the read with its end; 0 if unknown
@@ -146,7 +144,7 @@ def part_of(
         if complete > begin:
             arrivals.append((complete - begin, at_ns))
     if complete > end:
-        # The same read brought packets that were measured after these: so these were late by the time of those.
+        # Later packets came with the same read, so these were late by the time that it took to measure those.
         at_ns -= round(wire.samples_in(some_blocks(packets.blocks, end, complete)) * sample_ns)
     arrivals.append((end - begin, at_ns))
     skips = packets.skips and tuple([(at - begin, size) for at, size in packets.skips if begin <= at < end])

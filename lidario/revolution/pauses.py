@@ -29,8 +29,7 @@ from lidario.wire.events import Arrival, Packets
 LATE: Final = 1 - NOISE
 """Revolutions by which packets must be late to wait."""
 _READS: Final = 3
-"""Behind an outage, this many reads must stay as late. Fewer may all come from a machine that has no time to
-read."""
+"""Behind an outage, this many reads must stay as late. Fewer may come from a machine that has no time to read."""
 
 
 class _Line(NamedTuple):

@@ -107,8 +107,7 @@ class SampleTime:
     def _is_told_by(self, reads: Sequence[tuple[int, int]]) -> bool:
         """Whether this window makes the time sure; then all reads are forgotten."""
         mean_ns = sum(passed_ns for passed_ns, _ in reads) / sum(samples for _, samples in reads)
-        # The lower median: if every second read holds an outage, the middle between both kinds would equal the
-        # mean.
+        # The lower median: with an outage in every second read, the middle of both kinds would equal the mean.
         middle_ns = median_low(passed_ns / samples for passed_ns, samples in reads)
         alike = abs(middle_ns - mean_ns) <= ALIKE * mean_ns
         before_ns, self._before_ns = self._before_ns, mean_ns if alike else 0.0

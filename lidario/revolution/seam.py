@@ -7,8 +7,7 @@ headings that tremble around it, or a mark just behind it, do not make a revolut
 
 A device may mark a packet as the first of a restarted stream. Documents give that mark two meanings: a fault, after
 which the angles before it mean nothing, or an ordinary sign once in every revolution. The step from the packet
-before
-decides: if it fits the steady step, also over a few missing packets, the stream simply goes on.
+before decides: if it fits the steady step, also over a few missing packets, the stream simply goes on.
 
 Only headings that carry a flag, or fall back behind the heading before, can end a revolution. In an undisturbed
 stream `FalsePackets.passing` says which headings fall back.
@@ -33,8 +32,7 @@ _UNMARKED_REVOLUTIONS = 2
 _RECENT = 8
 """How many headings before a mark give the steady step."""
 _WIDEST_GAP = 8
-"""A gap before the mark may have this many steps, and at most 90 degrees: a wider gap would fit any angle by
-chance."""
+"""A gap before the mark may have this many steps, and at most 90 degrees: a wider one fits any angle by chance."""
 _UNSTEADY = 0.3
 """Part of a step by which the step before a mark may be off."""
 

@@ -21,8 +21,7 @@ from lidario.wire.formats import HEADING_MASK, StreamFormat
 
 _MOST: Final = 32
 _OF_ONE: Final = 2
-"""At most this many packets are compared, and of one revolution at most this many. More would be too near each
-other."""
+"""Packets that are compared, and how many of one revolution at most: more would be too near each other."""
 _SURE: Final = 9.0
 """How much better angles must agree than random ones: those agree as well in one of 8100 tries (Rayleigh's
 test)."""

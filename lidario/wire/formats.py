@@ -55,7 +55,7 @@ Headings: TypeAlias = Sequence[int] | NDArray[np.integer[Any]]
 
 
 class Ticks(NamedTuple):
-    """How the device's clock counts whose stamps packets carry."""
+    """How the clock of a device counts, if packets carry its stamps."""
 
     tick_ns: int  # nanoseconds from one number to the next
     wrap: int  # the number at which the clock begins again with 0
@@ -84,7 +84,7 @@ class StreamFormat(ABC):
     full_turn: int  # 360 degrees in the unit of `headings`
     first_seam: int | None = 0  # heading at which revolutions begin; None if only marked packets (`BEGINS`) tell
     self_evident: bool = False  # True if the check value is strong enough to need no second proof
-    ticks: Ticks | None = None  # how the clock counts whose `stamps` packets carry; None if they carry none
+    ticks: Ticks | None = None  # how the clock behind the `stamps` counts; None if packets carry no stamps
     # Whether each packet tells the angles of all its samples. If not, only the packets behind it show how far the
     # rotor turned during it.
     own_angles: bool = True

@@ -325,6 +325,5 @@ class Link:
 
     def _drop(self, size: int) -> None:
         """Remove the first `size` bytes, which are parsed, from the buffer."""
-        # The buffer is replaced and not resized: views of it may exist, held by a profiler or hook that keeps
-        # frames.
+        # The buffer is replaced, not resized: a profiler or hook that keeps frames may hold views of it.
         self._buffer = self._buffer[size:]

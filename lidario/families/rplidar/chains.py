@@ -38,11 +38,9 @@ SEAM_Q6: Final = 30 << 6
 _NEAREST_MM: Final = 120
 """No device measures nearer distances: an A1M8 has measured 126.8 mm."""
 _CORRECTED_Q6: Final = 12 << 6
-"""Corrections differ by less than this: a return lies from 3.6 degrees before the beam, if it is nearest, to 8
-behind."""
+"""Corrections differ by less: a return lies from 3.6 degrees before the beam, if it is nearest, to 8 behind it."""
 _UNTOLD_Q6: Final = 2 << 6
-"""How far behind the beam a sample with a quality and no distance is taken to lie: the middle of the possible
-range."""
+"""A sample with a quality and no distance is taken to lie this far behind the beam, in the middle of the range."""
 CHAIN_IN_PHASE: Final = 4
 """In the old phase this many nodes must follow each other, the first of them near the last angle."""
 CHAIN_ALONE: Final = 16

@@ -5,8 +5,7 @@ most of a step, and only their mean is even. The rules for the arcs of larger pa
 hold here for the mean of a few dozen steps:
 
 1. **A mean step is like the one before it.** Whatever a rotor does, in a few milliseconds its speed changes by only
-a
-   small part of the greatest speed.
+   a small part of the greatest speed.
 2. **A step that is not like it** shows missing nodes; many such steps show another speed. An angle that leaps ahead
    and falls back shows neither: behind a near edge, angles are corrected by more than behind a far one.
 3. **The clock has the last word** if steps agree: each is one ordinary step, or a whole number of them.
@@ -45,8 +44,8 @@ CHANGE: Final = 0.1
 """An ordinary step may differ from the one before by this part of the longest one of the revolution. Not by a part
 of itself, since a change weighs more for a slow rotor."""
 STRANGE: Final = 32
-"""After this many groups of steps that are hardly like those before, another speed is taken if time says
-nothing."""
+"""If time says nothing, another speed is taken after this many groups of steps that are hardly like those
+before."""
 CERTAIN_STEPS: Final = 6
 """This many steps must agree before the ordinary step is certain."""
 FALSE_NODES: Final = 40
@@ -257,8 +256,8 @@ def _middle(spans: Steps) -> tuple[float, int]:
 def _missing(spans: Steps, steps: Steps, least: float, corrected: float) -> NDArray[np.intp]:
     """How many nodes are missing behind each, by the ordinary step at each.
 
-    A rotor that turns by less than `least` from node to node all but stands; angles are corrected by `corrected` at
-    most.
+    A rotor that turns by less than `least` from node to node all but stands; angles are corrected by at most
+    `corrected`.
     """
     moved = np.maximum(steps, least)
     times = spans / moved

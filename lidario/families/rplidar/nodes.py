@@ -11,8 +11,7 @@ a row. So a node is believed only in its context:
   short chain is enough, so that a flipped bit costs one node. In another phase (a byte was lost), and at the
   beginning of a stream, the chain must be long;
 * if several phases pass, the first one whose angles advance is right: the distances of an even wall, read as
-    angles,
-  do not advance.
+  angles, do not advance.
 
 The manual does not say at which angle a scan begins. Most devices mark it at 0, which the angles show as well. If
 the first mark of a stream stands elsewhere, or two marks in a row stand at one other place, revolutions begin
@@ -58,8 +57,7 @@ from lidario.wire.formats import (
 PHASES_BACK: Final = 4
 """This many nodes in the old phase are tried before other phases."""
 WORTH_AN_ARRAY: Final = 16
-"""From this many nodes on, they are checked as one array. Measured: 1.2 us a node one by one, 18 us for the
-array."""
+"""From this many on, nodes are checked as one array. Measured: 1.2 us a node one by one, 18 us for the array."""
 
 WINDOW: Final = (PHASES_BACK + CHAIN_ALONE) * SIZE
 """Bytes that are needed to decide whether nodes go on from a place."""
@@ -233,8 +231,7 @@ class NodeFormat(StreamFormat):
         words = np.empty(count + 1, np.uint16)
         words[0] = angle_at(data, at - SIZE) << 1 | 1
         words[1:] = nodes["angle"]
-        # The words include the check bit, which is always 1, so a step counts twice. Unsigned, negative steps are
-        # large.
+        # The words include the check bit, always 1, so steps count twice. Unsigned, negative steps are large.
         steps = words[1:] - words[:-1]
         steps += np.uint16(2 * BACKWARD_Q6)
         other = steps > 2 * (FORWARD_Q6 + BACKWARD_Q6)

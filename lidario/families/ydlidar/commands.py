@@ -81,8 +81,7 @@ KEEPALIVE: Final = Request("KEEPALIVE", encode_request(0x60), in_stream=True)
 def scan(stream: StreamFormat) -> Request:
     """SCAN from standstill: a header, then packets without end."""
     announced = Expected(ANNOUNCED.type, 0, LARGEST, continuous=True)
-    # Only the first SCAN has a header as its response (manual 3.8), so while packets flow it is useless to ask
-    # again.
+    # Only the first SCAN has a header as its response (manual 3.8): while packets flow, it is not repeated.
     return Request("SCAN", encode_request(0x60), announced, 2.0, attempts=1, stream=stream)
 
 
