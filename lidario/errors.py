@@ -95,7 +95,7 @@ class SessionClosed(LidarError):
 
 
 class Busy(LidarError):
-    """A second task reads a stream that another task reads already. Each reader needs a stream of its own."""
+    """A second task reads a stream, or runs a publisher, as another task does already. Each needs its own."""
 
 
 class RecordingError(LidarError):

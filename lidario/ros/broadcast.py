@@ -19,7 +19,7 @@ from typing import Any, Final
 
 from lidario.arguments import finite, shown, text_of
 from lidario.entered import Entered
-from lidario.errors import ConnectFailed, InvalidValue, LidarError, LocalProtocolError, SessionClosed
+from lidario.errors import Busy, ConnectFailed, InvalidValue, LidarError, LocalProtocolError, SessionClosed
 from lidario.model import ScanMode
 from lidario.network.bus import DEFAULT_ROUTER, Bus
 from lidario.network.keys import Sender, Token, parse_token, status_key, token_key, tokens_of
@@ -67,6 +67,7 @@ class Broadcast(Entered):
         self.scans: int = 0  # scans published so far
         self.unsent: int = 0  # scans that were not sent, because there was no router
         self._closed = False
+        self._is_run = False
         self._bus: Bus | None = None
         self._connecting: asyncio.Task[None] | None = None
         self._modes: tuple[ScanMode, ...] = ()
@@ -108,20 +109,27 @@ class Broadcast(Entered):
                 reader comes. Laser and motor rest then, unless another task reads the lidar. None for never.
 
         Raises:
+            Busy: Another task runs this publisher: each scan would be sent twice.
             InvalidValue: `idle_stop` is not above 0.
             LidarError: As iterating over `Lidar.scans`.
         """
         if idle_stop is not None and not finite(idle_stop, "idle_stop") > 0:
             raise InvalidValue(f"idle_stop is a number of seconds above 0, not {shown(idle_stop)}")
-        while True:
-            async with self._stream(mode) as stream:
-                if await self._publish_all(stream, idle_stop):
+        if self._is_run:
+            raise Busy("two tasks run one publisher: give each its own")
+        self._is_run = True
+        try:
+            while True:
+                async with self._stream(mode) as stream:
+                    if await self._publish_all(stream, idle_stop):
+                        return
+                    # Before it is left: another task may stop the lidar while that is awaited.
+                    ends = [next_end(lidar.scans()) for lidar in self._sessions]
+                _log.info("%s has no reader: its lidar rests until one comes", self.key)
+                if not await self._until_read(ends):
                     return
-                # Before it is left: another task may stop the lidar while that is awaited.
-                ends = [next_end(lidar.scans()) for lidar in self._sessions]
-            _log.info("%s has no reader: its lidar rests until one comes", self.key)
-            if not await self._until_read(ends):
-                return
+        finally:
+            self._is_run = False
 
     async def _until_read(self, ends: Collection[asyncio.Future[None]]) -> bool:
         """True when a reader comes; False when another task has stopped all lidars."""

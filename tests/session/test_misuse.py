@@ -18,7 +18,7 @@ import lidario
 from lidario import Busy, InternalError, InvalidValue, LocalProtocolError, SessionClosed
 from lidario.network.fleet import list_remote_lidars
 from lidario.network.router import Router
-from lidario.ros import Fleet
+from lidario.ros import Fleet, Share
 from lidario.session.streaming.control import StreamControl
 from lidario.session.streaming.modes import Wanted
 from lidario.session.talking.trouble import Trouble
@@ -204,3 +204,23 @@ async def test_a_stream_of_a_session_that_is_closed_is_not_entered() -> None:
         with pytest.raises(SessionClosed):
             async with stream:
                 raise AssertionError("never here")
+
+
+@pytest.mark.parametrize("of", ["publisher", "fleet"])
+async def test_a_publisher_is_run_and_a_fleet_is_read_by_one_task(of: str) -> None:
+    """Of two that run one publisher, each would send every scan."""
+    async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
+        share, fleet = Share(lidar, "robots/r7/scan"), Fleet("robots/*/scan")
+
+        async def use() -> None:
+            await (share.run() if of == "publisher" else anext(fleet))
+
+        for _ in range(2):
+            first = asyncio.create_task(use())
+            await asyncio.sleep(0)
+            with pytest.raises(Busy, match=f"two tasks (run|read) one {of}: give each its own"):
+                async with asyncio.timeout(PATIENCE_S):
+                    await use()
+            first.cancel()
+            await asyncio.wait([first])
+            assert first.cancelled()
