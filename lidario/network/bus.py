@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
 from lidario.errors import ConnectFailed, InvalidValue
 from lidario.network.handover import ITEM_BYTES, Handover
 from lidario.network.keys import Sender
-from lidario.network.router import check_router, close_at_exit, close_session, the_package, why_no_router, words_of
+from lidario.network.router import OpenSession, check_router, the_package, why_no_router, words_of
 from lidario.port.background import run_in_thread, running_loop
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ class Sample(NamedTuple):
     attachment: bytes
 
 
-class Bus:
+class Bus(OpenSession):
     """A client of one router; made by `Bus.open`.
 
     Attributes:
@@ -68,11 +68,9 @@ class Bus:
         self.is_connected: bool = True
         self.on_change: Callable[[bool], None] | None = None
         self.dropped: int = 0
-        self._session = session
         self._loop = asyncio.get_running_loop()
-        self._unclosed = close_at_exit(self, session)
-        # A reference must be kept: zenoh removes a listener that is garbage.
-        self._held: list[Any] = [session.info.declare_transport_events_listener(_at_once(self._transport_changed))]
+        super().__init__(session)
+        self._held = [session.info.declare_transport_events_listener(_at_once(self._transport_changed))]
 
     @classmethod
     async def open(cls, router: str = DEFAULT_ROUTER) -> Bus:
@@ -217,15 +215,15 @@ class Bus:
         )
 
     async def close(self) -> None:
-        """End everything; returns when the router knows, after two seconds at most. Cancelling ends the waiting."""
-        if self._unclosed.detach() is not None:
-            self.on_change, self._held = None, []
-            await close_session(self._session)
+        """As `OpenSession.close`."""
+        self.on_change = None
+        await super().close()
 
     def close_soon(self) -> None:
         """As `close`, without waiting, and without an event loop."""
-        self._held = []
-        self._unclosed()
+        if self._unclosed.alive:
+            self._held = []
+            self._unclosed()
 
     # ------------------------------------------------------------------------------------------ inside
 

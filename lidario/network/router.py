@@ -12,6 +12,7 @@ told to.
 from __future__ import annotations
 
 import asyncio
+import ctypes
 import json
 import logging
 import os
@@ -26,6 +27,7 @@ from typing import Any, Final, Self
 from lidario.arguments import path_of, text_of
 from lidario.errors import ConnectFailed, InvalidValue, Unsupported
 from lidario.port.background import run_in_thread
+from lidario.port.forked import let_go_in_children
 
 _log = logging.getLogger("lidario")
 
@@ -139,30 +141,44 @@ def _unwelcome(router: str, protocol: str) -> str:
     )
 
 
-def close_at_exit(owner: object, session: Any) -> weakref.finalize[..., Any]:
-    """Close a session of zenoh when the program ends, where it was not closed before.
+class OpenSession:
+    """Holds a session of zenoh, and what is declared in it; one that nobody closes ends with the program.
 
-    Its threads would outlive the interpreter: what comes then aborts the program, or it waits for them for ever.
+    Its threads would outlive the interpreter: what comes then aborts the program, or it waits for them for ever. A
+    forked child has none of them, and would wait for ever where it closes the session, or drops what is declared.
     """
-    return weakref.finalize(owner, _close_in, os.getpid(), session)
+
+    def __init__(self, session: Any) -> None:
+        self._session = session
+        # A reference must be kept: zenoh removes what is garbage.
+        self._held: list[Any] = []
+        self._unclosed = weakref.finalize(self, _close, session)
+        let_go_in_children(self)
+
+    def forked(self) -> None:
+        """In a forked child: it is closed by now. What it holds is never dropped, not even at the child's end."""
+        self._unclosed.detach()
+        for each in (self._session, self._held):
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(each))
+
+    async def close(self) -> None:
+        """End everything; returns when the peers know, after two seconds at most. Cancelling ends the waiting."""
+        if self._unclosed.detach() is None:
+            return
+        self._held = []
+        try:
+            async with asyncio.timeout(CLOSE_S):
+                await run_in_thread(self._session.close)
+        except (TimeoutError, ConnectFailed, the_package().ZError) as error:
+            _log.debug("a session of zenoh did not close in time or order: %r", error)
 
 
-def _close_in(process: int, session: Any) -> None:
-    if os.getpid() == process:  # a forked child has none of its threads
-        with suppress(the_package().ZError):
-            session.close()
+def _close(session: Any) -> None:
+    with suppress(the_package().ZError):
+        session.close()
 
 
-async def close_session(session: Any) -> None:
-    """Close a session of zenoh; returns when its peers know, after two seconds at most."""
-    try:
-        async with asyncio.timeout(CLOSE_S):
-            await run_in_thread(session.close)
-    except (TimeoutError, ConnectFailed, the_package().ZError) as error:
-        _log.debug("a session of zenoh did not close in time or order: %r", error)
-
-
-class Router:
+class Router(OpenSession):
     """A router; made by `Router.open`, and used as an asynchronous context manager.
 
     Attributes:
@@ -170,9 +186,8 @@ class Router:
     """
 
     def __init__(self, session: Any, addresses: Sequence[str]) -> None:
-        self._session = session
+        super().__init__(session)
         self.addresses: tuple[str, ...] = tuple(addresses)
-        self._unclosed = close_at_exit(self, session)
 
     @classmethod
     async def open(cls, *addresses: str, config: str | os.PathLike[str] | None = None) -> Router:
@@ -207,11 +222,6 @@ class Router:
 
     async def __aexit__(self, *_: object) -> None:
         await self.close()
-
-    async def close(self) -> None:
-        """Let every connection break, within two seconds. Cancelling ends the waiting."""
-        self._unclosed.detach()
-        await close_session(self._session)
 
 
 def _config(zenoh: Any, path: Path | None, addresses: Sequence[str]) -> Any:

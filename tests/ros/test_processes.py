@@ -5,7 +5,9 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import os
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -18,7 +20,7 @@ from lidario.network.bus import Bus
 from lidario.network.keys import parse_token, tokens_of
 from lidario.ros import list_remote_lidars
 from tests.cli.processes import started
-from tests.support.children import line_of
+from tests.support.children import FORKS, line_of
 from tests.support.router import Router
 
 BOUND_S = 30.0
@@ -98,3 +100,67 @@ def test_a_program_ends_that_has_not_closed_its_bus(router: Router) -> None:
             assert program.wait(BOUND_S) == 3
         finally:
             program.kill()
+
+
+FORKED = (
+    FORKS
+    + """
+import asyncio, gc, os, sys
+import lidario
+from lidario.network.router import Router
+from lidario.ros import Fleet, Share
+
+address, ends = sys.argv[1:]
+loop, held = asyncio.new_event_loop(), []
+
+async def main():
+    held.append(await Router.open(address))
+    held.append(Fleet("a/*", router=address))
+    await held[-1].start()
+    lidar = await lidario.open_lidar("sim://rplidar-s2?via=memory")
+    held.append(Share(lidar, "a/b", router=address))
+    await held[-1].start()
+    held.append(await lidario.open_lidar(f"zenoh:a/b?router={address}"))
+    return lidar
+
+async def close():
+    for each in reversed(held):
+        await each.close()
+
+lidar = loop.run_until_complete(main())
+child = os.fork()
+if child == 0:
+    if ends == "closes":
+        loop.run_until_complete(close())
+    if ends != "exits":
+        held.clear()
+        gc.collect()
+    sys.exit(7)
+assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
+
+async def go_on():
+    scan = await lidar.scan()
+    held[2].publish(scan)
+    return await anext(held[1])
+
+print(loop.run_until_complete(go_on()).key, flush=True)
+loop.run_until_complete(close())
+"""
+)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("ends", ["exits", "drops", "closes"])
+def test_a_forked_child_ends_and_its_parent_goes_on(ends: str) -> None:
+    """It has none of zenoh's threads, and waited for ever for them: also where it only dropped a session."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    command = [sys.executable, "-c", FORKED, address, ends]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True) as program:
+        try:
+            assert program.communicate(timeout=BOUND_S)[0] == "a/b\n"
+            assert program.returncode == 0
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(program.pid, signal.SIGKILL)
