@@ -36,7 +36,7 @@ from lidario.recording.chronicle import (
     ZeroOffsetSet,
     text_of,
 )
-from lidario.recording.mcap_records import MAGIC, Damage
+from lidario.recording.mcap_records import MAGIC, Damage, Metadata
 from lidario.recording.opened import StoredFile
 from lidario.recording.reached import StoredChunk
 from lidario.recording.sequence import RecordedFiles
@@ -50,7 +50,9 @@ LONGEST_PAUSE_NS = 5_000_000_000
 time that is wrong must not hold up a reader for years."""
 
 Copy = tuple[int, Callable[[FileWriter], None]]
-"""The time of a chunk or event, and what adds it to another file."""
+"""The time of a chunk, event or set of texts, and what adds it to another file."""
+MOST_TEXTS = 1024
+"""Sets of texts that are copied; a report has some 40. Each has a place in the index, which is held to the end."""
 
 
 class Piece(NamedTuple):
@@ -127,7 +129,7 @@ class StoredStreams(ABC):
         """What was received in the streams, in order. Each call begins anew."""
 
     def copies(self) -> Generator[Copy, None, None]:
-        """Every chunk and event, in order; nothing where the file has only bytes."""
+        """Every chunk, event and set of other texts, in order; nothing where the file has only bytes."""
         yield from ()
 
 
@@ -220,7 +222,7 @@ class McapRecording(StoredStreams):
                 told[record.why] += 1
             elif isinstance(record, LineChanged):
                 self.away_ns: tuple[int, ...] = (*self.away_ns, record.away_ns)
-            else:
+            elif isinstance(record, StreamEvent):
                 self._events.append(record)
         self.damage: str = "; ".join(f"{why} ({times} times)" if times > 1 else why for why, times in told.items())
         if about is None:
@@ -265,13 +267,16 @@ class McapRecording(StoredStreams):
                 stretches.popleft()
 
     def copies(self) -> Generator[Copy, None, None]:
-        at_ns = self.about.began_ns
+        at_ns, texts = self.about.began_ns, 0
         for record in self._files.records():
             if isinstance(record, StoredChunk):
                 at_ns = min(max(record.at_ns, 0), MOST_NS)
                 yield at_ns, partial(FileWriter.add_chunk, **record._replace(at_ns=at_ns)._asdict())
             elif isinstance(record, StreamEvent):
                 yield at_ns, partial(FileWriter.add_event, at_ns=at_ns, text=text_of(record))
+            elif isinstance(record, Metadata) and texts < MOST_TEXTS:
+                texts += 1
+                yield at_ns, partial(FileWriter.add_metadata, name=record.name, texts=record.texts)
 
     def _find_streams(self, family: Family) -> Iterator[StoredStream]:
         began: StreamBegan | None = None

@@ -27,6 +27,8 @@ MIXED = (
     "of, those of each lidar by themselves"
 )
 
+Stored = About | StoredChunk | StreamEvent | Metadata | Damage
+
 
 def files_of(path: Path) -> tuple[Path, ...]:
     """The files that a path names: itself, or, where no file has that name, those that fit it as a pattern."""
@@ -63,8 +65,8 @@ class RecordedFiles:
                 raise RecordingError(f"{path} names recordings of several lidars: {names}. Name those of one")
             self.paths = tuple(each for *_, each in sorted(beginnings, key=lambda known: known[1:]))
 
-    def records(self) -> Iterator[About | StoredChunk | StreamEvent | Damage]:
-        """The beginning, the raw chunks, the chronicle, and what of the files is damaged.
+    def records(self) -> Iterator[Stored]:
+        """The beginning, the raw chunks, the chronicle, other texts, and what of the files is damaged.
 
         Raises:
             RecordingError: A file was merged of several recordings or copies of one, or cannot be read.
@@ -77,7 +79,7 @@ class RecordedFiles:
                 yield record
         self.size = sum(self._sizes.values())
 
-    def _records_of(self, path: Path, reached: Reached) -> Iterator[About | StoredChunk | StreamEvent | Damage]:
+    def _records_of(self, path: Path, reached: Reached) -> Iterator[Stored]:
         topics: dict[int, str] = {}
         begun: list[About] = []
         with StoredFile(path, self._sizes.get(path)) as file:
@@ -96,7 +98,9 @@ class RecordedFiles:
                 elif isinstance(record, Damage):
                     reached.is_known = reached.is_known and not record.missing
                     yield record
-                elif isinstance(record, Metadata) and record.name == NAME:
+                elif record.name != NAME:
+                    yield record
+                else:
                     about = About.of(record.texts)
                     begun.append(about)
                     if about.recording != begun[0].recording:

@@ -33,6 +33,8 @@ from lidario.families.registry import FAMILIES
 from lidario.port.background import start_thread
 from lidario.recording.about import About
 from lidario.recording.chronicle import Responded, event_of
+from lidario.recording.decode_file import FileDecoder
+from lidario.recording.export import export_mcap
 from lidario.recording.mcap_records import Message, Metadata, read_records
 from lidario.recording.opened import StoredFile
 from lidario.recording.write import EVENTS_TOPIC, FileWriter
@@ -93,6 +95,21 @@ def test_what_plays_a_report_tells_the_hash(model: str, tmp_path: Path) -> None:
             return lidar.info
 
     assert run_driven(played) == report.about.info
+
+
+@pytest.mark.long
+def test_a_copy_with_its_scans_has_the_verdicts_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, copy = tmp_path / "report.mcap", tmp_path / "copy.mcap"
+    _, report = make(lidario.simulate("rplidar-s2"), path, QUICK)
+    assert export_mcap(FileDecoder(path), copy) == lidario.summarize(path).scans
+    assert read_report(copy) == replace(report, about=read_report(copy).about)
+    assert read_report(copy).about == read_report(path).about
+    # The index of a copy is held in memory: texts without end, as of who means harm, are not copied.
+    monkeypatch.setattr("lidario.recording.read.MOST_TEXTS", 2)
+    export_mcap(FileDecoder(path), copy, overwrite=True)
+    with StoredFile(copy) as file:
+        names = [each.name for each in read_records(file) if isinstance(each, Metadata)]
+    assert names == ["lidario", REPORT, REPORT]
 
 
 @pytest.mark.long
