@@ -21,7 +21,7 @@ from pathlib import Path
 from lidario.arguments import finite, shown, whole
 from lidario.errors import CannotRecord, InvalidValue
 from lidario.recording.about import About
-from lidario.recording.write import FileWriter
+from lidario.recording.write import FileWriter, is_written
 from lidario.system import cause_of
 
 _log = logging.getLogger("lidario")
@@ -93,7 +93,8 @@ class Parts:
         self._closed_size = 0
         # Of the first chunk in the file: a lidar that takes its time to begin leaves no empty file.
         self._began_ns: int | None = None
-        # The files of this name that are complete, also those of another program that ran before.
+        # The files of this name that are complete, also those of another program that ran before. Those of one that
+        # runs must not go.
         self._complete = _sizes_of(path) if split.keep is not None else {}
         self.writer: FileWriter = (
             self._begin(about.began_ns, about) if split else FileWriter(path, about, overwrite=overwrite, sync=sync)
@@ -110,11 +111,14 @@ class Parts:
             self._began_ns = at_ns
         elif self._split.is_due((at_ns - self._began_ns) / _NS, self.writer.size):
             former = self.writer
-            former.close()
+            try:
+                # First, so that one of the two is always seen to be written.
+                self.writer = self._begin(at_ns, former.about_now(at_ns))
+            finally:
+                former.close()
             self._closed_size += former.size
             self._complete[former.path] = former.size
             self._began_ns = at_ns
-            self.writer = self._begin(at_ns, former.about_now(at_ns))
             self.count += 1
         return self.writer
 
@@ -158,11 +162,21 @@ def _named(path: Path, at_ns: int) -> Path:
 
 
 def _sizes_of(path: Path) -> dict[Path, int]:
-    """The parts that are there, and their sizes."""
+    """The parts that are there, and their sizes. Raises CannotRecord where another recorder writes one of them."""
     name = re.compile(rf"{re.escape(path.stem)}-\d{{8}}T\d{{6}}Z{re.escape(path.suffix)}", re.ASCII)
     found: dict[Path, int] = {}
+    listed: list[os.DirEntry[str]] = []
     with contextlib.suppress(OSError), os.scandir(path.parent) as entries:
-        for entry in entries:
+        listed += entries
+    for entry in listed:
+        # Another program may remove it just now.
+        with contextlib.suppress(OSError):
             if name.fullmatch(entry.name) and entry.is_file(follow_symlinks=False):
-                found[path.parent / entry.name] = entry.stat().st_size
+                part = path.parent / entry.name
+                if is_written(part):
+                    raise CannotRecord(
+                        f"{part} is written by another recorder, whose files would be removed with the oldest of "
+                        "this name: give each recorder a name of its own"
+                    )
+                found[part] = entry.stat().st_size
     return found

@@ -17,10 +17,11 @@ import os
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from lidario.errors import CannotRecord
 from lidario.laserscan import LaserScan
+from lidario.port.forked import leave_nothing, let_go_in_children
 from lidario.recording.about import NAME, About
 from lidario.recording.chronicle import EventState, Placed, event_of, text_of
 from lidario.recording.ros_messages import DEFINITIONS, LASERSCAN_TYPE, RAW_TYPE, TEXT_TYPE, encode_raw, encode_text
@@ -98,6 +99,7 @@ class FileWriter:
         self._pending: int = 0
         try:
             self._file = _opened(path, overwrite)
+            let_go_in_children(self)
             # A file that is to get its name later has none.
             self._has_name = os.fstat(self._file.fileno()).st_nlink > 0
         except OSError as error:
@@ -180,6 +182,11 @@ class FileWriter:
         finally:
             self._file.close()
 
+    def forked(self) -> None:
+        """In a forked child: the file is the parent's, and locked no longer than the parent has it open."""
+        with contextlib.suppress(ValueError):  # it is closed
+            leave_nothing(self._file.fileno())
+
     def abandon(self) -> None:
         """Close the file as it is, after a failure. Never raises."""
         with contextlib.suppress(OSError):
@@ -237,7 +244,30 @@ def _opened(path: Path, overwrite: bool) -> io.FileIO:
     """A file to be written, new or replaced; what is no regular file is neither waited for nor written to."""
     if overwrite and not_a_file(path):
         raise FileExistsError
-    return open(path, "wb" if overwrite else "xb", buffering=0)
+    file = io.FileIO(path, "w" if overwrite else "x")
+    _lock(file, alone=True)
+    return file
+
+
+def is_written(path: Path) -> bool:
+    """Whether a `FileWriter` of any program has this file open. Raises OSError where it cannot be read."""
+    with open(path, "rb") as file:
+        return not _lock(file, alone=False)
+
+
+def _lock(file: IO[bytes], *, alone: bool) -> bool:
+    """Lock a file until it is closed, also when the program is killed; False where another one has done so."""
+    try:
+        import fcntl
+    except ModuleNotFoundError:  # Windows
+        return True
+    try:
+        fcntl.flock(file, (fcntl.LOCK_EX if alone else fcntl.LOCK_SH) | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:  # not every file system can
+        return True
+    return True
 
 
 def _sync_folder(path: Path) -> None:
