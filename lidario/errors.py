@@ -32,6 +32,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
+from lidario.words import counted
+
 if TYPE_CHECKING:
     from lidario.model import Health
 
@@ -124,8 +126,10 @@ class ResponseTimeout(LidarError, TimeoutError):
         self.noise = noise
 
     def __str__(self) -> str:
-        arrived = f"{self.noise} bytes arrived that are no response to it" if self.noise else "nothing arrived"
-        return f"no response to {self.request} within {self.timeout:g} s: {arrived}"
+        noise = f"{counted(self.noise, 'byte')} arrived, but no response to it"
+        return (
+            f"no response to {self.request} within {self.timeout:g} s: {noise if self.noise else 'nothing arrived'}"
+        )
 
 
 class ProtocolError(LidarError):

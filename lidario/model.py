@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from enum import Enum
 from operator import add, sub
 
+from lidario.words import counted
+
 
 class HealthStatus(Enum):
     """How the device judges its own state."""
@@ -138,11 +140,10 @@ class LineErrors:
     def meaning(self) -> str:
         """What was counted, and what it is mostly a sign of; empty where nothing was counted."""
         names = ((self.framing, "framing error"), (self.parity, "parity error"), (self.breaks, "break"))
-        told = [f"{count} {name}{'s' if count > 1 else ''}" for count, name in names if count]
+        told = [counted(count, name) for count, name in names if count]
         parts = [", ".join(told) + ": the baud rate is wrong or the cable is bad"] if told else []
         if self.overruns:
-            plural = "s" if self.overruns > 1 else ""
-            parts.append(f"{self.overruns} overrun{plural}: this computer is too slow for the line")
+            parts.append(f"{counted(self.overruns, 'overrun')}: this computer is too slow for the line")
         return "; ".join(parts)
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from lidario.arguments import shown
 from lidario.errors import InvalidValue, Unsupported
 from lidario.points import Mount, in_frame
+from lidario.words import counted
 
 _Floats = NDArray[np.float64]
 
@@ -201,5 +202,5 @@ def _checked(cloud: NDArray[np.floating], what: str) -> _Floats:
     if found.ndim != 2 or found.shape[1:] != (2,) or not np.isfinite(found).all():
         raise InvalidValue(f"the {what} cloud is finite metres of shape (n, 2), as scan.points().xy")
     if len(found) < LEAST_POINTS:
-        raise InvalidValue(f"the {what} cloud has {len(found)} points, and {LEAST_POINTS} are needed")
+        raise InvalidValue(f"the {what} cloud has {counted(len(found), 'point')}, and {LEAST_POINTS} are needed")
     return found

@@ -22,6 +22,7 @@ from lidario.plain import plain_of
 from lidario.points import Motion, Mount, Points, place
 from lidario.rotor import Rotor, rotor_of
 from lidario.samples import mask_of, nearest_to, read_only
+from lidario.words import counted
 
 __all__ = ["Return", "Scan", "read_only"]
 
@@ -81,8 +82,8 @@ class Scan(MeasuredSamples):
     def __repr__(self) -> str:
         hits = int(np.count_nonzero(self.device_distances))
         return (
-            f"<Scan {self.seq}: {len(self)} samples, {hits} returns, {self.rpm:.0f} rpm, "
-            f"{self.lost_packets} packets lost, {self.dropped_before} scans dropped before>"
+            f"<Scan {self.seq}: {counted(len(self), 'sample')}, {counted(hits, 'return')}, {self.rpm:.0f} rpm, "
+            f"{counted(self.lost_packets, 'packet')} lost, {counted(self.dropped_before, 'scan')} dropped before>"
         )
 
     def sorted(self) -> Scan:

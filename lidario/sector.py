@@ -14,6 +14,7 @@ import numpy as np
 from lidario.measured import MeasuredSamples
 from lidario.plain import plain_of
 from lidario.rotor import Rotor
+from lidario.words import counted
 
 _PLAIN: Final = (
     "seq", "index", "degrees", "stamp_ns", "wall_stamp_ns", "time_increment_ns", "duration_ns", "rpm", "mode",
@@ -66,8 +67,8 @@ class Sector(MeasuredSamples):
     def __repr__(self) -> str:
         hits = int(np.count_nonzero(self.device_distances))
         return (
-            f"<Sector {self.seq}.{self.index}: {len(self)} samples, {hits} returns, "
-            f"{self.lost_packets} packets lost, {self.dropped_before} sectors dropped before>"
+            f"<Sector {self.seq}.{self.index}: {counted(len(self), 'sample')}, {counted(hits, 'return')}, "
+            f"{counted(self.lost_packets, 'packet')} lost, {counted(self.dropped_before, 'sector')} dropped before>"
         )
 
     @property

@@ -78,7 +78,8 @@ def test_what_an_error_tells() -> None:
     assert isinstance(silent, TimeoutError)
     assert ConnectFailed("x").reason == "silent"
     assert ConnectFailed("x", reason="busy").reason == "busy"
-    assert "17 bytes arrived that are no response" in str(made(ResponseTimeout))
+    assert "17 bytes arrived, but no response to it" in str(made(ResponseTimeout))
+    assert str(ResponseTimeout("GET_INFO", 0.5, 1)).endswith("0.5 s: 1 byte arrived, but no response to it")
     fault = made(DeviceFault)
     assert str(fault) == "the device reports an error"
     assert isinstance(fault, DeviceFault)

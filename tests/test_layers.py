@@ -35,6 +35,7 @@ OF_SYSTEM = {*SANS_IO, "io", "logging", "os", "pathlib", "random", "sys", "tempf
 BESIDE_THE_PUBLIC_NAMES = {
     "cli": (
         "cli", "conformance", "families.adapters", "families.registry", "recording", "ros", "sim", "system", "web",
+        "words",
     ),
     "web": ("filters", "web"),
     "testing": ("arguments", "conformance", "loading", "sim", "testing"),

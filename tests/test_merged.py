@@ -160,8 +160,10 @@ async def test_two_lidars_are_read_as_one() -> None:
     async with lidario.open_lidar(one) as front, lidario.open_lidar(two) as rear:
         with pytest.raises(InvalidValue, match="do not say where"):
             lidario.merged(front, rear)
-        with pytest.raises(InvalidValue, match="there are 2 lidars, and mounts are a list with one for each"):
+        with pytest.raises(InvalidValue, match="mounts of 2 lidars are a list with one for each"):
             lidario.merged(front, rear, mounts=mounts[:1])
+        with pytest.raises(InvalidValue, match="mounts of 1 lidar are a list"):
+            lidario.merged(front, mounts=mounts)
         whole: list[Merged] = []
         async with lidario.merged(front, rear, mounts=mounts) as clouds:
             async for cloud in clouds:

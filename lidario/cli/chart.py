@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import lidario
-from lidario.cli.output import counted
+from lidario.words import counted
 
 COLOUR: Final = "#1b5fc1"
 """Readable on white, also when it is printed."""
@@ -56,7 +56,7 @@ def legend_of(scans: Sequence[lidario.Scan], reach: float, *, polar: bool = Fals
     lines = []
     if len(scans) > 1:
         seconds = (scans[-1].stamp_ns - scans[0].stamp_ns) * 1e-9
-        lines.append(f"pale: {len(scans) - 1} scans before, up to {seconds:.1f} s")
+        lines.append(f"pale: {counted(len(scans) - 1, 'scan')} before, up to {seconds:.1f} s")
     beyond = sum(int(np.count_nonzero(_away(scan, polar) > reach)) for scan in scans)
     if beyond:
         lines.append(f"not drawn: {counted(beyond, 'return')} farther than {reach:g} m")

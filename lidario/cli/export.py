@@ -17,10 +17,11 @@ import click
 import lidario
 from lidario.cli.errors import ExitCode
 from lidario.cli.laserscans import laserscan_options, laserscans_of
-from lidario.cli.output import counted, progress
+from lidario.cli.output import progress
 from lidario.cli.parameters import FiniteRange, WholeRange, as_file, complete_file
 from lidario.cli.settings import config_option, only_with, settings_of_file
 from lidario.cli.streams import message
+from lidario.words import counted
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
@@ -103,7 +104,7 @@ def _all(tasks: dict[str, str], export_to: Callable[[str, str], tuple[int, str]]
                 why = "a process was killed: is memory short?"
                 failures.append(lidario.CannotRecord(f"{target} is not written: {why}"))
                 continue
-            message(f"{target}: {scans} scans")
+            message(f"{target}: {counted(scans, 'scan')}")
             if damage:
                 message(f"note: {file}: {damage}; everything else is exported")
     return failures

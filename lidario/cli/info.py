@@ -15,6 +15,7 @@ from lidario.cli.output import console, dump, facts, in_both_units, progress, re
 from lidario.cli.parameters import json_option, source_argument
 from lidario.cli.running import run
 from lidario.cli.streams import emit, message
+from lidario.words import counted
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -158,15 +159,18 @@ def _facts_of_file(summary: lidario.RecordingSummary) -> Table:
     if summary.timed:
         began = datetime.fromtimestamp(summary.began_ns * 1e-9, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
         rows += [("recorded from", summary.source), ("began", began if summary.began_ns else "no scan")]
-    samples = f"{summary.samples} samples, {summary.returns} with a return"
+    samples = f"{counted(summary.samples, 'sample')}, {summary.returns} with a return"
+    interruptions = counted(summary.streams - 1, "interruption")
     rows += [
         ("lasts", f"{summary.duration_s:.1f} s" + ("" if summary.timed else ", by the usual rate of its format")),
         ("scan mode", ", ".join(summary.modes)),
         ("scans", f"{summary.scans}: {samples}"),
         ("packets", f"{summary.packets}, and {summary.lost_packets} damaged or lost"),
-        ("noise", f"{summary.skipped_bytes} bytes that belong to no packet"),
-        ("gaps", f"{summary.missed_scans} revolutions missing, {summary.streams - 1} interruptions"),
+        ("noise", f"{counted(summary.skipped_bytes, 'byte')} of no packet"),
+        ("gaps", f"{counted(summary.missed_scans, 'revolution')} missing, {interruptions}"),
     ]
     if summary.losses:
-        rows.append(("away", f"{summary.losses} times, {summary.away_s:.1f} s: the line to the lidar was lost"))
+        rows.append(
+            ("away", f"{counted(summary.losses, 'time')}, {summary.away_s:.1f} s: the line to the lidar was lost")
+        )
     return facts(rows)

@@ -115,11 +115,6 @@ def dump(value: object) -> None:
     emit(json.dumps(value, indent=2, allow_nan=False) + "\n")
 
 
-def counted(number: int, what: str) -> str:
-    """So many: ``1 scan``, ``2 scans``."""
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"
-
-
 def in_both_units(hertz: float) -> str:
     """A speed: ``10.00 Hz (600 rpm)``."""
     return f"{hertz:.2f} Hz ({60 * hertz:.0f} rpm)"

@@ -15,11 +15,11 @@ import lidario
 import lidario.ros
 from lidario.cli.errors import ExitCode, need
 from lidario.cli.laserscans import arguments_of, laserscan_options
-from lidario.cli.output import counted
 from lidario.cli.parameters import WholeRange, as_duration, as_place, guard_option, mode_option, sources_argument
 from lidario.cli.running import run_until_stopped
 from lidario.cli.settings import config_option, is_given, only_with, settings_of_file
 from lidario.cli.streams import ReaderGone, beside, emit, message
+from lidario.words import counted
 
 ROUTER: Final = "tcp/localhost:7447"
 BEAMS: Final = 720
@@ -186,7 +186,9 @@ def _check_choice(sources: tuple[str, ...], ros: bool, key: str | None, raw: boo
 
 def _check_several(count: int, ros: bool, mounts: int) -> None:
     _refuse_if(not ros, "several lidars become one with --ros; of --zenoh, publish each under its key")
-    _refuse_if(mounts not in (0, count), f"there are {count} lidars and {mounts} mounts: once --mount for each")
+    _refuse_if(
+        mounts not in (0, count), f"{counted(count, 'lidar')} and {counted(mounts, 'mount')}: once --mount for each"
+    )
     for name in ("frame", "order", "preset", "mount_yaw", "stamps"):
         said = f"--{name.replace('_', '-')}"
         _refuse_if(is_given(name), f"{said} is for one lidar; several are in the frame of the robot, --base-frame")

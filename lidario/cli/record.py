@@ -17,7 +17,7 @@ import click
 import lidario
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.laserscans import laserscan_options, laserscans_of
-from lidario.cli.output import counted, progress
+from lidario.cli.output import progress
 from lidario.cli.parameters import (
     WholeRange,
     as_duration,
@@ -34,6 +34,7 @@ from lidario.cli.parameters import (
 from lidario.cli.running import run
 from lidario.cli.settings import config_option, only_with, settings_of_file
 from lidario.cli.streams import emit, message
+from lidario.words import counted
 
 
 class _Told:
@@ -171,4 +172,4 @@ def _sum_up(told: _Told) -> None:
     if told.recording is not None and told.began is not None:
         message(_so_far(told))
         if told.recording.lost_bytes:
-            message(f"{told.recording.lost_bytes} bytes are missing, because the file could not be written")
+            message(f"without {counted(told.recording.lost_bytes, 'byte')}, because the file could not be written")

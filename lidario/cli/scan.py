@@ -19,11 +19,12 @@ import click
 
 import lidario
 from lidario.cli.errors import ExitCode, Stopped
-from lidario.cli.output import Worker, console, counted, introduced, progress, rendered
+from lidario.cli.output import Worker, console, introduced, progress, rendered
 from lidario.cli.parameters import WholeRange, guard_option, mode_option, reconnect_option, source_argument
 from lidario.cli.running import run
 from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import emit, message
+from lidario.words import counted
 
 
 @dataclass
@@ -125,7 +126,7 @@ def _sum_up(tally: _Tally) -> None:
     if sys.stderr.isatty():
         message("")  # the terminal has just echoed ^C
     message(
-        f"{counted(tally.count, 'scan')} in {took:.1f} s; {stats.lost_packets} packets lost, "
-        f"{stats.skipped_bytes} bytes skipped, {stats.dropped_scans} scans dropped"
+        f"{counted(tally.count, 'scan')} in {took:.1f} s; {counted(stats.lost_packets, 'packet')} lost, "
+        f"{counted(stats.skipped_bytes, 'byte')} skipped, {counted(stats.dropped_scans, 'scan')} dropped"
         + (f", {counted(stats.reconnects, 'reconnect')}" if stats.reconnects else "")
     )

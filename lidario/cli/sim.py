@@ -21,6 +21,7 @@ from lidario.cli.parameters import WholeRange
 from lidario.cli.running import run_until_stopped
 from lidario.cli.streams import emit, message
 from lidario.system import cause_of
+from lidario.words import counted
 
 if TYPE_CHECKING:
     from lidario.sim.faults import Faults
@@ -216,7 +217,7 @@ def sum_up(server: PtyServer | TcpServer | UdpServer, took: float, *, turned: bo
     for (name, remark), count in Counter((each.name, each.remark) for each in log if each.remark).items():
         message(f"  obeyed, but too early: {name} {count}, {remark}")
     if server.lost:
-        message(f"  {server.lost} bytes were lost: nobody read them, or too slowly")
+        message(f"  lost {counted(server.lost, 'byte')}: nobody read, or too slowly")
     # A model that only talks always scans; no client has left it scanning.
     if server.device.scanning and obeyed:
         message("  the client has left it scanning")

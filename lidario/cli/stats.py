@@ -24,6 +24,7 @@ from lidario.cli.running import run
 from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import emit, message
 from lidario.web.traffic import Traffic, traffic
+from lidario.words import counted
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -159,14 +160,15 @@ def verdict(measured: Measured) -> tuple[str, str]:
     is_damaged = line.missed_scans > 0 or line.damaged > TOLERABLE_DAMAGE
     if is_damaged and line.late_reads:
         return "slow", (
-            f"{percent(line.damaged)} of the packets lost while this computer was busy: {line.late_reads} times "
-            "it read when the buffer was full. Close other programs, or use a mode with fewer samples"
+            f"{percent(line.damaged)} of the packets lost while this computer was busy: "
+            f"{counted(line.late_reads, 'time')} it read when the buffer was full. "
+            "Close other programs, or use a mode with fewer samples"
         )
     if is_damaged and line.overruns and not line.framing_errors:
         lost = f"{percent(line.damaged)} of the packets lost, with {line.line_trouble}"
         return "slow", f"{lost}. Close other programs"
     if is_damaged:
-        missed = f" and {line.missed_scans} revolutions lost" if line.missed_scans else ""
+        missed = f" and {counted(line.missed_scans, 'revolution')} lost" if line.missed_scans else ""
         cure = "Check the cable, the plug, and the power supply (5 V, 1.5 A)"
         if line.line_trouble:
             cure = f"The driver counted {line.line_trouble}"
@@ -174,9 +176,9 @@ def verdict(measured: Measured) -> tuple[str, str]:
             cure = "Its simulated faults do that, or this computer is too busy; a real one has a cable to check"
         return "damaged", f"{percent(line.damaged)} of the packets damaged{missed}. {cure}"
     if line.discarded_bytes:
-        return "slow", f"this machine was too busy to read: {line.discarded_bytes} bytes were thrown away"
+        return "slow", f"this machine was too busy to read: it threw {counted(line.discarded_bytes, 'byte')} away"
     if line.dropped_scans:
-        return "slow", f"this program was too slow for {line.dropped_scans} scans"
+        return "slow", f"this program was too slow for {counted(line.dropped_scans, 'scan')}"
     if line.load is not None and line.load > FULL_LINE:
         return "full", f"the line carries {percent(line.load)} of what it can; a mode with fewer samples is safer"
     if not measured.periods:
@@ -206,7 +208,7 @@ def _table(measured: Measured) -> Table:
     return facts(
         [
             ("lidar", f"{introduced(measured.model, measured.serial)}, mode {measured.mode}"),
-            ("measured", f"{len(measured.samples)} scans in {measured.seconds:.1f} s"),
+            ("measured", f"{counted(len(measured.samples), 'scan')} in {measured.seconds:.1f} s"),
             ("rate", in_both_units(measured.hertz) if measured.periods else "not known"),
             ("jitter", f"{1000 * measured.jitter:.2f} ms a revolution" if measured.periods else "not known"),
             ("samples", f"{fmean(measured.samples):.0f} a scan, {percent(measured.no_return)} without a return"),
@@ -214,7 +216,11 @@ def _table(measured: Measured) -> Table:
                 "damage",
                 f"{line.lost_packets} of {line.packets + line.lost_packets} packets ({percent(line.damaged)})",
             ),
-            ("lost", f"{line.missed_scans} revolutions on the line, {line.dropped_scans} scans in this program"),
+            (
+                "lost",
+                f"{counted(line.missed_scans, 'revolution')} on the line, "
+                f"{counted(line.dropped_scans, 'scan')} in this program",
+            ),
             *trouble,
             ("link", f"{line.bytes_a_second / 1000:.1f} kB/s{load}"),
             ("CPU", f"{percent(measured.cpu)} of a core"),

@@ -19,11 +19,12 @@ import click
 
 import lidario
 from lidario.cli.errors import ExitCode, cannot_listen, need
-from lidario.cli.output import counted, emit_beside, progress
+from lidario.cli.output import emit_beside, progress
 from lidario.cli.parameters import WholeRange, as_folder, as_place, guard_option, mode_option, sources_argument
 from lidario.cli.running import run_until_stopped
 from lidario.cli.settings import FILE, config_file, config_option
 from lidario.cli.streams import message
+from lidario.words import counted
 
 if TYPE_CHECKING:
     from lidario.web.feed import Feed
@@ -81,7 +82,7 @@ def view(
     run_until_stopped(lambda: _serve(feeds, port, lan, written))
     for feed in feeds:
         lost = f", lost {counted(feed.losses, 'time')}" if feed.losses else ""
-        message(f"{feed.source}: {feed.scans} scans{lost}")
+        message(f"{feed.source}: {counted(feed.scans, 'scan')}{lost}")
     return ExitCode.OK
 
 

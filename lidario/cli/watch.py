@@ -20,12 +20,13 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from lidario.cli.errors import ExitCode, Stopped
-from lidario.cli.output import Worker, console, counted, facts, progress, rendered
+from lidario.cli.output import Worker, console, facts, progress, rendered
 from lidario.cli.parameters import guard_option, mode_option, source_argument
 from lidario.cli.running import nothing_logged, run
 from lidario.cli.settings import config_file, config_option
 from lidario.cli.stats import percent
 from lidario.cli.streams import can_be_drawn_on, emit, message
+from lidario.words import counted
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -75,7 +76,7 @@ def watch(source: str, mode: str | int | None, guard: bool) -> int:
     lost = f", lost {counted(feed.losses, 'time')}" if feed.losses else ""
     if taken:
         # Else the terminal takes no output, and this line would only keep the program from ending.
-        message(f"{feed.scans} scans of {feed.info.model if feed.info else source}{lost}")
+        message(f"{counted(feed.scans, 'scan')} of {feed.info.model if feed.info else source}{lost}")
     return ExitCode.OK
 
 

@@ -15,6 +15,7 @@ from lidario.points import Motion, Mount
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
 from lidario.session.streaming.stream import ScanStream, check_loop, until_there
+from lidario.words import counted
 
 
 class MergedStream(AsyncOnly, Held):
@@ -174,6 +175,6 @@ def merged(
         mounts = [each.config.mount or Mount() for each in lidars]
     if not isinstance(mounts, Sequence) or len(mounts) != len(lidars):
         raise InvalidValue(
-            f"there are {len(lidars)} lidars, and mounts are a list with one for each, not {shown(mounts)}"
+            f"mounts of {counted(len(lidars), 'lidar')} are a list with one for each, not {shown(mounts)}"
         )
     return MergedStream(lidars, MergedScans(mounts, motion, oldest_s), mode)

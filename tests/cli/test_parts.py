@@ -37,7 +37,7 @@ def test_info_tells_of_all_of_them(pattern: str) -> None:
     assert told["scans"] in (36, 37)
     assert (told["damage"], told["losses"], told["streams"]) == (None, 1, 2)
     assert 1.0 < told["away_s"] < 3.0
-    assert "1 times" in invoke("info", pattern).stdout
+    assert "1 time, " in invoke("info", pattern).stdout
 
 
 @pytest.mark.long

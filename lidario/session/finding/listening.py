@@ -30,6 +30,7 @@ from lidario.model import LineErrors
 from lidario.port.port import Port
 from lidario.source import Source, quoted
 from lidario.wire.formats import StreamFormat
+from lidario.words import counted
 
 BY_ID: Final = Path("/dev/serial/by-id")
 """Where adapters have names that last."""
@@ -161,20 +162,21 @@ class ReceivedInSilence:
         """In words: nothing, zeros, packets of some family, text, or garbage; a network has no wrong baud rate."""
         if not self.total:
             return "nothing came back"
+        received = counted(self.total, "byte")
         if self._kept.count(0) >= _MOSTLY * len(self._kept):
-            return f"{self.total} bytes came back, nearly all zero, as from a line that floats or a wrong baud rate"
+            return f"{received} came back, nearly all zero, as from a line that floats or a wrong baud rate"
         family = family_of_stream(self._kept)
         if family is not None:
-            return f"{self.total} bytes came back, {family.title} packets among them: it streams, but does not obey"
+            return f"{received} came back, {family.title} packets among them: it streams, but does not obey"
         family = _idle_family(self._kept)
         if family is not None:
-            return f"{self.total} bytes came back, {family.title} packets among them, which measure nothing"
+            return f"{received} came back, {family.title} packets among them, which measure nothing"
         if text := _text_in(self._kept):
-            return f"{self.total} bytes came back, text among them: {quoted(text)}"
-        if counted := errors.meaning():
-            return f"{self.total} bytes of garbage came back, with {counted}"
+            return f"{received} came back, text among them: {quoted(text)}"
+        if told := errors.meaning():
+            return f"{received} of garbage came back, with {told}"
         why = "at a wrong baud rate" if has_speed else "from no lidar"
-        return f"{self.total} bytes of garbage came back, as {why}"
+        return f"{received} of garbage came back, as {why}"
 
     def nothing_responds(
         self, source: Source, asked: Sequence[Family], speeds: Sequence[int], errors: LineErrors

@@ -30,6 +30,7 @@ from lidario.session.talking.dialogue import Dialogue
 from lidario.session.talking.trouble import mistake_of_ours
 from lidario.wire.events import Packets
 from lidario.wire.stats import LinkStats
+from lidario.words import counted
 
 _log = logging.getLogger("lidario")
 
@@ -243,15 +244,16 @@ class Running:
 
     def _why_no_revolution(self) -> str:
         """What to look for where packets come and no revolution does."""
-        counted = self._totals.assembled
-        lost = counted.lost_packets - self._lost_before
-        if counted.broken_scans == self._broken_before or not lost:
+        seen = self._totals.assembled
+        lost = seen.lost_packets - self._lost_before
+        if seen.broken_scans == self._broken_before or not lost:
             return "is the rotor blocked?"
+        lacks = f"it lacks {counted(lost, 'packet')}"
         if self._dialogue.stats.late_reads > self._late_before:
-            return f"{lost} packets of it are lost: this computer was too busy to read them"
+            return f"{lacks}: this computer was too busy to read"
         if errors := (self._dialogue.port.errors - self._errors_before).meaning():
-            return f"{lost} packets of it are damaged or missing, with {errors}"
-        return f"{lost} packets of it are damaged or missing. Check the cable, the plug and the power supply"
+            return f"{lacks}, damaged or missing, with {errors}"
+        return f"{lacks}, damaged or missing. Check the cable, the plug and the power supply"
 
     def _watch_in(self, seconds: float) -> None:
         self._watch_due = self._loop.time() + seconds
