@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 import lidario
-from lidario.cli.errors import ExitCode
+from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.laserscans import laserscan_options, laserscans_of
 from lidario.cli.output import progress
 from lidario.cli.parameters import FiniteRange, WholeRange, as_file, complete_file
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from lidario.recording.decode_file import FileDecoder
     from lidario.recording.files import Known
 
-
 T = TypeVar("T")
+_ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]  # Windows: not SIGHUP
 
 
 @click.command()
@@ -114,7 +114,8 @@ def _all(tasks: dict[str, str], export_to: Callable[[str, str], tuple[int, str]]
 def processes(count: int) -> Iterator[Executor]:
     """So many processes, which end when this one is killed.
 
-    Where the block raises, as by Ctrl-C, they end in the midst of what they do.
+    Where the block raises, as by Ctrl-C, they end in the midst of what they do. SIGTERM and SIGHUP raise `Stopped`
+    there: a process that ends without its pool leaves semaphores, and Python tells so.
     """
     # Only here: loading them takes long.
     from concurrent.futures import ProcessPoolExecutor
@@ -123,7 +124,7 @@ def processes(count: int) -> Iterator[Executor]:
     # Not forked: a process that has threads, or a terminal in use, must not be copied.
     context = get_context("spawn")
     theirs, ours = context.Pipe(duplex=False)
-    with theirs, ours, ProcessPoolExecutor(count, context, _end_with_parent, (theirs,)) as pool:
+    with _raised_signals(), theirs, ours, ProcessPoolExecutor(count, context, _end_with_parent, (theirs,)) as pool:
         try:
             yield pool
         except BaseException:
@@ -131,15 +132,33 @@ def processes(count: int) -> Iterator[Executor]:
             raise
 
 
+@contextmanager
+def _raised_signals() -> Iterator[None]:
+    def stop(number: int, _: object) -> None:
+        signal.signal(number, signal.SIG_DFL)
+        raise Stopped(number)
+
+    # One that is ignored, as under nohup, stays so.
+    taken = [number for number in _ENDING if signal.getsignal(number) is signal.SIG_DFL]
+    for number in taken:
+        signal.signal(number, stop)
+    try:
+        yield
+    finally:
+        for number in taken:
+            signal.signal(number, signal.SIG_DFL)
+
+
 def begun(pool: Executor, works: Iterable[Callable[[], T]]) -> list[Future[T]]:
     """Have the processes of a pool call each of these, none of which meets Ctrl-C.
 
-    A terminal sends it to them, too, and one that is just being started would end with a traceback.
+    A terminal sends it to them, too, and one that is just being started would end with a traceback; as where this
+    process is ended before it has told the other one what to do.
     """
     if not hasattr(signal, "pthread_sigmask"):
         return [pool.submit(work) for work in works]
     # What is blocked here stays blocked in processes that are started meanwhile.
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT, *_ENDING])
     try:
         return [pool.submit(work) for work in works]
     finally:
@@ -154,6 +173,8 @@ def _end_with_parent(lifeline: Connection) -> None:
         os._exit(1)
 
     threading.Thread(target=wait, daemon=True).start()
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
 
 
 def export_one(

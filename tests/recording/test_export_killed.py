@@ -122,6 +122,22 @@ def test_ctrl_c_which_a_terminal_sends_to_all_is_for_the_command_alone(tmp_path:
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_the_other_processes_and_leaves_nothing(waits: list[str], number: signal.Signals) -> None:
+    """Python told of semaphores that had leaked."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    process = subprocess.Popen(
+        [*waits, "on"], env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    with gone_behind(process):
+        line_of(process.stdout)
+        process.send_signal(number)
+        _, said = process.communicate(timeout=BOUND)
+        assert said.endswith(f"Stopped: stopped by signal {int(number)}\n")
+        assert "leaked" not in said
+
+
+@pytest.mark.long
 def test_when_it_is_killed_no_other_process_goes_on(waits: list[str]) -> None:
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     process = subprocess.Popen([*waits, "on"], env=environment, text=True, stdout=subprocess.PIPE)
