@@ -13,11 +13,11 @@ import base64
 import hashlib
 import logging
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from importlib.resources import files
-from typing import Final, Self, cast
+from typing import Final, Self, TypeVar, cast
 
 from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.datastructures import Headers
@@ -43,6 +43,8 @@ CLOSE_S: Final = 1.0
 _PLAY: Final = re.compile(r"p(\d{1,9}(?:\.\d{1,3})?) (0\.25|0\.5|[1-9]|10)", re.ASCII)
 """Play recordings on from so many seconds, so many times as fast."""
 
+T = TypeVar("T")
+_log = logging.getLogger("lidario")
 _noise = logging.getLogger("lidario.web.noise")
 """What ``websockets`` says of strangers is nothing that the user must read; `Door` tells it in one line."""
 _noise.addHandler(logging.NullHandler())
@@ -125,7 +127,8 @@ class LiveServer:
         self._masks = Masks(self._feeds, config)
         self._viewers: set[_Viewer] = set()
         self._door = Door()
-        self._packed: dict[int, tuple[Scan, bytes]] = {}
+        self._packed: dict[int, tuple[Scan, bytes | None]] = {}
+        self._told: set[str] = set()
         self._server: Server | None = None
         self._ticking: asyncio.Task[None] | None = None
         self._page = _page()
@@ -231,6 +234,8 @@ class LiveServer:
                     break
         except ConnectionClosed:
             pass
+        except Exception:
+            _log.exception("a viewer was disconnected; please report this")
         finally:
             self._viewers.discard(viewer)
             sending.cancel()
@@ -243,22 +248,40 @@ class LiveServer:
                 await viewer.wake.wait()
                 viewer.wake.clear()
                 if viewer.states:
-                    viewer.states, echo = False, viewer.echo
-                    viewer.echo = None
-                    await viewer.connection.send(pack_state(self._feeds, echo, self._masks.state()))
+                    viewer.states = False
+                    states = self._made("state", partial(self._states_for, viewer))
+                    if states is not None:
+                        await viewer.connection.send(states)
                 while viewer.waiting and viewer.unconfirmed < AHEAD:
                     # In turn: the first one goes, and stands last when it is there again.
                     number = next(iter(viewer.waiting))
                     scan = viewer.waiting.pop(number)
-                    viewer.unconfirmed += 1
-                    self.sent += 1
-                    await viewer.connection.send(self._bytes_of(number, scan))
+                    packed = self._bytes_of(number, scan)
+                    if packed is not None:
+                        viewer.unconfirmed += 1
+                        self.sent += 1
+                        await viewer.connection.send(packed)
 
-    def _bytes_of(self, number: int, scan: Scan) -> bytes:
+    def _states_for(self, viewer: _Viewer) -> str:
+        echo, viewer.echo = viewer.echo, None
+        return pack_state(self._feeds, echo, self._masks.state())
+
+    def _bytes_of(self, number: int, scan: Scan) -> bytes | None:
         packed = self._packed.get(number)
         if packed is None or packed[0] is not scan:
-            packed = self._packed[number] = scan, pack_scan(number, scan)
+            made = self._made(f"scan of {self._feeds[number].source}", lambda: pack_scan(number, scan))
+            packed = self._packed[number] = scan, made
         return packed[1]
+
+    def _made(self, what: str, make: Callable[[], T]) -> T | None:
+        """What is to be sent; None where a mistake of ours raises, which must end no viewer. It is told once."""
+        try:
+            return make()
+        except Exception:
+            if what not in self._told:
+                self._told.add(what)
+                _log.exception("a %s could not be shown; please report this", what)
+            return None
 
 
 def _may_send(connection: Connection) -> bool:

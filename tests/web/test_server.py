@@ -116,6 +116,45 @@ async def test_a_viewer_that_stops_reading_costs_the_others_nothing() -> None:
     assert server.viewers == 0
 
 
+async def test_a_mistake_about_one_lidar_ends_no_viewer_and_is_told(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def pack(number: int, each: Scan) -> bytes:
+        return pack_scan(number if each.seq != 7 else -1, each)
+
+    monkeypatch.setattr(module, "pack_scan", pack)
+    monkeypatch.setattr(module, "pack_state", lambda *_: 1 / 0)
+    async with serving(2) as (server, feeds), viewer(server) as one, viewer(server) as another:
+        await until_viewers(server, 2)
+        for _ in range(3):
+            publish(server, feeds[0], 7)
+            publish(server, feeds[1], 8)
+            for connection in (one, another):
+                assert await scan_of(connection) == (1, 8)
+                await connection.send("a")
+        publish(server, feeds[0], 9)
+        for connection in (one, another):
+            assert await scan_of(connection) == (0, 9)
+    told = sorted(record.getMessage() for record in caplog.records)
+    assert told == [f"a {what} could not be shown; please report this" for what in ("scan of lidar 0", "state")]
+    assert all(record.exc_info for record in caplog.records)
+
+
+async def test_a_mistake_about_what_a_viewer_says_ends_that_viewer_and_is_told(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    async with serving() as (server, feeds), viewer(server) as one, viewer(server) as another:
+        await until_viewers(server, 2)
+        monkeypatch.setattr(feeds[0], "play_from", lambda *_: 1 / 0)
+        await another.send("p1 1")
+        await until_viewers(server, 1)
+        publish(server, feeds[0], 5)
+        assert await scan_of(one) == (0, 5)
+    (record,) = caplog.records
+    assert record.getMessage() == "a viewer was disconnected; please report this"
+    assert record.exc_info
+
+
 async def test_a_scan_is_packed_once_for_all(monkeypatch: pytest.MonkeyPatch) -> None:
     packed: list[int] = []
 
