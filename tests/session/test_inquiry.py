@@ -174,7 +174,7 @@ async def test_a_well_device_that_falls_silent_is_restarted(rig: Rig, caplog: py
 async def test_a_dead_device_is_told_of_within_a_second(rig: Rig) -> None:
     async with rig.open() as lidar:
         text, after = await error_of(lidar, lambda: setattr(rig.device, "mute", True))
-        assert "responds to no request: is it powered, and is the cable in?" in text
+        assert "and it says nothing at all: is it powered, and is the cable in?" in text
         assert after < 1.0
         # The session goes on.
         rig.device.mute = False

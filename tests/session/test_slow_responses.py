@@ -125,6 +125,23 @@ async def test_a_response_that_never_comes_is_waited_for_2_s_but_by_the_stop_req
     await asyncio.gather(asking, return_exceptions=True)
 
 
+@pytest.mark.parametrize("question", ["get_zero_offset", "get_scan_frequency"])
+async def test_settings_of_a_4ros_are_waited_for_as_long_as_the_vendor_does(ydlidar: Rig, question: str) -> None:
+    async with ydlidar.open() as lidar:
+        told, asked = list[float](), list[list[str]]()
+        for ydlidar.device.response_delay_s in (0.0, 1.9):
+            before = len(names(ydlidar))
+            told.append(await getattr(lidar, question)())
+            asked.append([each for each in names(ydlidar)[before:] if "stop" not in each])
+        # The first attempt is enough: nothing was asked once more.
+        assert told[0] == told[1]
+        assert asked[0] == asked[1]
+        ydlidar.device.mute, began = True, now()
+        with pytest.raises(ResponseTimeout):
+            await getattr(lidar, question)()
+        assert now() - began == pytest.approx(2 * 2.0, abs=0.2)
+
+
 async def test_a_response_that_has_come_too_late_is_owed_no_longer(rig: Rig) -> None:
     async with rig.open() as lidar:
         await lidar.scan()

@@ -209,9 +209,7 @@ class Failures:
         if health is None:
             if failure.sends:
                 raise StreamFailed(f"{failure.what}: {failure.cause}")
-            raise StreamFailed(
-                f"{failure.what}, and it responds to no request: is it powered, and is the cable in?"
-            )
+            raise StreamFailed(f"{failure.what}, and it says nothing at all: is it powered, and is the cable in?")
         if not health.ok:
             now = self._loop.time()
             if self._reset_at is not None and now - self._reset_at < PERIOD_S:
