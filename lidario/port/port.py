@@ -224,15 +224,18 @@ class Port(Guarded, WallClock, asyncio.Protocol):
         self.close_soon()
         await self.wait_closed()
 
-    def abandon(self, stop_requests: bytes, listens_at: float = 0.0, dtr: bool | None = None) -> None:
+    def abandon(
+        self, stop_requests: bytes, listens_at: float = 0.0, dtr: bool | None = None, again_s: float = 0.0
+    ) -> None:
         """Finalizer of a session that was never closed: write `stop_requests` and close, even without a loop.
 
-        Blocks for 60 ms at most. Does nothing on a closed port and in a forked child. Never raises.
+        Blocks for 80 ms at most. Does nothing on a closed port and in a forked child. Never raises.
 
         Args:
             stop_requests: What stops laser and motor.
             listens_at: When the device listens again, in seconds of the event loop's clock.
             dtr: State in which DTR is put when they have been heard; None to leave it as it is.
+            again_s: Seconds for which the device is deaf behind them; then they are written once more. 0 for once.
         """
         line = self._open_line()
         if line is None:
@@ -243,6 +246,11 @@ class Port(Guarded, WallClock, asyncio.Protocol):
         if wait > 0:
             time.sleep(wait)
         line.write_without_loop(stop_requests)
+        if again_s:
+            written = self.now()
+            time.sleep(SENT_S + again_s)
+            if self.now() - written >= again_s * 1e9:  # a clock that is driven may stand still
+                line.write_without_loop(stop_requests)
         if dtr is not None:
             time.sleep(SENT_S)
             line.set_dtr(dtr)

@@ -4,7 +4,8 @@ import asyncio
 import gc
 import time
 import weakref
-from contextlib import suppress
+from contextlib import closing, suppress
+from itertools import count
 from unittest.mock import patch
 
 import pytest
@@ -15,7 +16,7 @@ from lidario.port.simulated import connect_in_memory
 from lidario.session.talking.dialogue import Dialogue
 from lidario.session.talking.handshake import introduce
 from tests.support.devices import Rig, both_families, left_still, make_rig, names
-from tests.support.loop import driven_loop
+from tests.support.loop import DrivenLoop, driven_loop
 
 
 @both_families
@@ -129,3 +130,26 @@ async def test_a_finalizer_waits_for_the_whole_pause_behind_a_stop_that_came_lat
         dialogue.abandon()
     assert names(rig)[-1] == names(rig)[-3] == "stop"
     await asyncio.sleep(0)
+
+
+@pytest.mark.parametrize("lost", range(2))
+def test_one_of_the_stop_requests_may_be_lost(rig: Rig, lost: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a session that is garbage nobody listens to the line any more."""
+    loop, heard, written = DrivenLoop(), rig.device.receive, count()
+    monkeypatch.setattr("lidario.port.port.time.sleep", loop.block)
+
+    def receive(data: bytes, at_ns: int) -> None:
+        if next(written) != lost:
+            heard(data, at_ns)
+
+    async def main() -> None:
+        lidar = await rig.open()
+        stream = lidar.scans()
+        await anext(stream)
+        rig.device.receive = receive
+
+    with closing(loop):
+        loop.run_until_complete(main())
+    gc.collect()
+    assert next(written) >= 2
+    assert left_still(rig)
