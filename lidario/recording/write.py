@@ -244,15 +244,18 @@ def _opened(path: Path, overwrite: bool) -> io.FileIO:
     """A file to be written, new or replaced; what is no regular file is neither waited for nor written to."""
     if overwrite and not_a_file(path):
         raise FileExistsError
+    if overwrite and is_written(path):
+        raise CannotRecord(f"{path} is written by another recorder, so it cannot be replaced: name another file")
     file = io.FileIO(path, "w" if overwrite else "x")
     _lock(file, alone=True)
     return file
 
 
 def is_written(path: Path) -> bool:
-    """Whether a `FileWriter` of any program has this file open. Raises OSError where it cannot be read."""
-    with open(path, "rb") as file:
+    """Whether a `FileWriter` of any program has this file open, as far as that can be told."""
+    with contextlib.suppress(OSError), open(path, "rb") as file:
         return not _lock(file, alone=False)
+    return False
 
 
 def _lock(file: IO[bytes], *, alone: bool) -> bool:

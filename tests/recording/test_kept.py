@@ -33,6 +33,22 @@ def test_the_files_of_another_recorder_do_not_go(tmp_path: Path) -> None:
     assert len(list(tmp_path.iterdir())) == 2
 
 
+def test_a_file_that_is_written_is_not_replaced(tmp_path: Path) -> None:
+    """What had been recorded by then was gone, and the other recording ended."""
+
+    async def main() -> None:
+        async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
+            async with lidar.record(tmp_path / "run.mcap") as other:
+                with pytest.raises(CannotRecord, match=r"run\.mcap is written by another recorder"):
+                    await lidar.record(tmp_path / "run.mcap", overwrite=True).start()
+                await lidar.scan()
+            assert other.error is None
+            async with lidar.record(tmp_path / "run.mcap", overwrite=True):
+                await lidar.scan()
+
+    run_driven(main)
+
+
 LEFT = (
     FORKS
     + """
