@@ -25,7 +25,7 @@ import numpy as np
 from lidario.laserscans import LaserScans
 from lidario.recording.decode_file import FileDecoder
 from lidario.recording.read import Copy
-from lidario.recording.write import FileWriter, cannot_write, file_time
+from lidario.recording.write import FileWriter, cannot_write, file_time, must_not_be_written
 from lidario.scan import Scan
 from lidario.whole_file import whole_file
 
@@ -43,6 +43,7 @@ def write_whole(path: Path, *, overwrite: bool) -> Iterator[Path]:
     try:
         if path.exists() and not overwrite:
             raise FileExistsError
+        must_not_be_written(path)
         with whole_file(path) as part:
             yield part
     except OSError as error:

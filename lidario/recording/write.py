@@ -242,17 +242,25 @@ class FileWriter:
 
 def _opened(path: Path, overwrite: bool) -> io.FileIO:
     """A file to be written, new or replaced; what is no regular file is neither waited for nor written to."""
-    if overwrite and not_a_file(path):
-        raise FileExistsError
-    if overwrite and is_written(path):
-        raise CannotRecord(f"{path} is written by another recorder, so it cannot be replaced: name another file")
+    if overwrite:
+        if not_a_file(path):
+            raise FileExistsError
+        must_not_be_written(path)
     file = io.FileIO(path, "w" if overwrite else "x")
     _lock(file, alone=True)
     return file
 
 
+def must_not_be_written(path: Path) -> None:
+    """Raise CannotRecord where a file is to be replaced that is being recorded."""
+    if is_written(path):
+        raise CannotRecord(f"{path} is written by another recorder, so it cannot be replaced: name another file")
+
+
 def is_written(path: Path) -> bool:
     """Whether a `FileWriter` of any program has this file open, as far as that can be told."""
+    if not_a_file(path):
+        return False
     with contextlib.suppress(OSError), open(path, "rb") as file:
         return not _lock(file, alone=False)
     return False

@@ -12,6 +12,7 @@ import pytest
 
 import lidario
 from lidario.errors import CannotRecord
+from lidario.recording.export import must_be_writable
 from tests.support.children import BOUND, FORKS, child
 from tests.support.loop import run_driven
 from tests.support.recorded import record
@@ -41,6 +42,8 @@ def test_a_file_that_is_written_is_not_replaced(tmp_path: Path) -> None:
             async with lidar.record(tmp_path / "run.mcap") as other:
                 with pytest.raises(CannotRecord, match=r"run\.mcap is written by another recorder"):
                     await lidar.record(tmp_path / "run.mcap", overwrite=True).start()
+                with pytest.raises(CannotRecord, match="by another recorder"):
+                    must_be_writable(tmp_path / "run.mcap", overwrite=True)
                 await lidar.scan()
             assert other.error is None
             async with lidar.record(tmp_path / "run.mcap", overwrite=True):
