@@ -8,7 +8,6 @@ from those of `Lidar`, with their names, arguments and docstrings.
 
 from __future__ import annotations
 
-import atexit
 import os
 import re
 import weakref
@@ -86,7 +85,7 @@ class SyncLidar(Closing):
         self._garbage = weakref.finalize(self, thread.end_soon)
         self._garbage.atexit = False
         # After the session's own finalizer, so before it at exit: then everything ends in order.
-        atexit.register(thread.end)
+        thread.end_at_exit()
 
     def __repr__(self) -> str:
         return f"<SyncLidar of {self._lidar!r}>"

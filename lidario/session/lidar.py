@@ -20,6 +20,7 @@ from lidario.entered import AsyncOnly, Held
 from lidario.errors import LocalProtocolError, SessionClosed
 from lidario.laserscans import LaserScans
 from lidario.model import Health, ScanMode, Stats
+from lidario.port.at_exit import finalize
 from lidario.port.line import Tap
 from lidario.recording.parts import Split
 from lidario.recording.record import Recording
@@ -76,7 +77,7 @@ class Lidar(Streams, AsyncOnly, Held):
         at.dialogue.port.follow(self._scanner)
         self._recorded = RecordedSession(at, self._scanner, source, config.filters)
         self._loop = asyncio.get_running_loop()
-        self._abandoned = weakref.finalize(self, _abandon, at, self._scanner, reconnector)
+        self._abandoned = finalize(self, _abandon, at, self._scanner, reconnector)
         connection.release()
         # Not on a bench, which drives the device below the session. It may turn from power-up on, or since its port
         # was opened: the first reader need not wait for that.

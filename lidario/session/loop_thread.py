@@ -11,7 +11,6 @@ Ctrl-C may come at any line of the waiting thread. So the two threads share no l
 from __future__ import annotations
 
 import asyncio
-import atexit
 import os
 import threading
 from collections.abc import Callable, Coroutine
@@ -22,6 +21,7 @@ import anyio
 
 from lidario.errors import ConnectFailed, LocalProtocolError, SessionClosed
 from lidario.latch import Latch, start_apart
+from lidario.port.at_exit import call_at_exit
 from lidario.session.lidar import Lidar
 from lidario.session.opening import OpenLidar
 from lidario.system import NO_THREADS, cause_of
@@ -46,6 +46,7 @@ class LoopThread:
         self._calls: set[_Call[Any]] = set()
         self._thread = threading.Thread(target=self._main, name="lidario", daemon=True)
         self._unstarted = [self._thread]
+        self._forget: Callable[[], None] = lambda: None
 
     def open(self, opening: OpenLidar) -> Lidar:
         """Start the thread and open the session in it."""
@@ -86,7 +87,7 @@ class LoopThread:
                 self._error = ConnectFailed(f"the system allows no event loop: {cause_of(error)}", reason="missing")
                 self._error.__cause__ = error
         finally:
-            atexit.unregister(self.end)
+            self._forget()
             self._running.set()
             self._ended.set()
             # Those that the loop had no time to begin.
@@ -155,6 +156,10 @@ class LoopThread:
             self._thread.join()
         if self._error is not None:
             raise self._error
+
+    def end_at_exit(self) -> None:
+        """Have it end when the program does."""
+        self._forget = call_at_exit(self.end)
 
     def end_soon(self) -> None:
         """Have it end, without waiting: the garbage collector may run in any thread, also in this one."""

@@ -6,13 +6,13 @@ looked at in `lidario.session.finding.connect`.
 
 from __future__ import annotations
 
-import weakref
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from lidario.families.base import Family
 from lidario.model import DeviceInfo
+from lidario.port.at_exit import finalize
 from lidario.port.background import run_in_thread
 from lidario.session.talking.dialogue import Dialogue
 from lidario.session.talking.trouble import Trouble
@@ -38,7 +38,7 @@ class Connection:
 
     def __init__(self, dialogue: Dialogue, before: Callable[[], None] = lambda: None) -> None:
         self.dialogue: Dialogue = dialogue  # the conversation with it
-        self._finalizer = weakref.finalize(self, _abandon, before, dialogue)
+        self._finalizer = finalize(self, _abandon, before, dialogue)
 
     def release(self) -> None:
         """Somebody else takes care of the device from now on, or nobody has responded."""
