@@ -25,7 +25,7 @@ class Paper:
         self.port: Any = self
         self.stats: Any = self
         self.is_open = True
-        self.bytes_received = 0
+        self.bytes_received = self.stray_bytes = self.drained_bytes = 0
         self.owes_until = 0.0
         self.has_responded = False
         self.written: list[Request] = []

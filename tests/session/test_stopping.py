@@ -3,11 +3,12 @@
 import asyncio
 import gc
 from collections.abc import Awaitable
+from contextlib import suppress
 from itertools import count
 
 import pytest
 
-from lidario import InvalidValue, LocalProtocolError, Unsupported
+from lidario import InvalidValue, LidarError, LocalProtocolError, Unsupported
 from tests.support.devices import FAMILIES, SWITCHED, Rig, both_families, left_still, make_rig, names, some, take
 
 MOMENTS_S = [n * 1e-3 for n in range(0, 60, 4)]
@@ -150,6 +151,45 @@ async def test_a_stream_that_begins_while_a_stop_waits_for_a_question_is_not_sto
         assert stopped.done()
         assert isinstance(first.exception(), StopAsyncIteration)
         assert [scan.seq for scan in scans] == list(range(scans[0].seq, scans[0].seq + 20))
+
+
+async def test_one_that_streams_although_it_was_seen_still_is_stopped_again(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The line was dead when it was told to stop. It may be noise, too: so it is told once, and by `close`."""
+    async with rig.open() as lidar:
+        for _ in range(2):
+            await lidar.scan()
+            with monkeypatch.context() as dead:
+                dead.setattr(rig.device, "receive", lambda data, now: None)
+                dead.setattr(rig.device, "transmit", lambda now: b"")
+                await lidar.stop()
+            assert rig.device.scanning
+            await asyncio.sleep(1.0)
+            assert left_still(rig), names(rig)[-6:]
+
+
+async def test_noise_from_one_that_is_still_is_not_told_to_stop_for_ever(rig: Rig) -> None:
+    """It comes from time to time, and the line is quiet in between."""
+    due_ns = 0
+
+    def noise(now_ns: int) -> bytes:
+        nonlocal due_ns
+        came = bytes(100) if now_ns >= due_ns else b""
+        due_ns = now_ns + 500_000_000 if came else due_ns
+        return came
+
+    async with rig.open() as lidar:
+        await lidar.scan()
+        await lidar.stop()
+        rig.device.transmit, rig.device.wakeup = noise, lambda now_ns: max(due_ns, now_ns)
+        with suppress(LidarError):
+            await lidar.get_info()
+        heard = names(rig).count("stop")
+        await asyncio.sleep(10.0)
+        assert lidar.stats.stray_bytes > 2000
+        assert names(rig).count("stop") == heard + 2
+    assert names(rig).count("stop") == heard + 4
 
 
 async def test_a_cancelled_reader_does_not_end_its_stream(rig: Rig) -> None:

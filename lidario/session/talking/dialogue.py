@@ -101,6 +101,8 @@ class Dialogue(Intake, Waiting):
                 self.wake(Awaited.CHANGE)
             if self.stopper.wanted:
                 self.stopper.try_now()
+            elif self.stopper.still and self.link.state is LinkState.IDLE and self.reset_at is None:
+                self.stopper.heard_unasked()
 
     def mistaken(self, error: Exception, when: str = "at what the device sent") -> None:
         """As `Intake.mistaken`. It ends the dialogue: it must not leave readers waiting."""

@@ -12,6 +12,9 @@ sent, and a damaged line may lose it. So the line is listened to afterwards:
 * It is quiet, and nothing was owed: the device is still, if all of them were heard. Without laser a motor is
   silent, and without motor a laser. So requests that nothing acknowledges are written once more.
 
+A line that was dead in both directions meanwhile is quiet, too, and a device may restart. So one that streams
+although it was seen still is stopped again; once, until it is set in motion, since it may be noise.
+
 A response that is outstanding is waited for no longer than `PATIENCE_S` before they are written the first time: the
 request may have been lost, and then the device hears them. A device that only talks has stop requests without
 bytes: for it there is nothing to write and nothing to wait for.
@@ -43,6 +46,8 @@ PATIENCE_S = 0.1
 milliseconds; one that does not may be unable to, and its motor must not go on turning for that."""
 ATTEMPTS = 3
 """How often the stop requests are written when bytes go on coming after them."""
+UNASKED = 64
+"""Most bytes that come unasked from a device that is still, such as a late response. More are a stream."""
 
 
 class Stopper:
@@ -67,6 +72,9 @@ class Stopper:
         self._step: Callable[[], None] = self.try_now
         self._patient_until = 0.0
         self._attempts = 0
+        # Bytes that came unasked before the last request, and whether the device was stopped for those behind it.
+        self._unasked = 0
+        self._stopped_again = False
         self._doubtful = False
         self._patient = True
         self._hanging_up = False
@@ -116,8 +124,9 @@ class Stopper:
         Queries do not. Nor does a reset; but not every motor is switched off by one, and it may not be heard. A
         device that cannot be restarted from here never boots.
         """
+        self._unasked = self._came_unasked()
         if request.stream is not None or (request.expects is None and not request.ends_stream):
-            self.still, self._moved = False, True
+            self.still, self._moved, self._stopped_again = False, True, False
         return bool(self._reset) and request.data == self._reset
 
     def stop(self) -> None:
@@ -128,6 +137,17 @@ class Stopper:
         self.wanted, self._attempts = True, 0
         self._patient_until = self._loop.time() + PATIENCE_S
         self.try_now()
+
+    def heard_unasked(self) -> None:
+        """Something came from a device that was seen still: where it is a stream, stop it if it hears requests."""
+        if self._came_unasked() - self._unasked > UNASKED and any(request.data for request in self.requests()):
+            self.still = False
+            if not self._stopped_again:
+                self._stopped_again = True
+                self.stop()
+
+    def _came_unasked(self) -> int:
+        return self._dialogue.stats.stray_bytes + self._dialogue.stats.drained_bytes
 
     def try_now(self) -> None:
         """While they are wanted: write the stop requests if the device listens; else come back when it does.
