@@ -199,6 +199,11 @@ class Scanner:
                 self._at.dialogue.begin()
                 if not self.control.is_scanning:
                     await self.control.silence()
+                    stopper = self._at.dialogue.stopper
+                    if not stopper.still:
+                        # What has silenced it may have been for the laser alone.
+                        self._at.dialogue.stop_device()
+                        await stopper.surely_settled()
             except DeviceLost:
                 if not self.control.is_away:
                     raise

@@ -101,7 +101,7 @@ class Dialogue(Intake, Waiting):
                 self.wake(Awaited.CHANGE)
             if self.stopper.wanted:
                 self.stopper.try_now()
-            elif self.stopper.still and self.link.state is LinkState.IDLE and self.reset_at is None:
+            elif self.link.state is not LinkState.STREAMING and self.reset_at is None:
                 self.stopper.heard_unasked()
 
     def mistaken(self, error: Exception, when: str = "at what the device sent") -> None:

@@ -13,7 +13,8 @@ sent, and a damaged line may lose it. So the line is listened to afterwards:
   silent, and without motor a laser. So requests that nothing acknowledges are written once more.
 
 A line that was dead in both directions meanwhile is quiet, too, and a device may restart. So one that streams
-although it was seen still is stopped again; once, until it is set in motion, since it may be noise.
+although it was seen still is stopped again, and one that went on streaming, `AGAIN_S` later; once, until it is set
+in motion, since it may be noise.
 
 A response that is outstanding is waited for no longer than `PATIENCE_S` before they are written the first time: the
 request may have been lost, and then the device hears them. A device that only talks has stop requests without
@@ -46,8 +47,11 @@ PATIENCE_S = 0.1
 milliseconds; one that does not may be unable to, and its motor must not go on turning for that."""
 ATTEMPTS = 3
 """How often the stop requests are written when bytes go on coming after them."""
+AGAIN_S = 2.0
+"""So long behind what was written last, one that went on is stopped again: the line to it may have been dead.
+`Lidar.stop` listens for less behind each STOP."""
 UNASKED = 64
-"""Most bytes that come unasked from a device that is still, such as a late response. More are a stream."""
+"""Most bytes that come unasked from a device at rest, such as a late response. More are a stream."""
 
 
 class Stopper:
@@ -72,8 +76,10 @@ class Stopper:
         self._step: Callable[[], None] = self.try_now
         self._patient_until = 0.0
         self._attempts = 0
-        # Bytes that came unasked before the last request, and whether the device was stopped for those behind it.
+        # Bytes that came unasked before the last request; from when on the device is stopped for those that come
+        # behind it, and whether it was.
         self._unasked = 0
+        self._again_at = math.inf
         self._stopped_again = False
         self._doubtful = False
         self._patient = True
@@ -125,8 +131,10 @@ class Stopper:
         device that cannot be restarted from here never boots.
         """
         self._unasked = self._came_unasked()
+        self._again_at = max(self._again_at, self._loop.time() + AGAIN_S)
         if request.stream is not None or (request.expects is None and not request.ends_stream):
-            self.still, self._moved, self._stopped_again = False, True, False
+            self.still, self._moved = False, True
+            self._again_at, self._stopped_again = math.inf, False
         return bool(self._reset) and request.data == self._reset
 
     def stop(self) -> None:
@@ -139,10 +147,10 @@ class Stopper:
         self.try_now()
 
     def heard_unasked(self) -> None:
-        """Something came from a device that was seen still: where it is a stream, stop it if it hears requests."""
+        """Something came from a device at rest: where it is a stream, stop it if it hears requests."""
         if self._came_unasked() - self._unasked > UNASKED and any(request.data for request in self.requests()):
             self.still = False
-            if not self._stopped_again:
+            if not self._stopped_again and self._loop.time() >= self._again_at:
                 self._stopped_again = True
                 self.stop()
 
@@ -260,6 +268,7 @@ class Stopper:
     def _settle(self, *, still: bool) -> None:
         self.cancel()
         self.wanted, self.still = False, still
+        self._again_at = self._loop.time() + (0.0 if still else AGAIN_S)
         if self._hanging_up:
             self._write_all(self.last_requests())
             self._port.close_soon()
