@@ -34,6 +34,9 @@ LONGEST_S = 2.5
 DRAIN_S = 0.1
 """Longest time that the last bytes may need to leave. Of an adapter that is stuck they are discarded then, since
 closing it would wait for up to 30 s."""
+DELIVERY_S = 1.0
+"""The same of a connection, whose network may stand for a while. Closed before that, it forgets them when the
+device sends something."""
 POLL_S = 0.005
 
 Requests = list[tuple[bytes, bool | None]]
@@ -175,7 +178,7 @@ def clear_low_latency(handle: int) -> None:
 
 def drain(handle: int) -> None:
     """Wait until what was written has left, for a bounded time."""
-    deadline = time.monotonic() + DRAIN_S
+    deadline = time.monotonic() + (DRAIN_S if os.isatty(handle) else DELIVERY_S)
     try:
         while any(fcntl.ioctl(handle, termios.TIOCOUTQ, bytes(4))):
             if time.monotonic() > deadline:

@@ -18,6 +18,7 @@ import contextlib
 import errno
 import os
 import socket
+import sys
 from collections.abc import Sequence
 
 from lidario.errors import ConnectFailed, DeviceLost
@@ -153,6 +154,19 @@ async def connect_socket(
     return made
 
 
+def is_under_way(sender: socket.socket) -> bool:
+    """Whether the other end has not acknowledged all that was written; False where the system does not tell."""
+    if not sys.platform.startswith("linux"):
+        return False
+    import fcntl  # not on Windows
+    import termios
+
+    try:
+        return any(fcntl.ioctl(sender, termios.TIOCOUTQ, bytes(4)))
+    except OSError:
+        return False  # the connection is dead
+
+
 def _why(error: Exception, unreachable: str) -> str:
     """What the system said, and what can be done about it."""
     if not isinstance(error, OSError):
@@ -227,17 +241,19 @@ class _TcpLine(SocketLine):
     def _send(self) -> None:
         if self._ended or self._port.is_forked:
             return
-        self._unsent = self._write_some(self._unsent)
         if self._unsent:
+            self._unsent = self._write_some(self._unsent)
+        if self._unsent or (self.is_closing and is_under_way(self._socket)):
             self._loop.call_later(_AGAIN_S, self._send)
         elif self.is_closing:
             self.abort()
 
     def close(self) -> None:
-        if self._unsent:
-            self.stop()
-        else:
-            super().close()
+        # Where the device still sends, the system answers it by a reset once the socket is closed, and forgets what
+        # the other end has not acknowledged. So it is closed behind that.
+        self.stop()
+        if not self._unsent:
+            self._send()
 
     def close_without_loop(self) -> None:
         # Also where another process has the socket, too: the other end is told.

@@ -34,6 +34,7 @@ class Clock:
         self.now = 100.0
         self.written: list[tuple[float, object]] = []
         self.waiting = 0
+        patch.setattr("os.isatty", lambda _: True)
         patch.setattr("time.monotonic", lambda: self.now)
         patch.setattr("time.sleep", self.sleep)
         patch.setattr("os.write", lambda _, data: self.note(data))
@@ -106,6 +107,13 @@ def test_a_motor_that_stops_when_dtr_is_cleared(clock: Clock) -> None:
 def test_nothing_for_a_device_that_only_talks(clock: Clock) -> None:
     assert clock.left_still((b"", None)) == []
     assert clock.now == 100.0
+
+
+def test_a_connection_that_stands_is_waited_for_longer(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("os.isatty", lambda _: False)
+    clock.waiting = 10
+    clock.left_still((b"stop", None))
+    assert 1.0 < clock.now - 100.0 < 1.3
 
 
 def test_an_adapter_that_is_stuck_is_waited_for_shortly(clock: Clock) -> None:

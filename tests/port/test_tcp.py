@@ -103,6 +103,22 @@ async def test_what_the_peer_does_not_take_is_written_later_and_before_the_end()
 
 
 @on_both_loops
+async def test_it_is_not_closed_before_all_has_arrived_or_what_the_device_sends_would_keep_the_rest_back() -> None:
+    """The system answers it by a reset, and forgets what it had taken: behind an outage of the network, a STOP."""
+    async with connected() as (port, _, peer):
+        port.write(bytes(1_000_000))
+        port.write(b"the last")
+        closing = asyncio.ensure_future(port.close())
+        await asyncio.sleep(0.05)
+        peer.sendall(b"scan")
+        loop, got = asyncio.get_running_loop(), bytearray()
+        while len(got) < 1_000_008:
+            got += await loop.run_in_executor(None, peer.recv, 1 << 20)
+        assert got.endswith(b"the last")
+        await closing
+
+
+@on_both_loops
 async def test_a_peer_that_ends_is_noticed() -> None:
     async with connected() as (port, sink, peer):
         peer.close()
