@@ -40,15 +40,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from lidario.families.pace import OFF, REMEMBERED, SEVERAL, PacedTurning
-from lidario.families.spans import (
-    LIKENESS,
-    RETREAT_TURNS,
-    Arcs,
-    Heads,
-    Ints,
-    by_revolution,
-    spans_between,
-)
+from lidario.families.spans import LIKENESS, RETREAT_TURNS, Arcs, Heads, Ints, by_revolution, spans_between
 from lidario.wire.events import Arrival
 
 AGREEING: Final = 6
