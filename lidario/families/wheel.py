@@ -157,7 +157,7 @@ class Wheel(PacedTurning):
         begin, fastest, revoked = self._arc, self._fastest, (0, 0)
         # Without times, packets that came in one piece have no skipped bytes between them.
         alone = not self._time_passes and len(arrivals) == 1
-        walk = self._walk(plain, followed=followed, alone=alone) if self._certain else None
+        walk = self._walk(plain, followed=followed) if self._certain else None
         is_strange = walk is None or self._is_strange(walk, told, alone=alone)
         if walk is None or is_strange or not self._confirmed:
             self._arc, self._fastest = begin, fastest
@@ -165,9 +165,9 @@ class Wheel(PacedTurning):
             if self._arc <= 0:
                 return Arcs(np.maximum(spans, 0.0), None, 0.0, certain=False)
             begin = self._arc
-            walk = self._walk(plain, followed=followed, alone=alone)
+            walk = self._walk(plain, followed=followed)
         may_tell = self._confirmed and self._time_passes and any(walk.missing)
-        # Compared with the arcs that were followed: the rotor may have sped up from packet to packet since the first.
+        # Compared with the arcs that were followed: since the first one the rotor may have sped up.
         if may_tell and self._pace.is_too_short(self._packet_ns, walk.mean):
             # Learn the new speed from these spans alone: those before had another one.
             self._arc, self._fastest, self._confirmed, self._spans = begin, fastest, False, told
@@ -176,7 +176,7 @@ class Wheel(PacedTurning):
             # The arc of the packet before was too short, so its samples are not used.
             self._learn(anew=True)
             revoked = 1, 0
-            walk = self._walk(plain, followed=followed, alone=alone)
+            walk = self._walk(plain, followed=followed)
         missing, self._fits = walk.missing, walk.fitting == walk.known
         # Where the rotor stood and has just begun to turn, a longer span is a higher speed and not a gap.
         is_starting = not self._certain and 0 in told
@@ -184,7 +184,7 @@ class Wheel(PacedTurning):
         step = (walk.mean or self._arc) / self._samples
         return Arcs(np.array(walk.arcs), behind, step, self._certain, revoked, self._fits)
 
-    def _walk(self, spans: Sequence[int], *, followed: bool, alone: bool) -> _Walk:
+    def _walk(self, spans: Sequence[int], *, followed: bool) -> _Walk:
         """Follow spans from the last arc on, and take over the arc of the last one."""
         arcs, missing = list[float](), list[int]()
         last, fastest = self._arc, self._fastest
