@@ -25,7 +25,7 @@ SIM = "sim://rplidar-s2?via=memory"
         (("--ros", "--idle-stop", "never"), "is not a duration"),
         ((SIM, "run.mcap", "--ros"), "a recording is of another time"),
         ((SIM, "--zenoh", "a"), "several lidars become one with --ros"),
-        ((SIM, "--ros", "--mount", "0,0,0"), "there are 2 lidars and 1 mounts"),
+        ((SIM, "--ros", "--mount", "0,0,0"), "2 lidars and 1 mount: once"),
         ((SIM, "--ros", "--mount-yaw", "3"), "--mount-yaw is for one lidar"),
         ((SIM, "--ros", "--frame", "x"), "--frame is for one lidar"),
     ],
