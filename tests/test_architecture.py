@@ -1,7 +1,5 @@
 """docs/architecture.md tells what is there: files, names, layers, states; and the calls that a real run makes."""
 
-from __future__ import annotations
-
 import ast
 import asyncio
 import keyword

@@ -1,7 +1,5 @@
 """Every public function with every kind of wrong value: it works, or says what is wrong by an error of lidario."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Coroutine
 from fractions import Fraction

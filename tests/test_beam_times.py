@@ -3,8 +3,6 @@
 Their distances say which sample each one is. `tests.test_beam_times_of_devices` checks the same on streams.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

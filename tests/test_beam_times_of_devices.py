@@ -4,8 +4,6 @@ Two ways: the golden streams, whose samples are numbered; and simulated devices 
 time.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

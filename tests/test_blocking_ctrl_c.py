@@ -4,8 +4,6 @@ What both threads share must survive that. The locks of `threading.Condition` do
 `Condition.wait` leaves the lock so that the other thread fails or waits for ever.
 """
 
-from __future__ import annotations
-
 import gc
 import threading
 

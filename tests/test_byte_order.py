@@ -3,8 +3,6 @@
 `make s390x` runs the decoders on one. Here every call that makes numbers of bytes is looked at, in every module.
 """
 
-from __future__ import annotations
-
 import ast
 import re
 from pathlib import Path

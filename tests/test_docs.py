@@ -1,7 +1,5 @@
 """Every program and every command of the documentation works as it stands there; every link leads somewhere."""
 
-from __future__ import annotations
-
 import ast
 import re
 from functools import cache

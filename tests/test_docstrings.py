@@ -1,7 +1,5 @@
 """Every public method says what it does: in its own words, or in those of the interface that it implements."""
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import pkgutil

@@ -1,7 +1,5 @@
 """The tree of errors: what each is, that all are exported, and that each can be copied for several readers."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 import re

@@ -1,7 +1,5 @@
 """The DDS example: another process, which declares the messages by itself, receives the scans."""
 
-from __future__ import annotations
-
 import json
 import signal
 

@@ -1,7 +1,5 @@
 """The Foxglove example: a client of its WebSocket protocol, with the reader of protobuf, gets the scans."""
 
-from __future__ import annotations
-
 import asyncio
 import base64
 import json

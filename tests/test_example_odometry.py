@@ -1,7 +1,5 @@
 """The odometry example: a simulated lidar drives through a room, and is where the example says."""
 
-from __future__ import annotations
-
 import math
 import re
 import sys

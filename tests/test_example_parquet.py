@@ -1,7 +1,5 @@
 """The Parquet example: what pyarrow reads of many recordings is what they hold."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The Rerun example: what Rerun's own reader finds in the file is what the lidar saw."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

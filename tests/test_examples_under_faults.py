@@ -1,7 +1,5 @@
 """The samples that people copy into robots, on lidars that fail: they stop, say so or go on; nothing old counts."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Awaitable, Callable
 from itertools import cycle

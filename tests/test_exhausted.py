@@ -1,7 +1,5 @@
 """The system gives no more files, or no more memory: each call names that, and the cure, once."""
 
-from __future__ import annotations
-
 import errno
 import os
 from collections.abc import Callable

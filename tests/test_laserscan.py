@@ -1,7 +1,5 @@
 """Resampling onto the grid of a LaserScan: what each beam says. Its times are in `tests.test_beam_times`."""
 
-from __future__ import annotations
-
 import math
 import sys
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """All scans of a stream on one grid, whatever the first ones are like."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import chain
 

@@ -1,7 +1,5 @@
 """A Ctrl-C while the library loads numpy, at the first use of a name: the program can go on."""
 
-from __future__ import annotations
-
 import signal
 import sys
 import threading

@@ -1,7 +1,5 @@
 """Several lidars as one: which scans belong together, the LaserScan of a cloud, and the stream."""
 
-from __future__ import annotations
-
 import asyncio
 import gc
 import math

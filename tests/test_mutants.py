@@ -1,7 +1,5 @@
 """The script that changes the source changes one line, which compiles, and the same ones for the same seed."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """``python -m tests.new_family``: what it writes works, and is as clean as the rest, from the first minute."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

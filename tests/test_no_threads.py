@@ -1,7 +1,5 @@
 """The system allows no more threads, or no event loop: each call says so at once, and nobody waits for them."""
 
-from __future__ import annotations
-
 import _thread
 import asyncio
 import errno

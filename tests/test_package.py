@@ -1,7 +1,5 @@
 """What is published: wheel and sdist hold every file they must, and every extra that a text names is one."""
 
-from __future__ import annotations
-
 import email
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """What the package page shows: every picture and link of README leads to the repository, where that is known."""
 
-from __future__ import annotations
-
 import importlib.util
 import re
 import sys

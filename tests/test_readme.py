@@ -1,7 +1,5 @@
 """The front page: short, the two commands first, figures with their commands. What it shows: tests/test_docs.py."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

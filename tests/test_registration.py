@@ -1,7 +1,5 @@
 """Laying clouds on each other: ten poses in the simulated room, and the verb that writes them down."""
 
-from __future__ import annotations
-
 import math
 import random
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """`make release`: one command makes the version, the commit and the tag, or says what is wrong."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

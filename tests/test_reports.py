@@ -1,7 +1,5 @@
 """The collection of reports: each is decoded as it was when it came, and what is made of them is up to date."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

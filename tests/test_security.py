@@ -1,7 +1,5 @@
 """What SECURITY.md promises: the tests it names exist, and those promises that no other test holds."""
 
-from __future__ import annotations
-
 import ast
 import socket
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`lidario.simulate`: what it takes, what it refuses, and what a mistake in a user's world becomes."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

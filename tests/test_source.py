@@ -1,7 +1,5 @@
 """Sources, taken apart."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

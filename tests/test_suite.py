@@ -1,7 +1,5 @@
 """What watches every test can itself fail: each kind of thing left behind makes a test fail."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

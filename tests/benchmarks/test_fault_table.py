@@ -1,7 +1,5 @@
 """The fault table: no fault makes lidario hang, crash or be silent, and a driver that does is found out."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import pytest

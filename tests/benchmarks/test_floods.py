@@ -1,7 +1,5 @@
 """The floods reach a program and it is measured, in /proc/, whatever the figures are on this machine."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

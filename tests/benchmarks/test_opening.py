@@ -1,7 +1,5 @@
 """How long it takes from a source to the first scan: what users are promised, on a driven clock."""
 
-from __future__ import annotations
-
 import pytest
 
 from benchmarks.opening import CASES, Case, first_scan_s, table

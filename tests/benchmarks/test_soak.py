@@ -1,7 +1,5 @@
 """A soak repeats itself exactly, and an invariant that is broken on purpose is caught."""
 
-from __future__ import annotations
-
 import asyncio
 
 import pytest

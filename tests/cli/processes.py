@@ -4,8 +4,6 @@
 busy the machine is decides nothing: on a true clock, a scan that takes long to print lets the next one be dropped.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

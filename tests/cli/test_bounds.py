@@ -1,7 +1,5 @@
 """No verb waits for ever: the table of verbs in ``docs/bounds.md``, in driven time."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """``lidario completion``, and what a shell is told when it asks."""
 
-from __future__ import annotations
-
 import pytest
 from click.shell_completion import get_completion_class
 

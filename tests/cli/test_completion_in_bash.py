@@ -1,7 +1,5 @@
 """The script for bash, in an interactive bash."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The script for fish, in an interactive fish."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

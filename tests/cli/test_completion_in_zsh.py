@@ -1,7 +1,5 @@
 """The script for zsh, in an interactive zsh."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """What a first user does wrong, and the words that say how it is done."""
 
-from __future__ import annotations
-
 import pytest
 
 import lidario

@@ -1,7 +1,5 @@
 """``lidario devices``, and the command without a verb."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

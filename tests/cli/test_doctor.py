@@ -1,7 +1,5 @@
 """``lidario doctor`` and ``udev``, on machines that are folders."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 from pathlib import Path

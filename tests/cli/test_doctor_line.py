@@ -1,7 +1,5 @@
 """What ``lidario doctor`` says of the line to a lidar on a pseudo-terminal."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 The device runs in this process, so what reached it is known first hand, not by what the command says.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import signal

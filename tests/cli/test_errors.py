@@ -1,7 +1,5 @@
 """Every error has its exit code, and its text looks as it should."""
 
-from __future__ import annotations
-
 import signal
 
 import click

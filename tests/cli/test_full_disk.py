@@ -4,8 +4,6 @@ Python keeps what it could not write and tries once more at its end; that ends t
 ``PYTHONUNBUFFERED``, which many containers set, it keeps nothing. Both ways are tried.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 from collections.abc import Iterator

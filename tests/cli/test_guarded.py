@@ -1,7 +1,5 @@
 """`--guard`: a verb that is killed leaves laser and motor off, and no process."""
 
-from __future__ import annotations
-
 import subprocess
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """``lidario info``."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

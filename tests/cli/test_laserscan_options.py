@@ -1,7 +1,5 @@
 """The options of LaserScan messages: the same in each verb that makes some."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

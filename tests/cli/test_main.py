@@ -1,7 +1,5 @@
 """The frame around the verbs: version, help, usage errors, a missing extra."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

@@ -1,7 +1,5 @@
 """``lidario motor``: what the device does afterwards."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

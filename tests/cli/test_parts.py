@@ -1,7 +1,5 @@
 """``lidario record --reconnect --split --keep``, and every verb that takes a pattern of files."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The picture of a scan: its shape, its orientation, its width, its colours."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

@@ -1,7 +1,5 @@
 """``lidario record``, ``play``, ``export`` and ``info FILE``."""
 
-from __future__ import annotations
-
 import json
 import time
 from concurrent.futures import BrokenExecutor, Executor, Future

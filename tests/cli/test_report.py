@@ -1,7 +1,5 @@
 """``lidario report``: a page and a file, whatever becomes of the device meanwhile."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

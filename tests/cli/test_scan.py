@@ -1,7 +1,5 @@
 """``lidario scan``: what it prints, for people and for programs."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -1,7 +1,5 @@
 """``lidario sim``: a lidar for anybody's driver."""
 
-from __future__ import annotations
-
 import json
 import signal
 import socket

@@ -1,7 +1,5 @@
 """``lidario stats``: what it measures, and the word it finds for it."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A terminal that takes no output (Ctrl-S, a line that is dead) holds up neither the lidar nor a signal."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

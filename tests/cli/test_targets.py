@@ -1,7 +1,5 @@
 """The file that a verb shall write is looked at before a lidar is opened, which may take half a minute."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

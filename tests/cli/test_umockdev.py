@@ -5,8 +5,6 @@ user's machine, pyserial's list of ports too. It has no control lines and no dri
 those. A port that is opened is no terminal here.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """What cannot be meant is refused in a sentence that says why, with exit code 2, and nothing is made."""
 
-from __future__ import annotations
-
 import shlex
 from pathlib import Path
 

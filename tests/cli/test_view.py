@@ -1,7 +1,5 @@
 """``lidario view``: what it prints, whom it lets in, how it ends. The page itself: tests/web/test_page.py."""
 
-from __future__ import annotations
-
 import re
 import signal
 import socket

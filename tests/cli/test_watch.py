@@ -1,7 +1,5 @@
 """``lidario watch``: one frame in all sizes. On a terminal: test_stopped_terminal.py."""
 
-from __future__ import annotations
-
 import io
 import re
 

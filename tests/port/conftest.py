@@ -1,7 +1,5 @@
 """What tests of ports share."""
 
-from __future__ import annotations
-
 import asyncio
 import importlib.util
 import os

@@ -1,7 +1,5 @@
 """What opening and closing a serial port do to its control lines and its driver, seen at the system calls."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

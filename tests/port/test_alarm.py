@@ -1,7 +1,5 @@
 """Sleeping until a time that is put off, or brought forward, meanwhile."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """A call in a thread, whose result nobody may lose."""
 
-from __future__ import annotations
-
 import asyncio
 import threading
 from contextlib import suppress

@@ -3,8 +3,6 @@
 That whole revolutions come of it is tested on a driven clock (`tests/session/test_blocked_loop.py`).
 """
 
-from __future__ import annotations
-
 import os
 import random
 import threading

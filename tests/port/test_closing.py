@@ -1,7 +1,5 @@
 """Closing a serial port whose adapter sends nothing any more: bounded, and the event loop goes on."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import os

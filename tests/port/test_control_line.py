@@ -1,7 +1,5 @@
 """DTR of a serial port: set when asked, kept when the port is closed, survived where there is none."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 import termios

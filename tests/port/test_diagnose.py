@@ -1,7 +1,5 @@
 """Why a port would not open: the operating system's words, turned into a cause and a cure."""
 
-from __future__ import annotations
-
 import errno
 import os
 import stat

@@ -1,7 +1,5 @@
 """A serial port that dies while bytes wait in the program: its transport notices, not who reads it."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 import termios

@@ -1,7 +1,5 @@
 """A forked child ends, and its parent's lidar goes on; it lives on, and holds nothing that is its parent's."""
 
-from __future__ import annotations
-
 import signal
 import socket
 import threading

@@ -1,7 +1,5 @@
 """The guard of a port: started, told, dismissed, killed; and what it costs."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import os

@@ -1,7 +1,5 @@
 """The process of a guard: what it understands, and what it writes, on a driven clock."""
 
-from __future__ import annotations
-
 import socket
 import sys
 import termios

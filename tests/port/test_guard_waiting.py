@@ -1,7 +1,5 @@
 """Who opens a line waits for the guard of a dead program there, and for no other."""
 
-from __future__ import annotations
-
 import os
 import socket
 import subprocess

@@ -1,7 +1,5 @@
 """Bytes that a serial port holds back, to hand them over in one piece."""
 
-from __future__ import annotations
-
 import asyncio
 import math
 import os

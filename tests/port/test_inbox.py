@@ -1,7 +1,5 @@
 """Bytes that were read and not handed over yet: all there is, in order, bounded, with the time of each read."""
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import os

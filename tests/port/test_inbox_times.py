@@ -1,7 +1,5 @@
 """When bytes came that nobody read for a while, as where the program was stopped by Ctrl-Z: against the truth."""
 
-from __future__ import annotations
-
 from hypothesis import example, given
 from hypothesis import strategies as st
 

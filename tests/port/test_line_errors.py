@@ -1,7 +1,5 @@
 """What the driver of a serial port has counted, from the system call to the port."""
 
-from __future__ import annotations
-
 import os
 
 import pytest

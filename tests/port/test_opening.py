@@ -1,7 +1,5 @@
 """Opening a serial port: what is none, what is held, off the event loop, and cancelled on the way."""
 
-from __future__ import annotations
-
 import asyncio
 import subprocess
 import threading

@@ -1,7 +1,5 @@
 """A request that the reading thread repeats while the loop is blocked."""
 
-from __future__ import annotations
-
 import math
 import os
 import time

@@ -1,7 +1,5 @@
 """A serial port on a pseudo-terminal: read, written, polled, held, pulled out."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 import termios

@@ -1,7 +1,5 @@
 """Lines to simulated devices: on the loop's clock, and the device that fails in the middle."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import os

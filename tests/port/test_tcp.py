@@ -1,7 +1,5 @@
 """A line over TCP: both event loops, impossible addresses, peers that take nothing."""
 
-from __future__ import annotations
-
 import asyncio
 import gc
 import os

@@ -1,7 +1,5 @@
 """The thread that reads ports while the loop is busy, on real terminals: what it reads, and when it ends."""
 
-from __future__ import annotations
-
 import asyncio
 import gc
 import math

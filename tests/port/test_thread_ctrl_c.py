@@ -5,8 +5,6 @@ the midst of `threading.Thread.start`. A program may catch it and go on. So no t
 must be read by one as ever, and nothing may hang.
 """
 
-from __future__ import annotations
-
 import asyncio
 import os
 import threading

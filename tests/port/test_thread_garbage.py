@@ -1,7 +1,5 @@
 """Garbage is collected at any moment in any thread; a session that nobody closed takes its port away then."""
 
-from __future__ import annotations
-
 import threading
 import time
 from functools import partial

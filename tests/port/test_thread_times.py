@@ -1,7 +1,5 @@
 """When the thread that reads ports reads them, at times that the test moves."""
 
-from __future__ import annotations
-
 import threading
 from itertools import pairwise
 from queue import SimpleQueue

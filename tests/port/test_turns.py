@@ -1,7 +1,5 @@
 """Work in steps: a bounded time of it in each turn of the event loop, in order, and nothing is lost."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Iterator
 

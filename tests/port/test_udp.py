@@ -1,7 +1,5 @@
 """A line of datagrams: both event loops, a device that is not there, one that is pulled out."""
 
-from __future__ import annotations
-
 import asyncio
 import socket
 from collections.abc import Iterator

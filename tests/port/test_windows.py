@@ -5,8 +5,6 @@ part of pyserial-asyncio that is meant for Windows, and an event loop that refus
 `test_serial` has what holds on each system alike.
 """
 
-from __future__ import annotations
-
 import asyncio
 import os
 import select

@@ -1,7 +1,5 @@
 """A device that tells a zero-angle offset."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

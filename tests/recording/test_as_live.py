@@ -1,7 +1,5 @@
 """A file is decoded and replayed to the scans of the session that recorded it, whatever happened on the line."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path

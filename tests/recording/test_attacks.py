@@ -1,7 +1,5 @@
 """Recordings that mean harm, file by file: what each may cost, and that it is told."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 import random

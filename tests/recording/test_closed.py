@@ -1,7 +1,5 @@
 """A file is opened beside the event loop; a replay holds it only for as long as its session."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import gc

@@ -1,7 +1,5 @@
 """Files that were cut, damaged or made to harm: what can be read is read, and nothing else happens."""
 
-from __future__ import annotations
-
 import asyncio
 import random
 import struct

@@ -1,7 +1,5 @@
 """An export that is ended by a signal leaves nothing: Linux has files without a name, by /proc/self/fd."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """What an exported MCAP has, it has in the order of time, as the package ``mcap`` reads the file itself."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 

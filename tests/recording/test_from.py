@@ -1,7 +1,5 @@
 """A recording is played from a place within it: the scans behind that place, and no others."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

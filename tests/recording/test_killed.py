@@ -1,7 +1,5 @@
 """A program that records is killed; the file is readable up to its last second."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 

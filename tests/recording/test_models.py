@@ -1,7 +1,5 @@
 """Bare bytes whose model must be told from them, or by the user."""
 
-from __future__ import annotations
-
 import logging
 import struct
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """A recording in parts: each file is whole by itself, together they are what one file would be."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import time

@@ -3,8 +3,6 @@
 What a disk holds is taken for what was in the file when it was told to write; no power was cut.
 """
 
-from __future__ import annotations
-
 import asyncio
 import errno
 import os

@@ -3,8 +3,6 @@
 A real device's stream is others' data: it is tried where it lies beside the project.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from itertools import pairwise
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What is written, as other programs read it; and a disk that is slow, full or not there."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import sys

@@ -1,7 +1,5 @@
 """Ctrl-C at every call that begins a recording, on a loop that does not handle it: nothing of it is left."""
 
-from __future__ import annotations
-
 import gc
 import weakref
 from contextlib import closing

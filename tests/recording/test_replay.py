@@ -1,7 +1,5 @@
 """A replay gives what the live session gave, in the same session, with the same stamps."""
 
-from __future__ import annotations
-
 import asyncio
 import time
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The file of a recording is removed, emptied or written by others; is what it is made of; has a name they want."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """One zenoh router for all tests of this folder, where each uses keys of its own; and a recording."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

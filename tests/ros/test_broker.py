@@ -1,7 +1,5 @@
 """`lidario router` and its engine: zenoh's own clients meet there."""
 
-from __future__ import annotations
-
 import asyncio
 import signal
 import socket

@@ -1,7 +1,5 @@
 """`lidario publish` and `lidario devices --zenoh` without a network."""
 
-from __future__ import annotations
-
 import sys
 
 import pytest

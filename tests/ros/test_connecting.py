@@ -1,7 +1,5 @@
 """Through a router: who is not there, or does not respond, is told, and nothing is waited for without a bound."""
 
-from __future__ import annotations
-
 import asyncio
 import socket
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A robot whose messages the router's access rules deny is told: zenoh itself tells it nothing."""
 
-from __future__ import annotations
-
 import asyncio
 import signal
 

@@ -1,7 +1,5 @@
 """What docs/ros2.md and docs/fleets.md show is run: commands and programs against a router, files by zenoh."""
 
-from __future__ import annotations
-
 import re
 import runpy
 import shlex

@@ -1,7 +1,5 @@
 """A lidar of another machine is what its publisher has told, and in the mode that its publisher has chosen."""
 
-from __future__ import annotations
-
 import asyncio
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Many lidars behind one router: one reader has the scans of all of them."""
 
-from __future__ import annotations
-
 import asyncio
 from contextlib import AsyncExitStack
 from dataclasses import replace

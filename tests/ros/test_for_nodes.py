@@ -1,7 +1,5 @@
 """What nodes of ROS 2 need beside the scans: where the lidar is, what time it is; and a lidar that rests unread."""
 
-from __future__ import annotations
-
 import asyncio
 import math
 import time

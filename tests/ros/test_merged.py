@@ -1,7 +1,5 @@
 """Several lidars as one publisher, and settings that a subscriber sees."""
 
-from __future__ import annotations
-
 import asyncio
 import math
 import signal

@@ -1,7 +1,5 @@
 """The messages as bytes: byte for byte what an independent encoder writes, and what any bytes are read as."""
 
-from __future__ import annotations
-
 import math
 import struct
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Keys, tokens and attachments, compared with an independent implementation; type hashes, with rosbags."""
 
-from __future__ import annotations
-
 import warnings
 
 import pytest

@@ -4,8 +4,6 @@ Times are real here, since zenoh has threads of its own. Every wait is for an ev
 defect reaches.
 """
 
-from __future__ import annotations
-
 import asyncio
 import threading
 from typing import Any

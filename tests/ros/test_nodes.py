@@ -3,8 +3,6 @@
 `tests.reference.nodes` has their rules. Here they are applied to what arrives at another client of the router.
 """
 
-from __future__ import annotations
-
 import asyncio
 import math
 from contextlib import AsyncExitStack

@@ -4,8 +4,6 @@ A topic, `record --scans` and `export` have one grid each: as many beams in each
 slam_toolbox knows both of the first message alone.
 """
 
-from __future__ import annotations
-
 import asyncio
 from pathlib import Path
 from typing import Any

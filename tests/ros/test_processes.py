@@ -1,7 +1,5 @@
 """Processes through a router: each is killed, and so is the router; who is left goes on, or says who is gone."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import json

@@ -1,7 +1,5 @@
 """A recording in parts is published by its pattern, as one file would be."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

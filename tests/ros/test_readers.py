@@ -1,7 +1,5 @@
 """What a reader is told through a router: loss, a second publisher, a lidar or a publisher that is away, noise."""
 
-from __future__ import annotations
-
 import asyncio
 import time
 from dataclasses import replace

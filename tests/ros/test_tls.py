@@ -1,7 +1,5 @@
 """The certificates and the files of docs/fleets.md: who is let in, and what the access rules let pass."""
 
-from __future__ import annotations
-
 import asyncio
 import re
 import subprocess

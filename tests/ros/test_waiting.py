@@ -1,7 +1,5 @@
 """Robots and routers are started in any order: a publisher waits for a router that is not there yet."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import os

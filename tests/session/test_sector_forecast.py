@@ -4,8 +4,6 @@ The poller of a terminal, as `Reader` does it, over golden streams whose packets
 timers are late by up to a millisecond.
 """
 
-from __future__ import annotations
-
 import random
 from itertools import accumulate
 
