@@ -15,6 +15,7 @@ import pytest
 from tests.cli.processes import end, invoke, served, started
 from tests.support.children import BOUND, line_of, requests, until, was_stopped
 
+pytestmark = pytest.mark.long
 FIRST, SECOND = "rplidar-s2", "ydlidar-4ros"
 SIGNALS = [
     (FIRST, signal.SIGINT),
@@ -25,7 +26,6 @@ SIGNALS = [
 ]
 
 
-@pytest.mark.long
 @pytest.mark.exhaustive("ended", sample=[SIGNALS[0], SIGNALS[-1]], full=SIGNALS)
 def test_a_signal_ends_an_endless_stream_as_it_is_meant_to_end(ended: tuple[str, signal.Signals]) -> None:
     model, number = ended
@@ -43,7 +43,6 @@ def test_a_signal_ends_an_endless_stream_as_it_is_meant_to_end(ended: tuple[str,
         until(lambda: was_stopped(server))
 
 
-@pytest.mark.long
 def test_people_get_the_picture_after_ctrl_c_and_the_motor_is_commanded_to_rest_before_stop() -> None:
     with served(FIRST) as server:
         with started("scan", server.path, "-n", "0") as process:
@@ -59,7 +58,6 @@ def test_people_get_the_picture_after_ctrl_c_and_the_motor_is_commanded_to_rest_
         assert motor.data[3:5] == b"\0\0"  # behind start, command and size: the speed
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_number_of_scans_that_is_not_reached(number: signal.Signals, code: int) -> None:
     with served(FIRST) as server:
@@ -70,7 +68,6 @@ def test_a_number_of_scans_that_is_not_reached(number: signal.Signals, code: int
         until(lambda: was_stopped(server))
 
 
-@pytest.mark.long
 def test_ctrl_c_in_a_question() -> None:
     with served(FIRST) as server:
         with server.lock:
@@ -83,7 +80,6 @@ def test_ctrl_c_in_a_question() -> None:
     assert "Traceback" not in said
 
 
-@pytest.mark.long
 @pytest.mark.exhaustive("form", sample=["--json"], full=["--json", "--csv", ""])
 def test_a_reader_that_goes_away_ends_it_without_a_word(form: str) -> None:
     with served(FIRST) as server:
@@ -101,7 +97,6 @@ def test_a_reader_that_goes_away_ends_it_without_a_word(form: str) -> None:
         until(lambda: was_stopped(server))
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("stream", ["stdout", "stderr"])
 @pytest.mark.parametrize("verb", ["view --port 0", "record -o run.mcap", "scan -n 0 --json"])
 def test_a_pipe_that_nobody_reads_keeps_no_verb_from_its_end(verb: str, stream: str, tmp_path: Path) -> None:
@@ -118,7 +113,6 @@ def test_a_pipe_that_nobody_reads_keeps_no_verb_from_its_end(verb: str, stream: 
         until(lambda: was_stopped(server))
 
 
-@pytest.mark.long
 def test_a_pipe_that_nobody_reads_keeps_no_simulator_from_its_end() -> None:
     with started("sim", FIRST, "--tcp", ":0") as process:
         fill(process.stderr)
@@ -147,7 +141,6 @@ def hangs_in_a_write(pid: int, number: str = "0x1") -> bool:
     return False
 
 
-@pytest.mark.long
 def test_keep_spinning_leaves_the_motor_on_and_the_laser_off() -> None:
     with served(FIRST) as server:
         ended = invoke("scan", server.path, "--json", "--keep-spinning")
@@ -157,7 +150,6 @@ def test_keep_spinning_leaves_the_motor_on_and_the_laser_off() -> None:
             assert server.device.motor_on
 
 
-@pytest.mark.long
 @pytest.mark.exhaustive("verb", sample=["scan"], full=["scan", "info"])
 def test_a_busy_port(verb: str) -> None:
     import fcntl

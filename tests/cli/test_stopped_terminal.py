@@ -16,6 +16,7 @@ from tests.cli.terminals import on_terminal, resize
 from tests.support.children import BOUND, until
 from tests.support.recorded import record
 
+pytestmark = pytest.mark.long
 STOP, GO, INTERRUPT = b"\x13", b"\x11", b"\x03"
 LEFT = "\x1b[?1049l"
 FRAMES = 2 * 3200 * 4
@@ -46,7 +47,6 @@ def begins(device: SimulatedDevice) -> Callable[[], bool]:
     return told
 
 
-@pytest.mark.long
 def test_watch_draws_anew_where_the_terminal_has_another_size() -> None:
     with (
         served("rplidar-s2") as server,
@@ -63,7 +63,6 @@ def test_watch_draws_anew_where_the_terminal_has_another_size() -> None:
         until(lambda: not server.device.scanning)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("typed", [False, True])
 def test_watch_is_ended_while_its_terminal_takes_nothing(typed: bool) -> None:
     """A typed Ctrl-C makes a terminal take output again, and it is restored."""
@@ -81,7 +80,6 @@ def test_watch_is_ended_while_its_terminal_takes_nothing(typed: bool) -> None:
         assert process.wait(BOUND) == 0
 
 
-@pytest.mark.long
 def test_watch_says_that_a_terminal_cannot_draw() -> None:
     with on_terminal("watch", "sim://rplidar-s2", kind="dumb") as (process, screen, _):
         screen.until("needs a terminal whose cursor moves")
@@ -89,7 +87,6 @@ def test_watch_says_that_a_terminal_cannot_draw() -> None:
         assert process.wait(BOUND) == 2
 
 
-@pytest.mark.long
 def test_what_shows_that_work_goes_on_does_not_hold_it_up(tmp_path: Path) -> None:
     with (
         served("rplidar-s2") as server,
@@ -104,7 +101,6 @@ def test_what_shows_that_work_goes_on_does_not_hold_it_up(tmp_path: Path) -> Non
     assert len((tmp_path / "scans").read_text().splitlines()) == 3
 
 
-@pytest.mark.long
 def test_a_line_of_the_log_takes_the_place_of_what_shows_that_work_goes_on(tmp_path: Path) -> None:
     """Of the second file it is logged that no model need be named; the first one takes a while."""
     for name in ("a", "b"):
@@ -120,7 +116,6 @@ def test_a_line_of_the_log_takes_the_place_of_what_shows_that_work_goes_on(tmp_p
         assert process.wait(BOUND) == 0
 
 
-@pytest.mark.long
 def test_a_line_of_the_log_does_not_hold_it_up(tmp_path: Path) -> None:
     """A warning is logged when a device is opened that cannot be stopped."""
     with (
@@ -135,7 +130,6 @@ def test_a_line_of_the_log_does_not_hold_it_up(tmp_path: Path) -> None:
         assert process.wait(BOUND) == 0
 
 
-@pytest.mark.long
 def test_a_signal_ends_what_waits_for_a_device() -> None:
     """Nothing at the port responds, so the command waits, and says so on a terminal that is stopped."""
     ours, theirs = os.openpty()
@@ -153,7 +147,6 @@ def test_a_signal_ends_what_waits_for_a_device() -> None:
         assert process.wait(BOUND) == 128 + signal.SIGTERM
 
 
-@pytest.mark.long
 def test_the_cursor_is_there_while_a_verb_works() -> None:
     """So a verb that is killed does not leave a terminal without one."""
     with served("rplidar-s2") as server:

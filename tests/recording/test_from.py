@@ -8,6 +8,8 @@ import lidario
 from tests.support.loop import run_driven
 from tests.support.recorded import Live, record, replayed, same_scan, take_scans
 
+pytestmark = pytest.mark.long
+
 
 def length_of(path: Path) -> float:
     async def main() -> float | None:
@@ -24,7 +26,6 @@ def live(tmp_path_factory: pytest.TempPathFactory) -> Live:
     return record(tmp_path_factory.mktemp("from") / "a.mcap", "sim://rplidar-s2", 20)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("source", ["sim://rplidar-s2", "sim://ydlidar-4ros", "sim://ldrobot-ld06"])
 def test_the_scans_behind_that_place_are_those_of_the_whole(tmp_path: Path, source: str) -> None:
     live = record(tmp_path / "a.mcap", source, 16)
@@ -48,7 +49,6 @@ def test_the_scans_behind_that_place_are_those_of_the_whole(tmp_path: Path, sour
     assert not any(scan.lost_packets for scan in scans)
 
 
-@pytest.mark.long
 def test_a_place_in_a_later_stream_is_of_that_stream(tmp_path: Path) -> None:
     async def two_modes(lidar: lidario.Lidar, live: Live) -> None:
         await take_scans(lidar, live, 10, "DenseBoost")
@@ -59,7 +59,6 @@ def test_a_place_in_a_later_stream_is_of_that_stream(tmp_path: Path) -> None:
     assert {scan.mode for scan in scans} == {"Standard"}
 
 
-@pytest.mark.long
 def test_in_a_loop_only_the_first_time_begins_there(live: Live) -> None:
     everything = replayed(live.path)
     scans = replayed(live.path, "rate=0&loop=1&from=1.5", 20)
@@ -67,7 +66,6 @@ def test_in_a_loop_only_the_first_time_begins_there(live: Live) -> None:
     assert any(scan.device_distances.tolist() == everything[0].device_distances.tolist() for scan in scans[1:])
 
 
-@pytest.mark.long
 def test_behind_the_end_and_without_times_it_is_refused(live: Live, tmp_path: Path) -> None:
     with pytest.raises(lidario.RecordingError, match=r"lasts .* s: from=99 is behind its end"):
         replayed(live.path, "from=99")
@@ -79,7 +77,6 @@ def test_behind_the_end_and_without_times_it_is_refused(live: Live, tmp_path: Pa
             replayed(live.path, wrong)
 
 
-@pytest.mark.long
 def test_from_the_beginning_nothing_changes(live: Live) -> None:
     plain = replayed(live.path)
     scans = replayed(live.path, "rate=0&from=0")

@@ -18,6 +18,7 @@ from lidario.recording.decode_file import FileDecoder
 from lidario.scan import Scan
 from tests.support.loop import driven, run_driven
 
+pytestmark = pytest.mark.long
 SOURCE = "sim://rplidar-s2?via=memory&world=circle"
 SCANS = 30
 
@@ -38,7 +39,6 @@ def told(monkeypatch: pytest.MonkeyPatch, instead: Callable[[int], None]) -> Non
     monkeypatch.setattr("lidario.recording.write.os.fsync", instead)
 
 
-@pytest.mark.long
 def test_what_the_disk_has_is_readable_and_nearly_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, disk = tmp_path / "a.mcap", list[tuple[float, Path]]()
     sync = os.fsync
@@ -62,14 +62,12 @@ def test_what_the_disk_has_is_readable_and_nearly_all(tmp_path: Path, monkeypatc
     assert len(list(FileDecoder(disk[-1][1]))) >= SCANS
 
 
-@pytest.mark.long
 def test_who_does_not_want_it_waits_for_no_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     told(monkeypatch, lambda _: pytest.fail("the disk was told to write"))
     scans, _ = run_driven(lambda: recorded(tmp_path / "a.mcap", sync=False))
     assert len(scans) == SCANS
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("number", [errno.EINVAL, errno.ENOTSUP])
 def test_a_file_system_that_cannot_is_none_that_fails(
     number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -82,7 +80,6 @@ def test_a_file_system_that_cannot_is_none_that_fails(
     assert len(list(FileDecoder(tmp_path / "a.mcap"))) >= SCANS
 
 
-@pytest.mark.long
 @driven
 async def test_a_disk_that_fails_ends_the_recording_and_not_the_session(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

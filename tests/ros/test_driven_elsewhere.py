@@ -13,8 +13,9 @@ from lidario.recording.chronicle import StreamBegan
 from tests.support.network import BOUND_S, Rig, until
 from tests.support.router import Router
 
+pytestmark = pytest.mark.long
 
-@pytest.mark.long
+
 @pytest.mark.parametrize("model", ["rplidar-s2", "rplidar-a1", "ydlidar-x4"])
 async def test_who_reads_raw_bytes_is_told_what_the_publisher_is(router: Router, model: str) -> None:
     async def told(lidar: lidario.Lidar) -> list[object]:
@@ -35,7 +36,6 @@ async def test_who_reads_raw_bytes_is_told_what_the_publisher_is(router: Router,
         assert await told(await rig.remote(share.key)) == live
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("form", ["raw", "scan"])
 @pytest.mark.parametrize("comes", ["at once", "later", "before its lidar scans"])
 async def test_a_reader_follows_its_publisher_into_another_mode(
@@ -70,7 +70,6 @@ async def test_a_reader_follows_its_publisher_into_another_mode(
         assert (await anext(scans)).mode == "DenseBoost"
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("mode", ["Standard", "DenseBoost"])
 async def test_who_wakes_a_lidar_that_rests_learns_its_mode(router: Router, mode: str) -> None:
     """Also the one whose number is 0."""
@@ -89,7 +88,6 @@ async def test_who_wakes_a_lidar_that_rests_learns_its_mode(router: Router, mode
         assert [each.name for each in await remote.get_modes() if each.typical] == [mode]
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("form", ["raw", "scan"])
 async def test_a_mode_that_is_told_while_the_stream_is_being_started_is_not_missed(
     router: Router, form: str, monkeypatch: pytest.MonkeyPatch
@@ -127,7 +125,6 @@ async def test_a_mode_that_is_told_while_the_stream_is_being_started_is_not_miss
         await until(lambda: remote.mode is not None and remote.mode.name == "DenseBoost")
 
 
-@pytest.mark.long
 async def test_a_lidar_that_protects_itself_is_for_its_publisher_to_reset(
     router: Router, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -22,8 +22,9 @@ from tests.support.messages import decoded
 from tests.support.network import BOUND_S, Rig, until, zid_in
 from tests.support.router import Router
 
+pytestmark = pytest.mark.long
 
-@pytest.mark.long
+
 @pytest.mark.parametrize(("family", "raw"), [("rplidar", False), ("ydlidar", True)])
 async def test_scans_arrive_equal_and_info_and_health_with_them(router: Router, family: str, raw: bool) -> None:
     async with Rig(router) as rig:
@@ -56,7 +57,6 @@ async def test_scans_arrive_equal_and_info_and_health_with_them(router: Router, 
             assert stats.lost_packets == 0
 
 
-@pytest.mark.long
 async def test_another_zero_offset_of_raw_bytes_interrupts_no_reader(router: Router) -> None:
     """It had to start its stream again, up to a second later, and lost a revolution."""
     async with Rig(router) as rig:
@@ -77,7 +77,6 @@ async def test_another_zero_offset_of_raw_bytes_interrupts_no_reader(router: Rou
     assert np.all(np.diff([scan.seq for scan in scans]) == 1)
 
 
-@pytest.mark.long
 async def test_a_topic_of_ros(router: Router) -> None:
     """Keys, tokens, payload, attachment and diagnostics, as a node would see them; ``zenoh:`` reads it, too."""
     node = Node(domain=9)
@@ -133,7 +132,6 @@ async def test_a_topic_of_ros(router: Router) -> None:
     assert found.health == lidar.health
 
 
-@pytest.mark.long
 async def test_a_laserscan_of_somebody_elses_node_is_a_source(router: Router) -> None:
     key = f"3/urg/scan/{LASERSCAN.dds}/RIHS01_{'0' * 64}"
     laser = LaserScan(
@@ -163,7 +161,6 @@ async def test_a_laserscan_of_somebody_elses_node_is_a_source(router: Router) ->
         ]
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("what", ["messages", "tokens", "queries"])
 async def test_zenoh_keeps_no_queue_before_the_bus(
     router: Router, monkeypatch: pytest.MonkeyPatch, what: str

@@ -20,6 +20,7 @@ from tests.support.recorded import assert_same_scans
 from tests.support.router import Router
 from tests.test_model import FOUR
 
+pytestmark = pytest.mark.long
 DESCRIPTOR = b"\xa5\x5a"
 """How each descriptor of a stream begins (vendor's manual, response descriptor)."""
 
@@ -31,7 +32,6 @@ async def publish_on(publisher: Publisher | Share) -> None:
         await asyncio.sleep(0.02)
 
 
-@pytest.mark.long
 async def test_a_recording_goes_on_when_the_robot_is_back(router: Router, tmp_path: Path) -> None:
     taken = list[lidario.Scan]()
     async with Rig(router) as rig:
@@ -54,7 +54,6 @@ async def test_a_recording_goes_on_when_the_robot_is_back(router: Router, tmp_pa
     assert_same_scans(taken, list(lidario.decode_file(recording.source)))
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("reconnect", [False, True])
 async def test_a_session_ends_when_the_line_that_was_lost_is_closed_too(
     router: Router, reconnect: bool, monkeypatch: pytest.MonkeyPatch
@@ -78,7 +77,6 @@ async def test_a_session_ends_when_the_line_that_was_lost_is_closed_too(
         await until(lambda: not remote.is_connected)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("sought_in_vain", [False, True])
 async def test_what_passes_while_a_publisher_is_away_is_counted_as_missed(
     router: Router, sought_in_vain: bool, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
@@ -106,7 +104,6 @@ async def test_what_passes_while_a_publisher_is_away_is_counted_as_missed(
         assert 0 < missed <= remote.stats.missed_scans
 
 
-@pytest.mark.long
 async def test_a_recording_holds_the_descriptor_that_was_made_for_the_stream(router: Router) -> None:
     """Places in it are counted in received bytes: without it each stream would lack its first bytes."""
     shown = list[bytes]()
@@ -119,7 +116,6 @@ async def test_a_recording_holds_the_descriptor_that_was_made_for_the_stream(rou
     assert shown[0].startswith(DESCRIPTOR)
 
 
-@pytest.mark.long
 async def test_a_publisher_that_comes_while_it_is_waited_for_is_known(
     router: Router, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -139,7 +135,6 @@ async def test_a_publisher_that_comes_while_it_is_waited_for_is_known(
         assert await remote.get_health() == lidar.health
 
 
-@pytest.mark.long
 async def test_a_reader_may_come_before_the_first_scan(router: Router) -> None:
     """The publisher's lidar does not scan yet, so its mode is not known."""
     async with Rig(router) as rig:
@@ -151,7 +146,6 @@ async def test_a_reader_may_come_before_the_first_scan(router: Router) -> None:
             assert (await reading).mode == "DenseBoost"
 
 
-@pytest.mark.long
 async def test_what_was_read_at_once_is_dated_as_one_read(router: Router) -> None:
     """In pieces, the revolutions of the first one seem to have come as late as the last byte did."""
     async with Rig(router) as rig:
@@ -165,7 +159,6 @@ async def test_what_was_read_at_once_is_dated_as_one_read(router: Router) -> Non
     assert {scan.wall_stamp_ns for scan in found} <= {scan.wall_stamp_ns for scan in rig.sent}
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("form", ["scan", "ros"])
 async def test_scans_that_were_lost_are_a_jump_in_the_numbers(router: Router, form: str) -> None:
     """They were dropped by zenoh, as it does where a line is busy."""
@@ -190,7 +183,6 @@ async def test_scans_that_were_lost_are_a_jump_in_the_numbers(router: Router, fo
         assert remote.stats.missed_scans == missed
 
 
-@pytest.mark.long
 async def test_two_publishers_under_one_key(router: Router, caplog: pytest.LogCaptureFixture) -> None:
     """The second one is told, and a reader that is there goes on with the first one."""
     async with Rig(router) as rig, Rig(router) as other:
@@ -220,7 +212,6 @@ async def test_two_publishers_under_one_key(router: Router, caplog: pytest.LogCa
             await lidario.open_lidar(f"zenoh:{key}?router={router.address}")
 
 
-@pytest.mark.long
 async def test_a_reader_is_told_that_the_lidar_is_away(
     router: Router, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -238,7 +229,6 @@ async def test_a_reader_is_told_that_the_lidar_is_away(
         assert remote.is_connected
 
 
-@pytest.mark.long
 async def test_a_publisher_that_sends_nothing_is_told(
     router: Router, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -257,7 +247,6 @@ async def test_a_publisher_that_sends_nothing_is_told(
         assert len(await reading) == len(FOUR)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("raw", [True, False])
 async def test_noise_under_a_key_keeps_nobody_from_reading(router: Router, raw: bool) -> None:
     """Neither as messages nor as a status, before the first message of the publisher and after it."""
@@ -288,7 +277,6 @@ async def test_noise_under_a_key_keeps_nobody_from_reading(router: Router, raw: 
         assert remote.info == share.lidar.info
 
 
-@pytest.mark.long
 async def test_whole_scans_have_no_raw_bytes_to_pass_on(router: Router) -> None:
     """A relay that sends nothing would look like a lidar that stands still."""
     async with Rig(router) as rig:
@@ -299,7 +287,6 @@ async def test_whole_scans_have_no_raw_bytes_to_pass_on(router: Router) -> None:
             Share(remote, "relay/scan", raw=True, router=router.address)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("form", ["scan", "ros", "raw"])
 async def test_a_recording_of_whole_scans_keeps_some_or_does_not_begin(
     router: Router, form: str, tmp_path: Path

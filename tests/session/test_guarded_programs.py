@@ -31,9 +31,10 @@ from tests.support.children import (
 )
 from tests.support.terminals import WaitingPtyServer
 
-pytestmark = pytest.mark.discards(
-    "a guard cannot know what the killed program has just written, so it writes again"
-)
+pytestmark = [
+    pytest.mark.long,
+    pytest.mark.discards("a guard cannot know what the killed program has just written, so it writes again"),
+]
 
 MOST_KB = 12 * 1024
 """Memory of a guard."""
@@ -146,7 +147,6 @@ def guarded(
         yield server, process, guard_of(process)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("program", [SCAN + RUN, SCAN + UVLOOP, SYNC], ids=["asyncio", "uvloop", "sync"])
 def test_every_kind_of_program(program: str) -> None:
     with guarded(HEAD + program) as (server, process, _):
@@ -157,7 +157,6 @@ def test_every_kind_of_program(program: str) -> None:
 MOTORS = ["rplidar-a2", "rplidar-a2-no-board", "rplidar-c1", "ldrobot-ld14p", "ydlidar-x4", "rplidar-old-firmware"]
 
 
-@pytest.mark.long
 @pytest.mark.exhaustive("model", sample=MOTORS[:1], full=MOTORS)
 def test_every_way_in_which_a_motor_is_driven(model: str) -> None:
     """An accessory board is found when the stream is started, and only then it is known what stops the motor."""
@@ -169,7 +168,6 @@ def test_every_way_in_which_a_motor_is_driven(model: str) -> None:
             until(lambda: not scans(server))
 
 
-@pytest.mark.long
 def test_a_device_that_has_not_said_what_it_is() -> None:
     """Only what stops every kind of motor, one after the other, can help then."""
     with served("rplidar-a2") as server:
@@ -182,7 +180,6 @@ def test_a_device_that_has_not_said_what_it_is() -> None:
         until(lambda: [each.name for each in requests(server)][-2:] == ["stop", "set_motor_pwm"])
 
 
-@pytest.mark.long
 def test_a_motor_that_shall_go_on_goes_on() -> None:
     program = HEAD.replace("guard=True", "guard=True, keep_spinning=True") + SCAN + RUN
     with guarded(program) as (server, process, _):
@@ -191,7 +188,6 @@ def test_a_motor_that_shall_go_on_goes_on() -> None:
         assert not is_still(server)
 
 
-@pytest.mark.long
 def test_two_sessions_in_one_program_have_two_guards() -> None:
     with (
         served("rplidar-s2") as one,
@@ -203,7 +199,6 @@ def test_two_sessions_in_one_program_have_two_guards() -> None:
         killed(process, one, other)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("kind", [TcpServer, UdpServer])
 def test_over_a_network_and_the_next_program_waits(kind: type[TcpServer | UdpServer]) -> None:
     with kind(simulate("rplidar-s2", spin_up=0)) as server:
@@ -222,7 +217,6 @@ def test_over_a_network_and_the_next_program_waits(kind: type[TcpServer | UdpSer
         until(lambda: is_still(server))
 
 
-@pytest.mark.long
 def test_a_line_that_reconnecting_has_made(tmp_path: Path) -> None:
     device = simulate("rplidar-s2", spin_up=0)
     device.boot_s = 0.2  # type: ignore[attr-defined]
@@ -239,7 +233,6 @@ def test_a_line_that_reconnecting_has_made(tmp_path: Path) -> None:
             killed(process, server)
 
 
-@pytest.mark.long
 def test_signals_of_the_terminal_do_not_end_it() -> None:
     with guarded(HEAD + SCAN + IGNORING + RUN) as (server, process, guard):
         assert os.getsid(guard) != os.getsid(process.pid)
@@ -255,7 +248,6 @@ def test_signals_of_the_terminal_do_not_end_it() -> None:
         killed(process, server)
 
 
-@pytest.mark.long
 def test_it_sleeps_in_little_memory_while_the_program_lives_also_while_that_is_frozen() -> None:
     with guarded() as (server, process, guard):
         for _ in range(2):
@@ -274,7 +266,6 @@ def test_it_sleeps_in_little_memory_while_the_program_lives_also_while_that_is_f
         killed(process, server)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("half", ["a58205", "a583", "a5"], ids=["EXPRESS_SCAN", "HQ_SCAN", "one byte"])
 def test_half_a_request_that_was_written_last(half: str) -> None:
     with served("rplidar-s2") as server:
@@ -284,7 +275,6 @@ def test_half_a_request_that_was_written_last(half: str) -> None:
         until(lambda: is_still(server), lambda: requests(server)[-12:])
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("model", ["rplidar-s2", "ydlidar-4ros"])
 def test_a_response_that_the_device_still_owes(model: str, tmp_path: Path) -> None:
     """It hears nothing before it has responded, and begins to scan then."""
@@ -300,7 +290,6 @@ def test_a_response_that_the_device_still_owes(model: str, tmp_path: Path) -> No
         assert requests(server)[-1].obeyed
 
 
-@pytest.mark.long
 def test_a_forked_child_neither_keeps_it_from_its_work_nor_begins_it() -> None:
     with served("rplidar-s2") as server, child(FORKS + HEAD + FORKING + RUN, server.path) as parent:
         forked = int(line_of(parent.stdout))
@@ -311,7 +300,6 @@ def test_a_forked_child_neither_keeps_it_from_its_work_nor_begins_it() -> None:
             os.kill(forked, signal.SIGKILL)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("adopts", [[], ["yes"]], ids=["", "is given orphans"])
 def test_the_program_has_no_child_that_it_did_not_start(adopts: list[str]) -> None:
     with served("rplidar-s2") as server:

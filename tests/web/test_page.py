@@ -15,7 +15,6 @@ from tests.support.children import line_of, until
 from tests.web.shown import S2, Open, ink
 
 pytestmark = pytest.mark.long
-
 EDGES = (
     "() => { const xs = [], ys = []; latest((scan, lidar) => cloud(scan, lidar, 1, (x, y) => {"
     " const [across, down] = place(x, y); xs.push(across); ys.push(down); }));"
