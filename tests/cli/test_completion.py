@@ -9,8 +9,7 @@ from tests.cli.processes import invoke
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_the_script_of_each_shell(shell: str) -> None:
-    ended = invoke("completion", shell)
-    assert ended.exit_code == 0
+    ended = invoke("completion", shell, code=0)
     assert f"_LIDARIO_COMPLETE={shell}_complete" in ended.stdout
     assert "lidario completion" in ended.stderr
 

@@ -13,8 +13,7 @@ S2 = "sim://rplidar-s2?via=memory"
 def test_without_a_lidar_a_simulated_one_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(discovery, "list_serial_ports", list)
     for verb in ("scan", "info", "stats", "record", "plot"):
-        ended = invoke(verb)
-        assert ended.exit_code == 3
+        ended = invoke(verb, code=3)
         assert "Without a lidar, a simulated one does: sim://rplidar-s2" in ended.stderr
 
 

@@ -27,8 +27,7 @@ def found(monkeypatch: pytest.MonkeyPatch, *answers: lidario.Found) -> None:
 
 def test_a_table_for_people(monkeypatch: pytest.MonkeyPatch) -> None:
     found(monkeypatch, ANSWERS, SILENT)
-    ended = invoke("devices")
-    assert ended.exit_code == 0
+    ended = invoke("devices", code=0)
     row = next(line for line in ended.stdout.splitlines() if "/dev/ttyUSB0" in line)
     for cell in ("Model X1", "00FF[0a]", "1.29", "256000", "CP2102"):
         assert cell in row
@@ -38,8 +37,7 @@ def test_a_table_for_people(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_list_for_programs(monkeypatch: pytest.MonkeyPatch) -> None:
     found(monkeypatch, ANSWERS, SILENT)
-    ended = invoke("devices", "--json")
-    assert ended.exit_code == 0
+    ended = invoke("devices", "--json", code=0)
     assert ended.stderr == ""
     first, second, third = json.loads(ended.stdout)
     assert (first["port"], first["by_id"], first["baudrate"]) == ("/dev/ttyUSB0", "/dev/serial/by-id/usb-a", 256000)
@@ -72,8 +70,7 @@ def test_a_named_port_ends_it_as_it_ends_scan(
 @pytest.mark.long
 def test_a_named_port_is_asked() -> None:
     with served("rplidar-s2") as server:
-        ended = invoke("devices", server.path, "/dev/nosuchport", "--json")
-    assert ended.exit_code == 0
+        ended = invoke("devices", server.path, "/dev/nosuchport", "--json", code=0)
     device, missing = json.loads(ended.stdout)
     assert device["port"] == server.path
     assert device["baudrate"] == server.device.baudrate
@@ -84,13 +81,11 @@ def test_a_named_port_is_asked() -> None:
 
 def test_without_a_verb_it_says_what_to_type_next(monkeypatch: pytest.MonkeyPatch) -> None:
     found(monkeypatch, ANSWERS)
-    ended = invoke()
-    assert ended.exit_code == 0
+    ended = invoke(code=0)
     assert "Model X1" in ended.stdout
     assert "lidario scan" in ended.stderr
     found(monkeypatch, ANSWERS, lidario.Found(PORTS[1], INFO, 115200, ""))
     assert "lidario scan /dev/ttyUSB0" in invoke().stderr
     found(monkeypatch)
-    ended = invoke()
-    assert ended.exit_code == 3
+    ended = invoke(code=3)
     assert "lidario scan sim://" in ended.stderr

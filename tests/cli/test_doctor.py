@@ -176,8 +176,7 @@ def test_what_an_adapter_says_never_becomes_more_than_a_number(serial: str, uniq
 def test_the_rule_of_the_command(machine: Machine, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.cli.udev.Machine", lambda: machine)
     monkeypatch.setattr("lidario.list_serial_ports", lambda: [PORT])
-    ended = invoke("udev", "--name", "front")
-    assert ended.exit_code == 0
+    ended = invoke("udev", "--name", "front", code=0)
     assert ended.stdout.count('SYMLINK+="front"') == 1
     assert "99-lidar.rules" in ended.stderr
     told = json.loads(invoke("udev", PORT.path, "--json").stdout)
@@ -187,8 +186,7 @@ def test_the_rule_of_the_command(machine: Machine, monkeypatch: pytest.MonkeyPat
 
 def test_the_rule_without_an_adapter(machine: Machine, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.list_serial_ports", list)
-    ended = invoke("udev")
-    assert ended.exit_code == 0
+    ended = invoke("udev", code=0)
     assert ended.stdout.count('SUBSYSTEM=="tty"') == len(ADAPTERS)
     assert ended.stdout.count('SUBSYSTEM=="usb"') == len(ADAPTERS)
     # The timer is FTDI's alone.
@@ -204,8 +202,7 @@ def _own_machine(machine: Machine, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("_own_machine")
 def test_a_lidar_with_nothing_wrong() -> None:
-    ended = invoke_driven("doctor", "sim://rplidar-s2?via=memory", "--json")
-    assert ended.exit_code == 0
+    ended = invoke_driven("doctor", "sim://rplidar-s2?via=memory", "--json", code=0)
     told = json.loads(ended.stdout)
     assert {each["state"] for each in told} == {"ok"}
     assert {"response", "health", "scans"} <= {each["what"] for each in told}
@@ -217,8 +214,7 @@ def test_a_lidar_with_nothing_wrong() -> None:
     ("fault", "code", "what"), [("drop:0.1%", 0, "scans"), ("garbage", 5, "response"), ("silent:0s", 5, "response")]
 )
 def test_trouble_is_named_with_a_cure(fault: str, code: int, what: str) -> None:
-    ended = invoke_driven("doctor", f"sim://rplidar-s2?via=memory&fault={fault}", "--json")
-    assert ended.exit_code == code
+    ended = invoke_driven("doctor", f"sim://rplidar-s2?via=memory&fault={fault}", "--json", code=code)
     (bad,) = [each for each in json.loads(ended.stdout) if each["state"] == "bad"]
     assert bad["what"] == what
     assert bad["cure"]
@@ -237,20 +233,17 @@ def test_a_port_that_cannot_be_opened(
 
     monkeypatch.setattr("lidario.open_lidar", fail)
     monkeypatch.setattr("lidario.list_serial_ports", lambda: [PORT])
-    ended = invoke("doctor", "--json")
-    assert ended.exit_code == code
+    ended = invoke("doctor", "--json", code=code)
     bad = json.loads(ended.stdout)[-1]
     assert (bad["what"], bad["text"], bad["cure"], bad["port"]) == (what, "no", "sudo do this", PORT.path)
-    people = invoke("doctor")
-    assert people.exit_code == code
+    people = invoke("doctor", code=code)
     assert "→ sudo do this" in people.stdout
 
 
 @pytest.mark.usefixtures("_own_machine")
 def test_nothing_is_plugged_in(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.list_serial_ports", lambda: [lidario.PortInfo("/dev/ttyS0", "", "", "built in")])
-    ended = invoke("doctor", "--json")
-    assert ended.exit_code == 3
+    ended = invoke("doctor", "--json", code=3)
     bad = json.loads(ended.stdout)[-1]
     assert (bad["state"], bad["what"]) == ("bad", "port")
     assert "/dev/ttyS0" in bad["cure"]
@@ -258,5 +251,4 @@ def test_nothing_is_plugged_in(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("_own_machine")
 def test_a_source_that_is_none() -> None:
-    ended = invoke("doctor", "sim://nosuchmodel", "--json")
-    assert ended.exit_code == 2
+    invoke("doctor", "sim://nosuchmodel", "--json", code=2)

@@ -21,8 +21,7 @@ def test_what_low_latency_has_done(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         driver.fails = refuses
         monkeypatch.setattr("lidario.cli.doctor.Machine", lambda: Machine(tmp_path))
         monkeypatch.setattr("lidario.list_serial_ports", lambda: [port])
-        ended = invoke("doctor", server.path, "--json")
-    assert ended.exit_code == 0
+        ended = invoke("doctor", server.path, "--json", code=0)
     (found,) = [each for each in json.loads(ended.stdout) if each["what"] == "latency"]
     if refuses:
         assert (found["state"], "16 ms" in found["text"]) == ("hint", True)

@@ -11,8 +11,7 @@ from tests.support.samples import every_model
 
 def test_everything_a_device_says_of_itself() -> None:
     serial = "000102030405060708090A0B0C0D0E0F"
-    ended = invoke_driven("info", f"sim://rplidar-s2?via=memory&serial={serial}", "--json")
-    assert ended.exit_code == 0
+    ended = invoke_driven("info", f"sim://rplidar-s2?via=memory&serial={serial}", "--json", code=0)
     told = json.loads(ended.stdout)
     assert told["serial"] == serial
     assert told["model_id"] == 0x71
@@ -25,8 +24,7 @@ def test_everything_a_device_says_of_itself() -> None:
 
 
 def test_for_people() -> None:
-    ended = invoke_driven("info", "sim://rplidar-s2?via=memory")
-    assert ended.exit_code == 0
+    ended = invoke_driven("info", "sim://rplidar-s2?via=memory", code=0)
     row = next(line for line in ended.stdout.splitlines() if "DenseBoost" in line)
     assert row.split() == ["1", "DenseBoost", "31.25", "32000", "30", "m", "0x85", "yes"]
     assert max(map(len, ended.stdout.splitlines())) <= 80
@@ -58,8 +56,7 @@ def test_a_frequency_that_can_be_set_and_not_read() -> None:
 
 @every_model()
 def test_every_model(model: str) -> None:
-    ended = invoke_driven("info", in_memory(model), "--json")
-    assert ended.exit_code == 0, ended.stderr
+    ended = invoke_driven("info", in_memory(model), "--json", code=0)
     told = json.loads(ended.stdout)
     assert told["model"]
     assert len(told["modes"]) >= 1
@@ -73,7 +70,6 @@ def test_a_device_that_protects_itself_is_unhealthy() -> None:
         with server.lock:
             server.device.health = (2, 0x1234)  # type: ignore[attr-defined]
             server.device.faults_cleared_by_reset = False  # type: ignore[attr-defined]
-        ended = invoke("info", server.path, "--json")
-    assert ended.exit_code == 6
+        ended = invoke("info", server.path, "--json", code=6)
     assert ended.stdout == ""
     assert ended.stderr.startswith("error: ")

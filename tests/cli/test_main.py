@@ -74,8 +74,7 @@ def test_a_missing_extra_is_one_sentence_that_names_the_cure(
 
 
 def test_help_names_every_verb() -> None:
-    told = invoke("--help")
-    assert told.exit_code == 0
+    told = invoke("--help", code=0)
     verbs = "devices info scan view watch plot stats publish router doctor report udev motor sim completion"
     for verb in verbs.split():
         assert f"\n  {verb} " in told.stdout
@@ -98,8 +97,7 @@ def test_what_nobody_expected_is_one_line(monkeypatch: pytest.MonkeyPatch) -> No
 
     monkeypatch.setattr("lidario.list_serial_ports", fail)
     monkeypatch.setattr("lidario.list_lidars", _nothing)
-    ended = invoke("devices")
-    assert ended.exit_code == 1
+    ended = invoke("devices", code=1)
     assert ended.stderr.startswith("error: ")
     assert ended.stderr.count("\n") == 1
     assert "ZeroDivisionError" in ended.stderr

@@ -14,8 +14,7 @@ FIRST, SECOND = (family.simulated[0] for family in FAMILIES[:2])
 @pytest.mark.long
 def test_start_leaves_the_motor_on_and_the_laser_off_and_stop_ends_it() -> None:
     with served(FIRST) as server:
-        ended = invoke("motor", "start", server.path, "--json")
-        assert ended.exit_code == 0
+        ended = invoke("motor", "start", server.path, "--json", code=0)
         assert json.loads(ended.stdout)["motor"] == "turning"
         until(lambda: not server.device.scanning)
         assert server.device.motor_on
@@ -26,8 +25,7 @@ def test_start_leaves_the_motor_on_and_the_laser_off_and_stop_ends_it() -> None:
 @pytest.mark.long
 def test_speed_is_measured_where_the_motor_turns_alone() -> None:
     with served(FIRST) as server:
-        ended = invoke("motor", "speed", "12", server.path, "--json")
-        assert ended.exit_code == 0
+        ended = invoke("motor", "speed", "12", server.path, "--json", code=0)
         told = json.loads(ended.stdout)
         assert told["motor"] == "turning"
         assert told["hertz"] == pytest.approx(12, rel=0.05)
@@ -38,8 +36,7 @@ def test_speed_is_measured_where_the_motor_turns_alone() -> None:
 @pytest.mark.long
 def test_what_is_refused_or_interrupted_leaves_the_motor_off() -> None:
     with served(FIRST) as server:
-        ended = invoke("motor", "speed", "100", server.path)
-        assert ended.exit_code == 2
+        ended = invoke("motor", "speed", "100", server.path, code=2)
         assert "is outside of this device's" in ended.stderr
         assert requests(server)
         until(lambda: is_still(server))
@@ -54,11 +51,9 @@ def test_what_is_refused_or_interrupted_leaves_the_motor_off() -> None:
 @pytest.mark.long
 def test_where_the_motor_stops_with_the_laser() -> None:
     with served(SECOND) as server:
-        ended = invoke("motor", "start", server.path)
-        assert ended.exit_code == 2
+        ended = invoke("motor", "start", server.path, code=2)
         assert "lidario scan -n 0" in ended.stderr
-        ended = invoke("motor", "speed", "9", server.path, "--json")
-        assert ended.exit_code == 0
+        ended = invoke("motor", "speed", "9", server.path, "--json", code=0)
         assert json.loads(ended.stdout) == {"motor": "set", "hertz": 9.0}
         assert not server.device.motor_on
 

@@ -108,8 +108,7 @@ def test_a_title_is_text_whatever_is_in_it() -> None:
 @pytest.mark.parametrize("options", [[], ["--polar", "-n", "3"]])
 def test_the_command_writes_it(tmp_path: Path, options: list[str]) -> None:
     path = tmp_path / "a b.svg"
-    ended = invoke_driven("plot", S2, "-o", str(path), *options)
-    assert ended.exit_code == 0
+    ended = invoke_driven("plot", S2, "-o", str(path), *options, code=0)
     assert ended.stdout == f"{path}\n"
     drawn = dots(path.read_text(encoding="utf-8"))
     assert len(drawn) == (3 if options else 1)
@@ -142,8 +141,7 @@ def test_a_title_tells_nothing_that_is_not_known(tmp_path: Path) -> None:
 
 
 def test_an_empty_scan_is_said(tmp_path: Path) -> None:
-    ended = invoke_driven("plot", S2 + "&world=empty", "-o", str(tmp_path / "x.svg"))
-    assert ended.exit_code == 0
+    ended = invoke_driven("plot", S2 + "&world=empty", "-o", str(tmp_path / "x.svg"), code=0)
     assert "no returns" in ended.stderr
 
 
@@ -155,14 +153,12 @@ def test_a_folder_is_no_picture(tmp_path: Path) -> None:
 
 def test_a_png_without_matplotlib_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    ended = invoke_driven("plot", S2, "-o", str(tmp_path / "x.png"))
-    assert ended.exit_code == 2
+    ended = invoke_driven("plot", S2, "-o", str(tmp_path / "x.png"), code=2)
     assert "pip install matplotlib" in ended.stderr
 
 
 def test_a_missing_device_leaves_no_file(tmp_path: Path) -> None:
-    ended = invoke("plot", "/dev/nosuchport", "-o", str(tmp_path / "x.svg"))
-    assert ended.exit_code == 3
+    invoke("plot", "/dev/nosuchport", "-o", str(tmp_path / "x.svg"), code=3)
     assert not list(tmp_path.iterdir())
 
 

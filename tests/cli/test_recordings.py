@@ -35,13 +35,11 @@ def test_record_ends_by_itself_and_names_its_file(tmp_path: Path) -> None:
     summary = json.loads(invoke("info", path, "--json").stdout)
     assert summary["scans"] in (4, 5)
     assert (summary["damage"], summary["lost_packets"], summary["timed"]) == (None, 0, True)
-    again = invoke_driven("record", "sim://rplidar-s2?via=memory", "-n", "1", "-o", path)
-    assert again.exit_code == 4
+    again = invoke_driven("record", "sim://rplidar-s2?via=memory", "-n", "1", "-o", path, code=4)
     # And nothing of a recording, which was none.
     assert again.stderr == f"error: {path} exists already: overwrite=True, or --force, replaces it\n"
     # The motor needs longer than that to be at its speed.
-    timed = invoke_driven("record", "sim://rplidar-s2?via=memory", "-t", "1s", "-o", path, "--force")
-    assert timed.exit_code == 0
+    invoke_driven("record", "sim://rplidar-s2?via=memory", "-t", "1s", "-o", path, "--force", code=0)
     assert 0.9 < json.loads(invoke("info", path, "--json").stdout)["duration_s"] < 1.3
 
 
@@ -120,8 +118,7 @@ def test_info_tells_what_is_in_a_file(live: Live, tmp_path: Path) -> None:
     assert "0 revolutions missing, 0 interruptions" in said
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(live.path.read_bytes()[:60_000])
-    told = invoke("info", str(cut))
-    assert told.exit_code == 0
+    told = invoke("info", str(cut), code=0)
     assert "the file was cut" in told.stderr
 
 
@@ -129,14 +126,12 @@ def test_info_tells_what_is_in_a_file(live: Live, tmp_path: Path) -> None:
 def test_where_nothing_can_be_read_the_code_is_7(tmp_path: Path, verb: tuple[str, ...]) -> None:
     (tmp_path / "bad.mcap").write_bytes(bytes(300))
     for name in ("bad.mcap", "missing.mcap", "missing.bin"):
-        done = invoke(*verb, str(tmp_path / name))
-        assert done.exit_code == 7, done.stderr
+        done = invoke(*verb, str(tmp_path / name), code=7)
         assert done.stderr.startswith("error: ")
 
 
 def test_scan_reads_a_file(live: Live) -> None:
-    done = invoke_driven("scan", f"{live.path}?rate=0", "-n", "0", "--json")
-    assert done.exit_code == 0, done.stderr
+    done = invoke_driven("scan", f"{live.path}?rate=0", "-n", "0", "--json", code=0)
     stamps = [json.loads(line)["stamp_ns"] for line in done.stdout.splitlines()]
     assert stamps[: len(live.scans)] == [scan.stamp_ns for scan in live.scans]
 
@@ -145,8 +140,7 @@ def test_scan_reads_a_file(live: Live) -> None:
 def test_export(live: Live, tmp_path: Path) -> None:
     scans = list(lidario.decode_file(live.path))
     for form in ("npz", "csv", "mcap"):
-        done = invoke("export", str(live.path), str(tmp_path / f"out.{form}"))
-        assert done.exit_code == 0, done.stderr
+        invoke("export", str(live.path), str(tmp_path / f"out.{form}"), code=0)
     with np.load(tmp_path / "out.npz") as out:
         assert "intensities" not in out  # the format has none
         assert out["starts"].dtype == out["stamps_ns"].dtype == out["lost_packets"].dtype == np.int64
@@ -192,8 +186,7 @@ class Killed(Executor):
 def test_a_process_that_is_killed_is_told(live: Live, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.cli.export.processes", lambda _: Killed())
     (tmp_path / "b.mcap").write_bytes(live.path.read_bytes())
-    done = invoke("export", str(live.path), str(tmp_path / "b.mcap"), str(tmp_path / "{}.npz"), "-j", "2")
-    assert done.exit_code == 4
+    done = invoke("export", str(live.path), str(tmp_path / "b.mcap"), str(tmp_path / "{}.npz"), "-j", "2", code=4)
     assert f"{tmp_path / 'b.npz'} is not written: a process was killed" in done.stderr
     assert [each.name for each in tmp_path.iterdir()] == ["b.mcap"]
 

@@ -19,8 +19,7 @@ from tests.support.children import BOUND, line_of
 
 
 def test_the_models_are_listed() -> None:
-    listed = invoke("sim", "--list")
-    assert listed.exit_code == 0
+    listed = invoke("sim", "--list", code=0)
     lines = listed.stdout.splitlines()
     assert [line for line in lines if line[0] != " "] == [f"{family.title}:" for family in FAMILIES]
     models = [line.split(maxsplit=1) for line in lines if line[0] == " "]
@@ -30,8 +29,7 @@ def test_the_models_are_listed() -> None:
 
 
 def test_the_faults_are_listed() -> None:
-    listed = invoke("sim", "--list-faults")
-    assert listed.exit_code == 0
+    listed = invoke("sim", "--list-faults", code=0)
     words = [line.split()[0] for line in listed.stdout.splitlines()]
     assert [word.partition(":")[0] for word in words] == list(FAULTS)
     for word in words:
@@ -108,8 +106,7 @@ def test_an_ipv6_address_is_printed_as_a_client_opens_it(way: str, address: str)
 
 @pytest.mark.parametrize("way", ["--tcp", "--udp"])
 def test_a_host_that_cannot_be_is_told(way: str) -> None:
-    ended = invoke("sim", way, "ü..x:0")
-    assert ended.exit_code == 2
+    ended = invoke("sim", way, "ü..x:0", code=2)
     assert "'ü..x:0' is not [HOST]:PORT" in ended.stderr
 
 
@@ -121,8 +118,7 @@ def test_over_a_network(model: str, way: str, number: signal.Signals) -> None:
     with started("sim", model, f"--{way}", ":0") as sim:
         address = line_of(sim.stdout).strip()
         assert address.startswith(f"{way}://127.0.0.1:")
-        scanned = invoke("scan", address, "--json")
-        assert scanned.exit_code == 0, scanned.stderr
+        scanned = invoke("scan", address, "--json", code=0)
         assert json.loads(scanned.stdout)["ranges"]
         sim.send_signal(number)
         assert sim.wait(BOUND) == 0
@@ -130,8 +126,7 @@ def test_over_a_network(model: str, way: str, number: signal.Signals) -> None:
 
 def test_an_address_that_is_taken() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
-        ended = invoke("sim", "--tcp", f"127.0.0.1:{taken.getsockname()[1]}")
-    assert ended.exit_code == 4
+        ended = invoke("sim", "--tcp", f"127.0.0.1:{taken.getsockname()[1]}", code=4)
     assert ended.stdout == ""
     assert "in use" in ended.stderr
 

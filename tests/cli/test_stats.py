@@ -29,8 +29,7 @@ def measured(periods: list[float] | None = None, *, returns: int = 3000, **chang
 
 @pytest.mark.long
 def test_a_clean_line_is_good_and_every_figure_is_right() -> None:
-    ended = invoke_driven("stats", S2, "-t", "2s", "--json")
-    assert ended.exit_code == 0
+    ended = invoke_driven("stats", S2, "-t", "2s", "--json", code=0)
     told = json.loads(ended.stdout, parse_constant=pytest.fail)
     assert told["verdict"] == "good"
     assert told["seconds"] == 2.0
@@ -46,8 +45,7 @@ def test_a_clean_line_is_good_and_every_figure_is_right() -> None:
 
 @pytest.mark.long
 def test_damage_is_told_with_its_cure() -> None:
-    ended = invoke_driven("stats", S2 + "&fault=drop:0.1%", "-t", "1s", "--json")
-    assert ended.exit_code == 0
+    ended = invoke_driven("stats", S2 + "&fault=drop:0.1%", "-t", "1s", "--json", code=0)
     told = json.loads(ended.stdout)
     assert told["verdict"] == "damaged"
     # One of 84 bytes is missing: 1 - 0.999**84.
@@ -115,16 +113,14 @@ def test_a_lost_revolution_is_no_jitter() -> None:
 
 
 def test_for_people_it_fits_a_terminal() -> None:
-    ended = invoke_driven("stats", S2, "-t", "500ms")
-    assert ended.exit_code == 0
+    ended = invoke_driven("stats", S2, "-t", "500ms", code=0)
     lines = ended.stdout.splitlines()
     assert lines[-1].startswith("verdict")
     assert max(map(len, lines)) <= 80
 
 
 def test_a_silent_device_is_no_data() -> None:
-    ended = invoke_driven("stats", S2 + "&fault=silent:1s", "-t", "5s", "--json")
-    assert ended.exit_code == 5
+    invoke_driven("stats", S2 + "&fault=silent:1s", "-t", "5s", "--json", code=5)
 
 
 @pytest.mark.parametrize("form", [(), ("--json",)])

@@ -56,8 +56,7 @@ def test_what_is_printed(monkeypatch: pytest.MonkeyPatch, reached: tuple[str, bo
 def test_a_port_that_is_taken() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        ended = invoke("view", MEMORY, "--port", str(port))
-    assert ended.exit_code == 4
+        ended = invoke("view", MEMORY, "--port", str(port), code=4)
     assert f"cannot listen on port {port}" in ended.stderr
     assert "--port 0 takes any free port" in ended.stderr
 
@@ -79,6 +78,5 @@ def test_where_nothing_can_be_recorded_is_told_before_a_lidar_is_opened(folder: 
 
 def test_without_websockets_it_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "websockets", None)
-    ended = invoke("view", MEMORY)
-    assert ended.exit_code == 2
+    ended = invoke("view", MEMORY, code=2)
     assert "pip install websockets" in ended.stderr

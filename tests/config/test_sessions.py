@@ -142,8 +142,7 @@ def test_the_command_finds_the_file(settings: Path, monkeypatch: pytest.MonkeyPa
         assert '"DenseBoost"' in done.stdout, done.stderr
     assert "settings of lidario.toml\n" in here.stderr
     assert "settings of" not in named.stderr + none.stderr
-    wrong = invoke("scan", source, "--config", "none.toml")
-    assert wrong.exit_code == 2
+    wrong = invoke("scan", source, "--config", "none.toml", code=2)
     assert "none.toml: the file of settings cannot be read" in wrong.stderr
 
 

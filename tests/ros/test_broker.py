@@ -170,6 +170,5 @@ def test_what_only_this_machine_reaches(address: str, private: bool) -> None:
 
 
 def test_an_error_ends_the_command() -> None:
-    ended = invoke("router", "--listen", "nonsense")
-    assert ended.exit_code == 2
+    ended = invoke("router", "--listen", "nonsense", code=2)
     assert "is not the address of a router" in ended.stderr

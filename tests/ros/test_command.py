@@ -29,16 +29,14 @@ SIM = "sim://rplidar-s2?via=memory"
     ],
 )
 def test_options_that_do_not_go_together(arguments: tuple[str, ...], words: str) -> None:
-    done = invoke("publish", SIM, *arguments)
-    assert done.exit_code == 2
+    done = invoke("publish", SIM, *arguments, code=2)
     assert words in done.stderr.replace("\n", " ")
 
 
 @pytest.mark.parametrize("arguments", [("publish", SIM, "--ros"), ("devices", "--zenoh"), ("info", "zenoh:a")])
 def test_a_missing_extra_is_one_sentence(arguments: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "zenoh", None)
-    done = invoke(*arguments)
-    assert done.exit_code == 2
+    done = invoke(*arguments, code=2)
     assert done.stderr == ("error: zenoh needs eclipse-zenoh, which is not installed: pip install eclipse-zenoh\n")
 
 
@@ -48,12 +46,10 @@ def test_no_router_is_told_with_its_cure(arguments: tuple[str, ...]) -> None:
     if arguments[0] == "info":
         done = invoke("info", f"zenoh:a?router={address}")
     else:
-        done = invoke(*arguments, "--router", address)
-    assert done.exit_code == 3
+        done = invoke(*arguments, "--router", address, code=3)
     assert done.stderr.startswith(f"error: no zenoh router responds at {address}. Start one: lidario router")
 
 
 def test_ports_and_the_network_are_two_questions() -> None:
-    done = invoke("devices", "--zenoh", "/dev/ttyUSB0")
-    assert done.exit_code == 2
+    done = invoke("devices", "--zenoh", "/dev/ttyUSB0", code=2)
     assert "--zenoh asks no ports" in done.stderr

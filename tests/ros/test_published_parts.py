@@ -16,8 +16,7 @@ SCANS = 30
 def test_all_parts_are_published(tmp_path: Path, router: Router) -> None:
     made = record(tmp_path / "run.mcap", "sim://rplidar-s2", SCANS, split_s=1.0)
     assert made.files > 1
-    done = invoke("publish", f"{made.source}?rate=0", "--zenoh", "parts/scan", "--router", router.address)
-    assert done.exit_code == 0, done.stderr
+    done = invoke("publish", f"{made.source}?rate=0", "--zenoh", "parts/scan", "--router", router.address, code=0)
     told = re.search(r"^(\d+) scans published", done.stderr, re.MULTILINE)
     assert told is not None, done.stderr
     assert SCANS <= int(told[1]) <= SCANS + 1
