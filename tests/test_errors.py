@@ -10,14 +10,7 @@ import pytest
 
 import lidario
 from lidario import errors
-from lidario.errors import (
-    ConnectFailed,
-    ConnectReason,
-    DeviceFault,
-    InvalidValue,
-    LidarError,
-    ResponseTimeout,
-)
+from lidario.errors import ConnectFailed, ConnectReason, DeviceFault, InvalidValue, LidarError, ResponseTimeout
 from lidario.model import Health, HealthStatus
 
 

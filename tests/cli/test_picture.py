@@ -55,8 +55,7 @@ def test_the_lidar_is_in_the_middle() -> None:
 
 
 @pytest.mark.parametrize(
-    ("angle", "down", "right"),
-    [(0.0, -1, 0), (np.pi / 2, 0, -1), (-np.pi / 2, 0, 1), (np.pi, 1, 0)],
+    ("angle", "down", "right"), [(0.0, -1, 0), (np.pi / 2, 0, -1), (-np.pi / 2, 0, 1), (np.pi, 1, 0)]
 )
 def test_forward_is_up_and_left_is_left(angle: float, down: int, right: int) -> None:
     lines = drawn(make_scan(np.array([angle]), np.array([3.0])))

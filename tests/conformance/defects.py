@@ -188,11 +188,7 @@ DEFECTS: Final[dict[str, tuple[Callable[[], Any], str, set[str]]]] = {
     "lists a mode twice": (lambda: with_mode(name="Standard"), "modes-are-listed", {"revolutions-are-full"}),
     "has a speed out of its range": (lambda: s2(speed_conf=(600, 700, 1200)), "speed-within-range", set()),
     "one mode is dead": (lambda: dead_standard(s2()), "modes-start", set()),
-    "tells a wrong sample time": (
-        lambda: with_mode(reported_us_q8=9000),
-        "sample-time",
-        set(),
-    ),
+    "tells a wrong sample time": (lambda: with_mode(reported_us_q8=9000), "sample-time", set()),
     "mirrored": (lambda: turning(s2(), np.negative), "turns-clockwise", SCANNING),
     "damages bytes": (lambda: Damages(s2()), "packets-are-whole", set()),
     "leaves packets out": (
@@ -210,11 +206,7 @@ DEFECTS: Final[dict[str, tuple[Callable[[], Any], str, set[str]]]] = {
         "ranges-are-possible",
         set(),
     ),
-    "its rotor wobbles": (
-        lambda: turning(s2(), wobbly),
-        "rotor-is-steady",
-        {"revolutions-are-full"},
-    ),
+    "its rotor wobbles": (lambda: turning(s2(), wobbly), "rotor-is-steady", {"revolutions-are-full"}),
     "tells a wrong speed": (lambda: turning(four_ros(), lambda turns: turns, 1.1), "reported-speed", set()),
     "takes no speed": (lambda: no_speed(s2()), "speed-is-reached", set()),
     "protection ends a stream too early": (lambda: alive_for(0.2), "protection-keeps", set()),

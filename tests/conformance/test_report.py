@@ -18,15 +18,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 
 import lidario
-from lidario.conformance import (
-    RULES,
-    Outcome,
-    Reporter,
-    Rule,
-    open_bench,
-    read_report,
-    rule_named,
-)
+from lidario.conformance import RULES, Outcome, Reporter, Rule, open_bench, read_report, rule_named
 from lidario.conformance import kept as module_kept
 from lidario.conformance.report import REPORT, report_of
 from lidario.families.registry import FAMILIES
@@ -169,10 +161,7 @@ async def test_the_names_of_ports_and_numbers_are_in_no_text(tmp_path: Path) -> 
 
     rule = replace(rule_named("identity-in-time"), check=tells)
     source = "sim://rplidar-s2?via=memory"
-    async with (
-        await open_bench(source) as bench,
-        Reporter(bench, tmp_path / "report.mcap") as reporter,
-    ):
+    async with await open_bench(source) as bench, Reporter(bench, tmp_path / "report.mcap") as reporter:
         await reporter.run((rule,))
     report = read_report(tmp_path / "report.mcap")
     assert report.tried[0].text == f"simulated is {report.about.info.serial}"

@@ -60,10 +60,7 @@ loop.close()
 @pytest.mark.parametrize("program", [INSIDE, BETWEEN], ids=["inside the running loop", "between two runs of it"])
 def test_the_exit_of_a_forked_child_stops_nothing(program: str) -> None:
     rig = make_rig("rplidar")
-    with (
-        SpeedPtyServer(rig.device) as server,
-        child(FORKS + program, server.path) as process,
-    ):
+    with SpeedPtyServer(rig.device) as server, child(FORKS + program, server.path) as process:
         # A parent whose lidar was stopped waits for ever.
         told = line_of(process.stdout)
         with server.lock:
@@ -134,10 +131,7 @@ lidario.run(main())
 
 @pytest.mark.long
 def test_a_port_is_free_when_it_is_closed_though_a_child_lives_on() -> None:
-    with (
-        SpeedPtyServer(make_rig("rplidar").device) as server,
-        child(LEFT + REOPENED, server.path) as process,
-    ):
+    with SpeedPtyServer(make_rig("rplidar").device) as server, child(LEFT + REOPENED, server.path) as process:
         assert process.communicate(timeout=PATIENCE_S) == ("open again\n", "")
 
 
@@ -158,10 +152,7 @@ def test_a_connection_ends_when_it_is_closed_though_a_child_lives_on() -> None:
 
 @pytest.mark.long
 def test_a_signal_to_a_child_ends_the_child_and_not_the_program() -> None:
-    with (
-        SpeedPtyServer(make_rig("rplidar").device) as server,
-        child(LEFT + TERMINATED, server.path) as process,
-    ):
+    with SpeedPtyServer(make_rig("rplidar").device) as server, child(LEFT + TERMINATED, server.path) as process:
         said = f"child ended by {-signal.SIGTERM}\nthe parent goes on\n"
         assert process.communicate(timeout=PATIENCE_S) == (said, "")
 

@@ -146,10 +146,7 @@ def test_the_zero_offset_that_a_user_of_the_replay_chooses_stays(tmp_path: Path)
 @pytest.mark.usefixtures("calibrated")
 def test_a_recording_that_begins_behind_another_zero_offset(tmp_path: Path) -> None:
     async def main() -> tuple[list[Scan], list[Scan]]:
-        async with (
-            lidario.open_lidar("sim://ydlidar-4ros?via=memory") as lidar,
-            lidar.scans(depth=64) as stream,
-        ):
+        async with lidario.open_lidar("sim://ydlidar-4ros?via=memory") as lidar, lidar.scans(depth=64) as stream:
             await lidar.set_zero_offset(True)
             before = await anext(stream)
             await lidar.set_zero_offset(False)
@@ -169,10 +166,7 @@ def test_a_recording_that_begins_behind_another_zero_offset(tmp_path: Path) -> N
 def test_a_recording_that_begins_in_mid_stream(tmp_path: Path) -> None:
     async def main() -> tuple[list[Scan], list[Scan]]:
         recorded: list[Scan] = []
-        async with (
-            lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar,
-            lidar.scans(depth=64) as stream,
-        ):
+        async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar, lidar.scans(depth=64) as stream:
             await anext(stream)
             async with lidar.record(tmp_path / "a.mcap"):
                 recorded += [await anext(stream) for _ in range(6)]
@@ -299,10 +293,7 @@ async def test_who_reads_again_gets_it_from_its_beginning(live: Live) -> None:
 @pytest.mark.long
 def test_a_replay_can_be_recorded(live: Live, tmp_path: Path) -> None:
     async def main() -> None:
-        async with (
-            lidario.open_lidar(f"{live.path}?rate=0") as lidar,
-            lidar.record(tmp_path / "b.mcap"),
-        ):
+        async with lidario.open_lidar(f"{live.path}?rate=0") as lidar, lidar.record(tmp_path / "b.mcap"):
             async for _ in lidar.scans():
                 pass
 

@@ -119,8 +119,7 @@ async def test_the_program_of_the_docs(router: Router, settings: Path, capsys: p
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("one", "two", "words"),
-    [("unplug", "", "silent: (0,)"), ("unplug", "silent", "both lidars are silent")],
+    ("one", "two", "words"), [("unplug", "", "silent: (0,)"), ("unplug", "silent", "both lidars are silent")]
 )
 async def test_the_robot_of_the_docs_stands_where_a_lidar_has_failed(
     one: str,

@@ -50,10 +50,7 @@ def test_the_descriptor_of_another_known_stream_decides_the_format() -> None:
 def test_while_it_streams_a_descriptor_is_noise() -> None:
     link = streaming()
     events = receive(link, PACKETS[0] + INFO_ANSWER + b"".join(PACKETS[1:]))
-    assert events == [
-        arrived(PACKETS[0], 1, 0),
-        replace(arrived(b"".join(PACKETS[1:]), 11, 0), skips=((0, 27),)),
-    ]
+    assert events == [arrived(PACKETS[0], 1, 0), replace(arrived(b"".join(PACKETS[1:]), 11, 0), skips=((0, 27),))]
     assert (link.stats.skipped_bytes, link.stats.skipped_stretches) == (27, 1)
 
 
@@ -63,7 +60,7 @@ def test_one_stretch_of_noise_is_one_event_however_long() -> None:
     for _ in range(50):
         assert receive(link, bytes(100)) == []
     assert receive(link, PACKETS[1] + PACKETS[2]) == [
-        replace(arrived(PACKETS[1] + PACKETS[2], 2, 0), skips=((0, 5000),)),
+        replace(arrived(PACKETS[1] + PACKETS[2], 2, 0), skips=((0, 5000),))
     ]
     assert link.stats.skipped_stretches == 1
 
