@@ -69,9 +69,7 @@ def test_a_robot_drives_on_when_its_lidar_is_back(fault: str, monkeypatch: pytes
 @pytest.mark.long
 @pytest.mark.exhaustive("model", sample=MODELS[:1], full=MODELS)
 @pytest.mark.parametrize("fault", DAMAGE)
-def test_damage_keeps_no_robot_from_driving_where_it_sees(
-    model: str, fault: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_damage_keeps_no_robot_from_driving(model: str, fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
     # Where every response is late, it takes long until the first scan: each is asked for until two are alike.
     told = wheels(model, fault, 12.0 if "late" in fault else 2.5, monkeypatch)
     # That all comes 0.3 s late nobody can know: the devices have no clock that is ours.

@@ -43,9 +43,7 @@ def test_of_a_port() -> None:
 
 @what_is_left
 @driven
-async def test_of_a_module_that_is_loaded_at_an_opening(
-    error: Exception, told: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_of_a_module_loaded_at_opening(error: Exception, told: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.session.opening.anyio.CancelScope", failing(error))
     with pytest.raises(ConnectFailed) as caught:
         await open_lidar(S2)

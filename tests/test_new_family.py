@@ -62,9 +62,7 @@ def test_a_family_is_green_from_the_first_minute(clone: Path) -> None:
     assert stream.read_bytes() == made
 
 
-def test_no_stream_is_made_for_a_family_that_is_not_there(
-    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_no_stream_without_its_family(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(sys, "argv", ["new_family", "zebra", "--stream"])
     with pytest.raises(SystemExit) as left:
         main()

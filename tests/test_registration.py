@@ -156,9 +156,7 @@ def test_the_verb_writes_the_mount(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert "cannot tell them apart" in same.stderr
 
 
-def test_that_two_lidars_cannot_be_told_apart_is_said_before_anything_is_measured(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_two_alike_are_told_before_anything_is_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Both stand on tables of their own, where nothing is seen: what is measured would not do either."""
     monkeypatch.chdir(tmp_path)
     sources = [f"sim://rplidar-c1?via=memory&world=empty&seed={seed}&serial={'AB' * 16}" for seed in (1, 2)]

@@ -107,9 +107,7 @@ def _says_that_it_is_not_released(clone: Clone) -> None:
         (_says_that_it_is_not_released, "README.md"),
     ],
 )
-def test_what_is_not_ready_is_refused_and_nothing_is_changed(
-    clone: Clone, spoil: Callable[[Clone], object], says: str
-) -> None:
+def test_what_is_not_ready_is_refused_unchanged(clone: Clone, spoil: Callable[[Clone], object], says: str) -> None:
     spoil(clone)
     before = [clone.git("rev-parse", "HEAD"), clone.git("tag"), clone.git("status", "--porcelain")]
     ended = clone.release("1.2.0")

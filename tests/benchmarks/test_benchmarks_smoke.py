@@ -73,9 +73,7 @@ def test_the_stages_of_a_turn_are_told_for_every_format() -> None:
         ({"scans": [[3200, 2.5]]}, ["2.5 m instead of 2.0 m"]),
     ],
 )
-def test_what_the_vendors_driver_read_is_compared_with_the_device(
-    changes: dict[str, object], wrong: list[str]
-) -> None:
+def test_what_the_vendors_driver_read_is_compared(changes: dict[str, object], wrong: list[str]) -> None:
     device = make_simulated("rplidar-s2")
     device.receive(bytes.fromhex("a5820501000000 0023"), 0)
     info = {"model": 0x71, "firmware_version": 0x102, "hardware_version": 18, "serial_number": device.serial.hex()}

@@ -64,9 +64,7 @@ def test_slack_can_be_refused(tmp_path: Path) -> None:
     assert compare.main([before, after, "--strict"]) == 1
 
 
-def test_a_row_that_is_gone_is_worse_unless_only_a_part_was_run(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_missing_row_is_worse_unless_a_part_was_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     other = ROW | {"case": "a ramp"}
     before, after = _written(tmp_path / "a.jsonl", ROW, other), _written(tmp_path / "b.jsonl", ROW)
     assert compare.main([before, after]) == 1

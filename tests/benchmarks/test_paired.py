@@ -57,9 +57,7 @@ def test_a_folder_that_is_no_repository_is_refused(tmp_path: Path) -> None:
         pass
 
 
-def test_without_git_it_says_so_in_one_sentence(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_git_it_says_so(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(shutil, "which", lambda _: None)
     assert paired.main(["--against", "HEAD"]) == 2
     said = capsys.readouterr()
@@ -67,9 +65,7 @@ def test_without_git_it_says_so_in_one_sentence(
     assert said.err == "nothing compared: git is not installed, and only git has the code of another commit\n"
 
 
-def test_it_prints_which_two_revisions_it_has_compared(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_it_prints_both_revisions(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     @contextmanager
     def other(commit: str) -> Iterator[paired.Checkout]:
         yield paired.Checkout(commit, ROOT)

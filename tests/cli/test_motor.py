@@ -59,9 +59,7 @@ def test_where_the_motor_stops_with_the_laser() -> None:
 
 
 @pytest.mark.parametrize("model", ["ldrobot-ld06", "ydlidar-x3"])
-def test_a_motor_that_cannot_be_stopped_is_never_called_stopped(
-    model: str, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_motor_that_cannot_be_stopped_is_not_called_stopped(model: str, caplog: pytest.LogCaptureFixture) -> None:
     for words, says in ((["stop"], "error: nothing was stopped"), (["speed", "7"], "cannot be set from here")):
         caplog.clear()
         ended = invoke_driven("motor", *words, f"sim://{model}?via=memory")

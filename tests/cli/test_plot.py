@@ -115,9 +115,7 @@ def test_the_command_writes_it(tmp_path: Path, options: list[str]) -> None:
     assert min(map(len, drawn)) > 3000
 
 
-def test_a_name_that_is_nothing_but_its_ending_tells_the_kind_too(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_name_that_is_only_its_ending_tells_the_kind_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert invoke_driven("plot", S2, "-o", ".svg").exit_code == 0
     assert (tmp_path / ".svg").read_text().startswith("<svg")

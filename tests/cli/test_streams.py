@@ -44,7 +44,7 @@ def test_a_closed_stdin_is_not_noticed() -> None:
 @pytest.mark.parametrize(
     ("encoding", "written"), [("utf-8", "r\xf6 → ".encode() + b"\xff.mcap"), ("ascii", b"r? -> \xff.mcap")]
 )
-def test_the_name_of_a_file_is_printed_as_its_bytes(
+def test_a_file_name_is_printed_as_its_bytes(
     encoding: str, written: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A name that is none in the encoding of this process, and that a script uses to open the file."""

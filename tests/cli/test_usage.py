@@ -107,9 +107,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("typed", "said"), REFUSED.items(), ids=[words.split(S2)[0] for words in REFUSED])
-def test_what_cannot_be_meant_is_refused(
-    typed: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_cannot_be_is_refused(typed: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     ended = invoke_driven(*shlex.split(typed))
     assert (ended.exit_code, ended.stdout) == (2, "")

@@ -269,9 +269,7 @@ def test_a_file_that_is_cut_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_what_the_report_is_about_stands_first_on_a_slow_disk_too(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_what_it_is_about_stands_first_on_a_slow_disk_too(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     def late(run: Callable[[], None], name: str) -> threading.Thread:
         def slow() -> None:
             time.sleep(0.2)

@@ -25,9 +25,7 @@ def driver(path: str, monkeypatch: pytest.MonkeyPatch) -> FakeDriver:
     return FakeDriver(path, monkeypatch)
 
 
-async def test_both_lines_are_low_after_opening_and_no_board_is_reset_on_the_way(
-    path: str, driver: FakeDriver
-) -> None:
+async def test_both_lines_are_low_after_opening_and_no_board_is_reset(path: str, driver: FakeDriver) -> None:
     port = await open_serial(path, 115200)
     assert driver.states[0] == (True, True)
     assert driver.states[-1] == (False, False)
@@ -82,9 +80,7 @@ async def test_it_is_given_back_by_a_port_that_nobody_closed(path: str, ftdi: Fa
     assert ftdi.flags == SPEED_FLAG
 
 
-async def test_an_adapter_that_was_pulled_out_has_nothing_to_be_given(
-    ends: tuple[int, int, str], ftdi: FakeDriver
-) -> None:
+async def test_a_pulled_out_adapter_has_nothing_to_be_given(ends: tuple[int, int, str], ftdi: FakeDriver) -> None:
     async with opened(ends[2]) as (_, sink):
         ftdi.gone = True
         for end in ends[:2]:
@@ -102,9 +98,7 @@ async def test_who_finds_it_set_leaves_it_set(path: str, ftdi: FakeDriver) -> No
     assert (ftdi.flags, ftdi.settings) == (SPEED_FLAG | LOW_LATENCY, 0)
 
 
-async def test_a_second_program_changes_nothing(
-    path: str, ftdi: FakeDriver, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_a_second_one_changes_nothing(path: str, ftdi: FakeDriver, monkeypatch: pytest.MonkeyPatch) -> None:
     first = await open_serial(path, 115200)
     with pytest.raises(ConnectFailed, match="busy"):
         await open_serial(path, 115200)

@@ -177,9 +177,7 @@ async def test_a_line_that_does_not_close_is_given_up_after_a_second(monkeypatch
     assert not port.is_open
 
 
-async def test_cancelling_the_close_ends_only_the_waiting(
-    ends: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_cancelling_only_ends_the_wait(ends: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch) -> None:
     port = await open_serial(ends[2], 115200)
     Wedged(monkeypatch, *[5] * 20, 0)
     task = asyncio.create_task(port.close())
@@ -192,9 +190,7 @@ async def test_cancelling_the_close_ends_only_the_waiting(
 
 
 @pytest.mark.long
-async def test_a_loop_that_was_blocked_while_it_closed(
-    ends: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_a_loop_blocked_while_it_closed(ends: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.port.port.CLOSE_TIMEOUT_S", 0.05)
     monkeypatch.setattr("lidario.port.serial.DRAIN_S", 0.05)
     port, sink = await open_serial(ends[2], 115200), Sink()
@@ -207,9 +203,7 @@ async def test_a_loop_that_was_blocked_while_it_closed(
     assert sink.lost == [None]
 
 
-async def test_closing_twice_and_after_the_end(
-    ends: tuple[int, int, str], caplog: pytest.LogCaptureFixture
-) -> None:
+async def test_closing_twice_or_after_the_end(ends: tuple[int, int, str], caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.DEBUG, "lidario")
     async with opened(ends[2]) as (port, sink):
         port.is_closing = True
@@ -236,9 +230,7 @@ async def test_a_close_in_the_iteration_of_the_opening(ends: tuple[int, int, str
     assert not sink.data
 
 
-async def test_abandon_waits_until_the_device_listens(
-    ends: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_abandon_waits_for_the_device(ends: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch) -> None:
     master, _, path = ends
     loop = asyncio.get_running_loop()
     slept: list[float] = []

@@ -101,8 +101,6 @@ def test_a_port_that_this_program_holds_itself() -> None:
 
 
 @pytest.mark.parametrize("others", [[(7, "lidario-guard"), (8, "rviz2")], [(8, "rviz2"), (9, "lidario-guard")]])
-def test_the_program_is_named_and_not_its_guard(
-    others: list[tuple[int, str]], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_program_is_named_not_its_guard(others: list[tuple[int, str]], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.port.diagnose.holders", lambda path: iter(others))
     assert "held by PID 8 (rviz2)" in str(busy("/dev/ttyUSB0"))

@@ -176,7 +176,7 @@ async def test_the_end_of_the_socket_without_a_farewell_is_the_end_of_the_progra
         await port.close()
 
 
-async def test_it_is_told_what_stops_the_device_and_again_when_that_changes(
+async def test_it_is_told_what_stops_the_device_and_when_that_changes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     guard = await start_guard("x")
@@ -206,9 +206,7 @@ async def test_it_is_told_what_stops_the_device_and_again_when_that_changes(
     guard.dismiss_at_once()
 
 
-async def test_a_farewell_is_the_end_of_it(
-    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_a_farewell_is_its_end(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing of it is left: no timer, no process, also none that nobody has waited for."""
     loop, gone, timers = asyncio.get_running_loop(), asyncio.Event(), list[asyncio.TimerHandle]()
     guard, call_later = await start_guard("x"), loop.call_later

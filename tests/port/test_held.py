@@ -122,9 +122,7 @@ class Overdue:
 
 @pytest.mark.parametrize(("latency", "pause"), [(0.01, 0.009), (0.005, 0.004), (0.001, 0.0005)])
 @driven
-async def test_what_is_overdue_is_polled_for_within_the_latency_by_a_timer_that_is_late(
-    latency: float, pause: float
-) -> None:
+async def test_what_is_overdue_is_polled_within_the_latency_by_a_late_timer(latency: float, pause: float) -> None:
     overdue = Overdue()
     overdue.latency = latency
     with terminal_pair() as (_, _, path):

@@ -31,9 +31,7 @@ async def test_what_was_counted_since_the_opening(ends: tuple[int, int, str], dr
     assert port.errors.framing == 10
 
 
-async def test_of_an_adapter_that_was_pulled_out_the_last_counts_are_known(
-    ends: tuple[int, int, str], driver: FakeDriver
-) -> None:
+async def test_the_last_counts_outlive_the_adapter(ends: tuple[int, int, str], driver: FakeDriver) -> None:
     driver.counted = {"frame": 0}
     async with opened(ends[2]) as (port, sink):
         driver.counted = {"frame": 6}

@@ -67,9 +67,7 @@ async def test_forbidden(terminal: tuple[int, str], monkeypatch: pytest.MonkeyPa
     assert failed.reason == "permission"
 
 
-async def test_one_that_cannot_be_set_up_is_closed(
-    terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_what_cannot_be_set_up_is_closed(terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(self: serial.Serial) -> None:
         raise serial.SerialException(5, "Input/output error")
 

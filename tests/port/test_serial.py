@@ -213,9 +213,7 @@ async def test_taps_see_what_was_written_already(terminal: tuple[int, str]) -> N
     await port.close()
 
 
-async def test_a_speed_that_the_adapter_cannot_do(
-    terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_a_speed_the_adapter_cannot_do(terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch) -> None:
     _, path = terminal
     port = await open_serial(path, 115200)
     port.set_baudrate(256000)

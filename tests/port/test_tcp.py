@@ -283,7 +283,7 @@ async def test_a_host_with_several_addresses(monkeypatch: pytest.MonkeyPatch) ->
 
 
 @driven
-async def test_addresses_that_are_silent_leave_the_next_ones_their_share_of_5_s(
+async def test_silent_addresses_leave_the_next_ones_their_share_of_5_s(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     known = [(socket.AF_INET, socket.SOCK_STREAM, 0, "", (f"127.0.0.{each}", 0)) for each in (2, 3, 1)]

@@ -45,9 +45,7 @@ async def test_bytes_both_ways(peer: socket.socket) -> None:
     port.write(b"ignored")
 
 
-async def test_of_a_name_with_several_addresses_that_of_ipv4_is_taken(
-    peer: socket.socket, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_of_several_addresses_ipv4_is_taken(peer: socket.socket, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing tells at once that an address is the wrong one, as ``localhost`` may be that of IPv6 first."""
     stream = socket.SOCK_STREAM
     known = [(socket.AF_INET6, stream, 6, "", ("::1", 0, 0, 0)), (socket.AF_INET, stream, 6, "", ("127.0.0.1", 0))]

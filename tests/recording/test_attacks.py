@@ -131,9 +131,7 @@ def pieces_of(path: Path) -> dict[int, bytes]:
 
 @pytest.mark.long
 @pytest.mark.parametrize("behind", [1.0, 0.5, 0.0])
-def test_what_stands_behind_the_end_of_a_file_is_told_as_left_out(
-    live: Live, tmp_path: Path, behind: float
-) -> None:
+def test_what_stands_behind_the_end_of_a_file_is_told(live: Live, tmp_path: Path, behind: float) -> None:
     """As of two recordings that `cat` has joined, the second one whole, cut, or only a few bytes."""
     data = live.path.read_bytes()
     path = tmp_path / "joined.mcap"

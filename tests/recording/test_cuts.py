@@ -153,7 +153,7 @@ def tiny(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 
 
 @pytest.mark.exhaustive("which", sample=EITHER, full=[(claim, clock) for claim in EXTREME for clock in CLOCKS])
-def test_figures_that_cannot_be_right_never_raise_anything_foreign(
+def test_impossible_figures_never_raise_anything_foreign(
     tiny: Live, tmp_path: Path, which: tuple[str, str]
 ) -> None:
     live, claims, clock = tiny, EXTREME[which[0]], CLOCKS[which[1]]

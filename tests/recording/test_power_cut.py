@@ -81,9 +81,7 @@ def test_a_file_system_that_cannot_is_none_that_fails(
 
 
 @driven
-async def test_a_disk_that_fails_ends_the_recording_and_not_the_session(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_a_failing_disk_ends_the_recording_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     count = 0
 
     def fail(_: int) -> None:

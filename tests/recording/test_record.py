@@ -198,9 +198,7 @@ async def test_a_file_that_cannot_be_made_is_said_at_once(tmp_path: Path, name: 
 
 
 @driven
-async def test_without_the_package_one_sentence_says_what_to_install(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_without_the_package_it_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mcap.writer", None)
     async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
         with pytest.raises(lidario.CannotRecord, match=r"pip install mcap"):

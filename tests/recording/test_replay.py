@@ -207,9 +207,7 @@ def test_the_device_responds_what_it_had_responded(tmp_path: Path, source: str) 
     run_driven(main)
 
 
-def test_what_was_recorded_of_a_lidar_until_it_failed_is_played(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_what_was_recorded_until_a_lidar_failed_is_played(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """The last that it said of itself is an error. No device is there that a reset would cure."""
 
     async def main() -> None:

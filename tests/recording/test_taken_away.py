@@ -36,9 +36,7 @@ def begun_again(path: Path) -> None:
     ids=["removed", "emptied", "begun again"],
 )
 @driven
-async def test_a_file_that_others_take_away_ends_the_recording(
-    tmp_path: Path, harm: Callable[[Path], None], why: str
-) -> None:
+async def test_a_file_taken_away_ends_the_recording(tmp_path: Path, harm: Callable[[Path], None], why: str) -> None:
     """Nothing is written to what is another program's file by then."""
     path = tmp_path / "a.mcap"
     async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
@@ -68,9 +66,7 @@ def test_a_recording_does_not_replace_what_it_is_made_of(tmp_path: Path) -> None
     assert live.path.read_bytes() == before
 
 
-def test_recorders_that_begin_a_file_at_one_moment_share_none(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_recorders_that_begin_at_one_moment_share_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each looks whether the name is free, and then both make the file. The recording of one of them ended."""
     monkeypatch.setattr("os.path.lexists", lambda _: False)
     about = About(DeviceInfo("rplidar", "A1", 0, "", 0, "00"))

@@ -47,9 +47,7 @@ async def test_a_publisher_that_does_not_respond_is_not_waited_for(router: Route
     await asking.close()
 
 
-async def test_a_configuration_of_zenoh_is_taken(
-    router: Router, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+async def test_a_configuration_is_taken(router: Router, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("ZENOH_CONFIG", str(tmp_path / "client.json5"))
     with pytest.raises(InvalidValue, match=r"or ZENOH_CONFIG=.* is no configuration of zenoh"):
         await Bus.open(router.address)

@@ -125,9 +125,7 @@ async def test_a_mode_that_is_told_while_the_stream_is_being_started_is_not_miss
         await until(lambda: remote.mode is not None and remote.mode.name == "DenseBoost")
 
 
-async def test_a_lidar_that_protects_itself_is_for_its_publisher_to_reset(
-    router: Router, caplog: pytest.LogCaptureFixture
-) -> None:
+async def test_only_its_publisher_resets_a_lidar(router: Router, caplog: pytest.LogCaptureFixture) -> None:
     """A reader is told how it is, and does not pretend to cure it."""
     async with Rig(router) as rig:
         device = lidario.simulate("rplidar-s2", spin_up=0)

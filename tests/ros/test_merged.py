@@ -163,7 +163,7 @@ def test_the_settings_of_the_docs_mask_the_body_for_both(tmp_path: Path) -> None
 
 @pytest.mark.long
 @pytest.mark.parametrize("sources", [(ONE,), (ONE, TWO)], ids=["one", "two"])
-async def test_the_command_publishes_them_with_their_settings(
+async def test_the_command_publishes_with_settings(
     router: Router, settings: Path, sources: tuple[str, ...]
 ) -> None:
     domain = str(30 + len(sources))

@@ -162,9 +162,7 @@ async def test_a_laserscan_of_somebody_elses_node_is_a_source(router: Router) ->
 
 
 @pytest.mark.parametrize("what", ["messages", "tokens", "queries"])
-async def test_zenoh_keeps_no_queue_before_the_bus(
-    router: Router, monkeypatch: pytest.MonkeyPatch, what: str
-) -> None:
+async def test_no_queue_is_kept_before_the_bus(router: Router, monkeypatch: pytest.MonkeyPatch, what: str) -> None:
     """It does where a thread of Python takes what comes: 256 messages of any size."""
     by_python: list[bool] = []
     put = Handover[Any].put

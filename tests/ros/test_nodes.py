@@ -123,9 +123,7 @@ async def test_slam_toolbox_takes_every_message_and_returns_lie_on_the_walls(rou
 @pytest.mark.long
 @pytest.mark.parametrize(("preset", "mounted"), [(PRESETS[0], False), (PRESETS[0], True), (PRESETS[1], False)])
 @pytest.mark.parametrize("order", ORDERS)
-async def test_the_walls_are_where_they_are(
-    router: Router, order: BeamOrder, preset: Preset, mounted: bool
-) -> None:
+async def test_walls_are_where_they_are(router: Router, order: BeamOrder, preset: Preset, mounted: bool) -> None:
     """With ``--mount`` in the frame of the robot, whatever the beams begin with and wherever their 0 is."""
     scans = await asyncio.to_thread(scans_of, "rplidar-s2")
     options: dict[str, Any] = {"mount": MOUNT} if mounted else {}

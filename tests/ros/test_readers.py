@@ -116,9 +116,7 @@ async def test_a_recording_holds_the_descriptor_that_was_made_for_the_stream(rou
     assert shown[0].startswith(DESCRIPTOR)
 
 
-async def test_a_publisher_that_comes_while_it_is_waited_for_is_known(
-    router: Router, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_a_publisher_that_is_waited_for_is_known(router: Router, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its first scan tells nothing of its lidar."""
     monkeypatch.setattr("lidario.network.connect.ASK_AGAIN_S", BOUND_S)
     async with Rig(router) as rig:
@@ -288,9 +286,7 @@ async def test_whole_scans_have_no_raw_bytes_to_pass_on(router: Router) -> None:
 
 
 @pytest.mark.parametrize("form", ["scan", "ros", "raw"])
-async def test_a_recording_of_whole_scans_keeps_some_or_does_not_begin(
-    router: Router, form: str, tmp_path: Path
-) -> None:
+async def test_a_recording_of_scans_keeps_some_or_does_not_begin(router: Router, form: str, tmp_path: Path) -> None:
     async with Rig(router) as rig:
         publisher = publisher_of(await rig.open(), form, "some/scan", rig.router)
         rig.run(await rig.enter_async_context(publisher))

@@ -84,9 +84,7 @@ async def test_nobody_listens_to_the_news(absent: Router, caplog: pytest.LogCapt
 
 
 @pytest.mark.long
-async def test_what_cannot_be_declared_leaves_no_connection(
-    absent: Router, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_what_is_not_declared_leaves_no_connection(absent: Router, monkeypatch: pytest.MonkeyPatch) -> None:
     """The router went away between the two steps: it is waited for, and nothing stays open of the first attempt."""
     absent.start()
     closed: list[Bus] = []

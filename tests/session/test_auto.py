@@ -94,9 +94,7 @@ async def test_one_that_was_stopped_is_woken(monkeypatch: pytest.MonkeyPatch) ->
 
 
 @pytest.mark.parametrize("model", ["hlds-lds01", "hlds-lds01-2016"])
-async def test_one_that_turns_evenly_after_two_seconds_is_found(
-    model: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_one_that_turns_evenly_after_2_s_is_found(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
     device = make_rig(model).device
     device.spin_up_s = 2.0
     serial_in_memory(monkeypatch, only=device)
@@ -185,9 +183,7 @@ async def test_all_of_them_together(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.long
 @pytest.mark.exhaustive("case", sample=[(0.1, 2), (0.3, 2)], full=[(0.0, 5), (0.1, 5), (0.3, 5)])
-async def test_none_is_taken_for_another_where_packets_are_lost(
-    case: tuple[float, int], monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_lost_packets_make_none_another_one(case: tuple[float, int], monkeypatch: pytest.MonkeyPatch) -> None:
     """Of those that are found by listening; the marks of two of them are the same."""
     share, tries = case
     _lose(monkeypatch, share, np.random.default_rng(7))
@@ -233,9 +229,7 @@ async def test_the_last_one_at_an_adapter_is_tried_first(monkeypatch: pytest.Mon
     assert {speed for speed, _ in written} == {115_200}
 
 
-def test_nothing_is_remembered_of_a_port_without_a_lasting_name(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Any
-) -> None:
+def test_nothing_is_remembered_without_a_lasting_name(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
     monkeypatch.setattr(listening, "BY_ID", tmp_path / "absent")
     assert listening.adapter_of("/dev/ttyUSB0") is None
     monkeypatch.setattr(listening, "BY_ID", tmp_path)

@@ -68,9 +68,7 @@ async def test_small_differences_are_no_setting(rplidar: Rig, clock: _Clock) -> 
     assert ahead(first) == ahead(last)
 
 
-async def test_a_replay_keeps_the_clock_with_which_it_was_recorded(
-    rplidar: Rig, clock: _Clock, tmp_path: Path
-) -> None:
+async def test_a_replay_keeps_the_clock_of_its_recording(rplidar: Rig, clock: _Clock, tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     async with rplidar.read() as (lidar, stream), lidar.record(path):
         first = await anext(stream)
@@ -82,9 +80,7 @@ async def test_a_replay_keeps_the_clock_with_which_it_was_recorded(
     assert set(found) == {ahead(first)}
 
 
-async def test_a_recording_that_begins_behind_a_setting_has_the_new_clock(
-    rplidar: Rig, clock: _Clock, tmp_path: Path
-) -> None:
+async def test_a_recording_behind_a_setting_has_the_new_clock(rplidar: Rig, clock: _Clock, tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     async with rplidar.read() as (lidar, stream):
         await anext(stream)

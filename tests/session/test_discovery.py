@@ -89,9 +89,7 @@ def test_a_list_of_ports_that_never_succeeds_ends(monkeypatch: pytest.MonkeyPatc
         list_serial_ports()
 
 
-def test_the_stable_names_are_unplugged_while_they_are_read(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_stable_names_are_unplugged_while_they_are_read(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """The system removes their folder with the last of them."""
     monkeypatch.setattr("serial.tools.list_ports.comports", lambda: [Port("/dev/ttyS0", None, None)])
     monkeypatch.setattr("lidario.session.finding.discovery.BY_ID", tmp_path / "gone")

@@ -36,9 +36,7 @@ async def error_of(
         return str(await end_of(stream, kind)), now() - began
 
 
-async def test_a_protection_stop_in_mid_scan_is_cured_counted_and_told(
-    rig: Rig, caplog: pytest.LogCaptureFixture
-) -> None:
+async def test_a_protection_stop_in_mid_scan_is_cured_and_told(rig: Rig, caplog: pytest.LogCaptureFixture) -> None:
     async with rig.open() as lidar:
         await lidar.set_scan_frequency(9.0)
         async with lidar.scans() as stream:
@@ -141,9 +139,7 @@ async def test_after_a_rest_the_device_is_asked_before_it_is_started(rig: Rig) -
 
 
 @pytest.mark.parametrize("rig", OF_EACH_BOOT, indirect=True)
-async def test_a_protection_stop_at_open_is_cured_counted_and_told(
-    rig: Rig, caplog: pytest.LogCaptureFixture
-) -> None:
+async def test_a_protection_stop_at_open_is_cured_and_told(rig: Rig, caplog: pytest.LogCaptureFixture) -> None:
     rig.device.protection_stop(CODE)
     async with rig.open() as lidar:
         assert lidar.health.ok
@@ -181,9 +177,7 @@ async def test_a_dead_device_is_told_of_within_a_second(rig: Rig) -> None:
         assert await lidar.scan()
 
 
-async def test_a_rotor_that_stalls_is_told_of_within_three_slow_revolutions(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_a_stalled_rotor_is_told_within_three_revolutions(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     async with rig.open() as lidar:
         text, after = await error_of(lidar, lambda: monkeypatch.setattr(Seam, "splits", lambda *_: []))
         assert "no full revolution" in text

@@ -135,9 +135,7 @@ async def test_a_reset_keeps_what_the_program_has_set(ydlidar: Rig, wanted: bool
         assert names(ydlidar).count("toggle_protection") == toggled
 
 
-async def test_the_thread_writes_nothing_behind_the_stop_requests(
-    ydlidar: Rig, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_no_thread_writes_behind_the_stop_requests(ydlidar: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     told: list[bytes] = []
     write = Port.write
 
@@ -198,9 +196,7 @@ async def test_zero_offset_is_told_and_applied_only_when_asked(ydlidar: Rig) -> 
 @pytest.mark.long
 @pytest.mark.parametrize("steps", range(1, 40, 6))
 @pytest.mark.parametrize("on", [True, False])
-async def test_a_toggle_that_was_not_confirmed_is_looked_at_before_the_next_stream(
-    ydlidar: Rig, on: bool, steps: int
-) -> None:
+async def test_an_unconfirmed_toggle_is_checked_before_the_next_stream(ydlidar: Rig, on: bool, steps: int) -> None:
     """Without protection nothing is sent in mid-scan; with it, what keeps the device going."""
     async with ydlidar.open() as lidar:
         await lidar.set_power_down_protection(not on)

@@ -110,7 +110,7 @@ async def test_a_session_that_is_let_go_in_the_midst_of_a_start_leaves_no_task(r
 
 
 @pytest.mark.parametrize(("stands_s", "gathers_s"), [(0.02, 0.0), (0.0, 0.004)], ids=["program", "adapter"])
-async def test_a_finalizer_waits_for_the_whole_pause_behind_a_stop_that_came_late(
+async def test_a_finalizer_waits_long_enough_behind_a_late_stop(
     rig: Rig, stands_s: float, gathers_s: float
 ) -> None:
     """A busy machine lets a program stand just before it writes; an adapter gathers bytes."""

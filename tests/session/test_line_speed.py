@@ -15,9 +15,7 @@ from tests.support.devices import Rig, make_rig, names
 
 
 @pytest.mark.parametrize("scanning", [False, True])
-async def test_a_speed_that_the_mode_does_not_fit_is_refused_and_nothing_has_changed(
-    rplidar: Rig, *, scanning: bool
-) -> None:
+async def test_a_speed_that_does_not_fit_the_mode_is_refused(rplidar: Rig, *, scanning: bool) -> None:
     async with rplidar.open() as lidar:
         stream = lidar.scans()
         if scanning:
@@ -36,9 +34,7 @@ async def test_a_speed_that_the_mode_does_not_fit_is_refused_and_nothing_has_cha
     assert names(rplidar, obeyed=True).count("new_baudrate_confirm") == 1
 
 
-async def test_a_device_that_is_found_at_too_slow_a_speed_says_so_when_it_shall_scan(
-    rplidar: Rig, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_a_device_found_at_too_slow_a_speed_says_so(rplidar: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     """Another program left it so. It can be asked, and set to a speed at which it can scan."""
     with monkeypatch.context() as patch:
         patch.setattr(RplidarDevice, "load", lambda device, mode: math.nan)

@@ -106,7 +106,7 @@ async def test_a_mode_that_is_not_listed_and_starts_nothing_is_told_of_at_once(r
 
 @pytest.mark.parametrize("question", ["get_info", "get_health"])
 @kinds
-async def test_another_task_gets_its_response_behind_a_start_whose_response_was_lost(
+async def test_another_task_gets_its_response_behind_a_lost_start(
     rig: Rig, mode: str | None, question: str
 ) -> None:
     """The device may scan all the same, and would not hear the question."""

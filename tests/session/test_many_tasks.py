@@ -156,9 +156,7 @@ def cancel_all_others() -> None:
 
 
 @pytest.mark.parametrize("turns", [0, 1, 5, 20])
-async def test_no_reader_waits_for_ever_where_a_program_cancels_all_tasks_and_goes_on(
-    rplidar: Rig, turns: int
-) -> None:
+async def test_no_reader_waits_for_ever_where_all_tasks_are_cancelled(rplidar: Rig, turns: int) -> None:
     async with rplidar.open() as lidar:
         stream = lidar.scans()
         reading = asyncio.ensure_future(anext(stream))

@@ -158,9 +158,7 @@ async def test_states_are_logged_for_who_looks_for_them(rplidar: Rig, caplog: py
     assert all(record.levelno == logging.DEBUG for record in caplog.records)
 
 
-def test_trouble_is_told_at_most_once_a_second(
-    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_trouble_is_told_once_a_second(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
     now = 100.0
     monkeypatch.setattr("lidario.session.talking.trouble.time.monotonic", lambda: now)
     trouble = Trouble()

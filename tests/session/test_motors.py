@@ -139,9 +139,7 @@ async def test_scans_go_on_after_a_fault(rig: Rig, fault: str, monkeypatch: pyte
 
 
 @pytest.mark.parametrize("lost", [2, 4, 6, 9])
-async def test_questions_in_vain_do_not_decide_for_the_session_which_speeds_are_taken(
-    rplidar: Rig, lost: int
-) -> None:
+async def test_questions_in_vain_do_not_decide_which_speeds_are_taken(rplidar: Rig, lost: int) -> None:
     """Its limits are asked for again, and a speed beyond them is refused."""
     receive, left = rplidar.device.receive, lost
 

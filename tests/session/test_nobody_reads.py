@@ -81,9 +81,7 @@ MOMENTS_S = (0.5, 0.05, 0.02, 0.01, 0.002, 0.0)
     [(kind, MOMENTS_S[(number + 3 * half) % 6]) for number, kind in enumerate(STOPPED) for half in (0, 1)],
     indirect=["rig"],
 )
-async def test_a_question_at_the_moment_at_which_a_stream_is_given_up_is_answered(
-    rig: Rig, before_s: float
-) -> None:
+async def test_a_question_as_a_stream_is_given_up_is_answered(rig: Rig, before_s: float) -> None:
     """Some are asked by listening to them, and must turn for that. Behind it they are stopped."""
     async with rig.open() as lidar:
         await lidar.scan()

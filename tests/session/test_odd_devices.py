@@ -41,9 +41,7 @@ async def test_the_length_in_a_scan_header_of_the_4ros_is_ignored(
 
 
 @pytest.mark.parametrize("status", [3, 128, 255])
-async def test_a_health_that_is_not_defined_is_a_warning(
-    rig: Rig, status: int, caplog: pytest.LogCaptureFixture
-) -> None:
+async def test_an_undefined_health_is_a_warning(rig: Rig, status: int, caplog: pytest.LogCaptureFixture) -> None:
     rig.device.health = (status, 0x1234)
     async with rig.open() as lidar:
         assert lidar.health.status is HealthStatus.WARNING
@@ -308,9 +306,7 @@ async def test_a_sample_time_that_is_told_wrong_is_measured(
 
 @pytest.mark.discards("what it is asked in SCIP 2.0 before it speaks that")
 @pytest.mark.parametrize("source", ["old", "serial://old?family=hokuyo"])
-async def test_a_hokuyo_that_begins_in_scip_1_is_told_to_speak_scip_2(
-    source: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_a_hokuyo_in_scip_1_is_told_to_speak_scip_2(source: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """A URG-04LX, each time it gets power and is reset (more_families_2.md 6.1)."""
     device = SimulatedHokuyo(replace(HOKUYOS["hokuyo-urg04lx"], begins_scip1=True))
     serial_in_memory(monkeypatch, old=device)

@@ -49,9 +49,7 @@ async def test_it_goes_on_after_the_cable_was_pulled_out(rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("baudrate", [1_000_000, 1_500_000])
-async def test_it_is_found_at_the_speed_that_was_set_and_at_the_one_before(
-    baudrate: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_it_is_found_at_the_speed_of_now_and_before(baudrate: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """No document says whether a loss of power sets it back; that of this one does, and a loose plug does not."""
     rig, lines = make_rig("rplidar"), list[MemoryTransport]()
 
@@ -171,9 +169,7 @@ async def test_speed_and_mode_are_those_of_before() -> None:
         assert math.isclose(scan.rpm, 720, rel_tol=0.03)
 
 
-async def test_another_lidar_on_the_same_port_is_not_taken_for_it(
-    rig: Rig, caplog: pytest.LogCaptureFixture
-) -> None:
+async def test_another_lidar_on_its_port_is_not_taken_for_it(rig: Rig, caplog: pytest.LogCaptureFixture) -> None:
     other = make_rig(rig.family, seed=7)
     async with on_a_cable(rig) as (cable, lidar):
         serial = lidar.info.serial

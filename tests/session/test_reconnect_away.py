@@ -92,9 +92,7 @@ async def test_questions_end_at_once_while_it_is_away(rig: Rig) -> None:
             assert (await lidar.get_health()).ok
 
 
-async def test_a_stream_that_waits_for_a_question_when_the_line_is_lost(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_a_stream_waits_for_a_question_as_the_line_is_lost(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     """The task that starts it gets its turn when there is no line any more, and does not try again and again."""
     begin, operations = Dialogue.begin, itertools.count()
 

@@ -58,9 +58,7 @@ async def test_it_is_found_again_through_a_link(family: str, tmp_path: Path) -> 
 @pytest.mark.long
 @pytest.mark.real_time
 @pytest.mark.parametrize("by", ["id", "path"])
-async def test_under_another_name_held_for_a_while_beside_other_ports(
-    by: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_under_another_name_held_a_while_beside_other_ports(by: str, monkeypatch: pytest.MonkeyPatch) -> None:
     device = make_rig("rplidar").device
     device.boot_s = BOOT_S
     with WaitingPtyServer(device) as server, served("rplidar-s1") as bystander:

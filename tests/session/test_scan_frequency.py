@@ -23,9 +23,7 @@ async def test_the_set_speed_is_checked_against_the_measured_one(rig: Rig) -> No
         assert (await anext(stream)).rpm == pytest.approx(600, rel=0.05)
 
 
-async def test_a_rotor_that_does_not_turn_at_the_set_speed_within_10_s_is_told(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_a_rotor_not_at_its_speed_within_10_s_is_told(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.session.questions.SPEED_TOLERANCE", -1.0)
     async with rig.read() as (lidar, _):
         began = now()
@@ -55,9 +53,7 @@ async def test_a_speed_that_is_set_beside_a_question_for_it_stays_set(rplidar: R
 
 @pytest.mark.long
 @pytest.mark.parametrize("mode", ["Standard", "DenseBoost"])
-async def test_a_speed_that_is_set_in_mid_scan_is_one_request_and_interrupts_nothing(
-    rplidar: Rig, mode: str
-) -> None:
+async def test_a_speed_set_in_mid_scan_is_one_request_and_interrupts_nothing(rplidar: Rig, mode: str) -> None:
     async with rplidar.open() as lidar, lidar.scans(mode, depth=256) as stream:
         scans = [await anext(stream)]
         for hertz in (15.0, 8.0):

@@ -47,9 +47,7 @@ async def test_a_port_that_a_search_asks_just_now_is_opened_behind_it(monkeypatc
     assert [each.info is not None for each in await searching] == [True]
 
 
-async def test_the_search_of_another_program_is_waited_for(
-    monkeypatch: pytest.MonkeyPatch, another_search: socket.socket
-) -> None:
+async def test_another_search_is_waited_for(monkeypatch: pytest.MonkeyPatch, another_search: socket.socket) -> None:
     written = plugged_in(monkeypatch, only=make_rig("rplidar-s2").device)
     search = asyncio.ensure_future(list_lidars())
     await asyncio.sleep(5.0)
@@ -98,9 +96,7 @@ async def test_one_that_still_boots_is_waited_for_where_another_responds(
 
 
 @pytest.mark.parametrize("fails", ["socket", "bind"])
-async def test_where_a_sandbox_forbids_it_others_are_not_waited_for(
-    fails: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_where_a_sandbox_forbids_it_nobody_is_waited_for(fails: str, monkeypatch: pytest.MonkeyPatch) -> None:
     class Forbidden(socket.socket):
         def __init__(self, *_: object) -> None:
             if fails == "socket":

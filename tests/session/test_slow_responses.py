@@ -88,9 +88,7 @@ def test_it_is_stopped_at_any_moment(family: str, b: Work, delay_s: float, phase
 
 @pytest.mark.parametrize("delay_s", [0.6, 0.9, 1.5, 1.9])
 @pytest.mark.parametrize("moment_s", [0.12, 0.3, 0.7, 1.2])
-async def test_closing_waits_for_a_response_that_nobody_waits_for_any_more(
-    rig: Rig, moment_s: float, delay_s: float
-) -> None:
+async def test_closing_waits_for_a_response_that_nobody_wants(rig: Rig, moment_s: float, delay_s: float) -> None:
     async with rig.open() as lidar:
         await lidar.scan()
         rig.device.response_delay_s = delay_s
@@ -169,9 +167,7 @@ def test_motors_of_other_kinds(model: str) -> None:
 
 
 @pytest.mark.parametrize(("model", "stop"), [("rplidar", b"\xa5\x25"), ("hokuyo", b"QT\n")])
-async def test_it_is_told_in_the_log_where_it_cannot_be_seen(
-    model: str, stop: bytes, caplog: pytest.LogCaptureFixture
-) -> None:
+async def test_it_is_logged_where_it_is_not_seen(model: str, stop: bytes, caplog: pytest.LogCaptureFixture) -> None:
     """A device that hears nothing any more and streams on."""
     rig, heard = make_rig(model), list[bytes]()
     async with rig.read() as (lidar, _):
@@ -253,9 +249,7 @@ async def test_a_silent_port_is_not_waited_for(rplidar: Rig) -> None:
 
 
 @pytest.mark.parametrize("delay_s", [0.05, 0.1, 0.15, 0.2, 0.3])
-async def test_responses_to_the_stop_requests_are_not_taken_for_a_stream(
-    delay_s: float, caplog: pytest.LogCaptureFixture
-) -> None:
+async def test_responses_to_stop_requests_are_no_stream(delay_s: float, caplog: pytest.LogCaptureFixture) -> None:
     """A Hokuyo responds to them, too."""
     rig = make_rig("hokuyo")
     async with rig.open() as lidar:

@@ -280,9 +280,7 @@ def two_tasks(family: str, a: Work, b: Work, stride: int, *, silent: bool = Fals
 @pytest.mark.exhaustive("stride", sample=[0], full=[12])
 @pytest.mark.parametrize("family", FAMILIES)
 @pytest.mark.parametrize("b", [b_stops, b_closes, b_cancels], ids=lambda work: work.__name__)
-def test_the_other_task_ends_what_a_silent_device_does_not(
-    family: str, b: Work, stride: int, every_step: bool
-) -> None:
+def test_the_other_ends_what_a_silent_device_does_not(family: str, b: Work, stride: int, every_step: bool) -> None:
     for a in READERS if b is b_stops else A:
         two_tasks(family, a, b, 1 if every_step else stride, silent=True)
 

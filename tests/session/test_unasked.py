@@ -186,9 +186,7 @@ def test_a_model_may_be_named_where_the_device_cannot_tell(family: Any) -> None:
 
 
 @pytest.mark.parametrize("baudrate", [230_400, 115_200])
-async def test_a_model_of_which_some_have_another_line_is_found_by_its_name(
-    baudrate: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_a_model_with_two_lines_is_found_by_its_name(baudrate: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """An older Delta-2A has that of a Delta-2D (more_families_2.md 5.1)."""
     serial_in_memory(monkeypatch, named=SimulatedIrobotix(replace(IROBOTIX["irobotix-delta2a"], baudrate=baudrate)))
     async with open_lidar("serial://named?model=delta2a") as lidar:

@@ -36,9 +36,7 @@ async def test_a_device_that_falls_silent_while_the_program_blocks_is_told_of(ri
         assert loop.time() - unblocked < 0.6
 
 
-async def test_what_is_held_is_read_before_a_device_counts_as_silent(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_what_is_held_is_read_before_it_counts_as_silent(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     """As on a terminal whose bytes nobody has read because its timers are late."""
     data_received, held = Port.data_received, bytearray()
     polls = 0
@@ -99,9 +97,7 @@ async def read_through_damage(rig: Rig, stream: ScanStream) -> None:
 
 
 @pytest.mark.long
-async def test_damage_before_the_last_scan_is_not_named_as_the_cause(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_damage_before_the_last_scan_is_not_the_cause(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     async with rig.open() as lidar, lidar.scans() as stream:
         await read_through_damage(rig, stream)
         assert lidar.stats.broken_scans > 0

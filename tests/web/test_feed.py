@@ -59,9 +59,7 @@ async def test_what_the_settings_leave_out_is_left_out_until_a_viewer_takes_it_a
 
 @pytest.mark.parametrize(("said", "place"), [(None, Mount(1.0)), (Mount(), Mount()), (Mount(2.0), Mount(2.0))])
 @driven
-async def test_the_settings_say_where_it_is_unless_the_caller_does(
-    said: Mount | None, place: Mount, tmp_path: Path
-) -> None:
+async def test_settings_say_where_it_is_unless_callers_do(said: Mount | None, place: Mount, tmp_path: Path) -> None:
     path = tmp_path / "a.toml"
     save_config(path, "", mount=Mount(1.0))
     feed = Feed(S2, config=str(path), mount=said)

@@ -86,9 +86,7 @@ def test_a_box_of_the_file_may_be_as_large_as_a_box_can_be(tmp_path: Path) -> No
     ("told", "window"),
     [("-370.00 -350.00", (-10, 10)), ("355.00 365.00", (-5, 5)), ("170.00 500.00", (170, 140)), ("-180 180", None)],
 )
-def test_sectors_of_a_lidar_that_is_turned_on_the_robot(
-    tmp_path: Path, told: str, window: tuple[float, float] | None
-) -> None:
+def test_sectors_of_a_lidar_that_is_turned(tmp_path: Path, told: str, window: tuple[float, float] | None) -> None:
     """The page counts on beyond a turn there."""
     shown = feeds(Mount(yaw=3.0))
     assert Masks(shown, tmp_path / "a.toml").receive(f"s0 {told}")
@@ -137,9 +135,7 @@ def test_a_lidar_that_tells_no_serial_number(tmp_path: Path) -> None:
     ("serials", "said"),
     [(("S0", ""), "lidar 1 tells no serial number"), (("S0", "s0"), "several lidars tell the serial number s0")],
 )
-def test_nothing_is_saved_where_settings_cannot_tell_all_apart(
-    tmp_path: Path, serials: tuple[str, ...], said: str
-) -> None:
+def test_nothing_is_saved_where_lidars_are_alike(tmp_path: Path, serials: tuple[str, ...], said: str) -> None:
     path, shown = tmp_path / "a.toml", feeds(Mount(1.0), Mount(-1.0))
     for feed, serial in zip(shown, serials, strict=True):
         feed.info = DeviceInfo("f", "m", 1, "1.0", 1, serial)
@@ -185,9 +181,7 @@ def test_where_the_file_cannot_take_what_is_drawn_for_one_the_other_is_saved_onc
 
 
 @pytest.mark.long
-def test_a_box_and_a_sector_are_drawn_and_saved(
-    viewed: Open, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_box_and_sector_are_drawn_and_saved(viewed: Open, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "robot.toml"
     path.write_text("# mine\n")
     page = viewed(S2, "--config", str(path))

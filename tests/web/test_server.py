@@ -211,7 +211,7 @@ async def test_the_token_gives_the_page_and_the_scans() -> None:
 @pytest.mark.parametrize(
     "messages", [["x"], [b"a"], ["a" * 65], ["t"], ["t1e5"], ["tNaN"], ["a"] * (module.MOST_MESSAGES + 2)]
 )
-async def test_what_a_viewer_may_say_is_bounded(
+async def test_what_viewers_may_say_is_bounded(
     messages: list[str | bytes], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "STATE_S", 3600.0)

@@ -20,9 +20,7 @@ from lidario.web.traffic import traffic
         (21_000, 0, None),
     ],
 )
-def test_a_line_that_carries_more_than_it_can_has_no_speed(
-    bytes_received: int, baudrate: int, load: float | None
-) -> None:
+def test_a_line_that_carries_too_much_has_no_speed(bytes_received: int, baudrate: int, load: float | None) -> None:
     before = Stats()
     found = traffic(before, replace(before, bytes_received=2 * bytes_received), 2.0, baudrate).load
     assert found == (load if load is None else pytest.approx(load, abs=0.01))
