@@ -16,47 +16,29 @@ from lidario.beams import BeamOrder
 from lidario.rotor import follow_rotor, times_of
 from tests.support.sweep import EVERY_MS, ORDERS, check, sweep
 
-
-# Exactly one sample lost, and not enough to be seen in the duration.
-@pytest.mark.long
-@example(6.0, 1000.0, 15.3, False, 0.0, 0.0, [(0.25, 0.0078125)], 0.0, None, 0.0, "counter-clockwise")
-@example(6.0, 1000.0, 15.3, False, 0.0, 0.0, [(0.25, 0.0078125)], -0.006, None, 0.0, "counter-clockwise")
-@given(
-    hertz=st.floats(4, 20),
-    sample_us=st.sampled_from([500.0, 1000.0]),
-    seam=st.sampled_from([0.0, 0.0, 15.3, 180.0, 355.3]),
-    declared=st.booleans(),
-    phase=st.floats(0, 0.99),
-    shift=st.floats(-0.4, 0.4),
-    gaps=st.lists(st.tuples(st.floats(0, 0.95), st.floats(0.005, 0.1)), max_size=4),
-    miscounted=st.floats(-0.06, 0.06),
-    beams=st.none() | st.integers(1, 300),
-    yaw=st.floats(-10, 10),
-    order=st.sampled_from(ORDERS),
+SWEEPS = st.fixed_dictionaries(
+    {
+        "hertz": st.floats(4, 20),
+        "sample_us": st.sampled_from([500.0, 1000.0]),
+        "seam": st.sampled_from([0.0, 0.0, 15.3, 180.0, 355.3]),
+        "declared": st.booleans(),
+        "phase": st.floats(0, 0.99),
+        "shift": st.floats(-0.4, 0.4),
+        "gaps": st.lists(st.tuples(st.floats(0, 0.95), st.floats(0.005, 0.1)), max_size=4),
+    }
 )
+ONE_LOST = {"hertz": 6.0, "sample_us": 1000.0, "seam": 15.3, "declared": False, "gaps": [(0.25, 0.0078125)]}
+"""Exactly one sample lost, and not enough to be seen in the duration."""
+
+
+@pytest.mark.long
+@example(ONE_LOST, 0.0, None, 0.0, "counter-clockwise")
+@example(ONE_LOST, -0.006, None, 0.0, "counter-clockwise")
+@given(SWEEPS, st.floats(-0.06, 0.06), st.none() | st.integers(1, 300), st.floats(-10, 10), st.sampled_from(ORDERS))
 def test_times_are_right_whatever_the_scan_is_like(
-    hertz: float,
-    sample_us: float,
-    seam: float,
-    declared: bool,
-    phase: float,
-    shift: float,
-    gaps: list[tuple[float, float]],
-    miscounted: float,
-    beams: int | None,
-    yaw: float,
-    order: BeamOrder,
+    made: dict[str, Any], miscounted: float, beams: int | None, yaw: float, order: BeamOrder
 ) -> None:
-    truth = sweep(
-        hertz=hertz,
-        sample_us=sample_us,
-        seam=seam,
-        declared=declared,
-        phase=phase,
-        shift=shift,
-        gaps=gaps,
-        miscounted=miscounted if gaps else 0.0,
-    )
+    truth = sweep(**made, miscounted=miscounted if made["gaps"] else 0.0)
     check(truth.scan.to_laserscan(beams, mount_yaw=yaw, order=order), truth, yaw)
 
 
@@ -69,14 +51,8 @@ def test_known_gaps_tell_the_times_also_where_the_rotor_was_braked() -> None:
 
 
 def test_the_grid_is_the_same_for_scans_that_begin_at_the_seam() -> None:
-    kinds: list[dict[str, Any]] = [
-        {},
-        {"phase": 0.9},
-        {"shift": -0.1},
-        {"shift": 0.3},
-        {"gaps": [(0.0, 0.08)]},
-        {"gaps": [(0.9, 0.1)]},
-    ]
+    kinds: list[dict[str, Any]] = [{}, {"phase": 0.9}, {"shift": -0.1}, {"shift": 0.3}]
+    kinds += [{"gaps": [gap]} for gap in ((0.0, 0.08), (0.9, 0.1))]
     for seam in (0.0, 15.3):
         grids = [sweep(hertz=10, sample_us=500, seam=seam, **kind).scan.to_laserscan(720) for kind in kinds]
         assert [grid.angle_min for grid in grids] == pytest.approx([math.radians(0.25 - seam)] * len(kinds))

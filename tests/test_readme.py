@@ -58,11 +58,8 @@ def test_every_benchmark_is_told_once() -> None:
 
 def test_it_is_a_front_page() -> None:
     assert len(README.splitlines()) < 120
-    assert re.findall(r"!\[[^]]*\]\(([^)]*)\)", README) == [
-        "docs/pictures/strip.png",
-        "docs/pictures/view.png",
-        "docs/pictures/watch.png",
-    ]
+    pictures = [f"docs/pictures/{name}.png" for name in ("strip", "view", "watch")]
+    assert re.findall(r"!\[[^]]*\]\(([^)]*)\)", README) == pictures
 
 
 def test_the_two_commands_come_first_with_what_pip_needs_beside_them() -> None:

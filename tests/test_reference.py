@@ -33,6 +33,3 @@ def test_ydlidar_revolutions(name: str) -> None:
     assert all(turn[0].start and not turn[1].start for turn in turns)
     # Joined in the middle of a turn, the rest of that turn is left out.
     assert ydlidar.revolutions(samples[1:]) == turns[1:]
-
-
-# ----------------------------------------------------------------------------------------------------- damage

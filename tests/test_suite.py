@@ -93,15 +93,7 @@ def test_leaves_a_thread() -> None:
 async def test_leaves_a_task() -> None:
     asyncio.get_running_loop().task = asyncio.create_task(asyncio.sleep(60))
 """
-CAUGHT = {
-    "test_gives_no_reason",
-    "test_leaves_a_file",
-    "test_leaves_a_task",
-    "test_leaves_a_thread",
-    "test_makes_a_device_discard",
-    "test_needs_no_marker",
-    "test_takes_one_counter_out",
-}
+CAUGHT = set(re.findall(r"(?<=def )test_(?!innocent)\w+", CULPRITS))
 if not Path(leaks.FOLDER).is_dir():
     CAUGHT.remove("test_leaves_a_file")  # the system does not tell
 

@@ -131,14 +131,8 @@ def test_the_table_is_printed_and_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     result = faults.run(Setting(quick=False))
     assert [table.title for table in result.tables] == [f"faults: lidario, {each}" for each in SUFFERERS]
     assert result.tables[0].rows[0] == [
-        "drop:0.01%",
-        "goes on",
-        "2 packets",
-        "2 of 10",
-        "10.000 %",
-        "lost_packets 3",
-        "–",
-    ]
+        "drop:0.01%", "goes on", "2 packets", "2 of 10", "10.000 %", "lost_packets 3", "–",
+    ]  # fmt: skip
     assert result.data["rplidar-s2"]["unplug:3s"]["damaged"] == 10
 
 

@@ -77,10 +77,7 @@ def kill_at_random(server: PtyServer, family: str, dice: random.Random, *, guard
 
 
 KILLED = [
-    ("rplidar-s2", False),
-    ("rplidar-s2", True),
-    ("ydlidar-4ros", False),
-    ("ydlidar-4ros", True),
+    *((model, guard) for model in ("rplidar-s2", "ydlidar-4ros") for guard in (False, True)),
     ("rplidar-a1", True),
 ]
 """The device, and whether the program has a guard."""

@@ -6,6 +6,7 @@ import logging
 import pickle
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
+from itertools import pairwise
 from pathlib import Path
 from queue import Queue
 from threading import Event, Thread
@@ -148,13 +149,8 @@ async def test_states_are_logged_for_who_looks_for_them(rplidar: Rig, caplog: py
         await take(lidar, 1)
         await asyncio.sleep(0.2)  # until the line was seen quiet
     states = [record.getMessage() for record in caplog.records if "->" in record.getMessage()]
-    assert [line.split(": ")[1] for line in states] == [
-        "idle -> starting",
-        "starting -> running",
-        "running -> stopping",
-        "stopping -> idle",
-        "idle -> closed",
-    ]
+    passed = ["idle", "starting", "running", "stopping", "idle", "closed"]
+    assert [line.split(": ")[1] for line in states] == [f"{one} -> {other}" for one, other in pairwise(passed)]
     assert all(record.levelno == logging.DEBUG for record in caplog.records)
 
 
