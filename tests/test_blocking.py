@@ -27,7 +27,7 @@ from lidario.sim.serve import PtyServer
 from lidario.testing import SimulatedLidar
 from tests.cli.processes import served
 from tests.support.children import child, is_still, line_of, was_stopped
-from tests.support.devices import both_families, left_still, make_rig
+from tests.support.devices import both_families, is_off, left_still, make_rig
 
 
 def public(of: type) -> set[str]:
@@ -253,8 +253,7 @@ def test_ctrl_c_at_any_moment(family: str, rounds: int, request: pytest.FixtureR
                 ended_by_it += 1
             wait_for_threads(threads)
             log = [each.name for each in rig.device.log]
-            assert not rig.device.scanning, log
-            assert not rig.device.motor_on, log
+            assert is_off(rig.device), log
     finally:
         signal.signal(signal.SIGALRM, before)
     assert ended_by_it == rounds

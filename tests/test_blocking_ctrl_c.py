@@ -10,7 +10,7 @@ import threading
 import pytest
 
 from lidario.blocking import open_sync
-from tests.support.devices import Rig, make_rig
+from tests.support.devices import Rig, is_off, make_rig
 from tests.support.interrupt import interrupted
 from tests.test_blocking import wait_for_threads
 
@@ -28,8 +28,7 @@ def test_ctrl_c_at_every_line_of_a_wait(at: str, stride: int) -> None:
         place = ask_and_close(rig, at, line)
         gc.collect()
         wait_for_threads(threads)
-        assert not rig.device.scanning, place
-        assert not rig.device.motor_on, place
+        assert is_off(rig.device), place
         if not place:
             break
         places += 1

@@ -132,12 +132,23 @@ async def test_one_that_needs_dtr_is_found_by_its_port_as_soon_as_by_auto(
     assert not device.motor_on
 
 
-@pytest.mark.parametrize(
-    "model", ["rplidar-s2", "rplidar-a1", "rplidar-c1", "ydlidar-x4", "ydlidar-x2", "neato-xv11"]
-)
-@pytest.mark.parametrize("off_s", [0.0, 0.5])
+TURRETS = ("neato-xv11", "camsense-x1", "irobotix-delta2a", "irobotix-delta2d", "irobotix-delta2g")
+TALKING = ("ydlidar-x4-pro", "ldrobot-ld06", "ldrobot-ld14", "ldrobot-stl27l", *TURRETS, "hlds-lds01")
+GETS_POWER = [
+    (model, off_s, 5.0)
+    for model in ("rplidar-s2", "rplidar-a1", "rplidar-c1", "ydlidar-x4", "ydlidar-x2", "neato-xv11")
+    for off_s in (0.0, 0.5)
+]
+ONLY_TALKS = [
+    pytest.param(model, 0.5, 8.0, marks=pytest.mark.long)
+    for model in ("ldrobot-ld06", "ldrobot-stl27l", "ldrobot-ld14", *TURRETS[1:])
+]
+"""An LD06 sends 0.5 to 0.7 s after it got power (more_families.md B2), and no question wakes it."""
+
+
+@pytest.mark.parametrize(("model", "off_s", "longest"), [*GETS_POWER, *ONLY_TALKS])
 async def test_one_that_gets_power_when_its_port_is_opened_is_found_soon(
-    model: str, off_s: float, monkeypatch: pytest.MonkeyPatch
+    model: str, off_s: float, longest: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An S2 was asked again after 9 s. What an XV-11 says when it boots was all that was listened to: 15 s."""
     device = make_rig(model).device
@@ -147,26 +158,7 @@ async def test_one_that_gets_power_when_its_port_is_opened_is_found_soon(
     began = now()
     async with open_lidar("serial://only") as lidar:
         assert lidar.info.family == model.partition("-")[0]
-        assert now() - began < 5.0
-
-
-TURRETS = ("neato-xv11", "camsense-x1", "irobotix-delta2a", "irobotix-delta2d", "irobotix-delta2g")
-TALKING = ("ydlidar-x4-pro", "ldrobot-ld06", "ldrobot-ld14", "ldrobot-stl27l", *TURRETS, "hlds-lds01")
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("model", ["ldrobot-ld06", "ldrobot-stl27l", "ldrobot-ld14", *TURRETS])
-async def test_one_that_only_talks_and_gets_power_when_it_is_opened_is_found(
-    model: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """An LD06 sends 0.5 to 0.7 s after it got power (more_families.md B2), and no question wakes it."""
-    device = make_rig(model).device
-    serial_in_memory(monkeypatch, only=device)
-    device.reboot(now_ns(), off_s=0.5)
-    began = now()
-    async with open_lidar("serial://only") as lidar:
-        assert lidar.info.family == model.partition("-")[0]
-        assert now() - began < 8.0
+        assert now() - began < longest
 
 
 @pytest.mark.long

@@ -14,7 +14,7 @@ from lidario.port.port import Port
 from lidario.session.finding.discovery import PortInfo
 from lidario.session.finding.listening import LISTEN_S, family_of_stream, listen
 from tests.support.cases import CASES
-from tests.support.devices import babble, leave_streaming, make_rig
+from tests.support.devices import babble, is_off, leave_streaming, make_rig
 from tests.support.loop import now, now_ns
 from tests.support.speeds import misread, serial_in_memory
 
@@ -247,8 +247,7 @@ async def test_one_whose_packets_are_not_recognised_is_stopped_where_its_search_
     assert now() - began < at_s + 2.5
     # What was written last may still be under way.
     await asyncio.sleep(0.05)
-    assert not device.scanning
-    assert not device.motor_on
+    assert is_off(device)
     assert not caplog.records
 
 

@@ -16,7 +16,7 @@ import pytest
 
 from lidario import ConnectFailed, Lidar, open_lidar
 from tests.support.cable import Cable, cable_to
-from tests.support.devices import SWITCHED, Rig, both_families, leave_streaming, left_still, make_rig, names
+from tests.support.devices import SWITCHED, Rig, both_families, is_off, leave_streaming, left_still, make_rig, names
 from tests.support.discards import all_obeyed
 from tests.support.loop import START, DrivenLoop, unless_unfinished
 from tests.support.simulated_rplidar import MOTOR_600
@@ -266,5 +266,4 @@ def test_ended_at_every_turn_of_coming_back(
         _, _, rig, cable = ended_at(family, at, what, monkeypatch)
         # While the cable is out nobody can stop a device that has power of its own; this one has none then.
         if cable.device is not None:
-            assert not rig.device.scanning, at
-            assert not rig.device.motor_on, at
+            assert is_off(rig.device), at

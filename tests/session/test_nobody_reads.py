@@ -14,7 +14,7 @@ from lidario import LidarError, Unsupported
 from lidario.families.ydlidar.simulated.device import PROFILES
 from lidario.model import HealthStatus
 from lidario.session.lidar import Lidar
-from tests.support.devices import EVERY_KIND, Rig, call, left_still, make_rig, names, take
+from tests.support.devices import EVERY_KIND, Rig, call, is_off, left_still, make_rig, names, take
 from tests.support.discards import all_obeyed
 from tests.support.loop import driven_loop, run_driven
 
@@ -38,8 +38,7 @@ async def test_what_turns_unasked_is_stopped_a_second_behind_its_opening(rig: Ri
         await asyncio.sleep(LINGER_S - 0.1)
         assert rig.device.motor_on
         await asyncio.sleep(0.5)
-        assert not rig.device.motor_on
-        assert not rig.device.scanning
+        assert is_off(rig.device)
         assert len(await lidar.scan()) > 100
 
 

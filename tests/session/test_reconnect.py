@@ -12,7 +12,7 @@ from lidario.port.port import Port
 from lidario.port.simulated import MemoryTransport
 from lidario.sim.serve import MemoryLine
 from tests.support.cable import cable_to, next_after, on_a_cable
-from tests.support.devices import Rig, both_families, left_still, make_rig, names, some
+from tests.support.devices import Rig, both_families, is_off, left_still, make_rig, names, some
 from tests.support.ledger import assert_stats_close
 from tests.support.loop import driven_loop, now, now_ns, run_driven
 
@@ -187,8 +187,7 @@ async def test_another_lidar_on_its_port_is_not_taken_for_it(rig: Rig, caplog: p
             cable.plug()
             await next_after(stream, now())
             assert lidar.info.serial == serial
-    assert not other.device.scanning
-    assert not other.device.motor_on
+    assert is_off(other.device)
 
 
 async def test_taps_see_the_new_line() -> None:

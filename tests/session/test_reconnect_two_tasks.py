@@ -20,7 +20,7 @@ import pytest
 from lidario import DeviceLost, SessionClosed
 from tests.session.test_two_tasks import Scene, b_cancels, b_closes, b_starts, b_stops, both
 from tests.support.cable import Cable, cable_to
-from tests.support.devices import FAMILIES, make_rig
+from tests.support.devices import FAMILIES, is_off, make_rig
 from tests.support.discards import all_obeyed
 from tests.support.loop import driven_loop, now_ns, run_driven
 
@@ -94,8 +94,7 @@ async def cell(family: str, trouble: Trouble, b: Callable[[Scene], Awaitable[obj
         await lidar.close()
         await asyncio.sleep(2.0)
         gc.collect()
-        assert not rig.device.scanning
-        assert not rig.device.motor_on
+        assert is_off(rig.device)
         assert not loop.timers
         if trouble is is_unplugged:
             all_obeyed([rig.device])
@@ -117,8 +116,7 @@ async def as_it_should_be(scene: Scene) -> None:
     else:
         await asyncio.sleep(3.0)
         assert not lidar.is_scanning
-        assert not device.scanning
-        assert not device.motor_on
+        assert is_off(device)
 
 
 @cache

@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 from lidario import LocalProtocolError, SessionClosed, Stats, Unsupported
-from tests.support.devices import SWITCHED, Rig, end_of, left_still, make_rig, names, some, take
+from tests.support.devices import SWITCHED, Rig, end_of, is_off, left_still, make_rig, names, some, take
 from tests.support.loop import now, now_ns
 
 
@@ -154,8 +154,7 @@ async def test_a_motor_that_is_kept_spinning_can_be_stopped_all_the_same(model: 
             await lidar.stop()
         assert rig.device.motor_on
         await lidar.stop(motor=True)
-        assert not rig.device.scanning
-        assert not rig.device.motor_on
+        assert is_off(rig.device)
         await lidar.scan()
     assert not rig.device.motor_on
 

@@ -22,7 +22,7 @@ from tests.session.test_two_tasks import (
     set_speed,
     start,
 )
-from tests.support.devices import Rig, both_families, leave_streaming, left_still, make_rig, names, take
+from tests.support.devices import Rig, both_families, is_off, leave_streaming, left_still, make_rig, names, take
 from tests.support.loop import now, now_ns, run_driven
 
 pytestmark = pytest.mark.discards("stop requests are tried while a response is outstanding")
@@ -58,15 +58,13 @@ async def both(rig: Rig, delay_s: float, a: Work, b: Work, moment_s: float) -> N
     scene.streams.clear()
     await asyncio.sleep(5.0)
     assert not lidar.is_scanning
-    assert not rig.device.scanning
-    assert not rig.device.motor_on
+    assert is_off(rig.device)
     assert lidar.stats.stray_bytes - stray < 200, "a stream came into an idle session"
     began = now()
     await lidar.close()
     assert now() - began < LONGEST_CLOSE_S
     await asyncio.sleep(2 * SLOWEST_S)
-    assert not rig.device.scanning
-    assert not rig.device.motor_on
+    assert is_off(rig.device)
 
 
 @pytest.mark.long
@@ -190,8 +188,7 @@ async def test_a_reset_that_is_given_up_does_not_leave_the_motor_on(timeout_s: f
         with suppress(TimeoutError):
             async with asyncio.timeout(timeout_s):
                 await lidar.reset()
-    assert not rig.device.motor_on
-    assert not rig.device.scanning
+    assert is_off(rig.device)
     await asyncio.sleep(3.0)
     assert not rig.device.motor_on
 
@@ -205,8 +202,7 @@ async def test_a_device_that_nobody_understands_is_left_still(rig: Rig, ways: st
     garble(rig.device, ways)
     with pytest.raises(LidarError):
         await open_lidar(rig.device, family=family)
-    assert not rig.device.scanning
-    assert not rig.device.motor_on
+    assert is_off(rig.device)
 
 
 def garble(device: SimulatedRplidar, ways: str) -> None:

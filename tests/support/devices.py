@@ -113,6 +113,11 @@ MOVING = ("stop", "reset", "start", "scan", "force_scan", "express_scan", "motor
 """Requests that set the device in motion or leave it still."""
 
 
+def is_off(device: Any) -> bool:
+    """Whether laser and motor are off."""
+    return not (device.scanning or device.motor_on)
+
+
 def left_still(rig: Rig) -> bool:
     """Whether laser and motor are off, and the last request that could move the device was one that stops it.
 
@@ -126,7 +131,7 @@ def left_still(rig: Rig) -> bool:
         each.name for each in rig.device.log if (each.obeyed or each.why == PROTECTED) and each.data != MOTOR_OFF
     ]
     moved = [name for name in heard if name in MOVING]
-    return not rig.device.scanning and not rig.device.motor_on and moved[-1:] in ([], ["stop"], ["reset"])
+    return is_off(rig.device) and moved[-1:] in ([], ["stop"], ["reset"])
 
 
 @contextmanager
