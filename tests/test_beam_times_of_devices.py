@@ -17,7 +17,7 @@ from lidario.sim.faults import Faults
 from lidario.sim.world import World
 from tests.reference.samples import Sample
 from tests.support.cases import EVEN, Case, most_or_all
-from tests.support.devices import FAMILIES, make_rig, take
+from tests.support.devices import FAMILIES, make_rig, scanning, take
 from tests.support.kept import arrivals
 from tests.support.loop import driven
 from tests.support.streams import assembled
@@ -141,8 +141,7 @@ async def test_beams_of_simulated_devices_say_when_they_were_measured(family: st
 async def test_beams_say_when_they_were_measured_although_packets_are_lost(family: str) -> None:
     rig = make_rig(family, world=ClockWorld())
     damage, send = Faults(flip=4e-4, seed=1), rig.device.transmit
-    async with rig.open() as lidar, lidar.scans(depth=20) as stream:
-        await anext(stream)
+    async with rig.open() as lidar, scanning(lidar, depth=20) as stream:
         rig.device.transmit = lambda now: damage.apply(send(now), now)
         scans = [await anext(stream) for _ in range(12)]
         rig.device.transmit = send

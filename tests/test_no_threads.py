@@ -18,7 +18,7 @@ from lidario.port.background import run_in_thread
 from lidario.session.finding.places import Places
 from tests.cli.processes import in_memory, invoke
 from tests.support.cable import next_after, on_a_cable
-from tests.support.devices import left_still, make_rig
+from tests.support.devices import left_still, make_rig, scanning
 from tests.support.loop import driven, now
 
 TOLD = "the system allows no more threads"
@@ -81,8 +81,7 @@ async def test_a_lidar_that_is_away_comes_back_when_there_are_threads_again(
         return await candidates(places)
 
     monkeypatch.setattr(Places, "candidates", looked_for)
-    async with on_a_cable("rplidar") as (cable, lidar), lidar.scans() as stream:
-        await anext(stream)
+    async with on_a_cable("rplidar") as (cable, lidar), scanning(lidar) as stream:
         with no_threads():
             cable.pull()
             await asyncio.sleep(3.0)

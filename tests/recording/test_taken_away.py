@@ -9,6 +9,7 @@ import lidario
 from lidario.model import DeviceInfo
 from lidario.recording.about import About
 from lidario.recording.parts import Parts, Split
+from tests.support.devices import scanning
 from tests.support.loop import driven, run_driven
 from tests.support.recorded import record
 
@@ -40,8 +41,7 @@ async def test_a_file_taken_away_ends_the_recording(tmp_path: Path, harm: Callab
     """Nothing is written to what is another program's file by then."""
     path = tmp_path / "a.mcap"
     async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
-        async with lidar.record(path) as recording, lidar.scans() as stream:
-            await anext(stream)
+        async with lidar.record(path) as recording, scanning(lidar):
             harm(path)
             before = path.read_bytes() if path.exists() else None
             await recording.close()

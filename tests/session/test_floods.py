@@ -18,7 +18,7 @@ from lidario.revolution.assemble import Assembler
 from lidario.scan import Scan
 from lidario.session.talking.intake import IDLE_SLICE
 from lidario.wire.link import Link
-from tests.support.devices import Rig, make_rig
+from tests.support.devices import Rig, make_rig, scanning
 from tests.support.loop import DrivenLoop, driven_loop
 
 STEP_S = 0.001
@@ -91,8 +91,7 @@ async def test_what_is_too_much_is_dropped_and_counted(monkeypatch: pytest.Monke
     loop = driven_loop()
     steps, rig = Steps(monkeypatch, loop), make_rig("rplidar")
     async with rig.open() as lidar:
-        async with lidar.scans() as stream:
-            await anext(stream)
+        async with scanning(lidar):
             before = lidar.stats
             flood(rig, "short", 256 * 1024)
             tracemalloc.start()
@@ -111,8 +110,7 @@ async def test_what_is_too_much_is_dropped_and_counted(monkeypatch: pytest.Monke
 async def test_what_came_before_the_line_was_lost_is_decoded_first(monkeypatch: pytest.MonkeyPatch) -> None:
     loop = driven_loop()
     steps, rig = Steps(monkeypatch, loop), make_rig("rplidar")
-    async with rig.open() as lidar, lidar.scans(depth=100) as stream:
-        await anext(stream)
+    async with rig.open() as lidar, scanning(lidar, depth=100) as stream:
         # A program that blocks its loop for three seconds, while the device sends and is then unplugged.
         steps.takes_time = True
         turns = len(steps.each_turn) + 1

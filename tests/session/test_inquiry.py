@@ -10,7 +10,7 @@ from lidario import DeviceFault, Lidar, StreamFailed
 from lidario.revolution.seam import Seam
 from lidario.session.streaming.failures import Failures
 from tests.support.cable import next_after
-from tests.support.devices import Rig, end_of, names, some
+from tests.support.devices import Rig, end_of, names, scanning, some
 from tests.support.loop import driven_loop, now, now_ns
 
 CODE = 0x8001
@@ -29,8 +29,7 @@ async def error_of(
     lidar: Lidar, harm: Callable[[], object], kind: type[Exception] = StreamFailed
 ) -> tuple[str, float]:
     """What a stream ends with after `harm`, and after how long."""
-    async with lidar.scans() as stream:
-        await anext(stream)
+    async with scanning(lidar) as stream:
         began = now()
         harm()
         return str(await end_of(stream, kind)), now() - began
@@ -39,8 +38,7 @@ async def error_of(
 async def test_a_protection_stop_in_mid_scan_is_cured_and_told(rig: Rig, caplog: pytest.LogCaptureFixture) -> None:
     async with rig.open() as lidar:
         await lidar.set_scan_frequency(9.0)
-        async with lidar.scans() as stream:
-            await anext(stream)
+        async with scanning(lidar) as stream:
             rig.device.protection_stop(CODE)
             began = now()
             scans = await some(stream, 4)
@@ -67,8 +65,7 @@ async def test_a_program_that_asks_first_is_told_and_the_stream_goes_on(rig: Rig
 @pytest.mark.long
 async def test_a_second_protection_stop_within_a_minute_is_raised(rig: Rig) -> None:
     async with rig.open() as lidar:
-        async with lidar.scans() as stream:
-            await anext(stream)
+        async with scanning(lidar) as stream:
             rig.device.protection_stop(CODE)
             await some(stream, 20)
             rig.device.protection_stop(CODE)
@@ -219,8 +216,7 @@ async def test_noise_is_told_only_where_noise_is_what_arrives(rig: Rig, harm: st
 
     async with rig.open() as lidar:
         if harm == "a bad byte long ago":
-            async with lidar.scans() as stream:
-                await anext(stream)
+            async with scanning(lidar) as stream:
                 rig.device.transmit = lambda now: clean(now).replace(b"\xaa\x55", b"\xaa\x54", 1)[:-1]
                 await asyncio.sleep(0.05)
                 rig.device.transmit = clean

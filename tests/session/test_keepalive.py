@@ -9,7 +9,7 @@ import pytest
 from lidario import Lidar, open_lidar
 from lidario.port.port import Port
 from lidario.sim.serve import TcpServer
-from tests.support.devices import Rig, names, some, take
+from tests.support.devices import Rig, names, scanning, some, take
 from tests.support.loop import driven_loop, now, now_ns
 from tests.support.ports import PATIENCE_S, on_both_loops
 
@@ -78,8 +78,7 @@ async def test_after_a_lapse_the_next_keepalive_starts_the_device_again(ydlidar:
     loop = driven_loop()
     async with ydlidar.open() as lidar:
         await lidar.set_power_down_protection(True)
-        async with lidar.scans() as stream:
-            await anext(stream)
+        async with scanning(lidar) as stream:
             loop.block(4.0)
             await some(stream, 50)
         assert (ydlidar.device.lapses, lidar.stats.restarts) == (1, 0)
@@ -147,8 +146,7 @@ async def test_no_thread_writes_behind_the_stop_requests(ydlidar: Rig, monkeypat
         await lidar.set_power_down_protection(True)
         monkeypatch.setattr(Port, "set_repeat", lambda _, request, *interval: told.append(request or b"no more"))
         monkeypatch.setattr(Port, "write", see)
-        async with lidar.scans() as stream:
-            await anext(stream)
+        async with scanning(lidar):
             told.clear()
         assert told[:2] == [b"no more", b"\xa5\x00"]
 
@@ -200,8 +198,7 @@ async def test_an_unconfirmed_toggle_is_checked_before_the_next_stream(ydlidar: 
     """Without protection nothing is sent in mid-scan; with it, what keeps the device going."""
     async with ydlidar.open() as lidar:
         await lidar.set_power_down_protection(not on)
-        async with lidar.scans() as stream:
-            await anext(stream)
+        async with scanning(lidar) as stream:
             setting = asyncio.ensure_future(lidar.set_power_down_protection(on))
             for _ in range(steps):
                 await asyncio.sleep(0)
@@ -248,8 +245,7 @@ async def test_the_thread_writes_what_the_loop_does_not(ydlidar: Rig, monkeypatc
         address = "tcp://{}:{}?family=ydlidar".format(*server.address)
         async with asyncio.timeout(3 * PATIENCE_S), open_lidar(address) as lidar:
             await lidar.set_power_down_protection(True)
-            async with lidar.scans() as stream:
-                await anext(stream)
+            async with scanning(lidar):
                 lidar.tap(lambda way, data, at: written.append(data) if way == "out" else None)
                 # One may be under way that was written before.
                 heard, began = names(ydlidar).count("scan") + 1, time.monotonic()

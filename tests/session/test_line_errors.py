@@ -11,7 +11,7 @@ from lidario.model import LineErrors
 from lidario.port.port import Port
 from tests.cli.processes import invoke_driven
 from tests.support.cable import next_after, on_a_cable
-from tests.support.devices import Rig, end_of, left_still
+from tests.support.devices import Rig, end_of, left_still, scanning
 from tests.support.loop import now
 
 
@@ -49,8 +49,7 @@ async def test_they_are_in_stats_from_the_beginning_of_the_session(rig: Rig, cou
 
 @pytest.mark.long
 async def test_they_are_summed_over_all_lines(counted: Counted) -> None:
-    async with on_a_cable("rplidar") as (cable, lidar), lidar.scans() as stream:
-        await anext(stream)
+    async with on_a_cable("rplidar") as (cable, lidar), scanning(lidar) as stream:
         counted.errors += LineErrors(framing=5)
         # Whoever watches the stream asks, too: the driver of an adapter that is gone tells nothing.
         await asyncio.sleep(2.0)

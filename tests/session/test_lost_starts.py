@@ -7,7 +7,7 @@ import pytest
 
 from lidario import ResponseTimeout, StreamFailed
 from tests.support.cable import next_after
-from tests.support.devices import MAKERS, Rig, call, end_of, names
+from tests.support.devices import MAKERS, Rig, call, end_of, names, scanning
 from tests.support.loop import now
 
 STARTS = (b"\xa5\x20", b"\xa5\x82", b"\xa5\x83", b"\xa5\x60", b"MD")
@@ -76,8 +76,7 @@ async def test_starts_that_are_always_lost_end_the_stream_in_a_bounded_time(rig:
         assert now() - began < 20.0
         assert lidar.stats.restarts == 3
         line.left = 0
-        async with lidar.scans(mode) as stream:
-            await anext(stream)
+        async with scanning(lidar, mode) as stream:
             line.left = FOREVER
             await lidar.get_health()
             await end_of(stream, StreamFailed, "could not be started again")

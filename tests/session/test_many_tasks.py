@@ -17,7 +17,7 @@ import pytest
 
 from lidario import Lidar, LidarError, LocalProtocolError, StreamFailed
 from tests.support.cable import Cable, cable_to, on_a_cable
-from tests.support.devices import EVERY_FAMILY, Rig, end_of, left_still, make_rig, some
+from tests.support.devices import EVERY_FAMILY, Rig, end_of, left_still, make_rig, scanning, some
 from tests.support.loop import driven_loop, now
 
 LONGEST_S = 40.0
@@ -175,8 +175,7 @@ async def test_no_reader_waits_for_ever_where_all_tasks_are_cancelled(rplidar: R
 
 @pytest.mark.parametrize("away_s", [0.0, 1.0])
 async def test_a_program_that_cancels_all_tasks_while_a_session_comes_back_has_ended_it(away_s: float) -> None:
-    async with on_a_cable("rplidar") as (cable, lidar), lidar.scans() as stream:
-        await anext(stream)
+    async with on_a_cable("rplidar") as (cable, lidar), scanning(lidar) as stream:
         cable.pull()
         await asyncio.sleep(away_s)
         cancel_all_others()

@@ -12,7 +12,7 @@ from lidario.port.port import Port
 from lidario.port.simulated import MemoryTransport
 from lidario.sim.serve import MemoryLine
 from tests.support.cable import cable_to, next_after, on_a_cable
-from tests.support.devices import Rig, both_families, is_off, left_still, make_rig, names, some
+from tests.support.devices import Rig, both_families, is_off, left_still, make_rig, names, scanning, some
 from tests.support.ledger import assert_stats_close
 from tests.support.loop import driven_loop, now, now_ns, run_driven
 
@@ -62,8 +62,7 @@ async def test_it_is_found_at_the_speed_of_now_and_before(baudrate: int, monkeyp
         return port
 
     monkeypatch.setattr("lidario.session.finding.connect.open_serial", open_serial)
-    async with open_lidar("line", family="rplidar", reconnect=True) as lidar, lidar.scans("Standard") as stream:
-        await anext(stream)
+    async with open_lidar("line", family="rplidar", reconnect=True) as lidar, scanning(lidar, "Standard") as stream:
         await lidar.set_baudrate(1_500_000)
         assert (await anext(stream)).lost_packets == 0
         assert lidar.baudrate == rig.device.baudrate == 1_500_000
@@ -173,8 +172,7 @@ async def test_another_lidar_on_its_port_is_not_taken_for_it(rig: Rig, caplog: p
     other = make_rig(rig.family, seed=7)
     async with on_a_cable(rig) as (cable, lidar):
         serial = lidar.info.serial
-        async with lidar.scans() as stream:
-            await anext(stream)
+        async with scanning(lidar) as stream:
             cable.pull()
             cable.plug(other.device)
             await asyncio.sleep(5.0)
@@ -198,8 +196,7 @@ async def test_taps_see_the_new_line() -> None:
 
     async with on_a_cable("rplidar") as (cable, lidar):
         lidar.tap(tap)
-        async with lidar.scans() as stream:
-            await anext(stream)
+        async with scanning(lidar) as stream:
             cable.pull()
             seen.clear()
             cable.plug()
@@ -213,8 +210,7 @@ async def test_taps_see_the_new_line() -> None:
 
 async def test_a_program_that_blocks_its_loop_meanwhile(rig: Rig) -> None:
     loop = driven_loop()
-    async with on_a_cable(rig) as (cable, lidar), lidar.scans() as stream:
-        await anext(stream)
+    async with on_a_cable(rig) as (cable, lidar), scanning(lidar) as stream:
         cable.pull()
         cable.plug()
         for _ in range(12):

@@ -11,7 +11,7 @@ import pytest
 from lidario import DeviceLost, InvalidValue, LidarError, Reconnect, SessionClosed
 from lidario.session.talking.dialogue import Dialogue
 from tests.support.cable import cable_to, next_after, on_a_cable
-from tests.support.devices import Rig, both_families, end_of, left_still, make_rig, take
+from tests.support.devices import Rig, both_families, end_of, left_still, make_rig, scanning, take
 from tests.support.loop import now, now_ns
 
 
@@ -23,8 +23,7 @@ def causes(error: BaseException) -> list[BaseException]:
 @both_families
 async def test_it_gives_up_at_the_limit_with_the_first_error(family: str) -> None:
     async with on_a_cable(family, reconnect=Reconnect(limit_s=10.0)) as (cable, lidar):
-        async with lidar.scans() as stream:
-            await anext(stream)
+        async with scanning(lidar) as stream:
             cable.pull()
             began = now()
             lost = await end_of(stream, DeviceLost, r"did not come back within 10 s .*no such port")
@@ -42,8 +41,7 @@ async def test_it_gives_up_at_the_limit_with_the_first_error(family: str) -> Non
 
 async def test_a_device_that_responds_but_never_scans_does_not_put_the_limit_off(rig: Rig) -> None:
     async with rig.open(reconnect=Reconnect(limit_s=30.0)) as lidar:
-        async with lidar.scans() as stream:
-            await anext(stream)
+        async with scanning(lidar) as stream:
             rig.device.reboot(now_ns())
             rig.device.spin_up_s = 1e6
             began = now()
@@ -67,8 +65,7 @@ async def test_a_loss_behind_scans_has_all_the_time_again(rig: Rig) -> None:
 async def test_questions_end_at_once_while_it_is_away(rig: Rig) -> None:
     async with on_a_cable(rig) as (cable, lidar):
         modes = await lidar.get_modes()
-        async with lidar.scans() as stream:
-            await anext(stream)
+        async with scanning(lidar) as stream:
             asked = asyncio.ensure_future(lidar.get_health())
             waits = asyncio.ensure_future(lidar.get_info())
             await asyncio.sleep(0.0005)
@@ -173,8 +170,7 @@ async def test_a_mistake_of_ours_ends_the_session(monkeypatch: pytest.MonkeyPatc
             raise ZeroDivisionError
 
         monkeypatch.setattr("lidario.session.finding.places.Places.candidates", fail)
-        async with lidar.scans() as stream:
-            await anext(stream)
+        async with scanning(lidar) as stream:
             cable.pull()
             await end_of(stream, LidarError, "please report this")
 
@@ -211,8 +207,7 @@ async def test_what_happens_is_logged_once(rplidar: Rig, caplog: pytest.LogCaptu
 
 async def test_a_question_on_the_new_line_ends_at_once_when_the_session_is_closed(rig: Rig) -> None:
     async with on_a_cable(rig) as (cable, lidar):
-        async with lidar.scans() as stream:
-            await anext(stream)
+        async with scanning(lidar) as stream:
             cable.pull()
             pulled = now()
             cable.plug()

@@ -8,7 +8,7 @@ import pytest
 
 from lidario import Lidar, SessionClosed
 from tests.support.cable import Cable, cable_to, next_after, on_a_cable
-from tests.support.devices import Rig, left_still
+from tests.support.devices import Rig, left_still, scanning
 from tests.support.loop import DrivenLoop, now, unless_unfinished
 
 pytestmark = pytest.mark.usefixtures("quick_collection")
@@ -30,8 +30,7 @@ async def away_and_reached_again(cable: Cable, after_s: float) -> None:
 
 
 async def test_the_motor_that_shall_go_on_does() -> None:
-    async with on_a_cable("rplidar", keep_spinning=True) as (cable, lidar), lidar.scans() as stream:
-        await anext(stream)
+    async with on_a_cable("rplidar", keep_spinning=True) as (cable, lidar), scanning(lidar) as stream:
         cable.pull()
         cable.plug(boots=False)
         await next_after(stream, now())

@@ -19,7 +19,7 @@ from lidario.source import Source
 from tests.cli.processes import served
 from tests.support.cable import next_after
 from tests.support.children import is_still, requests, until
-from tests.support.devices import make_rig, some
+from tests.support.devices import make_rig, scanning, some
 from tests.support.replug import ReplugTcpServer
 from tests.support.terminals import WaitingPtyServer
 
@@ -70,8 +70,7 @@ async def test_under_another_name_held_a_while_beside_other_ports(by: str, monke
 
         monkeypatch.setattr("lidario.session.finding.discovery.list_serial_ports", listed)
         source = f"id:{device.serial.hex()}" if by == "id" else first
-        async with open_lidar(source, reconnect=True) as lidar, lidar.scans() as stream:
-            await anext(stream)
+        async with open_lidar(source, reconnect=True) as lidar, scanning(lidar) as stream:
             asked = len(requests(bystander))
             pulled = await replugged(server)
             await run_in_thread(lambda: until(server.plugged.is_set))
@@ -139,8 +138,7 @@ async def test_a_network_connection_that_was_closed() -> None:
     device.boot_s = BOOT_S
     with ReplugTcpServer(device) as server:
         source = "tcp://{}:{}".format(*server.address)
-        async with open_lidar(source, family="ydlidar", reconnect=True) as lidar, lidar.scans() as stream:
-            await anext(stream)
+        async with open_lidar(source, family="ydlidar", reconnect=True) as lidar, scanning(lidar) as stream:
             await next_after(stream, await replugged(server))
             assert lidar.stats.reconnects == 1
         until(lambda: not device.scanning)

@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 from lidario import LocalProtocolError, SessionClosed, Stats, Unsupported
-from tests.support.devices import SWITCHED, Rig, end_of, is_off, left_still, make_rig, names, some, take
+from tests.support.devices import SWITCHED, Rig, end_of, is_off, left_still, make_rig, names, scanning, some, take
 from tests.support.loop import now, now_ns
 
 
@@ -121,8 +121,7 @@ async def test_modes_by_name_and_id_and_not_two_at_a_time(rplidar: Rig) -> None:
         assert standard.mode == "Standard"
         assert standard.intensities is not None
         assert len(dense) == pytest.approx(2 * len(standard), rel=0.02)
-        async with lidar.scans(standard.mode) as stream:
-            await anext(stream)
+        async with scanning(lidar, standard.mode):
             with pytest.raises(LocalProtocolError, match="Standard"):
                 await anext(lidar.scans("DenseBoost"))
             assert (await anext(lidar.scans())).mode == "Standard"
@@ -130,8 +129,7 @@ async def test_modes_by_name_and_id_and_not_two_at_a_time(rplidar: Rig) -> None:
         before = lidar.stats.interruptions
         assert (await lidar.scan()).mode == "Standard"
         assert lidar.stats.interruptions == before
-        async with lidar.scans("Standard", force=True) as stream:
-            await anext(stream)
+        async with scanning(lidar, "Standard", force=True):
             assert (await lidar.scan("Standard")).mode == "Standard"
 
 

@@ -10,7 +10,7 @@ from lidario.revolution.ended import EndedRevolution
 from lidario.revolution.pipeline import Pipeline
 from lidario.revolution.seam import Seam
 from tests.support.cable import cable_to
-from tests.support.devices import Rig, end_of, leave_streaming, left_still, make_rig, take
+from tests.support.devices import Rig, end_of, leave_streaming, left_still, make_rig, scanning, take
 from tests.support.loop import driven_loop, now_ns
 
 
@@ -100,8 +100,7 @@ async def test_a_mistake_of_lidario_at_the_end_of_a_stream_leaves_the_device_sti
         raise IndexError("a bug")
 
     lidar = await rig.open()
-    async with lidar.scans() as stream:
-        await anext(stream)
+    async with scanning(lidar):
         monkeypatch.setattr(Pipeline, "end", fails)
         if how == "stops":
             await lidar.stop()
@@ -129,8 +128,7 @@ async def test_a_mistake_of_ours_ends_the_stream_and_says_so(rig: Rig, monkeypat
 
 async def test_a_device_that_does_not_come_back_from_a_reset(rig: Rig) -> None:
     async with rig.open() as lidar:
-        async with lidar.scans() as stream:
-            await anext(stream)
+        async with scanning(lidar) as stream:
             rig.device.boot_s = 600.0
             with pytest.raises(ResponseTimeout, match="no response to"):
                 await lidar.reset()
@@ -141,8 +139,7 @@ async def test_a_device_that_does_not_come_back_from_a_reset(rig: Rig) -> None:
 async def test_bytes_that_a_full_port_dropped_are_told(rig: Rig) -> None:
     with cable_to(rig) as cable:
         lidar = await rig.open()
-    async with lidar, lidar.scans() as stream:
-        await anext(stream)
+    async with lidar, scanning(lidar) as stream:
         before = lidar.stats
         assert before.discarded_bytes == 0
         late = cable.ports[-1].late

@@ -9,7 +9,7 @@ from lidario.model import LineErrors
 from lidario.port.port import Port
 from lidario.revolution.seam import Seam
 from lidario.session.talking.trouble import Trouble
-from tests.support.devices import Rig, end_of, some
+from tests.support.devices import Rig, end_of, scanning, some
 from tests.support.loop import driven_loop, now, now_ns
 
 
@@ -52,8 +52,7 @@ async def test_what_is_held_is_read_before_it_counts_as_silent(rig: Rig, monkeyp
         if data:
             data_received(self, data)
 
-    async with rig.open() as lidar, lidar.scans(depth=100) as stream:
-        await anext(stream)
+    async with rig.open() as lidar, scanning(lidar, depth=100) as stream:
         monkeypatch.setattr(Port, "data_received", hold)
         monkeypatch.setattr(Port, "poll", poll)
         await some(stream, 30)

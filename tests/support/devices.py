@@ -42,9 +42,16 @@ class Rig:
     @asynccontextmanager
     async def read(self, mode: str | None = None, **options: Any) -> AsyncIterator[tuple[Lidar, ScanStream]]:
         """Open it in memory, and read: a session, and a stream of it that has brought its first scan."""
-        async with self.open(**options) as lidar, lidar.scans(mode) as stream:
-            await anext(stream)
+        async with self.open(**options) as lidar, scanning(lidar, mode) as stream:
             yield lidar, stream
+
+
+@asynccontextmanager
+async def scanning(lidar: Lidar, mode: str | None = None, **options: Any) -> AsyncIterator[ScanStream]:
+    """A stream of a session that has brought its first scan."""
+    async with lidar.scans(mode, **options) as stream:
+        await anext(stream)
+        yield stream
 
 
 def leave_streaming(device: Any, now: int, mode_id: int = 1) -> None:
