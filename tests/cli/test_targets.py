@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.processes import invoke, invoke_driven
+from tests.cli.processes import invoke
 
 NOWHERE = "/dev/nothing-is-here"
 
@@ -37,11 +37,3 @@ def test_one_that_cannot_be_written(words: tuple[str, ...], tmp_path: Path) -> N
     ended = invoke(*words[:-1], str(path))
     assert (ended.exit_code, ended.stdout) == (4, "")
     assert ended.stderr == f"error: {path} cannot be written: no such file or directory\n"
-
-
-def test_a_picture_is_replaced_and_nothing_else_is_left(tmp_path: Path) -> None:
-    path = tmp_path / "scan.svg"
-    path.write_text("mine")
-    assert invoke_driven("plot", "sim://rplidar-s2?via=memory", "-o", str(path), "--force").exit_code == 0
-    assert path.read_text().startswith("<svg")
-    assert list(tmp_path.iterdir()) == [path]

@@ -4,14 +4,13 @@ import asyncio
 import subprocess
 import threading
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 import serial
 
 from lidario.errors import ConnectFailed
 from lidario.port.serial import open_serial
-from tests.support.ports import PATIENCE_S, another_program, open_files, terminal_pair, written
+from tests.support.ports import PATIENCE_S, another_program, open_files
 
 
 async def failure(path: str, baudrate: int = 115200) -> ConnectFailed:
@@ -142,13 +141,3 @@ async def test_cancelled_while_it_opens_leaves_nothing_open(terminal: tuple[int,
         while not slow.opened or slow.opened[0].is_open or (slow.thread and slow.thread.is_alive()):
             await asyncio.sleep(0.001)
     assert open_files() == before
-
-
-async def test_a_link_to_a_port_is_opened(tmp_path: Path) -> None:
-    with terminal_pair() as (master, _, path):
-        link = tmp_path / "lidar"
-        link.symlink_to(path)
-        port = await open_serial(str(link), 115200)
-        port.write(b"x")
-        assert written(master, 1) == b"x"
-        await port.close()

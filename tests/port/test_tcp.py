@@ -16,12 +16,9 @@ import pytest
 from lidario import ConnectFailed, open_lidar
 from lidario.port.port import Port
 from lidario.port.sockets import open_tcp
-from lidario.sim.serve import TcpServer
 from tests.port.test_thread import Steady, block_until_read, threads
-from tests.support.devices import make_rig
 from tests.support.loop import driven, now
 from tests.support.ports import PATIENCE_S, Sink, arrived, on_both_loops
-from tests.support.speeds import SpeedPtyServer
 
 
 @asynccontextmanager
@@ -302,13 +299,3 @@ async def test_silent_addresses_leave_the_next_ones_their_share_of_5_s(
         port = await open_tcp("tcp://x", "x.example", 1)
         await port.close()
     assert asked == pytest.approx({"127.0.0.2": 0.0, "127.0.0.3": 5 / 3, "127.0.0.1": 10 / 3})
-
-
-@pytest.mark.long
-@on_both_loops
-async def test_a_session_over_tcp_and_one_on_a_terminal() -> None:
-    one, other = make_rig("rplidar"), make_rig("rplidar")
-    with TcpServer(one.device) as server, SpeedPtyServer(other.device) as terminal:
-        for source in ("tcp://{}:{}".format(*server.address), terminal.path):
-            async with asyncio.timeout(PATIENCE_S), open_lidar(source) as lidar:
-                assert len(await lidar.scan()) > 1000

@@ -27,16 +27,6 @@ async def test_what_follows_a_cancelled_reset_waits_until_the_device_has_booted(
         assert left_still(rig)
 
 
-async def test_a_stream_goes_on_after_a_reset_that_was_cancelled(rig: Rig) -> None:
-    async with rig.read() as (lidar, stream):
-        resetting = asyncio.ensure_future(lidar.reset())
-        await asyncio.sleep(0.2)
-        resetting.cancel()
-        for _ in range(3):
-            await asyncio.wait_for(anext(stream), 10.0)
-    assert "reset" in names(rig)
-
-
 async def test_a_device_that_never_boots_is_waited_for_only_once(rig: Rig) -> None:
     async with rig.open() as lidar:
         resetting = asyncio.ensure_future(lidar.reset())

@@ -28,16 +28,6 @@ async def test_stamps_are_one_turn_apart_and_in_the_past(rig: Rig) -> None:
                     break
 
 
-async def test_a_query_interrupts_the_stream_and_lets_it_go_on(rig: Rig) -> None:
-    async with rig.read() as (lidar, stream):
-        health = await lidar.get_health()
-        assert health.ok
-        after = await some(stream, 3)
-        assert [scan.seq for scan in after] == [1, 2, 3]
-        assert lidar.stats.interruptions == 1
-        assert lidar.is_scanning
-
-
 async def test_a_question_behind_the_last_reader_starts_no_stream_again(rplidar: Rig) -> None:
     async with rplidar.open() as lidar:
         await lidar.scan()

@@ -5,21 +5,13 @@ import asyncio
 import numpy as np
 import pytest
 
-from lidario import DeviceFault, DeviceLost, InternalError, ResponseTimeout, Scan, StreamFailed, open_lidar
+from lidario import DeviceFault, DeviceLost, InternalError, ResponseTimeout, Scan, open_lidar
 from lidario.revolution.ended import EndedRevolution
 from lidario.revolution.pipeline import Pipeline
 from lidario.revolution.seam import Seam
 from tests.support.cable import cable_to
 from tests.support.devices import Rig, end_of, leave_streaming, left_still, make_rig, scanning, take
 from tests.support.loop import driven_loop, now_ns
-
-
-async def test_a_device_that_never_speeds_up_is_reported(rig: Rig) -> None:
-    async with rig.open() as lidar:
-        await lidar.get_modes()
-        rig.device.spin_up_s = 1e6
-        with pytest.raises(StreamFailed, match="no scan data"):
-            await lidar.scan()
 
 
 async def test_garbage_for_an_answer_is_asked_again(rig: Rig) -> None:
