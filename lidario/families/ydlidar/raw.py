@@ -72,17 +72,17 @@ class Turn(NamedTuple):
 def find_stream(data: memoryview, known: Known) -> RawStream | None:
     """As `Family.find_stream`: finds the stream behind the header, or at the first intact packet."""
     named = MODELS[known.model] if known.model else None
-    best: tuple[int, type[PointCloud]] | None = None
+    found: list[tuple[int, int, int, type[PointCloud]]] = []
     for made in FORMATS if named is None else (named.kind.wire,):
-        wire = made()
-        # A later packet does not count. Without this bound, a long file would be searched to its end.
-        place = _first_packet(data if best is None else data[: best[0] + wire.longest], wire)
-        # The longest format wins: a start packet without a return ends in zeros, so shorter formats also accept it.
-        if place is not None and (best is None or place <= best[0]):
-            best = place, made
-    if best is None:
+        # A format whose packets only begin much later does not count: a long file would be searched to its end.
+        place = _first_packet(data if not found else data[: found[0][2] + _MEASURED], made())
+        if place is not None:
+            # A single packet may pass for one of another format, and so do two of which the last samples are 0.
+            _, packets = made().packets_in(bytearray(data[place : place + _MEASURED]))
+            found.append((len(packets), made.sample_size, place, made))
+    if not found:
         return None
-    begin, made = best
+    _, _, begin, made = max(found)
     turn = turn_in(data[begin : begin + _MEASURED], made())
     header = _HEADER.search(data[:begin])
     told = [named] if named else _told(data[:begin], responds=header is not None)

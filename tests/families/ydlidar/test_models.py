@@ -126,6 +126,16 @@ def test_how_long_samples_are_is_told_also_by_a_start_packet_that_saw_nothing(na
     assert found.stream.format.sample_size == kind.wire.sample_size
 
 
+def test_packets_tell_how_long_samples_are_also_where_the_last_ones_of_one_saw_nothing() -> None:
+    """Two packets of 40 samples, five of them 0, pass for one of 40 longer samples, check value and all."""
+    seen = [[900] * 40, [900] * 35 + [0] * 5, *[[900] * 40] * 20]
+    parts = [pack_points(each, at * 1440 % 23040, (at * 1440 + 1400) % 23040) for at, each in enumerate(seen)]
+    found = find_stream(memoryview(b"".join(parts)), Known())
+    assert found is not None
+    assert isinstance(found.stream.format, PointCloud)
+    assert (found.begin, found.stream.format.sample_size) == (0, 2)
+
+
 @pytest.mark.parametrize("each", [2, 40])
 @pytest.mark.parametrize(
     ("samples", "title"), [(380, "S4"), (390, "X4"), (1240, "X4"), (1265, "G6"), (1400, "G6"), (6000, "none")]
