@@ -24,6 +24,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final, NamedTuple
 
+from lidario.families.stream import ENDLESS_TURNS
 from lidario.revolution.build import DatedRevolution
 from lidario.revolution.sparse_speed import SparseSpeed
 
@@ -113,6 +114,7 @@ class RevolutionClock:
 
     def __init__(self, slowest_ns: float, *, exact: bool = False) -> None:
         self._least_late = 0.0 if exact else STAYED_LATE
+        self._slowest_ns = slowest_ns
         self._search = SparseSpeed(slowest_ns)
         self._anchor: Beginning | None = None
         # Set when no speed is known: with the first speed, all revolutions since the anchor are counted.
@@ -308,8 +310,8 @@ class RevolutionClock:
         usual_ns = self.usual_ns
         alike = bool(usual_ns) and 1 / ALIKE < here.revolution_ns / usual_ns < ALIKE
         came = here.lost <= here.packets and (here.own or here.packets >= FEWEST_PACKETS)
-        # Less than half a revolution may be that of a rotor that has just begun to turn.
-        enough = alike or (came and here.over < 0.5)
+        # A rotor that is much slower than it can be has just begun to turn.
+        enough = alike or (came and here.revolution_ns <= ENDLESS_TURNS * self._slowest_ns)
         if here.revolution_ns and not here.broken and enough:
             if last is None:
                 confirmed = not usual_ns or alike

@@ -12,8 +12,10 @@ restart or late arrival is not judged here: `add_block` then makes no scan. If i
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import replace
+from operator import itemgetter
 
 from lidario.families.base import Samples, Stream
 from lidario.revolution.build import DatedRevolution, build_scan, turned_by
@@ -26,7 +28,7 @@ from lidario.revolution.stats import AssemblerStats
 from lidario.revolution.timing import byte_ns_at, earliest_ns
 from lidario.revolution.together import joined
 from lidario.scan import Scan
-from lidario.wire.blocks import packet_offsets
+from lidario.wire.blocks import packet_offsets, some_blocks
 from lidario.wire.events import Packets
 
 
@@ -89,6 +91,10 @@ class SteadyAssembler:
         if samples is None or not samples.is_steady or is_little:
             return []
         reads = [(room + samples.ends[complete - 1], at_ns) for complete, at_ns in packets.arrivals]
+        if last > first:
+            # The bytes behind the end of a revolution were there already when it came. So late was the end.
+            complete, now = event.arrivals[bisect_left(event.arrivals, last, key=itemgetter(0))]
+            reads[-1] = reads[-1][0] + wire.samples_in(some_blocks(event.blocks, last, complete)), now
         reads.insert(0, (room, partial.carried_ns))
         here = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
         if partial.carried is not None:

@@ -172,7 +172,7 @@ class NodeSteps(PacedTurning):
         known = rough if followed else rough[:-1]
         if not self._certain and len(known):
             self._learn_first(known)
-        steps = np.full(len(rough), self._typical)
+        steps, longest = np.full((2, len(rough)), self._typical)
         # Without the last few steps, which may all be gaps.
         whole = [part for part in _parts(known, SEVERAL) if len(part) >= CERTAIN_STEPS]
         greatest = max([self._typical, *map(_short, whole)])
@@ -180,9 +180,13 @@ class NodeSteps(PacedTurning):
         slack = CHANGE * greatest + 2
         chunks = _parts(known, SEVERAL)
         for begin, chunk in zip(range(0, len(known), SEVERAL), chunks, strict=True):
+            before = self._typical
             self._take(chunk, slack)
             steps[begin : begin + SEVERAL] = self._typical
-        missing = _missing(rough, steps, slack / JITTER, _CORRECTED_TURNS * self._full_turn)
+            # If the rotor slows down so fast, the first of them are still as long as those before.
+            is_slowing = before - self._typical > CHANGE * before
+            longest[begin : begin + SEVERAL] = before if is_slowing else self._typical
+        missing = _missing(rough, longest, slack / JITTER, _CORRECTED_TURNS * self._full_turn)
         for begin, chunk in zip(range(0, len(known), SEVERAL), chunks, strict=True):
             if np.abs(chunk).max() < steps[begin] / 2:
                 # The rotor all but stood: its own small steps count, for the revolution has that many more samples.
