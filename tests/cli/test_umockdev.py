@@ -64,6 +64,7 @@ def told(folder: Path, devices: str, *arguments: str) -> str:
     command = ["umockdev-run", "--device", str(described), "--", sys.executable, "-m", "lidario", *arguments]
     ended = subprocess.run(command, capture_output=True, encoding="utf-8", timeout=PATIENCE_S, check=False)
     assert "Traceback" not in ended.stderr
+    assert ended.stdout, (ended.returncode, ended.stderr)
     return ended.stdout
 
 
