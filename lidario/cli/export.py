@@ -152,8 +152,8 @@ def _raised_signals() -> Iterator[None]:
 def begun(pool: Executor, works: Iterable[Callable[[], T]]) -> list[Future[T]]:
     """Have the processes of a pool call each of these, none of which meets Ctrl-C.
 
-    A terminal sends it to them, too, and one that is just being started would end with a traceback; as where this
-    process is ended before it has told the other one what to do.
+    A terminal sends it to them, too, and a process that is just being started would end with a traceback. So would
+    a process whose parent is ended before it has sent what is to be done.
     """
     if not hasattr(signal, "pthread_sigmask"):
         return [pool.submit(work) for work in works]

@@ -142,10 +142,10 @@ def _unwelcome(router: str, protocol: str) -> str:
 
 
 class OpenSession:
-    """Holds a session of zenoh, and what is declared in it; one that nobody closes ends with the program.
+    """A session of zenoh and what is declared in it. A session that nobody closes is closed when the program ends.
 
-    Its threads would outlive the interpreter: what comes then aborts the program, or it waits for them for ever. A
-    forked child has none of them, and would wait for ever where it closes the session, or drops what is declared.
+    Else its threads would outlive the interpreter, and a message that comes then would abort the program. A forked
+    child has none of these threads: if it closed the session, or dropped what is declared, it would wait for ever.
     """
 
     def __init__(self, session: Any) -> None:

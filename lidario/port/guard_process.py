@@ -35,8 +35,8 @@ DRAIN_S = 0.1
 """Longest time that the last bytes may need to leave. Of an adapter that is stuck they are discarded then, since
 closing it would wait for up to 30 s."""
 DELIVERY_S = 1.0
-"""The same of a connection, whose network may stand for a while. Closed before that, it forgets them when the
-device sends something."""
+"""The same for a connection, whose network may be down for a moment. If it is closed earlier, the system drops
+these bytes as soon as the device sends something."""
 POLL_S = 0.005
 
 Requests = list[tuple[bytes, bool | None]]

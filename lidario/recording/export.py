@@ -25,7 +25,7 @@ import numpy as np
 from lidario.laserscans import LaserScans
 from lidario.recording.decode_file import FileDecoder
 from lidario.recording.read import Copy
-from lidario.recording.write import FileWriter, cannot_write, file_time, must_not_be_written
+from lidario.recording.write import FileWriter, cannot_write, check_not_recorded, file_time
 from lidario.scan import Scan
 from lidario.whole_file import whole_file
 
@@ -43,7 +43,7 @@ def write_whole(path: Path, *, overwrite: bool) -> Iterator[Path]:
     try:
         if path.exists() and not overwrite:
             raise FileExistsError
-        must_not_be_written(path)
+        check_not_recorded(path)
         with whole_file(path) as part:
             yield part
     except OSError as error:

@@ -245,13 +245,13 @@ def _opened(path: Path, overwrite: bool) -> io.FileIO:
     if overwrite:
         if not_a_file(path):
             raise FileExistsError
-        must_not_be_written(path)
+        check_not_recorded(path)
     file = io.FileIO(path, "w" if overwrite else "x")
     _lock(file, alone=True)
     return file
 
 
-def must_not_be_written(path: Path) -> None:
+def check_not_recorded(path: Path) -> None:
     """Raise CannotRecord where a file is to be replaced that is being recorded."""
     if is_written(path):
         raise CannotRecord(f"{path} is written by another recorder, so it cannot be replaced: name another file")

@@ -310,7 +310,7 @@ class RevolutionClock:
         usual_ns = self.usual_ns
         alike = bool(usual_ns) and 1 / ALIKE < here.revolution_ns / usual_ns < ALIKE
         came = here.lost <= here.packets and (here.own or here.packets >= FEWEST_PACKETS)
-        # A rotor that is much slower than it can be has just begun to turn.
+        # A rotor that is slower than any speed it can keep has just begun to turn.
         enough = alike or (came and here.revolution_ns <= ENDLESS_TURNS * self._slowest_ns)
         if here.revolution_ns and not here.broken and enough:
             if last is None:

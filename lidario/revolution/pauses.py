@@ -73,7 +73,7 @@ class Pauses:
             sample_ns: Time of a sample; 0 if unknown, and then none wait.
             turn_ns: Time of a revolution; 0 if unknown, and then none wait.
         """
-        run = joined([waited, event]) if self._waiting and (waited := self.left()) else event
+        run = event if (waited := self.left()) is None else joined([waited, event])
         line, self._line = self._line, _Line(run.received_ns)
         if line is None or not (sample_ns and turn_ns):
             return run
@@ -107,7 +107,7 @@ class Pauses:
         """Whether a silence is longer, by more than noise, than it took to measure the packets read after it."""
         packet_ns, done = self._wire.samples_in(run.blocks) * sample_ns / run.count, 0
         for complete, come_ns in run.arrivals:
-            if come_ns - at_ns >= noise_ns and come_ns - at_ns - (complete - done) * packet_ns >= noise_ns:
+            if come_ns - at_ns - (complete - done) * packet_ns >= noise_ns:
                 return True
             done, at_ns = complete, come_ns
         return False
@@ -158,7 +158,7 @@ def _behind(line: _Line, at_ns: int, came_ns: float, turn_ns: float) -> _Line:
         later_ns = min(later_ns, 0.0)
     late_ns = max(0.0, line.late_ns + later_ns)
     if not line.late_ns and late_ns < noise_ns:
-        # Adapters hold bytes back for some milliseconds.
+        # That little is noise: adapters hold bytes back for some milliseconds.
         late_ns = 0.0
     if line.late_ns < LATE * turn_ns <= late_ns or not line.late_ns or late_ns <= line.most_ns - noise_ns:
         # Count anew: it has become late, so late that packets wait, or it is catching up.

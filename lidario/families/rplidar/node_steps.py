@@ -99,7 +99,7 @@ class NodeSteps(PacedTurning):
         else:
             steps, missing = self._walk(spans, followed=followed)
             if not self._certain:
-                # As where the rotor stands, or has just begun to turn: the mean of its steps tells of no gap.
+                # The rotor stands, or has just begun to turn: the mean of its steps shows no gap then.
                 return Arcs(np.maximum(spans, 0.0), None, 0.0, certain=False)
             times = self._corrected(spans, arrivals, 1 + float(missing.mean()))
             if times != 1:
@@ -183,7 +183,7 @@ class NodeSteps(PacedTurning):
             before = self._typical
             self._take(chunk, slack)
             steps[begin : begin + SEVERAL] = self._typical
-            # If the rotor slows down so fast, the first of them are still as long as those before.
+            # If the rotor slows down that fast, the first steps of the chunk are still as long as those before it.
             is_slowing = before - self._typical > CHANGE * before
             longest[begin : begin + SEVERAL] = before if is_slowing else self._typical
         missing = _missing(rough, longest, slack / JITTER, _CORRECTED_TURNS * self._full_turn)

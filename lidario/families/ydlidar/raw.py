@@ -72,17 +72,20 @@ class Turn(NamedTuple):
 def find_stream(data: memoryview, known: Known) -> RawStream | None:
     """As `Family.find_stream`: finds the stream behind the header, or at the first intact packet."""
     named = MODELS[known.model] if known.model else None
-    found: list[tuple[int, int, int, type[PointCloud]]] = []
+    found: list[tuple[int, type[PointCloud]]] = []
     for made in FORMATS if named is None else (named.kind.wire,):
-        # A format whose packets only begin much later does not count: a long file would be searched to its end.
-        place = _first_packet(data if not found else data[: found[0][2] + _MEASURED], made())
+        wire = made()
+        # A later packet does not count. Without this bound, a long file would be searched to its end.
+        place = _first_packet(data if not found else data[: found[0][0] + wire.longest], wire)
         if place is not None:
-            # A single packet may pass for one of another format, and so do two of which the last samples are 0.
-            _, packets = made().packets_in(bytearray(data[place : place + _MEASURED]))
-            found.append((len(packets), made.sample_size, place, made))
+            found.append((place, made))
     if not found:
         return None
-    _, _, begin, made = max(found)
+    if len(found) > 1:
+        # One packet may pass for a packet of another format, and two packets for one if the last samples are 0.
+        # The format with the most bytes in packets is right; of two that have as many, the longer one.
+        found.sort(key=lambda each: _bytes_in_packets(data[each[0] :], each[1]))
+    begin, made = found[-1]
     turn = turn_in(data[begin : begin + _MEASURED], made())
     header = _HEADER.search(data[:begin])
     told = [named] if named else _told(data[:begin], responds=header is not None)
@@ -100,6 +103,10 @@ def find_stream(data: memoryview, known: Known) -> RawStream | None:
         guess,
         model.kind.response_type,
     )
+
+
+def _bytes_in_packets(data: memoryview, made: type[PointCloud]) -> int:
+    return len(made().packets_in(bytearray(data[:_MEASURED]))[1])
 
 
 def _told(before: memoryview, *, responds: bool) -> list[Model]:

@@ -279,7 +279,7 @@ class Dialogue(Intake, Waiting):
         # The last ones are written first: nothing is heard for a while behind STOP. But DTR makes some models deaf.
         data = b"".join(request.data for request in (*last, *requests))
         dtr = next((request.dtr for request in last if request.dtr is not None), None)
-        # Nothing tells whether they were heard, as in `Stopper`; and here nobody looks again.
+        # As in `Stopper`, nothing may show whether the device has heard them. Then they are written twice.
         unseen = data and not any(request.acknowledged for request in requests)
         again_s = max((request.settle for request in requests), default=0.0) if unseen else 0.0
         self.port.abandon(data, self._readiness.free_at(patient_until), dtr, again_s)

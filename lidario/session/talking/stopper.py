@@ -12,9 +12,9 @@ sent, and a damaged line may lose it. So the line is listened to afterwards:
 * It is quiet, and nothing was owed: the device is still, if all of them were heard. Without laser a motor is
   silent, and without motor a laser. So requests that nothing acknowledges are written once more.
 
-A line that was dead in both directions meanwhile is quiet, too, and a device may restart. So one that streams
-although it was seen still is stopped again, and one that went on streaming, `AGAIN_S` later; once, until it is set
-in motion, since it may be noise.
+A line that was dead in both directions is quiet, too, and a device may restart. So a device that streams although
+it was seen to be still is stopped again. A device that went on streaming is stopped again `AGAIN_S` later. Both
+happen once until the device is set in motion again, since the bytes may be noise.
 
 A response that is outstanding is waited for no longer than `PATIENCE_S` before they are written the first time: the
 request may have been lost, and then the device hears them. A device that only talks has stop requests without
@@ -48,8 +48,8 @@ milliseconds; one that does not may be unable to, and its motor must not go on t
 ATTEMPTS = 3
 """How often the stop requests are written when bytes go on coming after them."""
 AGAIN_S = 2.0
-"""So long behind what was written last, one that went on is stopped again: the line to it may have been dead.
-`Lidar.stop` listens for less behind each STOP."""
+"""Seconds after the last request until a device that went on streaming is stopped again: the line to it may have
+been dead. `Lidar.stop` listens for a shorter time after each STOP."""
 UNASKED = 64
 """Most bytes that come unasked from a device at rest, such as a late response. More are a stream."""
 
