@@ -249,8 +249,8 @@ class _TcpLine(SocketLine):
             self.abort()
 
     def close(self) -> None:
-        # If the device sends on after the socket is closed, the system answers with a reset and drops what the other
-        # end has not acknowledged. So it is closed after that; `Port.close_soon` bounds the time.
+        # If the device sends on after the socket is closed, the system answers with a reset, and drops what the
+        # other end has not acknowledged. So it is closed after that; `Port.close_soon` bounds the time.
         self.stop()
         if not self._unsent:
             self._send()
