@@ -185,7 +185,8 @@ def test_what_came_at_one_moment_tells_no_time(name: str) -> None:
 @pytest.mark.parametrize("case", CASES, ids=named)
 def test_short_packets_that_came_at_one_moment_are_counted_too(case: Case, sectors: tuple[int, ...]) -> None:
     """As where damage has spared them alone: how many an ordinary revolution has, nothing tells."""
-    short = [packet for packet in case.packets if len(packet) == min(map(len, case.packets))]
+    size = min(map(len, case.packets))
+    short = [packet for packet in case.packets if len(packet) == size]
     assembler = SectorAssembler(stream_of(case, sample_ns=0.0))
     assembler.divide(sectors, lambda *_: None)
     assembler.add(in_one_run(case.make_format(), b"".join(short), 1))
