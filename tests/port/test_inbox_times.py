@@ -7,8 +7,8 @@ from lidario.port.inbox import CONNECTION, TERMINAL, Inbox, Kind
 
 SECOND = 10**9
 NEAR_NS = SECOND // 10
-KEPT = {TERMINAL: 4095, CONNECTION: 700_000}
-"""Bytes that the system keeps; what comes while so many wait is lost."""
+KEPT = {TERMINAL: 4095, CONNECTION: 550_000}
+"""Bytes that the system keeps; what comes while so many wait is lost. A connection's are read in three parts."""
 
 
 class Line:

@@ -65,8 +65,9 @@ async def test_what_comes_in_the_same_turn_shares_its_time() -> None:
     await asyncio.sleep(0)
     assert worked.done[3:] == ["b0", "b1", "b2"]
     await asyncio.sleep(0)
-    worked.all.add(worked.steps("c", 1))
-    assert worked.done[6:] == ["c0"]
+    worked.all.add(worked.steps("c", 2))
+    worked.all.add(worked.steps("d", 1))
+    assert worked.done[6:] == ["c0", "c1", "d0"]
 
 
 async def test_a_step_may_bring_more_work() -> None:

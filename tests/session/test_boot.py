@@ -1,6 +1,7 @@
 """A device that was told to restart hears nothing until it has booted, whatever became of the task that told it."""
 
 import asyncio
+from dataclasses import replace
 
 import pytest
 
@@ -40,6 +41,33 @@ async def test_a_device_that_never_boots_is_waited_for_only_once(rig: Rig) -> No
             await lidar.get_health()
         # Behind the first one it was told to stop, and listened to.
         assert now() - began < 3.5
+
+
+@both_families
+async def test_a_motor_that_turns_behind_a_restart_is_stopped(family: str) -> None:
+    """It stood before; no document says whether it does then."""
+    rig = make_rig(family)
+    async with rig.open() as lidar:
+        await lidar.stop()
+        await lidar.reset()
+        rig.device.log.clear()
+    assert "stop" in names(rig)
+
+
+async def test_what_is_printed_at_boot_is_no_stream() -> None:
+    """A stream that nobody asked for is stopped once: a text must not use that up."""
+    rig = make_rig("rplidar-a1")
+    rig.device.boot_s = 3.0
+    rig.device.profile = replace(rig.device.profile, banner=b"It boots. " * 10)
+    async with rig.open() as lidar:
+        resetting = asyncio.ensure_future(lidar.reset())
+        await asyncio.sleep(0.05)
+        resetting.cancel()
+        await asyncio.sleep(2.0)
+        rig.device.log.clear()
+        await asyncio.sleep(2.0)
+        assert lidar.stats.drained_bytes + lidar.stats.stray_bytes >= 100
+        assert names(rig) == []
 
 
 async def test_closing_does_not_wait_for_a_boot_that_a_start_would_wait_for(rig: Rig) -> None:
