@@ -56,7 +56,6 @@ class Timing:
     boot_s: float  # longest time from RESET until the device responds
     forget_s: float  # how long a device may hold half a request before it forgets it
     drain_s: float = 0.5  # longest wait for silence before STOP is sent again
-    boot_poll_s: float = 0.25  # interval at which a device that was reset is asked
     # How long a device that was just started may send nothing, if it responds by its stream alone.
     starts_s: float = 0.0
 

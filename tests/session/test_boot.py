@@ -6,6 +6,7 @@ from dataclasses import replace
 import pytest
 
 from lidario import ResponseTimeout, SessionClosed
+from lidario.families.registry import family_named
 from tests.support.devices import Rig, both_families, call, left_still, make_rig, names
 from tests.support.loop import now
 
@@ -26,6 +27,14 @@ async def test_what_follows_a_cancelled_reset_waits_until_the_device_has_booted(
             await call(lidar, name)
             assert seconds == 0.0 or "reset" in names(rig)
         assert left_still(rig)
+
+
+async def test_a_device_that_boots_as_long_as_any_is_waited_for(rig: Rig) -> None:
+    rig.device.boot_s = 0.8 * family_named(rig.family).timing.boot_s
+    async with rig.open() as lidar:
+        began = now()
+        await lidar.reset()
+        assert rig.device.boot_s < now() - began < rig.device.boot_s + 1.5
 
 
 async def test_a_device_that_never_boots_is_waited_for_only_once(rig: Rig) -> None:

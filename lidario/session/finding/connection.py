@@ -91,7 +91,7 @@ async def connect_remote(source: Source) -> Connection:
 async def _fed(port: FedPort, family: Family, device: RecordedDevice) -> Connection:
     port.offset_of = device.offset_of
     # Nothing is under way on this line, so nothing has to be waited for.
-    timing = replace(family.timing, quiet_s=_NO_TIME_S, boot_poll_s=_NO_TIME_S)
+    timing = replace(family.timing, quiet_s=_NO_TIME_S)
     connection = Connection(Dialogue(port, device, timing))
     connection.info = await connection.dialogue.run(device.identify())
     return connection

@@ -128,15 +128,14 @@ async def come_back(dialogue: Dialogue) -> None:
     Raises:
         ResponseTimeout: It does not come back.
     """
-    loop, timing = asyncio.get_running_loop(), dialogue.timing
-    deadline = (dialogue.reset_at or loop.time()) + timing.boot_s
+    loop = asyncio.get_running_loop()
+    deadline = (dialogue.reset_at or loop.time()) + dialogue.timing.boot_s
     while True:
         try:
             await introduce(dialogue, patience=0)
         except ResponseTimeout:
             if loop.time() > deadline:
                 raise
-            await dialogue.wait(timing.boot_poll_s)
         else:
             # No document says whether the motor turns after a restart.
             dialogue.stopper.still = False
