@@ -3,7 +3,7 @@
 - ``--exhaustive`` (each night and before a release): tests marked ``exhaustive`` go through all that they can, not
   through a sample; property tests try three times as many examples; and with the tests marked ``long``.
 - ``--long`` (as in CI): these, too: real programs, browsers and routers, and all else of which a case takes a
-  fifth of a second or more; and tests marked ``exhaustive`` with their whole sample, not half of it. A test file
+  fifth of a second or more; and tests marked ``exhaustive`` with their whole sample, not a part of it. A test file
   that is named is run whole.
 - ``--every-step``: two tasks at once are tried at every step of the event loop, not at every twelfth; five minutes.
 - ``--soak SECONDS``: how long tests at true pace run.
@@ -135,13 +135,15 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Give tests marked ``exhaustive`` their sample, half of it in a quick run, or all that they can take."""
+    """Give tests marked ``exhaustive`` their sample, a part of it in a quick run, or all that they can take."""
     full, long = metafunc.config.getoption("--exhaustive"), _runs_long(metafunc.config)
     for mark in metafunc.definition.iter_markers("exhaustive"):
-        values = list(mark.kwargs["full" if full else "sample"])
-        if not long and len(values) > 3:
-            # Two of four, as the first and the last: where two kinds alternate, some of both.
-            values = [value for number, value in enumerate(values) if number % 4 in (0, 3)]
+        values = list(mark.kwargs["sample"])
+        if full and "full" in mark.kwargs:
+            values = list(mark.kwargs["full"])
+        elif not long and len(values) > 3:
+            # Three of eleven: where two, three, four or seven kinds take turns, some of each.
+            values = [value for number, value in enumerate(values) if number % 11 in (0, 3, 7)]
         metafunc.parametrize(mark.args[0], values, ids=_named)
 
 
@@ -166,6 +168,17 @@ def pytest_make_collect_report(
     return report
 
 
+def pytest_pycollect_makeitem(
+    collector: pytest.Module | pytest.Class, name: str, obj: object
+) -> list[object] | None:
+    """Make no cases of long tests that are left out."""
+    marks = [
+        *collector.iter_markers("long"),
+        *(mark for mark in getattr(obj, "pytestmark", ()) if mark.name == "long"),
+    ]
+    return [] if marks and inspect.isfunction(obj) and not _runs_long(collector.config) else None
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Have async tests watched by `leaves_no_task`, leave out the long ones, and sort by what takes longest."""
     if order := config.stash.get(ORDER, None):
@@ -183,7 +196,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         if isinstance(item, pytest.Function) and inspect.iscoroutinefunction(item.obj):
             item.obj = leaves_no_task(item.obj)
         test = item.nodeid.partition("[")[0]
-        repeats = PROPERTIES in item.path.parents or item.get_closest_marker("exhaustive")
+        is_longer = any("full" in mark.kwargs for mark in item.iter_markers("exhaustive"))
+        repeats = PROPERTIES in item.path.parents or is_longer
         item.stash[MEASURED] = bool(every_case) or not (repeats or test in seen)
         seen.add(test)
     # The longest first: at the end, every worker still finds something to do.

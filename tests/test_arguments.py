@@ -170,7 +170,7 @@ def tried(call: Callable[[Any], object], value: object) -> str | None:
     return None
 
 
-@pytest.mark.parametrize("name", CALLS)
+@pytest.mark.exhaustive("name", sample=CALLS)
 def test_no_foreign_exception_leaves_a_function(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("raw.bin").write_bytes(bytes(10))

@@ -19,7 +19,7 @@ def rplidar_stream(name: str) -> tuple[golden.Golden, int, list[bytes], list[Sam
     return stream, stream.response_type, packets, rplidar.decode(stream.response_type, packets)
 
 
-@pytest.mark.parametrize("name", golden.names_of("rplidar"))
+@pytest.mark.exhaustive("name", sample=golden.names_of("rplidar"))
 def test_rplidar_revolutions(name: str) -> None:
     """The vendor marks the first sample past 0° in 0x81 and 0x83, in capsules the last one before it."""
     stream, response_type, _, samples = rplidar_stream(name)

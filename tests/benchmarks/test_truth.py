@@ -41,7 +41,7 @@ def _by_reference(stream: TrueStream) -> Iterator[tuple[float, float]]:
             yield sample.angle_deg, sample.distance_mm
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.exhaustive("name", sample=FORMATS)
 def test_an_independent_decoder_finds_every_sample_where_the_truth_says(name: str) -> None:
     stream, _ = _clean(name, 0.4)
     angles, distances = np.array(list(_by_reference(stream))).T

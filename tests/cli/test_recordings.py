@@ -14,7 +14,7 @@ import lidario
 from lidario.recording.files import open_stored
 from lidario.recording.played import PlayedDevice
 from tests.cli.processes import end, invoke, invoke_driven, run, started
-from tests.support.cases import KINDS, Case, named
+from tests.support.cases import KINDS, Case
 from tests.support.children import BOUND, line_of, until
 from tests.support.devices import some
 from tests.support.loop import run_driven
@@ -204,7 +204,7 @@ def test_what_is_said_of_bare_bytes_is_told_to_be_unused_of_a_recording(
     assert caplog.messages == [said]
 
 
-@pytest.mark.parametrize("case", KINDS, ids=named)
+@pytest.mark.exhaustive("case", sample=KINDS)
 def test_bare_bytes_are_exported_as_they_are_decoded(case: Case, tmp_path: Path) -> None:
     """Of what a user says of them, too; tests/test_golden.py tells that the scans are right."""
     data, known = case.told + case.descriptor + case.raw, (case.truth.family, str(1.5 * case.sample_us))

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.support.cases import CASES, Case, named
+from tests.support.cases import CASES, Case
 
 _RECORDS = (
     # The response of an LD14P, a frame of a Delta-2A that turns too slowly, a Hokuyo that is not ready.
@@ -39,7 +39,7 @@ def test_where_bytes_stand_does_not_matter(
         assert wire.intact(moved, at, size) == wire.intact(data, 0, size)
 
 
-@pytest.mark.parametrize("case", CASES, ids=named)
+@pytest.mark.exhaustive("case", sample=CASES)
 def test_of_the_beginning_all_is_said_that_is_said_of_the_whole_or_nothing_yet(case: Case) -> None:
     wire, packets = case.make_format(), b"".join(case.packets[:8])
     for record in (b"", *_RECORDS):

@@ -71,7 +71,7 @@ JUDGED = [
 ]
 
 
-@pytest.mark.parametrize(("model", "case"), JUDGED, ids=[model for model, _ in JUDGED])
+@pytest.mark.exhaustive(("model", "case"), sample=JUDGED)
 def test_it_streams_from_the_first_moment_on_what_the_world_holds(model: str, case: Case) -> None:
     device = made(model)
     assert (device.scanning, device.motor_on) == (True, True)
@@ -117,7 +117,7 @@ def test_samples_of_a_packet_are_measured_one_after_the_other(model: str) -> Non
     assert np.diff(world.seconds) == pytest.approx(turned / (360.0 * device.profile.hertz), abs=2e-9)
 
 
-@pytest.mark.parametrize("model", TALKERS)
+@pytest.mark.exhaustive("model", sample=TALKERS)
 def test_one_without_a_line_for_requests_sees_none(model: str) -> None:
     deaf, asked = made(model), made(model)
     if not deaf.profile.commands:
@@ -126,7 +126,7 @@ def test_one_without_a_line_for_requests_sees_none(model: str) -> None:
     assert asked.log == []
 
 
-@pytest.mark.parametrize("model", TALKERS)
+@pytest.mark.exhaustive("model", sample=TALKERS)
 @pytest.mark.parametrize("blocked", [False, True])
 def test_without_power_frozen_or_blocked_a_talker_is_silent(model: str, blocked: bool) -> None:
     """Until it has booted again."""

@@ -19,7 +19,7 @@ from tests.support.harm import messes
 from tests.support.samples import one_a_parser
 from tests.support.streams import SINGLE_DEG, before_seam, checked_one_by_one, in_one_run
 
-every_layout = pytest.mark.parametrize("case", [*KINDS, *LAYOUTS], ids=named)
+every_layout = pytest.mark.exhaustive("case", sample=[*KINDS, *LAYOUTS])
 seeds = st.integers(0, 2**32)
 TURN = 23040
 
@@ -112,7 +112,7 @@ def test_it_does_not_matter_where_the_stream_is_cut_into_turns(
     np.testing.assert_allclose(angles[:known], whole.angle_deg[:known], rtol=0, atol=SINGLE_DEG)
 
 
-@pytest.mark.parametrize("case", [case for case in KINDS if len(case.packets[0]) > 5], ids=named)
+@pytest.mark.exhaustive("case", sample=[case for case in KINDS if case.make_format().longest > 5])
 @given(st.data())
 def test_checking_as_an_array_finds_what_checking_one_by_one_finds(case: Case, data: st.DataObject) -> None:
     """For the node, whose check depends on the last angle, see test_rplidar_nodes."""
@@ -126,7 +126,7 @@ def test_checking_as_an_array_finds_what_checking_one_by_one_finds(case: Case, d
     assert wire.run(raw, len(lead)) == checked_one_by_one(wire, raw, len(lead))
 
 
-@pytest.mark.parametrize("case", [case for case in [*KINDS, *LAYOUTS] if case.make_format().longest > 5], ids=named)
+@pytest.mark.exhaustive("case", sample=[case for case in [*KINDS, *LAYOUTS] if case.make_format().longest > 5])
 @pytest.mark.parametrize("seed", range(2))
 def test_every_flipped_bit_of_a_packet_is_seen(case: Case, seed: int) -> None:
     """A node has no check value: see test_nodes."""

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from tests.reference import rplidar
-from tests.support.cases import CASES, KINDS, Case, most_or_all, named
+from tests.support.cases import CASES, KINDS, Case, most_or_all
 from tests.support.kept import kept_without, settled
 from tests.support.samples import one_a_parser
 from tests.support.streams import assembled
 
-PACKET_CASES = [case for case in CASES if len(case.packets[0]) > 5]
+PACKET_CASES = [case for case in CASES if case.make_format().longest > 5]
 RESTARTING = [case for case in CASES if case.lookahead and case.truth.start is not None]
 
 
@@ -95,7 +95,7 @@ def with_mark(case: Case, number: int) -> bytes:
 
 @most_or_all(RESTARTING)
 @pytest.mark.exhaustive("chunks", sample=[64], full=[64, 4096, None])
-@pytest.mark.parametrize("place", [0.0, 0.02, 0.5, 0.97, None])
+@pytest.mark.exhaustive("place", sample=[0.0, 0.02, 0.5, 0.97, None])
 def test_an_s_bit_in_every_revolution_costs_nothing(case: Case, chunks: int | None, place: float | None) -> None:
     """The manual's reading, at the seam and elsewhere; and even in every packet."""
     each = case.turns[1][0].packet - case.turns[0][0].packet
@@ -111,7 +111,7 @@ def test_an_s_bit_in_every_revolution_costs_nothing(case: Case, chunks: int | No
         np.testing.assert_array_equal(scan.device_distances, [s.distance_mm for s in turn])
 
 
-@pytest.mark.parametrize("case", RESTARTING, ids=named)
+@pytest.mark.exhaustive("case", sample=RESTARTING)
 @pytest.mark.parametrize("lost", [1, 3])
 def test_packets_lost_before_an_s_bit_are_lost_and_no_more(case: Case, lost: int) -> None:
     number = (case.turns[1][0].packet + case.turns[1][-1].packet) // 2
@@ -122,7 +122,7 @@ def test_packets_lost_before_an_s_bit_are_lost_and_no_more(case: Case, lost: int
     assert (len(scans), stats.broken_scans, stats.lost_packets) == (len(case.turns), 0, lost)
 
 
-@pytest.mark.parametrize("case", RESTARTING, ids=named)
+@pytest.mark.exhaustive("case", sample=RESTARTING)
 @pytest.mark.parametrize("ahead", [0.4, 0.55])
 def test_a_stream_that_begins_anew_elsewhere_gives_up_the_turn(case: Case, ahead: float) -> None:
     """The SDK's reading: what was measured before the S bit does not belong to what comes."""

@@ -3,13 +3,13 @@
 import pytest
 
 from tests.reference import ydlidar
-from tests.support.cases import CASES, Case, named
+from tests.support.cases import CASES, Case
 from tests.support.contents import resealed
 from tests.support.kept import Kept, kept
 from tests.support.streams import assembled
 
 POINT_CLOUDS = [case for case in CASES if case.layout is not None]
-every_cloud = pytest.mark.parametrize("case", POINT_CLOUDS, ids=named)
+every_cloud = pytest.mark.exhaustive("case", sample=POINT_CLOUDS)
 
 
 def replaced(case: Case, changed: dict[int, bytes]) -> bytes:

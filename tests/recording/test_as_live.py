@@ -59,6 +59,7 @@ def test_what_was_away_is_told(tmp_path: Path) -> None:
     assert summary.away_s == pytest.approx(sum(recording.away_ns) * 1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", ["rplidar-s2", "ydlidar-4ros"])
 def test_what_is_late_behind_a_silence_when_a_recording_ends_is_decoded_and_played(
     tmp_path: Path, model: str, monkeypatch: pytest.MonkeyPatch

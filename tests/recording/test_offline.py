@@ -37,7 +37,7 @@ from tests.support.recorded import record, same_points
 from tests.support.streams import assembled
 
 every_case = pytest.mark.parametrize("case", CASES, ids=named)
-every_kind = pytest.mark.parametrize("case", KINDS, ids=named)
+every_kind = pytest.mark.exhaustive("case", sample=KINDS)
 
 INFO = bytes.fromhex("a55a1400000004") + bytes(range(20))
 HEALTH = bytes.fromhex("a55a03000000060000 00".replace(" ", ""))
@@ -58,7 +58,7 @@ def test_scans_are_those_of_the_live_way(case: Case) -> None:
         assert (scan.seq, scan.lost_packets) == (live.seq, 0)
 
 
-@pytest.mark.parametrize("case", EVEN, ids=named)
+@pytest.mark.exhaustive("case", sample=EVEN)
 def test_stamps_count_samples_from_the_begin_of_the_stream(case: Case) -> None:
     scans = list(lidario.decode(whole(case), sample_us=100.0))
     first = next(at for at, sample in enumerate(case.samples) if sample is case.turns[0][0])
@@ -144,11 +144,10 @@ def test_damage_is_counted_and_raises_nothing(case: Case) -> None:
     assert decoder.pipeline.stats.unfinished_packets == 0
 
 
-@pytest.mark.parametrize(
+@pytest.mark.exhaustive(
     "case",
     # The packets of an LDS-01 are believed by those behind them, until their check value is known.
-    [case for case in KINDS if len(case.packets[0]) > 5 and case.truth.family != "hlds"],
-    ids=named,
+    sample=[case for case in KINDS if case.make_format().longest > 5 and case.truth.family != "hlds"],
 )
 def test_noise_in_place_of_each_second_packet_hides_no_stream(case: Case) -> None:
     noise = random.Random(case.name)

@@ -25,7 +25,7 @@ REAL = [SHARED / "real_ydlidar_tmini_plus.npz", SHARED / "ldrobot_ld06_real.npz"
 PATHS = [*HERE, *(path for path in REAL if path.exists())]
 RATES = {"ldrobot_ld19_13hz": 4500, "ldrobot_ld06_real": 4546}
 """Samples a second."""
-streams = pytest.mark.parametrize("path", PATHS, ids=lambda path: path.stem)
+streams = pytest.mark.exhaustive("path", sample=PATHS)
 
 
 def raw_of(path: Path) -> bytes:

@@ -299,7 +299,7 @@ def test_a_replay_can_be_recorded(live: Live, tmp_path: Path) -> None:
     assert_same_scans(live.scans, replayed(tmp_path / "b.mcap"))
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.exhaustive("name", sample=NAMES)
 def test_bare_bytes_are_played_as_they_are_decoded(tmp_path: Path, name: str) -> None:
     golden = load(name)
     if golden.response_type is not None:

@@ -16,7 +16,7 @@ from lidario.families.rplidar.simulated import packers
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.revolution.clock import Beginning, RevolutionClock
 from lidario.scan import Scan
-from tests.support.cases import CASES, KINDS, Case, named
+from tests.support.cases import CASES, KINDS, Case
 from tests.support.numbered import BAUD, DENSE, SAMPLE_NS, TURN, Arrival, assemble, numbered, numbers, on_time
 from tests.support.streams import arrived, in_one_run, stream_of
 
@@ -173,7 +173,7 @@ def test_a_turn_that_never_ends_is_given_up_and_does_not_grow() -> None:
 # ---------------------------------------------------------------------------------------------------- arrays
 
 
-@pytest.mark.parametrize("case", KINDS, ids=named)
+@pytest.mark.exhaustive("case", sample=KINDS)
 def test_what_a_scan_promises(case: Case) -> None:
     assembler = Assembler(stream_of(case))
     scans = assembler.add(in_one_run(case.make_format(), case.raw, 10**9))

@@ -149,7 +149,7 @@ def test_an_outage_that_is_read_late_leaves_no_scan_of_two_revolutions(name: str
 
 
 @every_kind
-@pytest.mark.exhaustive("times", sample=[1.5, 1000], full=[1.5, 3, 13, 1000])
+@pytest.mark.exhaustive("times", sample=[1.5], full=[1.5, 3, 13, 1000])
 def test_what_comes_faster_than_any_rotor_turns_is_delivered(name: str, times: float) -> None:
     """As where a file is written to a port. Its times tell nothing, and so nothing is early."""
     packets = packets_of(name)

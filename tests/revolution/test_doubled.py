@@ -15,7 +15,7 @@ from lidario.revolution.doubled import MOST_ALIKE, without
 from lidario.scan import Scan
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
-from tests.support.cases import KINDS, Case, named
+from tests.support.cases import KINDS, Case
 from tests.support.streams import in_one_run, stream_of
 
 WITH_A_CHECK = [case for case in KINDS if case.response_type != 0x81 or not case.name.startswith("rplidar")]
@@ -48,7 +48,7 @@ def undisturbed(case: Case) -> tuple[list[Scan], AssemblerStats]:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("case", WITH_A_CHECK, ids=named)
+@pytest.mark.exhaustive("case", sample=WITH_A_CHECK)
 @given(data=st.data())
 def test_it_costs_nothing(case: Case, data: st.DataObject) -> None:
     single, ends_ns = some(case), pace(case)
@@ -75,7 +75,7 @@ def test_it_costs_nothing(case: Case, data: st.DataObject) -> None:
         assert scan.seq == other.seq
 
 
-@pytest.mark.parametrize("case", WITH_A_CHECK, ids=named)
+@pytest.mark.exhaustive("case", sample=WITH_A_CHECK)
 def test_it_takes_no_time_in_a_file(case: Case) -> None:
     """There the samples are counted to tell the time, and those that came twice were measured once."""
 
@@ -101,7 +101,7 @@ def test_it_takes_no_time_in_a_file(case: Case) -> None:
         assert scan.stamp_ns == pytest.approx(other.stamp_ns, abs=10)
 
 
-@pytest.mark.parametrize("case", WITH_A_CHECK, ids=named)
+@pytest.mark.exhaustive("case", sample=WITH_A_CHECK)
 def test_of_many_that_are_alike_only_a_few_are_dropped(case: Case) -> None:
     """Then the rotor stands still, and nothing is missing."""
     packets = [case.packets[0], *[case.packets[1]] * 40, case.packets[2]]
@@ -133,7 +133,7 @@ def test_the_times_of_the_others_stay() -> None:
     assert without(found, [1, 2], as_noise=True).skips == ((0, 7), (1, 3 + 2 + 4))
 
 
-@pytest.mark.parametrize("case", WITH_A_CHECK, ids=named)
+@pytest.mark.exhaustive("case", sample=WITH_A_CHECK)
 def test_one_that_comes_again_a_revolution_later_is_another_one(case: Case) -> None:
     wire, assembler = case.make_format(), Assembler(stream_of(case))
     assembler.add(in_one_run(wire, case.packets[0]))

@@ -108,7 +108,7 @@ def test_each_follows_where_it_is_a_little_ahead(
     assert found == ([] if follow else None)
 
 
-@pytest.mark.parametrize("off", [-2, 1, 4, 16, 64])
+@pytest.mark.exhaustive("off", sample=[-2, 1, 4, 16, 64])
 @pytest.mark.parametrize("size", [84, 100, 84 * 24])
 @pytest.mark.parametrize("damaged", [(0, 1), (1, 2)])
 def test_amid_damage_the_bytes_that_were_skipped_tell_where_it_belongs(

@@ -19,7 +19,6 @@ from lidario.sector import Sector
 from lidario.wire.envelope import DESCRIPTOR_SIZE
 from tests.fuzz.checks import check_scan
 from tests.support import cases
-from tests.support.cases import named
 from tests.support.streams import open_stream, stream_of
 from tests.support.turns_4ros import SAMPLE_NS, scans_of, turn_of
 
@@ -140,7 +139,7 @@ def test_a_revolution_of_which_one_packet_comes_is_told_by_its_time(number: int 
     assert (stats.lost_packets, stats.broken_scans, stats.missed_scans) == (len(gone), len(alone), len(alone))
 
 
-@pytest.mark.parametrize("case", cases.KINDS, ids=named)
+@pytest.mark.exhaustive("case", sample=cases.KINDS)
 def test_a_step_from_sample_to_sample_never_becomes_too_small_to_be_one(case: cases.Case) -> None:
     """However often time says that nearly all is missing."""
     together = 20 if len(case.packets[0]) == 5 else 1

@@ -21,7 +21,7 @@ from lidario.revolution.sectors import SectorAssembler
 from lidario.scan import Scan
 from lidario.wire.envelope import DESCRIPTOR_SIZE
 from lidario.wire.events import Packets
-from tests.support.cases import CASES, Case, named
+from tests.support.cases import CASES, Case
 from tests.support.streams import in_one_run, stream_of
 
 MS = 1_000_000
@@ -182,7 +182,7 @@ def test_what_came_at_one_moment_tells_no_time(name: str) -> None:
 
 
 @pytest.mark.parametrize("sectors", [(), (8,)])
-@pytest.mark.parametrize("case", CASES, ids=named)
+@pytest.mark.exhaustive("case", sample=CASES)
 def test_short_packets_that_came_at_one_moment_are_counted_too(case: Case, sectors: tuple[int, ...]) -> None:
     """As where damage has spared them alone: how many an ordinary revolution has, nothing tells."""
     size = min(map(len, case.packets))

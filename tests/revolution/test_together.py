@@ -24,7 +24,7 @@ def packets_of(link: Link) -> list[Packets]:
     return [event for event in link.events_received() if isinstance(event, Packets)]
 
 
-@pytest.mark.parametrize("case", KINDS, ids=named)
+@pytest.mark.exhaustive("case", sample=KINDS)
 @pytest.mark.parametrize("every", [1, 3, 10**6])
 def test_they_are_joined_with_the_time_of_each_read(case: Case, every: int) -> None:
     runs = runs_of(case, 1000, every)

@@ -107,6 +107,7 @@ def test_no_call_takes_longer_than_the_table_says(what: tuple[str, str]) -> None
     assert 0.75 * bound - 0.2 <= max(taken) <= bound, taken
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FAMILIES)
 async def test_a_device_that_begins_no_stream_is_given_up(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     said = re.search(r"begins no stream,[^.]*\s([\d.]+) s then", TEXT)

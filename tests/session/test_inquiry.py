@@ -228,7 +228,7 @@ async def test_noise_is_told_only_where_noise_is_what_arrives(rig: Rig, harm: st
         rig.device.mute = False
 
 
-@pytest.mark.parametrize("act", ["stop", "close", "leave", "ask", "cancel", "join"])
+@pytest.mark.exhaustive("act", sample=["stop", "close", "leave", "ask", "cancel", "join"])
 @pytest.mark.parametrize("harm", ["silent", "protect"])
 @pytest.mark.exhaustive("step", sample=[5], full=[1, 2, 3, 5, 8, 13, 21, 40])
 async def test_whatever_is_done_while_the_device_is_asked(

@@ -143,7 +143,7 @@ async def test_where_nothing_listens_it_ends(monkeypatch: pytest.MonkeyPatch) ->
     assert at_each == [QUESTION[name] if name else bytes.fromhex("54A004000000005E") for name in order]
 
 
-@pytest.mark.parametrize("ended_after_s", [0.5, 2.0, 4.0, None])
+@pytest.mark.exhaustive("ended_after_s", sample=[0.5, 2.0, 4.0, None])
 @pytest.mark.parametrize("model", ["ldrobot-ld14p", "hlds-lds01"])
 async def test_what_the_search_may_have_started_is_left_still(
     model: str, ended_after_s: float | None, monkeypatch: pytest.MonkeyPatch

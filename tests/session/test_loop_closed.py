@@ -184,8 +184,8 @@ by_both = pytest.mark.parametrize("by_hand", [False, True])
 
 @pytest.mark.usefixtures("quick_collection")
 @by_both
-@pytest.mark.parametrize(
-    ("ended_after_s", "mute_s"), [(0.5, math.inf), (2.0, math.inf), (4.0, math.inf), (1.1, 1.0)]
+@pytest.mark.exhaustive(
+    ("ended_after_s", "mute_s"), sample=[(0.5, math.inf), (2.0, math.inf), (4.0, math.inf), (1.1, 1.0)]
 )
 @pytest.mark.parametrize("model", ["ldrobot-ld14p", "hlds-lds01"])
 def test_ended_while_others_are_asked_and_one_was_started_before(

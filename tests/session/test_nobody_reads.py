@@ -156,7 +156,7 @@ def is_dark(rig: Rig) -> bool:
 
 
 @pytest.mark.parametrize("stopped", [True, False], ids=["after stop", "after opening"])
-@pytest.mark.parametrize("question", ["get_health", "get_info", "get_scan_frequency", "set_scan_frequency"])
+@pytest.mark.exhaustive("question", sample=["get_health", "get_info", "get_scan_frequency", "set_scan_frequency"])
 @pytest.mark.parametrize("rig", DARK, indirect=True)
 async def test_a_question_at_rest_is_heard_and_leaves_it_at_rest(rig: Rig, question: str, stopped: bool) -> None:
     async with rig.open() as lidar:

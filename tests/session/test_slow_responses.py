@@ -84,8 +84,8 @@ def test_it_is_stopped_at_any_moment(family: str, b: Work, delay_s: float, phase
                 raise AssertionError(f"{a.__name__}, after {moment_s:.3f} s: {error}") from error
 
 
-@pytest.mark.parametrize("delay_s", [0.6, 0.9, 1.5, 1.9])
-@pytest.mark.parametrize("moment_s", [0.12, 0.3, 0.7, 1.2])
+@pytest.mark.exhaustive("delay_s", sample=[0.6, 0.9, 1.5, 1.9])
+@pytest.mark.exhaustive("moment_s", sample=[0.12, 0.3, 0.7, 1.2])
 async def test_closing_waits_for_a_response_that_nobody_wants(rig: Rig, moment_s: float, delay_s: float) -> None:
     async with rig.open() as lidar:
         await lidar.scan()

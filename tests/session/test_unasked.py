@@ -34,7 +34,7 @@ SOME = ("ldrobot-ld06", "ydlidar-x2", "neato-xv11", "camsense-x1", "irobotix-del
 talkers = pytest.mark.parametrize("rig", SOME, indirect=True)
 
 
-@pytest.mark.parametrize("model", TALKING)
+@pytest.mark.exhaustive("model", sample=TALKING)
 async def test_every_one_of_them_is_opened_read_and_left(model: str, caplog: pytest.LogCaptureFixture) -> None:
     rig = make_rig(model)
     caplog.clear()

@@ -133,7 +133,7 @@ async def test_a_network_may_pause_for_longer_than_a_serial_line(
             return data
 
         rig.device.transmit = transmit
-        await some(stream, 20)
+        await some(stream, 12)
         assert lidar.stats.restarts == (pause_s > (0.9 if network else 0.6))
 
 

@@ -155,7 +155,7 @@ def reported(case: Case, raw: bytearray, ends: list[int], together: int) -> list
     return found
 
 
-@pytest.mark.parametrize("case", KINDS, ids=lambda case: case.name)
+@pytest.mark.exhaustive("case", sample=KINDS)
 def test_of_joined_reads_it_is_told_which_packets_only_a_later_read_has_shown(case: Case) -> None:
     """Behind damage the bytes that follow decide whether something is a packet."""
     for seed in range(20):
@@ -210,7 +210,7 @@ def test_of_reads_that_are_understood_no_times_are_kept() -> None:
     link, packet = streaming(), PACKETS[0]
     tracemalloc.start()
     try:
-        for now in range(2000):
+        for now in range(1000):
             link.receive_data(packet + packet, 2 * now + 1, [(len(packet), 2 * now)])
             link.events_received()
         kept, _ = tracemalloc.get_traced_memory()

@@ -75,6 +75,7 @@ def test_it_measures_distances_alone_where_nothing_else_is_asked_for() -> None:
     assert [(mode.name, mode.typical) for mode in modes] == [("Standard", True), ("Intensity", False)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", ["hokuyo-urg04lx", "hokuyo-utm30lx"])
 async def test_many_damaged_scans_in_a_row_do_not_end_a_stream(model: str) -> None:
     """Two of three scans are damaged, or more, where each is one packet of two thousand bytes."""
