@@ -156,7 +156,7 @@ def find_lines(data: bytearray, expected: Expected) -> Lines:
         end = data.find(b"\n\n", begin - 1)
         if place <= end <= place + expected.largest:
             return Lines(place, end + 2 - place, bytes(data[begin:end]))
-        if end < 0 and len(data) - place <= expected.largest:
+        if end == -1 and len(data) - place <= expected.largest:
             return Lines(place)
 
 

@@ -19,7 +19,14 @@ from typing import Any
 from lidario.errors import LocalProtocolError
 from lidario.wire.arrived import ArrivedBytes, finds_packets
 from lidario.wire.blocks import packet_offsets
-from lidario.wire.envelope import DESCRIPTOR_SIZE, Expected, Request, find_descriptor, find_lines
+from lidario.wire.envelope import (
+    DESCRIPTOR_MAGIC,
+    DESCRIPTOR_SIZE,
+    Expected,
+    Request,
+    find_descriptor,
+    find_lines,
+)
 from lidario.wire.events import Arrival, Descriptor, Event, Packets, Response
 from lidario.wire.formats import StreamFormat
 from lidario.wire.states import LinkState
@@ -197,7 +204,7 @@ class Link:
                 return
             # This response belongs to an earlier request.
             self.stats.late_responses += 1
-            self._stray(1)
+            self._stray(len(DESCRIPTOR_MAGIC))
 
     def _await_lines(self, request: Request, expected: Expected) -> None:
         stray, size, payload = find_lines(self._buffer, expected)
