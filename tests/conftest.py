@@ -34,6 +34,7 @@ from tests.support.discards import all_obeyed, devices_made, may_discard, some_d
 from tests.support.environment import obey_signals, search_alone, set_aside, start_fewer_threads
 from tests.support.leaks import leaves_no_task, leaves_nothing
 from tests.support.ledger import ledgers_made
+from tests.support.samples import is_quick
 
 FOLDER = Path(__file__).parent
 PROPERTIES = FOLDER / "properties"
@@ -142,8 +143,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
         if full and "full" in mark.kwargs:
             values = list(mark.kwargs["full"])
         elif not long and len(values) > 3:
-            # Three of eleven: where two, three, four or seven kinds take turns, some of each.
-            values = [value for number, value in enumerate(values) if number % 11 in (0, 3, 7)]
+            values = [value for number, value in enumerate(values) if is_quick(number)]
         metafunc.parametrize(mark.args[0], values, ids=_named)
 
 

@@ -131,7 +131,7 @@ def test_random_bytes_are_no_nodes(case: Case) -> None:
 
 @pytest.mark.exhaustive("place", sample=[0, 45, 340], full=[0, 20, 45, 90, 180, 270, 300, 340])
 @pytest.mark.exhaustive("chunks", sample=[64, None], full=[3, 64, 4096, None])
-@pytest.mark.parametrize("first", [0, 1000, 2500])
+@pytest.mark.exhaustive("first", sample=[0, 2500], full=[0, 1000, 2500])
 def test_revolutions_follow_the_mark_wherever_it_stands(place: int, chunks: int | None, first: int) -> None:
     """The manual does not say at which angle a scan begins: a mark far from 0 is no damage."""
     turning = np.arange(first, 6 * 3200 + 100) * 7.2  # a mark far from 0 is followed from the third one on

@@ -8,8 +8,14 @@ from tests.support.kept import arrivals
 from tests.support.streams import assembled
 
 
-@pytest.mark.parametrize("lost", [False, True])
-@pytest.mark.parametrize("name", ["rplidar_9k_85", "ydlidar_4ros_room10", "hlds_lds01_5hz"])
+@pytest.mark.exhaustive(
+    ("name", "lost"),
+    sample=[
+        (name, lost)
+        for name in ("rplidar_9k_85", "ydlidar_4ros_room10", "hlds_lds01_5hz")
+        for lost in (False, True)
+    ],
+)
 def test_where_the_clock_stands_makes_no_difference(name: str, lost: bool) -> None:
     """A recording, or another machine, may count from any moment, also one that is to come."""
     case = next(each for each in CASES if each.name == name)
@@ -24,7 +30,7 @@ def test_where_the_clock_stands_makes_no_difference(name: str, lost: bool) -> No
 
 
 @pytest.mark.parametrize("turn", [0, 2])
-@pytest.mark.parametrize("name", ["rplidar_9k_82", "rplidar_9k_85", "ydlidar_4ros_room10", "ydlidar_x4_11hz"])
+@pytest.mark.exhaustive("name", sample=["rplidar_9k_82", "rplidar_9k_85", "ydlidar_4ros_room10", "ydlidar_x4_11hz"])
 def test_what_passes_unseen_is_counted_once(name: str, turn: int) -> None:
     """Whether the first sector behind it tells it or, as behind the first revolution, the scan."""
     case = next(each for each in CASES if each.name == name)

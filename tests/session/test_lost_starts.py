@@ -9,11 +9,14 @@ from lidario import ResponseTimeout, StreamFailed
 from tests.support.cable import next_after
 from tests.support.devices import MAKERS, Rig, call, end_of, names, scanning
 from tests.support.loop import now
+from tests.support.samples import long_but_some
 
 STARTS = (b"\xa5\x20", b"\xa5\x82", b"\xa5\x83", b"\xa5\x60", b"MD")
 """How the requests begin that start a stream."""
 KINDS = [(name, None) for name, maker in MAKERS.items() if maker.obeys] + [("rplidar-c1", "Standard")]
-kinds = pytest.mark.parametrize(("rig", "mode"), KINDS, ids=[name for name, _ in KINDS], indirect=["rig"])
+kinds = pytest.mark.parametrize(
+    ("rig", "mode"), long_but_some(*KINDS), ids=[name for name, _ in KINDS], indirect=["rig"]
+)
 FOREVER = 1000
 
 

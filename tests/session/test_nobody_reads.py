@@ -17,6 +17,7 @@ from lidario.session.lidar import Lidar
 from tests.support.devices import EVERY_KIND, Rig, call, is_off, left_still, make_rig, names, take
 from tests.support.discards import all_obeyed
 from tests.support.loop import driven_loop, run_driven
+from tests.support.samples import long_but_some
 
 LINGER_S = 1.0
 """How long what nobody reads goes on."""
@@ -77,7 +78,9 @@ MOMENTS_S = (0.5, 0.05, 0.02, 0.01, 0.002, 0.0)
 
 @pytest.mark.parametrize(
     ("rig", "before_s"),
-    [(kind, MOMENTS_S[(number + 3 * half) % 6]) for number, kind in enumerate(STOPPED) for half in (0, 1)],
+    long_but_some(
+        *((kind, MOMENTS_S[(number + 3 * half) % 6]) for number, kind in enumerate(STOPPED) for half in (0, 1))
+    ),
     indirect=["rig"],
 )
 async def test_a_question_as_a_stream_is_given_up_is_answered(rig: Rig, before_s: float) -> None:

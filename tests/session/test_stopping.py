@@ -10,6 +10,7 @@ import pytest
 
 from lidario import InvalidValue, LidarError, LocalProtocolError, Unsupported
 from tests.support.devices import FAMILIES, SWITCHED, Rig, both_families, left_still, make_rig, names, some, take
+from tests.support.samples import long_but_some
 
 MOMENTS_S = [n * 1e-3 for n in range(0, 60, 4)]
 
@@ -224,7 +225,7 @@ async def test_a_cancelled_reader_does_not_end_its_stream(rig: Rig) -> None:
         assert sum("scan" in name for name in names(rig)) == 1
 
 
-@pytest.mark.parametrize("rig", [*FAMILIES, *SWITCHED], indirect=True)
+@pytest.mark.parametrize("rig", long_but_some(*FAMILIES, *SWITCHED), indirect=True)
 async def test_a_session_that_is_dropped_leaves_the_device_still(rig: Rig) -> None:
     """By a finalizer, which cannot wait."""
     lidar = await rig.open()

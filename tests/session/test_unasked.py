@@ -21,6 +21,7 @@ from lidario.families.ydlidar.simulated.device import PROFILES as YDLIDAR
 from lidario.sim.chassis import maker
 from tests.support.devices import Rig, end_of, leave_streaming, left_still, make_rig, names, some, take
 from tests.support.loop import now, now_ns
+from tests.support.samples import long_but_some
 from tests.support.speeds import serial_in_memory
 
 TALKING = [name for name, profile in LDROBOT.items() if not profile.commands]
@@ -31,7 +32,7 @@ TALKING += [name for family in ALIKE for name in family_named(family).simulated]
 OTHERS = {"YDLIDAR X2, X3 or alike": ["tx8"], "LDROBOT LD14 or LD08": ["ld08"], "XV-11 or alike": ["lds02rr"]}
 """What else some could be, as far as anybody knows."""
 SOME = ("ldrobot-ld06", "ydlidar-x2", "neato-xv11", "camsense-x1", "irobotix-delta2a")
-talkers = pytest.mark.parametrize("rig", SOME, indirect=True)
+talkers = pytest.mark.parametrize("rig", long_but_some(*SOME), indirect=True)
 
 
 @pytest.mark.exhaustive("model", sample=TALKING)

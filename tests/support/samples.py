@@ -1,6 +1,7 @@
 """What stands for all where a test would take too long over all: a stream for each parser, a model of each kind."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import pytest
 
@@ -13,6 +14,24 @@ MODELS = [model for family in FAMILIES for model in family.simulated]
 """Every simulated model."""
 SOME_MODELS = [model for about in ABOUT.values() for model in about.MODELS]
 """One of each kind: of motor, of format, of what a device tells of itself, with and without commands."""
+
+
+def is_quick(number: int) -> bool:
+    """Whether the quick tests take the value with this number of a long list.
+
+    Three of eleven: where two, three, four or seven kinds take turns, some of each.
+    """
+    return number % 11 in (0, 3, 7)
+
+
+def long_but_some(*values: Any) -> list[Any]:
+    """Values for `pytest.mark.parametrize`, of which the quick tests take some; for a fixture that has its own."""
+    return [
+        value
+        if is_quick(number)
+        else pytest.param(*(value if isinstance(value, tuple) else (value,)), marks=pytest.mark.long)
+        for number, value in enumerate(values)
+    ]
 
 
 def every_model() -> pytest.MarkDecorator:
