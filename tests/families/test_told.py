@@ -52,6 +52,13 @@ def test_what_is_lost_behind_a_short_packet_is_counted_by_the_long_ones_beside_i
     assert missing(arcs) == [96 * (at == 8) for at in range(17)]
 
 
+@pytest.mark.parametrize(("jump", "gone"), [(16, 0), (17, 1)])
+def test_a_jump_may_be_one_unit_longer_than_a_step_and_what_may_lack(jump: int, gone: int) -> None:
+    """The angles at both of its ends are rounded."""
+    arcs = ToldWheel(TURN, 0.5).follow(packets_of([950] * 4, [10, 10, jump, 10]))
+    assert lost(arcs) == gone
+
+
 @pytest.mark.parametrize("which", ["first", "last"])
 @pytest.mark.parametrize("at", [1, 5, 10])
 def test_a_packet_of_which_an_angle_is_damaged_hides_none(at: int, which: str) -> None:

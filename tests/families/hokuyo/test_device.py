@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from lidario import RemoteProtocolError, open_lidar
+from lidario import LidarError, RemoteProtocolError, ResponseTimeout, open_lidar
 from lidario.families.hokuyo.commands import check_of, read_lines
 from lidario.families.hokuyo.device import FORMATS, HokuyoDevice, mode_for
 from lidario.families.hokuyo.simulated.device import pack_lines
@@ -113,3 +113,18 @@ def test_a_field_that_cannot_be_is_asked_for_again(spoilt: int) -> None:
     else:
         assert played(HokuyoDevice().identify(), answer).model == "Hokuyo URG-04LX"
     assert asked == min(1 + spoilt, 2)
+
+
+@pytest.mark.parametrize(
+    ("state", "raised"), [("Sensor works well.", RemoteProtocolError), ("malfunction 32", ResponseTimeout)]
+)
+def test_a_refused_start_of_a_device_that_is_not_well_is_as_none(state: str, raised: type[LidarError]) -> None:
+    """Then it is asked what is wrong, and reset."""
+    device = HokuyoDevice()
+    modes = played(device.modes(), lambda request: lines(**FIELD) if b"PP" in request.data else WELL)
+
+    def answer(request: Request) -> bytes:
+        return lines(STAT=state) if b"II" in request.data else b"10Q"
+
+    with pytest.raises(raised):
+        played(device.start(modes[0]), answer)
