@@ -4,6 +4,7 @@ import ast
 import inspect
 import re
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -62,6 +63,7 @@ def annotations_of(thing: ast.AST, *, constructed: bool) -> set[str]:
     return found
 
 
+@cache
 def parsed(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
@@ -77,10 +79,11 @@ def names_not_public(things: Sequence[ast.AST], path: Path, *, constructed: bool
     return {each for each in named & ours_in(path) if each not in PUBLIC and each not in filters.__all__}
 
 
+@cache
 def ours_in(path: Path) -> set[str]:
     """Classes that a module defines, and names that it imports from another of ours, for type checkers included."""
     found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(parsed(path)):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("lidario"):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ClassDef):

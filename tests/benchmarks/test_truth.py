@@ -54,9 +54,9 @@ def test_an_independent_decoder_finds_every_sample_where_the_truth_says(name: st
     assert np.array_equal(stream.firsts[packet] + place, np.arange(count))
 
 
-@pytest.mark.parametrize(
+@pytest.mark.exhaustive(
     ("name", "way"),
-    [*((name, way) for name in FORMATS for way in ("read", "file")), ("0x85 C1", "held"), ("X4", "held")],
+    sample=[("0x85 C1", "held"), ("X4", "held"), *((name, way) for name in FORMATS for way in ("read", "file"))],
 )
 def test_on_a_clean_line_all_is_delivered_and_nothing_is_missing(name: str, way: str) -> None:
     stream, line = _clean(name)
