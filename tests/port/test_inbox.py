@@ -3,15 +3,17 @@
 import contextlib
 import fcntl
 import os
+import re
 import struct
 import termios
 import threading
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 
-from lidario.port.inbox import INBOX_BYTES, Inbox, Late, make_read
+from lidario.port.inbox import CONNECTION, DATAGRAMS, INBOX_BYTES, Inbox, Late, make_read
 from tests.support.ports import terminal_pair
 
 FULL = 4095
@@ -200,3 +202,12 @@ def test_a_read_that_finds_the_buffer_full_is_counted() -> None:
                 os.write(ours, bytes(4096))
         inbox.read()
         assert late.full_reads == 1
+
+
+def test_of_a_line_that_never_runs_dry_as_much_is_read_as_the_table_of_bounds_says() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "bounds.md").read_text(encoding="utf-8")
+    ((kibibytes, datagrams),) = re.findall(r"\| a line is read \| (\d+) KiB, and (\d+) datagrams", page)
+    for kind, each, most in ((CONNECTION, 65536, 1024 * int(kibibytes)), (DATAGRAMS, 1, int(datagrams))):
+        inbox = Inbox(-1, lambda: 0, lambda _, each=each: bytes(each), kind=kind)  # type: ignore[misc]
+        inbox.read()
+        assert inbox.size == most
