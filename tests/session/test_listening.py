@@ -5,12 +5,14 @@ import itertools
 import random
 from contextlib import suppress
 from typing import Any
+from unittest.mock import create_autospec
 
 import pytest
 
 from lidario import ConnectFailed, list_lidars, open_lidar
 from lidario.families.registry import FAMILIES, family_named
 from lidario.port.port import Port
+from lidario.session.finding import search
 from lidario.session.finding.discovery import PortInfo
 from lidario.session.finding.listening import LISTEN_S, family_of_stream, listen
 from tests.support.cases import CASES
@@ -173,6 +175,21 @@ async def test_where_only_noise_comes_it_ends(monkeypatch: pytest.MonkeyPatch) -
         await open_lidar("noisy")
     assert caught.value.reason == "silent"
     assert 9.0 < now() - began < 18.0
+
+
+async def test_noise_is_listened_to_once_in_a_round_of_questions(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each time takes a second, in which nobody is asked."""
+    device = make_rig("rplidar-s2").device
+    device.mute = True
+    serial_in_memory(monkeypatch, noisy=device)
+    listened = create_autospec(listen, side_effect=listen)
+    monkeypatch.setattr(search, "listen", listened)
+    asyncio.get_running_loop().call_later(0.7, babble, device)
+    with pytest.raises(TimeoutError):
+        async with asyncio.timeout(3.5):
+            await open_lidar("noisy", family="rplidar")
+    # At first, as the noise had begun, and in the next round.
+    assert listened.await_count == 3
 
 
 async def test_a_speed_the_adapter_cannot_do_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
