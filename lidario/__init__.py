@@ -10,8 +10,6 @@ A public name is loaded when it is first used: programs that only ask for the ve
 do not wait for numpy and asyncio.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from lidario.loading import keep

@@ -5,8 +5,6 @@ once, and one sentence for those who installed the library without the command's
 `lidario.cli`.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 

@@ -7,8 +7,6 @@ it is given: there the traceback shows the line that is wrong. Numbers of numpy 
 are not taken for numbers.
 """
 
-from __future__ import annotations
-
 import math
 import operator
 import os

@@ -1,7 +1,5 @@
 """What `lidario.SyncLidar` makes: streams and iterators for ``for``, and recordings for ``with``."""
 
-from __future__ import annotations
-
 from collections.abc import AsyncIterator
 from contextlib import suppress
 from typing import Generic, Self, TypeVar

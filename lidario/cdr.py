@@ -8,8 +8,6 @@ with an independent one. `CdrReader` reads what others have sent: every length i
 there before anything is made of it.
 """
 
-from __future__ import annotations
-
 import struct
 from typing import Final
 

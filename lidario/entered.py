@@ -1,7 +1,5 @@
 """What is used by ``with`` or ``async with``, and what is refused: the wrong one of them, and copies."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from typing import ClassVar, NoReturn, Self
 

@@ -28,8 +28,6 @@ tracebacks do not mix. Therefore every class can be copied and pickled: ``args``
 ``__init__`` needs.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from lidario.words import counted
@@ -151,7 +149,7 @@ class DeviceFault(LidarError):
         health: The health that the device reported last.
     """
 
-    def __init__(self, message: str, health: Health) -> None:
+    def __init__(self, message: str, health: "Health") -> None:
         super().__init__(message, health)
         self.health = health
 

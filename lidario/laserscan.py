@@ -1,10 +1,8 @@
 """The ROS message ``sensor_msgs/LaserScan`` as a record, and its bytes. `lidario.beams` makes one of a scan."""
 
-from __future__ import annotations
-
 import struct
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,7 +74,7 @@ class LaserScan:
         return b"".join((head.finish(), ranges.tobytes(), _LENGTH.pack(len(intensities)), intensities.tobytes()))
 
     @classmethod
-    def from_cdr(cls, data: bytes) -> LaserScan | None:
+    def from_cdr(cls, data: bytes) -> Self | None:
         """The message that anybody's `to_cdr` wrote; None where the bytes are none.
 
         A length in the data is checked against the bytes that are there. The numbers in it may be anything.

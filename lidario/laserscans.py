@@ -10,8 +10,6 @@ samples in a revolution than the one before: then the motor has its speed. They 
 grid of the last one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Final, SupportsIndex
 

@@ -6,8 +6,6 @@ the other thread waits for ever or fails. Here each waiter has a plain lock of i
 for in one piece, and what threads share is changed in one piece too.
 """
 
-from __future__ import annotations
-
 import _thread
 import sys
 import threading

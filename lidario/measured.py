@@ -3,8 +3,6 @@
 `lidario.scan` tells the convention of angles.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Self, TypeVar, cast

@@ -9,8 +9,6 @@ which filters took out what came back; and one in which nobody has looked. So th
 return, too.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ JSON has no NaN and nothing infinite: what is not a finite number is None. Array
 as exact as any device sends: its finest steps are 1/64 of a degree (3e-4 rad) and 0.25 mm.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from typing import Any, Final

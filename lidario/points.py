@@ -8,8 +8,6 @@ Two frames occur: that of the lidar (x forward, y left, metres) and that of the 
 is in the second.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ would find none: so each cloud is raised to a low fence, several copies one abov
 surfaces again. A fence as high below as above keeps the result in the plane.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any, Final

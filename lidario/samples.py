@@ -3,8 +3,6 @@
 Plain functions on arrays of shape (n,). `lidario.scan` is the record whose properties and methods they serve.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final, TypeVar
 

@@ -3,8 +3,6 @@
 The convention of angles, and everything that the arrays mean, is that of `lidario.scan`.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any, Final

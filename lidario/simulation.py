@@ -4,8 +4,6 @@ This file is not called ``simulate.py``: importing a submodule of that name woul
 ``lidario.simulate`` by the module.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import SupportsIndex
 

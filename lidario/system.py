@@ -1,7 +1,5 @@
 """What the operating system says of a failure, as the end of a sentence, with the cure where it is not plain."""
 
-from __future__ import annotations
-
 import errno
 from typing import Final, TypeGuard
 

@@ -1,7 +1,5 @@
 """A file that appears under its name when it is whole, and takes the place of one that was there in one step."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os

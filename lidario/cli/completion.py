@@ -8,8 +8,6 @@ takes the pieces of ``sim://MODEL`` for several words. Where nothing is offered,
 files, so that a recording can be named: bash by ``-o default``, the others because they are told ``file``.
 """
 
-from __future__ import annotations
-
 import click
 from click.shell_completion import get_completion_class
 

@@ -4,8 +4,6 @@ All paths stand below `Machine.root`, so that a test can describe a machine as a
 as not there: other systems than Linux have none of it.
 """
 
-from __future__ import annotations
-
 import os
 import stat
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The command: its verbs, and the frame around them that maps every exception to an exit code."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from typing import Any, TypeVar

@@ -3,8 +3,6 @@
 The only line on stdout is what a client opens. It ends with the recording, or with Ctrl-C.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections import Counter
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``lidario router``: what publishers and readers of zenoh meet at, until Ctrl-C."""
 
-from __future__ import annotations
-
 import asyncio
 import re
 import shlex

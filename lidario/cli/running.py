@@ -8,8 +8,6 @@ nobody reads, would stop the loop, and so the port and signals: meanwhile a thre
 signal nothing waits for long until it is taken.
 """
 
-from __future__ import annotations
-
 import logging
 import signal
 import sys

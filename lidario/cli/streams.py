@@ -7,8 +7,6 @@ stream also holds its lock, and then neither a message nor the end of the interp
 Only the standard library is imported here: `lidario --version` needs nothing else.
 """
 
-from __future__ import annotations
-
 import codecs
 import os
 import select

@@ -5,8 +5,6 @@ They are printed and never written. They find the adapter by its serial number. 
 the same one (``0001``); then they find it by the socket that it is plugged into.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from typing import Final

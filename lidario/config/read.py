@@ -4,8 +4,6 @@ docs/settings.md shows one. What the table of a lidar says takes the place of wh
 filters: those of ``[default]`` come first, and then its own. The whole file is checked when it is read.
 """
 
-from __future__ import annotations
-
 import os
 import tomllib
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Writing into the file of settings: what was there stays as it was written, with its comments."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable, Mapping, MutableMapping
 from dataclasses import fields

@@ -9,8 +9,6 @@
 Which rules apply is told by what the device can do, and never by its name. `docs/testing.md` tells how to run them.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import ModuleType
 

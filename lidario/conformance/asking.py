@@ -1,7 +1,5 @@
 """Rules about questions: what a device at rest responds, and how soon."""
 
-from __future__ import annotations
-
 from lidario.conformance.bench import Bench
 from lidario.conformance.rule import Broken, Need, NotTried, Origin, known
 from lidario.model import HealthStatus

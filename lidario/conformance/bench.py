@@ -5,8 +5,6 @@ it holds the conversation below it, which checks what the manuals say: there eac
 earliest moment that the device must accept it.
 """
 
-from __future__ import annotations
-
 import asyncio
 import os
 import time

@@ -1,7 +1,5 @@
 """What a device sends in one scan mode: its packets, and the scans that the session makes of them."""
 
-from __future__ import annotations
-
 import asyncio
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -124,7 +122,7 @@ async def steady(scans: ScanStream) -> Scan:
         before = scan
 
 
-async def collect(bench: Bench, mode: ScanMode) -> Watch:
+async def collect(bench: "Bench", mode: ScanMode) -> Watch:
     """Look at one mode: at its packets for a second, then at some scans."""
     watch = Watch(mode)
     try:

@@ -7,8 +7,6 @@ A hash looks like what it replaces. It has as many bytes, digits stay digits and
 the same sum, so that a check value that is a sum still holds and the responses can be read like all others.
 """
 
-from __future__ import annotations
-
 import hashlib
 import re
 from collections.abc import Iterable, Sequence

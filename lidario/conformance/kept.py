@@ -5,8 +5,6 @@ than before, which is known only when its response was read. So no number was ev
 killed leaves all but the last two seconds.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from contextlib import suppress
 from dataclasses import replace

@@ -4,8 +4,6 @@ Known is what the simulated devices do, which were built from manuals and from b
 earlier reports told (`SEEN`).
 """
 
-from __future__ import annotations
-
 import asyncio
 import json
 from collections.abc import Iterable

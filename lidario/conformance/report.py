@@ -6,8 +6,6 @@ from anybody and from any version, and it may be cut, so whatever is there is re
 out.
 """
 
-from __future__ import annotations
-
 import json
 import platform
 from collections.abc import Iterable

@@ -1,7 +1,5 @@
 """Rules about what can be set, and about a program that is late."""
 
-from __future__ import annotations
-
 import asyncio
 import math
 

@@ -1,7 +1,5 @@
 """Rules about the end of a stream: STOP, RESET, and what the session promises of them."""
 
-from __future__ import annotations
-
 import asyncio
 from contextlib import suppress
 

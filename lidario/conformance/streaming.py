@@ -1,7 +1,5 @@
 """Rules about streams: what a device sends in each scan mode, and what the session makes of it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Awaitable, Callable, Sequence
 from functools import partial, wraps

@@ -4,8 +4,6 @@ These bytes are what support for it begins with. They are kept in memory until t
 responds is reported in another way.
 """
 
-from __future__ import annotations
-
 import asyncio
 import json
 from collections import defaultdict

@@ -1,7 +1,5 @@
 """The USB adapters that lidars are sold with; the families share them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final
 

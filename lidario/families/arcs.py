@@ -5,8 +5,6 @@ far the rotor turned and what is missing. Angles are whole numbers in the unit o
 rounded until they are converted to degrees.
 """
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence

@@ -5,8 +5,6 @@ come late, but never early, and the delay may change at any moment. So the numbe
 half and in the second half of the known packets.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 from statistics import median_low
@@ -45,7 +43,7 @@ class Pace:
         self._turned = self._came = 0
         self._is_doubted = False
 
-    def copy(self) -> Pace:
+    def copy(self) -> Self:
         """An independent copy."""
         twin = copy_of(self)
         twin._points = [*self._points]  # noqa: SLF001 - its own

@@ -1,7 +1,5 @@
 """The families by name: the only place that lists vendors. A new family is a folder here and a row below."""
 
-from __future__ import annotations
-
 from difflib import get_close_matches
 
 from lidario.arguments import text_of

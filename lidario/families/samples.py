@@ -1,7 +1,5 @@
 """The interface of a family's decoder: it makes samples of the packets of one revolution, or of several."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -9,8 +9,6 @@ host begins and ends to listen. The motor turns until the power is cut. The sess
 it as an error.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable
 from typing import Final, TypeVar

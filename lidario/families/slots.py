@@ -7,8 +7,6 @@ to be learned about the rotor. If the next packet is ahead by more than one slot
 whole degrees.
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass

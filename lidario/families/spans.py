@@ -1,7 +1,5 @@
 """The heads of packets: where the rotor stood at each, and how far ahead the next packet is."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple, Self, TypeAlias

@@ -1,7 +1,5 @@
 """Describes a stream for the session: one that was just started, or one among recorded bytes."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Final, NamedTuple

@@ -4,8 +4,6 @@ No packet tells the model. If models are to be read in different ways, a user na
 measured by the packets that are heard when the device is opened, or found in recorded bytes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial

@@ -13,8 +13,6 @@ step more. If this *jump* is longer than a step, samples were lost.
 3. **In a gap the rotor turned as fast as beside it.** If it all but stood there, it turned at its fastest.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final

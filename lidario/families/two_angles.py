@@ -8,8 +8,6 @@ depends on the distance. With this correction, neighbours can change places. So 
 of the beam, and corrected after that.
 """
 
-from __future__ import annotations
-
 from typing import Any, Final
 
 import numpy as np

@@ -31,8 +31,6 @@ Without times, as in a file of bytes, spans that agree are taken for one arc eac
 spans behind an outage.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from statistics import median_high
 from typing import Final, NamedTuple

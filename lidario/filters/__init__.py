@@ -11,8 +11,6 @@ Each is a frozen record. What is filtered stays in its place, as a sample withou
 tells from the others. docs/filters.md tells the rules, and which order matters.
 """
 
-from __future__ import annotations
-
 from lidario.filters.areas import BoxFilter, PolygonFilter
 from lidario.filters.base import Filter, MaskFilter
 from lidario.filters.neighbors import MedianFilter, RadiusOutlierFilter, ShadowsFilter

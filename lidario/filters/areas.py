@@ -1,7 +1,5 @@
 """Filters that look where a return is in the robot's frame: in a box, in a polygon."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass

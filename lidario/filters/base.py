@@ -1,7 +1,5 @@
 """What filters have in common: they are called with a scan or a sector, and return one."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from typing import TypeVar
 

@@ -4,8 +4,6 @@ Neighbours are counted in the order of measuring. In a scan the first sample fol
 are next to each other; in a sector nothing is known of what is beside it.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Final, TypeVar

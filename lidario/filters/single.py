@@ -1,7 +1,5 @@
 """Filters that look at one sample at a time: its angle, its range, its intensity."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass

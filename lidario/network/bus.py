@@ -9,15 +9,13 @@ pile up here. Everything is handed to the event loop here, in order, for a bound
 router goes away zenoh connects again by itself and declares everything anew; `Bus.on_change` tells of both.
 """
 
-from __future__ import annotations
-
 import asyncio
 import json
 import logging
 import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self, TypeVar
 
 from lidario.errors import ConnectFailed, InvalidValue
 from lidario.network.handover import ITEM_BYTES, Handover
@@ -73,7 +71,7 @@ class Bus(OpenSession):
         self._held = [session.info.declare_transport_events_listener(_at_once(self._transport_changed))]
 
     @classmethod
-    async def open(cls, router: str = DEFAULT_ROUTER) -> Bus:
+    async def open(cls, router: str = DEFAULT_ROUTER) -> Self:
         """Connect to a router. Cancelling ends the waiting, and closes what still opens.
 
         Where the environment names a file as ``ZENOH_CONFIG``, that is zenoh's configuration; only the mode, the
@@ -305,7 +303,7 @@ def _collected(replies: Iterable[Any]) -> list[Sample]:
     return found
 
 
-def _config(module: Any, router: str) -> zenoh.Config:
+def _config(module: Any, router: str) -> "zenoh.Config":
     # Certificates, user names and all else that a network may need stand in a file of the user's.
     config: zenoh.Config = module.Config.from_env() if "ZENOH_CONFIG" in os.environ else module.Config()
     config.insert_json5("mode", '"client"')

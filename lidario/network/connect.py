@@ -4,8 +4,6 @@ The publishers under the key are asked for their status. If none responds, the f
 of any ROS 2 node is a source too, although nothing is known of its device.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable
 from typing import Final, TypeAlias

@@ -4,8 +4,6 @@ It is a `RecordedDevice`: the scripts of the family run on the responses that it
 of whole scans has no packets, and its format says so.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import replace

@@ -5,8 +5,6 @@ its machine is cut off, it goes after the lease of its connection to the router:
 otherwise.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from typing import Final

@@ -3,8 +3,6 @@
 No lock is needed: adding to a deque and taking from it are atomic, and each counter is changed by one thread.
 """
 
-from __future__ import annotations
-
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator

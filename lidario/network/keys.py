@@ -15,8 +15,6 @@ The attachment of a message is that of rmw_zenoh (its docs/design.md, "Publisher
 time, and 16 bytes that tell the publisher.
 """
 
-from __future__ import annotations
-
 import logging
 import re
 import struct

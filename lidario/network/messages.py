@@ -10,8 +10,6 @@ All of it comes from a network. The functions that parse take any bytes. A lengt
 bytes that are there, and what has numbers that a scan cannot have is not a scan.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Iterable

@@ -11,8 +11,6 @@ Where two publishers send under one key, the first one is received as long as it
 the router does: then nothing is decided before the router is back and has had time to learn which tokens there are.
 """
 
-from __future__ import annotations
-
 import asyncio
 import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence

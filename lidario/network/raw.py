@@ -4,8 +4,6 @@ The bytes alone do not tell whose packets they are. That stands in the status, w
 second, and in the messages themselves where a stream begins or ends. Until it is known, bytes are left out.
 """
 
-from __future__ import annotations
-
 from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace

@@ -9,8 +9,6 @@ everybody in who reaches it, unless a configuration says otherwise; so it listen
 told to.
 """
 
-from __future__ import annotations
-
 import asyncio
 import ctypes
 import json
@@ -190,7 +188,7 @@ class Router(OpenSession):
         self.addresses: tuple[str, ...] = tuple(addresses)
 
     @classmethod
-    async def open(cls, *addresses: str, config: str | os.PathLike[str] | None = None) -> Router:
+    async def open(cls, *addresses: str, config: str | os.PathLike[str] | None = None) -> Self:
         """Listen, and forward what comes. Cancelling ends the waiting, and closes what still opens.
 
         Args:

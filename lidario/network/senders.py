@@ -5,8 +5,6 @@ message that was lost: zenoh drops what does not fit into the buffer of a line, 
 tells nobody.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections import OrderedDict
 from collections.abc import Callable, Sequence

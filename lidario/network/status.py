@@ -3,13 +3,11 @@
 It is one JSON object. `Status.of` takes whatever comes and replaces what cannot be right.
 """
 
-from __future__ import annotations
-
 import asyncio
 import json
 import math
 from dataclasses import asdict, dataclass, replace
-from typing import Final
+from typing import Final, Self
 
 from lidario.arguments import printable
 from lidario.model import ScanMode
@@ -59,7 +57,7 @@ class Status:
         return json.dumps(record, separators=(",", ":")).encode()
 
     @classmethod
-    def of(cls, data: bytes) -> Status | None:
+    def of(cls, data: bytes) -> Self | None:
         """What `to_bytes` wrote; None where it is nothing of the kind."""
         try:
             if len(data) > LARGEST:

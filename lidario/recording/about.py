@@ -4,9 +4,8 @@ It is one metadata record of the file, named `NAME`, whose values are all texts.
 anybody, so `About.of` takes whatever is there and replaces what cannot be right.
 """
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass, field
+from typing import Self
 
 from lidario.arguments import printable
 from lidario.model import DeviceInfo, Health, HealthStatus
@@ -59,7 +58,7 @@ class About:
         return {name: str(value).encode("utf-8", "replace").decode() for name, value in told.items()}
 
     @classmethod
-    def of(cls, texts: dict[str, str]) -> About:
+    def of(cls, texts: dict[str, str]) -> Self:
         """What `as_texts` wrote; what is missing or cannot be right is empty."""
 
         def text(name: str) -> str:

@@ -8,8 +8,6 @@ Places in the stream are counted in received bytes since the port was opened (`L
 over another line goes on counting, too.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, fields, replace

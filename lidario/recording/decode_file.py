@@ -3,8 +3,6 @@
 Scans have the stamps that the live ones had. Nothing larger is held than a block of bytes and its scans.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 from collections.abc import Iterator

@@ -5,8 +5,6 @@ without a line and without waiting. What was never asked while it was recorded i
 both raise `Unsupported`, which says so.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable, Mapping
 from dataclasses import replace

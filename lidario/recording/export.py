@@ -4,8 +4,6 @@ Memory does not grow with the file: the arrays of an NPZ are first written to fi
 which stand at their beginning, are known only at the end. What is written appears under its name when it is whole.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 import tempfile

@@ -5,8 +5,6 @@ the stream that comes next. From the moment the session takes packets, they are 
 they were read. So the scans have the stamps that the live ones had. Whatever else is written goes nowhere.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Protocol

@@ -5,8 +5,6 @@ stream is skipped. Times are made from the number of samples, as `lidario.decode
 `decode` give the same stamps.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Iterator
 from dataclasses import replace

@@ -13,8 +13,6 @@ Records: an opcode, the length of the content in eight bytes, the content. All n
 specification, "Serialization" and "Records").
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Generator, Iterator
 from typing import NamedTuple

@@ -10,8 +10,6 @@ Nothing larger is held than one block and its scans, and those that the caller k
 keeps all of them, some two megabytes.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -98,7 +96,7 @@ def decode_arrays(
     return arrays_of(_decoder(data, Known(family, model, sample_us)))
 
 
-def _decoder(data: RawBytes, known: Known) -> OfflineDecoder:
+def _decoder(data: RawBytes, known: Known) -> "OfflineDecoder":
     decoder = OfflineDecoder(data, known)
     if decoder.guess:
         _log.warning("%s", decoder.guess)

@@ -6,8 +6,6 @@ a file that was made shorter meanwhile is an error, not the end of the file. It 
 what is missing behind a map kills the program (SIGBUS).
 """
 
-from __future__ import annotations
-
 import os
 import re
 from pathlib import Path

@@ -7,8 +7,6 @@ Read together (`lidario.recording.read`) the parts hold the same bytes as one fi
 Nothing here knows an event loop; `lidario.recording.record` calls it from a thread.
 """
 
-from __future__ import annotations
-
 import contextlib
 import glob
 import logging

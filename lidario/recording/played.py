@@ -6,8 +6,6 @@ from the first call of `transmit` on, and no request pauses it. It does not resp
 does not hold, as a device ignores a request that it does not know; each is logged.
 """
 
-from __future__ import annotations
-
 import re
 from contextlib import suppress
 

@@ -8,8 +8,6 @@ With a rate of 0 it is played as fast as it is read: only while every reader wai
 then.
 """
 
-from __future__ import annotations
-
 import asyncio
 import logging
 from collections.abc import Iterator

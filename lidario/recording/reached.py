@@ -5,8 +5,6 @@ time may be wrong. So bytes behind a chunk that is missing are used from the nex
 that jumps farther than any lidar rests is taken back.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple

@@ -10,8 +10,6 @@ only its own bytes with it (`lidario.recording.reached`).
 says.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterator, Sequence

@@ -9,8 +9,6 @@ once, and to the disk. The thread looks four times a second, so a program that i
 last second and a quarter, and what a slow disk takes to write.
 """
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import threading
@@ -63,11 +61,11 @@ class Recorded(Protocol):
         """Those of the recording that is played; none of a device."""
         ...
 
-    def begin_recording(self, recording: Recording) -> About:
+    def begin_recording(self, recording: "Recording") -> About:
         """Hand every chunk, event and scan to `recording` from now on; returns what stands at the beginning."""
         ...
 
-    def end_recording(self, recording: Recording) -> None:
+    def end_recording(self, recording: "Recording") -> None:
         """Hand it no more; harmless when done before."""
         ...
 

@@ -6,8 +6,6 @@ The definitions are in the form that rosbag2 stores (``ros2msg``): the fields of
 message type that it contains.
 """
 
-from __future__ import annotations
-
 import struct
 
 from lidario.cdr import LITTLE_ENDIAN

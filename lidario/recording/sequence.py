@@ -6,8 +6,6 @@ its bytes follow those of the one before: the stream goes on, with nothing lost 
 begins another stream.
 """
 
-from __future__ import annotations
-
 import glob
 import os
 from collections.abc import Iterator, Sequence

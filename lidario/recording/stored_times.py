@@ -5,8 +5,6 @@ were skipped tell how long, and the clock of the device corrects that, where its
 outages as well of which no byte was stored.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Final
 

@@ -1,7 +1,5 @@
 """What a recording holds, in figures."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass
 

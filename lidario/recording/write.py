@@ -8,8 +8,6 @@ reader needs no other chunk to use it.
 Nothing here knows an event loop; `lidario.recording.record` calls it from a thread.
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import io

@@ -9,8 +9,6 @@ The names are loaded when they are first used. Messages need numpy alone; everyt
 needs the extra ``zenoh``. docs/ros2.md and docs/fleets.md tell how to use them.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from lidario.loading import keep

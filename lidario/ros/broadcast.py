@@ -5,8 +5,6 @@ start is waited for in a task: zenoh's own waiting could not be cancelled. A rou
 matter: it connects again and declares everything anew by itself.
 """
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import platform

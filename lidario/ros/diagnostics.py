@@ -1,7 +1,5 @@
 """The health of a lidar as ``diagnostic_msgs/DiagnosticArray``, which ROS 2 robots collect on ``/diagnostics``."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final
 

@@ -4,8 +4,6 @@ Scans arrive whole (`Share`, or a topic of ROS 2), or are decoded here from the 
 key of its lidar. What is missing is told: the next scan of that lidar says how much.
 """
 
-from __future__ import annotations
-
 import asyncio
 import logging
 from collections import deque

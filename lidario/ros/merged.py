@@ -1,7 +1,5 @@
 """Several lidars as one publisher of ROS 2: one LaserScan and one PointCloud2, in the robot's frame."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial

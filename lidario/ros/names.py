@@ -11,8 +11,6 @@ The type hashes are those of the message definitions (REP-2011); the tests compu
 and its nodes have a word in their place (rmw_zenoh PR 388).
 """
 
-from __future__ import annotations
-
 import hashlib
 import re
 from dataclasses import dataclass

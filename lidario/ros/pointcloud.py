@@ -5,8 +5,6 @@ Unlike a LaserScan it needs no grid: each sample keeps its own angle and its own
 which is that of the first return).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Final

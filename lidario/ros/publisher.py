@@ -6,8 +6,6 @@ where no robot description says so, it goes to ``/tf_static``. A recording that 
 day needs nodes whose clock runs by ``/clock`` (``use_sim_time``).
 """
 
-from __future__ import annotations
-
 import math
 import struct
 import time

@@ -5,8 +5,6 @@ and with what the session learned beside them. A reader that comes later asks fo
 device has responded so far and the stream that runs.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable
 from dataclasses import replace

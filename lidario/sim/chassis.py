@@ -3,8 +3,6 @@
 A family's device adds the requests it knows and the responses it sends; `SimulatedDevice` describes the whole.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Any, Generic, Protocol, TypedDict, TypeVar, Unpack

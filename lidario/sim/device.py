@@ -5,8 +5,6 @@ time, and on a pseudo-terminal or over TCP in real time. It shares no code with 
 that one mistake cannot hide in both.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol
 

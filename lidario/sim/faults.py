@@ -5,8 +5,6 @@ A list of faults is written like ``drop:1%,flip:0.1%,unplug:5s``. A share is per
 way.
 """
 
-from __future__ import annotations
-
 import re
 from typing import Literal, NamedTuple
 

@@ -8,8 +8,6 @@ not made yet stay, and `withdraw` takes them back when the stream ends early.
 All times are integer monotonic nanoseconds, handed in by the caller.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass
 

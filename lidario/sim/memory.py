@@ -4,8 +4,6 @@ Here the two kinds of faults meet: device faults happen at their time, between t
 faults change the bytes on their way to the host.
 """
 
-from __future__ import annotations
-
 from lidario.sim.device import SimulatedDevice
 from lidario.sim.faults import Faults
 

@@ -7,8 +7,6 @@ sample is a function of its time alone. `spin_up_s` is the time from standstill 
 A real rotor is faster at some places of its turn than at others. `uneven` is by which part.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -4,8 +4,6 @@
 once in a process, when a device first needs them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from itertools import pairwise

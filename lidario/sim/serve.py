@@ -5,8 +5,6 @@ no client the bytes go nowhere. `unplug` is the cable pulled out: the client's p
 it in again; as on a real system, the new port may have another name.
 """
 
-from __future__ import annotations
-
 import os
 import socket
 import sys

@@ -4,8 +4,6 @@ There is no asyncio here. The thread sleeps in `poll` until the host writes or t
 while it streams, at most `TICK_S`. What a port is, only the subclasses in `lidario.sim.serve` know.
 """
 
-from __future__ import annotations
-
 import contextlib
 import selectors
 import socket

@@ -5,8 +5,6 @@ vacuums do: a packet has its place in the revolution, and when it is made follow
 `PacedByTime` takes its samples at equal times, wherever the rotor stands.
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from dataclasses import KW_ONLY, dataclass
 from typing import Final, Generic, TypeVar, Unpack

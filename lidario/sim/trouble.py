@@ -8,8 +8,6 @@ One line fault at most begins at a byte. What happens to each byte is drawn in t
 generator, so the outcome does not depend on how the bytes were divided into chunks.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeGuard
@@ -28,7 +26,7 @@ _BLOCK = 64  # bytes of a burst or a repetition: the packet of a full-speed USB 
 _BYTE_FAULTS = ("drop", "flip", "insert", "burst", "duplicate")
 
 
-def can_fail(device: object) -> TypeGuard[Chassis[Any, Any]]:
+def can_fail(device: object) -> "TypeGuard[Chassis[Any, Any]]":
     """Whether device faults can happen in it; also in one behind an object that passes on what it is asked for."""
     return hasattr(device, "protection_stop")
 

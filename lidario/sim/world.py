@@ -11,8 +11,6 @@ Directions follow the devices: degrees clockwise seen from above, 0 forward. Coo
 scanner's frame, x forward and y to the left. A distance of 0 means no return.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Protocol, TypeAlias, TypeGuard, runtime_checkable
 

@@ -14,8 +14,6 @@ pytest-asyncio and of anyio, and without both. All names below work without pyte
 first used, so that a run of pytest that uses none of them does not wait for numpy.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from lidario.loading import keep

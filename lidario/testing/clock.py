@@ -10,8 +10,6 @@ wait without a timeout is not shortened.
 It needs the selector and the clock of a loop of asyncio's own. Another loop (uvloop) keeps its pace.
 """
 
-from __future__ import annotations
-
 import asyncio
 import time
 from typing import Any

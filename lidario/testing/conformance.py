@@ -10,8 +10,6 @@ skipped, and says why. What was measured is printed: ``-rA`` shows it.
 The device is opened once, for all of them. Each test leaves laser and motor off.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Iterator
 

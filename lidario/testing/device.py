@@ -4,8 +4,6 @@ It is an ordinary simulated device in memory, as strict as `lidario.simulate` ma
 spin up, and while the loop of the test waits, time passes a hundred times as fast (`lidario.testing.clock`).
 """
 
-from __future__ import annotations
-
 import asyncio
 import threading
 from collections.abc import Iterable

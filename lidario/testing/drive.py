@@ -1,7 +1,5 @@
 """A lidar that drives through a room: what it sees from each place of its way, and where it truly was."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Scans and sectors made by hand: for tests of what a program does with them, without any lidar."""
 
-from __future__ import annotations
-
 import math
 from typing import TypeAlias
 

@@ -1,7 +1,5 @@
 """A recording as what a test works on: as a source for the program, or as the scans themselves."""
 
-from __future__ import annotations
-
 import os
 from functools import cached_property
 from pathlib import Path

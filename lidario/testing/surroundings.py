@@ -1,7 +1,5 @@
 """What a simulated lidar of a test sees: walls that stand still, and bodies that move."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise

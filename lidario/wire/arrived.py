@@ -5,8 +5,6 @@ read, and be recognised only with the next. The result must be the same if both 
 the packets before it are dated as if it were not known yet.
 """
 
-from __future__ import annotations
-
 from bisect import bisect_right
 from collections.abc import Sequence
 from typing import Any

@@ -6,8 +6,6 @@ size and a number of packets, since most packets of a revolution have the same s
 divided without reading the bytes again.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 

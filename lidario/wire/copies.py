@@ -1,7 +1,5 @@
 """Fast shallow copies of objects."""
 
-from __future__ import annotations
-
 from typing import TypeVar
 
 _T = TypeVar("_T")

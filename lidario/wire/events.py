@@ -4,8 +4,6 @@ Events do not depend on how the bytes were divided into chunks, with one excepti
 may be reported in one `Packets` or in several. Noise makes no event; it is counted in `LinkStats`.
 """
 
-from __future__ import annotations
-
 from bisect import bisect_right
 from dataclasses import dataclass
 from operator import itemgetter

@@ -15,8 +15,6 @@ Every decision waits until the bytes that it needs are there, so results do not 
 divided. A format object belongs to one stream: it remembers whether it is in step.
 """
 
-from __future__ import annotations
-
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence

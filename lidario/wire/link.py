@@ -11,8 +11,6 @@ Every byte is counted in exactly one field of `LinkStats`, or is still in the bu
 fed in slices, noise leaves at once, and a response longer than the largest expected one is not waited for.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

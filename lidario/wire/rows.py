@@ -8,8 +8,6 @@ array, a few more cost nothing. A CRC is linear: what a byte adds to it depends 
 the byte. So a table of these (`Crc8.of_rows`) replaces the loop over the bytes.
 """
 
-from __future__ import annotations
-
 import re
 from abc import abstractmethod
 from functools import lru_cache

@@ -12,8 +12,6 @@ IDLE, where further packets count as drained. Its stream has no descriptor: the 
 once. The response to a request for packets is that many packets.
 """
 
-from __future__ import annotations
-
 from enum import Enum
 
 

@@ -4,8 +4,6 @@ Each byte is counted in exactly one of the fields that end in ``_bytes``, or sti
 bytes that are missing in the measurements show in another counter.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

@@ -5,8 +5,6 @@ of a real X1 (github.com/thijses/camsense-X1), community ports. The models are t
 their samples lie.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Final
 

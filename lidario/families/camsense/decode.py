@@ -6,8 +6,6 @@ as far away as the root of d^2 + 20^2; where nothing came back, it lies 21 - 10 
 the zero differs by some degrees, and half of them count from the other side: a mount cures that.
 """
 
-from __future__ import annotations
-
 from typing import Any, Final
 
 import numpy as np

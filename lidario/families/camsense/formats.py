@@ -15,8 +15,6 @@ While the rotor speeds up, packets have the start 0, then A000, and the end the 
 records here.
 """
 
-from __future__ import annotations
-
 from typing import Any, Final
 
 import numpy as np

@@ -6,8 +6,6 @@ that holds, is heard when it is opened. Source: ROBOTIS' driver ``hls_lfcd_lds_d
 was tried with a device.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Final
 

@@ -18,8 +18,6 @@ would be 360 - k, which is what is given here. Intensities have no documented sc
 8160 is the largest one that is told.
 """
 
-from __future__ import annotations
-
 from typing import Any, Final
 
 import numpy as np

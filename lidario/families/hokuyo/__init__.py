@@ -3,8 +3,6 @@
 Sources throughout: the SCIP 2.0 specification, urg_library 1.2.7 and hokuyolx 0.9.0. Nothing was tried on a device.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 from lidario.families.base import Family, Timing

@@ -6,8 +6,6 @@ characters before it, its low six bits plus 30 hexadecimal (SCIP 2.0 specificati
 ``II`` end in ``;``, which some devices count and others do not (urg_library 1.2.7); both are accepted.
 """
 
-from __future__ import annotations
-
 from typing import Final, NamedTuple
 
 from lidario.arguments import printable

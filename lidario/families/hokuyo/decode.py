@@ -4,8 +4,6 @@ The angle of step n is (n - AFRT) * 360 / ARES counter-clockwise (urg_library 1.
 clockwise, so they fall. A distance below DMIN is the code of an error, one beyond DMAX no return.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Final
 

@@ -7,8 +7,6 @@ A recorded stream begins with its first block. Where the bytes hold the response
 the first and the last step do: each kind of model has its own.
 """
 
-from __future__ import annotations
-
 import re
 from typing import Final
 

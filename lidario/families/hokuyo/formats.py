@@ -13,8 +13,6 @@ first, plus 30 hexadecimal. A value may lie across the end of a line (SCIP 2.0 s
 follows from its echo. A block with a status other than 99 has no data; ``0M`` comes while the speed is not stable.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from typing import Final

@@ -3,8 +3,6 @@
 Names are those of the SCIP 2.0 specification. What a device claims is bounded before it decides any size.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Final, NamedTuple
 

@@ -7,8 +7,6 @@ ports, and what owners of four turrets tell of their frames; nothing was tried w
 How many frames a revolution has tells two kinds of models apart, and each kind measures alike.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Final
 

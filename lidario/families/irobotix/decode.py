@@ -4,8 +4,6 @@ The samples of a frame divide its part of the revolution evenly, clockwise (3iro
 sample i of N is start + i * 360 / (16 N) degrees, 15 for a Delta-2G. So how long one takes follows from the speed.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

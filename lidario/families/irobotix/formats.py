@@ -23,8 +23,6 @@ How many samples a frame has, changes with the speed and from frame to frame. Tw
 lengths must agree, so with the sum a frame is self-evident.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Sequence
 from typing import Any, Final

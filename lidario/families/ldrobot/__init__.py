@@ -13,8 +13,6 @@ The LD14P alone has requests, and may have been stopped: ``54 cmd 04 p0 p1 p2 p3
 records, and the stream tells whether a request was obeyed.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from typing import Final

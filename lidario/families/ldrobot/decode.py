@@ -12,8 +12,6 @@ uncorrected angle.
   (ROBOTIS, ``hls_lfcd_lds_driver``, ``transform.cpp``). Where nothing came back, the angle is that of the beam.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -16,8 +16,6 @@ window (4 bytes), ``54 0F`` what the device is (23 bytes), ``54 A0`` to ``54 A8`
 their length in the third byte. Each ends with the same CRC.
 """
 
-from __future__ import annotations
-
 from typing import Any, Final
 
 import numpy as np

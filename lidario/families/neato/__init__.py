@@ -10,8 +10,6 @@ Nothing tells the models apart. 300 revolutions a minute is what vacuums and ada
 line is full; below 200 nothing is measured, which is told as the state of the rotor and not as a fault of the line.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Final
 

@@ -19,8 +19,6 @@ distances are as plausible as those of others, at a fifth of the strength. Stren
 is the largest one that is told; 1202 is the largest one in the recording.
 """
 
-from __future__ import annotations
-
 from typing import Any, Final
 
 import numpy as np

@@ -8,8 +8,6 @@ and 0x85, S3 for 0x86 (S-series interface manual, figure 3-3, and logs of device
 (logs of devices). For 0x83 none is known, and 10000 samples a second are assumed.
 """
 
-from __future__ import annotations
-
 import re
 from typing import Final
 

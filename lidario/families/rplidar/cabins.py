@@ -7,8 +7,6 @@ The meaning of the bits is read from tables, which are made once from those rule
 arithmetic.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Final
 

@@ -14,8 +14,6 @@ authors of cpane/heron). Their angles may be corrected like those of returns, bu
 such a node only shows between which angles the beam was.
 """
 
-from __future__ import annotations
-
 import re
 from functools import cache
 from typing import Any, Final, NamedTuple

@@ -9,8 +9,6 @@ request; the SDK waits 10 ms after a motor request. Timeouts are ours: a healthy
 a few milliseconds, and the SDK allows 500 ms while it connects.
 """
 
-from __future__ import annotations
-
 import struct
 from enum import IntEnum
 from typing import Final

@@ -9,8 +9,6 @@ address, mask and gateway, in network order; with all zero, the device asks the 
 uses a new address after a reset. Firmware that does not know this value responds with fewer bytes, or not at all.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from collections import Counter

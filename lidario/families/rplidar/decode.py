@@ -13,8 +13,6 @@ are written directly to their final place, in single precision, and in units in 
 the last division. Single precision holds these exactly.
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Callable
 from typing import Any, ClassVar, Final

@@ -5,8 +5,6 @@ numbers, and the first firmware with GET_LIDAR_CONF (1.24): vendor's SDK 2.1.0. 
 model, so they are never assumed if the firmware can be asked for them. The motor is in `motor`.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from dataclasses import replace

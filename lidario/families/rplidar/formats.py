@@ -7,8 +7,6 @@ the first two bytes are A and 5, their low nibbles hold the XOR of all bytes beh
 `lidario.revolution.seam` handles both.
 """
 
-from __future__ import annotations
-
 import re
 import struct
 from functools import cache

@@ -18,8 +18,6 @@ A C1 that does not respond is started as one without limits, and asked again whe
 does not tell its typical speed or duty is started with an assumed one, and asked again at the next start.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

@@ -16,8 +16,6 @@ If the angles leap, they may be those of returns beside the beam (`chains`). The
 if they are much more even.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from statistics import median_high
 from typing import Any, Final, NamedTuple

@@ -18,8 +18,6 @@ the first mark of a stream stands elsewhere, or two marks in a row stand at one 
 there. A mark of the very first node is ignored: a device may mark its first node wherever it stands.
 """
 
-from __future__ import annotations
-
 import re
 from typing import Final
 

@@ -10,8 +10,6 @@ It is never used while a port is probed: devices of other families would take th
 ends.
 """
 
-from __future__ import annotations
-
 import re
 import struct
 from typing import Final

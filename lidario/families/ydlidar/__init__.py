@@ -4,8 +4,6 @@ Sources throughout: the 4ROS development manual, the 4ROS data sheet, and the ve
 where said). Nothing was measured on a real device.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Final
 

@@ -14,8 +14,6 @@ rest. The documents demand no settle time. The SDK waits 5 ms (1.2.20) or 10 ms 
 the longer of the two.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 from lidario.errors import ResponseTimeout

@@ -17,8 +17,6 @@ length of packets shows how many packets these were. But the last packet of a re
 packet holds one sample. A start packet is lost if packets pass the place where the start packet before stood.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Final, NamedTuple
@@ -61,7 +59,7 @@ class Kind:
     triangle: bool = True  # whether the angle depends on the distance
     speed_base: int = 0  # tenths of Hz that the speed 0 stands for
 
-    def decoder(self) -> CloudDecoder:
+    def decoder(self) -> "CloudDecoder":
         """A fresh decoder."""
         return CloudDecoder(self)
 

@@ -21,8 +21,6 @@ Some models only talk (`Model.one_way`). One that no user has named is recognise
 two STOPs, without a response.
 """
 
-from __future__ import annotations
-
 import struct
 from contextlib import suppress
 from dataclasses import replace

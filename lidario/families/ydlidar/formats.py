@@ -33,8 +33,6 @@ of the other seven bytes (vendor SDK, some models); the scan header once more, a
 device information that nobody asked for, header and 20 bytes, which some models send when they start (SDK).
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterable

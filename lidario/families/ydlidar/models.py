@@ -10,8 +10,6 @@ is one of them. The speed of the line distinguishes S4 and S4B (more_families.md
 not tell its model: it is always taken for an X2 unless a user names it, as in ``?model=tx8``.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final
 

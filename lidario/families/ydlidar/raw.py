@@ -8,8 +8,6 @@ Models that only talk also tell a code, at power-on (X2 manual, 3). A model that
 its stream has a header.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from typing import Final, NamedTuple

@@ -6,8 +6,6 @@ boots or what it does when its rotor is blocked: half a second, and it falls sil
 Packets: as Camsense's SDK reads them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

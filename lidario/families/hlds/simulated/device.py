@@ -6,8 +6,6 @@ waits for ``b``. No document says how long it boots or what it does with other b
 Packets: as ROBOTIS' driver reads them; of the check value only that it stands twice is known.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

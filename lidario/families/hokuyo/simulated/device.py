@@ -12,8 +12,6 @@ any time, that ``RS`` has a response and an empty line has none, a simulator tel
 ``SCIP2.0`` (more_families_2.md 6.1), and begins so again after ``RS`` (made up).
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -7,8 +7,6 @@ and above ten it sends only that it fails, and how fast it turns.
 Frames: big-endian, with their length, a version, a command, and a sum, as 3irobotix's protocol documents have them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -16,8 +16,6 @@ No document says how long a device boots, or what it does when its rotor is bloc
 (users report 0.5 to 0.7 s), and a blocked one is silent until its power is cut.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass, replace

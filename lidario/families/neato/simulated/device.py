@@ -7,8 +7,6 @@ real XV-11 whose motor is stopped (Xevel/NXV11).
 Packets: firmware 2.4 of the XV-11, as its hacking wiki has it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final

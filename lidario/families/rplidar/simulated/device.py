@@ -30,8 +30,6 @@ into a state that occurs in practice, use its documented attributes and `protect
 program left unfinished is simply received: the bytes ``A5 82 05``, say.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import ClassVar, Unpack
 
@@ -286,7 +284,7 @@ class SimulatedRplidar(Chassis[Profile, MeasurementStream]):
         self._respond_with(response, self._response_at(request.ended), request.name)
         return ""
 
-    HANDLERS: ClassVar[dict[str, Callable[[SimulatedRplidar, Request], str]]] = {
+    HANDLERS: ClassVar[dict[str, Callable[["SimulatedRplidar", Request], str]]] = {
         "stop": _stop,
         "reset": _obey_reset,
         "scan": _scan,

@@ -5,8 +5,6 @@ accessory board and the static address as in vendor SDK 2.1.0. An address that S
 after the next RESET, as with the vendor's tool.
 """
 
-from __future__ import annotations
-
 import struct
 from typing import Final
 

@@ -23,8 +23,6 @@ The head is two bytes, high nibbles A and 5, low nibbles the XOR of everything b
 In the start word bit 15 is S: the first packet of a stream, not the first of a revolution.
 """
 
-from __future__ import annotations
-
 import zlib
 from typing import Final
 

@@ -1,7 +1,5 @@
 """What a simulated device is: its numbers, its scan modes, its motor. The devices are in `profiles`."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,16 +7,6 @@ from typing import Literal
 
 # Response type -> bytes and samples of one packet (S-series interface manual; packed structs of SDK 2.1.0).
 PACKET = {0x81: (5, 1), 0x82: (84, 32), 0x83: (781, 96), 0x84: (132, 96), 0x85: (84, 40), 0x86: (170, 64)}
-
-
-# Conf types (S-series interface manual, GET_LIDAR_CONF; 0x01, 0x04, 0x05 from vendor SDK 2.1.0).
-_SPEED_CONFS = {0x01: 0, 0x04: 1, 0x05: 2}
-_MODE_CONFS: dict[int, Callable[[Mode], bytes]] = {
-    0x71: lambda mode: struct.pack("<I", mode.said_us_q8),
-    0x74: lambda mode: struct.pack("<I", mode.max_distance_q8),
-    0x75: lambda mode: struct.pack("<B", mode.said_type),
-    0x7F: lambda mode: mode.name.encode("ascii") + b"\0",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +48,16 @@ class Mode:
     def period_ns(self) -> int:
         """Nanoseconds from packet to packet."""
         return self.us_q8 * 1000 * self.packet[1] // 256
+
+
+# Conf types (S-series interface manual, GET_LIDAR_CONF; 0x01, 0x04, 0x05 from vendor SDK 2.1.0).
+_SPEED_CONFS = {0x01: 0, 0x04: 1, 0x05: 2}
+_MODE_CONFS: dict[int, Callable[[Mode], bytes]] = {
+    0x71: lambda mode: struct.pack("<I", mode.said_us_q8),
+    0x74: lambda mode: struct.pack("<I", mode.max_distance_q8),
+    0x75: lambda mode: struct.pack("<B", mode.said_type),
+    0x7F: lambda mode: mode.name.encode("ascii") + b"\0",
+}
 
 
 @dataclass(frozen=True, slots=True)

@@ -41,8 +41,6 @@ without an accessory board, at whose motor the host has no hand; a C1 that tells
 than 1.24, which has no GET_LIDAR_CONF.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from typing import Any

@@ -11,8 +11,6 @@ document says it, the choice is ours: the measured speed is 0.1 % too high, the 
 the confirmation must come within a second, a RESET keeps the new speed, and a loss of power does not.
 """
 
-from __future__ import annotations
-
 import struct
 from dataclasses import dataclass
 from functools import reduce

@@ -14,8 +14,6 @@ A2 it was 7 degrees, and less of what is near (change 4 of Roboticia/RPLidar).
 An A1M8 marks in 0x81 the sample before its beam passes 0: at 351.4 to 359.5 degrees, by the distance (cpane/heron).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -24,8 +24,6 @@ response comes. The log carries a remark on such a request.
 `Simulated4Ros.log` tells of every request, with the reason where it was discarded.
 """
 
-from __future__ import annotations
-
 import struct
 from typing import Unpack
 

@@ -4,8 +4,6 @@ Layouts: 4ROS development manual, figures 3 to 15; the time stamp record and the
 vendor SDK's. Tests use `pack_points` as the inverse of the decoder.
 """
 
-from __future__ import annotations
-
 import struct
 from dataclasses import dataclass
 

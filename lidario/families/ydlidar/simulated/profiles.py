@@ -9,8 +9,6 @@ One-way models have no line on which a request could arrive. Which models know t
 the first is not documented: the SDK asks those that triangulate by the second.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
 from typing import Any

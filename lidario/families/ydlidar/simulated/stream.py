@@ -12,8 +12,6 @@ Some relatives send time stamp records between the packets (vendor SDK 1.2.20); 
 they are asked for, one stands before each packet and tells when the first sample of the packet was taken.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import NamedTuple
 
