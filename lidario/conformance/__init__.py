@@ -21,24 +21,9 @@ from lidario.conformance.rule import Figure, Need, Origin, Outcome, Rule, Verdic
 from lidario.errors import InvalidValue
 
 __all__ = [
-    "RULES",
-    "Bench",
-    "Figure",
-    "Need",
-    "Origin",
-    "Outcome",
-    "Report",
-    "Reporter",
-    "Rule",
-    "Seen",
-    "Tried",
-    "Verdict",
-    "news_of",
-    "open_bench",
-    "read_report",
-    "rule_named",
-    "seen_reports",
-]
+    "RULES", "Bench", "Figure", "Need", "Origin", "Outcome", "Report", "Reporter", "Rule", "Seen", "Tried",
+    "Verdict", "news_of", "open_bench", "read_report", "rule_named", "seen_reports",
+]  # fmt: skip
 
 
 def rules_in(module: ModuleType) -> tuple[Rule, ...]:

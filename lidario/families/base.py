@@ -29,20 +29,9 @@ if TYPE_CHECKING:
     from lidario.sim.world import WorldLike
 
 __all__ = [
-    "DecodedRevolution",
-    "Decoder",
-    "Device",
-    "Family",
-    "Keepalive",
-    "Known",
-    "NamedModel",
-    "RawStream",
-    "Samples",
-    "Script",
-    "Stream",
-    "Timing",
-    "raw_stream",
-]
+    "DecodedRevolution", "Decoder", "Device", "Family", "Keepalive", "Known", "NamedModel", "RawStream",
+    "Samples", "Script", "Stream", "Timing", "raw_stream",
+]  # fmt: skip
 
 T = TypeVar("T")
 Script: TypeAlias = Generator[Request, bytes, T]

@@ -17,14 +17,6 @@ from lidario.filters.neighbors import MedianFilter, RadiusOutlierFilter, Shadows
 from lidario.filters.single import AngularBoundsFilter, IntensityFilter, RangeFilter
 
 __all__ = [
-    "AngularBoundsFilter",
-    "BoxFilter",
-    "Filter",
-    "IntensityFilter",
-    "MaskFilter",
-    "MedianFilter",
-    "PolygonFilter",
-    "RadiusOutlierFilter",
-    "RangeFilter",
-    "ShadowsFilter",
-]
+    "AngularBoundsFilter", "BoxFilter", "Filter", "IntensityFilter", "MaskFilter", "MedianFilter",
+    "PolygonFilter", "RadiusOutlierFilter", "RangeFilter", "ShadowsFilter",
+]  # fmt: skip

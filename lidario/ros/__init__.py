@@ -25,21 +25,9 @@ if TYPE_CHECKING:
     from lidario.ros.share import Share
 
 __all__ = [
-    "DiagnosticArray",
-    "DiagnosticStatus",
-    "Fleet",
-    "FleetScan",
-    "LaserScan",
-    "MergedPublisher",
-    "PointCloud2",
-    "Publisher",
-    "RemoteLidar",
-    "Router",
-    "Share",
-    "diagnostics",
-    "list_remote_lidars",
-    "pointcloud2",
-]
+    "DiagnosticArray", "DiagnosticStatus", "Fleet", "FleetScan", "LaserScan", "MergedPublisher", "PointCloud2",
+    "Publisher", "RemoteLidar", "Router", "Share", "diagnostics", "list_remote_lidars", "pointcloud2",
+]  # fmt: skip
 
 _HOMES = {
     "laserscan": ("LaserScan",),

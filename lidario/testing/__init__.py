@@ -25,16 +25,7 @@ if TYPE_CHECKING:
     from lidario.testing.recorded import RecordedLidar
     from lidario.testing.surroundings import Body, room
 
-__all__ = [
-    "Body",
-    "Drive",
-    "RecordedLidar",
-    "SimulatedLidar",
-    "furnished",
-    "make_scan",
-    "make_sector",
-    "room",
-]
+__all__ = ["Body", "Drive", "RecordedLidar", "SimulatedLidar", "furnished", "make_scan", "make_sector", "room"]
 
 _HOMES = {
     "testing.device": ("SimulatedLidar",),
