@@ -137,11 +137,7 @@ def _check(path: str, replaces: bool) -> None:
 
 
 async def _follow(
-    told: _Told,
-    recording: lidario.Recording,
-    stream: lidario.ScanStream,
-    seconds: float | None,
-    count: int | None,
+    told: _Told, recording: lidario.Recording, stream: lidario.ScanStream, seconds: float | None, count: int | None
 ) -> None:
     """Read until there is as much as was asked for, or the recording has ended."""
     told.began = time.monotonic()

@@ -57,11 +57,7 @@ class Bench:
     """
 
     def __init__(
-        self,
-        connection: Connection,
-        health: Health,
-        source: Source,
-        simulated: SimulatedDevice | None,
+        self, connection: Connection, health: Health, source: Source, simulated: SimulatedDevice | None
     ) -> None:
         self.kind: str = source.kind
         alone = Reconnector(None, source)

@@ -104,11 +104,7 @@ def export_npz(decoder: FileDecoder, path: Path, *, overwrite: bool = False) -> 
 
 
 def export_mcap(
-    decoder: FileDecoder,
-    path: Path,
-    messages: LaserScans | None = None,
-    *,
-    overwrite: bool = False,
+    decoder: FileDecoder, path: Path, messages: LaserScans | None = None, *, overwrite: bool = False
 ) -> int:
     """Write a recording that holds each scan on ``/scan`` too; returns how many scans. As `export_npz` else."""
     recording = decoder.recording

@@ -67,13 +67,7 @@ class FileWriter:
     """
 
     def __init__(
-        self,
-        path: Path,
-        about: About,
-        *,
-        overwrite: bool = False,
-        sync: bool = False,
-        target: Path | None = None,
+        self, path: Path, about: About, *, overwrite: bool = False, sync: bool = False, target: Path | None = None
     ) -> None:
         try:
             from mcap.writer import CompressionType, Writer
@@ -84,10 +78,7 @@ class FileWriter:
         self._sync = sync
         self._sink = _Sink()
         self._writer: Any = Writer(
-            self._sink,
-            chunk_size=_CHUNK_LIMIT,
-            compression=CompressionType.NONE,
-            enable_data_crcs=True,
+            self._sink, chunk_size=_CHUNK_LIMIT, compression=CompressionType.NONE, enable_data_crcs=True
         )
         self._channels: dict[str, int] = {}
         self._numbers: dict[str, int] = {}

@@ -53,13 +53,7 @@ class Share(Broadcast):
     """
 
     def __init__(
-        self,
-        lidar: Lidar,
-        key: str,
-        *,
-        raw: bool = False,
-        router: str = DEFAULT_ROUTER,
-        robot: str | None = None,
+        self, lidar: Lidar, key: str, *, raw: bool = False, router: str = DEFAULT_ROUTER, robot: str | None = None
     ) -> None:
         super().__init__(lidar, router, robot)
         raw = yes_or_no(raw, "raw")

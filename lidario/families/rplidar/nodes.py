@@ -43,14 +43,7 @@ from lidario.families.rplidar.chains import (
 )
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
-from lidario.wire.formats import (
-    BEGINS,
-    HEADINGS_WORTH_AN_ARRAY,
-    NO_PACKET,
-    Headings,
-    StreamFormat,
-    Stretch,
-)
+from lidario.wire.formats import BEGINS, HEADINGS_WORTH_AN_ARRAY, NO_PACKET, Headings, StreamFormat, Stretch
 
 PHASES_BACK: Final = 4
 """This many nodes in the old phase are tried before other phases."""

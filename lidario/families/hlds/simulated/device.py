@@ -21,11 +21,7 @@ _NEW = TalkerProfile(
     "hlds-lds01", 1, baudrate=230_400, slots=60, samples=6, reach_mm=(120.0, 3500.0), commands=True
 )
 _OLD = replace(
-    _NEW,
-    name="hlds-lds01-2016",
-    model=2,
-    waits=True,
-    note="; firmware before 2017.10, which waits to be started",
+    _NEW, name="hlds-lds01-2016", model=2, waits=True, note="; firmware before 2017.10, which waits to be started"
 )
 PROFILES = by_name(_NEW, _OLD)
 

@@ -70,11 +70,7 @@ def pack_standard(
 
 
 def pack_express(
-    start_q6: npt.ArrayLike,
-    distances_mm: npt.ArrayLike,
-    offsets_q3: npt.ArrayLike = 0,
-    *,
-    new_stream: bool = False,
+    start_q6: npt.ArrayLike, distances_mm: npt.ArrayLike, offsets_q3: npt.ArrayLike = 0, *, new_stream: bool = False
 ) -> bytes:
     """Pack response type 0x82; `offsets_q3` is what the host subtracts from a sample's angle, in 1/8 degree."""
     mm = _whole(distances_mm, 0x3FFF, "distance").reshape(-1, 16, 2)

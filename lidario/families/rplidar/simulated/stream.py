@@ -132,10 +132,7 @@ class MeasurementStream:
         turns, times = self._head(packet * 96, samples + 1)  # one more: predictions need the next packet
         mm = self._triangulate(turns * 360.0, times)
         return packers.pack_ultra(
-            _q6(turns[:samples:96]),
-            mm[:samples].reshape(count, 96),
-            float(mm[samples]),
-            new_stream=packet == 0,
+            _q6(turns[:samples:96]), mm[:samples].reshape(count, 96), float(mm[samples]), new_stream=packet == 0
         )
 
     def _dense(self, packet: int, count: int) -> bytes:
