@@ -38,8 +38,7 @@ BeamOrder = Literal["counter-clockwise", "measured"]
 NoReturn = Literal["inf", "nan", "zero"]
 Preset = Literal["rep103", "vendor"]
 """Where the angle 0 of a LaserScan is: ``rep103`` ahead, ``vendor`` behind, as in the vendors' ROS 2 drivers."""
-PRESET_YAW: Final = {"rep103": 0.0, "vendor": math.pi}
-"""Angle of the device's forward axis by each preset, radians."""
+PRESET_YAW: Final = {"rep103": 0.0, "vendor": math.pi}  # angle of the device's forward axis by each preset, radians
 _ORDERS = ("counter-clockwise", "measured")
 NO_RETURN: Final = {"inf": math.inf, "nan": math.nan, "zero": 0.0}
 """What the words of `NoReturn` stand for, metres."""

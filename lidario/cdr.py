@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from lidario.arguments import printable
 
-LITTLE_ENDIAN: Final = b"\0\1\0\0"
-"""The representation header of plain CDR with the lowest byte first."""
+LITTLE_ENDIAN: Final = b"\0\1\0\0"  # the representation header of plain CDR with the lowest byte first
 
 _ORDERS: Final = {b"\0\0": ">", b"\0\1": "<"}
 _SECOND: Final = 1_000_000_000

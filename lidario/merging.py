@@ -23,8 +23,7 @@ from lidario.laserscan import LaserScan
 from lidario.points import Motion, Mount, Points, Velocity, merge, place
 from lidario.scan import Scan
 
-OLDEST_S = 0.25
-"""Two and a half revolutions of 10 Hz: a robot of 1 m/s has driven a quarter of a metre."""
+OLDEST_S = 0.25  # two and a half revolutions of 10 Hz: a robot of 1 m/s has driven a quarter of a metre
 _Floats = NDArray[np.float32]
 
 

@@ -29,8 +29,7 @@ FINE_M: Final = 0.02
 HEADINGS: Final = 24
 FAR_M: Final = 1.5
 """How far apart two clouds may be before they are turned rightly: lidars of one robot are no farther."""
-NEAR_M: Final = 0.1
-"""Points farther than this from the other cloud belong to what only one of the two sees."""
+NEAR_M: Final = 0.1  # points farther than this from the other cloud belong to what only one of the two sees
 RIVAL_TURN: Final = math.radians(5.0)
 BESIDE_M: Final = 0.1
 BESIDE_DIRECTIONS: Final = 24

@@ -14,10 +14,8 @@ from lidario.errors import InvalidValue
 
 FloatArray = NDArray[np.float32]
 _ArrayT = TypeVar("_ArrayT", bound=NDArray[np.generic])
-_BEYOND_M: Final = 1e30
-"""Farther than every range, and still a number in single precision."""
-_ROUNDED: Final = 1e-6
-"""Radians by which a turn may be exceeded that somebody has computed in single precision."""
+_BEYOND_M: Final = 1e30  # farther than every range, and still a number in single precision
+_ROUNDED: Final = 1e-6  # radians by which a turn may be exceeded that somebody has computed in single precision
 
 
 def read_only(array: _ArrayT) -> _ArrayT:

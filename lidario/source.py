@@ -52,8 +52,7 @@ _MAX_SEED = 2**63 - 1
 _DECIMAL = re.compile(r"[0-9]{1,9}(\.[0-9]{1,9})?", re.ASCII)
 _UNPRINTABLE = {"Cc", "Cf", "Zl", "Zp"}
 """Unicode categories that can change what a terminal shows; no port, host or model is called so."""
-_FILES = (".mcap", ".bin")
-"""How the name of a recording ends."""
+_FILES = (".mcap", ".bin")  # how the name of a recording ends
 _MOST_RATE = 1e6
 _EXAMPLES = {"tcp": "192.168.0.7:20108", "udp": "192.168.11.2:8089"}
 """Addresses that lidars, and bridges to them, come with."""
@@ -61,8 +60,7 @@ _KNOWN = (
     "Known are a port (/dev/ttyUSB0, COM3), serial://, tcp://, udp://, sim://, id:SERIAL, zenoh:KEY, and a "
     "recording (.mcap, .bin)"
 )
-_SHOWN = 120
-"""Longest part of a source that is repeated in a message."""
+_SHOWN = 120  # longest part of a source that is repeated in a message
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-LEAST_SHARE: Final = 0.5
-"""Of two lidars on one robot, each sees at least half of what the other sees."""
+LEAST_SHARE: Final = 0.5  # of two lidars on one robot, each sees at least half of what the other sees
 RIVAL: Final = 0.85
 """Where another direction explains nearly as many points, the room looks alike from several sides; where a place
 beside it does, nothing holds the result where it is."""

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-FIRST_OF_USERS: Final = 1000
-"""Numbers of groups from there on are of users (`GID_MIN`)."""
+FIRST_OF_USERS: Final = 1000  # numbers of groups from there on are of users (`GID_MIN`)
 KEEP_BRLTTY_OFF: Final = 'ENV{SYSTEMD_WANTS}=""'
 """In a rule of udev for a USB device: no service is started for it. brltty's own rules name brltty there."""
 

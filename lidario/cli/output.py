@@ -34,10 +34,8 @@ if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import Text
 
-PIPE_WIDTH = 160
-"""Columns of a table where there is no terminal; wide enough that no cell is folded."""
-NARROW = 80
-"""Columns below which a table would be folded within its words, to single letters in the end."""
+PIPE_WIDTH = 160  # columns of a table where there is no terminal; wide enough that no cell is folded
+NARROW = 80  # columns below which a table would be folded within its words, to single letters in the end
 GRACE_S = 1.0
 PROGRESS_GRACE_S = 0.25
 """Shorter: the event loop waits meanwhile, and nothing but the look of the terminal depends on it."""

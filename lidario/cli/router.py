@@ -13,8 +13,7 @@ from lidario.cli.output import emit_beside
 from lidario.cli.running import run_until_stopped
 from lidario.cli.streams import message
 
-OF_THIS_MACHINE = ("unixsock-stream", "unixpipe")
-"""Protocols between programs of one machine."""
+OF_THIS_MACHINE = ("unixsock-stream", "unixpipe")  # protocols between programs of one machine
 
 
 @click.command()

@@ -29,8 +29,7 @@ from lidario.words import counted
 if TYPE_CHECKING:
     from rich.table import Table
 
-TOLERABLE_DAMAGE = 0.005
-"""One packet in 200; a scan has about 80, so that fewer than every second scan has a gap."""
+TOLERABLE_DAMAGE = 0.005  # one packet in 200; a scan has about 80, so that fewer than every second scan has a gap
 UNEVEN = 0.03
 """Share of the revolution's time. Rotors of this kind hold their speed within 1 to 2 %."""
 NOTHING_SEEN = 0.995

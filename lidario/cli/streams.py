@@ -20,10 +20,8 @@ _INSTEAD: Final = {"\u2026": "...", "\u2192": "->", "\u00b0": "deg", "\u00b5": "
 """For what the verbs write beside ASCII."""
 
 
-TAKEN_S: Final = 1.0
-"""How soon somebody must take what is written behind `hurry`."""
-_ROOM: Final = 4096
-"""Bytes that a pipe takes without waiting, where it takes any."""
+TAKEN_S: Final = 1.0  # how soon somebody must take what is written behind `hurry`
+_ROOM: Final = 4096  # bytes that a pipe takes without waiting, where it takes any
 
 
 class _Now:

@@ -20,8 +20,7 @@ _CANNOT: Final = (
     "this cannot be written into it as it is. Give each lidar a table of its own, such as [lidars.AB12], with its "
     "filters right below, in place of braces and keys with dots"
 )
-_DIGITS: Final = 4
-"""Behind the point: tenths of a millimetre, and less than a hundredth of a degree."""
+_DIGITS: Final = 4  # behind the point: tenths of a millimetre, and less than a hundredth of a degree
 
 
 def save_config(

@@ -35,12 +35,9 @@ from lidario.wire.envelope import Request
 
 T = TypeVar("T")
 
-LISTEN_S = 0.5
-"""How long a device that must be silent is listened to."""
-SETTLE_S = 0.1
-"""What was sent before it was stopped may come so late: an adapter or a network holds it back."""
-REST_S = 3.0
-"""Longest time that the device has to come to rest behind a rule; `Lidar.stop` needs 2 s at most."""
+LISTEN_S = 0.5  # how long a device that must be silent is listened to
+SETTLE_S = 0.1  # what was sent before it was stopped may come so late: an adapter or a network holds it back
+REST_S = 3.0  # longest time that the device has to come to rest behind a rule; `Lidar.stop` needs 2 s at most
 
 
 class Bench:

@@ -22,12 +22,10 @@ if TYPE_CHECKING:
 
 FLOW_S = 1.0
 """How long packets are collected. A USB adapter dates them by 16 ms late at most, which is 1.6 % of it."""
-STEADY_S = 5.0
-"""How long a rotor may change its speed behind its first packets."""
+STEADY_S = 5.0  # how long a rotor may change its speed behind its first packets
 LIKE, ALIKE = 0.01, 2
 """So many neighbours whose speeds differ by less than that share: then the rotor has its speed."""
-SCANS = 8
-"""Revolutions of each mode; the slowest rotor takes 0.5 s for one."""
+SCANS = 8  # revolutions of each mode; the slowest rotor takes 0.5 s for one
 
 
 @dataclass(slots=True, eq=False)

@@ -8,16 +8,12 @@ from lidario.conformance.flow import steady
 from lidario.conformance.rule import Broken, Need, Origin, known
 from lidario.errors import RemoteProtocolError, StreamFailed
 
-PAUSE_S = 0.4
-"""How long the program pauses: longer than the kernel's buffer lasts for the fastest device."""
-LAPSE_S = 3.0
-"""How long the manual gives a host that has fallen silent."""
-LATE_S = 1.0
-"""How much later the last packets may be read: half a second of buffers, and the device's own clock."""
+PAUSE_S = 0.4  # how long the program pauses: longer than the kernel's buffer lasts for the fastest device
+LAPSE_S = 3.0  # how long the manual gives a host that has fallen silent
+LATE_S = 1.0  # how much later the last packets may be read: half a second of buffers, and the device's own clock
 SLOWER, FASTER = 0.8, 1.5
 """Shares of the usual speed, where the range allows it: not every device tells its true range."""
-KEPT_S = 5.0
-"""How long a stream is kept going: it would end after three seconds."""
+KEPT_S = 5.0  # how long a stream is kept going: it would end after three seconds
 KEPT_SHARE = 0.9
 
 

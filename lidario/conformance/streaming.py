@@ -13,24 +13,20 @@ from lidario.conformance.flow import Flow, Watch
 from lidario.conformance.rule import Broken, Figure, NotTried, Origin, Rule, known
 from lidario.scan import Scan
 
-MODES_S = 90.0
-"""Six modes, each with 5 s for the rotor to start and 9 s for its packets and scans."""
+MODES_S = 90.0  # six modes, each with 5 s for the rotor to start and 9 s for its packets and scans
 SAMPLE_TIME_SHARE = 0.04
 """By how much the time of a sample may differ from what is told: 1.6 % by a USB adapter that holds bytes for 16 ms,
 and crystals and resonators of cheap boards 1 %."""
-BACKWARD_SHARE = 0.05
-"""Share of packets that may begin before the one before: an angle may be noisy."""
+BACKWARD_SHARE = 0.05  # share of packets that may begin before the one before: an angle may be noisy
 ALIKE_SHARE = 0.1
 STEADY_SHARE = 0.05
 LATE_SHARE = 0.5
 """Turns by which time stamps may be off. Where a revolution is missing, all behind it are off by a whole one."""
-BESIDE = 3
-"""Revolutions of which one is dated right: a computer that pauses reads two of them together."""
+BESIDE = 3  # revolutions of which one is dated right: a computer that pauses reads two of them together
 REPORTED_SHARE = 0.05
 WIDEST_GAP_DEG = 15.0
 """Of models that triangulate, the angle depends on the distance, by some 8 degrees for what is near."""
-FAR_SHARE = 1.05
-"""Devices report echoes from a little beyond the range of the data sheet."""
+FAR_SHARE = 1.05  # devices report echoes from a little beyond the range of the data sheet
 
 T = TypeVar("T", Watch, Flow)
 Found: TypeAlias = tuple[bool, str] | tuple[bool, str, Figure]

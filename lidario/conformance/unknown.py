@@ -24,10 +24,8 @@ from lidario.version import __version__
 LISTEN_S: Final = 1.0
 OTHERS: Final = (9600, 19_200, 38_400, 57_600, 500_000, 1_500_000, 2_000_000)
 """Speeds of no family known here, at which other devices talk."""
-MOST_BYTES: Final = 16 << 20
-"""Of both directions; a line of 2,000,000 baud brings that in 80 s."""
-SHOWN: Final = 48
-"""Bytes of each speed that the page shows."""
+MOST_BYTES: Final = 16 << 20  # of both directions; a line of 2,000,000 baud brings that in 80 s
+SHOWN: Final = 48  # bytes of each speed that the page shows
 
 
 class Unknown:

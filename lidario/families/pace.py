@@ -16,12 +16,9 @@ from lidario.families.spans import Ints, Turning
 from lidario.wire.copies import copy_of
 from lidario.wire.events import Arrival
 
-OFF: Final = 0.25
-"""By this share a number of packets, found by time or angles, may differ from a whole number."""
-REMEMBERED: Final = 64
-"""Reads, or spans, that are kept while a speed is not sure."""
-SEVERAL: Final = 1.5
-"""Halfway from one arc, or packet, to two."""
+OFF: Final = 0.25  # by this share a number of packets, found by time or angles, may differ from a whole number
+REMEMBERED: Final = 64  # reads, or spans, that are kept while a speed is not sure
+SEVERAL: Final = 1.5  # halfway from one arc, or packet, to two
 _FEWEST: Final = 8.0
 """Packets that the device must have measured in each half; with fewer, time, off by one or two, proves nothing."""
 

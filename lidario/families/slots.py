@@ -21,8 +21,7 @@ from lidario.families.spans import Arcs, Heads, Ints, Turning, spans_between
 from lidario.wire.events import Arrival, Packets
 from lidario.wire.rows import LayoutFormat
 
-FULL_TURN: Final = 360
-"""360 degrees in degrees."""
+FULL_TURN: Final = 360  # 360 degrees in degrees
 HEAD: Final = 0xFA
 FIRST: Final = 0xA0
 """Number of the first packet of a revolution, in the second byte; the same in all known devices."""

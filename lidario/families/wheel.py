@@ -43,16 +43,13 @@ from lidario.wire.events import Arrival
 
 AGREEING: Final = 6
 """Without time, this many spans must agree before an arc is certain: no revolution has fewer packets."""
-FEW_AGREEING: Final = 3
-"""The same, if time says how many arcs the spans are."""
+FEW_AGREEING: Final = 3  # the same, if time says how many arcs the spans are
 TRUSTED_GAP: Final = 8
 """Up to this many missing packets, the mean arc in the gap is better than the last arc that was seen."""
-_TELLING: Final = TRUSTED_GAP + 1.5
-"""Up to this many arcs, a span shows whether it is a whole number of arcs."""
+_TELLING: Final = TRUSTED_GAP + 1.5  # up to this many arcs, a span shows whether it is a whole number of arcs
 _FITTING: Final = 0.75
 """Share of the spans that must be a whole number of arcs. If whole turns hide in them, only a chance share is."""
-_STRANGE: Final = 4
-"""After this many spans in a row that do not fit the last arc, the arc is learned anew."""
+_STRANGE: Final = 4  # after this many spans in a row that do not fit the last arc, the arc is learned anew
 
 
 class _Walk(NamedTuple):

@@ -20,8 +20,7 @@ from lidario.scan import Scan
 _ElementT = TypeVar("_ElementT", bound=np.generic)
 _Floats = NDArray[np.float32]
 
-MOST_WINDOW: Final = 50
-"""Neighbours on each side; each costs some microseconds for each scan."""
+MOST_WINDOW: Final = 50  # neighbours on each side; each costs some microseconds for each scan
 MOST_MEDIAN: Final = 31
 FAR_APART_COS: Final = math.cos(math.radians(30.0))
 """Samples that stand farther apart, because others are missing between them, are no neighbours."""

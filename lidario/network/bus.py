@@ -29,8 +29,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 _log = logging.getLogger("lidario")
 
-DEFAULT_ROUTER: Final = "tcp/localhost:7447"
-"""Where rmw_zenohd listens, zenohd, and `lidario router`."""
+DEFAULT_ROUTER: Final = "tcp/localhost:7447"  # where rmw_zenohd listens, zenohd, and `lidario router`
 OPEN_S: Final = 10.0
 MOST_MESSAGE_BYTES: Final = 2 << 20
 """Of one message; a scan of the most samples has 1.2 million."""
@@ -39,8 +38,7 @@ MOST_REPLY_BYTES: Final = 16 << 20
 """Of all responses to one query, and of all tokens that are listed: those of some thousand lidars."""
 MOST_REPLIES: Final = 8
 """Responses that wait in zenoh until they are looked at. One may have 4 MiB."""
-QUERY_BYTES: Final = 4096
-"""What a query that waits for its response takes, about, beside what it carries."""
+QUERY_BYTES: Final = 4096  # what a query that waits for its response takes, about, beside what it carries
 
 
 class Sample(NamedTuple):

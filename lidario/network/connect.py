@@ -27,10 +27,8 @@ from lidario.source import Source
 
 WAIT_S: Final = 5.0
 """How long to wait for the first message of a publisher that does not respond, or for a lidar that is away."""
-TOKENS_S: Final = 1.0
-"""How long the router has to list tokens."""
-ASK_AGAIN_S: Final = 0.5
-"""How often publishers are asked meanwhile."""
+TOKENS_S: Final = 1.0  # how long the router has to list tokens
+ASK_AGAIN_S: Final = 0.5  # how often publishers are asked meanwhile
 _UNKNOWN: Final = Health(HealthStatus.WARNING, 0, "the publisher does not tell")
 
 

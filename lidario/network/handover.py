@@ -16,10 +16,8 @@ T = TypeVar("T")
 MOST_WAITING_BYTES: Final = 8 << 20
 """What waits for the event loop, of one subscription: a second of 25 lidars that send whole scans, or of a hundred
 that send raw bytes. How many messages that is says little."""
-ITEM_BYTES: Final = 512
-"""What an item takes beside its bytes, about, so that empty ones are bounded too."""
-TURN_NS: Final = 5_000_000
-"""Nanoseconds of each turn of the loop; the bytes of a port may take their own beside it."""
+ITEM_BYTES: Final = 512  # what an item takes beside its bytes, about, so that empty ones are bounded too
+TURN_NS: Final = 5_000_000  # nanoseconds of each turn of the loop; the bytes of a port may take their own beside it
 
 
 class Handover(Generic[T]):

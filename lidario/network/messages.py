@@ -33,8 +33,7 @@ _RAW_MAGIC: Final = b"LDR1"
 _RAW: Final = struct.Struct("<4sI")
 _ENTRY: Final = struct.Struct("<BxxxIq")
 
-MOST_SAMPLES: Final = 1 << 17
-"""Of one scan; several times what any device takes in a revolution."""
+MOST_SAMPLES: Final = 1 << 17  # of one scan; several times what any device takes in a revolution
 MOST_ENTRIES: Final = 1024
 MOST_RAW_BYTES: Final = 1 << 18
 """Of a raw message; publishers send some 16 KiB."""

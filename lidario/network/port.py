@@ -32,12 +32,10 @@ from lidario.revolution.together import join_reads
 
 _log = logging.getLogger("lidario")
 
-GONE_S: Final = 0.5
-"""From the end of a token to the loss: the news that the router is gone may come after it."""
+GONE_S: Final = 0.5  # from the end of a token to the loss: the news that the router is gone may come after it
 SETTLE_S: Final = 5.0
 """From the return of the router to the loss of who has no token by then; a publisher tries every four seconds."""
-SILENCE_S: Final = 5.0
-"""Longest pause of a publisher that shows no token: a node that is not ours."""
+SILENCE_S: Final = 5.0  # longest pause of a publisher that shows no token: a node that is not ours
 
 MOST_TOKENS: Final = 1024
 AGAIN_S: Final = 1.0  # from one warning about the lidar of a publisher to the next

@@ -24,8 +24,7 @@ from lidario.revolution.together import join_reads
 from lidario.scan import Scan
 from lidario.wire.events import EARLIEST_NS
 
-MOST_DECODER_BYTES: Final = 32 << 20
-"""Of all decoders of a fleet: those of a thousand lidars."""
+MOST_DECODER_BYTES: Final = 32 << 20  # of all decoders of a fleet: those of a thousand lidars
 DECODER_BYTES: Final = 12288
 PACKET_BYTES: Final = 128
 """What a packet takes at most beside its bytes, about: when it came."""

@@ -31,14 +31,12 @@ _log = logging.getLogger("lidario")
 
 LOOPBACK: Final = "tcp/127.0.0.1:7447"
 """Where it listens unless told otherwise; clients connect to ``tcp/localhost:7447`` by default."""
-CLOSE_S: Final = 2.0
-"""Longest time that closing may take; zenoh tells its peers, which may be unreachable."""
+CLOSE_S: Final = 2.0  # longest time that closing may take; zenoh tells its peers, which may be unreachable
 
 _WITH_PORT: Final = ("tcp", "tls", "udp", "quic", "ws")
 _WITHOUT: Final = ("serial", "unixsock-stream", "unixpipe", "vsock")
 """Addresses of these are zenoh's matter: a device, a file, a virtual machine."""
-_CONNECTED: Final = ("tcp", "tls", "ws")
-"""Those over TCP: whether somebody listens can be tried."""
+_CONNECTED: Final = ("tcp", "tls", "ws")  # those over TCP: whether somebody listens can be tried
 _PLACE: Final = re.compile(r"(\[[^\]]+\]|[^\[\]:]+):(\d{1,5})")
 _IN_ITS_SOURCE: Final = re.compile(r"[\].]* at \S+\.rs:\d+\.?")
 _TRY_S: Final = 2.0

@@ -18,8 +18,7 @@ from lidario.recording.chronicle import StreamBegan, mode_of
 
 ASK_S: Final = 2.0
 """How long publishers have to respond. Where there is none, the router says so at once."""
-LARGEST: Final = 1 << 18
-"""Bytes of a status that is read; real ones have a few thousand."""
+LARGEST: Final = 1 << 18  # bytes of a status that is read; real ones have a few thousand
 _MOST_MODES: Final = 64
 _SUFFIX: Final = status_key("")
 AWAY: Final = "the lidar is away from its publisher"

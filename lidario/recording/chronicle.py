@@ -27,8 +27,7 @@ SHORTEST_SAMPLE_US, LONGEST_SAMPLE_US = 0.01, 1e5
 MOST_RATES = 8
 MOST_RESPONSES = 512
 """Different requests whose responses are kept; devices have a few dozen."""
-LONGEST_EVENT = 1 << 16
-"""Letters of one event in a file; ours have some hundred."""
+LONGEST_EVENT = 1 << 16  # letters of one event in a file; ours have some hundred
 
 
 @dataclass(frozen=True, slots=True)

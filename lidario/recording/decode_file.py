@@ -24,10 +24,8 @@ from lidario.wire.stats import LinkStats
 
 _log = logging.getLogger("lidario")
 
-_BLOCK = 64 * 1024
-"""Bytes that are decoded together, as in `lidario.recording.offline`."""
-BLOCK_NS = 4_000_000_000
-"""Time of a block at most: of slow lidars, so many bytes are a minute."""
+_BLOCK = 64 * 1024  # bytes that are decoded together, as in `lidario.recording.offline`
+BLOCK_NS = 4_000_000_000  # time of a block at most: of slow lidars, so many bytes are a minute
 
 
 class FileDecoder:

@@ -19,8 +19,7 @@ from lidario.wire.envelope import Expected, Request
 
 T = TypeVar("T")
 
-PLAY = b"play"
-"""What the request to play consists of; no device is there to read it."""
+PLAY = b"play"  # what the request to play consists of; no device is there to read it
 
 
 class RecordedDevice(Device):

@@ -31,8 +31,7 @@ _log = logging.getLogger("lidario")
 _PLAYED = ("rate", "loop", "from")
 _PIECE = 1024
 """Bytes that are played at once: what an adapter delivers in 10 ms, or so."""
-SEARCHED = 1 << 20
-"""Bytes from the beginning of a file in which its stream must begin."""
+SEARCHED = 1 << 20  # bytes from the beginning of a file in which its stream must begin
 
 
 class FileSource(NamedTuple):

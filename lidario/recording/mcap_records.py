@@ -30,10 +30,8 @@ _NONE, _FOOTER_OP, _CHANNEL, _MESSAGE_OP, _CHUNK_OP, _METADATA, _DATA_END = 0x00
 _LARGEST = {_CHANNEL: 1 << 16, _MESSAGE_OP: 1 << 24, _CHUNK_OP: 1 << 24, _METADATA: 1 << 20}
 """Longest records that are read. A chunk of ours has some 100 kB, and 12 MiB at most (`lidario.recording.write`);
 other programs make chunks of 4 MiB."""
-_PASSED_OVER = 1 << 20
-"""Longest record that is read for the check sum alone."""
-_LONGEST_INDEX = 1 << 28
-"""An index grows by some 200 bytes a second: this is that of two weeks."""
+_PASSED_OVER = 1 << 20  # longest record that is read for the check sum alone
+_LONGEST_INDEX = 1 << 28  # an index grows by some 200 bytes a second: this is that of two weeks
 _BLOCK = 1 << 16
 _MOST_PAIRS = 64
 _COMPRESSED = ("zstd", "lz4")

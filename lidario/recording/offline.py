@@ -36,8 +36,7 @@ RawBytes: TypeAlias = bytes | bytearray | memoryview
 BLOCK = 256 * 1024
 """Bytes decoded at a time. Measured, in MB/s for 0x81, 0x85 and 0x84: 275, 227 and 107 at 64 KiB; 374, 300 and 126
 at 128; 453, 383 and 127 at 256. Above that 0x84 falls to 57: its arrays then come from the system each time."""
-_TRIED = 32 * 1024
-"""Bytes from the beginning of a stream that must tell whose packets they are."""
+_TRIED = 32 * 1024  # bytes from the beginning of a stream that must tell whose packets they are
 _MOST_US = 1e6
 
 

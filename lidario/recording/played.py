@@ -17,8 +17,7 @@ from lidario.sim.line import RequestLog
 from lidario.wire.envelope import REQUEST_MAGIC
 from lidario.wire.events import Descriptor
 
-LONGEST_REQUEST = 262
-"""A request has a length of one byte and six more bytes at most."""
+LONGEST_REQUEST = 262  # a request has a length of one byte and six more bytes at most
 
 
 class PlayedDevice:

@@ -20,14 +20,11 @@ from lidario.recording.read import Piece, Player, StoredStream, StoredStreams
 
 _log = logging.getLogger("lidario")
 
-TICK_S = 0.002
-"""Pieces that are due within this time are handed over together."""
-MOST_AT_ONCE = 64
-"""Pieces after which other tasks may run, where nothing is waited for."""
+TICK_S = 0.002  # pieces that are due within this time are handed over together
+MOST_AT_ONCE = 64  # pieces after which other tasks may run, where nothing is waited for
 MOST_IN_VAIN = 2
 """A recording that was played to its end so often without a scan does not begin anew, also in a loop."""
-LOOP_GAP_NS = 1_000_000_000
-"""Between the end of the recording and its beginning, in a loop."""
+LOOP_GAP_NS = 1_000_000_000  # between the end of the recording and its beginning, in a loop
 
 
 class ReplayPort(FedPort):

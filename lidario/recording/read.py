@@ -41,8 +41,7 @@ from lidario.recording.sequence import RecordedFiles
 from lidario.recording.write import FileWriter
 from lidario.wire.formats import StreamFormat
 
-SPIN_UP_S = 5.0
-"""Until the first packet; a replay does not wait for it."""
+SPIN_UP_S = 5.0  # until the first packet; a replay does not wait for it
 LONGEST_PAUSE_NS = 5_000_000_000
 """Longest pause inside a stream that is played; live, a session starts a silent stream again within that time. A
 time that is wrong must not hold up a reader for years."""

@@ -31,18 +31,13 @@ from lidario.system import NO_THREADS
 
 _log = logging.getLogger("lidario")
 
-QUEUE_BYTES = 8 << 20
-"""Most bytes that wait to be written: two minutes of the fastest stream."""
-CHUNK_NS = 1_000_000_000
-"""Time of the session in one chunk of the file."""
-TICK_S = 0.25
-"""How often the thread writes what is there."""
+QUEUE_BYTES = 8 << 20  # most bytes that wait to be written: two minutes of the fastest stream
+CHUNK_NS = 1_000_000_000  # time of the session in one chunk of the file
+TICK_S = 0.25  # how often the thread writes what is there
 CLOSE_TIMEOUT_S = 10.0
 """Longest time that the last writing may take; a disk that hangs must not keep a program from ending."""
-POLL_S = 0.005
-"""How often it is looked whether the thread has opened or closed its file."""
-_ITEM_BYTES = 64
-"""What an entry of the queue takes beside its bytes, about."""
+POLL_S = 0.005  # how often it is looked whether the thread has opened or closed its file
+_ITEM_BYTES = 64  # what an entry of the queue takes beside its bytes, about
 
 _Entry = tuple[int, int, Callable[[FileWriter, int], None]]
 """When (monotonic ns), how many bytes, and what writes it at that wall time."""

@@ -10,8 +10,7 @@ import struct
 
 from lidario.cdr import LITTLE_ENDIAN
 
-RAW_TYPE = "lidario_msgs/msg/Raw"
-"""One chunk of bytes as it was read from the port or written to it."""
+RAW_TYPE = "lidario_msgs/msg/Raw"  # one chunk of bytes as it was read from the port or written to it
 TEXT_TYPE = "std_msgs/msg/String"
 LASERSCAN_TYPE = "sensor_msgs/msg/LaserScan"
 DEFINITIONS = {

@@ -34,10 +34,8 @@ _log = logging.getLogger("lidario")
 
 STATUS_S: Final = 1.0
 """How often the status is published. ROS 2 expects diagnostics once a second."""
-HEARD_S: Final = 5.0
-"""How long the router has to pass something on."""
-RATE_S: Final = 3.0
-"""Time over which the rate is measured."""
+HEARD_S: Final = 5.0  # how long the router has to pass something on
+RATE_S: Final = 3.0  # time over which the rate is measured
 FIRST_AGAIN_S: Final = 0.25
 """The first wait between attempts to reach a router; each is twice the one before. One costs 0.3 ms of a core."""
 LAST_AGAIN_S: Final = 4.0

@@ -25,8 +25,7 @@ from lidario.scan import Scan
 
 _log = logging.getLogger("lidario")
 
-MOST_MISSING: Final = 4096
-"""Lidars of which messages are missing that no scan has told of yet."""
+MOST_MISSING: Final = 4096  # lidars of which messages are missing that no scan has told of yet
 _STATUS: Final = status_key("")
 MOST_BYTES: Final = 64 << 20
 """Of all scans that wait: two of each of a thousand lidars."""

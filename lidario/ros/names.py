@@ -27,8 +27,7 @@ NO_HASH: Final = "TypeHashNotSupported"
 RELIABLE_10: Final = "::,10:,:,:,,"
 """Quality of service of a publisher as most nodes have it: reliable, volatile, the last 10. A field that equals the
 default is empty. Readers are never refused because of it (rmw_zenoh's docs/design.md)."""
-LATEST_KEPT: Final = ":1:,1:,:,:,,"
-"""Transient local, the last one: who comes later gets it too."""
+LATEST_KEPT: Final = ":1:,1:,:,:,,"  # transient local, the last one: who comes later gets it too
 MOST_DOMAIN: Final = 232
 
 _NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")

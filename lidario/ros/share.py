@@ -23,8 +23,7 @@ from lidario.ros.names import gid_of
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
 
-COLLECT_S: Final = 0.05
-"""Longest time for which bytes wait to be sent; half a revolution."""
+COLLECT_S: Final = 0.05  # longest time for which bytes wait to be sent; half a revolution
 COLLECT_BYTES: Final = 16384
 COLLECT_ENTRIES: Final = 1024
 MOST_READ_BYTES: Final = MOST_RAW_BYTES // 2

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 
 from lidario.sim.device import Received
 
-LOGGED = 4096
-"""Requests that a device remembers."""
+LOGGED = 4096  # requests that a device remembers
 _NS = 1_000_000_000
 _BITS_A_BYTE = 10  # start bit, eight data bits, stop bit
 

@@ -20,8 +20,7 @@ Floats = npt.NDArray[np.float64]
 _BLOCKED: Final = 1 << 62
 _LATEST_NS: Final = 5_000_000_000
 """A packet that is not made within this time never is: the rotor does not turn."""
-_TOGETHER: Final = 12
-"""Packets that are made together."""
+_TOGETHER: Final = 12  # packets that are made together
 _HALVINGS: Final = 18
 """Of twice that time, until so little is left that the rotor turns evenly in it."""
 

@@ -17,10 +17,8 @@ import numpy as np
 if TYPE_CHECKING:
     from lidario.sim.chassis import Chassis
 
-ERROR_CODE = 0x8001
-"""What health tells after the fault ``protect``; no document gives a meaning to any code."""
-REPLUG_GAP_S = 1.0
-"""Seconds without a cable, and so without power, in the fault ``replug``."""
+ERROR_CODE = 0x8001  # what health tells after the fault ``protect``; no document gives a meaning to any code
+REPLUG_GAP_S = 1.0  # seconds without a cable, and so without power, in the fault ``replug``
 _SECOND = 1_000_000_000
 _BLOCK = 64  # bytes of a burst or a repetition: the packet of a full-speed USB adapter
 _BYTE_FAULTS = ("drop", "flip", "insert", "burst", "duplicate")

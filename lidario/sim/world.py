@@ -26,8 +26,7 @@ Wall: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
 Pose: TypeAlias = tuple[float, float, float]
 """Where a scanner stands in a world: x and y in metres, and its forward axis in radians counter-clockwise."""
 
-DIRECTIONS = 1 << 15
-"""Directions in the table of distances."""
+DIRECTIONS = 1 << 15  # directions in the table of distances
 _PER_DEGREE = DIRECTIONS / 360.0
 _TICKS_PER_SECOND = 100
 NOISES = 1 << 14

@@ -15,8 +15,7 @@ import pytest
 if TYPE_CHECKING:
     from lidario.testing import RecordedLidar, SimulatedLidar
 
-OPTION = "--lidar-source"
-"""Also ``--lidario-device``: what conformance is tried on is a device."""
+OPTION = "--lidar-source"  # also ``--lidario-device``: what conformance is tried on is a device
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -16,10 +16,8 @@ from numpy.typing import NDArray
 _LEVELS: Final = ((3328, 16384, 4), (1792, 4096, 3), (1280, 2048, 2), (512, 512, 1), (0, 0, 0))
 """0x84's variable bit scale: (first code, distance of the first code in mm, shift), highest first."""
 
-_NO_PREDICTION: Final = (-512, 511)
-"""0x84: predictions that mean no return."""
-_NOTHING: Final = -(1 << 20)
-"""0x84: a prediction so far below 0 that its sum with any distance is no distance."""
+_NO_PREDICTION: Final = (-512, 511)  # 0x84: predictions that mean no return
+_NOTHING: Final = -(1 << 20)  # 0x84: a prediction so far below 0 that its sum with any distance is no distance
 
 _NEAR_Q2: Final = 200
 _NEAR_RAD_Q16: Final = int(7.5 * 3.1415926535 * 65536 / 180)
@@ -30,8 +28,7 @@ _SCALES: Final = ((8, 0, 0x3FF), (12, 8184, 0x7FF), (16, 32748, 0xFFF), (20, 982
 """0x86, by the scale in the two lowest bits: (step and offset in 1/4 mm, mask of the bits above those two). The
 bits that are left are the quality, which is shifted up to eight bits."""
 
-_SMOOTHED_Q2: Final = 8
-"""0x86: at scale 0, a step of up to 2 mm from the sample before is halved."""
+_SMOOTHED_Q2: Final = 8  # 0x86: at scale 0, a step of up to 2 mm from the sample before is halved
 
 _FAR_Q2: Final = 100
 

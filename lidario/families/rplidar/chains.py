@@ -29,12 +29,9 @@ BACKWARD_Q6: Final = 3 << 6
 """How far a node may fall back behind the one before: the angles of near returns scatter by this."""
 FORWARD_Q6: Final = 8 << 6
 """How far a node may be ahead of the one before while in step: a few lost nodes at the slowest rate."""
-NEAR_Q6: Final = 30 << 6
-"""A chain that begins within this of the last angle continues it."""
-SEAM_Q6: Final = 30 << 6
-"""New-scan marks within this of each other stand at the same place."""
-_NEAREST_MM: Final = 120
-"""No device measures nearer distances: an A1M8 has measured 126.8 mm."""
+NEAR_Q6: Final = 30 << 6  # a chain that begins within this of the last angle continues it
+SEAM_Q6: Final = 30 << 6  # new-scan marks within this of each other stand at the same place
+_NEAREST_MM: Final = 120  # no device measures nearer distances: an A1M8 has measured 126.8 mm
 _CORRECTED_Q6: Final = 12 << 6
 """Corrections differ by less: a return lies from 3.6 degrees before the beam, if it is nearest, to 8 behind it."""
 _UNTOLD_Q6: Final = 2 << 6
@@ -164,8 +161,7 @@ _BY_HAND: Final = 3
 """This many places that look like nodes are tested singly first: with little damage, the next chain is near."""
 _WINDOW: Final = 1024
 """Places that are tested at once. Measured: 50 us for all of them."""
-_REACH: Final = CHAIN_ALONE * SIZE
-"""Bytes of the longest chain."""
+_REACH: Final = CHAIN_ALONE * SIZE  # bytes of the longest chain
 
 
 def next_chain(data: bytearray, at: int, last: Heading | None, mark: int | None) -> int | None:

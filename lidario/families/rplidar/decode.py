@@ -43,8 +43,7 @@ from lidario.wire.events import Packets
 
 Words = NDArray[np.uint16]
 
-FIRST_ANGLE: Final = 9
-"""Offset of the first node's angle in a packet of 0x83."""
+FIRST_ANGLE: Final = 9  # offset of the first node's angle in a packet of 0x83
 
 
 class CapsuleDecoder(ArcDecoder):

@@ -45,8 +45,7 @@ from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
 from lidario.wire.formats import BEGINS, HEADINGS_WORTH_AN_ARRAY, NO_PACKET, Headings, StreamFormat, Stretch
 
-PHASES_BACK: Final = 4
-"""This many nodes in the old phase are tried before other phases."""
+PHASES_BACK: Final = 4  # this many nodes in the old phase are tried before other phases
 WORTH_AN_ARRAY: Final = 16
 """From this many on, nodes are checked as one array. Measured: 1.2 us a node one by one, 18 us for the array."""
 
