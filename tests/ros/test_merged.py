@@ -18,7 +18,7 @@ from lidario.model import DeviceInfo, Health, HealthStatus
 from lidario.network.bus import Bus
 from lidario.ros import MergedPublisher
 from lidario.ros.names import DIAGNOSTICS, LASERSCAN, POINTCLOUD2, Node
-from lidario.sim.trouble import Faults
+from lidario.sim.faults import Faults
 from lidario.testing import make_scan
 from lidario.web.feed import Feed
 from lidario.web.masks import Masks

@@ -9,9 +9,8 @@ import pytest
 
 from lidario.families.rplidar.simulated.device import make_simulated as make_first
 from lidario.families.ydlidar.simulated.device import make_simulated as make_second
-from lidario.sim.faults import parse_faults
+from lidario.sim.faults import ERROR_CODE, parse_faults
 from lidario.sim.memory import MemoryLine
-from lidario.sim.trouble import ERROR_CODE
 
 pytestmark = pytest.mark.discards("a device that boots or is frozen discards requests, which is tested here")
 

@@ -5,9 +5,9 @@ import threading
 import time
 from typing import Any
 
+from lidario.sim.faults import can_fail
 from lidario.sim.serve import PtyServer, TcpServer
 from lidario.sim.server import Server
-from lidario.sim.trouble import can_fail
 
 
 class Replugged(Server):
