@@ -12,7 +12,6 @@ from contextlib import suppress
 from lidario.errors import RecordingError, Unsupported
 from lidario.recording.chronicle import EventState
 from lidario.recording.read import Piece, Player, StoredStreams
-from lidario.sim.device import Received
 from lidario.sim.line import RequestLog
 from lidario.wire.envelope import REQUEST_MAGIC
 from lidario.wire.events import Descriptor
@@ -33,7 +32,7 @@ class PlayedDevice:
         self.error: RecordingError | None = None
         self._recording = recording
         self._again = loop
-        self._log = RequestLog()
+        self.log: RequestLog = RequestLog()
         self._incoming = bytearray()
         self._outgoing = bytearray()
         self._player = Player(recording, rate)
@@ -58,10 +57,6 @@ class PlayedDevice:
     def baudrate(self) -> int:
         """As `SimulatedDevice.baudrate`; 0 where the line had none."""
         return self._recording.streams[0].began.baudrate or self._recording.about.baudrate
-
-    @property
-    def log(self) -> list[Received]:
-        return self._log
 
     @property
     def motor_on(self) -> bool:
@@ -160,4 +155,4 @@ class PlayedDevice:
         self._note(request, now, "")
 
     def _note(self, request: bytes, now: int, why: str) -> None:
-        self._log.add(now, request.hex(" "), request, why)
+        self.log.add(now, request.hex(" "), request, why)

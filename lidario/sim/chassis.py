@@ -9,7 +9,6 @@ from typing import Any, Generic, Protocol, TypedDict, TypeVar, Unpack
 
 import numpy as np
 
-from lidario.sim.device import Received
 from lidario.sim.line import RequestLog, TransmitQueue
 from lidario.sim.motor import Motor
 from lidario.sim.rooms import make_world
@@ -55,6 +54,8 @@ class Chassis(ABC, Generic[NamedT, StreamT]):
         garble_responses: How many of the next responses to queries are replaced by random bytes.
         wrong_responses: Share of the responses to queries in whose place the response before is repeated.
         mute: While true nothing leaves the device, and its bytes are lost.
+        motor: What turns its head; a test may change what it does.
+        log: Every request so far, as `SimulatedDevice.log`.
     """
 
     def __init__(self, profile: NamedT, **making: Unpack[Making]) -> None:
@@ -70,9 +71,9 @@ class Chassis(ABC, Generic[NamedT, StreamT]):
         self.wrong_responses: float = 0.0
         self._response_before = b""
         self.mute = False
-        self._motor = Motor()
+        self.motor: Motor = Motor()
         self._queue = TransmitQueue(profile.baudrate)
-        self._log = RequestLog()
+        self.log: RequestLog = RequestLog()
         self._stream: StreamT | None = None
         self._deaf_until, self._deaf_why = 0, ""
         self._outstanding_until, self._outstanding_request = 0, ""
@@ -92,30 +93,21 @@ class Chassis(ABC, Generic[NamedT, StreamT]):
         return self.profile.baudrate
 
     @property
-    def log(self) -> list[Received]:
-        return self._log
-
-    @property
     def scanning(self) -> bool:
         return self._stream is not None
 
     @property
-    def motor(self) -> Motor:
-        """What turns its head; a test may change what it does."""
-        return self._motor
-
-    @property
     def motor_on(self) -> bool:
-        return self._motor.target_rpm > 0.0
+        return self.motor.target_rpm > 0.0
 
     @property
     def spin_up_s(self) -> float:
         """Seconds the motor needs from standstill to a stable speed, from its next command on; 0 = none."""
-        return self._motor.spin_up_s
+        return self.motor.spin_up_s
 
     @spin_up_s.setter
     def spin_up_s(self, seconds: float) -> None:
-        self._motor.spin_up_s = seconds
+        self.motor.spin_up_s = seconds
 
     @abstractmethod
     def receive(self, data: bytes, now: int) -> None:
@@ -159,7 +151,7 @@ class Chassis(ABC, Generic[NamedT, StreamT]):
         self._stop_motor(now)
 
     def _stop_motor(self, now: int) -> None:
-        self._motor.set_rpm(0.0, now)
+        self.motor.set_rpm(0.0, now)
 
     def _end_stream(self, now: int) -> None:
         """Stop measuring; the packets made by now still leave."""

@@ -80,7 +80,7 @@ class Talker(Chassis[ProfileT, Running], Generic[ProfileT]):
         super().__init__(profile, **making)
         self.boot_s: float = 0.5
         self._rpm = profile.hertz * 60
-        self._motor = Motor(spin_up_s=1.0, turns=float(self._random.random()), uneven=profile.uneven)
+        self.motor = Motor(spin_up_s=1.0, turns=float(self._random.random()), uneven=profile.uneven)
         self._up: int | None = None
 
     def _greeting(self) -> bytes:
@@ -108,7 +108,7 @@ class Talker(Chassis[ProfileT, Running], Generic[ProfileT]):
         """Turn the rotor at another speed, as who powers its motor may; 0 stops it."""
         self._advance(now)
         self._end_stream(now)
-        self._motor.set_rpm(rpm, now)
+        self.motor.set_rpm(rpm, now)
         self._begin(now)
 
     def protection_stop(self, error_code: int) -> None:
@@ -131,14 +131,14 @@ class Talker(Chassis[ProfileT, Running], Generic[ProfileT]):
             if self.profile.waits:
                 self._up = 0
                 return
-            self._motor.spin_at_once(self._rpm, now - 20_000_000)
+            self.motor.spin_at_once(self._rpm, now - 20_000_000)
             # The first byte that is heard stands in the middle of a packet, wherever the seed says.
             self._begin(now - int(self._random.integers(1, 20_000_000)))
 
     def _advance(self, now: int) -> None:
         self._power(now)
         self._now = now = max(self._now, now)
-        starting = self._stream is None and self._motor.target_rpm <= 0 and self._up
+        starting = self._stream is None and self.motor.target_rpm <= 0 and self._up
         if starting and self._up is not None and self._deaf_until <= self._up <= now:
             self._start(self._up)
         while self._stream is not None and self._stream.ready <= now:
@@ -147,8 +147,8 @@ class Talker(Chassis[ProfileT, Running], Generic[ProfileT]):
     def _start(self, at: int) -> None:
         """It has booted, or was started: speed up, and stream from there on."""
         self._queue.push(self._greeting(), at)
-        self._motor.set_rpm(self._rpm, at)
-        self._begin(at if self.profile.early else max(at, self._motor.stable_at or 0))
+        self.motor.set_rpm(self._rpm, at)
+        self._begin(at if self.profile.early else max(at, self.motor.stable_at or 0))
         self._up = 0
 
     def _stop(self, now: int) -> None:
@@ -174,7 +174,7 @@ class PacedByAngle(Talker[ProfileT]):
 
     def _begin(self, origin: int) -> None:
         slots = self.profile.slots
-        first = int(np.ceil(float(self._motor.turns(np.array([float(origin)]))[0]) * slots))
+        first = int(np.ceil(float(self.motor.turns(np.array([float(origin)]))[0]) * slots))
         self._stream = Running(origin, first, self._times(origin, np.array([(first + 1.0) / slots]))[0])
 
     def _times(self, begin: int, turns: Floats) -> list[int]:
@@ -182,14 +182,14 @@ class PacedByAngle(Talker[ProfileT]):
         early, late = np.full(len(turns), float(begin - _LATEST_NS)), np.full(len(turns), float(begin + _LATEST_NS))
         for _ in range(_HALVINGS):
             middle = (early + late) / 2
-            is_there = self._motor.turns(middle) >= turns
+            is_there = self.motor.turns(middle) >= turns
             early, late = np.where(is_there, early, middle), np.where(is_there, middle, late)
-        before, behind = self._motor.turns(early), self._motor.turns(late)
+        before, behind = self.motor.turns(early), self.motor.turns(late)
         late -= (late - early) * (behind - turns) / np.maximum(behind - before, 1e-12)
         return [round(at) if at < begin + _LATEST_NS - 1 else _BLOCKED for at in late.tolist()]
 
     def _make(self, stream: Running) -> None:
-        rpm = self._motor.rpm(stream.ready)
+        rpm = self.motor.rpm(stream.ready)
         samples = self._samples(rpm)
         numbers = stream.packets + np.arange(_TOGETHER)
         turned = (numbers[:, None] + np.arange(samples) / samples) / self.profile.slots
@@ -204,7 +204,7 @@ class PacedByAngle(Talker[ProfileT]):
             if at >= _BLOCKED:
                 break
             # With a period it can be taken back.
-            data = self._pack(number % self.profile.slots, row, self._motor.rpm(at))
+            data = self._pack(number % self.profile.slots, row, self.motor.rpm(at))
             self._queue.push(data, at, size=len(data), period=1)
         stream.packets += _TOGETHER
         stream.ready = following
@@ -228,8 +228,8 @@ class PacedByTime(Talker[ProfileT]):
         numbers = np.arange(first, first + _TOGETHER * self.profile.samples, dtype=np.float64)
         times = stream.origin + numbers * (1e9 / self.profile.rate)
         rows = (_TOGETHER, self.profile.samples)
-        rpm = self._motor.rpm(int(times[0]))
-        data = self._pack(self._motor.turns(times).reshape(rows), times.reshape(rows) * 1e-9, rpm)
+        rpm = self.motor.rpm(int(times[0]))
+        data = self._pack(self.motor.turns(times).reshape(rows), times.reshape(rows) * 1e-9, rpm)
         period = round(self.profile.samples * 1e9 / self.profile.rate)
         self._queue.push(data, stream.ready, size=len(data) // _TOGETHER, period=period)
         stream.packets += _TOGETHER

@@ -42,7 +42,7 @@ class SimulatedHlds(PacedByAngle[TalkerProfile]):
                 self._stop(now)
             elif not why and self._stream is None:
                 self._start(now)
-            self._log.add(now, name, bytes((byte,)), why)
+            self.log.add(now, name, bytes((byte,)), why)
 
     def _pack(self, slot: int, seen: Floats, rpm: float) -> bytes:
         strength = np.where(seen > 0, np.clip(4000 - seen, 200, 4000), 0).astype(int)

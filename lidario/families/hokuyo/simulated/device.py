@@ -130,13 +130,13 @@ class SimulatedHokuyo(Chassis[Profile, _Stream]):
         text = line.decode("latin-1")
         name, why = _NAMES.get(text[:2], "unknown"), ""
         if now < self._deaf_until:
-            self._log.add(now, name, line + b"\n", self._deaf_why)
+            self.log.add(now, name, line + b"\n", self._deaf_why)
             return
         if self._speaks_scip1:
             self._speaks_scip1 = text != "SCIP2.0"
             why = "speaks SCIP 1.1" if self._speaks_scip1 else ""
             self._respond(line + (b"\nE\n\n" if why else b"\n0\n\n"), now, name)
-            self._log.add(now, name, line + b"\n", why)
+            self.log.add(now, name, line + b"\n", why)
             return
         if not text.isascii() or len(text) > _LONGEST_LINE or text[:2] not in _NAMES:
             why = "unknown to this device"
@@ -146,7 +146,7 @@ class SimulatedHokuyo(Chassis[Profile, _Stream]):
             self._respond(pack_status(line, b"0E"), now, name)
         else:
             why = self._obey(text[:2], text, now)
-        self._log.add(now, name, line + b"\n", why)
+        self.log.add(now, name, line + b"\n", why)
 
     def _obey(self, word: str, text: str, now: int) -> str:
         """Do what is asked, and respond; why not, in the words of the log."""
@@ -216,7 +216,7 @@ class SimulatedHokuyo(Chassis[Profile, _Stream]):
         if word[0] == "M":
             self._laser_on(now)
             self._respond(pack_status(text.encode(), b"00"), now, text)
-        origin = max(self._response_at(now), self._motor.stable_at or 0)
+        origin = max(self._response_at(now), self.motor.stable_at or 0)
         first, last, cluster = int(found[2]), int(found[3]), max(int(found[4]), 1)
         if word[0] == "G":
             stream = _Stream(text, word, first, last, cluster, 1, 1, origin)
@@ -236,7 +236,7 @@ class SimulatedHokuyo(Chassis[Profile, _Stream]):
             return "01"
         if self.motor_on:
             return "02"
-        self._motor.set_rpm(self.profile.rpm, now)
+        self.motor.set_rpm(self.profile.rpm, now)
         return "00"
 
     def _adjust(self, *, begins: bool) -> str:

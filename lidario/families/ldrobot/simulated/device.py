@@ -128,7 +128,7 @@ class SimulatedLdrobot(PacedByTime[Profile]):
         if not why:
             self._obey(name, int.from_bytes(request[3:5], "little"), now)
             self._queue.push(pack_response(request[1]), self._response_at(now))
-        self._log.add(now, name, request, why)
+        self.log.add(now, name, request, why)
 
     def _obey(self, name: str, parameter: int, now: int) -> None:
         if name == "stop":
@@ -139,8 +139,8 @@ class SimulatedLdrobot(PacedByTime[Profile]):
             self._rpm = min(max(parameter, _SPEEDS[0]), _SPEEDS[1]) / 6
             if self._stream is not None:
                 self._end_stream(now)
-                self._motor.set_rpm(self._rpm, now)
-                self._begin(max(now, self._motor.stable_at or 0))
+                self.motor.set_rpm(self._rpm, now)
+                self._begin(max(now, self.motor.stable_at or 0))
 
     def _restart(self, now: int, up: int) -> None:
         self._begun = b""

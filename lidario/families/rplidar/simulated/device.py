@@ -72,9 +72,9 @@ class SimulatedRplidar(Chassis[Profile, MeasurementStream]):
         self.identity: Identity = Identity(self.serial)
         self.response_delay_s: float = 0.0015
         self.boot_s: float = profile.boot_s
-        self._motor = Motor(turns=float(self._random.random()))
+        self.motor = Motor(turns=float(self._random.random()))
         if profile.motor in ("dtr", "fixed"):
-            self._motor.spin_at_once(profile.own_rpm, 0)
+            self.motor.spin_at_once(profile.own_rpm, 0)
         self._reader = RequestReader()
         self.line_speed: LineSpeed = LineSpeed(profile.baudrate)
         self._ignored_until = 0
@@ -100,7 +100,7 @@ class SimulatedRplidar(Chassis[Profile, MeasurementStream]):
             return
         mode = self._waiting if self._stream is None else self._stream.mode
         self._end_stream(now)
-        self._motor.set_rpm(0.0 if asserted else self.profile.own_rpm, now)
+        self.motor.set_rpm(0.0 if asserted else self.profile.own_rpm, now)
         if mode is not None:
             self._begin(mode, now)
 
@@ -142,7 +142,7 @@ class SimulatedRplidar(Chassis[Profile, MeasurementStream]):
 
     def _stop_motor(self, now: int) -> None:
         if self.profile.motor in ("rpm", "pwm"):
-            self._motor.set_rpm(0, now)
+            self.motor.set_rpm(0, now)
 
     def _advance(self, now: int) -> None:
         """Do what is due by `now`: build packets, give up an incomplete request."""
@@ -155,7 +155,7 @@ class SimulatedRplidar(Chassis[Profile, MeasurementStream]):
         self._queue.baudrate = self.line_speed.now
         late = self._reader.overdue(now)
         if late is not None:
-            self._log.add(late.ended, late.name, late.data, late.fault)
+            self.log.add(late.ended, late.name, late.data, late.fault)
 
     def _consider(self, request: Request) -> None:
         """Obey a request or discard it, and remember which."""
@@ -167,7 +167,7 @@ class SimulatedRplidar(Chassis[Profile, MeasurementStream]):
             if request.name != "motor_speed_ctrl" or not any(request.payload):
                 self._end_stream(request.ended)
             why = self.HANDLERS.get(request.name, SimulatedRplidar._tell)(self, request)
-        self._log.add(request.ended, request.name, request.data, why, remark=remark)
+        self.log.add(request.ended, request.name, request.data, why, remark=remark)
 
     def _refusal(self, request: Request) -> str:
         """Why the device discards a request at once; empty when it handles it."""
@@ -230,7 +230,7 @@ class SimulatedRplidar(Chassis[Profile, MeasurementStream]):
         """Announce a stream and begin it once the motor is up to speed."""
         now = request.ended
         if self.profile.motor == "rpm" and not self.motor_on:
-            self._motor.set_rpm(self.profile.own_rpm, now)
+            self.motor.set_rpm(self.profile.own_rpm, now)
         announced = self._response_at(now)
         self._respond_with(pack_announcement(mode), announced, request.name)
         self._begin(mode, announced, force=force)
@@ -238,13 +238,13 @@ class SimulatedRplidar(Chassis[Profile, MeasurementStream]):
 
     def _begin(self, mode: Mode, now: int, *, force: bool = False) -> None:
         """Measure from now on, or from when the motor is up to speed."""
-        stable = self._motor.stable_at
+        stable = self.motor.stable_at
         if stable is None:
             self._waiting = mode
             return
         origin = now if force else max(now, stable)
         self._stream = MeasurementStream(
-            mode, origin, self._motor, self.world, triangulates=self.profile.triangulates
+            mode, origin, self.motor, self.world, triangulates=self.profile.triangulates
         )
 
     def _end_stream(self, now: int) -> None:
@@ -266,11 +266,11 @@ class SimulatedRplidar(Chassis[Profile, MeasurementStream]):
         if rpm:
             least, greatest = self.profile.speed_conf[1:] or _LIMITS
             rpm = min(max(rpm, least), greatest)
-        self._motor.set_rpm(rpm, now)
+        self.motor.set_rpm(rpm, now)
 
     def _set_motor_pwm(self, request: Request) -> str:
         duty = min(int.from_bytes(request.payload, "little"), _MOST_DUTY)
-        self._motor.set_rpm(self.profile.own_rpm * duty / _DUTY, request.ended)
+        self.motor.set_rpm(self.profile.own_rpm * duty / _DUTY, request.ended)
         return ""
 
     def _tell(self, request: Request) -> str:

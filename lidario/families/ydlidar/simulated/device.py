@@ -81,7 +81,7 @@ class Simulated4Ros(Chassis[Profile, PointStream]):
         self.protected: bool = False  # by power-down protection
         self.lapses: int = 0  # how often that has ended a scan
         self.response_delay_s: float = 0.0005
-        self._motor = Motor(spin_up_s=profile.spin_up_s, turns=float(self._random.random()))
+        self.motor = Motor(spin_up_s=profile.spin_up_s, turns=float(self._random.random()))
         self.lit: bool = True  # DTR, where it matters; lines that have none leave it asserted
         self._begun = False  # the first byte of a request is there
         self.alive_until: int = 0  # when protection ends the scan, unless the host is heard before
@@ -139,14 +139,14 @@ class Simulated4Ros(Chassis[Profile, PointStream]):
         past = 0
         if at_once and not self._deaf_until:
             # It has been on for long: the first byte that is heard stands anywhere in a revolution.
-            self._motor.spin_at_once(self.set_speed * 0.6, now)
+            self.motor.spin_at_once(self.set_speed * 0.6, now)
             past = int(self._random.integers(1, 400)) * self.profile.sample_ns
         else:
-            self._motor.set_rpm(self.set_speed * 0.6, now)
-        self._measure_from(max(now, self._motor.stable_at or 0) - past)
+            self.motor.set_rpm(self.set_speed * 0.6, now)
+        self._measure_from(max(now, self.motor.stable_at or 0) - past)
 
     def _measure_from(self, origin: int) -> None:
-        self._stream = PointStream(origin, self._motor, self.world, self.profile)
+        self._stream = PointStream(origin, self.motor, self.world, self.profile)
 
     def _consider(self, command: int, now: int) -> None:
         """Obey a request or discard it, and remember which."""
@@ -154,7 +154,7 @@ class Simulated4Ros(Chassis[Profile, PointStream]):
         if not why:
             remark = self._outstanding(now)
             self.obey(command, now)
-        self._log.add(now, _NAMES.get(command, "unknown"), bytes((0xA5, command)), why, remark=remark)
+        self.log.add(now, _NAMES.get(command, "unknown"), bytes((0xA5, command)), why, remark=remark)
 
     def _refusal(self, command: int, now: int) -> str:
         """Why the device discards a request; empty when it obeys."""
@@ -208,11 +208,11 @@ class Simulated4Ros(Chassis[Profile, PointStream]):
         self.alive_until = now + _ALIVE_FOR
         if self._stream is not None:
             return
-        self._motor.set_rpm(self.set_speed * 0.6, now)
+        self.motor.set_rpm(self.set_speed * 0.6, now)
         announced = self._response_at(now)
         self._respond_with(SCAN_HEADER, announced, "scan")
         early = self.profile.early_hertz
-        turning = self._motor.reaches(60 * early) if early else self._motor.stable_at
+        turning = self.motor.reaches(60 * early) if early else self.motor.stable_at
         self._measure_from(max(announced, turning or 0))
 
     def _restart(self, now: int, up: int) -> None:
