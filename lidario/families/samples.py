@@ -40,13 +40,8 @@ class Samples:
     # Where packets are missing: how many of these samples come before, and how many samples are missing there, by
     # the angles of the rotor before any correction.
     gaps: Sequence[tuple[int, int]] = ()
-    # A correction of earlier results, because of what time shows now: ``(missing, packets)``, so many packets are
-    # missing behind each of the last `packets` before these, which were reported to follow each other. ``(1, 0)``:
-    # only the samples of the last packet before are not to be used.
-    revoked: tuple[int, int] = (0, 0)
-    # Whether the angle between headings is always that of a packet, or of a whole number of packets. If not, a
-    # revolution may have passed unseen.
-    fits: bool = True
+    revoked: tuple[int, int] = (0, 0)  # a correction of earlier results, as `Arcs.revoked`
+    fits: bool = True  # as `Arcs.fits`: if not, a revolution may have passed unseen
     # Nanoseconds of a sample, if the device measures at angles and tells its speed; 0 if the time is the same at
     # any speed.
     sample_ns: float = 0.0

@@ -17,10 +17,9 @@ The rules of the model, and their reasons:
    angles cannot show, or the rotor stops or starts there. A span of many arcs shows no speed: it may hold one more
    or less.
 4. **The clock has the last word.** Spans that agree are one arc each, or a whole number of arcs each: two, if every
-   second packet is lost. The angle alone cannot show which. Time can: from arrival times and the time of a packet
-   follows how many packets the device has measured (`Pace`). Bytes come late, but never early. So time is believed
-   only if it says the same twice, in the first and in the second half of the packets. Time only chooses among whole
-   numbers. The length of an arc is taken from the angles, which are exact.
+   second packet is lost. The angle alone cannot show which. Time can (`Pace`), and is believed only if it says the
+   same twice, in the first and in the second half of the packets. It only chooses among whole numbers. The length
+   of an arc is taken from the angles, which are exact.
 
 Until a speed is sure by these rules, no arc is certain. A known speed stays until spans or time speak against it.
 Nothing is learned anew behind a gap, with one exception: if the device cannot have measured as many packets as the

@@ -4,9 +4,9 @@ It is always opened as a *client*. Since 2024 the routers of ROS 2 forward nothi
 from and to clients, so a peer is seen by luck of the network only (rmw_zenoh's README, and its issues 625 and 929).
 
 zenoh calls back in threads of its own, without a queue before it: who sends too fast waits, and its messages do not
-pile up here. Everything is handed to the event loop here, in order, for a bounded time in each turn of the loop
-(`lidario.network.handover`); what the loop does not take in time is dropped, oldest first, and counted. When the
-router goes away zenoh connects again by itself and declares everything anew; `Bus.on_change` tells of both.
+pile up here. `lidario.network.handover` hands everything to the event loop, in order; what is not taken in time is
+dropped, oldest first, and counted. When the router goes away zenoh connects again by itself and declares everything
+anew.
 """
 
 import asyncio

@@ -4,9 +4,8 @@ zenoh says only that it could not connect. What that means decides what a user h
 an address that cannot be right stays wrong, and a router that is not there may come.
 
 For machines on which no package brings a router, ``eclipse-zenoh`` is the whole engine: a session in router mode
-that listens does what ``zenohd`` does without plugins. It forwards between its clients, and stores nothing. It lets
-everybody in who reaches it, unless a configuration says otherwise; so it listens to this machine alone unless it is
-told to.
+that listens does what ``zenohd`` does without plugins. It lets everybody in who reaches it, unless a configuration
+says otherwise; so it listens to this machine alone unless it is told to.
 """
 
 import asyncio

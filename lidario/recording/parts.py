@@ -3,8 +3,6 @@
 Each part begins with what the device had said by then, with the stream that runs and with the place of its first
 byte. So it is a recording by itself, and lacks only what its first and its last revolution have in its neighbours.
 Read together (`lidario.recording.read`) the parts hold the same bytes as one file would, none twice.
-
-Nothing here knows an event loop; `lidario.recording.record` calls it from a thread.
 """
 
 import contextlib

@@ -3,11 +3,7 @@
 A file is gone through once when it is opened, which tells its streams and what of it is damaged, and again for each
 use. Nothing but one chunk of the file is held.
 
-Each chunk of a file begins with the place of its bytes and with the stream that runs. So one that is damaged takes
-only its own bytes with it (`lidario.recording.reached`).
-
-`raw.bin`, bytes as they were received, is read by `lidario.recording.files`; both kinds offer what `StoredStreams`
-says.
+`raw.bin`, bytes as they were received, is read by `lidario.recording.files`.
 """
 
 from abc import ABC, abstractmethod

@@ -1,9 +1,7 @@
 """What matters of the files of a recording, one file after the other, as if they were one.
 
 A pattern may name the parts of one recording (`lidario.recording.parts`), and several recordings of one lidar.
-Files are read in the order of the times at which they begin. Where the next one is a part of the same recording,
-its bytes follow those of the one before: the stream goes on, with nothing lost or doubled. The next recording
-begins another stream.
+Files are read in the order of the times at which they begin. The next recording begins another stream.
 """
 
 import glob

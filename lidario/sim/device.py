@@ -1,8 +1,7 @@
 """What every simulated device offers: bytes in, bytes out, and time as an argument.
 
 It never reads a clock and never sleeps. So the same device runs in memory, thousands of times faster than real
-time, and on a pseudo-terminal or over TCP in real time. It shares no code with the host's parser or decoders, so
-that one mistake cannot hide in both.
+time, and on a pseudo-terminal or over TCP in real time.
 """
 
 from dataclasses import dataclass

@@ -22,12 +22,7 @@ What turns the rotor (`Profile.motor`): MOTOR_SPEED_CTRL clamps a speed to what 
 The speed follows from the duty of SET_MOTOR_PWM by no formula that a host could know; here it is proportional. The
 accessory board forgets it when the device restarts. DTR asserted stops an A1 (SDK 2.1.0, `net_serial.cpp`).
 
-What the device tells of itself is in `identity`, how the speed of the line is changed in `requests`. STOP leaves
-the motor running. Section numbers are not given: the manual's editions number them differently.
-
-`SimulatedRplidar.log` tells of every request, with the reason where it was discarded. To put the device
-into a state that occurs in practice, use its documented attributes and `protection_stop`; a request that a killed
-program left unfinished is simply received: the bytes ``A5 82 05``, say.
+STOP leaves the motor running. Section numbers are not given: the manual's editions number them differently.
 """
 
 from collections.abc import Callable

@@ -20,8 +20,6 @@ documents are silent, the choice is ours: how long a restart takes and what it f
 A request that arrives before the response to the one before has left is obeyed, since no document says that it is
 discarded; but settings, device information and offset share one response type, so the host cannot tell whose
 response comes. The log carries a remark on such a request.
-
-`Simulated4Ros.log` tells of every request, with the reason where it was discarded.
 """
 
 import struct
