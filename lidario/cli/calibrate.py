@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 import lidario
-from lidario.cli.errors import ExitCode, need
+from lidario.cli.errors import need
 from lidario.cli.output import progress
 from lidario.cli.parameters import WholeRange, as_file, as_place, complete_source
 from lidario.cli.plot import scans_of
@@ -56,7 +56,7 @@ def calibrate(
     guess: lidario.Mount | None,
     picture: str | None,
     dry_run: bool,
-) -> int:
+) -> None:
     """Find how two lidars are mounted to each other.
 
     Both see the same room. The robot must stand still. A stays where the settings say it is, or is the robot's
@@ -103,7 +103,6 @@ def calibrate(
         lidario.save_config(file, one.serial, mount=base)
         lidario.save_config(file, two.serial, mount=mount)
         message(f"written into {file}")
-    return ExitCode.OK
 
 
 async def _scans(

@@ -11,7 +11,6 @@ files, so that a recording can be named: bash by ``-o default``, the others beca
 import click
 from click.shell_completion import get_completion_class
 
-from lidario.cli.errors import ExitCode
 from lidario.cli.streams import emit, message
 
 _HOW = {
@@ -52,7 +51,7 @@ complete -o default -o nosort -F _lidario_completion lidario
 @click.command()
 @click.argument("shell", type=click.Choice(list(_HOW)))
 @click.pass_context
-def completion(context: click.Context, shell: str) -> int:
+def completion(context: click.Context, shell: str) -> None:
     """Print the completion script of a shell: bash, zsh or fish."""
     if shell == "bash":
         emit(_BASH)
@@ -61,4 +60,3 @@ def completion(context: click.Context, shell: str) -> int:
         assert kind is not None
         emit(kind(context.find_root().command, {}, "lidario", "_LIDARIO_COMPLETE").source() + "\n")
     message(f"to keep it: {_HOW[shell]}")
-    return ExitCode.OK

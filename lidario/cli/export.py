@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 import lidario
-from lidario.cli.errors import ExitCode, Stopped
+from lidario.cli.errors import Stopped
 from lidario.cli.laserscans import laserscan_options, laserscans_of
 from lidario.cli.output import progress
 from lidario.cli.parameters import FiniteRange, WholeRange, as_file, complete_file
@@ -54,7 +54,7 @@ def export(
     sample_us: float | None,
     force: bool,
     **of_scans: Any,
-) -> int:
+) -> None:
     """Write the scans of recordings as NPZ, CSV or MCAP.
 
     The name of OUT ends with .npz, .csv or .mcap. Of several files, it has {} where the name of each one belongs,
@@ -78,7 +78,6 @@ def export(
         message(f"error: {failure}")
     if failures:
         raise failures[0]
-    return ExitCode.OK
 
 
 def _name_of(file: str) -> str:

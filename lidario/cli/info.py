@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import click
 
 import lidario
-from lidario.cli.errors import ExitCode
 from lidario.cli.output import console, dump, facts, in_both_units, progress, rendered, table
 from lidario.cli.parameters import json_option, source_argument
 from lidario.cli.running import run
@@ -38,7 +37,7 @@ class _Told:
 @click.command()
 @source_argument
 @json_option
-def info(source: str, as_json: bool) -> int:
+def info(source: str, as_json: bool) -> None:
     """Ask a lidar what it is, and how it is.
 
     Model, firmware, serial number, health and scan modes. Of a recording: which device, how long, and what is in
@@ -48,7 +47,8 @@ def info(source: str, as_json: bool) -> int:
 
     file = file_source(source)
     if file is not None:
-        return _show_summary(file, as_json=as_json)
+        _show_summary(file, as_json=as_json)
+        return
 
     with progress(f"asking {source} …" if source != "auto" else "looking for a lidar …"):
         told = run(lambda: _ask(source))
@@ -56,7 +56,6 @@ def info(source: str, as_json: bool) -> int:
         dump(_record(told))
     else:
         emit(rendered(console(), _facts(told), "", _modes(told.modes)))
-    return ExitCode.OK
 
 
 async def _ask(source: str) -> _Told:
@@ -133,8 +132,8 @@ def _record(told: _Told) -> dict[str, object]:
     }
 
 
-def _show_summary(file: FileSource, *, as_json: bool) -> int:
-    """Decode a recording and print what it holds; returns the exit code."""
+def _show_summary(file: FileSource, *, as_json: bool) -> None:
+    """Decode a recording and print what it holds."""
     if file.played:
         raise click.BadParameter(
             f"{file.played[0]}= says how a recording is played: here the whole file is told of", param_hint="SOURCE"
@@ -148,7 +147,6 @@ def _show_summary(file: FileSource, *, as_json: bool) -> int:
         emit(rendered(console(), _facts_of_file(summary)))
     if summary.damage:
         message(f"note: {summary.damage}; everything else is there")
-    return ExitCode.OK
 
 
 def _facts_of_file(summary: lidario.RecordingSummary) -> Table:

@@ -39,7 +39,7 @@ class Lidario(click.Group):
     """A click group whose errors are reported by `lidario.cli.errors`."""
 
     def run(self, arguments: Sequence[str]) -> int:
-        """Run the verb that `arguments` name; returns the exit code.
+        """Run the verb that `arguments` name; returns its exit code, 0 where it returns none.
 
         An `ImportError` leaves it: who calls this tells of packages that cannot be loaded, now or before.
         """

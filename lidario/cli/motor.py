@@ -13,7 +13,6 @@ from contextlib import suppress
 import click
 
 import lidario
-from lidario.cli.errors import ExitCode
 from lidario.cli.output import dump, in_both_units, progress
 from lidario.cli.parameters import FiniteRange, json_option, source_argument
 from lidario.cli.running import run
@@ -28,41 +27,39 @@ def motor() -> None:
 @motor.command()
 @source_argument
 @json_option
-def start(source: str, as_json: bool) -> int:
+def start(source: str, as_json: bool) -> None:
     """Let the rotor turn, with the laser off."""
-    return _run(source, None, as_json)
+    _run(source, None, as_json)
 
 
 @motor.command()
 @source_argument
 @json_option
-def stop(source: str, as_json: bool) -> int:
+def stop(source: str, as_json: bool) -> None:
     """Stop laser and motor, whatever an earlier program left running."""
     with progress(f"stopping {source} …"):
         _refuse_motorless(source)
         run(lambda: _stop(source))
     _tell(as_json, "stopped", None)
-    return ExitCode.OK
 
 
 @motor.command()
 @click.argument("hertz", metavar="HZ", type=FiniteRange(min=0, min_open=True))
 @source_argument
 @json_option
-def speed(hertz: float, source: str, as_json: bool) -> int:
+def speed(hertz: float, source: str, as_json: bool) -> None:
     """Let the rotor turn at HZ revolutions a second.
 
     A device whose motor stops with its laser takes the speed when it scans next.
     """
-    return _run(source, hertz, as_json)
+    _run(source, hertz, as_json)
 
 
-def _run(source: str, hertz: float | None, as_json: bool) -> int:
+def _run(source: str, hertz: float | None, as_json: bool) -> None:
     with progress("waiting for the rotor …"):
         _refuse_motorless(source)
         state, measured = run(lambda: _turn(source, hertz))
     _tell(as_json, state, measured)
-    return ExitCode.OK
 
 
 def _refuse_motorless(source: str) -> None:

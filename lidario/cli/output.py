@@ -5,8 +5,6 @@ scans run, a write that blocks would block the event loop, and with it the port,
 the handling of SIGTERM. Therefore a `Worker` writes from its thread, and the caller awaits it. Scans that arrive
 meanwhile are dropped whole at the mailbox and counted, and a signal still stops the device.
 
-A reader that has closed the pipe is not an error: it becomes `ReaderGone`, which ends the command silently.
-
 What is drawn again and again (`watch`, `progress`) is drawn in a thread too, and what is logged is written in one
 (`lidario.cli.running`). All of them write to the file descriptor (`lidario.cli.streams`).
 """
@@ -84,10 +82,7 @@ class Worker:
 
 
 def emit_beside(text: str) -> Awaitable[None]:
-    """As `emit`, in an event loop, and in order with messages; what is returned raises as `emit` does.
-
-    A reader that takes nothing holds up neither the loop nor a signal.
-    """
+    """As `emit`, in an event loop, and in order with messages; what is returned raises as `emit` does."""
     return _done_by(beside, lambda: emit(text))
 
 
@@ -192,8 +187,7 @@ def judged(rows: Iterable[tuple[str | Text, str, str | Text]]) -> Table:
 def progress(text: str | Callable[[], str]) -> Iterator[None]:
     """Show on stderr that work goes on; only on a terminal. A `text` that changes is asked for by the thread.
 
-    A thread draws it, and the end waits for that thread no longer than `PROGRESS_GRACE_S`: a terminal that takes no
-    output (Ctrl-S, a dead line) holds up neither the event loop nor a signal.
+    A thread draws it, and the end waits for that thread no longer than `PROGRESS_GRACE_S`.
     """
     if not can_be_drawn_on(sys.stderr):
         yield

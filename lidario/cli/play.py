@@ -9,7 +9,6 @@ from pathlib import Path
 
 import click
 
-from lidario.cli.errors import ExitCode
 from lidario.cli.parameters import FiniteRange, complete_file
 from lidario.cli.running import run_until_stopped
 from lidario.cli.sim import announce, pty_option, server_of, tcp_option
@@ -27,7 +26,7 @@ LINGER_S = 0.5
 @click.option("--loop", is_flag=True, help="Begin anew at the end.")
 @pty_option
 @tcp_option
-def play(file: str, rate: float, loop: bool, pty: bool, tcp: str | None) -> int:
+def play(file: str, rate: float, loop: bool, pty: bool, tcp: str | None) -> None:
     """Play a recording as a device, for any driver.
 
     It responds as the recorded device had responded, and scans when it is asked to in the same way.
@@ -60,4 +59,3 @@ def play(file: str, rate: float, loop: bool, pty: bool, tcp: str | None) -> int:
             message("the recording is at its end")
     for (name, why), count in Counter((each.name, each.why) for each in device.log if not each.obeyed).items():
         message(f"  no response to {name} ({count}): {why}")
-    return ExitCode.OK

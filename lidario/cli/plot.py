@@ -15,7 +15,7 @@ from typing import Any
 import click
 
 import lidario
-from lidario.cli.errors import ExitCode, need
+from lidario.cli.errors import need
 from lidario.cli.output import progress
 from lidario.cli.parameters import WholeRange, as_file, force_option, mode_option, source_argument
 from lidario.cli.running import run
@@ -35,7 +35,7 @@ _YEAR_0 = 1970
 @force_option
 @config_option
 @mode_option
-def plot(source: str, output: str, count: int, polar: bool, force: bool, mode: str | int | None) -> int:
+def plot(source: str, output: str, count: int, polar: bool, force: bool, mode: str | int | None) -> None:
     """Draw scans into a file, to scale: forward is up.
 
     The name of the file is printed.
@@ -60,7 +60,6 @@ def plot(source: str, output: str, count: int, polar: bool, force: bool, mode: s
     emit(f"{path}\n")
     if not any(scan.valid.any() for scan in scans):
         message("there is nothing on it: no returns in any direction")
-    return ExitCode.OK
 
 
 async def _read(

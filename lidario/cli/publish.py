@@ -13,7 +13,7 @@ import click
 
 import lidario
 import lidario.ros
-from lidario.cli.errors import ExitCode, need
+from lidario.cli.errors import need
 from lidario.cli.laserscans import arguments_of, laserscan_options
 from lidario.cli.parameters import WholeRange, as_duration, as_place, guard_option, mode_option, sources_argument
 from lidario.cli.running import run_until_stopped
@@ -71,7 +71,7 @@ def publish(
     reconnect: bool,
     guard: bool,
     **of_ros: Any,
-) -> int:
+) -> None:
     """Publish live scans over zenoh, until Ctrl-C.
 
     Either --ros, and `ros2 topic list` shows the topic, or --zenoh KEY, and zenoh:KEY is a SOURCE on every other
@@ -107,7 +107,6 @@ def publish(
         for each in told:
             lost = f"; {each.unsent} not sent, because there was no router" if each.unsent else ""
             message(f"{counted(each.scans, 'scan')} published{lost}")
-    return ExitCode.OK
 
 
 def _ros_publisher(

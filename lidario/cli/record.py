@@ -15,7 +15,7 @@ from typing import Any
 import click
 
 import lidario
-from lidario.cli.errors import ExitCode, Stopped
+from lidario.cli.errors import Stopped
 from lidario.cli.laserscans import laserscan_options, laserscans_of
 from lidario.cli.output import progress
 from lidario.cli.parameters import (
@@ -82,7 +82,7 @@ def record(
     keep: int | None,
     guard: bool,
     **of_scans: Any,
-) -> int:
+) -> None:
     """Record a lidar to a file, every byte in both directions.
 
     Without -t and -n until Ctrl-C. `lidario info FILE` tells what is in it; it is also a SOURCE for every other
@@ -122,7 +122,6 @@ def record(
     if told.recording is not None and told.recording.error is not None:
         raise told.recording.error
     emit(f"{path if told.recording is None else told.recording.source}\n")
-    return ExitCode.OK
 
 
 def _check(path: str, replaces: bool) -> None:

@@ -1,8 +1,6 @@
 """``lidario report``: what a lidar does and does not, as a page and as one file to attach to an issue.
 
-The file is written as the report goes on, so that it holds what was seen by then whatever ends it. Where a line can
-be opened and nothing responds in a known way, it holds what came at each speed. No file is made where nothing can
-be opened, or nothing comes.
+No file is made where nothing can be opened, or nothing comes.
 """
 
 from __future__ import annotations
@@ -16,7 +14,6 @@ from typing import TYPE_CHECKING
 import click
 
 import lidario
-from lidario.cli.errors import ExitCode
 from lidario.cli.machine import Machine
 from lidario.cli.output import console, dump, facts, introduced, judged, progress, rendered
 from lidario.cli.parameters import force_option, named_by_time, recording_option, source_argument
@@ -52,7 +49,7 @@ class _Begun:
 @force_option
 @click.option("--check", is_flag=True, help="SOURCE is a report: read it, and say what is new in it.")
 @click.option("--json", "as_json", is_flag=True, help="The page as an object for programs.")
-def report_lidar(source: str, output: str | None, force: bool, check: bool, as_json: bool) -> int:
+def report_lidar(source: str, output: str | None, force: bool, check: bool, as_json: bool) -> None:
     """Try a lidar against thirty rules, and write a report.
 
     It takes half a minute to two minutes; Ctrl-C ends it. Its file is a recording, which every other command
@@ -65,7 +62,8 @@ def report_lidar(source: str, output: str | None, force: bool, check: bool, as_j
     if check and source == "auto":
         raise click.UsageError("--check reads the report that SOURCE names")
     if check:
-        return _check(Path(source), as_json)
+        _check(Path(source), as_json)
+        return
     path = Path(named_by_time("report") if output is None else output)
     # Not only at the end, behind two minutes.
     must_be_writable(path, overwrite=force)
@@ -84,7 +82,6 @@ def report_lidar(source: str, output: str | None, force: bool, check: bool, as_j
                 message(
                     f"wrote {path} ({path.stat().st_size / 1e6:.1f} MB); attach it zipped to an issue of lidario"
                 )
-    return ExitCode.OK
 
 
 async def _try(begun: _Begun, adapters: _Adapters, source: str, path: Path, force: bool) -> None:
@@ -157,7 +154,7 @@ def _path_of(source: str) -> str:
     return source.removeprefix("serial://").partition("?")[0]
 
 
-def _check(path: Path, as_json: bool) -> int:
+def _check(path: Path, as_json: bool) -> None:
     from lidario.conformance import news_of, read_report
     from lidario.conformance.news import known_of
 
@@ -172,7 +169,6 @@ def _check(path: Path, as_json: bool) -> int:
     if family and not report.is_complete:
         message("note: it was ended before all rules had their turn")
     _show(report, news or ["nothing: all of it is known, and every rule that was tried is held"], as_json)
-    return ExitCode.OK
 
 
 def _show(report: Report, news: list[str], as_json: bool) -> None:

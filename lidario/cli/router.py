@@ -8,7 +8,6 @@ from ipaddress import ip_address
 import click
 
 import lidario.ros
-from lidario.cli.errors import ExitCode
 from lidario.cli.output import emit_beside
 from lidario.cli.running import run_until_stopped
 from lidario.cli.streams import message
@@ -21,7 +20,7 @@ OF_THIS_MACHINE = ("unixsock-stream", "unixpipe")  # protocols between programs 
               help="Where, in zenoh's notation; several may be given.  [tcp/127.0.0.1:7447]")  # fmt: skip
 @click.option("--config", type=click.Path(), metavar="FILE",
               help="zenoh's configuration, JSON5: certificates, access control.  [$ZENOH_CONFIG]")  # fmt: skip
-def router(addresses: tuple[str, ...], config: str | None) -> int:
+def router(addresses: tuple[str, ...], config: str | None) -> None:
     """Run a zenoh router, where publishers and readers meet.
 
     Until Ctrl-C. For this machine alone unless --listen or a configuration says otherwise. Nodes of ROS 2 find it
@@ -41,7 +40,6 @@ def router(addresses: tuple[str, ...], config: str | None) -> int:
             await asyncio.Event().wait()
 
     run_until_stopped(work)
-    return ExitCode.OK
 
 
 def is_private(address: str) -> bool:

@@ -3,9 +3,8 @@
 The verbs have their own exit codes, so here a signal becomes an exception of the command.
 
 What is logged is told as a message. Where the program has chosen a handler of its own, that one has the log.
-Messages come up mostly in the event loop. A terminal that takes no output (Ctrl-S, a dead line), or a pipe that
-nobody reads, would stop the loop, and so the port and signals: meanwhile a thread writes them to stderr. Behind a
-signal nothing waits for long until it is taken.
+While the event loop runs, a thread writes messages, for the reason that `lidario.cli.output` tells. Behind a signal
+nothing waits for long until it is taken.
 """
 
 import logging

@@ -18,7 +18,7 @@ from functools import partial
 import click
 
 import lidario
-from lidario.cli.errors import ExitCode, Stopped
+from lidario.cli.errors import Stopped
 from lidario.cli.output import Worker, console, introduced, progress, rendered
 from lidario.cli.parameters import WholeRange, guard_option, mode_option, reconnect_option, source_argument
 from lidario.cli.running import run
@@ -57,7 +57,7 @@ def scan(
     keep_spinning: bool,
     reconnect: bool,
     guard: bool,
-) -> int:
+) -> None:
     """Read scans and print them.
 
     Angles are radians counter-clockwise from forward, ranges metres; null (JSON) or an empty field (CSV) where
@@ -114,7 +114,6 @@ def scan(
             _sum_up(tally)
     if failure is not None:
         raise failure
-    return ExitCode.OK
 
 
 def _sum_up(tally: _Tally) -> None:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final, TypeVar
 import click
 
 import lidario
-from lidario.cli.errors import ExitCode, cannot_listen
+from lidario.cli.errors import cannot_listen
 from lidario.cli.output import emit_beside
 from lidario.cli.parameters import WholeRange
 from lidario.cli.running import run_until_stopped
@@ -65,7 +65,7 @@ def sim(
     serial: str | None,
     seed: int,
     list_models: bool,
-) -> int:
+) -> None:
     """Serve a simulated lidar until Ctrl-C.
 
     It accepts requests as strictly as a real one, and sends scans at the real rate.
@@ -75,10 +75,10 @@ def sim(
 
     if list_models:
         emit(_model_table())
-        return ExitCode.OK
+        return
     if list_faults:
         emit(_fault_table())
-        return ExitCode.OK
+        return
     if sum((pty, tcp is not None, udp is not None)) > 1:
         raise click.UsageError("--pty, --tcp and --udp exclude each other")
     model = model or FAMILIES[0].simulated[0]
@@ -87,7 +87,7 @@ def sim(
         asked = parse_faults(",".join(faults), seed=seed) if faults else None
     except ValueError as error:
         raise click.BadParameter(str(error), param_hint="--fault") from None
-    return _serve(server_of(device, pty=pty, tcp=tcp, udp=udp, faults=asked), model)
+    _serve(server_of(device, pty=pty, tcp=tcp, udp=udp, faults=asked), model)
 
 
 def _model_table() -> str:
@@ -154,7 +154,7 @@ def _listening(
         raise cannot_listen(address, error, f"--{kind} :0") from error
 
 
-def _serve(server: PtyServer | TcpServer | UdpServer, model: str) -> int:
+def _serve(server: PtyServer | TcpServer | UdpServer, model: str) -> None:
     from lidario.sim.serve import UdpServer
 
     began, turned = time.monotonic(), server.device.motor_on
@@ -168,7 +168,6 @@ def _serve(server: PtyServer | TcpServer | UdpServer, model: str) -> int:
         if run_until_stopped(work):
             message("the line was unplugged, as --fault asks")
     sum_up(server, time.monotonic() - began, turned=turned)
-    return ExitCode.OK
 
 
 async def announce(server: PtyServer | TcpServer | UdpServer, what: str) -> None:

@@ -1,8 +1,7 @@
 """``lidario udev``: rules that give a lidar's port a name of its own and its users access to it.
 
-By them the adapter also stays awake, sends on at once what it has, and is left alone by ModemManager and brltty.
-They are printed and never written. They find the adapter by its serial number. Many adapters have none, or all have
-the same one (``0001``); then they find it by the socket that it is plugged into.
+They find the adapter by its serial number. Many adapters have none, or all have the same one (``0001``); then they
+find it by the socket that it is plugged into.
 """
 
 import re
@@ -12,7 +11,6 @@ from typing import Final
 import click
 
 import lidario
-from lidario.cli.errors import ExitCode
 from lidario.cli.machine import KEEP_BRLTTY_OFF, Machine, Usb
 from lidario.cli.output import dump
 from lidario.cli.parameters import complete_source
@@ -32,7 +30,7 @@ _SAFE: Final = re.compile(r"[\w.:+-]+", re.ASCII)
 @click.argument("port", required=False, shell_complete=complete_source)
 @click.option("--name", default="lidar", show_default=True, metavar="NAME", help="Name below /dev.")
 @click.option("--json", "as_json", is_flag=True, help="The rules and the name in one object.")
-def udev(port: str | None, name: str, as_json: bool) -> int:
+def udev(port: str | None, name: str, as_json: bool) -> None:
     """Print udev rules for the port of a lidar; nothing is written.
 
     With one adapter plugged in, or PORT named, they are for that one. Otherwise they are for all adapters that
@@ -49,7 +47,7 @@ def udev(port: str | None, name: str, as_json: bool) -> int:
     rule = general() if found is None else rule_for(found, name)
     if as_json:
         dump({"rule": rule, "name": f"/dev/{name}" if found else None, "port": ports[0] if found else None})
-        return ExitCode.OK
+        return
     emit(rule)
     if found is None:
         number = len(ports) or "no"
@@ -57,7 +55,6 @@ def udev(port: str | None, name: str, as_json: bool) -> int:
         message("`lidario udev PORT --name front` makes rules for one")
     message(f"to use them: lidario udev {port or ''} --name {name} | sudo tee {_FILE}".replace("  ", " "))
     message("             sudo udevadm control --reload && sudo udevadm trigger")
-    return ExitCode.OK
 
 
 def rule_for(usb: Usb, name: str) -> str:

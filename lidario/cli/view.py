@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 import lidario
-from lidario.cli.errors import ExitCode, cannot_listen, need
+from lidario.cli.errors import cannot_listen, need
 from lidario.cli.output import emit_beside, progress
 from lidario.cli.parameters import WholeRange, as_folder, as_place, guard_option, mode_option, sources_argument
 from lidario.cli.running import run_until_stopped
@@ -57,7 +57,7 @@ def view(
     folder: Path | None,
     mode: str | int | None,
     guard: bool,
-) -> int:
+) -> None:
     """Show live scans in a browser, until Ctrl-C.
 
     The address of the page is printed. A lidar that is lost is opened again as soon as it is back.
@@ -83,7 +83,6 @@ def view(
     for feed in feeds:
         lost = f", lost {counted(feed.losses, 'time')}" if feed.losses else ""
         message(f"{feed.source}: {counted(feed.scans, 'scan')}{lost}")
-    return ExitCode.OK
 
 
 def _check_choice(count: int, mounts: int, colours: tuple[str, ...]) -> None:

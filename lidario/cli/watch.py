@@ -3,8 +3,7 @@
 It is drawn on the terminal's second screen, so that what was there before comes back at the end. Where the terminal
 is wide, the figures stand beside the picture, else below it.
 
-It is drawn in a thread, that of a `Worker`. A terminal that takes no output (Ctrl-S, a slow line) then holds up the
-drawing, and neither the lidar nor a signal. At the end laser and motor are switched off first; then the display has
+It is drawn in the thread of a `Worker`. At the end laser and motor are switched off first; then the display has
 `GRACE_S` to leave the second screen.
 """
 
@@ -19,7 +18,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from lidario.cli.errors import ExitCode, Stopped
+from lidario.cli.errors import Stopped
 from lidario.cli.output import Worker, console, facts, progress, rendered
 from lidario.cli.parameters import guard_option, mode_option, source_argument
 from lidario.cli.running import nothing_logged, run
@@ -49,7 +48,7 @@ MOST_BELOW: Final = 2
 @config_option
 @mode_option
 @guard_option
-def watch(source: str, mode: str | int | None, guard: bool) -> int:
+def watch(source: str, mode: str | int | None, guard: bool) -> None:
     """Show live scans in the terminal, until Ctrl-C.
 
     A lidar that is lost is opened again as soon as it is back.
@@ -77,7 +76,6 @@ def watch(source: str, mode: str | int | None, guard: bool) -> int:
     if taken:
         # Else the terminal takes no output, and this line would only keep the program from ending.
         message(f"{counted(feed.scans, 'scan')} of {feed.info.model if feed.info else source}{lost}")
-    return ExitCode.OK
 
 
 async def _draw(feed: Feed, writer: Worker) -> None:
