@@ -16,8 +16,6 @@ last share would be one and the same, and would contain samples from both ends o
 known, and "no return" would say that the way is free there.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal, SupportsIndex
@@ -97,7 +95,7 @@ class BeamOptions:
         return math.inf if self.range_max is None else in_single(number(self.range_max, "range_max"))
 
 
-def resample(scan: Scan, rotor: Rotor, options: BeamOptions, beams: SupportsIndex | None = None) -> LaserScan:
+def resample(scan: "Scan", rotor: Rotor, options: BeamOptions, beams: SupportsIndex | None = None) -> LaserScan:
     """Put the samples of a scan, in the order of measuring, on a grid of equal steps.
 
     The rotor turned so during the scan. There are as many beams as samples where the user says nothing.

@@ -55,8 +55,7 @@ class MeasuredSamples:
     # Cosine and sine of the angles.
     _directions: tuple[FloatArray, FloatArray] | None = field(default=None, init=False)
     _times_ns: NDArray[np.int64] | None = field(default=None, init=False)
-    # Where samples are missing; None where that is not known.
-    _gaps: Gaps | None = field(default=None, init=False)
+    _gaps: Gaps | None = field(default=None, init=False)  # where samples are missing; None where that is not known
 
     def __len__(self) -> int:
         return len(self.device_distances)

@@ -1,11 +1,10 @@
 """What a device says of itself, and what a session has counted: plain records."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from enum import Enum
 from operator import add, sub
+from typing import Self
 
 from lidario.words import counted
 
@@ -124,13 +123,13 @@ class LineErrors:
     overruns: int = 0
     breaks: int = 0
 
-    def __add__(self, other: LineErrors) -> LineErrors:
+    def __add__(self, other: Self) -> Self:
         """The sums, such as of two lines."""
-        return LineErrors(*map(add, self._counts, other._counts))
+        return type(self)(*map(add, self._counts, other._counts))
 
-    def __sub__(self, before: LineErrors) -> LineErrors:
+    def __sub__(self, before: Self) -> Self:
         """What was counted since `before`."""
-        return LineErrors(*map(sub, self._counts, before._counts))
+        return type(self)(*map(sub, self._counts, before._counts))
 
     @property
     def _counts(self) -> tuple[int, int, int, int]:

@@ -8,12 +8,10 @@ Where samples are missing, the number of each tells more than its angle: models 
 move those of returns by several degrees, and the others by none.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,7 +57,7 @@ class Rotor:
     # counter-clockwise.
     field_deg: float = 360.0
 
-    def beginning_at(self, begin_deg: float) -> Rotor:
+    def beginning_at(self, begin_deg: float) -> Self:
         """The same rotor, with the revolution taken to begin at another angle, the nearest one before or behind."""
         later_deg = math.copysign(1.0, self.field_deg) * before(begin_deg - self.begin_deg, 180.0)
         begin_ns = self.begin_ns + later_deg / 360.0 * self.period_ns
@@ -106,7 +104,7 @@ def follow_rotor(
     return Rotor((seam + first) % 360.0, 0.0, period_ns)
 
 
-def rotor_of(scan: Scan, gaps: Gaps | None) -> Rotor:
+def rotor_of(scan: "Scan", gaps: Gaps | None) -> Rotor:
     """How the rotor turned during a scan, whose samples are in the order of measuring."""
     angles, time_increment_ns, seam, field_deg = (
         scan.device_angles, scan.time_increment_ns, scan.seam, scan.field_of_view,

@@ -21,8 +21,6 @@ refused with `ConnectFailed`, everything that a later step could not handle (NUL
 be encoded, a baud rate that does not fit) is refused here, and messages show the text with ``repr``.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import unicodedata
@@ -71,7 +69,7 @@ class Source:
     kind: str  # ``auto``, ``serial``, ``tcp``, ``udp``, ``sim``, ``id``, ``file`` or ``zenoh``
     address: str = ""  # path, ``host:port``, model, serial number or key; empty for ``auto``
     options: Mapping[str, str] = field(default_factory=dict)  # the options after the question mark
-    device: SimulatedDevice | None = None  # a simulated device to connect to in memory; its kind is ``device``
+    device: "SimulatedDevice | None" = None  # a simulated device to connect to in memory; its kind is ``device``
 
     @property
     def baudrate(self) -> int | None:
@@ -110,7 +108,7 @@ class Source:
         return parts.hostname or "", parts.port or 0
 
 
-def as_source(source: str | os.PathLike[str] | SimulatedDevice) -> Source:
+def as_source(source: "str | os.PathLike[str] | SimulatedDevice") -> Source:
     """Parse what a user may name as a source: a text, the path of a serial port, a simulated device.
 
     Raises as `parse_source`, and InvalidValue where it is none of the three.

@@ -1,7 +1,5 @@
 """What a rule is, and what comes of trying it: plain records."""
 
-from __future__ import annotations
-
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from enum import Enum
@@ -62,7 +60,7 @@ class Rule:
     sentence: str
     origin: Origin
     known_from: str
-    check: Callable[[Bench], Awaitable[str]]
+    check: Callable[["Bench"], Awaitable[str]]
     needs: tuple[Need, ...] = ()
     limit_s: float = 20.0
 
@@ -108,10 +106,10 @@ class Verdict:
 
 def known(
     origin: Origin, known_from: str, *needs: Need, limit_s: float = 20.0
-) -> Callable[[Callable[[Bench], Awaitable[str]]], Rule]:
+) -> Callable[[Callable[["Bench"], Awaitable[str]]], Rule]:
     """Decorate a check to make a `Rule` of it: what must hold is its docstring, and the name has hyphens."""
 
-    def made(check: Callable[[Bench], Awaitable[str]]) -> Rule:
+    def made(check: Callable[["Bench"], Awaitable[str]]) -> Rule:
         name = check.__name__.replace("_", "-")
         # Python without docstrings (-OO) has only the name.
         return Rule(name, check.__doc__ or name, origin, known_from, check, needs, limit_s)

@@ -6,8 +6,6 @@ and yet does no I/O. The session runs the scripts and keeps the timing that each
 no response, it throws `ResponseTimeout` into the script, which may catch it to try something else.
 """
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Mapping
@@ -54,8 +52,7 @@ class Device(ABC):
 
     can_keep_spinning: bool = True  # whether the motor can go on when the laser is stopped
     can_be_stopped: bool = True  # whether laser and motor can be switched off from here
-    # Speed of its line; 0 if the line has none, as a network; None if unknown.
-    baudrate: int | None = None
+    baudrate: int | None = None  # speed of its line; 0 if the line has none, as a network; None if unknown
     sends_bytes: bool = True  # whether its stream consists of bytes that can be decoded again; else of whole scans
     can_only_talk: bool = False  # whether it may be a device that hears nothing, in a family whose others respond
     # Whether its family or model was guessed in a search, and no user has named it. What the device says of itself
@@ -229,8 +226,7 @@ class Family:
     device: Callable[[], Device]  # makes the object for a newly opened port
     # Gives the format and the decoder of a stream for a stored mode; None if they are not known.
     stream_in: Callable[[ScanMode], tuple[StreamFormat, Decoder] | None]
-    # Every packet format to listen for, if the device is not known.
-    formats: tuple[Callable[[], StreamFormat], ...]
+    formats: tuple[Callable[[], StreamFormat], ...]  # every packet format to listen for, if the device is not known
     # Finds the measurement stream in recorded bytes, by the bytes and by what a user says about them. The model
     # that a user names must be one of `models`. None if there is no stream.
     find_stream: Callable[[memoryview, Known], RawStream | None]
@@ -255,11 +251,11 @@ class Family:
         self,
         model: str,
         *,
-        world: WorldLike | None = None,
+        world: "WorldLike | None" = None,
         serial: bytes | None = None,
         seed: int = 0,
         spin_up: float | None = None,
-    ) -> SimulatedDevice:
+    ) -> "SimulatedDevice":
         """Make a simulated device of one of the models `simulated`; its arguments are those of `lidario.simulate`.
 
         Raises ValueError if no model has that name, or the serial number is none of this family.

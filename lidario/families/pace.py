@@ -142,8 +142,7 @@ class PacedTurning(Turning):
         self._samples = samples
         # Nanoseconds of a packet; 0 if unknown, and then time proves nothing.
         self._packet_ns, self._time_passes = 0.0, True
-        # Whether a speed is known, and whether time confirms it.
-        self._certain = self._confirmed = False
+        self._certain = self._confirmed = False  # whether a speed is known, and whether time confirms it
         # How many spans in a row have not fitted that speed; and how many packets were reported to follow each
         # other while time could still disprove it.
         self._strange = self._close = 0

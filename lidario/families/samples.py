@@ -25,8 +25,7 @@ class DecodedRevolution(NamedTuple):
 class Samples:
     """The decoded packets of one stretch of stream; arrays of shape (room + n,), in measuring order."""
 
-    # Angles, float32 degrees clockwise, in [0, 360); corrections applied.
-    angle_deg: NDArray[np.float32]
+    angle_deg: NDArray[np.float32]  # angles, float32 degrees clockwise, in [0, 360); corrections applied
     distance_mm: NDArray[np.float32]  # millimetres, float32; 0 where nothing came back
     intensity: NDArray[np.uint8] | None  # uint8, or None where the format carries none
     ends: Sequence[int]  # samples up to and including each packet, shape (packets,), without the free elements

@@ -89,8 +89,7 @@ class Talkers:
     """The models of one family, and how to tell them apart."""
 
     family: str  # short name of the family
-    # All models that are known; a user may name those that have a name.
-    all: tuple[TalkingModel, ...]
+    all: tuple[TalkingModel, ...]  # all models that are known; a user may name those that have a name
     # Finds the model if no user has named one: by packets, of which some may be missing, and by the speed of the
     # line, as `Device.baudrate` has it.
     unnamed: Callable[[bytes, int | None], TalkingModel]

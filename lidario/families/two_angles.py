@@ -34,8 +34,7 @@ class TwoAngleFormat(LayoutFormat):
     def __init__(self) -> None:
         super().__init__()
         fields: Any = self.layout.fields
-        # Offsets of the two angles in a packet.
-        self._places = fields["start"][1], fields["end"][1]
+        self._places = fields["start"][1], fields["end"][1]  # offsets of the two angles in a packet
 
     def intact(self, data: bytearray, at: int, size: int) -> bool:
         start, end = (int.from_bytes(data[at + place : at + place + 2], "little") for place in self._places)

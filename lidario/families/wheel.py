@@ -72,10 +72,8 @@ class Wheel(PacedTurning):
     def __init__(self, full_turn: int, samples: int = 1) -> None:
         super().__init__(full_turn, RETREAT_TURNS, samples)
         self._arc = self._fastest = 0.0  # the last arc, and the longest one followed together with it
-        # Whether all of the latest spans were a whole number of arcs, as far as they show it.
-        self._fits = True
-        # Spans since the speed was last confirmed.
-        self._spans: list[int] = []
+        self._fits = True  # whether all of the latest spans were a whole number of arcs, as far as they show it
+        self._spans: list[int] = []  # spans since the speed was last confirmed
 
     def follow(self, heads: Heads, arrivals: Sequence[Arrival] = ()) -> Arcs:
         before, was_certain = self._arc, self._certain

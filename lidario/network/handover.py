@@ -33,8 +33,7 @@ class Handover(Generic[T]):
     ) -> None:
         self._take = take
         self._wake = wake
-        # Whether the loop was asked to take items and has not begun; set by both threads.
-        self._is_due = False
+        self._is_due = False  # whether the loop was asked to take items and has not begun; set by both threads
         self._waiting: deque[tuple[T, int]] = deque()
         self._put = self._taken = 0
         self._turns = Turns(time.monotonic_ns, _fail, TURN_NS)

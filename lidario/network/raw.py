@@ -54,8 +54,7 @@ class RawDecoder:
     def __init__(self, clock: WallClock) -> None:
         self.stats: AssemblerStats = AssemblerStats()
         self._clock = clock
-        # As it was when the stream began, or was first heard of: a stream has one clock.
-        self._wall_offset_ns = 0
+        self._wall_offset_ns = 0  # as it was when the stream began, or was first heard of: a stream has one clock
         self._family: Family | None = None
         self._began: StreamBegan | None = None
         self._pipeline: Pipeline | None = None

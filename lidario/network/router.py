@@ -145,8 +145,7 @@ class OpenSession:
 
     def __init__(self, session: Any) -> None:
         self._session = session
-        # A reference must be kept: zenoh removes what is garbage.
-        self._held: list[Any] = []
+        self._held: list[Any] = []  # a reference must be kept: zenoh removes what is garbage
         self._unclosed = weakref.finalize(self, _close, session)
         let_go_in_children(self)
 

@@ -58,8 +58,7 @@ class Reached:
         self._state = EventState()
         self._last_ns: int | None = None
         self._shift_ns = 0
-        # Before the bytes of the latest time: what has one time may stand in another order.
-        self._place_before = 0
+        self._place_before = 0  # before the bytes of the latest time: what has one time may stand in another order
         # Of the recording that is read: its digits, what is added to its places, the least of them, and its clock
         # minus that of the first one; and whether no chunk of it was seen.
         self._recording = ""

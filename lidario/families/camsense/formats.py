@@ -49,8 +49,7 @@ class PacketFormat(TwoAngleFormat):
     layout: np.dtype[Any] = _layout(8, "u1")
     marks: tuple[bytes, ...] = (b"\x55", b"\xaa", b"\x03", b"\x08")
     check: Check = Fold15(17)
-    # Its angles tell whether the rotor is up to speed.
-    told_by = 0
+    told_by = 0  # its angles tell whether the rotor is up to speed
     full_turn = FULL_TURN
     zero = ZERO
     an_rpm: float = 64

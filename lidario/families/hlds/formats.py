@@ -71,8 +71,7 @@ class PacketFormat(CheckedFormat):
     """The same packets, which are believed when the next one follows where it must."""
 
     response_type = 0x42
-    # Known when the beginning of the next packet is there.
-    told_by = SIZE + 2
+    told_by = SIZE + 2  # known when the beginning of the next packet is there
 
     def intact(self, data: bytearray, at: int, size: int) -> bool:
         return data[at + size] == HEAD and data[at + size + 1] - FIRST == (data[at + 1] - FIRST + 1) % PACKETS

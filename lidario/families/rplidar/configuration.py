@@ -40,8 +40,7 @@ class Configuration:
 
     def __init__(self) -> None:
         self.known = False
-        # How often the device was asked in vain for each value.
-        self._untold: Counter[Conf] = Counter()
+        self._untold: Counter[Conf] = Counter()  # how often the device was asked in vain for each value
 
     def value(self, kind: Conf, most_in_vain: float = math.inf) -> Script[bytes | None]:
         """One value; empty if the device does not have it, None if it does not tell it.

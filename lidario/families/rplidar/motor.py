@@ -71,8 +71,7 @@ class MotorDriven(Device):
 
     def __init__(self) -> None:
         self._configuration = Configuration()
-        # The upper four bits of its model number; 0 until the device has told it.
-        self._major = 0
+        self._major = 0  # the upper four bits of its model number; 0 until the device has told it
         self._way: Way | None = None
         # The speed or the duty, and whether it is assumed because the device has not told it.
         self._speed: int | None = None

@@ -70,8 +70,7 @@ class NodeFormat(StreamFormat):
     def __init__(self) -> None:
         super().__init__()
         self._in_step = False
-        # The last node that was believed.
-        self._last: bytearray | None = None
+        self._last: bytearray | None = None  # the last node that was believed
         # The angle of the marks, once one was seen; `_other_mark` is that of the last mark that was not believed.
         self._mark: int | None = None
         # Whether a mark far from 0 was among the nodes that passed; None before the first node.

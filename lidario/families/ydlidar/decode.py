@@ -93,8 +93,7 @@ class CloudDecoder(ArcDecoder):
         super().__init__(FULL_TURN_Q6, ToldWheel(FULL_TURN_Q6, LEAST_SAMPLES))
         self._kind = kind or KINDS["tg"]
         self.has_intensity: bool = bool(self._kind.bits)
-        # Where the last start packet stood.
-        self._seam: int | None = None
+        self._seam: int | None = None  # where the last start packet stood
         # Samples of an ordinary packet; or of the longest one, if so few came that all may be short.
         self._ordinary = 0
 

@@ -84,8 +84,7 @@ class YdlidarDevice(Device):
         self._code: int | None = None
         self._firmware = (0, 0)
         self._health_request: Request | None = None
-        # Whether protection is on; None after a toggle without a response.
-        self._protected: bool | None = False
+        self._protected: bool | None = False  # whether protection is on; None after a toggle without a response
         self._offset_deg = 0.0
         # The values that the program has set, to be set again after a restart of the device.
         self._wanted_protection: bool | None = None
