@@ -47,10 +47,9 @@ if TYPE_CHECKING:
     from lidario.model import DeviceInfo, Health, HealthStatus, NetworkAddress, SampleRate, ScanMode, Stats
     from lidario.points import Motion, Mount, Points, PoseFunction, Velocity, merge
     from lidario.port.line import Tap
-    from lidario.recording.decode_file import decode_file, decode_file_arrays
+    from lidario.recording.decode_file import RecordingSummary, decode_file, decode_file_arrays, summarize
     from lidario.recording.offline import ScanArrays, decode, decode_arrays
     from lidario.recording.record import Recording
-    from lidario.recording.summary import RecordingSummary, summarize
     from lidario.registration import Registration, looseness, register
     from lidario.scan import Scan
     from lidario.sector import Sector
@@ -90,9 +89,8 @@ _HOMES = {
     "blocking": ("SyncLidar", "open_sync"),
     "config.read": ("Config", "LidarConfig", "read_config"),
     "config.write": ("save_config",),
-    "recording.decode_file": ("decode_file", "decode_file_arrays"),
+    "recording.decode_file": ("RecordingSummary", "decode_file", "decode_file_arrays", "summarize"),
     "recording.record": ("Recording",),
-    "recording.summary": ("RecordingSummary", "summarize"),
     "session.finding.discovery": ("Found", "PortInfo", "list_lidars", "list_serial_ports"),
     "beams": ("BeamOrder", "NoReturn", "Preset"),
     "laserscan": ("LaserScan",),

@@ -35,12 +35,9 @@ def _take_config(context: click.Context, _: click.Parameter, value: str | None) 
 
 
 config_option: Final = click.option(
-    "--config",
-    metavar="FILE",
-    expose_value=False,
-    callback=_take_config,
+    "--config", metavar="FILE", expose_value=False, callback=_take_config,
     help=f"Mounts, filters, speeds, modes and frames of lidars.  [{FILE}, if there is one]",
-)
+)  # fmt: skip
 
 
 def config_file() -> str | None:

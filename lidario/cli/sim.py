@@ -48,12 +48,9 @@ tcp_option: Final = click.option(
 @click.option("--serial", metavar="HEX", help="Its serial number.")
 @click.option("--seed", default=0, show_default=True, type=WholeRange(min=0), metavar="N",
               help="Seed of everything random.")  # fmt: skip
-@click.option(
-    "--list",
-    "list_models",
-    is_flag=True,
-    help="List the models by vendor, the default first, and which recordings of real ones some are like, and exit.",
-)
+@click.option("--list", "list_models", is_flag=True,
+              help="List the models by vendor, the default first, and which recordings of real ones some are like, "
+                   "and exit.")  # fmt: skip
 def sim(
     model: str | None,
     pty: bool,

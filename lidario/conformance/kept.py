@@ -72,8 +72,6 @@ class Kept:
         self._dialogue.chronicle.unwatch(self._see_event)
         self._release(None)
 
-    # ------------------------------------------------------------------------------------------ inside
-
     def _see_chunk(self, direction: str, data: bytes, now: int) -> None:
         if self._size + len(data) > MOST_BYTES:
             self.left_out += len(data)

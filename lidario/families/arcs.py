@@ -133,8 +133,6 @@ class ArcDecoder(ABC):
         left = self._full_turn - (int(heads.first[at]) - seam) % self._full_turn
         return max(0, counts - math.ceil(left * steps / arc)) if arc > 0 else 0
 
-    # ------------------------------------------------------------------------------------------------- the rest
-
     @staticmethod
     def _ends(heads: Heads) -> Sequence[int]:
         """Samples up to the end of each packet."""

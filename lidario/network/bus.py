@@ -221,8 +221,6 @@ class Bus(OpenSession):
             self._held = []
             self._unclosed()
 
-    # ------------------------------------------------------------------------------------------ inside
-
     def _hold(self, declare: Callable[[], Any]) -> Any:
         """What is declared to zenoh, and held until this is closed."""
         with self._told():

@@ -207,8 +207,6 @@ class Recording(Entered):
         if messages is not None:
             self._add(scan.stamp_ns, 12 * len(scan), lambda writer, _: writer.add_scans(messages.take(scan)))
 
-    # ------------------------------------------------------------------------------------------ inside
-
     def _add(self, now: int, size: int, write: Callable[[FileWriter, int], None]) -> bool:
         self._seen += size
         if not self._over and self._seen - self._taken + _ITEM_BYTES * len(self._entries) > QUEUE_BYTES:

@@ -82,7 +82,7 @@ def find_stream(data: memoryview, known: Known) -> RawStream | None:
     if len(found) > 1:
         # One packet may pass for a packet of another format, and two packets for one if the last samples are 0.
         # The format with the most bytes in packets is right; of two that have as many, the longer one.
-        found.sort(key=lambda each: _bytes_in_packets(data[each[0] :], each[1]))
+        found.sort(key=lambda each: len(each[1]().packets_in(bytearray(data[each[0] :][:_MEASURED]))[1]))
     begin, made = found[-1]
     turn = turn_in(data[begin : begin + _MEASURED], made())
     header = _HEADER.search(data[:begin])
@@ -101,10 +101,6 @@ def find_stream(data: memoryview, known: Known) -> RawStream | None:
         guess,
         model.kind.response_type,
     )
-
-
-def _bytes_in_packets(data: memoryview, made: type[PointCloud]) -> int:
-    return len(made().packets_in(bytearray(data[:_MEASURED]))[1])
 
 
 def _told(before: memoryview, *, responds: bool) -> list[Model]:
