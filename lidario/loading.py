@@ -5,8 +5,6 @@ in the main thread alone, so there another thread imports it, and completes the 
 This matters to programs that go on after a Ctrl-C: notebooks, and interactive interpreters.
 """
 
-from __future__ import annotations
-
 import sys
 from importlib import import_module
 from typing import TYPE_CHECKING
@@ -16,7 +14,7 @@ if TYPE_CHECKING:
     from types import ModuleType
 
 
-def keep(package: str, name: str, homes: Mapping[str, tuple[str, ...]]) -> object:
+def keep(package: str, name: str, homes: "Mapping[str, tuple[str, ...]]") -> object:
     """For a package's ``__getattr__``: load a public name from its home, a module of lidario, and keep it there."""
     home = next((home for home, names in homes.items() if name in names), None)
     if home is None:
@@ -26,7 +24,7 @@ def keep(package: str, name: str, homes: Mapping[str, tuple[str, ...]]) -> objec
     return value
 
 
-def load(name: str) -> ModuleType:
+def load(name: str) -> "ModuleType":
     """Import a module by its full name. A Ctrl-C meanwhile is raised behind the import, a second one at once."""
     if "numpy" in sys.modules:
         return import_module(name)

@@ -7,8 +7,6 @@ It is drawn in the thread of a `Worker`. At the end laser and motor are switched
 `GRACE_S` to leave the second screen.
 """
 
-from __future__ import annotations
-
 import asyncio
 import sys
 from contextlib import ExitStack, suppress
@@ -78,7 +76,7 @@ def watch(source: str, mode: str | int | None, guard: bool) -> None:
         message(f"{counted(feed.scans, 'scan')} of {feed.info.model if feed.info else source}{lost}")
 
 
-async def _draw(feed: Feed, writer: Worker) -> None:
+async def _draw(feed: "Feed", writer: Worker) -> None:
     changed = asyncio.Event()
     feed.on_scan = feed.on_change = lambda _: changed.set()
     reading = asyncio.create_task(feed.run())
@@ -114,7 +112,7 @@ async def _draw(feed: Feed, writer: Worker) -> None:
             writer.put(partial(emit, LEAVE))
 
 
-def frame(feed: Feed, target: Console) -> RenderableType:
+def frame(feed: "Feed", target: "Console") -> "RenderableType":
     """The picture of the latest scan and the figures, made for the size that the terminal has now.
 
     It may be drawn in another thread than the one that reads the lidar.
@@ -141,7 +139,7 @@ def frame(feed: Feed, target: Console) -> RenderableType:
     return both
 
 
-def figures(feed: Feed) -> list[tuple[str, str]]:
+def figures(feed: "Feed") -> list[tuple[str, str]]:
     """Names and values of what stands beside the picture."""
     import numpy as np
 

@@ -4,8 +4,6 @@ It is loaded in every run of pytest, also in those that never use it. So nothing
 fixture is used, and no other plugin is needed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -39,7 +37,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 @pytest.fixture
-def simulated_lidar(request: pytest.FixtureRequest) -> Iterator[SimulatedLidar]:
+def simulated_lidar(request: pytest.FixtureRequest) -> Iterator["SimulatedLidar"]:
     """A simulated lidar in a room of 4 m by 4 m, on a fast clock; give it to `lidario.open_lidar`.
 
     The marker ``simulated_lidar`` has the arguments of `lidario.testing.SimulatedLidar`::
@@ -56,7 +54,7 @@ def simulated_lidar(request: pytest.FixtureRequest) -> Iterator[SimulatedLidar]:
 
 
 @pytest.fixture
-def lidar_source(request: pytest.FixtureRequest) -> SimulatedLidar | str:
+def lidar_source(request: pytest.FixtureRequest) -> "SimulatedLidar | str":
     """What a test opens: the simulated lidar, or what ``pytest --lidar-source SOURCE`` names.
 
     So the same test runs on every machine with the simulated lidar, and on the robot with the real one::
@@ -73,7 +71,7 @@ def lidar_source(request: pytest.FixtureRequest) -> SimulatedLidar | str:
 
 
 @pytest.fixture
-def lidar_recording(request: pytest.FixtureRequest) -> RecordedLidar:
+def lidar_recording(request: pytest.FixtureRequest) -> "RecordedLidar":
     """The recording that the marker ``lidar_recording`` names; its path begins at the folder of the test's file.
 
     ::
