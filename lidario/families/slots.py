@@ -2,9 +2,6 @@
 
 Such a device measures at angles and not at times, so its packets cover the same angle at any speed. So nothing has
 to be learned about the rotor. If the next packet is ahead by more than one slot, the packets between were lost.
-
-`DegreeFormat` and `DegreeDecoder` are for packets that begin with ``FA`` and a number, and whose samples stand at
-whole degrees.
 """
 
 from abc import abstractmethod

@@ -4,8 +4,6 @@ The device pushes whole responses and whole *bursts* of equally spaced packets. 
 by a moment is a closed formula in integers, so a tenth of a second of stream is one `push` and one `take` whatever
 the number of packets in it, and an idle device costs nothing. A burst may be pushed ahead of time: packets that are
 not made yet stay, and `withdraw` takes them back when the stream ends early.
-
-All times are integer monotonic nanoseconds, handed in by the caller.
 """
 
 from collections import deque

@@ -3,8 +3,6 @@
 Speed approaches its target exponentially, which has a closed form for the angle as well. So the angle of every
 sample is a function of its time alone. `spin_up_s` is the time from standstill until the speed is *stable*, within
 2 % of the target: data sheets give this time, and a device withholds its samples for so long.
-
-A real rotor is faster at some places of its turn than at others. `uneven` is by which part.
 """
 
 import math

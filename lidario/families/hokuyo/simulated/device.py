@@ -23,8 +23,6 @@ import numpy.typing as npt
 from lidario.sim.chassis import Chassis, Maker, Making, by_name, maker
 from lidario.sim.line import TransmitQueue
 
-__all__ = ["PROFILES", "Profile", "SimulatedHokuyo", "make_simulated"]
-
 _LONGEST_LINE = 80
 _LINE = 64
 _NAMES = {

@@ -103,9 +103,7 @@ def pack_hq(
     body = packets.tobytes()
     size = _HQ.itemsize
     # The device's CRC runs over the 777 bytes and the zeros that fill them up to a multiple of four.
-    packets["crc"] = [
-        zlib.crc32(body[at : at + size - 4] + b"\0\0\0") for at in range(0, len(body), size)
-    ]  # fmt: skip
+    packets["crc"] = [zlib.crc32(body[at : at + size - 4] + b"\0\0\0") for at in range(0, len(body), size)]
     return packets.tobytes()
 
 

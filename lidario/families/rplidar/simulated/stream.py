@@ -143,9 +143,7 @@ class MeasurementStream:
         start, degrees, times = self._capsules(packet, count)
         mm = self._measure(degrees, times)
         stamp = (times[::64] * 1e-3).astype(np.int64)
-        return packers.pack_ultra_dense(
-            start, mm, _strength(mm), time_us=stamp, new_stream=packet == 0
-        )  # fmt: skip
+        return packers.pack_ultra_dense(start, mm, _strength(mm), time_us=stamp, new_stream=packet == 0)
 
 
 def _q6(turns: Floats) -> npt.NDArray[np.int64]:
