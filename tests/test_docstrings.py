@@ -46,6 +46,15 @@ def _said(each: type, name: str, interfaces: list[type]) -> bool:
     if any(inspect.getdoc(vars(base).get(name)) for base in each.__mro__ if name in vars(base)):
         return True
     return any(
-        name in vars(interface) and all(hasattr(each, other) for other in _methods(interface))
+        name in vars(interface) and all(_has(each, other) for other in _methods(interface))
         for interface in interfaces
+    )
+
+
+def _has(each: type, name: str) -> bool:
+    """Whether its objects have it: what an interface asks for as a property may be set in ``__init__``."""
+    return hasattr(each, name) or any(
+        f"self.{name} = " in inspect.getsource(base) or f"self.{name}: " in inspect.getsource(base)
+        for base in each.__mro__
+        if base.__module__.startswith("lidario.")
     )
