@@ -81,10 +81,9 @@ def register(
     coarse = _Cloud(small_gicp, fixed, COARSE_M), _Cloud(small_gicp, moving, COARSE_M)
     fine = _Cloud(small_gicp, fixed, FINE_M), _Cloud(small_gicp, moving, FINE_M)
     turns = [Mount(0.0, 0.0, math.tau * each / HEADINGS) for each in range(HEADINGS)]
-    begins = [guess] if guess is not None else turns
     seen, (few, stand_for) = _Seen(small_gicp, fixed), _thinned(moving)
     found = []
-    for begin in begins:
+    for begin in [guess] if guess is not None else turns:
         rough = _aligned(small_gicp, coarse, begin, FAR_M if guess is None else 0.5)
         rough = _aligned(small_gicp, coarse, rough, 0.3)
         found.append((seen.share(few, stand_for, rough, NEAR_M), rough))

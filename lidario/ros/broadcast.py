@@ -263,8 +263,6 @@ class Broadcast(Entered):
             # Readers are told at once, not up to a second behind its first scan.
             self._send_status()
 
-    # ------------------------------------------------------------------------------------------ inside
-
     async def _connect(self) -> None:
         """Connect to the router and declare what is published."""
         bus = await Bus.open(self.router)
