@@ -80,7 +80,7 @@ class Talker(Chassis[ProfileT, Running], Generic[ProfileT]):
         super().__init__(profile, **making)
         self.boot_s: float = 0.5
         self._rpm = profile.hertz * 60
-        self.motor = Motor(spin_up_s=1.0, turns=float(self._random.random()), uneven=profile.uneven)
+        self.motor: Motor = Motor(spin_up_s=1.0, turns=float(self._random.random()), uneven=profile.uneven)
         self._up: int | None = None
 
     def _greeting(self) -> bytes:

@@ -67,7 +67,7 @@ class SimulatedRplidar(Chassis[Profile, MeasurementStream]):
         self.identity: Identity = Identity(self.serial)
         self.response_delay_s: float = 0.0015
         self.boot_s: float = profile.boot_s
-        self.motor = Motor(turns=float(self._random.random()))
+        self.motor: Motor = Motor(turns=float(self._random.random()))
         if profile.motor in ("dtr", "fixed"):
             self.motor.spin_at_once(profile.own_rpm, 0)
         self._reader = RequestReader()

@@ -79,7 +79,7 @@ class Simulated4Ros(Chassis[Profile, PointStream]):
         self.protected: bool = False  # by power-down protection
         self.lapses: int = 0  # how often that has ended a scan
         self.response_delay_s: float = 0.0005
-        self.motor = Motor(spin_up_s=profile.spin_up_s, turns=float(self._random.random()))
+        self.motor: Motor = Motor(spin_up_s=profile.spin_up_s, turns=float(self._random.random()))
         self.lit: bool = True  # DTR, where it matters; lines that have none leave it asserted
         self._begun = False  # the first byte of a request is there
         self.alive_until: int = 0  # when protection ends the scan, unless the host is heard before
