@@ -32,11 +32,13 @@ class Entry:
         name: For tables.
         contestant: Which adapter of another driver; empty for lidario.
         latency: lidario's setting in seconds.
+        degrees: Width of the sectors that lidario reads; 0 for scans.
     """
 
     name: str
     contestant: str = ""
     latency: float = 0.0
+    degrees: float = 0.0
 
     @classmethod
     def of(cls, contestant: str) -> Self:
@@ -47,6 +49,7 @@ class Entry:
 def entries(rate: str, *, rivals: bool) -> list[Entry]:
     """Who reads that device: the baseline first."""
     found = [Entry(f"lidario, {latency:g} ms", latency=latency / 1000) for latency in (5, 10, 0)]
+    found.append(Entry("lidario, 5 ms, sectors of 45 degrees", latency=0.005, degrees=45.0))
     if rivals:
         if rate != "4ROS":
             found.append(Entry("pyrplidarsdk (C++)", "pyrplidarsdk"))
@@ -69,7 +72,7 @@ def read_live(
     timeout = settle_s + window_s + _MARGIN_S + len(player.paths) / 4
     try:
         if not entry.contestant:
-            task |= {"family": kind.family, "latency": entry.latency}
+            task |= {"family": kind.family, "latency": entry.latency, "degrees": entry.degrees}
             got = run_json([sys.executable, "-m", "benchmarks.reader"], timeout=timeout, given=task)
         else:
             task |= {"mode": 0 if kind.mode.response_type == 0x81 else kind.mode.id, "form": _FORMS.get(rate, "")}

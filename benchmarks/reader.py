@@ -22,7 +22,10 @@ from benchmarks.usage import Usage
 
 
 async def read(task: dict[str, Any]) -> dict[str, Any]:
-    """Do what `task` says: paths, family, baudrate, latency, settle_s, window_s; perhaps depth, blocks, busy_s."""
+    """Do what `task` says: paths, family, baudrate, latency, settle_s, window_s; perhaps depth, blocks, busy_s.
+
+    With `degrees` sectors of that width are read, and not scans.
+    """
     arrivals: list[list[int]] = [[] for _ in task["paths"]]
     samples: list[list[int]] = [[] for _ in task["paths"]]
     stamps: list[list[int]] = [[] for _ in task["paths"]]
@@ -33,9 +36,9 @@ async def read(task: dict[str, Any]) -> dict[str, Any]:
             *(stack.enter_async_context(lidario.open_lidar(path, **options)) for path in task["paths"])
         )
         async with asyncio.TaskGroup() as group:
-            depth = task.get("depth", 4)
+            degrees, depth = task.get("degrees"), task.get("depth", 4)
             readers = [
-                group.create_task(_consume(lidar, depth, *each))
+                group.create_task(_consume(lidar.sectors(degrees) if degrees else lidar.scans(depth=depth), *each))
                 for lidar, *each in zip(lidars, arrivals, samples, stamps, strict=True)
             ]
             if task.get("busy_s"):
@@ -65,10 +68,10 @@ async def read(task: dict[str, Any]) -> dict[str, Any]:
 
 
 async def _consume(
-    lidar: lidario.Lidar, depth: int, arrivals: list[int], samples: list[int], stamps: list[int]
+    stream: lidario.ScanStream | lidario.SectorStream, arrivals: list[int], samples: list[int], stamps: list[int]
 ) -> None:
-    async with lidar.scans(depth=depth) as scans:
-        async for scan in scans:
+    async with stream:
+        async for scan in stream:
             arrivals.append(time.monotonic_ns())
             # As a program would that wants radians and metres; they are made when they are looked at.
             samples.append(min(len(scan.angles), len(scan.ranges)))
