@@ -16,11 +16,11 @@ import numpy as np
 
 from lidario.families.base import DecodedRevolution, Decoder, Samples
 from lidario.revolution.ended import FALSE_PART, UNEVEN, hides_a_turn
-from lidario.revolution.partial import PartialRevolution, SampleArrays
+from lidario.revolution.partial import PartialRevolution, SampleArrays, part_of
 from lidario.revolution.timing import begins_of
 from lidario.revolution.together import joined
 from lidario.sector import Sector
-from lidario.wire.blocks import Block, some_blocks
+from lidario.wire.blocks import Block, packet_offsets, some_blocks
 from lidario.wire.events import Packets
 from lidario.wire.formats import HEADING_MASK, Headings, StreamFormat
 
@@ -73,8 +73,10 @@ class DividedRevolution:
     at: int = 0
     # The sectors in the making, by how many of them a revolution has.
     open: dict[int, OpenSector] = field(init=False)
-    waiting: list[Packets] = field(default_factory=list)  # packets that were not decoded yet
-    waiting_at: int = field(init=False)  # how far behind the seam the last waiting packet begins
+    # Runs with packets that were not decoded yet: all but the first `begun` ones.
+    waiting: list[Packets] = field(default_factory=list)
+    begun: int = 0
+    waiting_at: int = field(init=False)  # how far behind the seam the last packet begins that was looked at
     rest: SampleArrays | None = None  # decoded samples that belong to no sector yet
     decoded: list[Samples] = field(default_factory=list)  # the results of the decoder so far
     # The samples before `rest`, from those that were carried over on, divided where sectors end.
@@ -117,7 +119,7 @@ class DividedRevolution:
             self.gaps.append((self.samples, self.skipped_behind))
 
     def come(self, packets: Packets, headings: Headings) -> list[int]:
-        """Note the arrivals of packets: each gives an estimate of when the revolution began, the earliest the best.
+        """Packets come, and wait. Each arrival tells when the revolution may have begun, the earliest the best.
 
         Returns:
             How far behind the seam each packet begins.
@@ -135,18 +137,34 @@ class DividedRevolution:
             if size > self.longest:
                 self.longest, self.most_samples = size, wire.samples_in((Block(size, 1),))
         self.packets += count
+        self.waiting.append(packets)
         plain = headings.tolist() if isinstance(headings, np.ndarray) else headings
         return [((heading & HEADING_MASK) - self.began) % wire.full_turn for heading in plain]
 
-    def decode_waiting(self, following: bytes | None, next_at: int, seam: int | None = None) -> Samples:
-        """Decode the waiting packets; their samples follow those in `rest`.
+    def decode_until(self, number: int, known_ns: float) -> None:
+        """Decode the waiting packets up to `number` of those that came last, if there are any.
 
         Args:
+            number: Of the packet that has passed the end of a sector.
+            known_ns: Nanoseconds a sample; 0 if unknown.
+        """
+        run, last = joined(self.waiting), self.waiting[-1]
+        end, offsets = run.count - last.count + number, packet_offsets(run.blocks)
+        if end > self.begun:
+            packets = part_of(run, self.begun, end, offsets, self.wire, known_ns)
+            self._decode(packets, run.data[offsets[end] : offsets[end + 1]], self.passed)
+            self.waiting, self.begun = [last], number
+
+    def _decode(self, packets: Packets, following: bytes | None, next_at: int, seam: int | None = None) -> Samples:
+        """Decode the packets that waited; their samples follow those in `rest`.
+
+        Args:
+            packets: The packets.
             following: The packet behind them, if the decoder may use it.
             next_at: How far behind the seam that packet begins.
             seam: As for `Decoder.decode`.
         """
-        packets, rest = joined(self.waiting), self.rest
+        rest = self.rest
         left = 0 if rest is None else len(rest.angle)
         samples = self.decoder.decode(packets, following, left, seam)
         arrays = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
@@ -178,7 +196,6 @@ class DividedRevolution:
             self.certain &= self.wire.own_angles
         self.gaps += [(earlier + before, skipped) for before, skipped in samples.gaps]
         self.decoded.append(samples)
-        self.waiting.clear()
         self.lost += self.lost_behind + samples.lost - samples.lost_behind
         self.lost_behind = samples.lost_behind
         self.gap |= bool(samples.lost)
@@ -258,7 +275,9 @@ class DividedRevolution:
         wire, left = self.wire, 0 if self.rest is None else len(self.rest)
         first = Packets(following, (Block(len(following), 1),), ((1, 0),))
         behind = ((int(wire.headings(first)[0]) & HEADING_MASK) - self.began) % wire.full_turn
-        piece = self.decode_waiting(None if broken else following, wire.full_turn + behind, seam)
+        run = joined(self.waiting)
+        run = part_of(run, self.begun, run.count, None, wire, self.sample_ns) if self.begun else run
+        piece = self._decode(run, None if broken else following, wire.full_turn + behind, seam)
         inside = piece.last.before_seam
         self.is_finished, self.crossed = True, left + inside
         self.before_seam = sum([each.ends[-1] for each in self.decoded]) - piece.ends[-1] + inside

@@ -148,7 +148,8 @@ def part_of(
         at_ns -= round(wire.samples_in(some_blocks(packets.blocks, end, complete)) * sample_ns)
     arrivals.append((end - begin, at_ns))
     skips = packets.skips and tuple([(at - begin, size) for at, size in packets.skips if begin <= at < end])
-    return Packets(packets.data[offsets[begin] : offsets[end]], blocks, tuple(arrivals), skips, cut=complete > end)
+    cut = complete > end or (packets.cut and end == packets.count)
+    return Packets(packets.data[offsets[begin] : offsets[end]], blocks, tuple(arrivals), skips, cut=cut)
 
 
 def parts_of(packets: Packets, wire: StreamFormat, sample_ns: float) -> Iterator[Packets]:

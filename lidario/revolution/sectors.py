@@ -34,13 +34,12 @@ from lidario.revolution.divided import (
     join_pieces,
 )
 from lidario.revolution.ended import share_before
-from lidario.revolution.partial import PartialRevolution, part_of
+from lidario.revolution.partial import PartialRevolution
 from lidario.revolution.seam import Split
 from lidario.revolution.timing import earliest_ns
 from lidario.samples import read_only
 from lidario.scan import Scan
 from lidario.sector import Sector
-from lidario.wire.blocks import packet_offsets
 from lidario.wire.copies import copy_of
 from lidario.wire.events import Packets
 from lidario.wire.formats import BEGINS, HEADING_MASK, Headings
@@ -111,26 +110,18 @@ class SectorAssembler(Assembler):
             self.partial.divided = self._latest = here
         known_ns = self.incoming.time.known_ns
         here.sample_ns = here.by_speed_ns or known_ns
-        away = here.come(packets, headings)
-        wire, begin, offsets = here.wire, 0, packet_offsets(packets.blocks)
+        full_turn = here.wire.full_turn
         # A heading that trembles back over the seam seems to be almost a revolution ahead.
-        most = wire.full_turn - wire.full_turn // RETREAT_PART
-        for number, angle in enumerate(away):
+        most = full_turn - full_turn // RETREAT_PART
+        for number, angle in enumerate(here.come(packets, headings)):
             if 0 < angle - here.passed <= most:
                 here.passed = angle
-            if here.passed < here.ends[here.at][0]:
-                continue
-            if number > begin:
-                here.waiting.append(part_of(packets, begin, number, offsets, wire, known_ns))
-                here.waiting_at, begin = away[number - 1], number
-            if here.waiting:
-                here.decode_waiting(packets.data[offsets[number] : offsets[number + 1]], here.passed)
-                here.sample_ns = here.by_speed_ns or known_ns
-            while here.passed >= here.ends[here.at][0]:
-                self._hand_out(here)
-        rest = part_of(packets, begin, len(away), offsets, wire, known_ns) if begin else packets
-        here.waiting.append(rest)
-        here.waiting_at = away[-1]
+                if angle >= here.ends[here.at][0]:
+                    here.decode_until(number, known_ns)
+                    here.sample_ns = here.by_speed_ns or known_ns
+                    while angle >= here.ends[here.at][0]:
+                        self._hand_out(here)
+            here.waiting_at = angle
 
     def _begin(self, first: int) -> DividedRevolution | None:
         """Begin to divide a revolution at the heading of its first packet; None if it cannot be divided."""
