@@ -33,7 +33,7 @@ from lidario.revolution.divided import (
     is_doubted,
     join_pieces,
 )
-from lidario.revolution.ended import share_before
+from lidario.revolution.ended import EndedRevolution, share_before
 from lidario.revolution.partial import PartialRevolution
 from lidario.revolution.seam import Split
 from lidario.revolution.timing import earliest_ns
@@ -224,16 +224,18 @@ class SectorAssembler(Assembler):
     def add_block(self, event: Packets, offsets: Sequence[int], splits: Sequence[Split], first: int) -> list[Scan]:
         here = self.partial.divided
         made = super().add_block(event, offsets, splits, first)
-        if made and here is not None:
-            here.seq, self._told_seq = made[0].seq, None
-            self._finish_all(here, made[0])
+        if made:
+            self._doubted = False
+            if here is not None:
+                here.seq, self._told_seq = made[0].seq, None
+                self._finish_all(here, made[0])
         return made
 
     def _end(self, split: Split, following: bytes) -> Scan | None:
         here, broken = self.partial.divided, self.stats.broken_scans
+        self._doubted = False
         scan = super()._end(split, following)
         self._told_seq, self._told_unseen = None, 0
-        self._doubted &= self.stats.broken_scans > broken
         if here is not None and here.is_finished and not (split.broken or split.moved):
             if here.seq is None and scan is not None:
                 here.seq = scan.seq
@@ -244,28 +246,31 @@ class SectorAssembler(Assembler):
                 self._finish_all(here, scan)
         return scan
 
+    def _scan(self, ended: EndedRevolution) -> Scan | None:
+        broken, samples = self.stats.broken_scans, ended.samples
+        scan = super()._scan(ended)
+        if self.stats.broken_scans > broken and samples.gaps and not self._stream.format.own_angles:
+            self._doubted = is_doubted(samples)
+        return scan
+
     def _decode(
         self, ended: PartialRevolution, packets: Packets, split: Split, following: bytes, room: int
     ) -> Samples:
         here = ended.divided
         if here is None:
-            return self._judged(super()._decode(ended, packets, split, following, room))
+            return super()._decode(ended, packets, split, following, room)
         seam = None if split.marked or split.broken else split.seam
         here.finish(following, seam, broken=split.broken)
         self._told_seq, self._told_unseen = here.seq, here.unseen
         if not split.broken and (whole := here.whole()) is not None:
             self._decoder = here.decoder
-            return self._judged(whole)
+            return whole
         found = self._decoder.decode(packets, None if split.broken else following, room, seam)
         if here.certain:
             arrays = here.all_samples()
             found.revolutions = [found.last._replace(before_seam=here.before_seam)]
             found.angle_deg, found.distance_mm, found.intensity = arrays.angle, arrays.distance, arrays.intensity
-        return self._judged(found)
-
-    def _judged(self, ended: Samples) -> Samples:
-        self._doubted = bool(ended.gaps) and not self._stream.format.own_angles and is_doubted(ended)
-        return ended
+        return found
 
     def _finish_all(self, here: DividedRevolution, scan: Scan | None) -> None:
         """The revolution has ended: hand out its last sectors. The last one counts all lost packets found late."""
