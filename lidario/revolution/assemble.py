@@ -93,8 +93,7 @@ class Assembler(SteadyAssembler):
         Packets that are left when it is closed, or when the stream is ended meanwhile, count as discarded.
         """
         taken = self.incoming.take(event, self._clock.usual_ns)
-        if taken is not None:
-            yield from self._ends_in(*taken)
+        return iter(()) if taken is None else self._ends_in(*taken)
 
     def _ends_in(self, packets: Packets, headings: Headings) -> Iterator[list[Scan]]:
         ended, count, kept = self.ended, packets.count, 0
@@ -142,20 +141,21 @@ class Assembler(SteadyAssembler):
 
         They are kept in parts, divided at each silence in which a revolution is given up.
         """
-        for cut in (*self._silences(event), end):
+        cuts, arrivals = [end], event.arrivals
+        if arrivals[-1][1] - arrivals[0][1] > self._most_ns:
+            # Before each silence, and behind the read after it.
+            cuts = [
+                at
+                for (before, ended_ns), (behind, begun_ns) in pairwise(arrivals)
+                if begun_ns - ended_ns > self._most_ns
+                for at in (before, behind)
+            ] + cuts
+        for cut in cuts:
             if begin < cut <= end:
                 part = self._part(event, begin, cut, offsets) if cut - begin < event.count else event
                 self._keep(part, headings[begin:cut])
                 begin = cut
         return end
-
-    def _silences(self, event: Packets) -> Iterator[int]:
-        """Packets before each silence that is too long for a revolution, and up to the end of the next read."""
-        if event.arrivals[-1][1] - event.arrivals[0][1] > self._most_ns:
-            for (before, ended_ns), (behind, begun_ns) in pairwise(event.arrivals):
-                if begun_ns - ended_ns > self._most_ns:
-                    yield before
-                    yield behind
 
     def _end_at(self, event: Packets, split: Split, offsets: Sequence[int]) -> Scan | None:
         """End the revolution at a split; the packets before it are kept already."""

@@ -63,7 +63,7 @@ class Pauses:
         self._samples_a_byte = self._wire.samples_in((Block(self._wire.longest, 1),)) / self._wire.longest
         self._most_ns = stream.most_ns
         self._line: _Line | None = None  # without the packets that wait
-        self._waiting: list[Packets] = []
+        self._waiting: Packets | None = None
 
     def take(self, event: Packets, sample_ns: float, turn_ns: float) -> Packets | None:
         """Take the next packets; returns all that need not wait, also of those that waited. None if all wait.
@@ -73,8 +73,11 @@ class Pauses:
             sample_ns: Time of a sample; 0 if unknown, and then none wait.
             turn_ns: Time of a revolution; 0 if unknown, and then none wait.
         """
-        run = event if (waited := self.left()) is None else joined([waited, event])
-        line, self._line = self._line, _Line(run.received_ns)
+        run = event
+        if self._waiting is not None:
+            run = joined([self._waiting, event])
+            self.left()
+        line, self._line = self._line, _Line(run.arrivals[-1][1])
         if line is None or not (sample_ns and turn_ns):
             return run
         if not line.late_ns and not self._is_late(run, line.at_ns, sample_ns, NOISE * turn_ns):
@@ -114,21 +117,18 @@ class Pauses:
 
     def left(self) -> Packets | None:
         """Release the packets that wait; returns them, or None if there are none."""
-        if not self._waiting:
-            return None
-        waited = joined(self._waiting)
-        self._waiting = []
-        self._stats.waiting_packets -= waited.count
-        return waited
+        waiting, self._waiting = self._waiting, None
+        self._stats.waiting_packets -= 0 if waiting is None else waiting.count
+        return waiting
 
     def _wait(self, run: Packets, wait: _Wait, sample_ns: float) -> Packets | None:
         """Keep the packets that wait; returns those before them."""
         self._line = wait.before
         self._stats.waiting_packets += run.count - wait.packets
         if not wait.packets:
-            self._waiting = [run]
+            self._waiting = run
             return None
-        self._waiting = [part_of(run, wait.packets, run.count, None, self._wire, sample_ns)]
+        self._waiting = part_of(run, wait.packets, run.count, None, self._wire, sample_ns)
         return part_of(run, 0, wait.packets, None, self._wire, sample_ns)
 
     def _date(

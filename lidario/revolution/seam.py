@@ -154,7 +154,7 @@ class Seam:
             return Split(index, marked=False, broken=False, seam=self.angle)
         if away >= self._near:
             self._passed_unmarked = False
-            self._armed |= self._forward(last, away)
+            self._armed = self._armed or self._forward(last, away)
         return None
 
     def _await_mark(self, heading: int) -> None:

@@ -132,8 +132,9 @@ class Running:
 
     def end(self) -> None:
         """Let go of everything; the device is not told. Harmless when done before."""
-        # First: a keepalive of the thread behind the stop requests would start the device again.
-        self._dialogue.port.set_repeat(b"")
+        if self._keepalive is not None:
+            # First: a keepalive of the thread behind the stop requests would start the device again.
+            self._dialogue.port.set_repeat(b"")
         self._dialogue.chronicle.ended(self._dialogue.link.fed)
         self._dialogue.deliver_to(None)
         for timer in (self._watchdog, self._keepalive):
@@ -172,7 +173,7 @@ class Running:
                 self._last_scan = self._last_packet
                 self._forecast.turned(scan, self._dialogue.stats.bytes_received, self._last_packet)
                 self._publish(scan)
-            if scans and (note := self._pipeline.take_note()):
+            if scans and (note := self._pipeline.assembler.incoming.time.take_note()):
                 _log.warning(note)
             if counted.broken_scans > self._discarded:
                 self._trouble.tell("revolutions discarded: %d so far", counted.broken_scans)
