@@ -148,9 +148,11 @@ class Stopper:
 
     def heard_unasked(self) -> None:
         """Something came from a device at rest: where it is a stream, stop it if it hears requests."""
-        if self._came_unasked() - self._unasked > UNASKED and any(request.data for request in self.requests()):
+        again = not self._stopped_again and self._loop.time() >= self._again_at
+        streams = (self.still or again) and self._came_unasked() - self._unasked > UNASKED
+        if streams and any(request.data for request in self.requests()):
             self.still = False
-            if not self._stopped_again and self._loop.time() >= self._again_at:
+            if again:
                 self._stopped_again = True
                 self.stop()
 
