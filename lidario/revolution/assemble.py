@@ -71,11 +71,7 @@ class Assembler(SteadyAssembler):
         self._ended_at: tuple[Packets, int, int] | None = None
         # Whether some of the packets taken last have not been processed yet.
         self._under_way = False
-
-    @property
-    def _by_blocks(self) -> bool:
-        """Whether several revolutions that come together may be ended as one block."""
-        return True
+        self._parts: tuple[int, ...] = ()  # how many sectors a revolution is divided into, as for `SectorAssembler`
 
     def set_zero_offset(self, degrees: float, *, behind: bool = False) -> None:
         """Add another zero-angle offset, clockwise degrees, from the next scan on, or from the one `behind` it."""
@@ -108,7 +104,8 @@ class Assembler(SteadyAssembler):
                 dated = dated_within(packets, offsets, ends_at, self.partial, self._decoder, wire, sample_ns)
             done, alone = 0, 1
             while done < len(splits):
-                by_blocks = self._by_blocks
+                # A revolution begun in pieces is ended in pieces, even if nobody reads sectors any more.
+                by_blocks = not self._parts and self.partial.divided is None
                 ending, several = splits[done:] if by_blocks else splits[done : done + 1], 1
                 if not by_blocks:
                     kept = self._keep_until(ending[0].packet, dated, headings, kept, offsets)
@@ -152,7 +149,10 @@ class Assembler(SteadyAssembler):
             ] + cuts
         for cut in cuts:
             if begin < cut <= end:
-                part = self._part(event, begin, cut, offsets) if cut - begin < event.count else event
+                part = event
+                if cut - begin < event.count:
+                    wire, sample_ns = self._stream.format, self.incoming.time.known_ns
+                    part = part_of(event, begin, cut, offsets, wire, sample_ns)
                 self._keep(part, headings[begin:cut])
                 begin = cut
         return end
@@ -197,9 +197,6 @@ class Assembler(SteadyAssembler):
         self._decoded = None
         self.stats.finish(self.stats.unfinished_packets, delivered=False)
         self.partial = PartialRevolution(whole=False)
-
-    def _part(self, packets: Packets, begin: int, end: int, offsets: Sequence[int] | None = None) -> Packets:
-        return part_of(packets, begin, end, offsets, self._stream.format, self.incoming.time.known_ns)
 
     def _keep(self, packets: Packets, headings: Headings) -> None:  # noqa: ARG002 - for subclasses that divide it
         partial, (count, received_ns) = self.partial, packets.arrivals[-1]
@@ -311,8 +308,10 @@ class Assembler(SteadyAssembler):
         if self._told_seq is None and self._ended_at is not None:
             least_ns = ended.least_ns(wire, self._clock.usual_ns)
             # Angles hide whole revolutions, so the arrival of the packet behind it decides.
-            if least_ns and self._part(*self._ended_at).received_ns - ended.start_ns < least_ns:
-                return False
+            if least_ns:
+                behind = part_of(*self._ended_at, None, wire, self.incoming.time.known_ns)
+                if behind.received_ns - ended.start_ns < least_ns:
+                    return False
         if not partial.whole and wire.first_seam is None:
             # Only marks tell where revolutions begin, so the first part may be longer than one revolution.
             self._clock.restart()

@@ -52,7 +52,6 @@ class SectorAssembler(Assembler):
     """An `Assembler` that also hands out the sectors of each revolution, once `divide` was called."""
 
     _publish_sector: Callable[[int, Sector], None]
-    _parts: tuple[int, ...] = ()
     _latest: DividedRevolution | None = None
     _doubted: bool = False  # `is_doubted`, for the revolution before the one in the making
 
@@ -64,11 +63,6 @@ class SectorAssembler(Assembler):
             publish: Called for each sector, with how many sectors of its size a revolution has, and the sector.
         """
         self._parts, self._publish_sector = tuple(sorted(parts)), publish
-
-    @property
-    def _by_blocks(self) -> bool:
-        # A revolution begun in pieces is ended in pieces, even if nobody reads sectors any more.
-        return not self._parts and self.partial.divided is None
 
     @property
     def next_ns(self) -> float:
@@ -257,16 +251,15 @@ class SectorAssembler(Assembler):
         self, ended: PartialRevolution, packets: Packets, split: Split, following: bytes, room: int
     ) -> Samples:
         here = ended.divided
-        if here is None:
-            return super()._decode(ended, packets, split, following, room)
-        seam = None if split.marked or split.broken else split.seam
-        here.finish(following, seam, broken=split.broken)
-        self._told_seq, self._told_unseen = here.seq, here.unseen
-        if not split.broken and (whole := here.whole()) is not None:
-            self._decoder = here.decoder
-            return whole
-        found = self._decoder.decode(packets, None if split.broken else following, room, seam)
-        if here.certain:
+        if here is not None:
+            seam = None if split.marked or split.broken else split.seam
+            here.finish(following, seam, broken=split.broken)
+            self._told_seq, self._told_unseen = here.seq, here.unseen
+            if not split.broken and (whole := here.whole()) is not None:
+                self._decoder = here.decoder
+                return whole
+        found = super()._decode(ended, packets, split, following, room)
+        if here is not None and here.certain:
             arrays = here.all_samples()
             found.revolutions = [found.last._replace(before_seam=here.before_seam)]
             found.angle_deg, found.distance_mm, found.intensity = arrays.angle, arrays.distance, arrays.intensity
