@@ -79,4 +79,5 @@ def _table(rate: str, found: dict[str, list[dict[str, Any]]]) -> Table:
         table.notes.append(
             "pyrplidarsdk, rplidar-roboticia, rplidar, adafruit: without the samples that have no return"
         )
+    table.notes.append("of sectors, their number stands under scans; lost ones show in the share of samples")
     return table

@@ -167,6 +167,7 @@ class DividedRevolution:
         rest = self.rest
         left = 0 if rest is None else len(rest.angle)
         samples = self.decoder.decode(packets, following, left, seam)
+        ends, usual_samples = samples.ends, samples.last.samples
         arrays = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
         if rest is not None:
             arrays.begin_with(rest)
@@ -178,20 +179,21 @@ class DividedRevolution:
                 found = begins_of(packets, samples, before, self.sample_ns)
             else:
                 # The estimates by the earlier packets were made as they came.
-                found = [packets.arrivals[-1][1] - (earlier + samples.ends[-1] - 1) * self.sample_ns]
+                found = [packets.arrivals[-1][1] - (earlier + ends[-1] - 1) * self.sample_ns]
             self.first_ns = min(self.first_ns, *found)
             # If whole revolutions passed unseen, these packets belong to another one, as in `EndedRevolution`.
-            turn_ns = self.usual_ns or samples.last.samples * self.sample_ns
+            turn_ns = self.usual_ns or usual_samples * self.sample_ns
             gap = self.gap or samples.lost > samples.lost_behind
             self.certain &= not (turn_ns and hides_a_turn(found[-1] - self.first_ns, turn_ns, gap=gap))
             # If half a turn more is missing than the angles passed, they fell back: a part of another revolution is
             # among the packets.
-            missing = self.skipped_behind + sum([skipped for _, skipped in samples.gaps]) - samples.skipped_behind
+            behind = samples.skipped_behind
+            missing = self.skipped_behind + sum([skipped for _, skipped in samples.gaps]) - behind
             turned = (next_at - self.last) / self.wire.full_turn
-            self.certain &= missing <= (turned + 0.5) * samples.last.samples
+            self.certain &= missing <= (turned + 0.5) * usual_samples
             # Time shows whether the rotor turns faster for a whole revolution, but not for a few packets.
             self.certain &= not (self.doubted and may_be_faster(samples))
-            self.skipped_behind = samples.skipped_behind
+            self.skipped_behind = behind
         else:
             self.certain &= self.wire.own_angles
         self.gaps += [(earlier + before, skipped) for before, skipped in samples.gaps]
@@ -199,7 +201,6 @@ class DividedRevolution:
         self.lost += self.lost_behind + samples.lost - samples.lost_behind
         self.lost_behind = samples.lost_behind
         self.gap |= bool(samples.lost)
-        ends = samples.ends
         self.last, self.last_samples = self.waiting_at, ends[-1] - (ends[-2] if len(ends) > 1 else 0)
         self.last_arc = (next_at - self.last) % self.wire.full_turn
         if not samples.certain:
@@ -208,10 +209,10 @@ class DividedRevolution:
             if skipped > 0:
                 self.gaps.append((earlier + ends[-1], skipped))
                 self.skipped_behind, self.gap = skipped, True
-        if samples.certain and samples.last.samples:
-            self.usual_samples, self.by_speed_ns = samples.last.samples, samples.sample_ns
+        elif usual_samples:
+            self.usual_samples, self.by_speed_ns = usual_samples, samples.sample_ns
             if samples.lost_behind:
-                self.last_arc = self.last_samples * self.wire.full_turn / samples.last.samples
+                self.last_arc = self.last_samples * self.wire.full_turn / usual_samples
         return samples
 
     def pass_end(self) -> tuple[int, ...]:
