@@ -5,8 +5,8 @@ wholly, with the decoder timed inside; what is left is the keeping of packets an
 same work is done ten times a second instead of one after the other, with cold caches; and waking up costs something
 even to who does nothing else.
 
-A session does more for a revolution. The last table tells what the delivery that completes a revolution
-calls, as `python -m benchmarks.walk pty` lists it, and the CPU of such deliveries, ten times a second.
+A session does more for a revolution. The last table tells what the delivery that completes a revolution, or a
+sector, calls, as `python -m benchmarks.walk pty` lists it, and the CPU of such deliveries at the device's own pace.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from unittest import mock
 import lidario
 from benchmarks.report import Result, Setting, Table, median, spread
 from benchmarks.streams import KINDS, RATES, Kind, capture, recording
-from benchmarks.walk import walked
+from benchmarks.walk import SECTOR_DEG, walked
 from lidario.families.base import Decoder, Samples, Stream
 from lidario.port.port import Port
 from lidario.revolution.assemble import Assembler
@@ -82,14 +82,15 @@ def run(setting: Setting) -> Result:
         "waking up after 1 ms, for nothing": _sleeps(turns, 0.001),
     }
     setting.say("stages: a session")
-    (walk,) = (each for each in walked("pty") if "completes a revolution" in each.title)
-    delivered = asyncio.run(_deliveries(turns))
-    session = Table("stages: a session on S2, the delivery that completes a revolution", ["calls", "CPU, µs"])
-    session.rows = [[walk.told, spread(delivered, 0)]]
+    walks, deliveries = walked("pty"), dict[str, dict[str, Any]]()
+    session = Table("stages: a session on S2, the delivery that completes it", ["what", "calls", "CPU, µs"])
+    for what, degrees in (("a revolution", 0.0), ("a sector", SECTOR_DEG)):
+        (calls,) = (each.told for each in walks if f"completes {what}" in each.title)
+        delivered = asyncio.run(_deliveries(turns, degrees))
+        deliveries[what] = {"calls": calls, "us": delivered}
+        session.add(what, calls, spread(delivered, 0))
     tables = [_table(found), _live_table(live), session]
-    return Result(
-        "stages", tables, {"formats": found, "live": live, "delivery": {"calls": walk.told, "us": delivered}}
-    )
+    return Result("stages", tables, {"formats": found, "live": live, "deliveries": deliveries})
 
 
 def _stages(kind: Kind, seconds: float) -> dict[str, float]:
@@ -145,8 +146,8 @@ def _turns(count: int, every_s: float) -> list[float]:
     return found
 
 
-async def _deliveries(count: int) -> list[float]:
-    """Microseconds of CPU for the deliveries that complete so many revolutions, as they come."""
+async def _deliveries(count: int, degrees: float) -> list[float]:
+    """Microseconds of CPU for the deliveries that complete so many sectors of a width, or revolutions (0)."""
     took_ns = 0
     receive = Port.data_received
 
@@ -158,10 +159,13 @@ async def _deliveries(count: int) -> list[float]:
 
     found: list[float] = []
     with mock.patch.object(Port, "data_received", timed):
-        async with lidario.open_lidar("sim://rplidar-s2?via=pty") as lidar, lidar.scans() as scans:
+        async with (
+            lidario.open_lidar("sim://rplidar-s2?via=pty") as lidar,
+            lidar.sectors(degrees) if degrees else lidar.scans() as stream,
+        ):
             for _ in range(_WARM_UP):
-                await anext(scans)
-            async for _ in scans:
+                await anext(stream)
+            async for _ in stream:
                 found.append(took_ns / 1e3)
                 if len(found) == count:
                     return found

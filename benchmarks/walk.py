@@ -34,6 +34,7 @@ WAYS = ("memory", "pty")
 _WARM_UP = 5
 """Scans before the trace begins: the pace must know the period, and Python has specialised its code."""
 _REVOLUTIONS = 4
+SECTOR_DEG = 45.0
 _CAN_WAIT = inspect.CO_COROUTINE | inspect.CO_GENERATOR
 _HOST_SIDE = re.compile(r"lidario\.(?!sim\.|families\.\w+\.simulated\.)")
 _STEP = asyncio.Handle._run.__code__  # noqa: SLF001 - asyncio says nowhere else where a step begins
@@ -199,10 +200,17 @@ async def _walk(source: str) -> list[Walk]:
                         await anext(scans)
                 with _traced() as asked:
                     await lidar.get_health()
+            async with lidar.sectors(SECTOR_DEG) as sectors:
+                for _ in range(_WARM_UP):
+                    await anext(sectors)
+                with _traced() as in_sectors:
+                    for _ in range(round(_REVOLUTIONS * 360 / SECTOR_DEG)):
+                        await anext(sectors)
     thread = [[step] for step in polls if _has(step, "Inbox.read")]
     return [
         *([_of("the thread reads the port", thread)] if thread else []),
         *_chunks(steps),
+        _sectors(in_sectors),
         _of("a request while no stream runs", [idle]),
         _of("a request in mid-scan", [asked]),
     ]
@@ -233,6 +241,12 @@ def _chunks(steps: list[Step]) -> list[Walk]:
     if read:
         found.insert(0, _of("a chunk in the midst of a revolution, held", [[step] for step in read]))
     return found
+
+
+def _sectors(steps: list[Step]) -> Walk:
+    """A step that completes a sector, and no revolution."""
+    alone = [at for at, step in enumerate(steps) if _has(step, "publish_sector") and not _has(step, "Hub.publish")]
+    return _of("a chunk that completes a sector, and its reader", [_until_the_reader(steps, at) for at in alone])
 
 
 def _of(title: str, seen: list[list[Step]]) -> Walk:
