@@ -1,12 +1,12 @@
 """Whether any speed of the rotor looks like a loss, and what becomes of losses that nobody has chosen.
 
-A rotor is slowed down, held, and let go, at random. Every packet comes, when it was measured: so nothing is
-missing, every point has a place, and each time is known. Each ride is read as it comes, and once more from a file
-of bytes, without times.
+A rotor starts from rest, or is slowed down, held, and let go, at random. Every packet comes, when it was measured:
+so nothing is missing, every point has a place, and each time is known. Each ride is read as it comes, and once more
+from a file of bytes, without times.
 
-Then a rotor that changes its speed as real ones do, on a line that loses packets at random, in a program that may
-be blocked meanwhile: what "truth" looks at one by one meets here. Nothing here is timed, and the same command
-prints the same figures. The streams are those of "truth".
+Then a rotor that changes its speed as real ones do, or starts from rest, or stops and starts again, on a line that
+loses packets at random, in a program that may be blocked meanwhile: what "truth" looks at one by one meets here.
+Nothing here is timed, and the same command prints the same figures. The streams are those of "truth".
 """
 
 from __future__ import annotations
@@ -86,8 +86,9 @@ def _rough(setting: Setting) -> Table:
 
 def ridden(form: Form, seed: int, way: str = "read") -> Score:
     """What becomes of one ride, in one of the ways of "truth"."""
-    times, speed = _ride(np.random.default_rng(seed), form.hertz)
-    stream = true_stream(form, lambda seconds: np.interp(seconds, times, speed), _SECONDS)
+    random = np.random.default_rng(seed)
+    speed = _started(random, form.hertz) if seed % 3 == 2 else _braked(random, form.hertz)
+    stream = true_stream(form, speed, _SECONDS)
     line = Line(stream.data, stream.arrivals_ns, 0)
     return score(stream, line, receive(stream, line, way, seed), timed=way != "file")
 
@@ -95,7 +96,8 @@ def ridden(form: Form, seed: int, way: str = "read") -> Score:
 def rough(form: Form, seed: int) -> Score:
     """What becomes of one rough ride, as it is read."""
     random = np.random.default_rng(seed)
-    stream = true_stream(form, _regulated(random, form.hertz), _SECONDS, random.uniform())
+    speed = _started(random, form.hertz) if seed % 3 == 2 else _regulated(random, form.hertz)
+    stream = true_stream(form, speed, _SECONDS, random.uniform())
     line = _damaged(stream, random)
     return score(stream, line, receive(stream, line, "read", seed), timed=True)
 
@@ -109,6 +111,20 @@ def _regulated(random: np.random.Generator, hertz: float) -> Callable[[Floats], 
     def speed(seconds: Floats) -> Floats:
         changed = first + (then - first) * np.clip((seconds - begin) / lasts, 0.0, 1.0)
         return np.asarray(changed * (1 + wobble * np.sin(2 * np.pi * each_s * seconds)))
+
+    return speed
+
+
+def _started(random: np.random.Generator, hertz: float) -> Callable[[Floats], Floats]:
+    """A motor that starts from rest; half of them have no power for a while, and start again."""
+    begin, off_s = random.uniform(0.0, 1.0), random.uniform(2.0, 4.0)
+    starts_s, stops_s = random.uniform(0.3, 1.5), random.uniform(0.3, 0.8)
+    on_s = off_s + (random.uniform(0.2, 2.0) if random.random() < 0.5 else 0.0)
+
+    def speed(seconds: Floats) -> Floats:
+        first = -np.expm1(-np.maximum(seconds - begin, 0.0) / starts_s)
+        left = first * np.exp(-np.clip(seconds - off_s, 0.0, on_s - off_s) / stops_s)
+        return np.asarray(hertz * (1 - (1 - left) * np.exp(-np.maximum(seconds - on_s, 0.0) / starts_s)))
 
     return speed
 
@@ -129,8 +145,8 @@ def _damaged(stream: TrueStream, random: np.random.Generator) -> Line:
     return replace(line, blocked_ns=(blocked * 1e9, until * 1e9), pace_s=pace)
 
 
-def _ride(random: np.random.Generator, hertz: float) -> tuple[Floats, Floats]:
-    """Speeds from nothing to beyond the ordinary one, by their times."""
+def _braked(random: np.random.Generator, hertz: float) -> Callable[[Floats], Floats]:
+    """Speeds from nothing to beyond the ordinary one."""
     times = np.arange(0.0, _SECONDS + 1, 0.01)
     speed = np.interp(
         times,
@@ -140,4 +156,4 @@ def _ride(random: np.random.Generator, hertz: float) -> tuple[Floats, Floats]:
     for at in range(1, len(speed)):
         change = np.clip(speed[at] - speed[at - 1], -_HARDEST * 0.01, _HARDEST * 0.01)
         speed[at] = speed[at - 1] + change
-    return times, speed
+    return lambda seconds: np.interp(seconds, times, speed)

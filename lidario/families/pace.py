@@ -85,6 +85,11 @@ class Pace:
             found.append(measured / arcs)
         return (found[0], found[1]) if found else None
 
+    def shows_nearly_all(self, packet_ns: float) -> bool:
+        """Whether the device has measured hardly more packets than came; False if time does not tell."""
+        by_time = self.measured(packet_ns)
+        return by_time is not None and max(by_time) < SEVERAL
+
     def is_too_short(self, packet_ns: float, arc: float) -> bool:
         """Whether the device has measured hardly more packets than came, and fewer than such arcs passed."""
         halves = self._halves(packet_ns)

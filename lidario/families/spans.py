@@ -128,6 +128,17 @@ def by_revolution(spans: Ints, ends: Sequence[int]) -> list[tuple[int, int, int]
     )
 
 
+def largest_group(spans: Sequence[int]) -> tuple[float, int]:
+    """Mean and size of the largest group of sorted spans that agree; of equal groups, of the shorter spans."""
+    best = begin = place = 0
+    for end in range(len(spans)):
+        while spans[end] > (1 + LIKENESS / 2) * spans[begin]:
+            begin += 1
+        if end + 1 - begin > best:
+            best, place = end + 1 - begin, begin
+    return sum(spans[place : place + best]) / best, best
+
+
 def _extent(values: Ints) -> tuple[int, int, int]:
     if len(values) < SPANS_WORTH_AN_ARRAY:
         plain = values.tolist()

@@ -19,7 +19,8 @@ The rules of the model, and their reasons:
 4. **The clock has the last word.** Spans that agree are one arc each, or a whole number of arcs each: two, if every
    second packet is lost. The angle alone cannot show which. Time can (`Pace`), and is believed only if it says the
    same twice, in the first and in the second half of the packets. It only chooses among whole numbers. The length
-   of an arc is taken from the angles, which are exact.
+   of an arc is taken from the angles, which are exact. If no spans agree, the rotor changes its speed all the time;
+   if time says that nearly all packets came, most spans are then one arc each.
 
 Until a speed is sure by these rules, no arc is certain. A known speed stays until spans or time speak against it.
 Nothing is learned anew behind a gap, with one exception: if the device cannot have measured as many packets as the
@@ -37,7 +38,16 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from lidario.families.pace import OFF, REMEMBERED, SEVERAL, PacedTurning
-from lidario.families.spans import LIKENESS, RETREAT_TURNS, Arcs, Heads, Ints, by_revolution, spans_between
+from lidario.families.spans import (
+    LIKENESS,
+    RETREAT_TURNS,
+    Arcs,
+    Heads,
+    Ints,
+    by_revolution,
+    largest_group,
+    spans_between,
+)
 from lidario.wire.events import Arrival
 
 AGREEING: Final = 6
@@ -48,6 +58,7 @@ TRUSTED_GAP: Final = 8
 _TELLING: Final = TRUSTED_GAP + 1.5  # up to this many arcs, a span shows whether it is a whole number of arcs
 _FITTING: Final = 0.75
 """Share of the spans that must be a whole number of arcs. If whole turns hide in them, only a chance share is."""
+_LEAST: Final = 0.5 / LIKENESS  # a shorter arc is hardly more than its rounding
 _STRANGE: Final = 4  # after this many spans in a row that do not fit the last arc, the arc is learned anew
 
 
@@ -140,8 +151,6 @@ class Wheel(PacedTurning):
         may_slow_down = (slower[-1] if self._certain else slower.max()) <= slack
         return bool(may_slow_down and (spans >= -1).all() and (slower >= -slack).all())
 
-    # ------------------------------------------------------------------------------------------------- gaps
-
     def _among_gaps(self, spans: Ints, arrivals: Sequence[Arrival], *, followed: bool) -> Arcs:
         """As `follow`, if spans may hold more than one packet, or less."""
         plain: list[int] = spans.tolist()
@@ -149,11 +158,12 @@ class Wheel(PacedTurning):
         begin, fastest, revoked = self._arc, self._fastest, (0, 0)
         # Without times, packets that came in one piece have no skipped bytes between them.
         alone = not self._time_passes and len(arrivals) == 1
-        walk = self._walk(plain, followed=followed) if self._certain else None
+        was_certain = self._certain
+        walk = self._walk(plain, followed=followed) if was_certain else None
         is_strange = walk is None or self._is_strange(walk, told, alone=alone)
         if walk is None or is_strange or not self._confirmed:
             self._arc, self._fastest = begin, fastest
-            revoked = self._learn(anew=is_strange)
+            revoked = self._learn(told, anew=is_strange)
             if self._arc <= 0:
                 return Arcs(np.maximum(spans, 0.0), None, 0.0, certain=False)
             begin = self._arc
@@ -166,18 +176,22 @@ class Wheel(PacedTurning):
             self._pace.clear()
             self._pace.add(told, arrivals)
             # The arc of the packet before was too short, so its samples are not used.
-            self._learn(anew=True)
+            self._learn(told, anew=True)
             revoked = 1, 0
-            walk = self._walk(plain, followed=followed)
+            walk = self._walk(plain, followed=followed, speeds_up=not self._are_even(told, self._arc))
         missing, self._fits = walk.missing, walk.fitting == walk.known
-        # Where the rotor stood and has just begun to turn, a longer span is a higher speed and not a gap.
-        is_starting = not self._certain and 0 in told
-        behind = np.array(missing) * self._samples if any(missing) and not is_starting else None
+        behind = np.array(missing) * self._samples if any(missing) else None
+        if behind is not None and 0 in told and not (was_certain and self._certain):
+            # The rotor stood and has begun to turn: a span before a longer one is a higher speed, and not a gap.
+            behind *= np.append(spans[:-1] > spans[1:], False)
         step = (walk.mean or self._arc) / self._samples
         return Arcs(np.array(walk.arcs), behind, step, self._certain, revoked, self._fits)
 
-    def _walk(self, spans: Sequence[int], *, followed: bool) -> _Walk:
-        """Follow spans from the last arc on, and take over the arc of the last one."""
+    def _walk(self, spans: Sequence[int], *, followed: bool, speeds_up: bool = False) -> _Walk:
+        """Follow spans from the last arc on, and take over the arc of the last one.
+
+        If it `speeds_up`, a span before a longer one is a higher speed, and not a gap.
+        """
         arcs, missing = list[float](), list[int]()
         last, fastest = self._arc, self._fastest
         end, fitting, known = len(spans) - 1, 0, 0
@@ -196,11 +210,12 @@ class Wheel(PacedTurning):
             # With a slow rotor, a span within the slack may be a gap: then the next span is like the arc before.
             alone = at < end and times > SEVERAL and abs(likely - last) < abs(likely - span)
             # The slack is a share of the longest arc, as in `_is_steady`.
-            whole = max(1, round(times)) if span - last > slack else 1
+            faster = speeds_up and span < likely and not alone
+            whole = max(1, round(times)) if span - last > slack and last >= _LEAST and not faster else 1
             off = abs(span - whole * usual) / fastest
             known += tells
             fitting += tells and off <= LIKENESS
-            anew = off > OFF and tells and (goes_on or 0 < likely < span < last)
+            anew = faster or (off > OFF and tells and (goes_on or 0 < likely < span < last))
             if anew or whole == 1:
                 if anew or (off <= OFF and not alone):
                     last = float(span) or last
@@ -246,8 +261,6 @@ class Wheel(PacedTurning):
         known = [span / arc for span in spans if 0 < span <= _TELLING * arc]
         return sum(abs(each - max(1, round(each))) <= LIKENESS for each in known), len(known)
 
-    # ------------------------------------------------------------------------------------------------- speed
-
     def _remember(self, spans: Sequence[int], arrivals: Sequence[Arrival]) -> None:
         """Keep spans, and where the rotor was when packets came, while the speed is not sure."""
         is_sure = self._certain and self._confirmed and not self._strange
@@ -269,28 +282,34 @@ class Wheel(PacedTurning):
         self._confirmed = max(by_time) < SEVERAL
         return min(by_time) < SEVERAL
 
-    def _learn(self, *, anew: bool) -> tuple[int, int]:
+    def _learn(self, latest: Sequence[int], *, anew: bool) -> tuple[int, int]:
         """Find the arc by the largest group of remembered spans that agree, and by what time says about it.
 
-        With `anew`, no arc is known or the known one is wrong; without, only time can change the known arc. Returns
-        what is revoked, as `Arcs.revoked`.
+        Of these the `latest` came just now. With `anew`, no arc is known or the known one is wrong; without, only
+        time can change it. Returns what is revoked, as `Arcs.revoked`.
         """
         nothing = 0, 0
         spans = sorted([span for span in self._spans if span > 0])
         if not spans:
             return nothing
-        arc, agreeing = _largest_group(spans)
+        arc, agreeing = largest_group(spans)
+        nearly_all_came = self._pace.shows_nearly_all(self._packet_ns)
         by_time = self._pace.measured(self._packet_ns, arc)
         if by_time is not None:
-            whole = 1 if self._are_several(spans, arc) else max(1, round(min(by_time)))
+            several = not (nearly_all_came or self._are_several(spans, arc))
+            whole = max(1, round(min(by_time))) if several else 1
             agrees = whole == 1 or max(abs(each / whole - 1) for each in by_time) <= OFF
-            fitting, known = self._fitting(spans, arc / whole)
-            if agrees and agreeing >= FEW_AGREEING and fitting >= _FITTING * known and 2 * known > len(spans):
-                told = self._arc
-                if anew or whole > 1:
-                    self._take(arc / whole, sure=True)
-                self._confirmed = max(by_time) < SEVERAL or whole > 1
-                return self._revoked(told / self._arc) if whole > 1 else nothing
+            before, arc = self._arc, arc / whole
+            is_even = agrees and agreeing >= FEW_AGREEING and self._are_even(spans, arc)
+            here = [span for span in self._spans[-max(AGREEING, len(latest)) :] if span > 0][:AGREEING]
+            if is_even or (nearly_all_came and here):
+                if not is_even:
+                    # The speed changes all the time, so the short ones of a few spans in a row are one arc each.
+                    arc = float(sorted(here)[len(here) // 4])
+                if anew or abs(arc - before) > LIKENESS * max(arc, before):
+                    self._take(arc, sure=True)
+                self._confirmed = nearly_all_came or max(by_time) < SEVERAL or whole > 1
+                return self._revoked(before / self._arc) if whole > 1 else nothing
             if not self._confirmed:
                 self._certain = False
             return nothing
@@ -303,6 +322,11 @@ class Wheel(PacedTurning):
         agreeing = sum(abs(span - middle) <= LIKENESS * middle for span in ordinary)
         self._take(float(middle), sure=agreeing >= AGREEING)
         return nothing
+
+    def _are_even(self, spans: Sequence[int], arc: float) -> bool:
+        """Whether the spans are whole numbers of arcs, so that the rotor keeps its speed."""
+        fitting, known = self._fitting(spans, arc)
+        return fitting >= _FITTING * known and 2 * known > len(spans)
 
     def _are_several(self, spans: Sequence[int], arc: float) -> bool:
         """Whether spans are one, two and more such arcs. Half as long arcs would also give spans between these."""
@@ -323,14 +347,3 @@ def _are_alike(arc: float, shortest: int, longest: int) -> bool:
 def _agree(spans: Sequence[int]) -> bool:
     """Whether enough spans agree for an arc to be certain without the help of time."""
     return len(spans) >= AGREEING and max(spans) <= (1 + LIKENESS) * min(spans)
-
-
-def _largest_group(spans: Sequence[int]) -> tuple[float, int]:
-    """Mean and size of the largest group of sorted spans that agree; of equal groups, of the shorter spans."""
-    best = begin = place = 0
-    for end in range(len(spans)):
-        while spans[end] > (1 + LIKENESS / 2) * spans[begin]:
-            begin += 1
-        if end + 1 - begin > best:
-            best, place = end + 1 - begin, begin
-    return sum(spans[place : place + best]) / best, best
