@@ -19,8 +19,6 @@ Raspberry Pi) count everything. That of a CP2102 counts only where parity is che
 the CH340 and the PL2303 count nothing. So zeros mean little there, and any other number means the same everywhere.
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os

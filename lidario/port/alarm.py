@@ -4,8 +4,6 @@ Putting it off must not cost a wake-up, since it is done each time the event loo
 timer can be set anew while a thread waits for it. Elsewhere the thread wakes at the old time and sleeps on.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 import threading

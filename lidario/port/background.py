@@ -4,8 +4,6 @@ Each runs in a thread of its own, which ends with the call. The loop's executor 
 the loop is closed, and a call that hangs in a driver would keep the program from ending.
 """
 
-from __future__ import annotations
-
 import _thread
 import asyncio
 import threading

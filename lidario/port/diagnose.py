@@ -3,8 +3,6 @@
 Everything here may block for tens of milliseconds, since it reads ``/proc``: call it off the event loop.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import stat

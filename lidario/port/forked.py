@@ -4,8 +4,6 @@ A line is free for the next program, and its other end learns that it was closed
 closed. A child that only computes has a copy of each, and would hold the line for as long as it computes.
 """
 
-from __future__ import annotations
-
 import os
 from contextlib import suppress
 from typing import Protocol

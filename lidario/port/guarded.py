@@ -4,8 +4,6 @@ Its taps see every chunk in either direction: recordings, probing, and programs 
 stops the device, before anything is written, and is dismissed at the end.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable, Sequence
 from operator import itemgetter

@@ -9,8 +9,6 @@ The inbox is bounded. What does not fit is still read and is counted, since noth
 A line is a terminal, a connection, or a socket for datagrams; a `Kind` says what a read of it tells.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 import select

@@ -5,8 +5,6 @@ their own. A `Port` (`lidario.port.port`) holds one line and gives the session t
 `Receiver` and a `Schedule` are what the session gives to the port; a `Tap` is what a user gives to it.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from typing import Protocol

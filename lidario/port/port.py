@@ -17,8 +17,6 @@ every method does nothing: a write would reach the parent's device, and removing
 parent's loop, since both share one epoll object.
 """
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import time

@@ -8,8 +8,6 @@ Where each delivery does matter, the event loop wakes the reader when the line i
 event loop can do that; there the line is polled always.
 """
 
-from __future__ import annotations
-
 import asyncio
 import os
 import time

@@ -13,8 +13,6 @@ On Windows no event loop can wait for a serial port. There `PolledLine` and its 
 which return at once, in place of pyserial-asyncio's polling, which a blocked event loop would stop.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import logging

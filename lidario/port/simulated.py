@@ -9,8 +9,6 @@ An exception raised inside a simulated device, by a mistake in a user's world fo
 cause of the `DeviceLost` that the receiver is told.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable
 from math import radians

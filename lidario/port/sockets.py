@@ -11,8 +11,6 @@ An unreachable network is what a device on a direct cable leaves while it boots:
 device is silent for too long is for the session to say. Lost datagrams are gaps, as damage on a serial line is.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import errno

@@ -16,8 +16,6 @@ a port of its own.
 C code that keeps the interpreter lock for longer stops this thread too.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import sys

@@ -7,8 +7,6 @@ small piece, and `Turns` goes on with it in later turns of the loop. Between two
 What comes meanwhile waits in order. How much that may be is for the caller to say: `Turns.size` tells it.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator

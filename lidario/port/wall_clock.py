@@ -4,8 +4,6 @@ A Raspberry Pi learns the time when the network is there, which may be long afte
 corrections change the monotonic clock, too, and so are no setting. Where they do not, they are followed in steps.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import Final

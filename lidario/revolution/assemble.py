@@ -9,8 +9,6 @@ much that parts of two may have met in it; or one whose angles are not certain. 
 broken.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Makes a `Scan` of the arrays and the times of one revolution."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

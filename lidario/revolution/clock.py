@@ -16,8 +16,6 @@ If so little comes that no speed is sure, the anchor stays too, and revolutions 
 Without a speed, the time of a packet tells how many packets are missing.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

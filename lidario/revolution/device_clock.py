@@ -16,8 +16,6 @@ since, and most must agree. If packets are missing, the stamps show for how long
 angles hide.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterable, Sequence
 from itertools import pairwise

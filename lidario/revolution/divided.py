@@ -3,8 +3,6 @@
 Plain state and arithmetic; `lidario.revolution.sectors` drives it with each packet.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import InitVar, dataclass, field

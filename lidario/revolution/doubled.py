@@ -10,8 +10,6 @@ A packet of one sample without a check value (`StreamFormat.samples` is 1, and a
 two samples of a slow rotor may be equal.
 """
 
-from __future__ import annotations
-
 from bisect import bisect_left
 from collections.abc import Sequence
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """A revolution that has ended: its samples, gaps and times, and whether it is exactly one whole revolution."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import Final

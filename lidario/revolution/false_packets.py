@@ -14,8 +14,6 @@ its bytes explain, so in an undisturbed stream none waits. If so many packets ar
 whole turn together, nothing is judged.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from operator import sub
 from typing import Final

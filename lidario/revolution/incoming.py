@@ -1,7 +1,5 @@
 """Checks and dates the packets that come: each packet once, at its time. Also finds how long a sample takes."""
 
-from __future__ import annotations
-
 from typing import Protocol
 
 from lidario.families.base import Samples, Stream

@@ -6,8 +6,6 @@ left out, a revolution in a read of a second would seem to end too late by a ten
 revolution had passed unseen.
 """
 
-from __future__ import annotations
-
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import replace

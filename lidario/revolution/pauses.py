@@ -12,8 +12,6 @@ revolution and three reads have brought it no nearer to that. If the line has ca
 what came behind them. If the stream ends before, nothing shows that the line was late.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple

@@ -4,8 +4,6 @@ Sessions, files and the messages of other machines use the same `Pipeline`. They
 in how much is done at once. A session parses for itself, since its line also carries responses.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import TypeAlias
 

@@ -10,8 +10,6 @@ the measuring ends. If a model has several rates and cannot be asked which one i
 that the speed that packets tell, if they do.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Sequence

@@ -13,8 +13,6 @@ Only headings that carry a flag, or fall back behind the heading before, can end
 stream `FalsePackets.passing` says which headings fall back.
 """
 
-from __future__ import annotations
-
 from bisect import bisect_left
 from collections import deque
 from collections.abc import Sequence

@@ -14,8 +14,6 @@ sector needs the number earlier. So it is found in the same way from what is kno
 complete, and the scan keeps that number.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import Final

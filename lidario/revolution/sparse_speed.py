@@ -6,8 +6,6 @@ not quite, for a packet is dated by the read that brought it. Many speeds are tr
 agree best is taken, if random angles would hardly ever agree so well.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from typing import Final

@@ -1,7 +1,5 @@
 """The counters of an `Assembler`: what became of each packet, and how many revolutions there were."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from lidario.scan import Scan

@@ -9,8 +9,6 @@ restart or late arrival is not judged here: `add_block` then makes no scan. If i
 `Assembler` uses these samples; with several, nothing has changed.
 """
 
-from __future__ import annotations
-
 import math
 from bisect import bisect_left
 from collections.abc import Sequence

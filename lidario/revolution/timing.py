@@ -6,8 +6,6 @@ the kernel and the event loop add. The device measures evenly. So every packet o
 when the revolution began, too late by the delay of that packet, and the earliest estimate is the best one.
 """
 
-from __future__ import annotations
-
 from lidario.families.base import Samples
 from lidario.revolution.ended import EndedRevolution
 from lidario.wire.events import Packets

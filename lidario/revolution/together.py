@@ -6,8 +6,6 @@ whole revolution would seem to have a gap. Joined to one run, `Assembler` sees h
 packet, and dates it by that.
 """
 
-from __future__ import annotations
-
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from typing import Final

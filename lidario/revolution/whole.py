@@ -5,8 +5,6 @@ byte costs the whole packet. The device's clock in the packets, or else the time
 Angles outside the field of the device were never measured, so they are neither missing nor lost.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from itertools import pairwise

@@ -7,8 +7,6 @@ it interrupts them, asks, and has them started again: the readers see a longer s
 With `reconnect`, the line to the device may change in the life of a session: `_adopt` takes a new one over.
 """
 
-from __future__ import annotations
-
 import asyncio
 import os
 import weakref

@@ -8,8 +8,6 @@ Ctrl-C may come at any line of the waiting thread. So the two threads share no l
 `call_soon_threadsafe`, what comes back is waited for by a `Latch`.
 """
 
-from __future__ import annotations
-
 import asyncio
 import os
 import threading

@@ -1,7 +1,5 @@
 """Several open lidars read as one: `merged`, and the stream it returns."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Sequence
 from contextlib import AsyncExitStack

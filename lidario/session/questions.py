@@ -4,8 +4,6 @@ Each runs a script of the family by way of `Scanner.ask`, which interrupts the s
 really asked. What a user has set is remembered where the session comes back by itself, and set again then.
 """
 
-from __future__ import annotations
-
 import asyncio
 import math
 from abc import ABC, abstractmethod

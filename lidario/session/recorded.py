@@ -1,7 +1,5 @@
 """One session as recordings see it: its chunks, its chronicle and its scans, handed to each recording."""
 
-from __future__ import annotations
-
 import secrets
 from pathlib import Path
 from weakref import WeakSet

@@ -8,8 +8,6 @@ A process that is killed by SIGKILL cannot do anything; its lidar goes on until 
 was opened with `guard=True`.
 """
 
-from __future__ import annotations
-
 import asyncio
 import signal
 import threading

@@ -1,7 +1,5 @@
 """The streams of a session, as a user begins them: full revolutions, parts of them, a single scan."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable
 from typing import Any

@@ -22,8 +22,6 @@ offset  type     what
 A scan of 3200 samples takes 12.8 kB, or 16 kB with intensities: angles and distances finer than a screen shows.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import struct

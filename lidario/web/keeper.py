@@ -4,8 +4,6 @@ Each recording is a file of its own in one folder, named by the time at which it
 a viewer names no path.
 """
 
-from __future__ import annotations
-
 import asyncio
 import os
 import re

@@ -5,8 +5,6 @@ stands in the file. Only when a viewer asks for it, that is written into the fil
 program finds it. A box is for all lidars: the robot's body is in the way of each.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Sequence

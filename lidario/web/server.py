@@ -6,8 +6,6 @@ gets fewer scans and never old ones, and holds at most `AHEAD` of them in memory
 way. The others do not notice. A scan is packed when the first viewer takes it, once for all.
 """
 
-from __future__ import annotations
-
 import asyncio
 import base64
 import hashlib

@@ -3,8 +3,6 @@
 For the command too, which must not load numpy for it, as `lidario.web.feed` does.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, fields
 from typing import Final

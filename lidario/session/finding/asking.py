@@ -4,8 +4,6 @@ A question may start a device that hears it, and its response may be late or dam
 is kept (`Woken`), and is stopped when the search ends.
 """
 
-from __future__ import annotations
-
 import asyncio
 import time
 from collections.abc import Iterator

@@ -8,8 +8,6 @@ each of them is busy for others. Two that run at the same time, as where the pro
 machine, would each find some ports busy and miss what is there.
 """
 
-from __future__ import annotations
-
 import asyncio
 import errno
 import logging

@@ -13,8 +13,6 @@ closed it is found out what the device is, as far as that takes a moment:
 Both together take 0.4 s where nothing streams, and 2.5 s at most where something does that is not recognised.
 """
 
-from __future__ import annotations
-
 import asyncio
 from contextlib import suppress
 

@@ -14,8 +14,6 @@ not in a file: a library does not write to a user's folders unasked, a file may 
 and what it would save is one round of listening, a second at most, once in a program.
 """
 
-from __future__ import annotations
-
 import asyncio
 import os
 import re

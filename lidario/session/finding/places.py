@@ -12,8 +12,6 @@ A port that was there all the time is never written to: it belongs to something 
 has responded, or nothing for a long time, is not asked again until it has been unplugged.
 """
 
-from __future__ import annotations
-
 import os
 from typing import TypeAlias
 

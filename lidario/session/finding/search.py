@@ -15,8 +15,6 @@ recognised by that. What remains unknown is asked at each speed, in rounds:
   again: one that only talks hears no question, and sends its packets when it has had power for a while.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Awaitable, Callable
 from functools import partial

@@ -4,8 +4,6 @@
 is wanted, and what a failure means, is decided by `Scanner`, `Starter` and `Failures`.
 """
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import math

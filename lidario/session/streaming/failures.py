@@ -23,8 +23,6 @@ same: silent. So it is stopped, and asked for its health, or at least what it is
 Each RESET and each restart is logged as a warning and counted in `Stats`.
 """
 
-from __future__ import annotations
-
 import asyncio
 import math
 from collections import deque

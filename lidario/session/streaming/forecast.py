@@ -8,8 +8,6 @@ A prediction can be wrong, for example when the motor is told to turn faster. Th
 as the revolution became shorter. Nothing else depends on the prediction.
 """
 
-from __future__ import annotations
-
 import math
 
 from lidario.families.base import Stream

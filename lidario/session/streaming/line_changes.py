@@ -4,8 +4,6 @@ A session that comes back by itself ends nothing when its line is lost: readers 
 reads the changes, which `lidario.session.streaming.failures` and `lidario.session.streaming.scanner` tell here.
 """
 
-from __future__ import annotations
-
 import asyncio
 import weakref
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """Which scan mode runs, when readers ask for one by name, by id, or for none in particular."""
 
-from __future__ import annotations
-
 import math
 from numbers import Integral
 from typing import NamedTuple

@@ -6,8 +6,6 @@ that it is the last one leaves its stream going for `LINGER_S`: single scans in 
 each time. A device that turns as soon as it is opened is left so as long, for the first one.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable
 from typing import Any, NamedTuple

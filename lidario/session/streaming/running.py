@@ -8,8 +8,6 @@ whose packets stay away is not judged here: `lidario.session.streaming.failures`
 `StreamControl` makes one of these for each start and holds at most one.
 """
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import math

@@ -13,8 +13,6 @@ Where the session comes back by itself (`Reconnector`), a lost line ends neither
 session: operations fail, readers wait, and `adopt` has the stream started again on the new line.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Awaitable, Callable
 from typing import Any, TypeVar

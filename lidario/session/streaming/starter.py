@@ -3,8 +3,6 @@
 It runs while there is something to do: readers wait to be let in, a stream is to be started, or one has failed.
 """
 
-from __future__ import annotations
-
 import asyncio
 
 from lidario.arguments import shown

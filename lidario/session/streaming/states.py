@@ -5,8 +5,6 @@ the state and asks this table for the next one. An event that the table does not
 lidario, so it raises.
 """
 
-from __future__ import annotations
-
 from enum import Enum
 from typing import Final
 

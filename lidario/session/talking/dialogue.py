@@ -8,8 +8,6 @@ What an operation waits for, and what ends the waiting, is in `Waiting`; what be
 bytes in `Intake`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Awaitable, Callable, Coroutine, Sequence
 from typing import Any, TypeVar

@@ -8,8 +8,6 @@ logged, counted, and told in `Health.note`, since repeated Protection Stops may 
 (S-series interface manual, GET_HEALTH).
 """
 
-from __future__ import annotations
-
 import asyncio
 import logging
 from dataclasses import replace

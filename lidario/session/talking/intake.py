@@ -7,8 +7,6 @@ Between the descriptor of a stream and the moment at which its reader is named l
 Packets that come meanwhile are kept, so that a stream does not lose its first revolution.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence

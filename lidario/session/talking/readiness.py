@@ -4,8 +4,6 @@ A response that was given up is owed all the same for a while, by a device that 
 take its time. What it is sent meanwhile it discards, and does not say so.
 """
 
-from __future__ import annotations
-
 import asyncio
 
 from lidario.wire.link import Link

@@ -3,8 +3,6 @@
 A sick device must not fill a disk.
 """
 
-from __future__ import annotations
-
 import copy
 import logging
 import math

@@ -5,8 +5,6 @@ of what the device is busy with. `Waiting.interrupt`, a dead port and the end of
 Timers, not cancel scopes, bound it: native cancellation and anyio's behave alike.
 """
 
-from __future__ import annotations
-
 import asyncio
 import weakref
 from enum import Enum, auto
