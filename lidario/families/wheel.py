@@ -296,16 +296,17 @@ class Wheel(PacedTurning):
         nearly_all_came = self._pace.shows_nearly_all(self._packet_ns)
         by_time = self._pace.measured(self._packet_ns, arc)
         if by_time is not None:
-            several = not (nearly_all_came or self._are_several(spans, arc))
-            whole = max(1, round(min(by_time))) if several else 1
+            # One arc each, if they are not all gaps.
+            one_each = nearly_all_came or self._are_several(spans, arc)
+            whole = 1 if one_each else max(1, round(min(by_time)))
             agrees = whole == 1 or max(abs(each / whole - 1) for each in by_time) <= OFF
             before, arc = self._arc, arc / whole
-            is_even = agrees and agreeing >= FEW_AGREEING and self._are_even(spans, arc)
-            here = [span for span in self._spans[-max(AGREEING, len(latest)) :] if span > 0][:AGREEING]
-            if is_even or (nearly_all_came and here):
-                if not is_even:
-                    # The speed changes all the time, so the short ones of a few spans in a row are one arc each.
-                    arc = float(sorted(here)[len(here) // 4])
+            is_found = agrees and agreeing >= FEW_AGREEING and self._are_even(spans, arc)
+            if not is_found and nearly_all_came:
+                # The speed changes all the time. The short ones of a few spans in a row are one arc each.
+                few = sorted([span for span in self._spans[-max(AGREEING, len(latest)) :] if span > 0][:AGREEING])
+                is_found, arc = bool(few), float(few[len(few) // 4]) if few else 0.0
+            if is_found:
                 if anew or abs(arc - before) > LIKENESS * max(arc, before):
                     self._take(arc, sure=True)
                 self._confirmed = nearly_all_came or max(by_time) < SEVERAL or whole > 1

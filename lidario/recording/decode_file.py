@@ -83,7 +83,7 @@ class FileDecoder:
             data, last_ns, arrivals = join_reads([(piece.data, piece.at_ns) for piece in pieces], last_ns)
             for last in pipeline.receive(data, last_ns, arrivals):
                 yield last
-            if note := pipeline.assembler.incoming.time.take_note():
+            if note := pipeline.take_note():
                 _log.warning("%s: %s", self.recording.path, note)
         yield from self._end(pipeline)
 

@@ -94,6 +94,10 @@ class Pipeline:
         finally:
             assembler.stats.discarded_packets += sum(part.count for part in parts)
 
+    def take_note(self) -> str:
+        """A sentence for the log about the time of a sample, given once; mostly empty."""
+        return self.assembler.incoming.time.take_note()
+
     def end(self) -> list[Scan]:
         """The stream has ended: as `Assembler.end`."""
         return self.assembler.end()

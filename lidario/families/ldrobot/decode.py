@@ -2,7 +2,8 @@
 
 The vendor's SDK divides the span of a packet in whole hundredths of a degree; here it is exact.
 
-Angles of models that triangulate are corrected by atan((0.11923 d - c) / (d + 5.9)), d in mm.
+Angles of models that triangulate are corrected by atan((0.11923 d - c) / (d + 5.9)), d in mm. So neighbours can
+change places; revolutions are divided by the uncorrected angle.
 
 * LD14 and LD14P: c is 18.975571, and the distance stays as it is (the vendor's ``sl_transform.cpp``). Where nothing
   came back, the angle has the correction before.

@@ -171,7 +171,7 @@ class Running:
                 self._last_scan = self._last_packet
                 self._forecast.turned(scan, self._dialogue.stats.bytes_received, self._last_packet)
                 self._publish(scan)
-            if scans and (note := self._pipeline.assembler.incoming.time.take_note()):
+            if scans and (note := self._pipeline.take_note()):
                 _log.warning(note)
             if counted.broken_scans > self._discarded:
                 self._trouble.tell("revolutions discarded: %d so far", counted.broken_scans)
