@@ -64,6 +64,8 @@ class Device(ABC):
     modes_note: str = ""
     # Bytes that complete any request that was half written, and begin none. Default: none are needed.
     fill: Request = Request("FILL", b"")
+    # Questions that change nothing, the shortest first, by which it is seen that a device hears. Default: none.
+    questions: tuple[Request, ...] = ()
     # The slowest and the fastest scan frequency that can be set, in Hz, if they are known without asking the
     # device.
     speeds: tuple[float, float] | None = None

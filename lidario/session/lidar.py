@@ -149,14 +149,15 @@ class Lidar(Streams, AsyncOnly, Held):
 
         With `keep_spinning` it is the laser alone. Every reader ends at once, also one whose stream is just being
         started. The stop requests are written before anything is awaited, or, where the device does not listen at
-        that moment, by a timer; and again until they were heard, which takes some hundredths of a second, and 2 s
-        where a response is owed. Cancelling ends only the waiting.
+        that moment, by a timer; and again until the device was seen still. That takes a tenth of a second, and more
+        where it takes its time to respond. Cancelling ends only the waiting.
 
         Args:
             motor: Stop the motor too, in spite of `keep_spinning`, which holds no more from then on.
 
         Raises:
-            StreamFailed: Bytes still arrive after several stop requests.
+            StreamFailed: It was not seen still within 2 s: bytes still arrive after several stop requests, or it
+                does not respond any more.
             InvalidValue: `motor` is neither True nor False.
         """
         self._check_open()
@@ -232,9 +233,9 @@ class Lidar(Streams, AsyncOnly, Held):
 
         Everything else ends with SessionClosed at once: readers, questions, a stream that is being started. The
         stop requests are written before anything is awaited, or, where the device does not listen at that moment,
-        by a timer. They are written again until they were heard: some hundredths of a second, and up to 2 s where
-        the device owes a response. Where that cannot be seen, the log says so. Cancelling it ends only the waiting
-        for the port to close, which comes after that.
+        by a timer. They are written again until the device was seen still: that takes a tenth of a second, more
+        where it takes its time to respond, and up to 2 s where the line loses all. Where it cannot be seen, the log
+        says so. Cancelling it ends only the waiting for the port to close, which comes after that.
 
         Raises:
             LocalProtocolError: It was called in another event loop, such as one of another thread. The session goes

@@ -124,8 +124,8 @@ async def test_after_a_rest_the_device_is_asked_before_it_is_started(rig: Rig) -
         asked = len(names(rig))
         await asyncio.sleep(4.8)
         await lidar.scan()
-        await lidar.stop()
         assert "get_health" not in names(rig)[asked:]
+        await lidar.stop()
         await asyncio.sleep(5.1)
         asked = len(names(rig))
         rig.device.protection_stop(CODE)

@@ -29,8 +29,8 @@ pytestmark = pytest.mark.discards("stop requests are tried while a response is o
 
 SLOWEST_S = 1.5
 DELAYS_S = [0.05, 0.1, 0.11, 0.13, 0.2, 0.5, SLOWEST_S]
-LONGEST_CLOSE_S = 2.5
-"""A response is waited for for 2 s at most; then the line is listened to."""
+LONGEST_CLOSE_S = 2 * SLOWEST_S + 0.3
+"""A response is waited for that is owed; then the line is listened to, and the device asked whether it hears."""
 
 
 A: list[Work] = [start, ask_while_scanning, set_speed, reset]
@@ -125,6 +125,7 @@ async def test_a_response_that_never_comes_is_waited_for_2_s_but_by_the_stop_req
 async def test_settings_of_a_4ros_are_waited_for_as_long_as_the_vendor_does(ydlidar: Rig, question: str) -> None:
     async with ydlidar.open() as lidar:
         told, asked = list[float](), list[list[str]]()
+        await lidar.stop()
         for ydlidar.device.response_delay_s in (0.0, 1.9):
             before = len(names(ydlidar))
             told.append(await getattr(lidar, question)())
@@ -149,7 +150,7 @@ async def test_a_response_that_has_come_too_late_is_owed_no_longer(rig: Rig) -> 
         began = now()
         await lidar.stop()
         # One that may still come is waited for until 2 s after its request.
-        assert now() - began < 0.2
+        assert now() - began < 0.5
         assert left_still(rig)
 
 
@@ -170,12 +171,14 @@ async def test_it_is_logged_where_it_is_not_seen(model: str, stop: bytes, caplog
     rig, heard = make_rig(model), list[bytes]()
     async with rig.read() as (lidar, _):
         rig.device.receive = lambda data, now: heard.append(data)
-        with pytest.raises(StreamFailed, match="bytes still arrive after 3 STOP requests"):
+        began = now()
+        with pytest.raises(StreamFailed, match="bytes still arrive after several stop requests"):
             await lidar.stop()
-        # Those that stop laser and motor were tried before, as often.
-        assert b"".join(heard).count(stop) == 3 + 3
+        assert 2.0 < now() - began < 2.3
+        assert b"".join(heard).count(stop) >= 10
         caplog.clear()
-    assert caplog.messages == ["the device goes on sending after 3 stop requests"]
+    (message,) = caplog.messages
+    assert message.startswith("the device was not seen to stop: bytes still arrive after several stop requests")
     assert rig.device.scanning
 
 

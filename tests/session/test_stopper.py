@@ -26,7 +26,10 @@ class Paper:
         self.stats: Any = self
         self.is_open = True
         self.bytes_received = self.stray_bytes = self.drained_bytes = 0
-        self.owes_until = 0.0
+        self.chronicle: Any = self
+        self.responses: dict[bytes, bytes] = {}
+        self.reset_at = None
+        self.owes_until = self.took_s = 0.0
         self.has_responded = False
         self.written: list[Request] = []
         self.told: list[bool] = []

@@ -54,7 +54,7 @@ async def test_every_stop_is_followed_by_the_pause_it_demands(family: str, strid
 
 
 async def test_the_stop_requests_are_written_twice_and_no_more(rig: Rig) -> None:
-    """Nothing acknowledges them."""
+    """Nothing acknowledges them, so it is asked whether it hears, and told once more."""
     async with rig.open() as lidar:
         await take(lidar, 2)
         heard = len(rig.device.log)
@@ -62,12 +62,14 @@ async def test_the_stop_requests_are_written_twice_and_no_more(rig: Rig) -> None
     again = names(rig)[heard:]
     obeyed = [each.name for each in rig.device.log]
     began = max(at for at, name in enumerate(obeyed) if "scan" in name)
-    assert again == (["motor_speed_ctrl", "stop"] if rig.family == "rplidar" else ["forced_stop", "stop"])
-    assert obeyed[began + 1 :] == again * 2
+    told = ["motor_speed_ctrl", "stop"] if rig.family == "rplidar" else ["forced_stop", "stop"]
+    assert again == ["get_health", *told]
+    assert obeyed[began + 1 :] == [*told, *again]
 
 
-@pytest.mark.parametrize("lost", range(3))
-async def test_one_of_the_stop_requests_may_be_lost(rig: Rig, lost: int) -> None:
+@pytest.mark.parametrize(("lost", "more"), [(0, 0), (1, 0), (2, 6), (3, 0), (4, 0)])
+async def test_one_of_the_stop_requests_may_be_lost(rig: Rig, lost: int, more: int) -> None:
+    """Or the question between them: then all are written again, and once more where it has a response."""
     heard, written = rig.device.receive, count()
 
     def receive(data: bytes, at_ns: int) -> None:
@@ -77,7 +79,7 @@ async def test_one_of_the_stop_requests_may_be_lost(rig: Rig, lost: int) -> None
     async with rig.open() as lidar, lidar.scans() as stream:
         await some(stream, 2)
         rig.device.receive = receive
-    assert next(written) == 4
+    assert next(written) == 5 + more
     assert left_still(rig)
 
 
@@ -207,11 +209,11 @@ async def test_noise_from_one_that_is_still_is_not_told_to_stop_for_ever(rig: Ri
         rig.device.transmit, rig.device.wakeup = noise, lambda now_ns: max(due_ns, now_ns)
         with suppress(LidarError):
             await lidar.get_info()
-        heard = names(rig).count("stop")
+        await asyncio.sleep(5.0)
+        heard, came = names(rig).count("stop"), lidar.stats.bytes_received
         await asyncio.sleep(10.0)
-        assert lidar.stats.stray_bytes > 2000
-        assert names(rig).count("stop") == heard + 2
-    assert names(rig).count("stop") == heard + 4
+        assert lidar.stats.bytes_received >= came + 2000
+        assert names(rig).count("stop") == heard
 
 
 async def test_a_cancelled_reader_does_not_end_its_stream(rig: Rig) -> None:

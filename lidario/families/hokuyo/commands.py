@@ -120,3 +120,6 @@ def refusal(word: str, status: str) -> RemoteProtocolError:
 def _request(word: str, data: bytes = b"") -> Request:
     line = word.encode() + b"\n"
     return Request(word, data or line, Expected(line[1], 0, LONGEST, prefix=line, lines=True))
+
+
+QUESTIONS: Final = (_request("VV", b"\nVV\n"),)

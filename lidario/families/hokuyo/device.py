@@ -12,7 +12,18 @@ from typing import Final
 
 from lidario.errors import RemoteProtocolError, ResponseTimeout, Unsupported
 from lidario.families.base import Decoder, Device, Known, RawStream, Script, Stream, raw_stream
-from lidario.families.hokuyo.commands import ACCEPTED, FILL, RESET, STOP, ask, measure, read_lines, refusal, respond
+from lidario.families.hokuyo.commands import (
+    ACCEPTED,
+    FILL,
+    QUESTIONS,
+    RESET,
+    STOP,
+    ask,
+    measure,
+    read_lines,
+    refusal,
+    respond,
+)
 from lidario.families.hokuyo.decode import BlockDecoder
 from lidario.families.hokuyo.formats import DistanceFormat, StrengthFormat, range_of
 from lidario.families.hokuyo.geometry import Geometry, geometry_of
@@ -60,6 +71,7 @@ class HokuyoDevice(Device):
 
     can_keep_spinning = False
     fill: Request = FILL
+    questions: tuple[Request, ...] = QUESTIONS
 
     def __init__(self) -> None:
         self._geometry: Geometry | None = None

@@ -48,6 +48,7 @@ class RplidarDevice(MotorDriven):
     """An RPLIDAR of any series that sends one of the six known formats."""
 
     fill: Request = commands.FILL
+    questions: tuple[Request, ...] = (commands.GET_HEALTH, commands.GET_INFO)
 
     def __init__(self) -> None:
         super().__init__()

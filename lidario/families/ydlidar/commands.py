@@ -47,6 +47,7 @@ RESET: Final = Request("RESET", encode_request(0x80), settle=STOP_SETTLE_S, ends
 GET_INFO: Final = Request("GET_INFO", encode_request(0x90), Expected(SETTING, 20), 1.0)
 GET_HEALTH: Final = _health("GET_HEALTH", 0x91)
 GET_HEALTH_92: Final = _health("GET_HEALTH (as A5 92)", 0x92)
+QUESTIONS: Final = (GET_HEALTH, GET_HEALTH_92, GET_INFO)
 COMPLETE_INFO: Final = bytes((0, 0xA5 ^ 0x90))
 """Two bytes that a 4ROS ignores, since no request begins with them. In the dialect where a request with bit 7 set
 has a length and a checksum, they complete A5 90 to a request with an empty payload, which is refused."""

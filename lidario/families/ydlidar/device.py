@@ -96,6 +96,9 @@ class YdlidarDevice(Device):
         self.can_be_stopped: bool = not model.one_way or model.dtr
         # In models that hear requests, the motor stops with the laser.
         self.can_keep_spinning: bool = model.one_way
+        # With DTR at rest, none is heard.
+        can_be_asked = not (model.one_way or model.dtr)
+        self.questions: tuple[Request, ...] = commands.QUESTIONS if can_be_asked else ()
         # The limits of the data sheet, since the device cannot be asked.
         self.speeds: tuple[float, float] | None = model.speeds
 

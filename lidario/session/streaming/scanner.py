@@ -196,12 +196,7 @@ class Scanner:
             try:
                 self._at.dialogue.begin()
                 if not self.control.is_scanning:
-                    await self.control.silence()
-                    stopper = self._at.dialogue.stopper
-                    if not stopper.still:
-                        # What has silenced it may have been for the laser alone.
-                        self._at.dialogue.stop_device()
-                        await stopper.surely_settled()
+                    await self._at.dialogue.leave_still()
             except DeviceLost:
                 if not self.control.is_away:
                     raise

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 import anyio
 
-from lidario.errors import LidarError, ResponseTimeout, SessionClosed
+from lidario.errors import LidarError, ResponseTimeout, SessionClosed, StreamFailed
 from lidario.families.base import Device, Script, Timing
 from lidario.port.port import Port
 from lidario.session.talking.intake import Intake
@@ -87,14 +87,17 @@ class Dialogue(Intake, Waiting):
     # ------------------------------------------------------------------------------------------------ receiving
 
     def responded(self, payload: bytes) -> None:
-        self._readiness.has_responded = True
-        self.wake(Awaited.RESPONSE, payload)
+        self._readiness.responded()
+        if self.stopper.asks:
+            self.stopper.answered()
+        else:
+            self.wake(Awaited.RESPONSE, payload)
 
     def taken(self) -> None:
         if self.link.state is not _AWAITING:
             self._heard_at = self._loop.time()
             # A response that was given up is among what has come.
-            self._readiness.late_until = 0.0
+            self._readiness.late_until = self._readiness.silent_since = 0.0
             if self._awaited is Awaited.CHANGE:
                 self.wake(Awaited.CHANGE)
             if self.stopper.wanted:
@@ -160,10 +163,9 @@ class Dialogue(Intake, Waiting):
                 # Another task has stopped it meanwhile: it is stopped again behind this operation.
                 self.write((self._wake,))
                 await self._until_it_listens()
-            now = self._loop.time()
-            timeout = min(request.timeout, self._longest, max(self._until - now, RESPONSE_S))
+            timeout = min(request.timeout, self._longest, max(self._until - self._loop.time(), RESPONSE_S))
             # As the pause in `write`: noted before it is written.
-            self._readiness.asked_at, self._readiness.due = now, now + timeout
+            self._readiness.asks(timeout)
             self.write((request,))
             if request.expects is None:
                 return b""
@@ -233,6 +235,15 @@ class Dialogue(Intake, Waiting):
         """
         self.deliver_to(None)
         self.stopper.stop()
+
+    async def leave_still(self) -> None:
+        """As `stop_device`, and return when the device was seen still; StreamFailed where it was not."""
+        self.stop_device()
+        await self._until_it_listens()
+        if not self.port.is_open:
+            await self.wait(PATIENCE_S)  # it is told in a moment that the port died
+        if not self.stopper.still:
+            raise StreamFailed(self.stopper.why)
 
     def hang_up(self, *, patient: bool = True) -> None:
         """Leave the device still, then close the port; without waiting. Nothing is delivered any more.

@@ -35,6 +35,9 @@ class Readiness:
         # Until when a response that was given up may still come, on the loop's clock; 0 for none.
         self.late_until: float = 0.0
         self.has_responded: bool = False  # whether the device has ever responded
+        self.took_s: float = 0.0  # how long it took for its last response
+        # When the first question was asked that had no response, on the loop's clock; 0 if anything came since.
+        self.silent_since: float = 0.0
         # Whether it measures another speed of the line: until that has been decided, it is not known at which speed
         # it hears.
         self.measures_speed: bool = False
@@ -56,9 +59,23 @@ class Readiness:
         """A request is about to be written that demands a pause of so many seconds."""
         self.listens_at = max(self.listens_at, self._loop.time() + settle + _MARGIN_S)
 
+    def asks(self, timeout: float) -> None:
+        """A question is about to be written whose response is waited for that long."""
+        self.asked_at = self._loop.time()
+        self.due = self.asked_at + timeout
+
+    def responded(self) -> None:
+        """The device has responded to the question."""
+        self.has_responded, self.took_s = True, self._loop.time() - self.asked_at
+
+    def miss(self) -> None:
+        """The response to the last question was waited for in vain."""
+        self.silent_since = self.silent_since or self.asked_at
+
     def give_up(self) -> None:
         """The response has not come in time."""
         self._link.forget()
+        self.miss()
         self.late_until = self._latest
 
     def forget(self) -> None:

@@ -4,17 +4,23 @@ The stop requests are written at the first moment at which the device listens. M
 reached the operating system before `stop` returns. Else a timer writes them, which no cancellation reaches.
 
 That they were written does not mean that they were heard. A device that has not responded yet discards what it is
-sent, and a damaged line may lose it. So the line is listened to afterwards:
+sent, and a line may lose it. So the line is listened to afterwards:
 
-* Bytes come, and more than what acknowledges them: the stop requests are written again, `ATTEMPTS` times at most.
+* Bytes come, more than noise: the stop requests are written again.
 * It is quiet, but the device owed a response when they were written: they are written again as soon as it comes,
   or when it is not waited for any more.
-* It is quiet, and nothing was owed: the device is still, if all of them were heard. Without laser a motor is
-  silent, and without motor a laser. So requests that nothing acknowledges are written once more.
+* It is quiet, and nothing was owed. So is a dead line. So the device is asked one of `Device.questions`, if it has
+  responded to that before. It responds: they are written once more. Whether the line was dead until then or has
+  died since, they were heard once. It does not respond: they are written again, and it is asked again. A response
+  that may be to an earlier one of these questions is no proof: it is asked once more, and waited for as long as it
+  may take.
+* One that cannot be asked is still. They are written once more, since nothing acknowledges them.
 
-A line that was dead in both directions is quiet, too, and a device may restart. So a device that streams although
-it was seen to be still is stopped again. A device that went on streaming is stopped again `AGAIN_S` later. Both
-happen once until the device is set in motion again, since the bytes may be noise.
+All of that takes `LATEST_RESPONSE_S` at most. Then it is logged that the device was not seen still.
+
+A device may restart, and a line be dead for longer. So a device that streams although it was seen to be still is
+stopped again. One that was not seen still is stopped again `AGAIN_S` later. Both happen once until the device is
+set in motion again, since the bytes may be noise.
 
 A response that is outstanding is waited for no longer than `PATIENCE_S` before they are written the first time: the
 request may have been lost, and then the device hears them. A device that only talks has stop requests without
@@ -26,6 +32,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
+import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -34,7 +41,7 @@ import anyio
 
 from lidario.errors import Unsupported
 from lidario.families.base import Device
-from lidario.session.talking.readiness import CLOCK_S, Readiness
+from lidario.session.talking.readiness import CLOCK_S, LATEST_RESPONSE_S, Readiness
 from lidario.wire.envelope import Request
 
 if TYPE_CHECKING:
@@ -44,14 +51,15 @@ _log = logging.getLogger("lidario")
 
 PATIENCE_S = 0.1
 """How long the stop requests wait for a response that is outstanding. Healthy devices respond within a few
-milliseconds; one that does not may be unable to, and its motor must not go on turning for that."""
-ATTEMPTS = 3
-"""How often the stop requests are written when bytes go on coming after them."""
+milliseconds; one that does not may be unable to, and its motor must not go on turning for that. So long, too, one
+that has never responded is told to stop while bytes go on coming."""
+SENDS_ON = "bytes still arrive after several stop requests: it does not hear them, or it is noise. Check the cable"
+SILENT = "it does not respond any more, and may not have heard the stop requests. Check the cable"
 AGAIN_S = 2.0
-"""Seconds after the last request until a device that went on streaming is stopped again: the line to it may have
-been dead. `Lidar.stop` listens for a shorter time after each STOP."""
+"""Seconds until a device that was not seen still and streams is stopped again. Who waits for it is told before."""
 UNASKED = 64
-"""Most bytes that come unasked from a device at rest, such as a late response. More are a stream."""
+"""Most bytes that come unasked from a device at rest: noise, a late response, what acknowledges a request. More
+are a stream: the slowest one sends 264 while it is listened to."""
 
 
 class Stopper:
@@ -73,9 +81,22 @@ class Stopper:
         self._loop = asyncio.get_running_loop()
         self._timer: asyncio.TimerHandle | None = None
         self._due = 0.0
+        # Done when another step is due, or none. Held by who waits alone, for the reason given in `Waiting`.
+        self._changes = weakref.WeakSet[asyncio.Future[None]]()
         self._step: Callable[[], None] = self.try_now
         self._patient_until = 0.0
         self._attempts = 0
+        # Until when they are written again.
+        self._until = 0.0
+        # Whether a question is outstanding, how long its response is waited for, and until when that to an earlier
+        # one may come in its place.
+        self.asks: bool = False
+        self._wait_s = PATIENCE_S
+        self._late_until = 0.0
+        # Whether it has responded behind them.
+        self._has_answered = False
+        # Why it was not seen still the last time.
+        self.why: str = SILENT
         # Bytes that came unasked before the last request; from when on the device is stopped for those that come
         # behind it, and whether it was.
         self._unasked = 0
@@ -131,7 +152,6 @@ class Stopper:
         device that cannot be restarted from here never boots.
         """
         self._unasked = self._came_unasked()
-        self._again_at = max(self._again_at, self._loop.time() + AGAIN_S)
         if request.stream is not None or (request.expects is None and not request.ends_stream):
             self.still, self._moved = False, True
             self._again_at, self._stopped_again = math.inf, False
@@ -142,7 +162,7 @@ class Stopper:
         under_way = self.wanted and not self._moved
         if self.still or under_way or not self._port.is_open or self._loop.is_closed():
             return
-        self.wanted, self._attempts = True, 0
+        self.wanted, self._attempts, self.asks = True, 0, False
         self._patient_until = self._loop.time() + PATIENCE_S
         self.try_now()
 
@@ -173,6 +193,18 @@ class Stopper:
             self._attempts = 0
             self._write()
 
+    def answered(self) -> None:
+        """The device has responded to the question."""
+        self.asks = False
+        is_late, self._late_until = self._late_until > self._hearing.asked_at, 0.0
+        if self._came_unasked() - self._unasked > UNASKED:
+            self._again(SENDS_ON)
+            return
+        self._has_answered = not is_late
+        if is_late:
+            self._wait_s, self._until = LATEST_RESPONSE_S, self._loop.time() + LATEST_RESPONSE_S
+        self._write()
+
     async def written(self) -> None:
         """Return when the stop requests are written, or the port is dead; after 0.6 s at most.
 
@@ -192,7 +224,8 @@ class Stopper:
         with anyio.CancelScope(shield=True):
             while self.wanted and self._timer is not None and self._port.is_open:
                 try:
-                    await asyncio.sleep(max(0.0, self._due - self._loop.time()))
+                    self._changes.add(change := self._loop.create_future())
+                    await asyncio.wait([change], timeout=max(0.0, self._due - self._loop.time()))
                     if self.wanted and self._timer is not None and self._due - self._loop.time() <= CLOCK_S:
                         self._step()  # Ctrl-C may have ended the timer's own call in its midst
                 except asyncio.CancelledError as error:
@@ -220,6 +253,8 @@ class Stopper:
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
+        for change in [each for each in self._changes if not each.done()]:
+            change.set_result(None)
 
     def _come_back(self, due: float, step: Callable[[], None]) -> None:
         self.cancel()
@@ -228,16 +263,22 @@ class Stopper:
         self._timer = self._loop.call_at(due, step)
 
     def _write(self) -> None:
-        self._doubtful = self._patient and self._hearing.owes_until - self._loop.time() > CLOCK_S
+        now = self._loop.time()
+        if not self._attempts:
+            self._until = now + (LATEST_RESPONSE_S if self._patient and self._hearing.has_responded else PATIENCE_S)
+            # A device that has taken its time does so again.
+            self._wait_s = min(PATIENCE_S + self._hearing.took_s, LATEST_RESPONSE_S)
+            self._has_answered = False
+        self._doubtful = self._patient and self._hearing.owes_until - now > CLOCK_S
         self._attempts, self._moved = self._attempts + 1, False
         requests = self.requests()
-        self._acknowledged = sum(len(request.acknowledged) for request in requests)
         self._write_all(requests)
         if any(request.data for request in requests):
-            self._come_back(max(self._hearing.free_at(0.0), self._loop.time()), self._listen)
+            listens_at = max(self._hearing.free_at(0.0), self._loop.time())
+            self._come_back(listens_at, self._settle if self._has_answered else self._listen)
         else:
             # A device that streams unasked was told nothing, and does not fall quiet.
-            self._settle(still=True)
+            self._settle()
 
     def _write_all(self, requests: Sequence[Request]) -> None:
         # Each of them ends the stream for the parser, also the one that is for the motor alone.
@@ -249,27 +290,56 @@ class Stopper:
 
     def _after_listening(self) -> None:
         came = self._dialogue.stats.bytes_received - self._seen
-        if came and (self._doubtful or came > self._acknowledged):
+        if came > UNASKED or (came and self._doubtful):
             # Whatever the device owed is among that.
             self._hearing.forget()
-            if self._attempts < ATTEMPTS:
-                self._write()
-            else:
-                if self._is_of_family:  # else others will stop it
-                    _log.warning("the device goes on sending after %d stop requests", ATTEMPTS)
-                self._settle(still=False)
+            self._again(SENDS_ON)
         elif self._doubtful and (owed := self._hearing.owes_until) - self._loop.time() > CLOCK_S:
             self._come_back(min(owed, self._loop.time() + self._quiet_s), self._after_listening)
         elif self._doubtful:
+            self._hearing.miss()
             self.try_now()
-        elif self._attempts == 1 and not self._acknowledged and self._is_of_family:
+        elif (question := self._question) is not None:
+            self._ask(question)
+        elif self._attempts == 1 and self._is_of_family and not any(each.acknowledged for each in self.requests()):
             self._write()
         else:
-            self._settle(still=True)
+            self._settle()
 
-    def _settle(self, *, still: bool) -> None:
+    @property
+    def _question(self) -> Request | None:
+        """What the device has responded to before, and can be asked; None while it boots, or for nothing."""
+        known = self._dialogue.chronicle.responses if self._patient and self._dialogue.reset_at is None else ()
+        return next((each for each in self._device.questions if each.data in known), None)
+
+    def _ask(self, question: Request) -> None:
+        self._hearing.forget()
+        self._hearing.asks(self._wait_s)
+        self.asks = True
+        self._dialogue.write((question,))
+        self._come_back(self._hearing.due, self._not_answered)
+
+    def _not_answered(self) -> None:
+        self.asks = False
+        self._hearing.give_up()
+        # It is not waited for before they are written again.
+        self._late_until, self._hearing.late_until = self._hearing.late_until, 0.0
+        self._until = min(self._until, self._hearing.silent_since + LATEST_RESPONSE_S)
+        self._again(SILENT)
+
+    def _again(self, why: str) -> None:
+        """They were not heard: write them again, or give it up for that reason."""
+        if self._loop.time() < self._until:
+            self._write()
+            return
+        self.why = why
+        if self._is_of_family and self._patient:  # else others will stop it
+            _log.warning("the device was not seen to stop: %s", why)
+        self._settle(still=False)
+
+    def _settle(self, *, still: bool = True) -> None:
         self.cancel()
-        self.wanted, self.still = False, still
+        self.wanted, self.still, self.asks = False, still, False
         self._again_at = self._loop.time() + (0.0 if still else AGAIN_S)
         if self._hanging_up:
             self._write_all(self.last_requests())
