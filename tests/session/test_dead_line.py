@@ -10,10 +10,12 @@ from typing import Any
 
 import pytest
 
-from lidario import open_lidar
+from lidario import StreamFailed, open_lidar
 from lidario.sim.serve import PtyServer, TcpServer
 from tests.support.devices import Rig, is_off, left_still, make_rig, names
 from tests.support.loop import now
+
+pytestmark = pytest.mark.discards("stop requests and questions are tried while the line loses what goes one way")
 
 MODELS = ("rplidar-s2", "rplidar-a1", "rplidar-a2", "ydlidar-4ros", "hokuyo-urg04lx")
 LOSES = {"all": (True, True), "requests": (True, False), "responses": (False, True)}
@@ -66,3 +68,53 @@ async def test_one_at_a_real_line_too(server: Any, model: str, outage_s: float) 
             # A pseudo-terminal has no DTR.
             assert not device.scanning
             assert model == "rplidar-a1" or is_off(device)
+
+
+@pytest.mark.parametrize("delay_s", [0.12, 0.3, 1.5])
+async def test_one_that_takes_its_time_is_not_mistaken_for_one_that_heard(rplidar: Rig, delay_s: float) -> None:
+    """Its response comes when it was told to stop again already, and that it has discarded."""
+    async with rplidar.read():
+        rplidar.device.response_delay_s = delay_s
+        cut(rplidar.device, now, 0.06, requests=True, responses=True)
+
+
+async def test_closing_that_is_cancelled_or_done_twice_goes_on_all_the_same(rig: Rig) -> None:
+    lidar = await rig.open()
+    await anext(lidar.scans())
+    cut(rig.device, now, 0.5, requests=True, responses=True)
+    closing = [asyncio.ensure_future(lidar.close()) for _ in range(2)]
+    for _ in range(3):
+        await asyncio.sleep(0.1)
+        closing[0].cancel()
+    await asyncio.wait(closing)
+    assert closing[0].cancelled()
+    assert not lidar.is_connected
+
+
+async def test_it_is_told_where_nothing_comes_any_more(caplog: pytest.LogCaptureFixture) -> None:
+    """By both, and the second one does not wait as long again."""
+    rig = make_rig("rplidar")
+    async with rig.read() as (lidar, _):
+        cut(rig.device, now, 60.0, requests=True, responses=True)
+        began = now()
+        with pytest.raises(StreamFailed, match="it does not respond any more"):
+            await lidar.stop()
+        assert 2.0 < now() - began < 2.3
+        caplog.clear()
+        began = now()
+    assert now() - began < 0.3
+    assert [message.partition(":")[0] for message in caplog.messages] == ["the device was not seen to stop"]
+    assert rig.device.scanning
+
+
+async def test_a_question_that_it_has_never_responded_to_is_not_asked(rplidar: Rig) -> None:
+    """Silence is the proof, as it is of one that cannot be asked at all."""
+    tell = rplidar.device.identity.respond
+    rplidar.device.identity.respond = lambda request, *of: (
+        None if request.name == "get_health" else tell(request, *of)
+    )
+    async with rplidar.read():
+        asked, began = len(names(rplidar)), now()
+    assert now() - began < 0.2
+    assert "get_health" not in names(rplidar)[asked:]
+    assert "get_info" in names(rplidar)[asked:]

@@ -86,7 +86,7 @@ class YdlidarDevice(Device):
         self._health_request: Request | None = None
         self._protected: bool | None = False  # whether protection is on; None after a toggle without a response
         self._offset_deg = 0.0
-        # The values that the program has set, to be set again after a restart of the device.
+        # What the program has set, to be set again after a restart.
         self._wanted_protection: bool | None = None
         self._wanted_speed: int | None = None
         self._was_restarted = False
@@ -94,11 +94,8 @@ class YdlidarDevice(Device):
     def _be(self, model: Model) -> None:
         self._model = model
         self.can_be_stopped: bool = not model.one_way or model.dtr
-        # In models that hear requests, the motor stops with the laser.
-        self.can_keep_spinning: bool = model.one_way
-        # With DTR at rest, none is heard.
-        can_be_asked = not (model.one_way or model.dtr)
-        self.questions: tuple[Request, ...] = commands.QUESTIONS if can_be_asked else ()
+        self.can_keep_spinning: bool = model.one_way  # in others the motor stops with the laser
+        self.questions: tuple[Request, ...] = commands.QUESTIONS if model.hears_at_rest else ()
         # The limits of the data sheet, since the device cannot be asked.
         self.speeds: tuple[float, float] | None = model.speeds
 

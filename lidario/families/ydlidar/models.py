@@ -45,6 +45,11 @@ class Model:
         return self.code, self.other_code
 
     @property
+    def hears_at_rest(self) -> bool:
+        """Whether it responds while its motor stands."""
+        return not (self.one_way or self.dtr)
+
+    @property
     def mode(self) -> ScanMode:
         """Its one scan mode."""
         # With several rates, the time of a sample is not known.

@@ -12,8 +12,7 @@ sent, and a line may lose it. So the line is listened to afterwards:
 * It is quiet, and nothing was owed. So is a dead line. So the device is asked one of `Device.questions`, if it has
   responded to that before. It responds: they are written once more. Whether the line was dead until then or has
   died since, they were heard once. It does not respond: they are written again, and it is asked again. A response
-  that may be to an earlier one of these questions is no proof: it is asked once more, and waited for as long as it
-  may take.
+  that may be to an earlier one of these questions is no proof.
 * One that cannot be asked is still. They are written once more, since nothing acknowledges them.
 
 All of that takes `LATEST_RESPONSE_S` at most. Then it is logged that the device was not seen still.
@@ -81,22 +80,19 @@ class Stopper:
         self._loop = asyncio.get_running_loop()
         self._timer: asyncio.TimerHandle | None = None
         self._due = 0.0
-        # Done when another step is due, or none. Held by who waits alone, for the reason given in `Waiting`.
+        # Done when another step is due, or none. Held by who waits alone: see `Waiting`.
         self._changes = weakref.WeakSet[asyncio.Future[None]]()
         self._step: Callable[[], None] = self.try_now
         self._patient_until = 0.0
         self._attempts = 0
         # Until when they are written again.
         self._until = 0.0
-        # Whether a question is outstanding, how long its response is waited for, and until when that to an earlier
-        # one may come in its place.
-        self.asks: bool = False
+        self.asks: bool = False  # whether a question is outstanding
+        # How long its response is waited for, and until when that to an earlier one may come in its place.
         self._wait_s = PATIENCE_S
         self._late_until = 0.0
-        # Whether it has responded behind them.
-        self._has_answered = False
-        # Why it was not seen still the last time.
-        self.why: str = SILENT
+        self._has_answered = False  # whether it has responded behind them
+        self.why: str = SILENT  # why it was not seen still the last time
         # Bytes that came unasked before the last request; from when on the device is stopped for those that come
         # behind it, and whether it was.
         self._unasked = 0
@@ -200,10 +196,11 @@ class Stopper:
         if self._came_unasked() - self._unasked > UNASKED:
             self._again(SENDS_ON)
             return
-        self._has_answered = not is_late
         if is_late:
-            self._wait_s, self._until = LATEST_RESPONSE_S, self._loop.time() + LATEST_RESPONSE_S
-        self._write()
+            self._came_late()
+        else:
+            self._has_answered = True
+            self._write()
 
     async def written(self) -> None:
         """Return when the stop requests are written, or the port is dead; after 0.6 s at most.
@@ -294,6 +291,8 @@ class Stopper:
             # Whatever the device owed is among that.
             self._hearing.forget()
             self._again(SENDS_ON)
+        elif came and self._late_until > self._loop.time():
+            self._came_late()
         elif self._doubtful and (owed := self._hearing.owes_until) - self._loop.time() > CLOCK_S:
             self._come_back(min(owed, self._loop.time() + self._quiet_s), self._after_listening)
         elif self._doubtful:
@@ -322,10 +321,15 @@ class Stopper:
     def _not_answered(self) -> None:
         self.asks = False
         self._hearing.give_up()
-        # It is not waited for before they are written again.
         self._late_until, self._hearing.late_until = self._hearing.late_until, 0.0
         self._until = min(self._until, self._hearing.silent_since + LATEST_RESPONSE_S)
         self._again(SILENT)
+
+    def _came_late(self) -> None:
+        """The device takes its time, or the line works again: ask once more, and wait as long as that may take."""
+        self._late_until = 0.0
+        self._wait_s, self._until = LATEST_RESPONSE_S, self._loop.time() + LATEST_RESPONSE_S
+        self._write()
 
     def _again(self, why: str) -> None:
         """They were not heard: write them again, or give it up for that reason."""
