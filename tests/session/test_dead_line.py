@@ -107,12 +107,9 @@ async def test_it_is_told_where_nothing_comes_any_more(caplog: pytest.LogCapture
     assert rig.device.scanning
 
 
-async def test_a_question_that_it_has_never_responded_to_is_not_asked(rplidar: Rig) -> None:
-    """Silence is the proof, as it is of one that cannot be asked at all."""
+async def test_it_is_asked_only_what_it_has_responded_to_before(rplidar: Rig) -> None:
     tell = rplidar.device.identity.respond
-    rplidar.device.identity.respond = lambda request, *of: (
-        None if request.name == "get_health" else tell(request, *of)
-    )
+    rplidar.device.identity.respond = lambda asked, *of: None if asked.name == "get_health" else tell(asked, *of)
     async with rplidar.read():
         asked, began = len(names(rplidar)), now()
     assert now() - began < 0.2
