@@ -52,7 +52,7 @@ async def test_one_is_still_whose_line_is_dead_when_it_is_closed(rig: Rig, loses
 @pytest.mark.long
 @pytest.mark.real_time
 @pytest.mark.parametrize("server", [PtyServer, TcpServer])
-@pytest.mark.parametrize("model", ["rplidar-s2", "rplidar-a1", "ydlidar-4ros"])
+@pytest.mark.parametrize("model", ["rplidar-s2", "rplidar-a1", "ydlidar-4ros", "hokuyo-urg04lx"])
 @pytest.mark.parametrize("outage_s", [0.2, 0.5, 1.0])
 async def test_one_at_a_real_line_too(server: Any, model: str, outage_s: float) -> None:
     rig = make_rig(model)

@@ -85,8 +85,7 @@ class Stopper:
         self._step: Callable[[], None] = self.try_now
         self._patient_until = 0.0
         self._attempts = 0
-        # Until when they are written again.
-        self._until = 0.0
+        self._until = 0.0  # until when they are written again
         self.asks: bool = False  # whether a question is outstanding
         # How long its response is waited for, and until when that to an earlier one may come in its place.
         self._wait_s = PATIENCE_S
@@ -98,9 +97,8 @@ class Stopper:
         self._unasked = 0
         self._again_at = math.inf
         self._stopped_again = False
-        self._doubtful = False
+        self._doubtful = self._hanging_up = False
         self._patient = True
-        self._hanging_up = False
         try:
             self._reset = device.reset().data
         except Unsupported:
@@ -270,12 +268,13 @@ class Stopper:
         self._attempts, self._moved = self._attempts + 1, False
         requests = self.requests()
         self._write_all(requests)
-        if any(request.data for request in requests):
+        if self._has_answered and self._hanging_up and all(request.acknowledged for request in requests):
+            self._settle()  # behind what it acknowledges, a device hears who opens the port next
+        elif any(request.data for request in requests):
             listens_at = max(self._hearing.free_at(0.0), self._loop.time())
             self._come_back(listens_at, self._settle if self._has_answered else self._listen)
         else:
-            # A device that streams unasked was told nothing, and does not fall quiet.
-            self._settle()
+            self._settle()  # one that streams unasked was told nothing, and does not fall quiet
 
     def _write_all(self, requests: Sequence[Request]) -> None:
         # Each of them ends the stream for the parser, also the one that is for the motor alone.

@@ -12,7 +12,8 @@ from lidario.model import Health, HealthStatus
 from lidario.testing import SimulatedLidar
 from lidario.wire.envelope import Request
 from tests.families.hokuyo.about import GEOMETRY
-from tests.support.devices import take
+from tests.support.devices import left_still, make_rig, take
+from tests.support.loop import now
 from tests.support.scripts import played
 
 STATES = {
@@ -128,3 +129,13 @@ def test_a_refused_start_of_a_device_that_is_not_well_is_as_none(state: str, rai
 
     with pytest.raises(raised):
         played(device.start(modes[0]), answer)
+
+
+async def test_it_is_closed_without_a_pause_and_can_be_opened_again_at_once() -> None:
+    """It acknowledges QT, and hears what comes behind it."""
+    rig = make_rig("hokuyo-urg04lx")
+    for _ in range(2):
+        async with rig.read():
+            began = now()
+        assert now() - began < 0.25
+        assert left_still(rig)
