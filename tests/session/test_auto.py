@@ -22,14 +22,14 @@ from tests.support.loop import now, now_ns
 from tests.support.speeds import plugged_in, serial_in_memory
 
 ONE_OF_EACH: dict[str, tuple[float, int]] = {  # seconds, bytes written
-    "rplidar-s2": (0.25, 22),
-    "rplidar-a1": (0.75, 36),
-    "rplidar-c1": (0.8, 54),
-    "ydlidar-4ros": (0.35, 16),
-    "ydlidar-g2": (0.7, 36),
-    "ydlidar-tmini-pro": (0.7, 36),
+    "rplidar-s2": (0.3, 30),
+    "rplidar-a1": (0.75, 38),
+    "rplidar-c1": (0.85, 62),
+    "ydlidar-4ros": (0.35, 20),
+    "ydlidar-g2": (0.7, 40),
+    "ydlidar-tmini-pro": (0.7, 40),
     "ydlidar-x4": (1.6, 60),
-    "ydlidar-f4": (0.9, 48),
+    "ydlidar-f4": (0.9, 52),
     "ydlidar-s4b": (1.8, 64),
     "ydlidar-x2": (2.8, 60),
     "ldrobot-ld06": (0.4, 0),

@@ -5,15 +5,14 @@ reached the operating system before `stop` returns. Else a timer writes them, wh
 
 That they were written does not mean that they were heard. A device that has not responded yet discards what it is
 sent, and a line may lose it. So the line is listened to afterwards:
-
 * Bytes come, more than noise: the stop requests are written again.
 * It is quiet, but the device owed a response when they were written: they are written again as soon as it comes,
   or when it is not waited for any more.
-* It is quiet, and nothing was owed. So is a dead line. So the device is asked one of `Device.questions`, if it has
-  responded to that before. It responds: they are written once more. Whether the line was dead until then or has
-  died since, they were heard once. It does not respond: they are written again, and it is asked again. A response
-  that may be to an earlier one of these questions is no proof.
-* One that cannot be asked is still. They are written once more, since nothing acknowledges them.
+* It is quiet, and nothing was owed: they are written once more, since mostly nothing acknowledges them.
+* It is quiet again. So is a dead line. So the device is asked one of `Device.questions`, if it has responded to
+  that before. It responds: they are written a last time. Whether the line was dead until then or has died since,
+  they were heard once. It does not respond: they are written again, and it is asked again. A response that may be
+  to an earlier one of these questions is no proof. One that cannot be asked is still.
 
 All of that takes `LATEST_RESPONSE_S` at most. Then it is logged that the device was not seen still.
 
@@ -57,8 +56,7 @@ SILENT = "it does not respond any more, and may not have heard the stop requests
 AGAIN_S = 2.0
 """Seconds until a device that was not seen still and streams is stopped again. Who waits for it is told before."""
 UNASKED = 64
-"""Most bytes that come unasked from a device at rest: noise, a late response, what acknowledges a request. More
-are a stream: the slowest one sends 264 while it is listened to."""
+"""Most bytes that come unasked at rest: noise, a late response. A stream: 264 at least while it is listened to."""
 
 
 class Stopper:
@@ -271,7 +269,9 @@ class Stopper:
         if self._has_answered and self._hanging_up and all(request.acknowledged for request in requests):
             self._settle()  # behind what it acknowledges, a device hears who opens the port next
         elif any(request.data for request in requests):
-            listens_at = max(self._hearing.free_at(0.0), self._loop.time())
+            # Behind the last of them it may be deaf for longer than its manual says.
+            pause_s = self._quiet_s if self._has_answered and not self._hanging_up else 0.0
+            listens_at = max(self._hearing.free_at(0.0), self._loop.time() + pause_s)
             self._come_back(listens_at, self._settle if self._has_answered else self._listen)
         else:
             self._settle()  # one that streams unasked was told nothing, and does not fall quiet
@@ -297,10 +297,10 @@ class Stopper:
         elif self._doubtful:
             self._hearing.miss()
             self.try_now()
-        elif (question := self._question) is not None:
-            self._ask(question)
         elif self._attempts == 1 and self._is_of_family and not any(each.acknowledged for each in self.requests()):
             self._write()
+        elif (question := self._question) is not None:
+            self._ask(question)
         else:
             self._settle()
 
