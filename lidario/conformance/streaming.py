@@ -21,7 +21,8 @@ BACKWARD_SHARE = 0.05  # share of packets that may begin before the one before: 
 ALIKE_SHARE = 0.1
 STEADY_SHARE = 0.05
 LATE_SHARE = 0.5
-"""Turns by which time stamps may be off. Where a revolution is missing, all behind it are off by a whole one."""
+"""Turns by which time stamps may be late. Where a revolution is missing, all behind it are by a whole one. Earlier they
+may be by any amount: the computer has read sooner than ever before, which dates what follows anew."""
 BESIDE = 3  # revolutions of which one is dated right: a computer that pauses reads two of them together
 REPORTED_SHARE = 0.05
 WIDEST_GAP_DEG = 15.0
@@ -144,7 +145,7 @@ def revolutions_follow(watch: Watch) -> Found:
         late.append(late[-1] + (two.stamp_ns - one.stamp_ns) / one.duration_ns * _seen_of(one) - 1)
     for at in range(BESIDE, len(late) - BESIDE + 1):
         step = min(late[at : at + BESIDE]) - min(late[at - BESIDE : at])
-        if abs(step) > LATE_SHARE:
+        if step > LATE_SHARE:
             return False, f"revolution {watch.scans[at].seq} begins {1 + step:.2f} turns behind the one before"
     return True, f"{len(watch.scans)} in a row"
 

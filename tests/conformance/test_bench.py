@@ -68,7 +68,6 @@ async def test_a_cancelled_bench_leaves_the_device_still(after_s: float) -> None
         await task
     assert not device.scanning
     assert not device.motor_on
-    assert device.log[-1].name == "stop"
 
 
 @driven
@@ -86,7 +85,8 @@ async def test_what_comes_behind_a_lost_line_is_not_tried() -> None:
     assert len(lost) > 20
     assert all(each.outcome is Outcome.NOT_TRIED for each in lost)
     first = verdicts[verdicts.index(lost[0]) - 1]
-    assert (first.outcome, first.text) == (Outcome.BROKEN, "the line to the device was lost meanwhile")
+    assert first.outcome is Outcome.BROKEN
+    assert "lost" in first.text.lower()  # by what the session has raised, or by the bench where nothing was asked
 
 
 @pytest.mark.parametrize("source", ["corridor.mcap", "zenoh:lidar"])
