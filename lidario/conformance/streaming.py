@@ -21,8 +21,8 @@ BACKWARD_SHARE = 0.05  # share of packets that may begin before the one before: 
 ALIKE_SHARE = 0.1
 STEADY_SHARE = 0.05
 LATE_SHARE = 0.5
-"""Turns by which time stamps may be late. Where a revolution is missing, all behind it are by a whole one. Earlier they
-may be by any amount: the computer has read sooner than ever before, which dates what follows anew."""
+"""Turns by which time stamps may be late. Where a revolution is missing, all behind it are by a whole one. Earlier
+they may be by any amount: the computer has read sooner than ever before, which dates what follows anew."""
 BESIDE = 3  # revolutions of which one is dated right: a computer that pauses reads two of them together
 REPORTED_SHARE = 0.05
 WIDEST_GAP_DEG = 15.0
