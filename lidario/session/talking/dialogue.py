@@ -224,6 +224,9 @@ class Dialogue(Intake, Waiting):
         self._readiness.measures_speed = False
         if self.port.baudrate != baudrate:
             self._readiness.pause(UNCONFIRMED_S)
+            # What it owes came at the other speed, if at all. Nor does its silence there tell anything.
+            self._readiness.forget()
+            self._readiness.silent_since = 0.0
             self.port.set_baudrate(baudrate)
 
     # ------------------------------------------------------------------------------------------------ stopping

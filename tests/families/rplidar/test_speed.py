@@ -12,6 +12,7 @@ from lidario import ConnectFailed, InvalidValue, ResponseTimeout, Unsupported, o
 from lidario.families.rplidar.commands import GET_HEALTH, STOP
 from lidario.families.rplidar.speed import confirm
 from lidario.port.port import Port
+from lidario.session.talking.readiness import UNCONFIRMED_S
 from tests.support.cable import cable_to
 from tests.support.devices import Rig, left_still, make_rig, names, take
 from tests.support.loop import driven_loop, run_driven
@@ -124,6 +125,33 @@ async def test_after_an_attempt_in_vain_it_is_heard_as_soon_as_it_has_gone_back(
         # The attempt ends in a stop, behind which it is asked whether it hears; the other one is the program's.
         assert written.count(GET_HEALTH.data) == 2
         assert [each.data for each in rplidar.device.log[before:] if each.obeyed] == written
+
+
+@pytest.mark.parametrize("cancelled", [False, True])
+@pytest.mark.parametrize("lost", [0, 1])
+async def test_behind_an_attempt_in_vain_it_is_stopped_as_soon_as_it_has_gone_back(
+    rplidar: Rig, monkeypatch: pytest.MonkeyPatch, *, cancelled: bool, lost: int
+) -> None:
+    """What it may have said at the other speed is not waited for; and the question behind it may be lost once."""
+    monkeypatch.setattr(rplidar.device.line_speed, "hear", lambda data, now: b"")
+    receive, written = rplidar.device.receive, list[bytes]()
+
+    def note(data: bytes, at_ns: int) -> None:
+        written.append(data)
+        if data != GET_HEALTH.data or written.count(data) > lost:
+            receive(data, at_ns)
+
+    async with rplidar.open() as lidar:
+        await take(lidar, 1)
+        changing = asyncio.ensure_future(lidar.set_baudrate(921_600))
+        await asyncio.wait([changing], timeout=0.2 if cancelled else None)
+        changing.cancel()
+        await asyncio.wait([changing])
+        began, rplidar.device.receive = asyncio.get_running_loop().time(), note
+        await lidar.stop()
+        assert asyncio.get_running_loop().time() - began < UNCONFIRMED_S + 0.2 + 0.25 * lost
+        # Twice before the question, once behind its response; and behind the silence, and what may be late.
+        assert written.count(STOP.data) == 3 + 2 * lost
 
 
 async def test_an_adapter_that_cannot_do_it_is_left_as_it_was(
