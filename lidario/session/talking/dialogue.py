@@ -199,8 +199,10 @@ class Dialogue(Intake, Waiting):
         if stop:
             await self._until_it_listens()
             self.write((self.device.stop(),))
-        await self._until_it_listens()
-        listens_at = self._loop.time()
+        if self.stopper.wanted or self.link.state is not LinkState.DRAINING:
+            await self._until_it_listens()
+        # What comes during the pause behind STOP was under way already. The waiting for silence begins behind it.
+        listens_at = max(self._loop.time(), self._readiness.listens_at)
         while self.link.state is LinkState.DRAINING:
             now, last = self._loop.time(), max(listens_at, self._heard_at)
             if (left := last + self.timing.quiet_s - now) <= CLOCK_S:
