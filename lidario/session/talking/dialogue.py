@@ -18,7 +18,7 @@ from lidario.errors import LidarError, ResponseTimeout, SessionClosed, StreamFai
 from lidario.families.base import Device, Script, Timing
 from lidario.port.port import Port
 from lidario.session.talking.intake import Intake
-from lidario.session.talking.readiness import CLOCK_S, UNCONFIRMED_S, Readiness
+from lidario.session.talking.readiness import CLOCK_S, Readiness
 from lidario.session.talking.stopper import PATIENCE_S, Stopper
 from lidario.session.talking.trouble import mistake_of_ours, twin_of
 from lidario.session.talking.waiting import Awaited, Waiting
@@ -225,10 +225,7 @@ class Dialogue(Intake, Waiting):
         """Have the line at a speed again. A device that measures another one hears nothing until it is back."""
         self._readiness.measures_speed = False
         if self.port.baudrate != baudrate:
-            self._readiness.pause(UNCONFIRMED_S)
-            # What it owes came at the other speed, if at all. Nor does its silence there tell anything.
-            self._readiness.forget()
-            self._readiness.silent_since = 0.0
+            self._readiness.goes_back()
             self.port.set_baudrate(baudrate)
 
     # ------------------------------------------------------------------------------------------------ stopping

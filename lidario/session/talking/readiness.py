@@ -83,6 +83,15 @@ class Readiness:
         self._link.forget()
         self.late_until = 0.0
 
+    def goes_back(self) -> None:
+        """The device may run at another speed, and hears nothing until it has gone back.
+
+        What it owes comes at that speed, if at all. Nor does its silence there tell anything.
+        """
+        self.pause(UNCONFIRMED_S)
+        self.forget()
+        self.silent_since = 0.0
+
     def free_at(self, patient_until: float) -> float:
         """When the device listens; a response is not waited for beyond `patient_until`."""
         if self.measures_speed:
