@@ -17,7 +17,7 @@ from benchmarks.models import FORMATS as RELATIVES
 from benchmarks.streams import RATES, Kind, rplidar_kind
 from benchmarks.truth_code import Floats, Ints
 from benchmarks.truth_streams import Form, Samples
-from lidario.families.ldrobot.simulated import device as ldrobot
+from lidario.families.ldrobot import simulated as ldrobot
 from lidario.families.rplidar.simulated import packers as rplidar
 from lidario.families.rplidar.simulated.device import PROFILES
 from lidario.families.rplidar.simulated.identity import pack_announcement

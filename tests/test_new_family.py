@@ -75,7 +75,7 @@ def test_a_family_is_small(family: Family) -> None:
     """Those that came after the third: what is the same in two of them belongs beside them."""
     most = {"rplidar": None, "ydlidar": None, "ldrobot": None, "hokuyo": 500}.get(family.name, 250)
     if most is not None:
-        assert size_of((sizes.FAMILIES / family.name).glob("*.py")).code <= most
+        assert sizes.sides_of(sizes.FAMILIES / family.name)[0].code <= most
 
 
 def test_lines_of_code_are_counted(tmp_path: Path) -> None:

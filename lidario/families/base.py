@@ -274,4 +274,4 @@ class Family:
 
     def _simulation(self) -> Any:
         """The module of its simulated devices."""
-        return import_module(f"lidario.families.{self.name}.simulated.device")
+        return import_module(f"lidario.families.{self.name}.simulated")

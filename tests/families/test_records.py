@@ -3,13 +3,13 @@
 import pytest
 
 from lidario.families.camsense.formats import PacketFormat as CamsenseFormat
-from lidario.families.camsense.simulated.device import pack_packet as camsense
+from lidario.families.camsense.simulated import pack_packet as camsense
 from lidario.families.irobotix.formats import FrameFormat
-from lidario.families.irobotix.simulated.device import pack_failure, pack_frame
+from lidario.families.irobotix.simulated import pack_failure, pack_frame
 from lidario.families.ldrobot.formats import PacketFormat as LdrobotFormat
-from lidario.families.ldrobot.simulated.device import pack_response as ldrobot
+from lidario.families.ldrobot.simulated import pack_response as ldrobot
 from lidario.families.neato.formats import PacketFormat as NeatoFormat
-from lidario.families.neato.simulated.device import pack_packet as neato
+from lidario.families.neato.simulated import pack_packet as neato
 from lidario.families.ydlidar.formats import PointCloud
 from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_response, pack_time_stamp
 from lidario.wire.formats import NO_PACKET, StreamFormat

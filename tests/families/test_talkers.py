@@ -9,13 +9,13 @@ import pytest
 
 from lidario.families.camsense import TALKERS as CAMSENSE
 from lidario.families.hlds import TALKERS as HLDS
-from lidario.families.hlds.simulated.device import pack_packet as hlds
+from lidario.families.hlds.simulated import pack_packet as hlds
 from lidario.families.irobotix import TALKERS as IROBOTIX
-from lidario.families.irobotix.simulated.device import pack_failure as irobotix_failure
-from lidario.families.irobotix.simulated.device import pack_measurement as irobotix
+from lidario.families.irobotix.simulated import pack_failure as irobotix_failure
+from lidario.families.irobotix.simulated import pack_measurement as irobotix
 from lidario.families.ldrobot import TALKERS as LDROBOT
 from lidario.families.neato import TALKERS as NEATO
-from lidario.families.neato.simulated.device import pack_packet as neato
+from lidario.families.neato.simulated import pack_packet as neato
 from lidario.families.talking import TalkingDevice, TalkingModel
 from lidario.families.ydlidar.models import MODELS as YDLIDAR
 from lidario.model import Health, HealthStatus

@@ -104,7 +104,7 @@ _STREAM = """
 import sys
 from contextlib import suppress
 import numpy as np
-from lidario.families.newname.simulated.device import PROFILES, make_simulated
+from lidario.families.newname.simulated import PROFILES, make_simulated
 from tests.reference import newname
 
 # Until the vendor's own program makes one: what the simulated device sends, as the scalar reference decodes it.

@@ -57,11 +57,17 @@ def size_of(paths: Iterable[Path]) -> Size:
     return Size(code, whole)
 
 
+def sides_of(family: Path) -> tuple[Size, Size]:
+    """A family without its simulated devices, and these."""
+    simulated = {*family.glob("simulated.py"), *family.glob("simulated/*.py")}
+    return size_of({*family.glob("*.py")} - simulated), size_of(simulated)
+
+
 def main() -> int:
     """Print a row for each family, and one for each file that they share; returns the exit code."""
     print(f"{'':14}{'code':>6}{'lines':>7}   its simulated devices")
     for folder in sorted(path.parent for path in FAMILIES.glob("*/__init__.py")):
-        own, simulated = size_of(folder.glob("*.py")), size_of((folder / "simulated").glob("*.py"))
+        own, simulated = sides_of(folder)
         print(f"{folder.name:14}{own.code:6}{own.whole:7}   {simulated.code}, {simulated.whole}")
     for path in sorted(FAMILIES.glob("*.py")):
         shared = size_of([path])

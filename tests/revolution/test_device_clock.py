@@ -12,7 +12,7 @@ import pytest
 
 from lidario.families.base import Stream
 from lidario.families.ldrobot import BEAM
-from lidario.families.ldrobot.simulated.device import pack_points
+from lidario.families.ldrobot.simulated import pack_points
 from lidario.model import ScanMode
 from lidario.recording.stored_times import StoredTimes
 from lidario.revolution.assemble import Assembler

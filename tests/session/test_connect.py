@@ -5,7 +5,7 @@ import asyncio
 import pytest
 
 from lidario import ConnectFailed, Lidar, list_lidars, open_lidar
-from lidario.families.camsense.simulated.device import pack_packet as pack_camsense
+from lidario.families.camsense.simulated import pack_packet as pack_camsense
 from lidario.families.registry import FAMILIES
 from lidario.families.rplidar.simulated.packers import pack_dense
 from lidario.model import LineErrors

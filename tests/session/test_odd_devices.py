@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from lidario import HealthStatus, Scan, StreamFailed, Unsupported, open_lidar
-from lidario.families.hokuyo.simulated.device import PROFILES as HOKUYOS
-from lidario.families.hokuyo.simulated.device import SimulatedHokuyo
+from lidario.families.hokuyo.simulated import PROFILES as HOKUYOS
+from lidario.families.hokuyo.simulated import SimulatedHokuyo
 from lidario.families.rplidar.simulated.device import Profile, SimulatedRplidar
 from lidario.families.rplidar.simulated.requests import Request
 from lidario.sim.rooms import make_world

@@ -10,12 +10,12 @@ from typing import Any
 import pytest
 
 from lidario import ConnectFailed, InvalidValue, SessionClosed, StreamFailed, Unsupported, decode, open_lidar
-from lidario.families.camsense.simulated.device import PROFILES as CAMSENSE
-from lidario.families.camsense.simulated.device import SimulatedCamsense
-from lidario.families.irobotix.simulated.device import PROFILES as IROBOTIX
-from lidario.families.irobotix.simulated.device import SimulatedIrobotix
-from lidario.families.ldrobot.simulated.device import PROFILES as LDROBOT
-from lidario.families.ldrobot.simulated.device import SimulatedLdrobot
+from lidario.families.camsense.simulated import PROFILES as CAMSENSE
+from lidario.families.camsense.simulated import SimulatedCamsense
+from lidario.families.irobotix.simulated import PROFILES as IROBOTIX
+from lidario.families.irobotix.simulated import SimulatedIrobotix
+from lidario.families.ldrobot.simulated import PROFILES as LDROBOT
+from lidario.families.ldrobot.simulated import SimulatedLdrobot
 from lidario.families.registry import FAMILIES, family_named
 from lidario.families.ydlidar.simulated.device import PROFILES as YDLIDAR
 from lidario.sim.chassis import maker

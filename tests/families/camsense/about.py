@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from lidario.families.camsense.decode import PacketDecoder
 from lidario.families.camsense.formats import LongFormat, PacketFormat
-from lidario.families.camsense.simulated.device import make_simulated, pack_packet
+from lidario.families.camsense.simulated import make_simulated, pack_packet
 from tests.reference import camsense, golden
 from tests.reference.samples import fold
 from tests.support.case import Case, Maker, of_a_talker

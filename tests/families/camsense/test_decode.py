@@ -6,7 +6,7 @@ import pytest
 import lidario
 from lidario.families.camsense.decode import PacketDecoder
 from lidario.families.camsense.formats import LongFormat, PacketFormat
-from lidario.families.camsense.simulated.device import pack_packet
+from lidario.families.camsense.simulated import pack_packet
 from tests.families.camsense.about import CASES
 from tests.reference import camsense
 from tests.support.streams import in_one_run

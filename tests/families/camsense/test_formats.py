@@ -1,7 +1,7 @@
 """What is a packet, what is none, and what only tells that the rotor speeds up."""
 
 from lidario.families.camsense.formats import LongFormat
-from lidario.families.camsense.simulated.device import pack_packet
+from lidario.families.camsense.simulated import pack_packet
 from tests.families.camsense.about import CASES
 from tests.support.streams import checked_one_by_one, feed
 

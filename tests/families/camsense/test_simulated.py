@@ -2,7 +2,7 @@
 
 import pytest
 
-from lidario.families.camsense.simulated.device import PROFILES
+from lidario.families.camsense.simulated import PROFILES
 from tests.support.devices import Rig
 from tests.support.loop import now_ns
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.hlds.formats import CheckedFormat, PacketFormat
-from lidario.families.hlds.simulated.device import make_simulated, pack_packet
+from lidario.families.hlds.simulated import make_simulated, pack_packet
 from lidario.families.slots import DegreeDecoder
 from tests.reference import hlds
 from tests.support.case import Case, Maker, of_a_talker

@@ -4,7 +4,7 @@ import pytest
 
 from lidario.families.hlds import TALKERS
 from lidario.families.hlds.formats import SIZE, CheckedFormat, PacketFormat
-from lidario.families.hlds.simulated.device import pack_packet
+from lidario.families.hlds.simulated import pack_packet
 from lidario.wire.rows import Fold15
 from tests.families.hlds.about import CASES
 from tests.reference.samples import fold

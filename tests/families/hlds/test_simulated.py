@@ -4,7 +4,7 @@ from functools import partial
 
 import pytest
 
-from lidario.families.hlds.simulated.device import PROFILES, make_simulated
+from lidario.families.hlds.simulated import PROFILES, make_simulated
 from tests.reference import hlds, samples
 from tests.support.devices import Rig, call
 

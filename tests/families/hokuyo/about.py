@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from lidario.families.hokuyo.decode import BlockDecoder
 from lidario.families.hokuyo.formats import DistanceFormat, StrengthFormat
 from lidario.families.hokuyo.geometry import Geometry
-from lidario.families.hokuyo.simulated.device import make_simulated
+from lidario.families.hokuyo.simulated import make_simulated
 from lidario.families.scripts import begin
 from tests.reference import golden, hokuyo
 from tests.support.case import Case, Maker

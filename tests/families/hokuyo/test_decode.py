@@ -6,7 +6,7 @@ import pytest
 from lidario.families.hokuyo.decode import BlockDecoder
 from lidario.families.hokuyo.formats import DistanceFormat
 from lidario.families.hokuyo.geometry import Geometry
-from lidario.families.hokuyo.simulated.device import pack_block
+from lidario.families.hokuyo.simulated import pack_block
 from lidario.families.stream import Stream
 from lidario.revolution.whole import WholeAssembler, sectors_of
 from lidario.scan import Scan

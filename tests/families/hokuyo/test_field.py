@@ -11,7 +11,7 @@ from lidario import LaserScan, Scan
 from lidario.beams import BeamOptions, resample
 from lidario.families.base import Known
 from lidario.families.hokuyo.device import find_stream
-from lidario.families.hokuyo.simulated.device import pack_block, pack_lines
+from lidario.families.hokuyo.simulated import pack_block, pack_lines
 from lidario.rotor import Rotor
 from lidario.testing import make_scan
 from tests.families.hokuyo.about import CASES, GEOMETRY

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import pytest
 
-from lidario.families.hokuyo.simulated.device import PROFILES, SimulatedHokuyo, make_simulated
+from lidario.families.hokuyo.simulated import PROFILES, SimulatedHokuyo, make_simulated
 from tests.reference import hokuyo
 
 pytestmark = pytest.mark.discards("what the simulated device discards is tested here")

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from lidario.families.irobotix.decode import FrameDecoder
 from lidario.families.irobotix.formats import FifteenFormat, FrameFormat
-from lidario.families.irobotix.simulated.device import make_simulated, pack_measurement
+from lidario.families.irobotix.simulated import make_simulated, pack_measurement
 from tests.reference import golden, irobotix
 from tests.support.case import Case, Maker, of_a_talker
 

@@ -7,7 +7,7 @@ import lidario
 from lidario.families.irobotix import TALKERS
 from lidario.families.irobotix.decode import FrameDecoder, frames_a_turn
 from lidario.families.irobotix.formats import FifteenFormat, FrameFormat
-from lidario.families.irobotix.simulated.device import pack_failure, pack_frame, pack_measurement
+from lidario.families.irobotix.simulated import pack_failure, pack_frame, pack_measurement
 from lidario.families.stream import Known
 from tests.families.irobotix.about import CASES
 from tests.reference import irobotix

@@ -3,7 +3,7 @@
 import pytest
 
 from lidario.families.irobotix.formats import AnyFrame, FrameFormat
-from lidario.families.irobotix.simulated.device import pack_failure, pack_frame, pack_measurement
+from lidario.families.irobotix.simulated import pack_failure, pack_frame, pack_measurement
 from lidario.wire.formats import NO_PACKET
 from tests.families.irobotix.about import CASES
 from tests.support.streams import feed, in_one_run

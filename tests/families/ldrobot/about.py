@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.ldrobot import AXIS, BEAM, TRIANGLE
-from lidario.families.ldrobot.simulated.device import make_simulated, pack_points
+from lidario.families.ldrobot.simulated import make_simulated, pack_points
 from tests.reference import golden, ldrobot
 from tests.support.case import Case, Maker, of_a_talker
 

@@ -8,7 +8,7 @@ import pytest
 import lidario
 from lidario.families.ldrobot import TALKERS
 from lidario.families.ldrobot.formats import CRC, SIZE, PacketFormat
-from lidario.families.ldrobot.simulated.device import PROFILES, SimulatedLdrobot
+from lidario.families.ldrobot.simulated import PROFILES, SimulatedLdrobot
 from lidario.families.registry import family_of_simulated
 from lidario.families.samples import Samples
 from lidario.families.talking import TalkingDevice

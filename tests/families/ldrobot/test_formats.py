@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from lidario.families.ldrobot import TALKERS
 from lidario.families.ldrobot.decode import TriangleDecoder
 from lidario.families.ldrobot.formats import CRC, PacketFormat, TriangleFormat
-from lidario.families.ldrobot.simulated.device import pack_points, pack_response
+from lidario.families.ldrobot.simulated import pack_points, pack_response
 from lidario.families.scripts import hear
 from lidario.families.two_angles import TwoAngleDecoder
 from lidario.recording.offline import OfflineDecoder

@@ -5,7 +5,7 @@ import pytest
 
 from lidario.families.ldrobot import TALKERS
 from lidario.families.ldrobot.formats import PACKET, PacketFormat
-from lidario.families.ldrobot.simulated.device import make_simulated
+from lidario.families.ldrobot.simulated import make_simulated
 
 S = 1_000_000_000
 BEGIN = 1000 * S

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.neato.formats import BackFormat, PacketFormat
-from lidario.families.neato.simulated.device import make_simulated, pack_packet
+from lidario.families.neato.simulated import make_simulated, pack_packet
 from lidario.families.slots import DegreeDecoder
 from tests.reference import golden, neato
 from tests.reference.samples import fold

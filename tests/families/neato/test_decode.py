@@ -7,7 +7,7 @@ import pytest
 
 import lidario
 from lidario.families.neato.formats import BackFormat, PacketFormat
-from lidario.families.neato.simulated.device import pack_packet
+from lidario.families.neato.simulated import pack_packet
 from lidario.families.slots import DegreeDecoder
 from tests.families.neato.about import CASES
 from tests.reference import golden, neato

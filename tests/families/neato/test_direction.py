@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import lidario
-from lidario.families.neato.simulated.device import pack_packet
+from lidario.families.neato.simulated import pack_packet
 from lidario.revolution.whole import sectors_of
 from lidario.scan import Scan
 from tests.families.neato.about import CASES, LAYOUTS

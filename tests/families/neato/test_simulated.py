@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import pytest
 
-from lidario.families.neato.simulated.device import make_simulated
+from lidario.families.neato.simulated import make_simulated
 from tests.reference import neato, samples
 
 S = 1_000_000_000
