@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,7 +35,7 @@ class Maker(NamedTuple):
     tuned: bool = True
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Case:
     """One golden stream, and all that is particular to its format.
 
@@ -80,35 +80,40 @@ class Case:
     intensity_bits: int = 8
     layout: object = None
 
-    @property
-    def raw(self) -> bytes:
-        """The golden bytes; of a stream with other records between its packets, the packets."""
-        return _raw(self)
-
-    @property
-    def packets(self) -> tuple[bytes, ...]:
-        """The golden packets."""
-        return _packets(self)
-
-    @property
-    def samples(self) -> tuple[Sample, ...]:
-        """All samples, as the scalar reference decodes them."""
-        return _samples(self)
-
-    @property
-    def turns(self) -> tuple[tuple[Sample, ...], ...]:
-        """The whole turns among them."""
-        return _turns(self)
-
-    @property
+    @cached_property
     def truth(self) -> golden.Golden:
         """What the vendor's program made of it."""
-        return _golden(self.name)
+        return golden.load(self.name)
 
-    @property
+    @cached_property
+    def raw(self) -> bytes:
+        """The golden bytes; of a stream with other records between its packets, the packets."""
+        return self.truth.raw if self.descriptor else b"".join(self.packets)
+
+    @cached_property
+    def packets(self) -> tuple[bytes, ...]:
+        """The golden packets."""
+        return tuple(self.split(self.truth.raw))
+
+    @cached_property
+    def samples(self) -> tuple[Sample, ...]:
+        """All samples, as the scalar reference decodes them."""
+        return tuple(self.decode(self.packets))
+
+    @cached_property
+    def turns(self) -> tuple[tuple[Sample, ...], ...]:
+        """The whole turns among them."""
+        return tuple(map(tuple, self.revolutions(self.samples)))
+
+    @cached_property
     def correction_deg(self) -> float:
         """How far an angle differs from its beam's at most: what the format corrects by the distance."""
-        return _correction_deg(self)
+        return max(abs((sample.angle_deg - sample.raw_deg + 180) % 360 - 180) for sample in self.samples)
+
+    @cached_property
+    def byte_ns(self) -> float:
+        """How long a byte takes at the device's own pace."""
+        return len(self.samples) * self.sample_us * 1e3 / len(self.raw)
 
     def intensities(self, samples: Sequence[Sample]) -> list[int] | None:
         """What a scan has of their qualities: the upper eight bits, where the format has more."""
@@ -116,11 +121,6 @@ class Case:
         found = [sample.quality >> more for sample in samples if sample.quality is not None]
         assert len(found) in (0, len(samples))
         return found or None
-
-    @property
-    def byte_ns(self) -> float:
-        """How long a byte takes at the device's own pace."""
-        return _byte_ns(self)
 
 
 def of_a_talker(name: str, wire: Callable[[], StreamFormat], decoder: Callable[[], Decoder], **about: Any) -> Case:
@@ -145,36 +145,3 @@ def of_a_talker(name: str, wire: Callable[[], StreamFormat], decoder: Callable[[
         exact=True,
         **{"lookahead": False, **about},
     )
-
-
-_golden = cache(golden.load)
-
-
-@cache
-def _packets(case: Case) -> tuple[bytes, ...]:
-    return tuple(case.split(case.truth.raw))
-
-
-@cache
-def _raw(case: Case) -> bytes:
-    return case.truth.raw if case.descriptor else b"".join(case.packets)
-
-
-@cache
-def _byte_ns(case: Case) -> float:
-    return len(case.samples) * case.sample_us * 1e3 / len(case.raw)
-
-
-@cache
-def _correction_deg(case: Case) -> float:
-    return max(abs((sample.angle_deg - sample.raw_deg + 180) % 360 - 180) for sample in case.samples)
-
-
-@cache
-def _samples(case: Case) -> tuple[Sample, ...]:
-    return tuple(case.decode(case.packets))
-
-
-@cache
-def _turns(case: Case) -> tuple[tuple[Sample, ...], ...]:
-    return tuple(tuple(turn) for turn in case.revolutions(case.samples))
