@@ -2,10 +2,8 @@
 
 import os
 import re
-import signal
 import subprocess
 import sys
-import threading
 from asyncio import timeout
 from contextlib import suppress
 from pathlib import Path
@@ -13,14 +11,11 @@ from pathlib import Path
 import pytest
 
 from lidario.errors import DeviceLost, LidarError
-from lidario.families.rplidar import commands
 from lidario.session.opening import open_lidar
 from lidario.sim.device import Received
 from tests.support import leaks
 from tests.support.devices import make_rig
-from tests.support.discards import all_obeyed, devices_made, some_discarded
-from tests.support.environment import obey_signals
-from tests.support.leaks import leaves_nothing
+from tests.support.discards import some_discarded
 from tests.support.ledger import BYTES, PACKETS, assert_stats_close, ledgers_made
 from tests.support.loop import driven, driven_loop, run_driven
 
@@ -64,10 +59,6 @@ def test_gives_no_reason() -> None:
     discard()
 
 
-def test_innocent() -> None:
-    pass
-
-
 async def test_innocent_and_async() -> None:
     await asyncio.create_task(asyncio.sleep(0))
 
@@ -98,30 +89,6 @@ if not Path(leaks.FOLDER).is_dir():
     CAUGHT.remove("test_leaves_a_file")  # the system does not tell
 
 
-def test_a_thread_that_is_about_to_end_is_waited_for() -> None:
-    go = threading.Event()
-    threading.Thread(target=go.wait, args=(PATIENCE_S,)).start()
-    with leaves_nothing():
-        second = threading.Thread(target=go.wait, args=(PATIENCE_S,))
-        second.start()
-        threading.Timer(0.05, go.set).start()
-    assert not second.is_alive()
-
-
-@pytest.mark.discards("shows that it is found")
-def test_a_discarded_request_is_found() -> None:
-    with devices_made() as devices:
-        device = make_rig("rplidar").device
-    assert devices == [device]
-    device.receive(commands.STOP.data, 0)
-    all_obeyed(devices)
-    assert not some_discarded(devices)
-    device.receive(commands.GET_INFO.data, 9_000_000)
-    assert some_discarded(devices)
-    with pytest.raises(AssertionError, match=r"-9.00 ms  stop a5 25(.|\n)*get_info a5 50  within 10 ms of a stop"):
-        all_obeyed(devices)
-
-
 @pytest.mark.parametrize(
     ("name", "why", "mistake"),
     [
@@ -140,8 +107,6 @@ def test_which_discarded_requests_are_mistakes(name: str, why: str, mistake: boo
 
 
 FAULTS = ("", "&fault=flip:0.1%", "&fault=drop:1%", "&fault=insert:0.1%", "&fault=stall:200ms", "&fault=unplug:4s")
-
-
 FAULTY = [(model, fault) for fault in FAULTS for model in ("rplidar-s2", "ydlidar-4ros")]
 EVERY_SECOND = [each for number, each in enumerate(FAULTY) if number % 4 in (0, 3)]
 """Every fault on one of the models, in turns."""
@@ -178,17 +143,6 @@ async def test_the_ledger_of_a_session_closes_under_every_fault(faulty: tuple[st
     ledgers.assert_closed()
 
 
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP", "SIGCHLD"])
-def test_signals_that_the_parent_ignores_are_obeyed(name: str) -> None:
-    number = getattr(signal, name, signal.SIGINT)  # Windows has the first two
-    before = signal.signal(number, signal.SIG_IGN)
-    try:
-        obey_signals()
-        assert signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler)
-    finally:
-        signal.signal(number, before)
-
-
 @pytest.mark.long
 def test_what_goes_on_for_ever_on_a_driven_loop_fails() -> None:
     """A device that sends, or a timer that comes again, keeps the clock going."""
@@ -220,3 +174,12 @@ def test_the_suite_watches_every_test(tmp_path: Path) -> None:
     told = re.findall(r"^(PASSED|FAILED|ERROR) \S+::(test_\w+)", ended.stdout, re.MULTILINE)
     assert {name for outcome, name in told if outcome != "PASSED"} == CAUGHT, ended.stdout
     assert {name for _, name in told} > CAUGHT
+
+
+@pytest.mark.long
+def test_no_test_looks_at_what_is_private() -> None:
+    """By an import or a string; attributes are looked for by ruff (SLF001)."""
+    named = r'(?:[sg]etattr|patch)\([^)]*"(?:[\w.]*\.)?_[a-z]\w*"'
+    private = re.compile(rf"{named}|^ *from lidario.*[. ]_[a-z]", re.MULTILINE)
+    found = {path: private.findall(path.read_text("utf-8")) for path in (ROOT / "tests").rglob("*.py")}
+    assert {path: names for path, names in found.items() if names} == {}

@@ -28,7 +28,7 @@ was interrupted."""
 @contextmanager
 def as_if_running(loop: asyncio.AbstractEventLoop) -> Iterator[None]:
     """Have `loop` be the running one of this thread, so that a step of a coroutine can be taken by hand."""
-    set_running = asyncio._set_running_loop
+    set_running = asyncio._set_running_loop  # noqa: SLF001 - asyncio has it for event loops
     set_running(loop)
     try:
         yield
