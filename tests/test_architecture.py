@@ -58,6 +58,9 @@ def test_something_is_found_to_test() -> None:
     assert {"Stopper.hang_up", "LinkStats.packets", "StreamControl.go"} <= set(NAMES)
     assert {"LINGER_S", "Port.is_forked", "ReaderStream.dropped", "Link.buffered"} <= defined()
     assert not {"Port.no_such_thing", "link"} & defined()
+    assert (
+        sorted(way for way, _, extract in EXTRACTS if len(lines_of(extract)) >= 3) == ["memory"] * 4 + ["pty"] * 2
+    )
 
 
 @pytest.mark.long
@@ -143,12 +146,6 @@ def of_runs(way: str, title: str) -> Iterator[list[Step]]:
     for run in range(10 if way == "pty" else 1):
         found = walked(way) if run else walks(way)
         yield from (steps for walk in found if title in walk.title for steps in walk.seen)
-
-
-def test_extracts_are_found() -> None:
-    assert {way for way, _, _ in EXTRACTS} == {"memory", "pty"}
-    assert len(EXTRACTS) == 6
-    assert all(len(lines_of(extract)) >= 3 for _, _, extract in EXTRACTS)
 
 
 @pytest.mark.long

@@ -1,8 +1,5 @@
 """The script that changes the source changes one line, which compiles, and the same ones for the same seed."""
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -11,6 +8,7 @@ from coverage import CoverageData
 from tests.mutants.__main__ import PARTS, ROOT, choose, stages_of
 from tests.mutants.covering import Covering
 from tests.mutants.places import Place, places_of
+from tests.support.children import ended
 
 SOURCE = b'''"""One and 2."""
 
@@ -64,10 +62,8 @@ def test_every_change_is_one_line_and_compiles(part: str) -> None:
 def test_the_same_seed_gives_the_same_changes() -> None:
     chosen = choose(100, 7, "wire")
     assert chosen != choose(100, 8, "wire")
-    command = "from tests.mutants.__main__ import choose; print(choose(100, 7, 'wire'))"
     # Sets come in another order in each process.
-    environment = {**os.environ, "PYTHONHASHSEED": "1", "PYTHONPATH": str(ROOT)}
-    done = subprocess.run([sys.executable, "-c", command], env=environment, capture_output=True, text=True)
+    done = ended("from tests.mutants.__main__ import choose; print(choose(100, 7, 'wire'))")
     assert done.stdout.strip() == str(chosen), done.stderr
     assert len(set(chosen)) == 100
     assert {place.kind for place in chosen} >= {"comparison", "number", "call", "sign", "return"}
