@@ -17,7 +17,7 @@ from lidario.session.finding.asking import Attempt, Woken, find_by_dtr
 from lidario.session.finding.connect import connect
 from lidario.sim.line import TransmitQueue
 from lidario.source import parse_source
-from tests.support.devices import make_rig
+from tests.support.devices import left_still, make_rig
 from tests.support.loop import now, now_ns
 from tests.support.speeds import plugged_in, serial_in_memory
 
@@ -79,86 +79,60 @@ async def test_a_name_that_two_families_have_is_that_of_the_one_that_is_heard(
         await lidar.scan()
 
 
-@pytest.mark.long
-async def test_one_that_was_stopped_is_woken(monkeypatch: pytest.MonkeyPatch) -> None:
-    device = make_rig("ldrobot-ld14p").device
-    device.spin_up_s = 1.0
-    plugged_in(monkeypatch, only=device)
-    device.receive(bytes.fromhex("54A104000000004A"), now_ns())
+TURRETS = ("neato-xv11", "camsense-x1", "irobotix-delta2a", "irobotix-delta2d", "irobotix-delta2g")
+TALKING = ("ydlidar-x4-pro", "ldrobot-ld06", "ldrobot-ld14", "ldrobot-stl27l", *TURRETS, "hlds-lds01")
+PORT = "serial://only"
+SLOW = [
+    # It was stopped before. A first, short search has stopped it again.
+    pytest.param("ldrobot-ld14p", 1.0, bytes.fromhex("54A104000000004A"), "auto", 7.5, marks=pytest.mark.long),
+    *((model, 2.0, b"e", PORT, 10.0) for model in ("hlds-lds01", "hlds-lds01-2016")),
+    # Its motor is switched on by DTR.
+    *(("ydlidar-x2", 1.4, b"", PORT + options, 6.5) for options in ("", "?baud=115200", "?model=x2")),
+    # They were asked last, behind all that others may need to hear a question: 6.5 to 8.7 s.
+    *(
+        ("ydlidar-x4", 1.0, b"", PORT, 1.5),
+        ("ydlidar-s4b", 1.0, b"", PORT, 1.7),
+        ("ydlidar-x2", 1.0, b"", PORT, 2.4),
+    ),
+    # They get power when their port is opened. An S2 was asked again after 9 s; an XV-11 was listened to for 15 s.
+    *(
+        (model, 0.5, off_s, PORT, 5.0)
+        for model in ("rplidar-s2", "rplidar-a1", "rplidar-c1", "ydlidar-x4", "ydlidar-x2", "neato-xv11")
+        for off_s in (0.0, 0.5)
+    ),
+    # An LD06 sends 0.5 to 0.7 s after it got power (more_families.md B2), and no question wakes it.
+    *(
+        pytest.param(model, 0.5, 0.5, PORT, 8.0, marks=pytest.mark.long)
+        for model in ("ldrobot-ld06", "ldrobot-stl27l", "ldrobot-ld14", *TURRETS[1:])
+    ),
+]
+"""How long the rotor needs, what the device has heard before or how long it was off, and the longest search."""
+
+
+@pytest.mark.parametrize(("model", "spin_up_s", "before", "source", "longest"), SLOW)
+async def test_one_that_needs_time_is_found_soon_and_left_still(
+    model: str,
+    spin_up_s: float,
+    before: bytes | float,
+    source: str,
+    longest: float,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rig = make_rig(model)
+    rig.device.spin_up_s = spin_up_s
+    plugged_in(monkeypatch, only=rig.device)
+    if isinstance(before, float):
+        rig.device.reboot(now_ns(), off_s=before)
+    else:
+        rig.device.receive(before, now_ns())
     began = now()
-    async with open_lidar("auto") as lidar:
-        assert lidar.info.model == "LDROBOT LD14P"
-        # A first, short search has stopped it again.
-        assert now() - began < 7.5
-    assert not device.motor_on
-
-
-@pytest.mark.parametrize("model", ["hlds-lds01", "hlds-lds01-2016"])
-async def test_one_that_turns_evenly_after_2_s_is_found(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    device = make_rig(model).device
-    device.spin_up_s = 2.0
-    serial_in_memory(monkeypatch, only=device)
-    device.receive(b"e", now_ns())
-    async with open_lidar("serial://only") as lidar:
-        assert lidar.info.model == "HLDS LDS-01"
-        assert len(await lidar.scan()) == 360
-    assert not device.motor_on
-
-
-@pytest.mark.parametrize("options", ["", "?baud=115200", "?model=x2"], ids=["unnamed", "its speed", "its name"])
-async def test_a_motor_switched_on_by_dtr_has_time_to_turn(options: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    device = make_rig("ydlidar-x2").device
-    device.spin_up_s = 1.4
-    serial_in_memory(monkeypatch, only=device)
-    async with open_lidar(f"serial://only{options}") as lidar:
+    async with open_lidar(source) as lidar:
+        assert now() - began < longest
+        assert lidar.info.family == rig.family
         assert (await lidar.get_health()).ok
         await asyncio.sleep(1.0)
         assert (await lidar.scan()).valid.any()
-    assert not device.motor_on
-
-
-@pytest.mark.parametrize(("model", "longest"), [("ydlidar-x4", 1.5), ("ydlidar-s4b", 1.7), ("ydlidar-x2", 2.4)])
-async def test_one_that_needs_dtr_is_found_by_its_port_as_soon_as_by_auto(
-    model: str, longest: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It was asked last, behind all that others may need to hear a question: 6.5 to 8.7 s."""
-    device = make_rig(model).device
-    device.spin_up_s = 1.0
-    serial_in_memory(monkeypatch, only=device)
-    began = now()
-    async with open_lidar("serial://only") as lidar:
-        assert lidar.info.family == "ydlidar"
-        assert now() - began < longest
-    assert not device.motor_on
-
-
-TURRETS = ("neato-xv11", "camsense-x1", "irobotix-delta2a", "irobotix-delta2d", "irobotix-delta2g")
-TALKING = ("ydlidar-x4-pro", "ldrobot-ld06", "ldrobot-ld14", "ldrobot-stl27l", *TURRETS, "hlds-lds01")
-GETS_POWER = [
-    (model, off_s, 5.0)
-    for model in ("rplidar-s2", "rplidar-a1", "rplidar-c1", "ydlidar-x4", "ydlidar-x2", "neato-xv11")
-    for off_s in (0.0, 0.5)
-]
-ONLY_TALKS = [
-    pytest.param(model, 0.5, 8.0, marks=pytest.mark.long)
-    for model in ("ldrobot-ld06", "ldrobot-stl27l", "ldrobot-ld14", *TURRETS[1:])
-]
-"""An LD06 sends 0.5 to 0.7 s after it got power (more_families.md B2), and no question wakes it."""
-
-
-@pytest.mark.parametrize(("model", "off_s", "longest"), [*GETS_POWER, *ONLY_TALKS])
-async def test_one_that_gets_power_when_its_port_is_opened_is_found_soon(
-    model: str, off_s: float, longest: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """An S2 was asked again after 9 s. What an XV-11 says when it boots was all that was listened to: 15 s."""
-    device = make_rig(model).device
-    device.spin_up_s = 0.5
-    serial_in_memory(monkeypatch, only=device)
-    device.reboot(now_ns(), off_s=off_s)
-    began = now()
-    async with open_lidar("serial://only") as lidar:
-        assert lidar.info.family == model.partition("-")[0]
-        assert now() - began < longest
+    assert left_still(rig)
 
 
 @pytest.mark.long

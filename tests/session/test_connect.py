@@ -137,43 +137,34 @@ def test_the_received_is_bounded() -> None:
     assert received.describe(LineErrors()).startswith("4096000 bytes came back, nearly all zero")
 
 
+BOOT = b"Piccolo Laser Distance Scanner\r\nAll Rights Reserved\r\n\r\nLoader\tV2.4.13386\r\nCPU\tF2802x/c600\r\n"
+GARBAGE = bytes(range(1, 200))
+TEXT = (
+    "bytes came back, text among them: 'Piccolo Laser Distance Scanner'. Is that a lidar? One that says so again and "
+    "again restarts: is its supply too weak (5 V, 1.5 A)?"
+)
+UNMEASURED = "Camsense packets among them, which measure nothing. Does its motor turn, and at the right speed?"
+
+
 @pytest.mark.parametrize(
-    ("source", "speeds", "says"),
+    ("source", "speeds", "came", "says"),
     [
-        ("udp://127.0.0.1:8089", (), ", as from no lidar. Is the"),
-        ("/dev/ttyUSB0", (), ", as at a wrong baud rate. Is the"),
-        ("/dev/ttyUSB0", (115200, 256000), ", as at a wrong baud rate. Is the"),
+        ("udp://127.0.0.1:8089", (), GARBAGE, "199 bytes of garbage came back, as from no lidar. Is the"),
+        ("/dev/ttyUSB0", (), GARBAGE, "199 bytes of garbage came back, as at a wrong baud rate. Is the"),
+        ("/dev/ttyUSB0", (115200, 256000), GARBAGE, "of garbage came back, as at a wrong baud rate. Is the"),
         # What the driver has counted says something of one speed alone.
-        ("/dev/ttyUSB0", (115200,), ", with 3 framing errors: the baud rate"),
-        ("/dev/ttyUSB0", (115200, 115200), ", with 3 framing errors: the baud rate"),
+        ("/dev/ttyUSB0", (115200,), GARBAGE, "of garbage came back, with 3 framing errors: the baud rate"),
+        ("/dev/ttyUSB0", (115200, 115200), GARBAGE, "of garbage came back, with 3 framing errors: the baud rate"),
+        # An XV-11 whose supply was too weak said this again and again (rohbotics/xv_11_laser_driver #6).
+        *(("/dev/ttyUSB0", (115200,), before + BOOT * 3, TEXT) for before in (b"", bytes(range(128, 256)) * 8)),
+        # Until its rotor turns, the start of a packet is its end (more_families_2.md 4.1).
+        *(
+            ("/dev/ttyUSB0", (115200,), pack_camsense(start, start, [0.0] * 8, [0] * 8, rpm=30.0) * 5, UNMEASURED)
+            for start in (0, 0xA000)
+        ),
     ],
 )
-def test_how_garbage_is_explained(source: str, speeds: tuple[int, ...], says: str) -> None:
+def test_what_came_in_silence_is_explained(source: str, speeds: tuple[int, ...], came: bytes, says: str) -> None:
     heard = ReceivedInSilence()
-    heard.see("in", bytes(range(1, 200)), 0)
-    told = str(heard.nothing_responds(as_source(source), FAMILIES, speeds, LineErrors(framing=3)))
-    assert f"199 bytes of garbage came back{says}" in told
-
-
-BOOT = b"Piccolo Laser Distance Scanner\r\nAll Rights Reserved\r\n\r\nLoader\tV2.4.13386\r\nCPU\tF2802x/c600\r\n"
-
-
-@pytest.mark.parametrize("before", [b"", bytes(range(128, 256)) * 8])
-def test_text_is_told_and_no_garbage(before: bytes) -> None:
-    """An XV-11 whose supply was too weak said this again and again (rohbotics/xv_11_laser_driver #6)."""
-    heard = ReceivedInSilence()
-    heard.see("in", before + BOOT * 3, 0)
-    told = str(heard.nothing_responds(as_source("/dev/ttyUSB0"), FAMILIES, (115200,), LineErrors(framing=3)))
-    assert "bytes came back, text among them: 'Piccolo Laser Distance Scanner'. Is that a lidar? One that" in told
-    assert told.endswith("restarts: is its supply too weak (5 V, 1.5 A)?")
-
-
-@pytest.mark.parametrize("start", [0, 0xA000])
-def test_packets_that_a_camsense_sends_until_its_rotor_turns_are_told_as_that(start: int) -> None:
-    """Their start is their end (more_families_2.md 4.1)."""
-    heard = ReceivedInSilence()
-    heard.see("in", pack_camsense(start, start, [0.0] * 8, [0] * 8, rpm=30.0) * 5, 0)
-    told = str(heard.nothing_responds(as_source("/dev/ttyUSB0"), FAMILIES, (115200,), LineErrors()))
-    assert told.endswith(
-        "Camsense packets among them, which measure nothing. Does its motor turn, and at the right speed?"
-    )
+    heard.see("in", came, 0)
+    assert says in str(heard.nothing_responds(as_source(source), FAMILIES, speeds, LineErrors(framing=3)))
