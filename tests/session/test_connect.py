@@ -140,8 +140,8 @@ def test_the_received_is_bounded() -> None:
 BOOT = b"Piccolo Laser Distance Scanner\r\nAll Rights Reserved\r\n\r\nLoader\tV2.4.13386\r\nCPU\tF2802x/c600\r\n"
 GARBAGE = bytes(range(1, 200))
 TEXT = (
-    "bytes came back, text among them: 'Piccolo Laser Distance Scanner'. Is that a lidar? One that says so again and "
-    "again restarts: is its supply too weak (5 V, 1.5 A)?"
+    "bytes came back, text among them: 'Piccolo Laser Distance Scanner'. Is that a lidar? One that says so again "
+    "and again restarts: is its supply too weak (5 V, 1.5 A)?"
 )
 UNMEASURED = "Camsense packets among them, which measure nothing. Does its motor turn, and at the right speed?"
 
