@@ -37,10 +37,6 @@ PATH = way_along(STOPS)
 EXAMPLES = Path(__file__).parent.parent / "examples"
 
 
-def test_it_has_less_than_60_lines() -> None:
-    assert len((EXAMPLES / "odometry.py").read_text(encoding="utf-8").splitlines()) < 60
-
-
 @pytest.mark.long
 async def test_odometry(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.syspath_prepend(str(EXAMPLES))

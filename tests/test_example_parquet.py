@@ -1,7 +1,5 @@
 """The Parquet example: what pyarrow reads of many recordings is what they hold."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +7,7 @@ import pyarrow.parquet
 import pytest
 
 import lidario
-from tests.support.children import BOUND
-from tests.support.example import EXAMPLES, environment
+from tests.support.example import run_example
 from tests.support.recorded import record
 
 MODELS = ("rplidar-s2", "ydlidar-4ros", "ldrobot-ld06")
@@ -22,10 +19,7 @@ def test_day_to_parquet_keeps_every_scan(tmp_path: Path) -> None:
     day.mkdir()
     for number, model in enumerate(MODELS):
         record(day / f"{number}.mcap", f"sim://{model}", 5)
-    program = [sys.executable, str(EXAMPLES / "day_to_parquet.py"), str(day), str(into)]
-    done = subprocess.run(
-        program, env=environment(), capture_output=True, encoding="utf-8", timeout=BOUND, check=False
-    )
+    done = run_example("day_to_parquet", str(day), str(into))
     assert done.returncode == 0, done.stderr
     expected = [scan for path in sorted(day.iterdir()) for scan in lidario.decode_file(path)]
     assert done.stdout == f"{len(expected)} scans of 3 recordings\n"

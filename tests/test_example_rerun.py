@@ -1,15 +1,13 @@
 """The Rerun example: what Rerun's own reader finds in the file is what the lidar saw."""
 
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.support.children import BOUND
-from tests.support.example import environment
+from tests.support.children import finished
+from tests.support.example import PLACES
 from tests.support.walls import WALLS, from_walls, is_all_around, is_at_ten_hertz
 
 PROGRAM = f"""
@@ -29,7 +27,7 @@ def reader() -> Any:
 @pytest.mark.long
 def test_rerun_live_keeps_what_the_viewer_shows(tmp_path: Path, reader: Any) -> None:
     file = tmp_path / "run.rrd"
-    subprocess.run([sys.executable, "-c", PROGRAM, str(file)], env=environment(), timeout=BOUND, check=True)
+    assert finished("-c", PROGRAM, str(file), environment=PLACES).returncode == 0
     # Rerun writes a piece of the file whenever some time has passed: on a busy machine they are several.
     pieces = [chunk.to_record_batch() for chunk in reader(file).stream() if chunk.entity_path == "/lidar/scan"]
     found = sorted(

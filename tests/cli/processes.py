@@ -4,10 +4,8 @@
 busy the machine is decides nothing: on a true clock, a scan that takes long to print lets the next one be dropped.
 """
 
-import os
 import signal
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from typing import Any
@@ -19,7 +17,8 @@ from lidario.cli.main import cli
 from lidario.cli.output import Worker
 from lidario.families.registry import family_of_simulated
 from lidario.sim.serve import PtyServer
-from tests.support.children import BOUND, ROOT, gone_behind
+from tests.support import children
+from tests.support.children import BOUND, finished
 from tests.support.loop import DrivenLoop
 from tests.support.speeds import SpeedPtyServer
 
@@ -46,24 +45,14 @@ def in_memory(model: str, *options: str) -> str:
     return f"sim://{model}?{'&'.join(['via=memory', *options, *named])}"
 
 
-def run(
-    *arguments: str, environment: dict[str, str] | None = None, **streams: Any
-) -> subprocess.CompletedProcess[str]:
-    """Run the command as a process, to its end; with other variables and other `streams` than pipes, too."""
-    return subprocess.run(
-        [sys.executable, "-m", "lidario", *arguments],
-        cwd=ROOT, env={**_environment(), **(environment or {})}, encoding="utf-8", timeout=BOUND, check=False,
-        **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **streams},
-    )  # fmt: skip
+def run(*arguments: str, **streams: Any) -> subprocess.CompletedProcess[str]:
+    """Run the command as a process, to its end; with another `environment` and other `streams` than pipes, too."""
+    return finished("-m", "lidario", *arguments, **streams)
 
 
 def started(*arguments: str) -> AbstractContextManager[subprocess.Popen[str]]:
     """Start the command as a process; at the end of the block it is gone."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "lidario", *arguments],
-        cwd=ROOT, env=_environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, encoding="utf-8",
-    )  # fmt: skip
-    return gone_behind(process)
+    return children.started("-m", "lidario", *arguments)
 
 
 @contextmanager
@@ -83,8 +72,3 @@ def end(process: subprocess.Popen[str], number: signal.Signals = signal.SIGINT) 
 
 async def call_at_once(_: Worker, work: Callable[[], object]) -> None:
     work()
-
-
-def _environment() -> dict[str, str]:
-    inherited = {name: value for name, value in os.environ.items() if name != "COLUMNS"}
-    return {**inherited, "PYTHONPATH": str(ROOT), "PYTHONIOENCODING": "utf-8", "PYTHONWARNINGS": "error"}

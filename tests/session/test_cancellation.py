@@ -11,12 +11,23 @@ Also while it is not known yet what the device is: where its family is not named
 import asyncio
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
+from functools import partial
 from itertools import product
 
 import anyio
 import pytest
 
-from lidario import LidarError, Unsupported, open_lidar
+from lidario import LidarError, open_lidar
+from tests.session.test_two_tasks import (
+    Scene,
+    Work,
+    ask_while_scanning,
+    change_mode,
+    read,
+    reset,
+    set_speed,
+    stop,
+)
 from tests.support.devices import (
     EVERY_KIND,
     FAMILIES,
@@ -27,10 +38,9 @@ from tests.support.devices import (
     leave_streaming,
     left_still,
     make_rig,
-    some,
 )
 from tests.support.discards import all_obeyed
-from tests.support.loop import driven_loop, now_ns, run_driven
+from tests.support.loop import at_each, driven_loop, now_ns, turns_of
 from tests.support.speeds import serial_in_memory
 
 Scenario = Callable[[Rig], Awaitable[None]]
@@ -54,13 +64,8 @@ async def open_a_mute_device(rig: Rig) -> None:
         await open_and_close(rig)
 
 
-def stream(rig: Rig) -> None:
-    """Have it scan, as after a program that was killed."""
-    leave_streaming(rig.device, now_ns())
-
-
 async def open_a_streaming_device(rig: Rig) -> None:
-    stream(rig)
+    leave_streaming(rig.device, now_ns())
     await open_and_close(rig)
 
 
@@ -73,13 +78,8 @@ async def search(rig: Rig) -> None:
 
 
 async def search_a_streaming_device(rig: Rig) -> None:
-    stream(rig)
+    leave_streaming(rig.device, now_ns())
     await search(rig)
-
-
-async def read_scans(rig: Rig) -> None:
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await some(stream, 3)
 
 
 async def wait_for_a_late_scan(rig: Rig) -> None:
@@ -88,81 +88,56 @@ async def wait_for_a_late_scan(rig: Rig) -> None:
         await lidar.scan()
 
 
-async def ask_while_scanning(rig: Rig) -> None:
-    async with rig.read() as (lidar, stream):
-        await lidar.get_health()
-        await anext(stream)
-
-
 async def wait_for_an_answer(rig: Rig) -> None:
     async with rig.read() as (lidar, _):
         rig.device.garble_responses = 1
         await lidar.get_info()
 
 
-async def change_speed(rig: Rig) -> None:
-    async with rig.read() as (lidar, _):
-        with suppress(Unsupported):
-            await lidar.set_scan_frequency(8.0)
+def used(work: Work) -> Scenario:
+    """What another test does in two tasks, in a session of its own."""
 
+    async def use(rig: Rig) -> None:
+        async with rig.open() as lidar:
+            await Scene(rig, lidar).work(work)
 
-async def reset_and_stop(rig: Rig) -> None:
-    async with rig.read() as (lidar, _):
-        with suppress(Unsupported):
-            await lidar.reset()
-        await lidar.stop()
+    use.__name__ = work.__name__
+    return use
 
 
 SCENARIOS: tuple[Scenario, ...] = (
-    open_and_close, open_a_faulty_device, open_a_mute_device, open_a_streaming_device, read_scans,
-    wait_for_a_late_scan, ask_while_scanning, wait_for_an_answer, change_speed, reset_and_stop,
+    open_and_close, open_a_faulty_device, open_a_mute_device, open_a_streaming_device, wait_for_a_late_scan,
+    wait_for_an_answer, *map(used, (read, ask_while_scanning, set_speed, change_mode, reset, stop)),
 )  # fmt: skip
 SEARCHES: tuple[Scenario, ...] = (search, search_a_streaming_device)
 SEARCHED = (*EVERY_KIND, "ydlidar-x2", "ydlidar-x4", "ldrobot-ld14p")
 """Of those with another motor or speed one each. DTR stops an A1 and starts an X2."""
 
 
-def turns_of(scenario: Scenario, family: str) -> int:
-    """How often the loop goes round in an undisturbed run."""
-
-    async def main() -> int:
-        loop = driven_loop()
-        before = loop.turns
-        await scenario(make_rig(family))
-        return loop.turns - before
-
-    return run_driven(main)
-
-
-def cancelled_at(scenario: Scenario, family: str, turn: int, how: str) -> None:
+async def cancelled_at(scenario: Scenario, family: str, how: str, turn: int) -> None:
     """Run `scenario`, cancel it when the loop has gone round `turn` times, and look at what is left."""
-    rig = make_rig(family)
+    rig, loop = make_rig(family), driven_loop()
+    scope = anyio.CancelScope()
 
-    async def main() -> None:
-        loop = driven_loop()
-        scope = anyio.CancelScope()
+    async def inside() -> None:
+        with scope:
+            await scenario(rig)
 
-        async def inside() -> None:
-            with scope:
-                await scenario(rig)
+    task = asyncio.ensure_future(inside())
 
-        task = asyncio.ensure_future(inside())
+    def cancel() -> None:
+        scope.cancel() if how == "scope" else task.cancel()
+        if how == "twice":
+            loop.after(2, task.cancel)
 
-        def cancel() -> None:
-            scope.cancel() if how == "scope" else task.cancel()
-            if how == "twice":
-                loop.after(2, task.cancel)
-
-        loop.after(turn, cancel)
-        with suppress(asyncio.CancelledError):
-            await task
-        # What was written is on its way even if nobody waited for it.
-        await asyncio.sleep(5.0)
-        if rig.device.log or scenario in SEARCHES:
-            assert left_still(rig), [(each.name, each.obeyed, each.why) for each in rig.device.log][-5:]
-        all_obeyed([rig.device])
-
-    run_driven(main)
+    loop.after(turn, cancel)
+    with suppress(asyncio.CancelledError):
+        await task
+    # What was written is on its way even if nobody waited for it.
+    await asyncio.sleep(5.0)
+    if rig.device.log or scenario in SEARCHES:
+        assert left_still(rig), [(each.name, each.obeyed, each.why) for each in rig.device.log][-5:]
+    all_obeyed([rig.device])
 
 
 WAYS = ("once", "twice", "scope")
@@ -177,11 +152,10 @@ THOROUGH = (*FAMILIES, *SWITCHED)
 @pytest.mark.exhaustive("points", sample=[4], full=[12])
 def test_cancelled_anywhere_the_device_is_left_still(what: tuple[Scenario, str, str], points: int) -> None:
     scenario, how, family = what
-    turns = turns_of(scenario, family)
+    turns = turns_of(lambda: scenario(make_rig(family)))
     # Other families go other ways only where nothing is written: a quarter of the points shows as much.
     stride = max(1, turns // (points if family in THOROUGH else -(-points // 4)))
-    for turn in range(1, turns + 1, stride):
-        cancelled_at(scenario, family, turn, how)
+    at_each(range(1, turns + 1, stride), partial(cancelled_at, scenario, family, how), "cancelled")
 
 
 @pytest.mark.long
@@ -194,7 +168,7 @@ def test_cancelled_anywhere_the_device_is_left_still(what: tuple[Scenario, str, 
 def test_a_search_that_is_cancelled_leaves_the_device_still(what: tuple[Scenario, str, str], points: int) -> None:
     """From the moment on at which the port is open."""
     scenario, how, kind = what
-    turns = turns_of(scenario, kind)
+    turns = turns_of(lambda: scenario(make_rig(kind)))
     # Most is decided in the first turns, while it is listened to and each family is asked shortly.
-    for turn in sorted({*range(2, 2 + points), *range(2, turns + 1, max(1, turns // points))}):
-        cancelled_at(scenario, kind, turn, how)
+    chosen = sorted({*range(2, 2 + points), *range(2, turns + 1, max(1, turns // points))})
+    at_each(chosen, partial(cancelled_at, scenario, kind, how), "cancelled")

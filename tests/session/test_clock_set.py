@@ -14,7 +14,7 @@ from lidario.port.wall_clock import WallClock
 from lidario.recording.decode_file import FileDecoder
 from lidario.recording.export import export_mcap
 from lidario.recording.write import SCAN_TOPIC
-from tests.support.devices import Rig
+from tests.support.devices import Rig, some
 
 HOUR_NS = 3600 * 10**9
 
@@ -40,9 +40,9 @@ def ahead(scan: Any) -> int:
 @pytest.mark.parametrize("step_ns", [HOUR_NS, -HOUR_NS, 50_000_000])
 async def test_stamps_follow(rig: Rig, clock: _Clock, step_ns: int, caplog: pytest.LogCaptureFixture) -> None:
     async with rig.read() as (_, stream):
-        before = [await anext(stream) for _ in range(3)]
+        before = await some(stream, 3)
         clock.ahead_ns = step_ns
-        after = [await anext(stream) for _ in range(4)]
+        after = await some(stream, 4)
     assert len({ahead(scan) for scan in before}) == 1
     # Reading two clocks takes a moment.
     assert {round((ahead(scan) - ahead(before[0])) / step_ns, 1) for scan in after[1:]} == {1.0}
@@ -52,9 +52,9 @@ async def test_stamps_follow(rig: Rig, clock: _Clock, step_ns: int, caplog: pyte
 
 async def test_sectors_follow(rplidar: Rig, clock: _Clock) -> None:
     async with rplidar.open() as lidar, lidar.sectors(90) as stream:
-        before = [await anext(stream) for _ in range(8)]
+        before = await some(stream, 8)
         clock.ahead_ns = HOUR_NS
-        after = [await anext(stream) for _ in range(8)]
+        after = await some(stream, 8)
     assert ahead(after[-1]) - ahead(before[-1]) == pytest.approx(HOUR_NS, rel=1e-5)
 
 
@@ -73,8 +73,7 @@ async def test_a_replay_keeps_the_clock_of_its_recording(rplidar: Rig, clock: _C
     async with rplidar.read() as (lidar, stream), lidar.record(path):
         first = await anext(stream)
         clock.ahead_ns = HOUR_NS
-        for _ in range(4):
-            await anext(stream)
+        await some(stream, 4)
     async with open_lidar(path) as replayed, replayed.scans() as again:
         found = [ahead(await anext(again)) for _ in range(4)]
     assert set(found) == {ahead(first)}
@@ -85,11 +84,9 @@ async def test_a_recording_behind_a_setting_has_the_new_clock(rplidar: Rig, cloc
     async with rplidar.read() as (lidar, stream):
         await anext(stream)
         clock.ahead_ns = HOUR_NS
-        for _ in range(3):
-            last = await anext(stream)
+        last = (await some(stream, 3))[-1]
         async with lidar.record(path):
-            for _ in range(4):
-                await anext(stream)
+            await some(stream, 4)
     async with open_lidar(path) as replayed, replayed.scans() as again:
         assert ahead(await anext(again)) == ahead(last)
 
@@ -111,8 +108,7 @@ async def test_scans_stand_in_a_recording_by_the_clock_with_which_it_began(
             clock.ahead_ns = ahead_ns
             # Each is a stream of its own, and so has the clock of its beginning.
             async with lidar.scans() as stream:
-                for _ in range(3):
-                    await anext(stream)
+                await some(stream, 3)
     export_mcap(FileDecoder(path), exported)
     for times in (times_in(path), times_in(exported)):
         assert [topic for topic, _ in times].count(SCAN_TOPIC) >= 5

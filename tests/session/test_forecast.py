@@ -92,12 +92,6 @@ def test_one_stamp_that_is_off_hardly_moves_the_prediction() -> None:
     assert turning(forecast(), 0.0, 0.1, 0.202, 0.3).due == pytest.approx(exact, abs=2e-3)
 
 
-@pytest.mark.parametrize("scans", [2, 5])
-def test_the_buffer_fills_as_fast_as_the_bytes_of_one_revolution_came(scans: int) -> None:
-    buffer_s = turning(forecast(), *(0.1 * at for at in range(scans))).buffer_s
-    assert buffer_s == pytest.approx(BUFFER_BYTES / TURN_BYTES * 0.1)
-
-
 def test_when_the_speed_changes_one_looks_early_rather_than_late() -> None:
     faster = turning(forecast(), 0.0, 0.1, 0.2, 0.29)
     assert faster.due == pytest.approx(0.29 + 2 * 0.09 + 1.75 * PACKET_S + WIRE_S)
@@ -141,9 +135,11 @@ def test_a_sector_counts_as_long_as_it_is_known_when_the_next_one_is_complete() 
     assert both.due == whole > 0.36
 
 
-def test_where_bytes_take_no_time_a_revolution_is_due_that_much_sooner() -> None:
+def test_where_bytes_take_no_time_a_revolution_is_due_sooner_and_a_socket_holds_more_than_a_terminal() -> None:
     timed, untimed = forecast(), Forecast(stream_of(DENSE, sample_ns=31_250.0), 0, 0.005)
+    assert 0.01 < untimed.buffer_s < 0.05
     assert turning(timed, 0.0, 0.1, 0.2).due - turning(untimed, 0.0, 0.1, 0.2).due == pytest.approx(WIRE_S)
+    assert untimed.buffer_s >= 2 * timed.buffer_s
 
 
 def test_what_came_before_the_stream_is_not_counted() -> None:
@@ -153,9 +149,10 @@ def test_what_came_before_the_stream_is_not_counted() -> None:
     assert later.due == fresh.due > 0.11
 
 
-@given(st.integers(100, 20_000))
-def test_the_buffer_never_fills_while_a_port_is_unread(size: int) -> None:
-    even = turning(forecast(), 0.0, 0.1, 0.2, size=size)
+@given(st.integers(100, 20_000), st.integers(2, 5))
+def test_the_buffer_never_fills_while_a_port_is_unread(size: int, scans: int) -> None:
+    """It fills as fast as the bytes of one revolution came."""
+    even = turning(forecast(), *(0.1 * at for at in range(scans)), size=size)
     # Nothing is faster than the line.
     bytes_a_second = min(size / 0.1, 100_000)
     assert even.buffer_s == pytest.approx(min(BUFFER_BYTES / bytes_a_second, 0.25))
@@ -163,14 +160,6 @@ def test_the_buffer_never_fills_while_a_port_is_unread(size: int) -> None:
 
 def test_before_the_first_scan_the_line_is_taken_to_be_full() -> None:
     assert forecast().buffer_s * 100_000 == pytest.approx(BUFFER_BYTES)
-    assert 0.01 < Forecast(stream_of(DENSE, sample_ns=31_250.0), 0, 0.005).buffer_s < 0.05
-
-
-def test_a_socket_holds_more_than_a_terminal() -> None:
-    timed, untimed = forecast(), Forecast(stream_of(DENSE, sample_ns=31_250.0), 0, 0.005)
-    for each in (timed, untimed):
-        turning(each, 0.0, 0.1, 0.2)
-    assert untimed.buffer_s >= 2 * timed.buffer_s
 
 
 def test_the_bytes_of_many_revolutions_at_once_do_not_look_like_a_faster_line() -> None:

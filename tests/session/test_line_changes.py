@@ -3,6 +3,7 @@
 import asyncio
 import gc
 import threading
+from typing import Any
 
 import pytest
 
@@ -10,7 +11,7 @@ import lidario
 from lidario.errors import Busy
 from lidario.session.streaming.line_changes import LineChange, LineChanges, LineWatch
 from tests.support.cable import on_a_cable
-from tests.support.devices import Rig, both_families, end_of
+from tests.support.devices import Rig, end_of
 
 
 async def all_of(changes: LineChanges) -> list[LineChange]:
@@ -43,28 +44,26 @@ async def test_each_loss_and_each_return_is_told(rig: Rig, scanning: bool) -> No
     assert "unplugged" in changes[1].reason
 
 
-@both_families
-async def test_without_reconnecting_it_ends(family: str) -> None:
-    async with on_a_cable(family, reconnect=False) as (cable, lidar):
+@pytest.mark.parametrize(
+    ("reconnect", "states", "why"),
+    [
+        (False, ["connected", "ended"], "unplugged"),
+        (lidario.Reconnect(limit_s=2.0), ["connected", "away", "ended"], "did not come back within 2 s"),
+    ],
+    ids=["at once", "at the limit"],
+)
+async def test_without_coming_back_it_ends(rig: Rig, reconnect: Any, states: list[str], why: str) -> None:
+    async with on_a_cable(rig, reconnect=reconnect) as (cable, lidar):
         reading = asyncio.ensure_future(all_of(lidar.line_changes()))
         stream = lidar.scans()
         await anext(stream)
         cable.pull()
         lost = await end_of(stream, lidario.DeviceLost)
         changes = await reading
-        assert [change.state for change in changes] == ["connected", "ended"]
-        assert str(lost) == changes[1].reason
+        assert [change.state for change in changes] == states
+        assert str(lost) == changes[-1].reason
+        assert why in changes[-1].reason
         assert await all_of(lidar.line_changes()) == []
-
-
-async def test_a_limit_that_has_passed_ends_it() -> None:
-    async with on_a_cable("rplidar", reconnect=lidario.Reconnect(limit_s=2.0)) as (cable, lidar):
-        reading = asyncio.ensure_future(all_of(lidar.line_changes()))
-        await asyncio.sleep(0.1)
-        cable.pull()
-        changes = await reading
-    assert [change.state for change in changes] == ["connected", "away", "ended"]
-    assert "did not come back within 2 s" in changes[2].reason
 
 
 async def test_a_session_that_is_let_go_ends_it(rplidar: Rig) -> None:

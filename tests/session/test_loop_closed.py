@@ -9,12 +9,12 @@ import gc
 import math
 from collections.abc import Awaitable, Callable
 from contextlib import closing, suppress
-from functools import partial
 from typing import Any
 
 import pytest
 
 from lidario import ConnectFailed, Lidar, open_lidar
+from tests.session.test_two_tasks import Scene, Work, ask_while_scanning, leave, stop
 from tests.support.cable import Cable, cable_to
 from tests.support.devices import SWITCHED, Rig, both_families, is_off, leave_streaming, left_still, make_rig, names
 from tests.support.discards import all_obeyed
@@ -25,25 +25,6 @@ from tests.support.speeds import serial_in_memory
 Interrupt = Callable[[DrivenLoop, "asyncio.Task[None]"], None]
 TIMES = 4
 """Cancellations in as many turns of the loop: `asyncio.run` adds one when a second Ctrl-C ends it."""
-
-
-async def ask(lidar: Lidar) -> None:
-    async with lidar.scans() as stream:
-        await anext(stream)
-        await lidar.get_health()
-
-
-async def start(lidar: Lidar) -> None:
-    async with lidar.scans() as stream:
-        await anext(stream)
-
-
-async def read_and_stop(lidar: Lidar) -> None:
-    async for _ in lidar.scans():
-        await lidar.stop()
-
-
-WORK = [ask, start, read_and_stop]
 
 
 def run_and_close(
@@ -114,17 +95,20 @@ WAYS = {"cancelled": cancel_again_and_again, "Ctrl-C": interrupt, "a plain loop"
 @pytest.mark.usefixtures("quick_collection")
 @pytest.mark.filterwarnings("ignore:coroutine .* was never awaited")  # a task that the loop had not begun yet
 @both_families
-@pytest.mark.parametrize("work", WORK)
+@pytest.mark.parametrize("work", [ask_while_scanning, leave, stop])
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.exhaustive("points", sample=[4], full=[20])
 def test_ended_at_every_turn_of_the_loop(
-    family: str, work: Callable[[Lidar], Awaitable[None]], way: str, points: int, monkeypatch: pytest.MonkeyPatch
+    family: str, work: Work, way: str, points: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    run = partial(run_and_close, plain=way == "a plain loop")
-    turns = run(make_rig(family), work, 1, never, monkeypatch)
+    def run(rig: Rig, at: int, what: Interrupt) -> int:
+        plain = way == "a plain loop"
+        return run_and_close(rig, lambda lidar: Scene(rig, lidar).work(work), at, what, monkeypatch, plain=plain)
+
+    turns = run(make_rig(family), 1, never)
     for at in range(2, turns, max(1, turns // points)):
         rig = make_rig(family)
-        run(rig, work, at, WAYS[way], monkeypatch)
+        run(rig, at, WAYS[way])
         if any("scan" in name for name in names(rig)):
             assert left_still(rig), (at, names(rig)[-4:])
         all_obeyed([rig.device])

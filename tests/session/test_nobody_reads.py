@@ -7,6 +7,7 @@ they respond, and rest again after it.
 
 import asyncio
 from contextlib import suppress
+from functools import partial
 
 import pytest
 
@@ -16,7 +17,7 @@ from lidario.model import HealthStatus
 from lidario.session.lidar import Lidar
 from tests.support.devices import EVERY_KIND, Rig, call, is_off, left_still, make_rig, names, take
 from tests.support.discards import all_obeyed
-from tests.support.loop import driven_loop, run_driven
+from tests.support.loop import at_each, driven_loop, run_driven
 from tests.support.samples import long_but_some
 
 LINGER_S = 1.0
@@ -110,27 +111,23 @@ async def test_a_question_behind_a_stream_that_was_left_at_once_leaves_the_motor
             assert not rig.device.motor_on, turn
 
 
-def cancelled_at(kind: str, name: str, turn: int) -> int:
+async def cancelled_at(kind: str, name: str, turn: int) -> int:
     """Open, call, and cancel the call when the loop has gone round `turn` times; how often it went round for it."""
-
-    async def main() -> int:
-        rig, loop = make_rig(kind), driven_loop()
-        async with rig.open() as lidar:
-            task, first = asyncio.ensure_future(_called(lidar, name)), loop.turns
-            loop.after(turn, task.cancel)
-            with suppress(asyncio.CancelledError):
-                await task
-            took = loop.turns - first
-            # It streams for a second more, where it was left in the midst of a scan; and a restart takes its time.
-            await asyncio.sleep(4 * LINGER_S)
-            assert not lidar.is_scanning
-            assert not rig.device.motor_on, f"{kind}: {name} cancelled at {turn} leaves the motor on"
-            assert left_still(rig), names(rig)[-6:]
-            assert len(await lidar.scan()) > 0
-        all_obeyed([rig.device])
-        return took
-
-    return run_driven(main)
+    rig, loop = make_rig(kind), driven_loop()
+    async with rig.open() as lidar:
+        task, first = asyncio.ensure_future(_called(lidar, name)), loop.turns
+        loop.after(turn, task.cancel)
+        with suppress(asyncio.CancelledError):
+            await task
+        took = loop.turns - first
+        # It streams for a second more, where it was left in the midst of a scan; and a restart takes its time.
+        await asyncio.sleep(4 * LINGER_S)
+        assert not lidar.is_scanning
+        assert not rig.device.motor_on
+        assert left_still(rig), names(rig)[-6:]
+        assert len(await lidar.scan()) > 0
+    all_obeyed([rig.device])
+    return took
 
 
 async def _called(lidar: Lidar, name: str) -> None:
@@ -146,9 +143,8 @@ async def _called(lidar: Lidar, name: str) -> None:
 )
 def test_what_is_cancelled_at_any_step_leaves_the_motor_off(what: tuple[str, str], points: int) -> None:
     name, kind = what
-    turns = cancelled_at(kind, name, 0)
-    for turn in range(1, turns + 1, max(1, turns // points)):
-        cancelled_at(kind, name, turn)
+    turns = run_driven(lambda: cancelled_at(kind, name, 0))
+    at_each(range(1, turns + 1, max(1, turns // points)), partial(cancelled_at, kind, name), name)
 
 
 DARK = [name for name, profile in PROFILES.items() if profile.by_dtr]

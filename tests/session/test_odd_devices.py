@@ -56,7 +56,13 @@ async def test_an_undefined_health_is_a_warning(rig: Rig, status: int, caplog: p
 async def test_a_device_that_does_not_tell_its_health_is_used(
     rig: Rig, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    mute_for(rig, "get_health", monkeypatch)
+    if rig.family == "rplidar":
+        monkeypatch.setattr(type(rig.device), "HANDLERS", {**rig.device.HANDLERS, "get_health": lambda *_: ""})
+    else:
+        obey = rig.device.obey
+        monkeypatch.setattr(
+            rig.device, "obey", lambda command, now: None if command in (0x91, 0x92) else obey(command, now)
+        )
     async with rig.read() as (lidar, stream):
         assert lidar.health.status is HealthStatus.WARNING
         assert "GET_HEALTH" in lidar.health.note
@@ -90,17 +96,6 @@ async def test_one_flipped_bit_makes_no_other_device(rig: Rig, bit: int, monkeyp
 async def test_a_4ros_says_that_it_cannot_keep_spinning(ydlidar: Rig) -> None:
     with pytest.raises(Unsupported, match="YDLIDAR 4ROS stops with its laser"):
         await ydlidar.open(keep_spinning=True)
-
-
-def mute_for(rig: Rig, name: str, patch: pytest.MonkeyPatch) -> None:
-    """Have the device leave a request without a response."""
-    if rig.family == "rplidar":
-        handlers = {**rig.device.HANDLERS, name: lambda *_: ""}
-        patch.setattr(type(rig.device), "HANDLERS", handlers)
-        return
-    obey = rig.device.obey
-    codes = {"get_health": (0x91, 0x92)}[name]
-    patch.setattr(rig.device, "obey", lambda command, now: None if command in codes else obey(command, now))
 
 
 @pytest.mark.parametrize("foretold", [0x81, 0x82, 0x83, 0x84, 0x86])

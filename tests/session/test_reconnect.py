@@ -14,7 +14,7 @@ from lidario.sim.serve import MemoryLine
 from tests.support.cable import cable_to, next_after, on_a_cable
 from tests.support.devices import Rig, both_families, is_off, left_still, make_rig, names, scanning, some
 from tests.support.ledger import assert_stats_close
-from tests.support.loop import driven_loop, now, now_ns, run_driven
+from tests.support.loop import at_each, driven_loop, now, now_ns, run_driven
 
 PROMISE_S = 2.0
 """Longest time from the moment at which the device responds again to the next scan."""
@@ -248,8 +248,7 @@ def test_the_cable_is_pulled_out_again_at_every_step_of_coming_back(family: str,
         return turns
 
     turns = run_driven(lambda: main(0))
-    for step in range(1, turns, max(1, turns // points)):
-        run_driven(lambda step=step: main(step))  # type: ignore[misc]
+    at_each(range(1, turns, max(1, turns // points)), main, "pulled out again")
 
 
 @pytest.mark.long

@@ -9,7 +9,10 @@ from typing import Any
 import pytest
 
 from lidario import DeviceLost, InvalidValue, LidarError, Reconnect, SessionClosed
+from lidario.session.finding.discovery import PortInfo
+from lidario.session.finding.places import Places
 from lidario.session.talking.dialogue import Dialogue
+from lidario.source import Source
 from tests.support.cable import cable_to, next_after, on_a_cable
 from tests.support.devices import Rig, both_families, end_of, left_still, make_rig, scanning, take
 from tests.support.loop import now, now_ns
@@ -233,3 +236,22 @@ async def test_where_nothing_responds_other_places_are_looked_at_within_two_seco
         cable.plug(boots=False)
         await end_of(stream, DeviceLost, "did not come back")
     assert max(later - earlier for earlier, later in itertools.pairwise(cable.attempts[1:])) < 2.0
+
+
+async def test_a_port_that_nobody_has_named_is_asked_15_times_in_vain(monkeypatch: pytest.MonkeyPatch) -> None:
+    always, other = (PortInfo(f"/dev/{name}", "", "CP2102", "") for name in ("always", "other"))
+    ports = [always]
+    monkeypatch.setattr("lidario.session.finding.discovery.list_serial_ports", lambda: ports)
+    places = Places(Source("/dev/named", "serial", "/dev/named"))
+    await places.begin()
+    ports.append(other)
+    for _ in range(15):
+        there = await places.candidates()
+        assert there == [Source(port, "serial", port) for port in ("/dev/named", "/dev/other")]
+        for place in there:
+            places.silent(place)
+    assert await places.candidates() == there[:1]
+    # What has been away may be what is looked for.
+    for there_now, count in (([], 1), ([always, other], 3)):
+        ports[:] = there_now
+        assert len(await places.candidates()) == count

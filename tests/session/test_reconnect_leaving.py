@@ -29,36 +29,31 @@ async def away_and_reached_again(cable: Cable, after_s: float) -> None:
     await asyncio.sleep(after_s)
 
 
-async def test_the_motor_that_shall_go_on_does() -> None:
+@pytest.mark.parametrize("told", ["nothing", "to stop and closed", "to stop"])
+@on_the_way
+async def test_the_motor_that_shall_go_on_does_unless_the_session_has_said_so_on_the_way(
+    after_s: float, told: str
+) -> None:
+    async with on_a_cable("rplidar", keep_spinning=True) as (cable, lidar):
+        await lidar.scan()
+        await away_and_reached_again(cable, after_s)
+        if told != "nothing":
+            await lidar.stop(motor=True)
+        if told == "to stop":
+            await asyncio.sleep(3.0)
+            assert lidar.is_connected
+            assert left_still(cable.rig)
+    assert not cable.rig.device.scanning
+    assert cable.rig.device.motor_on is (told == "nothing")
+    assert told == "nothing" or left_still(cable.rig)
+
+
+async def test_the_motor_that_shall_go_on_does_behind_a_stream_that_came_back() -> None:
     async with on_a_cable("rplidar", keep_spinning=True) as (cable, lidar), scanning(lidar) as stream:
         cable.pull()
         cable.plug(boots=False)
         await next_after(stream, now())
-    assert cable.rig.device.motor_on
-    assert not cable.rig.device.scanning
-
-
-@on_the_way
-async def test_nor_is_it_stopped_when_the_session_is_closed_on_the_way(after_s: float) -> None:
-    async with on_a_cable("rplidar", keep_spinning=True) as (cable, lidar):
-        await lidar.scan()
-        await away_and_reached_again(cable, after_s)
-    assert cable.rig.device.motor_on
-    assert not cable.rig.device.scanning
-
-
-@pytest.mark.parametrize("closes", [False, True])
-@on_the_way
-async def test_it_is_stopped_where_the_session_has_said_so_meanwhile(after_s: float, closes: bool) -> None:
-    async with on_a_cable("rplidar", keep_spinning=True) as (cable, lidar):
-        await lidar.scan()
-        await away_and_reached_again(cable, after_s)
-        await lidar.stop(motor=True)
-        if not closes:
-            await asyncio.sleep(3.0)
-            assert lidar.is_connected
-            assert left_still(cable.rig)
-    assert left_still(cable.rig)
+    assert (cable.rig.device.scanning, cable.rig.device.motor_on) == (False, True)
 
 
 @on_the_way

@@ -14,15 +14,14 @@ import serial
 from lidario import DeviceLost, Reconnect, open_lidar
 from lidario.port.background import run_in_thread
 from lidario.session.finding.discovery import PortInfo
-from lidario.session.finding.places import Places
-from lidario.source import Source
 from tests.cli.processes import served
 from tests.support.cable import next_after
 from tests.support.children import is_still, requests, until
-from tests.support.devices import make_rig, scanning, some
+from tests.support.devices import make_rig, scanning
 from tests.support.replug import ReplugTcpServer
 from tests.support.terminals import WaitingPtyServer
 
+pytestmark = [pytest.mark.long, pytest.mark.real_time]
 BOUND_S = 30.0
 BOOT_S = 0.2
 GAP_S = 0.2
@@ -34,8 +33,6 @@ async def replugged(server: WaitingPtyServer | ReplugTcpServer) -> float:
     return time.monotonic()
 
 
-@pytest.mark.long
-@pytest.mark.real_time
 @pytest.mark.parametrize("family", ["rplidar", "ydlidar"])
 async def test_it_is_found_again_through_a_link(family: str, tmp_path: Path) -> None:
     device = make_rig(family).device
@@ -55,8 +52,6 @@ async def test_it_is_found_again_through_a_link(family: str, tmp_path: Path) -> 
         until(lambda: is_still(server))
 
 
-@pytest.mark.long
-@pytest.mark.real_time
 @pytest.mark.parametrize("by", ["id", "path"])
 async def test_under_another_name_held_a_while_beside_other_ports(by: str, monkeypatch: pytest.MonkeyPatch) -> None:
     device = make_rig("rplidar").device
@@ -87,27 +82,6 @@ async def test_under_another_name_held_a_while_beside_other_ports(by: str, monke
         until(lambda: is_still(server))
 
 
-async def test_a_port_that_nobody_has_named_is_asked_15_times_in_vain(monkeypatch: pytest.MonkeyPatch) -> None:
-    always, other = (PortInfo(f"/dev/{name}", "", "CP2102", "") for name in ("always", "other"))
-    ports = [always]
-    monkeypatch.setattr("lidario.session.finding.discovery.list_serial_ports", lambda: ports)
-    places = Places(Source("/dev/named", "serial", "/dev/named"))
-    await places.begin()
-    ports.append(other)
-    for _ in range(15):
-        there = await places.candidates()
-        assert there == [Source(port, "serial", port) for port in ("/dev/named", "/dev/other")]
-        for place in there:
-            places.silent(place)
-    assert await places.candidates() == there[:1]
-    # What has been away may be what is looked for.
-    for now, count in (([], 1), ([always, other], 3)):
-        ports[:] = now
-        assert len(await places.candidates()) == count
-
-
-@pytest.mark.long
-@pytest.mark.real_time
 async def test_two_that_change_their_names_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     rigs = [make_rig("rplidar", seed=seed) for seed in (1, 2)]
     for rig in rigs:
@@ -131,8 +105,6 @@ async def test_two_that_change_their_names_at_once(monkeypatch: pytest.MonkeyPat
         until(lambda: is_still(one) and is_still(two))
 
 
-@pytest.mark.long
-@pytest.mark.real_time
 async def test_a_network_connection_that_was_closed() -> None:
     device = make_rig("ydlidar").device
     device.boot_s = BOOT_S
@@ -144,8 +116,6 @@ async def test_a_network_connection_that_was_closed() -> None:
         until(lambda: not device.scanning)
 
 
-@pytest.mark.long
-@pytest.mark.real_time
 @pytest.mark.parametrize("via", ["pty", "tcp"])
 async def test_a_simulated_source_ends_with_the_session(via: str) -> None:
     source = f"sim://rplidar-s2?via={via}&fault=unplug:1s"
@@ -155,33 +125,8 @@ async def test_a_simulated_source_ends_with_the_session(via: str) -> None:
                 await lidar.scan()
 
 
-@pytest.mark.long
-@pytest.mark.real_time
 async def test_a_session_that_is_closed_while_it_is_away_leaves_nothing() -> None:
     async with open_lidar("sim://rplidar-s2?fault=replug:1s", reconnect=True) as lidar:
         async with asyncio.timeout(BOUND_S):
             while lidar.is_connected:
                 await asyncio.sleep(0.01)
-
-
-@pytest.mark.long
-@pytest.mark.real_time
-async def test_a_recording_goes_on_when_the_line_is_back(tmp_path: Path) -> None:
-    device = make_rig("rplidar").device
-    device.boot_s = BOOT_S
-    with WaitingPtyServer(device) as server:
-        path = tmp_path / "port"
-        server.link(path)
-        async with open_lidar(str(path), family="rplidar", reconnect=True) as lidar, lidar.scans() as stream:
-            async with lidar.record(tmp_path / "run.mcap") as recording:
-                await some(stream, 3)
-                await next_after(stream, await replugged(server))
-                assert recording.is_running
-            assert recording.error is None
-            async with lidar.record(tmp_path / "more.mcap") as another:
-                await some(stream, 4)
-            assert another.error is None
-        until(lambda: is_still(server))
-    for name in ("run", "more"):
-        async with open_lidar(f"{tmp_path / name}.mcap?rate=0") as played, played.scans() as scans:
-            assert (await anext(scans)).lost_packets == 0

@@ -12,7 +12,7 @@ import asyncio
 import gc
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
-from functools import cache
+from functools import cache, partial
 from itertools import product
 
 import pytest
@@ -22,7 +22,7 @@ from tests.session.test_two_tasks import Scene, b_cancels, b_closes, b_starts, b
 from tests.support.cable import Cable, cable_to
 from tests.support.devices import FAMILIES, is_off, make_rig
 from tests.support.discards import all_obeyed
-from tests.support.loop import driven_loop, now_ns, run_driven
+from tests.support.loop import at_each, driven_loop, now_ns, run_driven
 
 pytestmark = [
     pytest.mark.discards("a device that restarts or protects itself gives no sign of it"),
@@ -142,10 +142,5 @@ def test_two_tasks_while_it_comes_back(
     stride = max(1, turns // points)
     # Each pair begins at another step, so that also a sample goes through the whole of coming back.
     number = TROUBLES.index(trouble) * len(B) + B.index(b)
-    for step in range(1 + round(stride * (GOLDEN * number % 1.0)), turns + 2, stride):
-        try:
-            run_driven(lambda step=step: cell(family, trouble, b, step))  # type: ignore[misc]
-        except Exception as error:
-            raise AssertionError(
-                f"{trouble.__name__} x {b.__name__} at step {step} of {turns}: {error!r}"
-            ) from error
+    steps = range(1 + round(stride * (GOLDEN * number % 1.0)), turns + 2, stride)
+    at_each(steps, partial(cell, family, trouble, b), f"{trouble.__name__} x {b.__name__}")

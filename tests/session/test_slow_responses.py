@@ -6,6 +6,8 @@ tells that they were heard. No document says how long a device may take; respons
 
 import asyncio
 from contextlib import suppress
+from functools import partial
+from itertools import product
 
 import pytest
 
@@ -22,8 +24,18 @@ from tests.session.test_two_tasks import (
     set_speed,
     start,
 )
-from tests.support.devices import Rig, both_families, is_off, leave_streaming, left_still, make_rig, names, take
-from tests.support.loop import now, now_ns, run_driven
+from tests.support.devices import (
+    SWITCHED,
+    Rig,
+    both_families,
+    is_off,
+    leave_streaming,
+    left_still,
+    make_rig,
+    names,
+    take,
+)
+from tests.support.loop import at_each, now, now_ns
 
 pytestmark = pytest.mark.discards("stop requests are tried while a response is outstanding")
 
@@ -37,8 +49,9 @@ A: list[Work] = [start, ask_while_scanning, set_speed, reset]
 B: list[Work] = [b_stops, b_closes, b_cancels]
 
 
-async def both(rig: Rig, delay_s: float, a: Work, b: Work, moment_s: float) -> None:
+async def both(kind: str, delay_s: float, a: Work, b: Work, moment_s: float) -> None:
     """Task A; after a while task B; then the device must be still, before the session is closed and behind it."""
+    rig = make_rig(kind)
     lidar = await rig.open()
     scene = Scene(rig, lidar)
     rig.device.response_delay_s = delay_s
@@ -73,15 +86,9 @@ async def both(rig: Rig, delay_s: float, a: Work, b: Work, moment_s: float) -> N
 @pytest.mark.parametrize("b", B, ids=lambda work: work.__name__)
 @both_families
 def test_it_is_stopped_at_any_moment(family: str, b: Work, delay_s: float, phases: int) -> None:
+    moments_s = [0.02 + 4 * delay_s * (phase + 0.3) / phases for phase in range(phases)]
     for a in A:
-        for phase in range(phases):
-            moment_s = 0.02 + 4 * delay_s * (phase + 0.3) / phases
-            try:
-                run_driven(
-                    lambda a=a, moment_s=moment_s: both(make_rig(family), delay_s, a, b, moment_s)  # type: ignore[misc]
-                )
-            except AssertionError as error:
-                raise AssertionError(f"{a.__name__}, after {moment_s:.3f} s: {error}") from error
+        at_each(moments_s, partial(both, family, delay_s, a, b), a.__name__)
 
 
 @pytest.mark.exhaustive("delay_s", sample=[0.6, 0.9, 1.5, 1.9])
@@ -154,15 +161,11 @@ async def test_a_response_that_has_come_too_late_is_owed_no_longer(rig: Rig) -> 
         assert left_still(rig)
 
 
-@pytest.mark.parametrize("model", ["rplidar-a1", "rplidar-a2"])
+@pytest.mark.parametrize("model", SWITCHED)
 def test_motors_of_other_kinds(model: str) -> None:
     """By DTR, and by an accessory board."""
-    for a in (start, ask_while_scanning, reset):
-        for b in B:
-            for moment_s in (0.05, 0.5, 1.2):
-                run_driven(
-                    lambda a=a, b=b, moment_s=moment_s: both(make_rig(model), 0.2, a, b, moment_s)  # type: ignore[misc]
-                )
+    for a, b in product((start, ask_while_scanning, reset), B):
+        at_each((0.05, 0.5, 1.2), partial(both, model, 0.2, a, b), f"{a.__name__} x {b.__name__}")
 
 
 @pytest.mark.parametrize(("model", "stop"), [("rplidar", b"\xa5\x25"), ("hokuyo", b"QT\n")])

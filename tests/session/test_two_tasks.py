@@ -25,7 +25,7 @@ import pytest
 from lidario import Lidar, LidarError, LocalProtocolError, ScanStream, SessionClosed, StreamFailed, Unsupported
 from tests.support.devices import EVERY_KIND, FAMILIES, OTHERS, SWITCHED, Rig, in_turns, left_still, make_rig, some
 from tests.support.discards import all_obeyed
-from tests.support.loop import driven_loop, run_driven
+from tests.support.loop import at_each, driven_loop, run_driven
 
 SAMPLE = 2
 """Steps tried of each cell in a sample; every twelfth with ``--exhaustive``, all of them with ``--every-step``."""
@@ -54,6 +54,14 @@ class Scene:
     def stream(self, mode: str | None = None) -> ScanStream:
         self.streams.append(self.lidar.scans(mode))
         return self.streams[-1]
+
+    async def work(self, work: "Work") -> None:
+        """Do that, and leave the streams."""
+        try:
+            await work(self)
+        finally:
+            for stream in self.streams:
+                await stream.aclose()
 
     async def gives_scans(self) -> bool:
         """Whether any stream goes on. One that has ended, or was left, gives at once what it holds, and no more."""
@@ -270,12 +278,8 @@ def test_two_tasks(who: tuple[Work, Work, str], stride: int, every_step: bool) -
 
 
 def two_tasks(family: str, a: Work, b: Work, stride: int, *, silent: bool = False) -> None:
-    steps = steps_of(family, a)
-    for step in chosen(steps, stride, SAMPLE if family in (*FAMILIES, *SWITCHED) else SAMPLE_OF_OTHERS):
-        try:
-            run_driven(lambda step=step: cell(family, a, b, step, silent=silent))  # type: ignore[misc]
-        except Exception as error:
-            raise AssertionError(f"{a.__name__} x {b.__name__} at step {step} of {steps}: {error}") from error
+    steps = chosen(steps_of(family, a), stride, SAMPLE if family in (*FAMILIES, *SWITCHED) else SAMPLE_OF_OTHERS)
+    at_each(steps, lambda step: cell(family, a, b, step, silent=silent), f"{a.__name__} x {b.__name__}")
 
 
 @pytest.mark.long

@@ -9,7 +9,7 @@ import select
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any, AnyStr, cast
@@ -29,22 +29,37 @@ ROOT = Path(__file__).parents[2]
 _POLL_S = 0.002
 
 
-def ended(program: str, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run a Python program as a process, to its end."""
+def finished(
+    *words: str, environment: Mapping[str, str] | None = None, **streams: Any
+) -> subprocess.CompletedProcess[str]:
+    """Run Python with these words as a process, to its end; with other variables and other `streams` than pipes."""
     return subprocess.run(
-        [sys.executable, "-c", program, *arguments],
-        cwd=ROOT, env=_environment(), capture_output=True, text=True, timeout=2 * BOUND, check=False,
+        [sys.executable, *words],
+        cwd=ROOT, env=_environment(environment), encoding="utf-8", timeout=2 * BOUND, check=False,
+        **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **streams},
     )  # fmt: skip
+
+
+def started(
+    *words: str, environment: Mapping[str, str] | None = None, **streams: Any
+) -> AbstractContextManager[subprocess.Popen[str]]:
+    """Start it; at the end of the block it is gone."""
+    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **streams}
+    return gone_behind(
+        subprocess.Popen(
+            [sys.executable, *words], cwd=ROOT, env=_environment(environment), encoding="utf-8", **streams
+        )
+    )
+
+
+def ended(program: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run this text as a program, to its end."""
+    return finished("-c", program, *arguments)
 
 
 def child(program: str, *arguments: str) -> AbstractContextManager[subprocess.Popen[str]]:
-    """Start a Python program as a process; at the end of the block it is gone."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", program, *arguments],
-        cwd=ROOT, env=_environment(), text=True,
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-    )  # fmt: skip
-    return gone_behind(process)
+    """Start it; it may be told something."""
+    return started("-c", program, *arguments, stdin=subprocess.PIPE)
 
 
 @contextmanager
@@ -67,8 +82,9 @@ def guard_like(program: int, line: str) -> Iterator[subprocess.Popen[bytes]]:
         yield guard
 
 
-def _environment() -> dict[str, str]:
-    return {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "error"}
+def _environment(more: Mapping[str, str] | None) -> dict[str, str]:
+    always = {"PYTHONPATH": str(ROOT), "PYTHONIOENCODING": "utf-8", "PYTHONWARNINGS": "error"}
+    return {**os.environ, **always, **(more or {})}
 
 
 def line_of(stream: IO[str] | None) -> str:

@@ -2,30 +2,20 @@
 
 import os
 import subprocess
-import sys
 from contextlib import AbstractContextManager
 
-from tests.support.children import ROOT, gone_behind
+from tests.support.children import ROOT, finished, started
 
 EXAMPLES = ROOT / "examples"
-
-
-def environment(**more: str) -> dict[str, str]:
-    """The environment of such a process."""
-    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(EXAMPLES)]), **more}
+PLACES = {"PYTHONPATH": os.pathsep.join([str(ROOT), str(EXAMPLES)]), "PYTHONWARNINGS": "default"}
+"""What such a process needs. Packages of others may warn."""
 
 
 def running(program: str, **more: str) -> AbstractContextManager[subprocess.Popen[str]]:
     """Run this text as a program that may import examples; at the end of the block it is gone."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", program], env=environment(**more), stdout=subprocess.PIPE, encoding="utf-8"
-    )
-    return gone_behind(process)
+    return started("-c", program, environment={**PLACES, **more}, stderr=None)
 
 
 def run_example(name: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     """Run an example to its end, as its user does."""
-    return subprocess.run(
-        [sys.executable, str(EXAMPLES / f"{name}.py"), *arguments],
-        env=environment(), capture_output=True, encoding="utf-8", timeout=60,
-    )  # fmt: skip
+    return finished(str(EXAMPLES / f"{name}.py"), *arguments, environment=PLACES)

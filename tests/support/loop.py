@@ -8,8 +8,8 @@ import asyncio
 import math
 import selectors
 import threading
-from collections.abc import Awaitable, Callable
-from functools import wraps
+from collections.abc import Awaitable, Callable, Iterable
+from functools import partial, wraps
 from typing import Any, ParamSpec, TypeVar
 
 P = ParamSpec("P")
@@ -148,6 +148,26 @@ def run_driven(main: Callable[[], Awaitable[T]]) -> T:
         value = runner.run(guarded())
     assert not complaints, complaints
     return value
+
+
+def turns_of(main: Callable[[], Awaitable[object]]) -> int:
+    """How often a driven loop goes round for it."""
+
+    async def counted() -> int:
+        before = driven_loop().turns
+        await main()
+        return driven_loop().turns - before
+
+    return run_driven(counted)
+
+
+def at_each(steps: Iterable[float], main: Callable[[Any], Awaitable[object]], told: str) -> None:
+    """Run this at each of these steps, or moments; where it fails, the error says at which one."""
+    for step in steps:
+        try:
+            run_driven(partial(main, step))
+        except Exception as error:
+            raise AssertionError(f"{told} at {step}: {error!r}") from error
 
 
 def driven(test: Callable[P, Awaitable[None]]) -> Callable[P, None]:
