@@ -49,6 +49,30 @@ async def test_one_is_still_whose_line_is_dead_when_it_is_closed(rig: Rig, loses
     assert now() - began < outage_s + 1.0
 
 
+@pytest.mark.parametrize("loses", ["all", "requests"])
+async def test_one_that_is_left_while_its_line_is_dead_is_stopped_behind_that(rig: Rig, loses: str) -> None:
+    """Where nothing comes from it meanwhile, it is seen still; else it goes on sending, and is given up."""
+    requests, responses = LOSES[loses]
+    async with rig.open() as lidar:
+        for _ in range(2):
+            stream = lidar.scans()
+            await anext(stream)
+            cut(rig.device, now, 0.5 if responses else 0.3, requests=requests, responses=responses)
+            await stream.aclose()
+            await asyncio.sleep(0.5 if responses else 0.3)
+            assert rig.device.scanning
+            await asyncio.sleep(3.0)
+            assert left_still(rig), names(rig)[-6:]
+
+
+async def test_the_motor_is_told_again_where_only_a_later_request_was_heard(rig: Rig) -> None:
+    """One that is for the laser alone."""
+    async with rig.read() as (lidar, _):
+        cut(rig.device, now, 0.25, requests=True, responses=False)
+        await lidar.stop()
+        assert left_still(rig), names(rig)[-6:]
+
+
 @pytest.mark.long
 @pytest.mark.real_time
 @pytest.mark.parametrize("server", [PtyServer, TcpServer])

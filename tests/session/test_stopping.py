@@ -156,43 +156,6 @@ async def test_a_stream_that_begins_while_a_stop_waits_for_a_question_is_not_sto
         assert [scan.seq for scan in scans] == list(range(scans[0].seq, scans[0].seq + 20))
 
 
-@pytest.mark.parametrize("hears_nothing_s", [0.0, 0.3], ids=["also from it", "to it"])
-async def test_one_that_a_dead_line_kept_from_hearing_is_stopped_behind_that(
-    rig: Rig, hears_nothing_s: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Where nothing comes from it meanwhile, it is seen still; else it goes on sending, and is given up."""
-    async with rig.open() as lidar:
-        for _ in range(2):
-            await lidar.scan()
-            stream = lidar.scans()
-            await anext(stream)
-            with monkeypatch.context() as dead:
-                dead.setattr(rig.device, "receive", lambda data, now: None)
-                if not hears_nothing_s:
-                    dead.setattr(rig.device, "transmit", lambda now: b"")
-                await stream.aclose()
-                await asyncio.sleep(hears_nothing_s or 0.5)
-            assert rig.device.scanning
-            await asyncio.sleep(3.0)
-            assert left_still(rig), names(rig)[-6:]
-
-
-async def test_the_motor_is_told_again_where_only_a_later_request_was_heard(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """One that is for the laser alone."""
-    async with rig.open() as lidar:
-        await lidar.scan()
-        stream = lidar.scans()
-        await anext(stream)
-        with monkeypatch.context() as dead:
-            dead.setattr(rig.device, "receive", lambda data, now: None)
-            stopping = asyncio.ensure_future(lidar.stop())
-            await asyncio.sleep(0.25)
-        await stopping
-        assert left_still(rig), names(rig)[-6:]
-
-
 async def test_noise_from_one_that_is_still_is_not_told_to_stop_for_ever(rig: Rig) -> None:
     """It comes from time to time, and the line is quiet in between."""
     due_ns = 0
