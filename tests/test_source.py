@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from lidario import ConnectFailed, InvalidValue, open_lidar
 from lidario.families.registry import check_source
 from lidario.port.simulated import make_device
-from lidario.source import Source, parse_source
+from lidario.source import parse_source
 
 
 @pytest.mark.parametrize(
@@ -28,17 +28,27 @@ from lidario.source import Source, parse_source
         ("socket://[::1]:2000", "tcp", "[::1]:2000", {}),
         ("udp://192.168.11.2:8089", "udp", "192.168.11.2:8089", {}),
         ("udp://[::1]:8089?family=x", "udp", "[::1]:8089", {"family": "x"}),
-        ("sim://model-2?world=room&fault=drop:1%25,flip:0.1%25", "sim", "model-2", None),
+        (
+            "sim://m-2?world=room&fault=drop:1%25,flip:1%25",
+            "sim",
+            "m-2",
+            {"world": "room", "fault": "drop:1%,flip:1%"},
+        ),
         ("sim://model-2?fault=drop:1%", "sim", "model-2", {"fault": "drop:1%"}),
+        ("zenoh:robots/r7/scan", "zenoh", "robots/r7/scan", {}),
+        ("zenoh:robots/*/scan?router=tls/fleet:7447", "zenoh", "robots/*/scan", {"router": "tls/fleet:7447"}),
+        ("zenoh://0/scan/msg::dds_::LaserScan_/**", "zenoh", "0/scan/msg::dds_::LaserScan_/**", {}),
+        # Forms that are easily meant.
+        ("serial://COM3?baud=115200", "serial", "COM3", {"baud": "115200"}),
+        ("serial:///dev/tty#1", "serial", "/dev/tty#1", {}),
+        ("SIM://model-2", "sim", "model-2", {}),
+        (Path("/dev/ttyUSB0"), "serial", "/dev/ttyUSB0", {}),
     ],
 )
-def test_sources(text: str, kind: str, address: str, options: dict[str, str] | None) -> None:
+def test_sources(text: str | Path, kind: str, address: str, options: dict[str, str]) -> None:
     source = parse_source(text)
-    assert (source.kind, source.address) == (kind, address)
-    if options is None:
-        assert source.options == {"world": "room", "fault": "drop:1%,flip:0.1%"}
-    else:
-        assert source.options == options
+    assert (source.kind, source.address, source.options) == (kind, address, options)
+    assert source.text == (str(text) or "auto")
 
 
 # ------------------------------------------------------------------------------ whatever text is given
@@ -101,13 +111,6 @@ def test_only_names_of_files_need_the_encoding_of_file_names(text: str, monkeypa
         parse_source("/dev/räume")
     with pytest.raises(ConnectFailed, match="no character"):
         parse_source("zenoh:\udcff")
-
-
-def test_forms_that_are_easily_meant() -> None:
-    assert parse_source("serial://COM3?baud=115200").address == "COM3"
-    assert parse_source("serial:///dev/tty#1").address == "/dev/tty#1"
-    assert parse_source("SIM://model-2").kind == "sim"
-    assert parse_source(Path("/dev/ttyUSB0")) == Source("/dev/ttyUSB0", "serial", "/dev/ttyUSB0")
 
 
 WORDS = "auto :// // %00 %5B %3A .. . baud= family= seed= world= fault= tcp:// serial:// sim:// id: 80 65536 ::1"
@@ -178,19 +181,6 @@ def test_a_family_given_beside_the_source_must_be_that_of_the_source(text: str, 
     with pytest.raises(InvalidValue, match=f"'rplidar'.*{text[:12]}.*{own}"):
         open_lidar(text, family="rplidar")
     open_lidar(text, family=own)
-
-
-@pytest.mark.parametrize(
-    ("text", "address", "router"),
-    [
-        ("zenoh:robots/r7/scan", "robots/r7/scan", None),
-        ("zenoh:robots/*/scan?router=tls/fleet.example:7447", "robots/*/scan", "tls/fleet.example:7447"),
-        ("zenoh://0/scan/msg::dds_::LaserScan_/**", "0/scan/msg::dds_::LaserScan_/**", None),
-    ],
-)
-def test_another_machines_lidar(text: str, address: str, router: str | None) -> None:
-    source = parse_source(text)
-    assert (source.kind, source.address, source.options.get("router")) == ("zenoh", address, router)
 
 
 @pytest.mark.parametrize(

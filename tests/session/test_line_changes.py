@@ -11,7 +11,7 @@ import lidario
 from lidario.errors import Busy
 from lidario.session.streaming.line_changes import LineChange, LineChanges, LineWatch
 from tests.support.cable import on_a_cable
-from tests.support.devices import Rig, end_of
+from tests.support.devices import Rig, both_families, end_of
 
 
 async def all_of(changes: LineChanges) -> list[LineChange]:
@@ -52,8 +52,9 @@ async def test_each_loss_and_each_return_is_told(rig: Rig, scanning: bool) -> No
     ],
     ids=["at once", "at the limit"],
 )
-async def test_without_coming_back_it_ends(rig: Rig, reconnect: Any, states: list[str], why: str) -> None:
-    async with on_a_cable(rig, reconnect=reconnect) as (cable, lidar):
+@both_families
+async def test_without_coming_back_it_ends(family: str, reconnect: Any, states: list[str], why: str) -> None:
+    async with on_a_cable(family, reconnect=reconnect) as (cable, lidar):
         reading = asyncio.ensure_future(all_of(lidar.line_changes()))
         stream = lidar.scans()
         await anext(stream)
