@@ -191,15 +191,6 @@ def test_a_second_thread_that_reads_a_stream_does_not_end_the_first() -> None:
     assert seen == sorted(set(seen))
 
 
-async def test_a_stream_of_a_session_that_is_closed_is_not_entered() -> None:
-    async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
-        streams = lidar.scans(), lidar.sectors(45)
-    for stream in streams:
-        with pytest.raises(SessionClosed):
-            async with stream:
-                raise AssertionError("never here")
-
-
 @pytest.mark.parametrize("of", ["publisher", "fleet"])
 async def test_a_publisher_is_run_and_a_fleet_is_read_by_one_task(of: str) -> None:
     """Of two that run one publisher, each would send every scan."""

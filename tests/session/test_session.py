@@ -95,9 +95,11 @@ async def test_after_close_everything_says_so(rig: Rig) -> None:
         lidar.tap(print)
     with pytest.raises(SessionClosed):
         lidar.record("never.mcap")
-    for each in (unread, lidar.scans()):
+    for each in (unread, lidar.scans(), lidar.sectors(45)):
         with pytest.raises(SessionClosed, match="open_lidar"):
             await anext(each)
+        with pytest.raises(SessionClosed):
+            await each.__aenter__()
     for each in (stream, unread):
         await each.aclose()
     await lidar.close()

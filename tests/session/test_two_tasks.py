@@ -211,7 +211,7 @@ async def both(scene: Scene, a: Work, b: Work, step: int, *, silent: bool = Fals
     return ended[0] - times[0]
 
 
-async def as_it_should_be(scene: Scene) -> None:
+async def as_it_should_be(scene: Scene, still: Callable[[Rig], bool] = left_still) -> None:
     """The device scans where a stream is wanted; else it is still, some time after the last reader has gone."""
     lidar, device = scene.lidar, scene.rig.device
     was_scanning = lidar.is_scanning
@@ -221,7 +221,7 @@ async def as_it_should_be(scene: Scene) -> None:
     else:
         await asyncio.sleep(3.0)
         assert not lidar.is_scanning
-        assert left_still(scene.rig), [(each.name, each.why) for each in device.log][-6:]
+        assert still(scene.rig), [(each.name, each.why) for each in device.log][-6:]
 
 
 async def cell(family: str, a: Work, b: Work, step: int, *, silent: bool) -> None:
